@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 from models.checks import check_choice, check_numbers
 from models.rigs.ring_impact import STEEL_DENSITY
+from models.rigs.six_dof import Claim
 
 if TYPE_CHECKING:
     from models.bearing import Bearing
@@ -29,6 +30,7 @@ class BallInertiaRig:
             the load stands between two balls, of three as of nine.
         defect_shape: depth of a defect along its extent: "rectangle" (section "Modeling of Located Defect"), or
             "half_sine", which begins and ends at zero.
+        calibrated: "declared" where a person vouches for the parameters as those of the machine.
     """
 
     model: ClassVar[str] = "ball_inertia"
@@ -43,6 +45,7 @@ class BallInertiaRig:
     c_co: float = 200.0
     cage_angle: float = math.pi / 3.0
     defect_shape: DefectShape = "rectangle"
+    calibrated: Claim = False
 
     def __post_init__(self) -> None:
         """Raise a ValueError that names the field of an unusable value."""

@@ -7,6 +7,7 @@ from dataclasses import asdict, dataclass, replace
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 from models.checks import check_choice, check_numbers, check_whole
+from models.rigs.six_dof import Claim
 
 if TYPE_CHECKING:
     from models.bearing import Bearing
@@ -85,6 +86,7 @@ class RingImpactRig:
         slip_ratio: slip speed over the speed with which a race passes the cage.
         noise_weights: coefficients of f, the polynomial of defect size over element diameter, lowest power first.
         noise_seed: seed of the noise.
+        calibrated: "declared" where a person vouches for the parameters as those of the machine.
     """
 
     model: ClassVar[str] = "ring_impact"
@@ -112,6 +114,7 @@ class RingImpactRig:
     slip_ratio: float = 0.01
     noise_weights: tuple[float, ...] = (1.0,)
     noise_seed: int = 0
+    calibrated: Claim = False
 
     def __post_init__(self) -> None:
         """Raise a ValueError that names the field of an unusable value."""

@@ -7,6 +7,7 @@ from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from models.checks import check_choice, check_numbers
+from models.rigs.six_dof import Claim
 
 if TYPE_CHECKING:
     from models.bearing import Bearing, Element
@@ -34,6 +35,7 @@ class RotorRig:
         couple_angle, bow_angle: angles by which couple unbalance and bow lead the unbalance, rad.
         bow_slope: slope of the bowed shaft at the disc over its bow, 1/m; 0 where the disc stands in the middle.
         element: the rolling element that ``k_c`` belongs to; a scene refuses a bearing with another.
+        calibrated: "declared" where a person vouches for the parameters as those of the machine.
     """
 
     model: ClassVar[str] = "rotor"
@@ -59,6 +61,7 @@ class RotorRig:
     bow_angle: float = 0.0
     bow_slope: float = 0.0
     element: Element = "ball"
+    calibrated: Claim = False
 
     def __post_init__(self) -> None:
         """Raise a ValueError that names the field of an unusable value."""

@@ -17,6 +17,8 @@ if TYPE_CHECKING:
 
 Calibration = bool | Literal["declared"]
 """Whether a rig's parameters are those of the machine: identified on it, or "declared" by a person."""
+Claim = Literal[False, "declared"]
+"""The same of a model whose parameters no identification finds."""
 
 
 @dataclass(frozen=True)

@@ -12,6 +12,7 @@ from urllib.parse import urlsplit
 import click
 
 from models.bearing import kinematics
+from models.registry import MODULES, solvers
 from monitor.commands import option
 from monitor.commands.common import emit, read_config
 from monitor.commands.redate import DatingPreview, keep_previews, preview_dating
@@ -274,6 +275,7 @@ def _lines(config: Config, problems: list[str], dated: Mapping[str, DatingPrevie
                 yield from _channel_lines(config, channel, speed)
                 if channel.name in levels:
                     yield f"    level: {levels[channel.name]}"
+    yield from _shaft_lines(config)
     detect = config.detect
     length = f"{detect.learn_hours:g} h" if detect.learn_hours else f"{detect.to_settings().learn_blocks} blocks"
     yield (
@@ -284,6 +286,17 @@ def _lines(config: Config, problems: list[str], dated: Mapping[str, DatingPrevie
     )
     yield from _alarm_lines(config)
     yield from (f"problem: {problem}" for problem in problems)
+
+
+def _shaft_lines(config: Config) -> Iterator[str]:
+    """Yield what ``[shaft]`` and the axial load say, and which models take it."""
+    for model, keys in config.shaft.used_by():
+        claim = "" if config.shaft.calibrated is False else " (declared)"
+        yield f"shaft, for {model}{claim}: " + ", ".join(f"{key} {getattr(config.shaft, key):g}" for key in keys)
+    for name, (key, _) in config.scene_values().items():
+        able = [model for model in MODULES if any(name in solver.effects for solver in solvers(model))]
+        section, _, last = key.partition(".")
+        yield f"{key} {getattr(getattr(config, section), last)}, described by {', '.join(able) or 'no model'}"
 
 
 def _dating_values(found: DatingPreview) -> dict[str, Any]:

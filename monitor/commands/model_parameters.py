@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
-from models.nominal_rigs import nominal_rig
 from models.registry import AUTO, MODULES, solvers, words
 from models.rigs import AnyRig
 from models.rigs.six_dof import Rig
@@ -20,6 +19,8 @@ if TYPE_CHECKING:
     from models.scene import Scene
     from monitor.config.load import Config
 
+# Fields of parameters that say what vouches for them.
+_CLAIMS = ("calibrated", "identification")
 F = TypeVar("F", bound=Callable[..., Any])
 
 
@@ -92,25 +93,34 @@ def with_parameters(
         able = able_models(scene)
         named = able[0] if able and Rig.model not in able else Rig.model
     kind = solvers(named)[0].rig
-    rig = scene.rig if isinstance(scene.rig, kind) else parameters_of(kind, config, entry)
+    rig = scene.rig if isinstance(scene.rig, kind) else config.parameters_of(kind, entry)
     values = {name: _value(kind, name, text) for name, text in given}
     return replace(scene, rig=replace(rig, **values) if values else rig, model=scene.model if model is None else model)
 
 
-def parameters_of(kind: type[AnyRig], config: Config, entry: CatalogueEntry) -> AnyRig:
-    """Return the parameters of a model for a bearing: its defaults, with the contact stiffness of the geometry.
+def with_machine(scene: Scene, config: Config) -> tuple[Scene, list[str]]:
+    """Return a scene with what ``[shaft]`` and ``[operating]`` add to it, and the keys that its model leaves out.
 
-    Raises:
-        ValueError: if the geometry does not give it.
+    The model is that of the scene's parameters. That of the casing takes none of them: it describes a bearing, not the
+    shaft. What the scene has already, stays.
     """
-    if kind is Rig:
-        return config.rig_of(entry)
-    return nominal_rig(kind, entry)
+    model = scene.rig.model
+    able: set[str] = set() if model == Rig.model else set().union(*(solver.effects for solver in solvers(model)))
+    values: dict[str, Any] = {}
+    left_out: list[str] = []
+    for name, (key, value) in config.scene_values().items():
+        if getattr(scene, name):
+            continue
+        if name in able:
+            values[name] = value
+        else:
+            left_out.append(key)
+    return replace(scene, **values), left_out
 
 
 def _value(kind: type[AnyRig], name: str, text: str) -> Any:
     """Return the value of a parameter from its text, by the type of its default."""
-    known: Mapping[str, Field[Any]] = {field.name: field for field in fields(kind)}
+    known: Mapping[str, Field[Any]] = {f.name: f for f in fields(kind) if f.name not in _CLAIMS}
     if name not in known:
         raise ValueError(f"--parameter {name}: {kind.model} has {', '.join(known)}")
     default = known[name].default

@@ -28,7 +28,7 @@ from monitor.commands.common import (
     output_errors,
     read_machine,
 )
-from monitor.commands.model_parameters import further_effects, with_parameters
+from monitor.commands.model_parameters import further_effects, with_machine, with_parameters
 from monitor.commands.simulate_models import WAVEFORM_RATE, compare, compared_lines, request_of, simulated
 from monitor.records.database import replacing
 from monitor.words.numbers import floor_of_defect
@@ -96,8 +96,8 @@ def command(config_path: Path | None, name: str | None, as_json: bool, quiet: bo
             compared = compare(scene, config, entry, options)
             emit(compared, compared_lines(compared), as_json=as_json)
             return
-        scene = with_parameters(scene, config, entry, options["parameters"])
-        values = _answer(scene, options)
+        scene, left_out = with_machine(with_parameters(scene, config, entry, options["parameters"]), config)
+        values = _answer(scene, options) | {"left_out": left_out}
     emit(values, _lines(values, scene), as_json=as_json)
 
 
@@ -277,5 +277,7 @@ def _lines(values: dict[str, Any], scene: Scene) -> Iterator[str]:
         yield f"floor {floor_of_defect('rough', scene.defect.floor.sd)}"
     if values["why"] is not None:
         yield values["why"]
+    if values["left_out"]:
+        yield f"configured, but not described by {values['model']}: {', '.join(values['left_out'])}"
     if scene.defect is None:
         yield "no defect: give --dphi-deg and --h-d-um"

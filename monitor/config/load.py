@@ -11,14 +11,19 @@ from typing import Any, Self, get_args
 from pydantic import BaseModel, Field, ValidationError, model_validator
 
 from models.bearing import Bearing, CatalogueEntry
+from models.contact_estimates import estimate_stiffness
 from models.errors import WrongInputError
+from models.nominal_rigs import nominal_rig
+from models.rigs import AnyRig
 from models.rigs.draws import PosteriorError, RigDraws, read_posterior
+from models.rigs.rotor import RotorRig
 from models.rigs.six_dof import Calibration, Rig
 from monitor.config.alarms import AlarmsSection
 from monitor.config.bearing import BearingSection, RigSection
 from monitor.config.fields import Section
 from monitor.config.machine import MachineSection, OperatingSection, RetentionSection
 from monitor.config.outputs import NotifySection, PublishSection, WebSection
+from monitor.config.shaft import SCENE_KEYS, ShaftSection
 from monitor.config.source import ChannelSection, SourceSection
 from monitor.config.stages import DetectSection, ForecastSection, TrackSection
 
@@ -33,6 +38,7 @@ class Config(Section):
     machine: MachineSection = MachineSection()
     bearing: tuple[BearingSection, ...] = Field(min_length=1)
     rig: RigSection = RigSection()
+    shaft: ShaftSection = ShaftSection()
     operating: OperatingSection = OperatingSection()
     source: tuple[SourceSection, ...] = Field(min_length=1)
     channel: tuple[ChannelSection, ...] = Field(min_length=1)
@@ -68,6 +74,10 @@ class Config(Section):
                 channel.check_rate(rate)
         if self.rig.bearing is not None and self.rig.bearing not in bearings:
             raise ValueError(f"[rig] bearing {self.rig.bearing!r} is not one of {', '.join(sorted(bearings))}")
+        if self.shaft.second_bearing is not None and self.shaft.second_bearing not in bearings:
+            raise ValueError(
+                f"[shaft] second_bearing {self.shaft.second_bearing!r} is not one of {', '.join(sorted(bearings))}"
+            )
         self.alarms.check_channels(tuple(channel.name for channel in self.channel))
         return self
 
@@ -86,6 +96,36 @@ class Config(Section):
             ValueError: the geometry of the bearing does not give its contact stiffness.
         """
         return self.rig.to_rig(entry, own=self.owns_rig(entry))
+
+    @property
+    def second_bearing(self) -> CatalogueEntry | None:
+        """The bearing at the other support of ``[shaft]``, None where it is the same."""
+        named = self.shaft.second_bearing
+        return next((section.to_entry() for section in self.bearing if section.name == named), None)
+
+    def parameters_of(self, kind: type[AnyRig], entry: CatalogueEntry) -> AnyRig:
+        """Return the parameters of any model for a bearing: of ``[rig]`` or ``[shaft]``, else those of the model.
+
+        Raises:
+            ValueError: the geometry of the bearing does not give its contact stiffness, or a value is unusable.
+        """
+        if kind is Rig:
+            return self.rig_of(entry)
+        given = self.shaft.parameters_of(kind)
+        if kind is RotorRig and self.second_bearing is not None:
+            given["k_c_b"] = estimate_stiffness(self.second_bearing).value
+        return nominal_rig(kind, entry, **given)
+
+    def scene_values(self) -> dict[str, tuple[str, Any]]:
+        """Return what ``[shaft]`` and ``[operating]`` add to a scene: by field of ``Scene``, key and SI value."""
+        found: dict[str, tuple[str, Any]] = {
+            name: (f"shaft.{SCENE_KEYS[name]}", value) for name, value in self.shaft.scene_values().items()
+        }
+        if self.operating.axial_load_newton:
+            found["axial_load"] = ("operating.axial_load_newton", self.operating.axial_load_newton)
+        if self.second_bearing is not None:
+            found["second_bearing"] = ("shaft.second_bearing", self.second_bearing.bearing)
+        return found
 
     def owns_rig(self, entry: CatalogueEntry) -> bool:
         """Return whether the contact stiffness of ``[rig]`` is that of a bearing."""
@@ -123,8 +163,16 @@ class Config(Section):
     @property
     def hash(self) -> str:
         """Digest of the settings on which records depend; it is stored with each record."""
-        # The hash of the identification stands for the file of its posterior.
-        left_out = {"web": True, "notify": True, "publish": True, "retention": True, "rig": {"posterior"}}
+        # The hash of the identification stands for the file of its posterior; a map names the shaft that it is of.
+        left_out = {
+            "web": True,
+            "notify": True,
+            "publish": True,
+            "retention": True,
+            "shaft": True,
+            "rig": {"posterior"},
+            "operating": {"axial_load_newton"},
+        }
         text = self.model_dump_json(exclude=left_out)
         return hashlib.blake2b(text.encode(), digest_size=16).hexdigest()
 

@@ -8,7 +8,7 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, field_validator, model_validator
 
-from monitor.config.fields import Name, NotNegative, Positive, Scale, Section
+from monitor.config.fields import Finite, Name, NotNegative, Positive, Scale, Section
 from monitor.health.condition import ConditionSettings
 from monitor.health.waterfall import WaterfallSettings
 from streams.spec import ChannelSpec
@@ -48,14 +48,16 @@ class MachineSection(Section):
 
 
 class OperatingSection(Section):
-    """Shaft speed and radial load; what a block states itself takes precedence, then channels, then an estimate.
+    """Shaft speed and load; what a block states itself takes precedence, then channels, then an estimate.
 
     ``speed_channel`` and ``load_channel`` are names or numbers of columns in the source; their mean, times the scale,
-    is the speed in Hz or the load in N.
+    is the speed in Hz or the load in N. ``load_newton`` is radial; ``axial_load_newton``, positive towards the bearing
+    A, is taken by the models that describe it.
     """
 
     speed_hz: Positive | None = None
     load_newton: NotNegative | None = None
+    axial_load_newton: Finite = 0.0
     speed: Literal["estimate"] | None = None
     speed_range_hz: tuple[Positive, Positive] | None = None
     speed_channel: ColumnName | None = None

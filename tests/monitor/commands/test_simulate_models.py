@@ -20,7 +20,6 @@ from models.rigs.rotor import RotorRig
 from models.rigs.six_dof import Rig
 from models.scene import Scene
 from models.simulate import simulate as simulate_scene
-from monitor.commands.model_parameters import parameters_of
 from monitor.commands.simulate import command
 from monitor.config.load import validate
 
@@ -69,10 +68,10 @@ def test_contacts_are_those_of_the_bearing() -> None:
     config = validate(values, Path("m.toml"))
     for name in ("6205", "6305"):
         entry = catalogue_entry(name)
-        found, expected = parameters_of(BallInertiaRig, config, entry), estimate_stiffness(entry).value
+        found, expected = config.parameters_of(BallInertiaRig, entry), estimate_stiffness(entry).value
         assert isinstance(found, BallInertiaRig)
         assert in_series(found.k_ci, found.k_co, 1.5) == pytest.approx(expected)
-        rotor = parameters_of(RotorRig, config, entry)
+        rotor = config.parameters_of(RotorRig, entry)
         assert isinstance(rotor, RotorRig)
         assert rotor.k_c == pytest.approx(expected)
 
