@@ -26,7 +26,8 @@ from models.dynamics.rotor_elastic import shaft_of
 from models.dynamics.rotor_plan import at_rest, prepare_plan
 from models.kernels.passages import fill_depth
 from models.kernels.rotor import hold
-from models.kernels.rotor_forces import Plan, Work, fill_start, new_work, slope_of
+from models.kernels.rotor_forces import Plan, Work, new_work, slope_of
+from models.kernels.stepping import fill_start
 from models.published.ceruti import damaged, rotor
 from models.scene import Scene
 from tests.oracles import rotor_oracle

@@ -97,7 +97,7 @@ def _parameters(scene: Scene, rig: RotorRig, freedoms: int, direction: float) ->
     p[kernels.P_DIRECTION_1], p[kernels.P_DIRECTION_2] = math.cos(direction), math.sin(direction)
     for k, bearing in enumerate(bearings_of(scene)):
         at = kernels.P_PER_BEARING + k * kernels.B_SIZE
-        p[at + kernels.B_CAGE] = 2.0 * math.pi * kinematics(bearing, scene.speed).ftf
+        p[kernels.P_CAGE + k] = 2.0 * math.pi * kinematics(bearing, scene.speed).ftf
         p[at + kernels.B_STIFFNESS] = stiffness_of(rig, k)
         p[at + kernels.B_DAMPING], p[at + kernels.B_CLEARANCE] = rig.c_b, scene.clearance
         p[at + kernels.B_POWER] = contact_exponent(bearing)

@@ -27,7 +27,9 @@ from models.kernels.stepping import (
     MOST_TRIALS,
     TINY,
     accept,
+    fill_half,
     fill_rest,
+    fill_start,
     found,
     next_length,
     to_end,
@@ -40,7 +42,7 @@ if TYPE_CHECKING:
     from models.kernels.jit import Index
 
 # Places in ``Plan.parameter``, SI.
-P_CAGE = 0  # speeds, rad/s
+P_CAGE = 0  # speeds of what turns, rad/s; they come first (``models.kernels.stepping.fill_start``)
 P_SHAFT = 1
 P_PITCH = 2  # radius of the pitch circle
 P_CLEARANCE = 3
@@ -124,22 +126,6 @@ def new_work(plan: Plan) -> Work:
         np.zeros(size),
         np.zeros(size),
     )
-
-
-@inlined
-def _fill_half(h: float, p: NDArray[np.float64], half: NDArray[np.float64]) -> None:
-    """Write cosine and sine of what cage and shaft turn in half a step of length h."""
-    for k in range(2):
-        angle = 0.5 * h * p[P_CAGE + k]
-        half[2 * k], half[2 * k + 1] = math.cos(angle), math.sin(angle)
-
-
-@inlined
-def _fill_start(t: float, p: NDArray[np.float64], turn: NDArray[np.float64]) -> None:
-    """Write the angles at the first node of a step that begins at t."""
-    for k in range(2):
-        angle = t * p[P_CAGE + k]
-        turn[0, 2 * k], turn[0, 2 * k + 1] = math.cos(angle), math.sin(angle)
 
 
 @inlined
@@ -251,7 +237,7 @@ def _runge_kutta(h: float, plan: Plan, work: Work) -> None:
 @kernel
 def _try(t: float, h: float, interval: Index, plan: Plan, work: Work) -> float:
     """Take a part of a step into ``trial``, whose first slope is written; return what ``_gap`` says of it."""
-    _fill_half(h, plan.parameter, work.half[1])
+    fill_half(h, plan.parameter, work.half[1])
     fill_rest(work.half[1], work.turn)
     fill_depth(t, h, interval, plan, work.depth)
     _runge_kutta(h, plan, work)
@@ -291,7 +277,7 @@ def _broken_step(t: float, end: float, i: int, plan: Plan, work: Work) -> int:
     changes = 0
     while end - t > TINY:
         stop = min(end, plan.bounds[i + 1])
-        _fill_start(t, plan.parameter, work.turn)
+        fill_start(t, plan.parameter, work.turn)
         fill_depth(t, 0.0, i, plan, work.depth)
         slope_of(work.state, np.int64(0), plan, work, np.int64(0))
         length = stop - t
@@ -306,7 +292,7 @@ def _broken_step(t: float, end: float, i: int, plan: Plan, work: Work) -> int:
         while plan.bounds[i + 1] - t <= TINY:
             i += 1
         if edge:
-            _fill_start(t, plan.parameter, work.turn)
+            fill_start(t, plan.parameter, work.turn)
             fill_depth(t, 0.0, i, plan, work.depth)
             _fill_overlap(work.state, np.int64(0), plan, work)
             _hold(work)
@@ -327,8 +313,8 @@ def run(state: NDArray[np.float64], wave: NDArray[np.float64], place: NDArray[np
     """
     work, p = new_work(plan), plan.parameter
     work.state[:] = state
-    _fill_half(h, p, work.half[0])
-    _fill_start(0.0, p, work.turn)
+    fill_half(h, p, work.half[0])
+    fill_start(0.0, p, work.turn)
     fill_depth(0.0, 0.0, np.int64(0), plan, work.depth)
     _fill_overlap(work.state, np.int64(0), plan, work)
     _hold(work)
@@ -336,7 +322,7 @@ def run(state: NDArray[np.float64], wave: NDArray[np.float64], place: NDArray[np
     for n in range(wave.shape[0]):
         t, end = n * h, (n + 1) * h
         if exact == 0:
-            _fill_start(t, p, work.turn)
+            fill_start(t, p, work.turn)
         exact = (exact + 1) % EXACT_ANGLES
         fill_rest(work.half[0], work.turn)
         # Without a passage in the interval the depths stay zero.

@@ -15,35 +15,35 @@ if TYPE_CHECKING:
     from models.kernels.jit import Index
 
 # Places in ``Plan.parameter``, SI.
-P_COUNT = 0  # degrees of freedom: 4 with a rigid shaft, 8 with an elastic one whose ends have a mass, as a float
-P_A = 1
-P_B = 2
-P_LOAD = 3
-P_DISC_DAMPING = 4
-P_TILT_DAMPING = 5
-P_GYRATION = 6  # shaft speed times polar inertia
-P_INVERSE_11 = 7  # of the matrix of masses of r and phi
-P_INVERSE_12 = 8
-P_INVERSE_22 = 9
-P_SHAFT = 10  # its speed, rad/s
-P_FORCE_1 = 11  # what turns with the shaft: force, complex amplitude
-P_FORCE_2 = 12
-P_MOMENT_1 = 13  # moment, complex amplitude
-P_MOMENT_2 = 14
-P_BOW_1 = 15  # acceleration of the disc against the line through the bearings, complex amplitude
-P_BOW_2 = 16
-P_INVERSE_END = 17  # 1 / mass of an end
-P_SHAFT_LOSS = 18  # internal damping of the shaft, s
-P_DIRECTION_1 = 19
-P_DIRECTION_2 = 20
-P_PER_BEARING = 21  # from here on of A, then of B:
-B_CAGE = 0  # speed, rad/s
-B_STIFFNESS = 1
-B_DAMPING = 2
-B_CLEARANCE = 3
-B_POWER = 4
-B_SPRING = 5  # of the shaft
-B_SIZE = 6
+P_CAGE = 0  # speeds of what turns, rad/s: cage A, cage B; they come first (``models.kernels.stepping.fill_start``)
+P_SHAFT = 2
+P_COUNT = 3  # degrees of freedom: 4 with a rigid shaft, 8 with an elastic one whose ends have a mass, as a float
+P_A = 4
+P_B = 5
+P_LOAD = 6
+P_DISC_DAMPING = 7
+P_TILT_DAMPING = 8
+P_GYRATION = 9  # shaft speed times polar inertia
+P_INVERSE_11 = 10  # of the matrix of masses of r and phi
+P_INVERSE_12 = 11
+P_INVERSE_22 = 12
+P_FORCE_1 = 13  # what turns with the shaft: force, complex amplitude
+P_FORCE_2 = 14
+P_MOMENT_1 = 15  # moment, complex amplitude
+P_MOMENT_2 = 16
+P_BOW_1 = 17  # acceleration of the disc against the line through the bearings, complex amplitude
+P_BOW_2 = 18
+P_INVERSE_END = 19  # 1 / mass of an end
+P_SHAFT_LOSS = 20  # internal damping of the shaft, s
+P_DIRECTION_1 = 21
+P_DIRECTION_2 = 22
+P_PER_BEARING = 23  # from here on of A, then of B:
+B_STIFFNESS = 0
+B_DAMPING = 1
+B_CLEARANCE = 2
+B_POWER = 3
+B_SPRING = 4  # of the shaft
+B_SIZE = 5
 P_SIZE = P_PER_BEARING + 2 * B_SIZE
 
 STATUS_OK = 0
@@ -110,22 +110,6 @@ def new_work(plan: Plan) -> Work:
         np.zeros(size),
         np.zeros(size),
     )
-
-
-@inlined
-def fill_half(h: float, p: NDArray[np.float64], half: NDArray[np.float64]) -> None:
-    """Write cosine and sine of what cage A, cage B and shaft turn in half a step of length h."""
-    for k in range(3):
-        angle = 0.5 * h * (p[P_SHAFT] if k == 2 else p[P_PER_BEARING + k * B_SIZE + B_CAGE])
-        half[2 * k], half[2 * k + 1] = math.cos(angle), math.sin(angle)
-
-
-@inlined
-def fill_start(t: float, p: NDArray[np.float64], turn: NDArray[np.float64]) -> None:
-    """Write the angles at the first node of a step that begins at t."""
-    for k in range(3):
-        angle = t * (p[P_SHAFT] if k == 2 else p[P_PER_BEARING + k * B_SIZE + B_CAGE])
-        turn[0, 2 * k], turn[0, 2 * k + 1] = math.cos(angle), math.sin(angle)
 
 
 @inlined

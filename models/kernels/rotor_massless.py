@@ -41,11 +41,10 @@ from models.kernels.rotor_forces import (
     STATUS_NOT_FINITE,
     STATUS_OK,
     disc_acceleration,
-    fill_start,
     new_work,
     power_of,
 )
-from models.kernels.stepping import TINY
+from models.kernels.stepping import TINY, fill_start
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING, Protocol
 
 from models.kernels.jit import inlined
@@ -41,6 +42,32 @@ class HasState(Protocol):
     def trial(self) -> NDArray[np.float64]:
         """At a stage, then at the end, (size,)."""
         ...
+
+
+@inlined
+def fill_half(h: float, p: NDArray[np.float64], half: NDArray[np.float64]) -> None:
+    """Write what each angle turns in half a step of length h.
+
+    Args:
+        p: begins with the speeds of the K angles, rad/s.
+        half: cosine and sine of each, (2 K,).
+    """
+    for k in range(half.shape[0] // 2):
+        angle = 0.5 * h * p[k]
+        half[2 * k], half[2 * k + 1] = math.cos(angle), math.sin(angle)
+
+
+@inlined
+def fill_start(t: float, p: NDArray[np.float64], turn: NDArray[np.float64]) -> None:
+    """Write the angles at the first node of a step that begins at t.
+
+    Args:
+        p: begins with the speeds of the K angles, rad/s.
+        turn: cosine and sine of each angle at the nodes, (3, 2 K).
+    """
+    for k in range(turn.shape[1] // 2):
+        angle = t * p[k]
+        turn[0, 2 * k], turn[0, 2 * k + 1] = math.cos(angle), math.sin(angle)
 
 
 @inlined

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, dataclass
-from typing import TYPE_CHECKING, Any, ClassVar, Literal
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar, Literal
 
 from models.checks import check_choice, check_numbers
+from models.rigs.parameters import RigParameters
 from models.rigs.ring_impact import STEEL_DENSITY
 from models.rigs.six_dof import Claim
 
@@ -18,7 +19,7 @@ DEFECT_SHAPES: tuple[DefectShape, ...] = ("rectangle", "half_sine")
 
 
 @dataclass(frozen=True)
-class BallInertiaRig:
+class BallInertiaRig(RigParameters):
     """A rotor and inner ring on balls that move radially between fixed outer ring and inner ring (Table 2, 6206).
 
     Attributes:
@@ -73,7 +74,3 @@ class BallInertiaRig:
     def mass(self) -> float:
         """Mass of what moves with the inner ring, kg."""
         return self.m_rotor + self.m_i
-
-    def as_dict(self) -> dict[str, Any]:
-        """Return the parameters as plain values; ``BallInertiaRig(**values)`` is the same rig."""
-        return asdict(self)

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, dataclass, replace
-from typing import TYPE_CHECKING, Any, ClassVar, Literal
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, ClassVar, Literal
 
 from models.checks import check_choice, check_numbers, check_whole
+from models.rigs.parameters import RigParameters
 from models.rigs.six_dof import Claim
 
 if TYPE_CHECKING:
@@ -59,7 +60,7 @@ class RingSection:
 
 
 @dataclass(frozen=True)
-class RingImpactRig:
+class RingImpactRig(RigParameters):
     """Lumped parameters of a bearing whose rings bend under the impacts of a defect.
 
     The stiffnesses of both rings are printed, their masses follow from these and the printed frequencies of 10,593 and
@@ -152,7 +153,3 @@ class RingImpactRig:
         if bearing.effective_length is not None:
             return STEEL_DENSITY * math.pi * radius**2 * bearing.effective_length
         return STEEL_DENSITY * 4.0 / 3.0 * math.pi * radius**3
-
-    def as_dict(self) -> dict[str, Any]:
-        """Return the parameters as plain values; ``RingImpactRig(**values)`` is the same rig."""
-        return asdict(self)

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, dataclass
-from typing import TYPE_CHECKING, Any, ClassVar
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar
 
 from models.checks import check_choice, check_numbers
+from models.rigs.parameters import RigParameters
 from models.rigs.six_dof import Claim
 
 if TYPE_CHECKING:
@@ -14,7 +15,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class RotorRig:
+class RotorRig(RigParameters):
     """A rigid disc C on a massless shaft between the bearings A and B (Ceruti, Tables 5.1 and 5.2).
 
     Attributes:
@@ -97,7 +98,3 @@ class RotorRig:
         """
         bending = 3.0 * self.modulus * math.pi * self.shaft_diameter**4 / 64.0
         return bending / self.a**3, bending / self.b**3
-
-    def as_dict(self) -> dict[str, Any]:
-        """Return the parameters as plain values; ``RotorRig(**values)`` is the same rig."""
-        return asdict(self)

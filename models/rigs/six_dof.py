@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 import numpy as np
 
 from models.checks import check_choice, check_numbers
+from models.rigs.parameters import RigParameters
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -22,7 +23,7 @@ Claim = Literal[False, "declared"]
 
 
 @dataclass(frozen=True)
-class Rig:
+class Rig(RigParameters):
     """Lumped parameters of the six-degree-of-freedom model (thesis, Table 18 and section 4.2.1).
 
     Attributes:
@@ -80,7 +81,7 @@ class Rig:
 
     def as_dict(self) -> dict[str, Any]:
         """Return the parameters as plain values; ``Rig(**values)`` is the same rig."""
-        values = asdict(self)
+        values = super().as_dict()
         if not self.identification:
             # As before there were identifications, so that maps and populations keep their hash.
             del values["identification"]

@@ -13,3 +13,9 @@ def machine(request: pytest.FixtureRequest, tmp_path: Path) -> Path:
     path = tmp_path / "machine.toml"
     path.write_text(request.module.MACHINE)
     return path
+
+
+@pytest.fixture
+def empty_directory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Work in an empty directory, in which no configuration is found."""
+    monkeypatch.chdir(tmp_path)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,6 +12,8 @@ from click.testing import CliRunner
 from models.bearing import from_catalogue, kinematics
 from monitor.cli import main
 from monitor.commands.simulate import command
+
+pytestmark = pytest.mark.usefixtures("empty_directory")
 
 PIT = ["--dphi-deg", "4", "--h-d-um", "500", "--duration-s", "0.3"]
 KEYS = {
@@ -36,11 +37,6 @@ KEYS = {
     "solver",
     "why",
 }
-
-
-@pytest.fixture(autouse=True)
-def _empty_directory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
 
 
 def simulate(*options: str) -> dict[str, Any]:

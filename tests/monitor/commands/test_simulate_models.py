@@ -23,13 +23,10 @@ from models.simulate import simulate as simulate_scene
 from monitor.commands.simulate import command
 from monitor.config.load import validate
 
+pytestmark = pytest.mark.usefixtures("empty_directory")
+
 SHORT = ["--bearing", "6305", "--speed-hz", "20", "--load-newton", "500", "--accuracy", "0.02", "--duration-s", "0.3"]
 DAMAGED = [*SHORT, "--dphi-deg", "3", "--h-d-um", "20"]
-
-
-@pytest.fixture(autouse=True)
-def _empty_directory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
 
 
 def simulate(*options: str) -> dict[str, Any]:
