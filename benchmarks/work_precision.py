@@ -74,9 +74,7 @@ class Problem:
         self.exact = oracle.Oracle(self.case)
         self.period = oracle.PITCH / self.case.omega_c
         self.end = (WARM + KEPT) * self.period
-        rest = self.exact.at_rest()
-        self.rest = np.array([rest[1], rest[0], rest[3], rest[2], rest[5], rest[4], *np.zeros(6)])
-        self.arrays = self._arrays()
+        self.arrays, self.rest = opponent_arrays(scene)
         self.fine = period_of(scene, REFERENCE_STEPS)
         self.state, trace, steer = np.empty((2, 6)), blank_trace(self.fine), steering(replace(scene, defect=None))
         found = settle(
@@ -86,25 +84,6 @@ class Problem:
         self.settled = found[3]
         self.wave = np.ascontiguousarray(trace.wave[:, 0])
         self.rms = math.sqrt(mean_square(trace, 0))
-
-    def _arrays(self) -> op.Scene:
-        case, par = self.case, np.zeros(op.PARAMETERS)
-        rough, path = np.zeros((4, 0)), ball_path(self.scene.bearing, self.scene.defect)
-        par[op.P_RACE], par[op.P_BALL], par[op.P_COSINE] = oracle.R_O, oracle.R_B, math.cos(oracle.ALPHA)
-        par[op.P_HALF], par[op.P_DEPTH] = 0.5 * case.dphi_d, case.h_d
-        par[op.P_REACH] = 0.999999 * math.asin(oracle.R_B / oracle.R_O)
-        if path is not None and path.profile is not None:
-            rough = np.array(path.profile.coefficients)
-            par[op.P_ROUGHNESS], par[op.P_SPACING] = path.roughness, path.profile.spacing
-        par[op.P_K_C], par[op.P_ALPHA] = oracle.K_C, oracle.ALPHA_C * oracle.M_B
-        par[op.P_BETA], par[op.P_CLEARANCE] = oracle.BETA_C * oracle.K_C, case.clearance
-        par[op.P_OMEGA], par[op.P_LOAD] = case.omega_c, case.load
-        par[op.P_M_I], par[op.P_M_O], par[op.P_M_R] = oracle.M_I, oracle.M_O, oracle.M_R
-        par[op.P_K_I], par[op.P_C_I], par[op.P_K_R], par[op.P_C_R] = oracle.K_I, oracle.C_I, oracle.K_R, oracle.C_R
-        par[op.P_U_1], par[op.P_U_2] = self.rest[0] - self.rest[2], self.rest[1] - self.rest[3]
-        start = self.exact.start
-        ball = np.ascontiguousarray([start, np.cos(start), np.sin(start)])
-        return par, ball, self.exact.faulty.astype(np.float64), rough
 
     def from_rest(self) -> NDArray[np.float64]:
         """Return the start of the settled motion for exponential methods, shape (12,)."""
@@ -172,6 +151,31 @@ class Problem:
         power = np.trapezoid(wave**2, when)
         rms = math.sqrt(np.trapezoid(truth**2, when) / power) - 1.0
         return rms, math.sqrt(np.trapezoid((wave - truth) ** 2, when) / power)
+
+
+def opponent_arrays(scene: Scene) -> tuple[op.Scene, NDArray[np.float64]]:
+    """Return what the opponents take of a scene, and its static equilibrium in displacements from zero load, (12,)."""
+    case = case_of(scene)
+    exact = oracle.Oracle(case)
+    still = exact.at_rest()
+    rest = np.array([still[1], still[0], still[3], still[2], still[5], still[4], *np.zeros(6)])
+    par = np.zeros(op.PARAMETERS)
+    rough, path = np.zeros((4, 0)), ball_path(scene.bearing, scene.defect)
+    par[op.P_RACE], par[op.P_BALL], par[op.P_COSINE] = oracle.R_O, oracle.R_B, math.cos(oracle.ALPHA)
+    par[op.P_HALF], par[op.P_DEPTH] = 0.5 * case.dphi_d, case.h_d
+    par[op.P_REACH] = 0.999999 * math.asin(oracle.R_B / oracle.R_O)
+    if path is not None and path.profile is not None:
+        rough = np.array(path.profile.coefficients)
+        par[op.P_ROUGHNESS], par[op.P_SPACING] = path.roughness, path.profile.spacing
+    par[op.P_K_C], par[op.P_ALPHA] = oracle.K_C, oracle.ALPHA_C * oracle.M_B
+    par[op.P_BETA], par[op.P_CLEARANCE] = oracle.BETA_C * oracle.K_C, case.clearance
+    par[op.P_OMEGA], par[op.P_LOAD] = case.omega_c, case.load
+    par[op.P_M_I], par[op.P_M_O], par[op.P_M_R] = oracle.M_I, oracle.M_O, oracle.M_R
+    par[op.P_K_I], par[op.P_C_I], par[op.P_K_R], par[op.P_C_R] = oracle.K_I, oracle.C_I, oracle.K_R, oracle.C_R
+    par[op.P_U_1], par[op.P_U_2] = rest[0] - rest[2], rest[1] - rest[3]
+    start = exact.start
+    ball = np.ascontiguousarray([start, np.cos(start), np.sin(start)])
+    return (par, ball, exact.faulty.astype(np.float64), rough), rest
 
 
 def case_of(scene: Scene) -> oracle.Case:

@@ -1,0 +1,1 @@
+"""Benchmark of all models: cost, error, and what else could integrate them."""
