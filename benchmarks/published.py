@@ -1,9 +1,9 @@
-"""Every static figure that the thesis prints, and the acceptance tables of the other models, beside what we obtain.
+"""Every figure that the five sources print: beside what this program obtains, or with why it computes none.
 
 python -m benchmarks.published [--quick] [--json FILE] [--document docs/evidence/published-figures.md]
 
 One line for each place and quantity; --json holds every figure. ``--quick`` changes nothing: it takes a few seconds.
-``--document`` renews both tables in that file, between the lines that MARKS and ACCEPTANCE_MARKS name.
+``--document`` renews the three tables in that file, between the lines that MARKS and the like name.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ from benchmarks.common import Row, print_table, write_json
 from models.published import beat, ceruti, marin, thibault
 from models.published.figure import Figure, worst
 from models.published.thesis import published_figures
+from models.published.uncomputed import uncomputed_figures
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -29,6 +30,10 @@ MARKS: Marks = ("<!-- table of benchmarks.published -->\n", "<!-- end of the tab
 ACCEPTANCE_MARKS: Marks = (
     "<!-- acceptance table of benchmarks.published -->\n",
     "<!-- end of the acceptance table -->\n",
+)
+UNCOMPUTED_MARKS: Marks = (
+    "<!-- uncomputed table of benchmarks.published -->\n",
+    "<!-- end of the uncomputed table -->\n",
 )
 # The rows of each model.
 ACCEPTANCE: tuple[Callable[[], list[AcceptanceRow]], ...] = (
@@ -117,6 +122,21 @@ def acceptance_table() -> list[Row]:
     ]
 
 
+def uncomputed_table() -> list[Row]:
+    """Return the printed figures that are not computed."""
+    return [
+        {
+            "source": figure.source,
+            "place": ", ".join(figure.places),
+            "quantity": figure.quantity,
+            "printed": figure.printed,
+            "status": figure.status,
+            "reason": figure.reason,
+        }
+        for figure in uncomputed_figures()
+    ]
+
+
 def markdown_table(rows: list[Row]) -> str:
     """Return a table in Markdown."""
     names = list(rows[0])
@@ -143,19 +163,22 @@ def main() -> None:
     parser = argparse.ArgumentParser(description="Published figures: printed, obtained, verdict.")
     parser.add_argument("--json", type=Path, metavar="FILE", help="write all figures to this file")
     parser.add_argument("--quick", action="store_true", help="changes nothing")
-    parser.add_argument("--document", type=Path, metavar="FILE", help="renew the table in this file")
+    parser.add_argument("--document", type=Path, metavar="FILE", help="renew the tables in this file")
     options = parser.parse_args()
     figures = published_figures()
     print_table("worst figure of each group", group_rows(figures))
     counts = Counter(figure.verdict for figure in figures)
     print_table("all figures", [{"verdict": name, "figures": count} for name, count in counts.items()])
-    accepted = acceptance_table()
+    accepted, uncomputed = acceptance_table(), uncomputed_table()
     print_table("acceptance table of the other models", accepted)
-    write_json(options.json, {"figures": figure_rows(figures), "acceptance": accepted})
+    print_table("not computed", uncomputed)
+    tables = {"figures": figure_rows(figures), "acceptance": accepted, "uncomputed": uncomputed}
+    write_json(options.json, tables)
     if options.document is not None:
         text = options.document.read_text(encoding="utf-8")
         text = renewed(text, markdown_table(group_rows(figures)))
         text = renewed(text, markdown_table(accepted), ACCEPTANCE_MARKS)
+        text = renewed(text, markdown_table(uncomputed), UNCOMPUTED_MARKS)
         options.document.write_text(text, encoding="utf-8")
 
 

@@ -17,6 +17,7 @@ from models.bearing import from_catalogue, kinematics
 from models.dynamics.rotor import Trace, trace
 from models.dynamics.rotor_elastic import trace_elastic
 from models.published.acceptance import AcceptanceRow, Status
+from models.published.envelope import highest_line
 from models.rigs.rotor import RotorRig
 from models.scene import Defect, Part, Scene
 
@@ -29,6 +30,7 @@ STEP = 0.1 / 360.0 / SPEED
 """A turn of the shaft by 0.1 degrees, the larger of the two printed steps, s."""
 DURATION = 2.0
 HALF_PITCH = math.radians(25.7)
+NO_ACCELERATION = "an end without mass has no acceleration: it grows as the step falls"
 _UNIT = "mm/s2"
 _MILLIMETRES = 1e3
 
@@ -81,7 +83,7 @@ def end_peak_value(found: Trace, scene: Scene, side: Sensor = "a") -> float:
 
 def acceptance_rows() -> list[AcceptanceRow]:
     """Return the rows C1 to C5."""
-    return [*_frequencies(), *_healthy(), *_defects(), *_elastic(), *_unexplained()]
+    return [*_frequencies(), *_healthy(), *_defects(), *_envelopes(), *_elastic(), *_unexplained()]
 
 
 def _row(
@@ -98,9 +100,40 @@ def _frequencies() -> list[AcceptanceRow]:
         ("BPFI", "73.49", lines.bpfi, "section 6.3.1", ""),
         ("BPFI - f_s", "56.82", lines.bpfi - SPEED, "section 6.3.1", ""),
         ("BPFI + f_s", "90.16", lines.bpfi + SPEED, "section 6.3.1", ""),
+        ("f_s", "16.67", SPEED, "section 6.5.2", "16.6 in section 6.3"),
+        ("2 BPFO", "86.3498", 2.0 * lines.bpfo, "section 6.1.1", ""),
         ("BSF", "29.903", lines.bsf, "section 4.3", "no value is printed: the corrected formula by hand"),
     )
-    return [_row("C1", place, q, text, value, "EXACT", 1e-4, note, "Hz") for q, text, value, place, note in values]
+    rows = [_row("C1", place, q, text, value, "EXACT", 2e-4, note, "Hz") for q, text, value, place, note in values]
+    gap = 54.67 - 32.1 - 2.0 * 11.274
+    kept_time = DURATION - 1.0 / lines.ftf
+    return [
+        *rows,
+        _row("C1", "section 6.1.1", "spacing of the balls", "51.4", 360.0 / 7.0, "EXACT", 1e-3, unit="deg"),
+        _row("C5", "Table 5.1", "clearance D_2 - d_1 - 2 d", "0.02257", gap, "NO", None,
+             "D_2 - d_1 is 22.57 mm; the runs take the clearance as printed", "mm"),
+        _row("C5", "section 6.1", "resolution of the spectrum", "0.939", 1.0 / kept_time, "NO", None,
+             "2 s less a turn of the cage; 0.939 Hz would be 1.065 s", "Hz"),
+    ]  # fmt: skip
+
+
+def _envelopes() -> list[AcceptanceRow]:
+    """Return the highest lines of the envelopes that the text names."""
+
+    def line(scene: Scene, sensor: Sensor, least: float = 1.0) -> float:
+        found = run(scene)
+        return highest_line(kept(found, sensor, scene), 1.0 / found.step, least)
+
+    return [
+        _row("C4", "section 6.1", "highest line of C, 0 deg", "43.3676", line(rotor(0.0), "c"), "QUAL", 0.01,
+             "BPFO within a line of the spectrum", "Hz"),
+        _row("C4", "section 6.1.1", "highest line of C, 25.7 deg", "86.3498", line(rotor(), "c"), "QUAL", 0.01,
+             "2 BPFO within a line of the spectrum", "Hz"),
+        _row("C5", "section 6.1.1", "highest line of C, 12.85 deg", "86.3498", line(rotor(math.radians(12.85)), "c"),
+             "NO", None, "BPFO is first here; the motion is on a fragile branch, see its PV", "Hz"),
+        _row("C4", "section 6.3.1", "highest line of A, inner", "16.6", line(damaged("inner"), "a"), "QUAL", 0.03,
+             "f_s", "Hz"),
+    ]  # fmt: skip
 
 
 def _healthy() -> list[AcceptanceRow]:
@@ -136,7 +169,8 @@ def _defects() -> list[AcceptanceRow]:
             quantity = f"PV of {sensor.upper()}, {part}"
             note = "the window of a ball's defect is not printed" if part == "ball" else ""
             rows.append(_row("C4", place, quantity, text, found, "QUAL", 0.35, note))
-    return rows
+    share = peak_value(run(outer), "a", outer) / rms
+    return [*rows, _row("C4", "section 6.2.1", "PV over RMS of A, outer", "10", share, "QUAL", 0.35, "about 10", "1")]
 
 
 def _elastic() -> list[AcceptanceRow]:
@@ -152,9 +186,14 @@ def _elastic() -> list[AcceptanceRow]:
     for side, text in sides:
         for divisor in (1, 2, 4):
             value = end_peak_value(run(scene, elastic=True, step=STEP / divisor), scene, side)
-            note = "an end without mass has no acceleration: it grows as the step falls"
             quantity = f"PV of {side.upper()}, elastic, step {0.1 / divisor:g} deg"
-            rows.append(_row("C5", "Table 6.1", quantity, text, value, "NO", None, note))
+            rows.append(_row("C5", "Table 6.1", quantity, text, value, "NO", None, NO_ACCELERATION))
+    for eccentricity, *texts in ((1e-5, "3561", "3556"), (1e-4, "6018", "5878")):
+        for (side, _), text in zip(sides, texts, strict=True):
+            scene = rotor(eccentricity=eccentricity)
+            quantity = f"PV of {side.upper()}, elastic, step 0.1 deg, eccentricity {1e3 * eccentricity:g} mm"
+            value = end_peak_value(run(scene, elastic=True), scene, side)
+            rows.append(_row("C5", "Table 6.1", quantity, text, value, "NO", None, NO_ACCELERATION))
     return rows
 
 

@@ -12,7 +12,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks.published import ACCEPTANCE_MARKS, acceptance_table, group_rows, markdown_table, renewed
+from benchmarks.published import (
+    ACCEPTANCE_MARKS,
+    UNCOMPUTED_MARKS,
+    acceptance_table,
+    group_rows,
+    markdown_table,
+    renewed,
+    uncomputed_table,
+)
 from models.bearing import Bearing, from_catalogue
 from models.hertz import (
     in_series,
@@ -22,6 +30,7 @@ from models.hertz import (
 )
 from models.published.figure import Figure, worst
 from models.published.thesis import inner_taken_as_concave, published_figures
+from models.published.uncomputed import uncomputed_figures
 from models.rigs.six_dof import Rig, contact_damping, natural_frequencies, stiffness_damping
 
 BEYOND = {
@@ -131,8 +140,31 @@ def test_document_holds_the_table_as_computed() -> None:
     )
     assert renewed(text, markdown_table(group_rows(all_figures()))) == text
     assert renewed(text, markdown_table(acceptance_table()), ACCEPTANCE_MARKS) == text
+    assert renewed(text, markdown_table(uncomputed_table()), UNCOMPUTED_MARKS) == text
     with pytest.raises(ValueError, match="lacks the lines"):
         renewed("nothing", "")
+
+
+TABLES = {
+    "Gabrielli 2022": [str(number) for number in range(1, 29)],
+    "Ceruti 2021": ["2.1", "4.1", "5.1", "5.2", "5.3", "6.1"],
+    "Thibault et al. 2022": ["1", "2"],
+    "Marin 2014": ["2"],
+    "Sassi 2007": ["1", "2", "3", "4"],
+}
+"""The tables of each source that hold figures (Table 1 of Marin holds symbols)."""
+
+
+@pytest.mark.parametrize("source", list(TABLES))
+def test_every_table_of_a_source_is_on_the_page(source: str) -> None:
+    """Computed, in the first table (the thesis) or the acceptance table (the others), or with why not."""
+    places = [place for row in uncomputed_figures() if row.source == source for place in row.places]
+    if source == "Gabrielli 2022":
+        places += [figure.place for figure in all_figures()]
+    places += [str(row["source"]).removeprefix(f"{source}, ") for row in acceptance_table() if source in str(row)]
+    missing = [number for number in TABLES[source] if f"Table {number}" not in places]
+    assert not missing
+    assert {row.source for row in uncomputed_figures()} == set(TABLES)
 
 
 # What the notes claim.

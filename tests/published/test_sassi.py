@@ -40,7 +40,7 @@ def rows() -> list[AcceptanceRow]:
 
 def test_rows_have_the_status_that_they_can_have() -> None:
     found = Counter((row.test, row.status) for row in rows())
-    assert found == {("S1", "EXACT"): 15, ("S2", "CALIB"): 4, ("S3", "NO"): 4}
+    assert found == {("S1", "EXACT"): 17, ("S2", "CALIB"): 4, ("S3", "NO"): 5}
 
 
 @pytest.mark.parametrize("row", [r for r in rows() if r.status != "NO"], ids=lambda r: f"{r.test} {r.quantity}")
@@ -51,7 +51,7 @@ def test_row_is_within_its_tolerance(row: AcceptanceRow) -> None:
 def test_what_is_not_reproduced_says_what_is_missing() -> None:
     missing = [row for row in rows() if row.status == "NO"]
     assert all("not printed" in row.note and not row.met for row in missing)
-    assert all(abs(row.difference) > 0.1 for row in missing)
+    assert all(abs(row.difference) > 0.04 for row in missing)
 
 
 DAMPED = RingImpactRig(c_of=100.0, c_if=100.0)
