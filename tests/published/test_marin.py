@@ -75,6 +75,23 @@ def test_nine_balls_show_the_shaft_first_and_bpfi_with_sidebands() -> None:
 
 
 @pytest.mark.parametrize("balls", [3, 9])
+def test_a_healthy_bearing_has_lines_of_bpfo(balls: int) -> None:
+    """Varying compliance: 23.8 and 71.4 Hz at 20 Hz, and their multiples hold nearly all of the signal."""
+    scene = scene_of(balls)
+    bpfo = kinematics(scene.bearing, SPEED).bpfo
+    assert bpfo == pytest.approx(23.8 if balls == 3 else 71.4, abs=0.05)
+    found = solve(scene, Request(duration=DURATION, rate=RATE, accuracy=2e-2))
+    settings = FeatureSettings(RATE, ((500.0, 10_000.0),), fundamentals(kinematics(scene.bearing, SPEED)), speed=SPEED)
+    lines = block_features(found.acceleration(RATE, DURATION), RATE, settings).lines[0]
+    assert lines["outer"].detected
+    # BPFO is the third or ninth line of the cage.
+    assert all(lines["outer"].score > 2.0 * lines[name].score for name in ("inner", "ball"))
+    assert found.record is not None
+    power = sum(0.5 * found.record.line(k * bpfo) ** 2 for k in range(1, int(0.39 * RATE / bpfo)))
+    assert power > 0.9 * found.rms**2
+
+
+@pytest.mark.parametrize("balls", [3, 9])
 def test_a_defect_raises_the_level_and_a_healthy_one_grows_with_speed(balls: int) -> None:
     """Fig. 16: the levels over the defect do not grow at every step of the speed, unlike what is drawn."""
     speeds = (5.0, 10.0, 20.0, 40.0)

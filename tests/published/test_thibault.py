@@ -75,6 +75,37 @@ def test_an_axial_load_evens_out_the_torque() -> None:
     assert np.ptp(high) / abs(np.mean(high)) < 0.1 * np.ptp(low) / abs(np.mean(low))
 
 
+def test_speed_opens_the_angles_and_raises_the_largest_force() -> None:
+    """QUAL: section II.2: centrifugal forces keep the balls deep in the outer race."""
+    slow, fast = passage(RIGHT, 200.0, SLOW), passage(RIGHT, 200.0, FAST)
+    for state in fast:
+        touching = state.inner_force > 1.0
+        assert np.all(state.inner_angle[touching] > state.outer_angle[touching])
+        # Whatever presses on the inner race, the outer one carries the centrifugal force too.
+        assert np.all(state.outer_force > state.inner_force)
+    radial_slow, radial_fast = (passage(LEFT, 0.0, speed) for speed in (SLOW, FAST))
+    largest = [max(float(np.max(s.inner_force)) for s in states) for states in (radial_slow, radial_fast)]
+    assert largest[1] > 1.05 * largest[0]
+    spread = [
+        float(np.mean([np.max(s.inner_angle - s.outer_angle, where=s.inner_force > 1.0, initial=0.0) for s in states]))
+        for states in (slow, fast)
+    ]
+    assert spread[1] > spread[0] > 0.0
+
+
+def test_an_axial_load_opens_the_angles_and_evens_out_the_forces() -> None:
+    """QUAL: section II.3: the angles and BPFO rise, the sum of the forces on the inner race hardly varies."""
+    angles, sums = [], []
+    for axial in (200.0, 500.0, 1000.0):
+        states = passage(RIGHT, axial, SLOW)
+        angles.append(float(np.mean([0.5 * np.mean(s.inner_angle + s.outer_angle) for s in states])))
+        total = np.array([float(np.sum(s.inner_force)) for s in states])
+        sums.append(float(np.ptp(total) / np.mean(total)))
+    assert angles == sorted(angles)
+    assert sums == sorted(sums, reverse=True)
+    assert bpfo(RIGHT, 200.0, SLOW) < bpfo(RIGHT, 500.0, SLOW) < bpfo(RIGHT, 1000.0, SLOW)
+
+
 # Own reference: x and z, um; inner forces, N; extreme contact angles, degrees.
 T3 = {
     23.3: (3.640, 114.31, (144.5, 118.1, 63.0, 28.5, 17.5, 15.0)),
