@@ -22,15 +22,18 @@ import numpy as np
 from models.maps.check import condition_errors, interpolation_errors, rms_and_most
 from models.maps.data import RIG_COMMON, Nodes, RmsMap
 from models.maps.nodes import Progress, rig_rows, rig_scenes, simulate_node_row
-from models.maps.plan import DAMAGED, LINES, MODEL_VERSION, SCHEMA_VERSION, VOLUMES, MapError, MapPlan
+from models.maps.plan import DAMAGED, LINES, SCHEMA_VERSION, VOLUMES, MapError, MapPlan
 from models.path.contour import part_radius
-from models.response import HARMONICS, STATUSES
+from models.response import CASING, HARMONICS, STATUSES
+from models.rigs.six_dof import Rig
 from models.workers import in_threads
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-Solver = Literal["rows", "lanes", "time"]
+    from models.response import Sensor
+
+Solver = Literal["rows", "lanes", "time", "scenes"]
 
 # Random points at which a build measures the error between its nodes; fewer where a point costs more, because it is
 # simulated on several floors or over time.
@@ -60,8 +63,12 @@ _T = TypeVar("_T")
 def solver_of(plan: MapPlan) -> Solver:
     """Return the solver of a plan: rows that settle, with slip lanes, or records over time of a defect that turns.
 
+    Another model than the six-degree-of-freedom one simulates each node as a scene of its own.
+
     Without slip, lanes are neither faster nor more accurate (benchmarks/ensemble.py).
     """
+    if plan.model != Rig.model:
+        return "scenes"
     if plan.part != "outer":
         return "time"
     return "lanes" if plan.slip is not None and plan.slip.phi_slip > 0.0 else "rows"
@@ -71,12 +78,17 @@ def build_map(plan: MapPlan, *, workers: int = 1, progress: Progress | None = No
     """Return the map of a plan, by the solver of ``solver_of``.
 
     Args:
-        workers: threads (rows, time) or processes (lanes); 0 is one per core. The result does not depend on it.
+        workers: threads (rows, time, scenes) or processes (lanes); 0 is one per core. The result does not depend on it.
         progress: called with the scenes done and their total, from this process.
 
     Raises:
         ValueError: if the plan is outside the model; the message names the field.
     """
+    sensor: Sensor = CASING[0]
+    if plan.model != Rig.model:
+        from models.maps.model_nodes import check_model
+
+        sensor = check_model(plan)
     floors = int(np.prod(plan.shape)) * plan.floors
     total = floors + int(np.prod(plan.shape)) * rig_scenes(plan)
 
@@ -100,7 +112,7 @@ def build_map(plan: MapPlan, *, workers: int = 1, progress: Progress | None = No
         **vars(nodes),
         rms_rig_std=rms_rig,
         harmonic_rig_std=harmonic_rig,
-        attributes=map_attributes(plan) | {"solver": solver} | common,
+        attributes=map_attributes(plan) | {"solver": solver, "sensor": sensor} | common,
     )
     _measure(built, workers)
     return built
@@ -108,7 +120,7 @@ def build_map(plan: MapPlan, *, workers: int = 1, progress: Progress | None = No
 
 def _measure(built: RmsMap, workers: int) -> None:
     """Add to the attributes the error between the nodes, and between loads and speeds if there are several."""
-    cheap = built.plan.floors == 1 and built.plan.part == "outer"
+    cheap = solver_of(built.plan) != "scenes" and built.plan.floors == 1 and built.plan.part == "outer"
     points = _POINTS if cheap else _POINTS_OF_FLOORS
     measures = {"interpolation": interpolation_errors}
     if len(built.load) > 1 or len(built.speed) > 1:
@@ -210,7 +222,7 @@ def map_attributes(plan: MapPlan) -> dict[str, Any]:
         "schema_version": SCHEMA_VERSION,
         "software_version": f"spallwatch {_software_version()}",
         "model": plan.model,
-        "model_version": MODEL_VERSION,
+        "model_version": plan.model_version,
         "created": datetime.now(UTC).isoformat(timespec="seconds"),
         "hash": plan.hash(),
         "parameters": plan.as_json(),
@@ -233,6 +245,10 @@ def map_attributes(plan: MapPlan) -> dict[str, Any]:
     parts: list[tuple[str, object]] = [("bearing", plan.bearing), ("rig", plan.rig), ("floor", plan.floor)]
     if plan.slip is not None:
         parts.append(("slip", plan.slip))
+    if plan.second_bearing is not None:
+        parts.append(("second_bearing", plan.second_bearing))
+    if plan.axial_load:
+        flat["axial_load"] = plan.axial_load
     for prefix, part in parts:
         for name, value in vars(part).items():
             if isinstance(value, bool):

@@ -32,7 +32,7 @@ _LONG_NAMES = {
     "h_d": "depth of the defect",
     _HARMONIC: "multiple of the frequency that the attribute lines_of names",
     "dphi_d": "angular extent of the defect",
-    "rms": "RMS of the casing acceleration along the load",
+    "rms": "RMS of the acceleration along the load, at the sensor that the attribute sensor names",
     "rms_std": "standard deviation of the RMS over floors, or over periods or turns where there is one floor",
     "rms_se": "standard error of the RMS as a mean over floors, or over turns where there is one floor",
     "rms_error": "estimated numerical error of the RMS",

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from models.dynamics.stationary import StationaryLevel
     from models.maps.plan import MapPlan
     from models.response import Response, Status
+    from models.rigs import AnyRig
 
 Progress = Callable[[int, int], None]
 
@@ -77,12 +78,45 @@ class NodeRow:
     harmonics_se: NDArray[np.float64]
     status: NDArray[np.int64]
 
+    @classmethod
+    def zeros(cls, count: int) -> NodeRow:
+        """Return a row of ``count`` extents to be filled in."""
+
+        def levels() -> NDArray[np.float64]:
+            return np.zeros(count)
+
+        def lines() -> NDArray[np.float64]:
+            return np.zeros((count, HARMONICS))
+
+        return cls(
+            rms=levels(),
+            harmonics=lines(),
+            error=levels(),
+            harmonics_error=lines(),
+            spread=levels(),
+            se=levels(),
+            harmonics_std=lines(),
+            harmonics_se=lines(),
+            status=np.zeros(count, dtype=np.int64),
+        )
+
 
 def scene_at(plan: MapPlan, load: float, speed: float, h_d: float, dphi_d: float, seed: int = 0) -> Scene:
     """Return the scene of one point of a plan; ``seed`` counts its floors from zero."""
     floor = replace(plan.floor, seed=plan.floor.seed + seed)
     defect = Defect(dphi_d, h_d, floor, plan.position, plan.rows, plan.part)
-    return Scene(speed, load, plan.bearing, plan.rig, defect, plan.clearance, plan.model, slip=plan.slip)
+    return Scene(
+        speed,
+        load,
+        plan.bearing,
+        plan.rig,
+        defect,
+        plan.clearance,
+        plan.model,
+        slip=plan.slip,
+        second_bearing=plan.second_bearing,
+        axial_load=plan.axial_load,
+    )
 
 
 def simulate_point(plan: MapPlan, scene: Scene, factor: int = 1) -> Response:
@@ -104,6 +138,11 @@ def point_level(
 
     Accuracy and standard error are those of the nodes divided by ``factor``.
     """
+    if plan.model != Rig.model:
+        from models.maps.model_nodes import model_level
+
+        other = model_level(plan, point, seed, factor)
+        return other.rms, other.status
     if plan.part == "outer" or 0.0 in point[2:]:
         response = simulate_point(_as_outer(plan), scene_at(_as_outer(plan), *point, seed), factor)
         return response.rms, response.status
@@ -138,6 +177,10 @@ def simulate_node_row(
     Raises:
         ValueError: if a scene is outside the model.
     """
+    if plan.model != Rig.model:
+        from models.maps.model_nodes import model_row
+
+        return model_row(plan, load, speed, h_d, extents, seed)
     if plan.part == "outer":
         return _periodic_row(plan, load, speed, h_d, extents, seed)
     return _stationary_row(plan, load, speed, h_d, extents, seed)
@@ -177,19 +220,8 @@ def _stationary_row(
     plan: MapPlan, load: float, speed: float, h_d: float, extents: NDArray[np.float64], seed: int
 ) -> NodeRow:
     """Return a row over a part that turns; nodes without damage are those of the healthy bearing, without lines."""
-    count, lines = len(extents), np.zeros((len(extents), HARMONICS))
     damaged = (extents > 0.0) & (h_d > 0.0)
-    found = NodeRow(
-        rms=np.zeros(count),
-        harmonics=lines.copy(),
-        error=np.zeros(count),
-        harmonics_error=lines.copy(),
-        spread=np.zeros(count),
-        se=np.zeros(count),
-        harmonics_std=lines.copy(),
-        harmonics_se=lines.copy(),
-        status=np.zeros(count, dtype=np.int64),
-    )
+    found = NodeRow.zeros(len(extents))
     if not np.all(damaged):
         healthy = _periodic_row(_as_outer(plan), load, speed, 0.0, np.zeros(1), 0)
         for name in ("rms", "error", "spread", "status"):
@@ -216,14 +248,16 @@ def nodes_at_random(plan: MapPlan, count: int, seed: int) -> list[tuple[float, f
     return list(zip(load, speed, h_d, dphi_d, strict=True))
 
 
-def drawn_rig(plan: MapPlan, number: int) -> Rig:
+def drawn_rig(plan: MapPlan, number: int) -> AnyRig:
     """Return draw ``number`` of the plan's rig: of its posterior, or independent log-normal factors of median 1."""
-    if plan.rig_posterior is not None:
+    if plan.rig_posterior is not None and isinstance(plan.rig, Rig):
         return plan.rig_posterior.rig(plan.rig, number)
     rng = np.random.default_rng([plan.rig_seed, number])
-    sd = np.array([plan.rig_spread] * len(_UNCERTAIN) + [plan.rig_spread_k_r])
+    names, sd = plan.rig.uncertain, np.full(len(plan.rig.uncertain), plan.rig_spread)
+    if plan.model == Rig.model:
+        names = (*_UNCERTAIN, "k_r")
+        sd = np.array([plan.rig_spread] * len(_UNCERTAIN) + [plan.rig_spread_k_r])
     factors = np.exp(sd * rng.standard_normal(len(sd)))
-    names = (*_UNCERTAIN, "k_r")
     return replace(plan.rig, **{n: getattr(plan.rig, n) * float(f) for n, f in zip(names, factors, strict=True)})
 
 

@@ -11,12 +11,15 @@ from typing import Any
 
 from models.bearing import Bearing, from_catalogue
 from models.errors import WrongInputError
+from models.rigs import IGNORES_DEPTH, RIGS, AnyRig
 from models.rigs.draws import RigDraws, without_draws
 from models.rigs.six_dof import Rig
 from models.scene import PARTS, Floor, Part, Slip
 
-# Increment when the results of the model change: older maps are then rebuilt.
+# Increment when the results of the six-degree-of-freedom model change: older maps are then rebuilt.
 MODEL_VERSION = 5
+# The same of the other models, 1 of those that are not named.
+OTHER_VERSIONS: dict[str, int] = {}
 SCHEMA_VERSION = 3
 # By the damaged part: its name, the radius of V_eq (Eq. 90 of the thesis, and its like) and the frequency of the lines.
 DAMAGED: dict[Part, str] = {"outer": "outer race", "inner": "inner race", "ball": "ball"}
@@ -44,11 +47,13 @@ class MapPlan:
         rms_band: band in which RMS is taken, Hz, or None for the full bandwidth.
         steps_per_period: steps of the integration per ball period, or None for the model's choice, which is the only
             one where the part is not the outer race.
+        model: whose parameters ``rig`` are.
         rig_draws: number of rigs drawn around ``rig`` for the spread over its uncertain parameters, or 0.
         rig_spread: relative standard deviation of m_r, k_c, c_i, c_r, alpha_c and beta_c between draws.
         rig_spread_k_r: relative standard deviation of k_r, which a resonance peak determines best.
         rig_posterior: the draws, from the posterior of the identification of ``rig``; without it they are factors of
             ``rig_spread`` around ``rig``.
+        second_bearing, axial_load: as in ``models.scene.Scene``.
     """
 
     load: tuple[float, ...]
@@ -56,7 +61,7 @@ class MapPlan:
     h_d: tuple[float, ...]
     dphi_d: tuple[float, ...]
     bearing: Bearing = field(default_factory=lambda: from_catalogue("1205 ETN9"))
-    rig: Rig = field(default_factory=Rig)
+    rig: AnyRig = field(default_factory=Rig)
     clearance: float = 0.0
     floor: Floor = field(default_factory=Floor)
     floors: int = 1
@@ -64,7 +69,7 @@ class MapPlan:
     position: float = 0.0
     rms_band: tuple[float, float] | None = None
     steps_per_period: int | None = None
-    model: str = "six_dof"
+    model: str = Rig.model
     slip: Slip | None = None
     rig_draws: int = 0
     rig_spread: float = 0.035
@@ -72,9 +77,12 @@ class MapPlan:
     rig_seed: int = 0
     part: Part = "outer"
     rig_posterior: RigDraws | None = None
+    second_bearing: Bearing | None = None
+    axial_load: float = 0.0
 
     def __post_init__(self) -> None:
         """Raise a MapError that names the field of an unusable value."""
+        self._check_model()
         for name in AXES:
             values = getattr(self, name)
             if len(values) == 0 or not all(math.isfinite(v) and v >= 0.0 for v in values):
@@ -98,9 +106,21 @@ class MapPlan:
             if not 0.0 <= getattr(self, name) <= 0.5:
                 raise MapError(f"{name} must lie between 0 and 0.5, got {getattr(self, name)!r}")
         if self.rig_posterior is not None:
+            if not isinstance(self.rig, Rig):
+                raise MapError(f"rig_posterior is one of {Rig.model}, the rig is that of {self.rig.model}")
             self.rig_posterior.check(self.rig)
             if self.rig_draws != len(self.rig_posterior.rows):
                 raise MapError(f"rig_posterior has {len(self.rig_posterior.rows)} draws, rig_draws is {self.rig_draws}")
+
+    def _check_model(self) -> None:
+        if self.model != self.rig.model:
+            raise MapError(f"model is {self.model!r}, but the rig is that of {self.rig.model}")
+        if self.model in IGNORES_DEPTH:
+            others = ", ".join(name for name in RIGS if name not in IGNORES_DEPTH)
+            raise MapError(
+                f"a map by the model {self.model} cannot be inverted: {IGNORES_DEPTH[self.model]}; "
+                f"models that describe depth: {others}"
+            )
 
     def _check_part(self) -> None:
         if self.part not in PARTS:
@@ -122,7 +142,9 @@ class MapPlan:
         """What the spread over rigs is of, as text."""
         if self.rig_posterior is not None:
             return f"spread over the posterior of identification {self.rig_posterior.identification}"
-        assumed = f"+-{100.0 * self.rig_spread:g} % of parameters, +-{100.0 * self.rig_spread_k_r:g} % of k_r"
+        assumed = f"+-{100.0 * self.rig_spread:g} % of parameters"
+        if self.model == Rig.model:
+            assumed += f", +-{100.0 * self.rig_spread_k_r:g} % of k_r"
         return f"assumed spread of {assumed}" if self.rig_draws else "none: no rig was drawn"
 
     @property
@@ -136,6 +158,11 @@ class MapPlan:
         if self.part == "outer":
             # As before there were other parts, so that maps of the outer race keep their hash.
             del fields["part"]
+        # Likewise.
+        if self.second_bearing is None:
+            del fields["second_bearing"]
+        if self.axial_load == 0.0:
+            del fields["axial_load"]
         return json.dumps(fields, sort_keys=True)
 
     @classmethod
@@ -150,8 +177,10 @@ class MapPlan:
             for name in AXES:
                 data[name] = tuple(data[name])
             data["rms_band"] = None if data["rms_band"] is None else tuple(data["rms_band"])
-            for name, kind in (("bearing", Bearing), ("rig", Rig), ("floor", Floor)):
+            for name, kind in (("bearing", Bearing), ("rig", RIGS[data["model"]]), ("floor", Floor)):
                 data[name] = kind(**data[name])
+            if data.get("second_bearing") is not None:
+                data["second_bearing"] = Bearing(**data["second_bearing"])
             data["slip"] = None if data["slip"] is None else Slip(**data["slip"])
             data["rig_posterior"] = RigDraws.from_dict(data.get("rig_posterior"))
             return cls(**data)
@@ -162,4 +191,9 @@ class MapPlan:
 
     def hash(self) -> str:
         """Return a hash of the plan and the model's version: equal hashes, equal maps."""
-        return hashlib.sha256(f"{self.model} {MODEL_VERSION} {self.as_json()}".encode()).hexdigest()
+        return hashlib.sha256(f"{self.model} {self.model_version} {self.as_json()}".encode()).hexdigest()
+
+    @property
+    def model_version(self) -> int:
+        """Version of the results of the model."""
+        return MODEL_VERSION if self.model == Rig.model else OTHER_VERSIONS.get(self.model, 1)

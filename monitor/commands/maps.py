@@ -19,7 +19,9 @@ from models.maps.data import RmsMap
 from models.maps.file import load_map, save_map
 from models.maps.plan import MapPlan
 from models.response import STATUSES, Status
+from models.rigs import RIGS
 from models.rigs.draws import RigDraws
+from models.rigs.six_dof import Rig
 from models.scene import PARTS, Floor, Slip
 from monitor.commands import option
 from monitor.commands.common import (
@@ -36,12 +38,16 @@ from monitor.commands.common import (
     read_machine,
     say,
 )
+from monitor.commands.model_parameters import effects_of
+from monitor.config.load import Config
 from monitor.words.calibration import rig_line
 from monitor.words.numbers import floor_of_defect
 from streams.block import STANDARD_GRAVITY
 
 _COARSE = 0.02
 """Error between nodes above which a finer grid is advised."""
+_MAPPED = ("second_bearing", "axial_load")
+"""What a map takes of the machine beside its parameters."""
 _POSTERIOR_DRAWS = 16
 """Rigs drawn of a posterior, which a map costs each."""
 
@@ -56,6 +62,7 @@ def command() -> None:
 @option.bearing
 @click.option("--load-newton", type=option.NOT_NEGATIVE, multiple=True, help="One or several loads.")
 @click.option("--speed-hz", type=option.POSITIVE, multiple=True, help="One or several speeds.")
+@click.option("--model", type=click.Choice(list(RIGS)), default=Rig.model, help="Other models take [shaft].")
 @click.option("--fault", type=click.Choice(PARTS), default="outer", help="The damaged part.")
 @click.option("--dphi-deg", type=option.Axis(), default="0:50:51", help="Extents; of a ball about its own axis.")
 @click.option("--h-d-um", type=option.Axis(), default="0:32:33", help="Depths.")
@@ -93,7 +100,7 @@ def build(config_path: Path | None, name: str | None, out: Path, as_json: bool, 
     tolerance, note = options["interpolation_tolerance"], counter("map", quiet=quiet)
     began, began_cpu = time.perf_counter(), _cpu_seconds()
     with input_errors("map build"):
-        plan = _plan(config_path, name, options)
+        plan, left_out = _plan(config_path, name, options)
         check_writable("--out", out)
         if tolerance == 0.0:
             rms_map = build_map(plan, workers=options["workers"], progress=note)
@@ -111,6 +118,10 @@ def build(config_path: Path | None, name: str | None, out: Path, as_json: bool, 
         **_quality(rms_map),
         "floor": floor_of_defect(plan.floor.kind, plan.floor.sd),
         "interpolation_tolerance": tolerance,
+        "model": plan.model,
+        "model_version": plan.model_version,
+        "sensor": rms_map.attributes["sensor"],
+        "left_out": left_out,
         "fault": rms_map.part,
         "v_eq": rms_map.volume_words,
         "calibrated": plan.rig.calibrated,
@@ -161,27 +172,40 @@ def _cpu_seconds() -> float:
     return own.ru_utime + own.ru_stime + children.ru_utime + children.ru_stime
 
 
-def _plan(config_path: Path | None, name: str | None, options: Mapping[str, Any]) -> MapPlan:
+def _plan(config_path: Path | None, name: str | None, options: Mapping[str, Any]) -> tuple[MapPlan, list[str]]:
+    """Return the plan, and the keys of ``[shaft]`` and the axial load that the map leaves out."""
     config = read_machine(config_path)
     entry, clearance = find_entry(config, name)
     loads = options["load_newton"] or _configured(config.operating.load_newton, "--load-newton")
     speeds = options["speed_hz"] or _configured(config.operating.speed_hz, "--speed-hz")
-    return MapPlan(
+    model = options["model"]
+    machine, left_out = _machine(config, model)
+    plan = MapPlan(
         load=tuple(sorted(float(v) for v in loads)),
         speed=tuple(sorted(float(v) for v in speeds)),
         h_d=tuple((np.linspace(*options["h_d_um"]) * 1e-6).tolist()),
         dphi_d=tuple(np.radians(np.linspace(*options["dphi_deg"])).tolist()),
         bearing=entry.bearing,
-        rig=config.rig_of(entry),
+        rig=config.parameters_of(RIGS[model], entry),
+        model=model,
         clearance=clearance,
         floor=Floor(kind=options["floor"], seed=options["seed"]),
         floors=options["floors"],
         rms_band=options["rms_band_hz"],
         slip=_slip(options),
-        **_rig_draws(config.posterior_of(entry), options),
+        **_rig_draws(config.posterior_of(entry) if model == Rig.model else None, options),
         rig_seed=options["rig_seed"],
         part=options["fault"],
+        **machine,
     )
+    return plan, left_out
+
+
+def _machine(config: Config, model: str) -> tuple[dict[str, Any], list[str]]:
+    """Return what a map takes of ``config.scene_values``, and the keys of the rest."""
+    able = effects_of(model)
+    taken = {name: value for name, (_, value) in config.scene_values().items() if name in _MAPPED and name in able}
+    return taken, [key for name, (key, _) in config.scene_values().items() if name not in taken]
 
 
 def _slip(options: Mapping[str, Any]) -> Slip | None:
@@ -219,7 +243,9 @@ def _relative(
 def _build_lines(values: Mapping[str, Any]) -> Iterator[str]:
     shape = " x ".join(str(count) for count in values["shape"])
     yield f"{values['points']} points ({shape}: loads, speeds, depths, extents) in {values['seconds']:.1f} s"
-    yield f"V_eq = {values['v_eq']}"
+    yield f"V_eq = {values['v_eq']}; model {values['model']}, version {values['model_version']}, {values['sensor']}"
+    if values["left_out"]:
+        yield f"configured, but not in the map: {', '.join(values['left_out'])}"
     yield values["rig"]
     if values["error_rms"] is not None:
         error, most = 100 * values["error_rms"], 100 * values["error_max"]
@@ -269,6 +295,7 @@ def show(path: Path, out: Path, as_json: bool, quiet: bool) -> None:
         "out": str(out),
         "rms_min_g": least,
         "rms_max_g": most,
+        "model": rms_map.plan.model,
         "calibrated": rms_map.plan.rig.calibrated,
         "hash": rms_map.hash,
     }

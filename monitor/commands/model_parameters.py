@@ -98,14 +98,20 @@ def with_parameters(
     return replace(scene, rig=replace(rig, **values) if values else rig, model=scene.model if model is None else model)
 
 
+def effects_of(model: str) -> frozenset[str]:
+    """Return what a model takes of the machine, names in ``models.scene.EFFECTS``.
+
+    None for the model of the casing: it describes a bearing, not the shaft.
+    """
+    return frozenset() if model == Rig.model else frozenset().union(*(solver.effects for solver in solvers(model)))
+
+
 def with_machine(scene: Scene, config: Config) -> tuple[Scene, list[str]]:
     """Return a scene with what ``[shaft]`` and ``[operating]`` add to it, and the keys that its model leaves out.
 
-    The model is that of the scene's parameters. That of the casing takes none of them: it describes a bearing, not the
-    shaft. What the scene has already, stays.
+    The model is that of the scene's parameters. What the scene has already, stays.
     """
-    model = scene.rig.model
-    able: set[str] = set() if model == Rig.model else set().union(*(solver.effects for solver in solvers(model)))
+    able = effects_of(scene.rig.model)
     values: dict[str, Any] = {}
     left_out: list[str] = []
     for name, (key, value) in config.scene_values().items():

@@ -14,7 +14,8 @@ import numpy as np
 
 from models.maps.data import RmsMap
 from models.maps.file import load_map
-from models.rigs.six_dof import Calibration, Rig
+from models.rigs import AnyRig
+from models.rigs.six_dof import Calibration
 from monitor.commands import option
 from monitor.commands.common import InputError, check_suffix, emit, finite, input_errors
 from monitor.commands.history_files import SUFFIXES, library_settings, prior_of, read_readings, write_out
@@ -150,7 +151,7 @@ def command(
     emit(values, itertools.chain(head, lines), as_json=as_json)
 
 
-def _calibration(rms_map: RmsMap | None, library: Library | None) -> tuple[Calibration, Rig | str]:
+def _calibration(rms_map: RmsMap | None, library: Library | None) -> tuple[Calibration, AnyRig | str]:
     """Return the weakest claim of map and library, and the rig that makes it, or why there is none."""
     rigs = [None if library is None else rig_of_library(library), None if rms_map is None else rms_map.plan.rig]
     known = [rig for rig in rigs if rig is not None]

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 
 from models.maps.data import RmsMap
+from models.rigs import AnyRig
 from models.rigs.six_dof import Calibration, Rig
 from monitor.config.load import Config
 from monitor.config.source import ChannelSection
@@ -33,12 +34,19 @@ def is_calibrated(library: Library) -> bool:
 def calibration_of(
     config: Config, channel: ChannelSection, maps: Iterable[RmsMap], library: Library | None
 ) -> Calibration:
-    """Return the weakest claim of ``[rig]``, maps and library: a map that was built uncalibrated stays so."""
-    rigs = [rms_map.plan.rig for rms_map in maps]
+    """Return the weakest claim of the configuration, maps and library: a map that was built uncalibrated stays so.
+
+    The configuration claims in ``[rig]`` for the model of the casing, in ``[shaft]`` for the others.
+    """
+    rigs: list[AnyRig] = [rms_map.plan.rig for rms_map in maps]
     of_library = None if library is None else rig_of_library(library)
     if of_library is not None:
         rigs.append(of_library)
-    claims: list[Calibration] = [config.calibration_of(channel), *(rig.calibrated for rig in rigs)]
+    claims: list[Calibration] = [rig.calibrated for rig in rigs]
+    if not rigs or any(isinstance(rig, Rig) for rig in rigs):
+        claims.append(config.calibration_of(channel))
+    if not all(isinstance(rig, Rig) for rig in rigs):
+        claims.append(config.shaft.calibrated)
     return weakest_calibration(*claims)
 
 
@@ -47,18 +55,29 @@ def uncalibrated_lines(config: Config, channels: Mapping[str, ChannelSettings]) 
     for section in config.channel:
         settings = channels.get(section.name)
         if settings is not None and settings.calibration is False:
-            yield from channel_lines(config, section, settings.alarms.suspended)
+            maps = {} if settings.damage is None else settings.damage.maps
+            others = sorted({part_map.model for part_map in maps.values()} - {Rig.model})
+            yield from channel_lines(config, section, settings.alarms.suspended, others)
 
 
-def channel_lines(config: Config, section: ChannelSection, suspended: Sequence[str] = ()) -> Iterator[str]:
-    """Yield the lines of one tracked channel of an uncalibrated rig, and of its ``suspended`` levels."""
+def channel_lines(
+    config: Config, section: ChannelSection, suspended: Sequence[str] = (), models: Sequence[str] = ()
+) -> Iterator[str]:
+    """Yield the lines of one tracked channel of an uncalibrated rig, and of its ``suspended`` levels.
+
+    ``models`` are those of its maps, but that of the casing.
+    """
     issued = config.forecast.uncalibrated_threshold
-    yield f"channel {section.name!r}: {_reason(config, section, issued=issued)}"
+    yield f"channel {section.name!r}: {_reason(config, section, models, issued=issued)}"
     if suspended:
         yield f"channel {section.name!r}: {suspended_words(suspended)}; give a level on v_eq_relative"
 
 
-def _reason(config: Config, section: ChannelSection, *, issued: bool) -> str:
+def _reason(config: Config, section: ChannelSection, models: Sequence[str], *, issued: bool) -> str:
+    if models and config.shaft.calibrated is False:
+        return uncalibrated_sentence(f"[shaft] does not declare the parameters of {', '.join(models)}", issued=issued)
+    if models:
+        return uncalibrated_sentence("its map was built before [shaft] was declared", issued=issued)
     if config.calibration_of(section) is not False:
         return uncalibrated_sentence("its map or library was built before [rig] was calibrated", issued=issued)
     try:

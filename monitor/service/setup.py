@@ -15,7 +15,8 @@ from models.lives.population import Population
 from models.maps.data import OutsideMapError, RmsMap
 from models.maps.file import load_map
 from models.maps.plan import MapError
-from models.rigs.six_dof import Calibration, Rig
+from models.rigs import AnyRig
+from models.rigs.six_dof import Calibration
 from models.scene import PARTS, Part
 from monitor.config.load import Config, ConfigError
 from monitor.config.source import ChannelSection, SourceSection
@@ -40,7 +41,7 @@ Slice = TypeVar("Slice")
 
 _MAX_SLICES = 64
 _GEOMETRY = ("n_elements", "rows", "element_diameter", "pitch_diameter", "contact_angle", "outer_race_radius")
-_PARAMETERS = tuple(item.name for item in fields(Rig) if item.name not in ("calibrated", "identification"))
+_CLAIMS = ("calibrated", "identification")
 
 
 def source_spec(config: Config, source: SourceSection, path: str | None = None) -> SourceSpec:
@@ -175,22 +176,30 @@ def _check_band(channel: ChannelSection, made_for: tuple[float, float] | None, k
 
 
 def _check_origin(
-    config: Config, channel: ChannelSection, kind: str, made_for: tuple[Bearing, Rig, float], part: Part = "outer"
+    config: Config, channel: ChannelSection, kind: str, made_for: tuple[Bearing, AnyRig, float], part: Part = "outer"
 ) -> None:
     """Refuse a map or library of another bearing or rig, whose volumes would be wrong."""
     of_bearing, of_rig, of_clearance = made_for
-    bearing, rig = config.bearing_of(channel), config.rig_of(config.entry_of(channel))
+    bearing, rig = config.bearing_of(channel), config.parameters_of(type(of_rig), config.entry_of(channel))
     clearance = next(b.clearance_um for b in config.bearing if b.name == channel.bearing) * 1e-6
     geometry = _GEOMETRY if part == "outer" else (*_GEOMETRY, "inner_race_radius")
     pairs = [(f"bearing {name}", getattr(of_bearing, name), getattr(bearing, name)) for name in geometry]
-    pairs += [(f"rig {name}", getattr(of_rig, name), getattr(rig, name)) for name in _PARAMETERS]
+    names = [item.name for item in fields(of_rig) if item.name not in _CLAIMS]
+    pairs += [(f"rig {name}", getattr(of_rig, name), getattr(rig, name)) for name in names]
     pairs.append(("clearance", of_clearance, clearance))
     for name, made, configured in pairs:
-        if made != configured and not math.isclose(made or 0.0, configured or 0.0, rel_tol=1e-6, abs_tol=1e-12):
+        if made != configured and not _close(made, configured):
             raise ConfigError(
                 f"channel {channel.name!r}: its {kind} was made for {name} = {made!r}, "
                 f"configured is {configured!r} (SI); build it again with: spallwatch {kind} build --config FILE"
             )
+
+
+def _close(made: object, configured: object) -> bool:
+    """Return whether two values are numbers that differ by rounding only; None counts as 0."""
+    pair = [0.0 if value is None else value for value in (made, configured)]
+    numbers = [value for value in pair if isinstance(value, int | float)]
+    return len(numbers) == len(pair) and math.isclose(*numbers, rel_tol=1e-6, abs_tol=1e-12)
 
 
 def _words(band: tuple[float, ...] | None) -> str:
@@ -267,6 +276,7 @@ def part_map(rms_map: RmsMap, features: Sequence[str], interval: float) -> PartM
         map_at=_Lookup(lambda load, speed: to_slice(rms_map, load, speed)),
         spread_at=_Lookup(rms_map.slice_at),
         filter=FilterSettings(part_radius=rms_map.part_radius, lines=lines, interval=interval),
+        model=rms_map.plan.model,
     )
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from models.rigs import AnyRig
 from models.rigs.six_dof import Rig
 
 RELATIVE = "V_eq is shown as a multiple of its first value"
@@ -11,8 +12,14 @@ ASSUMED = "not given in [rig], so that the default test bench's are taken (thesi
 """Follows the names of such keys of ``[rig]``."""
 
 
-def rig_words(rig: Rig) -> str:
-    """Return what vouches for a rig's numbers, or whose they are where nothing does."""
+def rig_words(rig: AnyRig) -> str:
+    """Return what vouches for a rig's numbers, or whose they are where nothing does.
+
+    A model other than that of the casing is named.
+    """
+    if not isinstance(rig, Rig):
+        vouched = "declared, not identified" if rig.calibrated == "declared" else "not calibrated on this machine"
+        return f"of the model {rig.model}, {vouched}"
     if rig.calibrated == "declared":
         return "declared, not identified"
     if rig.calibrated:
@@ -24,12 +31,12 @@ def rig_words(rig: Rig) -> str:
     return "not calibrated on this machine"
 
 
-def rig_line(rig: Rig) -> str:
+def rig_line(rig: AnyRig) -> str:
     """Return one line on a rig for the console: what vouches for it, and what follows where nothing does."""
     return f"rig {rig_words(rig)}" + ("" if rig.calibrated else f"; {RELATIVE}")
 
 
-def uncalibrated_sentence(rig: Rig | str, *, issued: bool) -> str:
+def uncalibrated_sentence(rig: AnyRig | str, *, issued: bool) -> str:
     """Return why V_eq of a channel is uncalibrated, and what follows; ``issued``: TT is given all the same.
 
     ``rig`` is the one that is not calibrated, or another reason.

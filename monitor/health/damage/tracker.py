@@ -47,11 +47,13 @@ class PartMap:
         map_at: by load and speed.
         spread_at: the same with its lines and spreads, for the filter.
         filter: settings of the filter on it, or None where there is no filter.
+        model: that it was simulated with.
     """
 
     map_at: MapAt
     spread_at: SpreadAt | None = None
     filter: FilterSettings | None = None
+    model: str = "six_dof"
 
 
 @dataclass(frozen=True)

@@ -16,11 +16,12 @@ from numpy.typing import NDArray
 
 from models.maps.data import MapSlice, RmsMap
 from models.maps.plan import DAMAGED, MapPlan
-from models.response import STATUSES
+from models.response import CASING, STATUSES
 from monitor.report.figures.drawing import BLUE, GREEN, INK, PURPLE, SOFT, VERMILION, legend_above
 from monitor.report.figures.sheet import Part, Sheet
 from monitor.words.calibration import rig_words
 from monitor.words.numbers import count, figure
+from monitor.words.sensors import PLACES
 from streams.block import STANDARD_GRAVITY
 
 Values = NDArray[np.float64]
@@ -29,7 +30,7 @@ _MAX_PANELS = 12
 _PIXELS = (240, 360)
 _PANEL = 3.1
 _CUTS = 4
-_EXTENT, _DEPTH, _RMS = "extent of the defect (degrees)", "depth of the defect (µm)", "RMS of the casing (g)"
+_EXTENT, _DEPTH = "extent of the defect (degrees)", "depth of the defect (µm)"
 _NEGLIGIBLE = 0.1
 """Errors below this many per cent are in the facts only."""
 _STROKES: tuple[tuple[str, Any], ...] = ((BLUE, "-"), (VERMILION, "--"), (GREEN, "-."), (PURPLE, ":"))
@@ -49,7 +50,10 @@ class NodeError:
 def map_sheet(rms_map: RmsMap) -> Sheet:
     """Return the report of a map (thesis, Fig. 61) with twelve conditions at most."""
     at = [rms_map.slice_at(float(load), float(speed)) for load in rms_map.load for speed in rms_map.speed]
-    parts = [_line_part(at)] if min(at[0].rms.shape) < 2 else [_levels_part(rms_map, at), _cuts_part(at[0])]
+    level = _level(rms_map)
+    parts = (
+        [_line_part(at, level)] if min(at[0].rms.shape) < 2 else [_levels_part(rms_map, at), _cuts_part(at[0], level)]
+    )
     if len(parts) > 1 and node_errors(at[0]):
         parts.append(_errors_part(at[0]))
     return Sheet(f"RMS map of {rms_map.plan.bearing.designation}", _lead(rms_map), parts, _facts(rms_map))
@@ -149,6 +153,11 @@ def _volumes(axes: Axes, radius: float, box: tuple[float, float, float, float]) 
         )
 
 
+def _level(rms_map: RmsMap) -> str:
+    """Return what the RMS is of, with its unit; maps without the name of a sensor are of the casing."""
+    return f"RMS of the {PLACES[rms_map.attributes.get('sensor', CASING[0])]} (g)"
+
+
 def _levels_part(rms_map: RmsMap, at: Sequence[MapSlice]) -> Part:
     shown = at[:_MAX_PANELS]
     rows, highest = math.ceil(len(shown) / 2), span_of(rms_map.rms)[1] / STANDARD_GRAVITY
@@ -162,7 +171,7 @@ def _levels_part(rms_map: RmsMap, at: Sequence[MapSlice]) -> Part:
             _pale(axes, falls, np.degrees(part.dphi_d), 1e6 * part.h_d)
             axes.set_title(condition(part), fontsize=9.5, loc="left")
         if image is not None:
-            made.colorbar(image, ax=panels, pad=0.01).set_label(_RMS)
+            made.colorbar(image, ax=panels, pad=0.01).set_label(_level(rms_map))
 
     caption = (
         "Colour and white lines: RMS in g. Dashed: equal damaged volume V_eq. Pale: RMS falls with depth, so that a "
@@ -185,7 +194,7 @@ def _not_shown(at: Sequence[MapSlice]) -> str:
     return f" {more} more conditions are not shown." if more > 0 else ""
 
 
-def _line_part(at: Sequence[MapSlice]) -> Part:
+def _line_part(at: Sequence[MapSlice], level: str) -> Part:
     """Return the levels of a map of one depth or one extent, a line for each condition."""
     by_extent = len(at[0].dphi_d) >= len(at[0].h_d)
     x = np.degrees(at[0].dphi_d) if by_extent else 1e6 * at[0].h_d
@@ -196,7 +205,7 @@ def _line_part(at: Sequence[MapSlice]) -> Part:
         axes = made.subplots(1, 1)
         for (part, values), (color, stroke) in zip(lines, itertools.cycle(_STROKES), strict=False):
             axes.plot(x, values, color=color, ls=stroke, marker=".", label=condition(part))
-        axes.set(xlabel=_EXTENT if by_extent else _DEPTH, ylabel=_RMS)
+        axes.set(xlabel=_EXTENT if by_extent else _DEPTH, ylabel=level)
         legend_above(axes, 4)
 
     caption = f"All defects of the map are {held}.{_not_shown(at)}"
@@ -229,7 +238,7 @@ def _panels(made: FigureBase, shown: int) -> Any:
     return panels
 
 
-def _cuts_part(at: MapSlice) -> Part:
+def _cuts_part(at: MapSlice, level: str) -> Part:
     extent, depth = np.degrees(at.dphi_d), 1e6 * at.h_d
     spread = np.maximum(at.rms_std, at.rms_rig_std) / STANDARD_GRAVITY
     rms = at.rms / STANDARD_GRAVITY
@@ -245,7 +254,7 @@ def _cuts_part(at: MapSlice) -> Part:
             _cut(left, extent, rms[node], spread[node], look, f"{depth[node]:.3g} µm deep")
         for look, node in zip(_STROKES, cut_nodes(len(extent)), strict=False):
             _cut(right, depth, rms[:, node], spread[:, node], look, f"{extent[node]:.3g}° wide")
-        left.set(xlabel=_EXTENT, ylabel=_RMS, ylim=(0.0, None))
+        left.set(xlabel=_EXTENT, ylabel=level, ylim=(0.0, None))
         right.set(xlabel=_DEPTH)
         for axes in (left, right):
             legend_above(axes, 2)

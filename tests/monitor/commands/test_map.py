@@ -12,6 +12,7 @@ from click.testing import CliRunner
 from netCDF4 import Dataset
 
 from models.maps.file import load_map
+from models.rigs.rotor import RotorRig
 from monitor.commands.common import InputError
 from monitor.commands.maps import command
 from monitor.health.damage.thesis.level_set import least_volume
@@ -178,6 +179,40 @@ source = "s"
 unit = "g"
 bearing = "b"
 """
+
+
+SHAFT = """
+[shaft]
+length_mm = 500
+unbalance_g_mm = 30
+second_bearing = "b"
+"""
+
+
+@pytest.mark.parametrize(("claim", "line"), [("", "not calibrated on this machine"), ("declared", "declared")])
+def test_a_map_by_another_model_takes_the_shaft(tmp_path: Path, claim: str, line: str) -> None:
+    config = tmp_path / "machine.toml"
+    config.write_text(MACHINE + SHAFT + (f'calibrated = "{claim}"\n' if claim else ""))
+    values, out = build(tmp_path, "--config", str(config), "--model", "rotor")
+    plan = load_map(out).plan
+    assert isinstance(plan.rig, RotorRig)
+    assert (plan.rig.length, plan.rig.a) == (0.5, 0.25)
+    assert plan.second_bearing == plan.bearing
+    assert (values["model"], values["model_version"], values["sensor"]) == ("rotor", 1, "a")
+    assert values["left_out"] == ["shaft.unbalance_g_mm"]
+    assert values["calibrated"] == (claim or False)
+    assert values["rig"].startswith(f"rig of the model rotor, {line}")
+    shown = ["show", str(out), "--out", str(tmp_path / "map.svg")]
+    assert "of the model rotor" in CliRunner().invoke(command, shown, catch_exceptions=False).stdout
+    assert "RMS of the shaft in bearing A (g)" in (tmp_path / "map.svg").read_text(encoding="utf-8")
+
+
+def test_a_map_by_a_model_without_depth_is_refused(tmp_path: Path) -> None:
+    config = tmp_path / "machine.toml"
+    config.write_text(MACHINE)
+    arguments = ["build", *SMALL, "--config", str(config), "--model", "ring_impact", "--out", str(tmp_path / "m.nc")]
+    with pytest.raises(InputError, match="cannot be inverted"):
+        CliRunner().invoke(command, arguments, catch_exceptions=False)
 
 
 @pytest.mark.parametrize(

@@ -13,7 +13,8 @@ from models.maps.build import build_map
 from models.maps.data import RmsMap
 from models.maps.file import save_map
 from models.maps.plan import MapPlan
-from models.rigs.six_dof import Calibration, Rig
+from models.rigs.rotor import RotorRig
+from models.rigs.six_dof import Calibration, Claim, Rig
 from monitor.commands.check import find_problems
 from monitor.config.bearing import RigSection
 from monitor.config.load import Config, validate
@@ -130,6 +131,26 @@ def test_check_names_the_default_bench_the_missing_claim_and_the_suspended_level
     assert "its map or library was built before [rig] was calibrated" in declared
     missing = [text for text in find_problems(config({}, map=str(tmp_path / "none.nc"))) if "uncalibrated" in text]
     assert len(missing) == 1
+
+
+@pytest.mark.parametrize("declared", [False, "declared"])
+@pytest.mark.parametrize("built", [False, "declared"])
+def test_a_map_of_another_model_rests_on_the_claim_of_the_shaft(built: Claim, declared: Claim) -> None:
+    values = config(CLAIMS[True]).model_dump(mode="json", exclude_unset=True)
+    values |= {"bearing": [{"name": "test", "designation": "6205"}], "shaft": {"calibrated": declared}}
+    c = validate(values, Path("machine.toml"))
+    entry = c.bearing[0].to_entry()
+    rig = replace(c.parameters_of(RotorRig, entry), calibrated=built)
+    plan = MapPlan((4000.0,), (40.0,), (0.0, 1e-5), (0.0, 0.1), bearing=entry.bearing, rig=rig, model="rotor")
+    settings = source_settings(c, c.source[0], {"c": build_map(plan)}).channels["c"]
+    assert settings.calibration == ("declared" if built == declared == "declared" else False)
+    lines = list(uncalibrated_lines(c, {"c": settings}))
+    if settings.calibration == "declared":
+        assert lines == []
+    elif declared == "declared":
+        assert "its map was built before [shaft] was declared" in lines[0]
+    else:
+        assert "[shaft] does not declare the parameters of rotor" in lines[0]
 
 
 def test_a_rig_of_other_masses_is_not_called_the_default_bench(small_map: RmsMap) -> None:

@@ -12,6 +12,8 @@ from models.lives.population import Population
 from models.maps.build import build_map
 from models.maps.file import save_map
 from models.maps.plan import MapPlan
+from models.nominal_rigs import nominal_rig
+from models.rigs.rotor import RotorRig
 from models.scene import Part
 from monitor.commands.check import find_problems
 from monitor.config.load import ConfigError, validate
@@ -136,6 +138,26 @@ def test_a_map_of_another_rig_is_refused(plan, small_map, name, factor):
     c = config()
     with pytest.raises(ConfigError, match=f"rig {name}"):
         source_settings(c, c.source[0], {"c": changed})
+
+
+@pytest.mark.parametrize(("shaft", "words"), [({}, None), ({"disc_mass_kg": 7.0}, "rig m = 5.0, configured is 7.0")])
+def test_a_map_of_another_model_must_be_that_of_the_shaft(shaft, words):
+    values = config().model_dump(mode="json", exclude_unset=True)
+    values["bearing"] = [{"name": "test", "designation": "6205"}]
+    c = validate(values | {"shaft": shaft}, Path("machine.toml"))
+    entry = c.bearing[0].to_entry()
+    rig = nominal_rig(RotorRig, entry)
+    plan = MapPlan(
+        (4000.0,), (40.0,), (0.0, 1e-5), (0.0, 0.1), bearing=entry.bearing, rig=rig, model="rotor", rms_band=BAND
+    )
+    built = build_map(plan)
+    if words is None:
+        damage = source_settings(c, c.source[0], {"c": built}).channels["c"].damage
+        assert damage is not None
+        assert damage.maps["outer"].model == "rotor"
+    else:
+        with pytest.raises(ConfigError, match=words):
+            source_settings(c, c.source[0], {"c": built})
 
 
 def test_a_map_that_is_not_there_says_how_to_make_one(tmp_path, small_map):

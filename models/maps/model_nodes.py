@@ -1,0 +1,134 @@
+"""Nodes of maps by models other than the six-degree-of-freedom one: each is a scene of its own, simulated over time.
+
+The level is that of the model's first sensor. Times are lengthened until the standard error of the mean is below the
+accuracy of a node, or the longest is reached; what is left stands beside the level.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from models.bearing import kinematics
+from models.maps.nodes import MAP_ACCURACY, NodeRow, scene_at
+from models.maps.plan import LINES, MapError
+from models.response import HARMONICS, STATUSES
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from models.maps.plan import MapPlan
+    from models.response import Response, Sensor, Status
+    from models.scene import Scene
+
+Point = tuple[float, float, float, float]
+
+# Simulated times after what is dropped at the beginning, s.
+_DURATIONS = (0.25, 1.0, 4.0)
+
+
+@dataclass(frozen=True, eq=False)
+class ModelLevel:
+    """One point of a map on one floor.
+
+    Attributes:
+        rms, se, spread: level, its standard error and its standard deviation from block to block, m/s2.
+        error: relative error of the level by the steps.
+        harmonics: lines 1..6 of the damaged part, m/s2, shape (6,).
+        status: of the simulation.
+        sensor: whose level it is.
+    """
+
+    rms: float
+    se: float
+    spread: float
+    error: float
+    harmonics: NDArray[np.float64]
+    status: Status
+    sensor: Sensor
+
+
+def check_model(plan: MapPlan) -> Sensor:
+    """Return the sensor whose level a map has.
+
+    Raises:
+        MapError: if the model does not describe the scenes of the plan, or has no sensor of acceleration.
+    """
+    scene = scene_at(plan, plan.load[-1], plan.speed[-1], plan.h_d[-1], plan.dphi_d[-1])
+    try:
+        sensor = _simulated(plan, scene, _DURATIONS[0], 1).sensors[0]
+    except ValueError as error:
+        raise MapError(f"a map by the model {plan.model}: {error}") from error
+    if sensor == "ias":
+        raise MapError(f"a map by the model {plan.model}: its sensor shows angular speed, not acceleration")
+    return sensor
+
+
+def model_level(plan: MapPlan, point: Point, seed: int = 0, factor: int = 1) -> ModelLevel:
+    """Return the level at one point (load, speed, h_d, dphi_d) of a plan on one floor.
+
+    Accuracy and standard error are those of the nodes divided by ``factor``.
+
+    Raises:
+        ValueError: if the scene is outside the model.
+    """
+    scene = scene_at(plan, *point, seed)
+    accuracy = MAP_ACCURACY / factor
+    response = _simulated(plan, scene, _DURATIONS[0], factor)
+    for duration in _DURATIONS[1:]:
+        if response.rms_se <= accuracy * response.rms and response.status != "not_converged":
+            break
+        response = _simulated(plan, scene, duration, factor)
+    rms = response.rms
+    return ModelLevel(
+        rms=rms,
+        se=response.rms_se,
+        spread=response.spread,
+        error=max(0.0, response.rms_error - response.rms_se / rms) if rms > 0.0 else 0.0,
+        harmonics=_lines(plan, response, point[1]),
+        status=response.status,
+        sensor=response.sensors[0],
+    )
+
+
+def _simulated(plan: MapPlan, scene: Scene, duration: float, factor: int) -> Response:
+    from models.simulate import simulate
+
+    steps = None if plan.steps_per_period is None else factor * plan.steps_per_period
+    return simulate(
+        scene,
+        accuracy=MAP_ACCURACY / factor,
+        steps_per_period=steps,
+        band=plan.rms_band,
+        lines_to=0.0 if plan.rms_band is None else plan.rms_band[1],
+        duration=duration,
+    )
+
+
+def _lines(plan: MapPlan, response: Response, speed: float) -> NDArray[np.float64]:
+    """Return the lines of the damaged part, as far as they can be told from the response."""
+    if response.record is None:
+        return response.harmonics
+    found = kinematics(plan.bearing, speed)
+    line = {"BPFO": found.bpfo, "BPFI": found.bpfi, "2 BSF": 2.0 * found.bsf}[LINES[plan.part]]
+    return 2.0 * np.abs(response.record.coefficients(line, HARMONICS)[0, 1:])
+
+
+def model_row(plan: MapPlan, load: float, speed: float, h_d: float, extents: NDArray[np.float64], seed: int) -> NodeRow:
+    """Return a row of a plan; nodes without damage are those of the healthy bearing, simulated once."""
+    found = NodeRow.zeros(len(extents))
+    healthy: ModelLevel | None = None
+    for d, extent in enumerate(extents.tolist()):
+        if extent > 0.0 and h_d > 0.0:
+            level = model_level(plan, (load, speed, h_d, extent), seed)
+        else:
+            healthy = level = healthy or model_level(plan, (load, speed, 0.0, 0.0), seed)
+        found.rms[d], found.se[d], found.spread[d] = level.rms, level.se, level.spread
+        found.error[d] = level.error if level.status != "not_converged" else 1.0
+        found.harmonics[d] = level.harmonics
+        # The steps change a line by no more than the level, in proportion.
+        found.harmonics_error[d] = found.error[d] * level.rms
+        found.status[d] = STATUSES.index(level.status)
+    return found
