@@ -1,6 +1,6 @@
 """Cost and error of every model of a bearing, beside what else could integrate it.
 
-Run as ``python -m benchmarks.models [--quick] [--json FILE] [--document docs/evidence/models.md]``.
+Run as ``python -m benchmarks.models [--quick] [--json FILE] [--stored FILE] [--document docs/evidence/models.md]``.
 
 1. costs: processor time of a simulated second and error of the kernels for some steps;
 2. against: the step with which a model begins beside scipy's fastest integrator that is at least as good (called on
@@ -15,8 +15,9 @@ Run as ``python -m benchmarks.models [--quick] [--json FILE] [--document docs/ev
 from __future__ import annotations
 
 import argparse
+import json
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import cast
@@ -34,6 +35,8 @@ from models.scene import Defect, Scene
 from models.simulate import simulate
 
 MARKS = ("<!-- table of benchmarks.models -->\n", "<!-- end of the table -->\n")
+SIMULATE_MARKS = ("<!-- simulate table of benchmarks.models -->\n", "<!-- end of the simulate table -->\n")
+LINEAR_MARKS = ("<!-- linear table of benchmarks.models -->\n", "<!-- end of the linear table -->\n")
 LIGHT = ceruti.rotor(length=0.2, end_mass=0.3)
 D2 = Defect(math.radians(4.236), 500e-6)
 ACCURACY, RATE = 5e-3, 25600.0
@@ -126,7 +129,8 @@ def _two_digits(value: float | str | None) -> str | None:
 
 
 def document_rows(against: Sequence[Row]) -> list[Row]:
-    """Return the table of the document."""
+    """Return the table of the document, model by model."""
+    order = [row["model"] for row in against]
     return [
         {
             "model": row["model"],
@@ -141,8 +145,52 @@ def document_rows(against: Sequence[Row]) -> list[Row]:
             "prototype, ms": _two_digits(row["prototype ms per s"]),
             "our share of it": _text(row["share of prototype"], ".2f"),
         }
-        for row in against
+        for row in sorted(against, key=lambda row: order.index(row["model"]))
     ]
+
+
+def simulate_rows(users: Sequence[Row]) -> list[Row]:
+    """Return the second table of the document."""
+    return [
+        {
+            "scene": row["scene"],
+            "solver": row["solver"],
+            "RMS error, stated": _text(row["RMS error stated"], ".1e"),
+            "measured": _text(row["measured"], ".1e"),
+            "waveform error, stated": _text(row["waveform error stated"], ".1e"),
+            "measured there": _text(row["waveform measured"], ".1e"),
+            "ms": _two_digits(row["ms per s"]),
+        }
+        for row in users
+    ]
+
+
+def linear_rows(methods: Sequence[Row]) -> list[Row]:
+    """Return the third table of the document, of the inner race."""
+    return [
+        {
+            "method": row["method"],
+            "grid": row["grid"],
+            "error": _text(row["error"], ".1e"),
+            "ms per simulated second": _two_digits(row["ms per s"]),
+            "times the kernel": _two_digits(row["times the kernel"]),
+        }
+        for row in methods
+        if row["defect"] == "inner"
+    ]
+
+
+def with_tables(text: str, tables: Mapping[str, Sequence[Row]]) -> str:
+    """Return the text of the document with its three tables renewed."""
+    text = renewed(text, markdown_table(document_rows(tables["against"])), MARKS)
+    text = renewed(text, markdown_table(simulate_rows(tables["simulate"])), SIMULATE_MARKS)
+    return renewed(text, markdown_table(linear_rows(tables["linear"])), LINEAR_MARKS)
+
+
+def stored_tables(path: Path) -> dict[str, list[Row]]:
+    """Return the tables of a file that ``--json`` wrote."""
+    content = json.loads(path.read_text(encoding="utf-8"))
+    return {name: table for name, table in content.items() if isinstance(table, list)}
 
 
 def measure(*, quick: bool) -> dict[str, list[Row]]:
@@ -176,15 +224,16 @@ def main() -> None:
     parser = argparse.ArgumentParser(description="Cost and error of every model.")
     parser.add_argument("--json", type=Path, metavar="FILE", help="write the same figures to this file")
     parser.add_argument("--quick", action="store_true", help="a scene or two a model: ends within a minute")
-    parser.add_argument("--document", type=Path, metavar="FILE", help="renew the table in this file")
+    parser.add_argument("--document", type=Path, metavar="FILE", help="renew the tables in this file")
+    parser.add_argument("--stored", type=Path, metavar="FILE", help="show the figures of this file, measure nothing")
     options = parser.parse_args()
-    tables = measure(quick=options.quick)
+    tables = measure(quick=options.quick) if options.stored is None else stored_tables(options.stored)
     for title, rows in tables.items():
         print_table(title, rows)
-    write_json(options.json, tables)
+    if options.stored is None:
+        write_json(options.json, tables)
     if options.document is not None:
-        text = options.document.read_text(encoding="utf-8")
-        text = renewed(text, markdown_table(document_rows(tables["against"])), MARKS)
+        text = with_tables(options.document.read_text(encoding="utf-8"), tables)
         options.document.write_text(text, encoding="utf-8")
 
 

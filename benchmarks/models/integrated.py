@@ -57,7 +57,7 @@ class RotorProblem(Problem):
     skipped, plain_span = 0.1, 0.01
     # Prototypes: 0.26 to 0.4 s, at 0.5 % of the peak.
     prototype = 0.26
-    settings = settings(("RK45", "DOP853", "LSODA"), (1e-5, 1e-6, 1e-8))
+    settings = settings(("RK45", "DOP853", "LSODA"), (1e-5, 1e-6, 1e-7, 1e-8))
 
     def __init__(self, name: str, scene: Scene, *, elastic: bool = False) -> None:
         """Keep the scene, and the way to solve it."""
@@ -155,7 +155,7 @@ class BallProblem(Problem):
     reference, grid = 0.5e-6, 25e-6
     span, short = 0.1, 0.02
     plain_span = 2e-3
-    settings = settings(("RK45", "DOP853", "LSODA"), (1e-4, 1e-6))
+    settings = settings(("RK45", "DOP853", "LSODA"), (1e-2, 1e-3, 1e-4, 1e-6))
 
     def __init__(self, count: int, *, damaged: bool) -> None:
         """Make the scene of Table 2."""
