@@ -58,6 +58,16 @@ def generalised_eigenvalues(a: NDArray[np.float64], b: NDArray[np.float64]) -> N
     return np.asarray(eigh(a, b, eigvals_only=True))
 
 
+def generalised_modes(
+    a: NDArray[np.float64], b: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return eigenvalues, ascending, and eigenvectors in columns, v b v = 1, as of ``generalised_eigenvalues``."""
+    from scipy.linalg import eigh
+
+    values, vectors = eigh(a, b)
+    return np.asarray(values), np.asarray(vectors)
+
+
 def periodic_spline(x: NDArray[np.float64], y: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return the cubic pieces, highest power first, shape (4, n - 1), and the extreme values of a periodic spline."""
     from scipy.interpolate import CubicSpline

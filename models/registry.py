@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 # The modules of each model's solvers.
 MODULES: dict[str, tuple[str, ...]] = {
     "six_dof": ("models.dynamics.periodic", "models.dynamics.mean_force", "models.dynamics.time_domain"),
+    "angular": ("models.dynamics.angular",),
     "ball_inertia": ("models.dynamics.ball_inertia",),
     "ring_impact": ("models.dynamics.ring_impact",),
     "rotor": ("models.dynamics.rotor", "models.dynamics.rotor_elastic"),

@@ -203,6 +203,11 @@ class Response:
         """Largest absolute value of the first sensor in ``rms_band``."""
         return self.levels[0][1]
 
+    @property
+    def accelerometer(self) -> Sensor:
+        """The first sensor of an acceleration."""
+        return next(sensor for sensor in self.sensors if sensor != "ias")
+
     def levels_of(self, sensor: Sensor | None = None) -> tuple[float, float]:
         """Return RMS and peak of a sensor in ``rms_band``; raise a ValueError where the model has no such sensor."""
         return self.levels[row_of(self.sensors, sensor)]

@@ -86,6 +86,17 @@ def _balls() -> None:
     trace(Scene(40.0, 1000.0, bearing=from_catalogue("6206"), rig=BallInertiaRig()), 1e-3, 5e-6)
 
 
+def _angular_speed() -> None:
+    from models.bearing import from_catalogue
+    from models.dynamics.angular import solve, trace
+    from models.registry import Request
+    from models.rigs.angular import AngularRig
+
+    scene = Scene(40.0, 1000.0, bearing=from_catalogue("6206"), rig=AngularRig())
+    trace(scene, 0.1, 1e-2)
+    solve(scene, Request(duration=1e-3, rate=5120.0, accuracy=1.0))
+
+
 # The last part reuses the kernels of the first.
 PARTS: dict[str, Callable[[], None]] = {
     "one settled scene": _one_scene,
@@ -94,6 +105,7 @@ PARTS: dict[str, Callable[[], None]] = {
     "impacts on rings": _impacts,
     "rotor": _rotor,
     "balls with inertia": _balls,
+    "angular speed": _angular_speed,
     "rows of a map": _rows_of_a_map,
 }
 

@@ -29,7 +29,7 @@ _MOST_HALVINGS = 60
 # Least slope of energy and force that a step must keep.
 _DESCENT = 1e-4
 # Stiffness without contact, N/m: less than what a force of SETTLED has across its contact. Steps are limited in length.
-_FLOATING = 1e-5
+FLOATING = 1e-5
 
 
 class Races(NamedTuple):
@@ -74,7 +74,7 @@ class Balance(NamedTuple):
 
 
 @inlined
-def _contact(z: float, r: float, gap: float, k: float) -> Contact:
+def contact_of(z: float, r: float, gap: float, k: float) -> Contact:
     """Return the contact of a race whose centre of curvature is (z, r) from the ball's centre, or the other way."""
     distance = math.sqrt(z * z + r * r)
     d = distance - gap
@@ -86,17 +86,17 @@ def _contact(z: float, r: float, gap: float, k: float) -> Contact:
 
 
 @inlined
-def _balance(u_z: float, u_r: float, p_z: float, p_r: float, c_f: float, races: Races) -> Balance:
+def balance_of(u_z: float, u_r: float, p_z: float, p_r: float, c_f: float, races: Races) -> Balance:
     """Return the forces on a ball at a place."""
-    inner = _contact(p_z - u_z, p_r - u_r, races.inner_gap, races.k_i)
-    outer = _contact(u_z, u_r, races.outer_gap, races.k_o)
+    inner = contact_of(p_z - u_z, p_r - u_r, races.inner_gap, races.k_i)
+    outer = contact_of(u_z, u_r, races.outer_gap, races.k_o)
     z = inner.force * inner.z - outer.force * outer.z
     r = inner.force * inner.r - outer.force * outer.r + c_f
     return Balance(inner, outer, z, r, math.sqrt(z * z + r * r), inner.energy + outer.energy - c_f * u_r)
 
 
 @inlined
-def _stiffness(contact: Contact) -> tuple[float, float, float]:
+def stiffness_of(contact: Contact) -> tuple[float, float, float]:
     """Return the elements zz, zr and rr of the stiffness matrix of a contact."""
     difference = contact.along - contact.across
     return (
@@ -124,7 +124,7 @@ def _begin(p_z: float, p_r: float, c_f: float, races: Races) -> tuple[float, flo
     or free where there is no centrifugal force.
     """
     outside = races.outer_gap + (c_f / races.k_o) ** (2.0 / 3.0)
-    if _contact(p_z, p_r - outside, races.inner_gap, races.k_i).force <= 0.0:
+    if contact_of(p_z, p_r - outside, races.inner_gap, races.k_i).force <= 0.0:
         return 0.0, outside, True
     between = math.sqrt(p_z * p_z + p_r * p_r)
     pressed = between - races.inner_gap - races.outer_gap
@@ -142,17 +142,17 @@ def _begin(p_z: float, p_r: float, c_f: float, races: Races) -> tuple[float, flo
 
 
 @inlined
-def _settle(p_z: float, p_r: float, c_f: float, races: Races) -> tuple[float, float, Balance]:
+def settle_ball(p_z: float, p_r: float, c_f: float, races: Races) -> tuple[float, float, Balance]:
     """Return a ball's place in equilibrium, and the forces there: Newton on the convex energy, steps halved."""
     u_z, u_r, _ = _begin(p_z, p_r, c_f, races)
-    now = _balance(u_z, u_r, p_z, p_r, c_f, races)
+    now = balance_of(u_z, u_r, p_z, p_r, c_f, races)
     longest = races.inner_gap + races.outer_gap
     for _ in range(_MOST_STEPS):
         if now.size <= SETTLED:
             break
-        izz, izr, irr = _stiffness(now.inner)
-        ozz, ozr, orr = _stiffness(now.outer)
-        zz, zr, rr = izz + ozz + _FLOATING, izr + ozr, irr + orr + _FLOATING
+        izz, izr, irr = stiffness_of(now.inner)
+        ozz, ozr, orr = stiffness_of(now.outer)
+        zz, zr, rr = izz + ozz + FLOATING, izr + ozr, irr + orr + FLOATING
         determinant = zz * rr - zr * zr
         s_z, s_r = (rr * now.z - zr * now.r) / determinant, (zz * now.r - zr * now.z) / determinant
         length = math.sqrt(s_z * s_z + s_r * s_r)
@@ -160,7 +160,7 @@ def _settle(p_z: float, p_r: float, c_f: float, races: Races) -> tuple[float, fl
             s_z, s_r = s_z * longest / length, s_r * longest / length
         slope, step, tried = s_z * now.z + s_r * now.r, 1.0, now
         for _ in range(_MOST_HALVINGS):
-            tried = _balance(u_z + step * s_z, u_r + step * s_r, p_z, p_r, c_f, races)
+            tried = balance_of(u_z + step * s_z, u_r + step * s_r, p_z, p_r, c_f, races)
             smaller = tried.size <= (1.0 - _DESCENT * step) * now.size
             if smaller or tried.energy <= now.energy - _DESCENT * step * slope:
                 break
@@ -211,7 +211,7 @@ def settle_balls(
             ball[U_R], ball[N_O] = races.outer_gap + pressed, c_f
             energy += 0.4 * c_f * pressed - c_f * ball[U_R]
             continue
-        u_z, u_r, forces = _settle(p_z, p_r, c_f, races)
+        u_z, u_r, forces = settle_ball(p_z, p_r, c_f, races)
         inner, outer = forces.inner, forces.outer
         ball[U_Z], ball[U_R], ball[N_I], ball[N_O] = u_z, u_r, inner.force, outer.force
         ball[BETA_I] = math.atan2(inner.z, inner.r)
@@ -219,10 +219,10 @@ def settle_balls(
         ball[RESIDUAL] = forces.size
         energy += forces.energy
         worst = max(worst, forces.size)
-        izz, izr, irr = _stiffness(inner)
-        ozz, ozr, orr = _stiffness(outer)
+        izz, izr, irr = stiffness_of(inner)
+        ozz, ozr, orr = stiffness_of(outer)
         # Of both contacts in series, the ball's place eliminated: K_i - K_i (K_i + K_o)^-1 K_i.
-        zz, zr, rr = izz + ozz + _FLOATING, izr + ozr, irr + orr + _FLOATING
+        zz, zr, rr = izz + ozz + FLOATING, izr + ozr, irr + orr + FLOATING
         determinant = zz * rr - zr * zr
         a, b = (rr * izz - zr * izr) / determinant, (rr * izr - zr * irr) / determinant
         c, d = (zz * izr - zr * izz) / determinant, (zz * irr - zr * izr) / determinant

@@ -9,12 +9,13 @@ from __future__ import annotations
 
 from typing import get_args
 
+from models.rigs.angular import AngularRig
 from models.rigs.ball_inertia import BallInertiaRig
 from models.rigs.ring_impact import RingImpactRig
 from models.rigs.rotor import RotorRig
 from models.rigs.six_dof import Rig
 
-AnyRig = Rig | BallInertiaRig | RingImpactRig | RotorRig
+AnyRig = Rig | AngularRig | BallInertiaRig | RingImpactRig | RotorRig
 
 RIGS: dict[str, type[AnyRig]] = {kind.model: kind for kind in get_args(AnyRig)}
 """The types by the model that takes them."""

@@ -32,6 +32,7 @@ from monitor.commands.model_parameters import further_effects, with_machine, wit
 from monitor.commands.simulate_models import WAVEFORM_RATE, compare, compared_lines, request_of, simulated
 from monitor.records.database import replacing
 from monitor.words.numbers import floor_of_defect
+from monitor.words.sensors import unit_of_sensor
 from streams.block import STANDARD_GRAVITY
 
 if TYPE_CHECKING:
@@ -50,7 +51,7 @@ if TYPE_CHECKING:
 @click.option("--seed", type=option.WHOLE, default=0, help="Seed of rough floor and slip.")
 @click.option("--rows", type=click.Choice(["1", "2"]), default="1", help="Number of damaged rows.")
 @click.option("--first-row", type=click.IntRange(1), default=1, help="The first damaged row.")
-@click.option("--sensor", type=click.Choice(SENSORS), help="Default: the first of the model.")
+@click.option("--sensor", type=click.Choice(SENSORS), help="Default: the first acceleration.")
 @click.option("--direction-deg", type=float, default=0.0, help="Angle of the sensor from the load.")
 @click.option("--fault", type=click.Choice(["outer", "inner", "ball"]), default="outer", help="Damaged part.")
 @click.option("--more-defect", type=option.FurtherDefect(), multiple=True, help="A further defect; repeatable.")
@@ -111,11 +112,11 @@ def _with_line_contact(rig: Rig, entry: CatalogueEntry, options: dict[str, Any])
 def _answer(scene: Scene, options: dict[str, Any]) -> dict[str, Any]:
     """Simulate a scene; return its values and write the requested files."""
     response = simulated(scene, options)
-    sensor: Sensor = options["sensor"] or response.sensors[0]
+    sensor: Sensor = options["sensor"] or response.accelerometer
     row_of(response.sensors, sensor)
     if options["waveform"] is not None:
         signal = response.acceleration(WAVEFORM_RATE, options["duration_s"], sensor=sensor)
-        _write_waveform(options["waveform"], signal)
+        _write_waveform(options["waveform"], signal, sensor)
     if options["plot"] is not None:
         _plot(response, options, scene, sensor)
     return _values(response, scene, sensor)
@@ -125,21 +126,23 @@ def _values(response: Response, scene: Scene, sensor: Sensor) -> dict[str, Any]:
     """Return what is printed of one sensor; errors and spread, known for the first, apply relatively."""
     rms, peak = response.levels_of(sensor)
     share = rms / response.rms if response.rms > 0.0 else 0.0
+    one, text = unit_of_sensor(sensor)
+    unit = text.replace("/", "_")
     return {
-        "rms_g": _in_g(rms),
+        f"rms_{unit}": finite(rms / one),
         "rms_error": finite(response.rms_error),
         "quantity": response.quantity,
         "error": finite(response.error),
-        "rms_se_g": _in_g(response.rms_se * share) if response.rms_se > 0.0 else None,
-        "peak_g": _in_g(peak),
+        f"rms_se_{unit}": finite(response.rms_se * share / one) if response.rms_se > 0.0 else None,
+        f"peak_{unit}": finite(peak / one),
         "peak_error": finite(response.peak_error),
         "waveform_error": finite(response.waveform_error),
-        "rms_resonator_g": _in_g(response.levels_of("mr")[0]) if "mr" in response.sensors else None,
+        "rms_resonator_g": finite(response.levels_of("mr")[0] / STANDARD_GRAVITY) if "mr" in response.sensors else None,
         **_frequencies(scene),
-        "harmonics_g": [_in_g(float(line)) for line in response.lines(sensor)[1][:6]],
+        f"harmonics_{unit}": [finite(float(line) / one) for line in response.lines(sensor)[1][:6]],
         "periods": response.periods,
         "period_change": finite(response.period_change),
-        "spread_g": _in_g(response.spread * share),
+        f"spread_{unit}": finite(response.spread * share / one),
         "sensor": sensor,
         "model": response.model,
         "solver": response.solver,
@@ -207,6 +210,8 @@ def _plot(response: Response, options: dict[str, Any], scene: Scene, sensor: Sen
     from monitor.report.figures.sheet import write_sheet
 
     path: Path = options["plot"]
+    if sensor == "ias":
+        raise click.UsageError("--plot draws accelerations; for the angular speed, rad/s, take --waveform")
     sensed = signal_of(response, sensor, fundamental_of(scene)[0])
     moved = trajectories(scene, request_of(options), response)
     sheet = scene_sheet(scene, sensed, sensor=sensor, title=_title(options, scene), moved=moved)
@@ -221,11 +226,6 @@ def _title(options: dict[str, Any], scene: Scene) -> str:
         damage = f"{options['dphi_deg']:g}° x {options['h_d_um']:g} µm of the {where}, {options['floor']} floor"
         damage += f", {len(scene.more_defects)} more" if scene.more_defects else ""
     return f"{scene.bearing.designation}, {scene.speed:g} Hz, {scene.load:g} N, {damage}"
-
-
-def _in_g(value: float) -> float | None:
-    """Return an acceleration in g, or None if the motion diverged."""
-    return finite(value / STANDARD_GRAVITY)
 
 
 def _defect(options: dict[str, Any]) -> Defect | None:
@@ -244,31 +244,36 @@ def _defect(options: dict[str, Any]) -> Defect | None:
     )
 
 
-def _write_waveform(path: Path, signal: Any) -> None:
-    """Write time and acceleration, replacing the file in one step."""
-    rows = np.column_stack((np.arange(signal.size) / WAVEFORM_RATE, signal / STANDARD_GRAVITY))
+def _write_waveform(path: Path, signal: Any, sensor: Sensor) -> None:
+    """Write time and signal, replacing the file in one step."""
+    one, text = unit_of_sensor(sensor)
+    rows = np.column_stack((np.arange(signal.size) / WAVEFORM_RATE, signal / one))
+    header = f"time_s,{'angular_speed' if sensor == 'ias' else 'acceleration'}_{text.replace('/', '_')}"
     with output_errors("--waveform", path), replacing(path) as temporary:
-        np.savetxt(temporary, rows, delimiter=",", header="time_s,acceleration_g", comments="", fmt="%.9g")
+        np.savetxt(temporary, rows, delimiter=",", header=header, comments="", fmt="%.9g")
 
 
 def _lines(values: dict[str, Any], scene: Scene) -> Iterator[str]:
-    level = "RMS unknown" if values["rms_g"] is None else f"RMS {values['rms_g']:.4g} g"
-    if values["rms_se_g"] is not None:
-        level += f" (standard error {values['rms_se_g']:.2g} g)"
-    elif values["rms_g"] is not None and values["rms_error"] is not None:
+    words = unit_of_sensor(values["sensor"])[1]
+    unit = words.replace("/", "_")
+    rms, se, peak, spread = (values[f"{name}_{unit}"] for name in ("rms", "rms_se", "peak", "spread"))
+    level = "RMS unknown" if rms is None else f"RMS {rms:.4g} {words}"
+    if se is not None:
+        level += f" (standard error {se:.2g} {words})"
+    elif rms is not None and values["rms_error"] is not None:
         level += f" (estimated error {100.0 * values['rms_error']:.2g} %)"
     if values["quantity"] != "rms":
         error = "unknown" if values["error"] is None else f"{100.0 * values['error']:.2g} %"
         level += f" (error of {values['quantity']} {error})"
-    if values["status"] == "not_periodic" and values["spread_g"]:
-        level += f", {values['spread_g']:.2g} g from period to period"
-    if values["peak_g"] is not None:
-        level += f", peak {values['peak_g']:.4g} g"
+    if values["status"] == "not_periodic" and spread:
+        level += f", {spread:.2g} {words} from period to period"
+    if peak is not None:
+        level += f", peak {peak:.4g} {words}"
     if values["rms_resonator_g"] is not None:
         level += f" (resonator RMS {values['rms_resonator_g']:.4g} g)"
     yield f"{values['status']} after {values['periods']} ball periods: {level}"
-    harmonics = ", ".join("-" if a is None else f"{a:.3g}" for a in values["harmonics_g"])
-    yield f"BPFO {values['bpfo_hz']:.2f} Hz, its harmonics {harmonics} g"
+    harmonics = ", ".join("-" if a is None else f"{a:.3g}" for a in values[f"harmonics_{unit}"])
+    yield f"BPFO {values['bpfo_hz']:.2f} Hz, its harmonics {harmonics} {words}"
     if any(defect.part != "outer" for defect in scene.defects):
         yield (
             f"BPFI {values['bpfi_hz']:.2f} Hz, twice BSF {2.0 * values['bsf_hz']:.2f} Hz, FTF {values['ftf_hz']:.2f} Hz"

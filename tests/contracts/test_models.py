@@ -21,13 +21,14 @@ import pytest
 
 import models.dynamics
 import models.simulate
-from models.bearing import from_catalogue
+from models.bearing import Bearing, from_catalogue
 from models.dynamics.lanes import simulate_lanes
 from models.dynamics.rows import simulate_row
 from models.dynamics.time_domain import simulate_time
 from models.registry import AUTO, MODULES, Request, Solver, choose, solvers
 from models.response import HARMONICS, STATUSES, Response
 from models.rigs import AnyRig
+from models.rigs.angular import AngularRig
 from models.rigs.ball_inertia import BallInertiaRig
 from models.rigs.ring_impact import RingImpactRig
 from models.rigs.rotor import RotorRig
@@ -82,9 +83,16 @@ RINGS = Scene(40.0, 1000.0, bearing=from_catalogue("6205"), rig=RingImpactRig(),
 ANGLED = replace(RINGS.bearing, rows=2, contact_angle=0.2)
 ROTOR = Scene(40.0, 1000.0, bearing=from_catalogue("6305"), rig=RotorRig(end_mass=0.3), defect=OUTER)
 BALLS = Scene(40.0, 1000.0, bearing=from_catalogue("6206"), rig=BallInertiaRig(), defect=OUTER)
+SHAFT = Scene(100.0, 600.0, bearing=Bearing("", 11, 12.7e-3, 80e-3), rig=AngularRig(mode_limit=15e3), defect=OUTER)
 # For each type of parameters a scene with a defect of the outer race, and with each effect.
 SCENES: dict[type[AnyRig], dict[str, Scene]] = {
     Rig: with_each_effect(SCENE),
+    AngularRig: with_each_effect(
+        SHAFT,
+        roller=replace(SHAFT, bearing=ROLLERS),
+        second_bearing=replace(SHAFT, defect=None, second_bearing=replace(SHAFT.bearing, n_elements=10)),
+        changing_speed=replace(SHAFT, defect=None, speed_slope=-20.0),
+    ),
     BallInertiaRig: with_each_effect(BALLS, roller=replace(BALLS, bearing=ROLLERS)),
     RingImpactRig: with_each_effect(
         RINGS,

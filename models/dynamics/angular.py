@@ -1,0 +1,231 @@
+"""An elastic shaft on two ball bearings in the angular domain (Thibault et al. 2022): its instantaneous angular speed.
+
+``models/dynamics/angular_plan.py`` states what moves, ``models/kernels/angular.py`` how it is integrated: Runge-Kutta
+steps of order four and of equal angle of the encoder's node. Sensors: "ias" is the angular speed at that node less the
+nominal one, rad/s; "a", "b" and "c" are the accelerations of both inner rings and of the disc. The motion begins at
+rest in the equilibrium of the turning shaft, the beginning is dropped, and what remains is averaged
+(``models.dynamics.over_time``). ``trace`` gives it over the angle.
+
+Readings of the source; numbers are those of the corrections in docs/evidence/models.md.
+
+* Balls are in equilibrium in their own plane at all times (A3), with the force over a spall, whose law holds for the
+  contact angle at which the ball touches. ``Defect.position`` is the middle, on the inner race in the shaft's frame.
+* The cage turns with the mean contact angle of the moment (Eqs. 13 and 14); the centrifugal force, which that angle
+  depends on, takes its mean over a passage of the balls.
+* Left out are the gyroscopic moments of shaft and balls, as there.
+
+It takes no parameters of another model: torsion and contact angles have no counterpart in those.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from models.checks import check_positive
+from models.dynamics.angular_plan import GOVERNOR_RATIO, Assembly, assemble, at_rest, prepare_plan
+from models.dynamics.over_time import LOOKED_AT, Motion, answer, duration_of
+from models.kernels import angular as kernels
+from models.kernels.ball_ring import CARRIED, LEFT, TORQUE
+from models.registry import Request, Solver, check_effects
+from models.rigs.angular import AngularRig
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from models.response import Response, Sensor
+    from models.scene import Scene
+
+MODEL = "angular"
+EFFECTS = frozenset(
+    {
+        "outer_defect",
+        "inner_defect",
+        "several_defects",
+        "clearance",
+        "unbalance",
+        "defect_width",
+        "second_bearing",
+        "axial_load",
+        "changing_speed",
+        "with_centrifugal",
+        "with_elastic_shaft",
+        "with_torsion",
+    }
+)
+SENSORS: tuple[Sensor, ...] = ("ias", "a", "b", "c")
+# First step over the longest stable one of the fastest mode, 2.7 over its angular frequency.
+_SHARE_OF_STABLE = 0.7
+_STABLE = 2.7
+# Stiffness of the bearings over that in equilibrium, beside what further loads do.
+_STIFFER = 1.5
+# Steps of equal angle are taken for the lowest speed, less what the shaft oscillates.
+_LOWEST = 0.999
+_SETTLE_CONSTANTS = 7.0
+_SETTLE_MOST = 2.0
+_SAME_CAGE = 1e-9
+# Time of a step, s: of the modes, and of each ball.
+_SECONDS_A_STEP, _SECONDS_A_BALL = 2e-6, 5e-7
+_LEAST_ERROR = 1e-5
+
+
+@dataclass(frozen=True, eq=False)
+class Trace:
+    """A run as it was integrated, in steps of equal angle, without filter.
+
+    Attributes:
+        step: angle of a step, rad.
+        time: at the beginning of each step, s, (steps,).
+        angle: of the encoder's node, from the nominal rotation, rad, (steps,).
+        ias: angular speed there less the nominal one, rad/s, (steps,).
+        acceleration: of A, B and disc along the load, m/s2, (steps, 3).
+        carried: what the balls of A and B carry: see the constants of models.kernels.ball_ring, (steps, 2, CARRIED).
+        finite: whether the run went to its end.
+    """
+
+    step: float
+    time: NDArray[np.float64]
+    angle: NDArray[np.float64]
+    ias: NDArray[np.float64]
+    acceleration: NDArray[np.float64]
+    carried: NDArray[np.float64]
+    finite: bool
+
+    @property
+    def torque(self) -> NDArray[np.float64]:
+        """Torques that resist the shaft in A and B, N m, (steps, 2)."""
+        return self.carried[:, :, TORQUE]
+
+    @property
+    def unbalanced(self) -> float:
+        """Largest sum of the forces on a ball in its equilibrium, N."""
+        return float(self.carried[:, :, LEFT].max())
+
+
+def solve(scene: Scene, request: Request) -> Response:
+    """Return angular speed and accelerations over the time that a request names.
+
+    Raises:
+        ValueError: if the scene or the request is outside what is solved here; the message names it.
+    """
+    check_effects(scene, EFFECTS, MODEL)
+    settle = settling(scene)
+    lowest = _lowest_speed(scene, duration_of(request, settle))
+    assembly = assemble(scene)
+    plan = prepare_plan(scene, assembly, request.direction)
+    rest = at_rest(plan, assembly)
+
+    def from_rest(steps: int, oversampling: int) -> tuple[NDArray[np.float64], bool]:
+        wave, h = np.zeros((steps, len(SENSORS))), 1.0 / (request.rate * oversampling)
+        finite = kernels.run(rest.copy(), wave, h, h * lowest, plan, kernels.new_work(plan)) == kernels.STATUS_OK
+        if not finite:
+            # Not what was written before it broke off: shorter steps shall be tried.
+            wave[:] = math.inf
+        return wave, finite
+
+    motion = Motion(
+        from_rest=from_rest,
+        sensors=SENSORS,
+        model=MODEL,
+        solver="angle",
+        bpfo=_bpfo(scene, assembly),
+        block=1.0 / _block_rate(scene, assembly),
+        settle=settle,
+        repeats=_repeats(scene, assembly),
+    )
+    return answer(motion, request, longest_step(scene, plan))
+
+
+def trace(scene: Scene, turns: float, step: float) -> Trace:
+    """Return angular speed, accelerations and forces over the angle from the beginning, with steps that are given.
+
+    Args:
+        turns: of the shaft.
+        step: angle of a step, rad; steps of more than some 10 us are unstable.
+
+    Raises:
+        ValueError: if the scene or an argument is outside what is solved here; the message names it.
+    """
+    check_effects(scene, EFFECTS, MODEL)
+    check_positive(turns=turns, step=step)
+    assembly = assemble(scene)
+    plan = prepare_plan(scene, assembly)
+    rows = np.zeros((max(1, round(2.0 * math.pi * turns / step)), kernels.TRACE))
+    status = kernels.trace(at_rest(plan, assembly), rows, step, plan, kernels.new_work(plan))
+    carried = rows[:, 2 + kernels.SENSORS :].reshape(len(rows), 2, CARRIED)
+    finite = status == kernels.STATUS_OK
+    return Trace(step, rows[:, 0], rows[:, 1], rows[:, 2], rows[:, 3 : 2 + kernels.SENSORS], carried, finite)
+
+
+def _lowest_speed(scene: Scene, duration: float) -> float:
+    """Return the least angular speed in a run, rad/s; raise a ValueError where the shaft would stop."""
+    end = scene.speed + scene.speed_slope * duration
+    if end <= 0.0:
+        raise ValueError(
+            f"speed_slope {scene.speed_slope!r} Hz/s stops the shaft within the {duration:.3g} s that are simulated"
+        )
+    return _LOWEST * 2.0 * math.pi * min(scene.speed, end)
+
+
+def longest_step(scene: Scene, plan: kernels.Plan) -> float:
+    """Return the step to begin with, s, stable where the bearings are as stiff as under all loads at once."""
+    turning = scene.unbalance * (2.0 * math.pi * scene.speed) ** 2
+    loads = max(scene.load + abs(scene.axial_load), 1.0)
+    stiffer = _STIFFER * ((loads + turning) / loads) ** (1.0 / 3.0) - 1.0
+    matrix = np.diag(plan.lateral.square)
+    for side in range(2):
+        rows = slice(5 * side, 5 * side + 5)
+        matrix = matrix + stiffer * plan.lateral.push[rows].T @ plan.tangent[side] @ plan.lateral.shape[rows]
+    fastest = float(np.max(np.abs(np.linalg.eigvals(matrix))))
+    return _SHARE_OF_STABLE * _STABLE / math.sqrt(max(fastest, float(plan.torsion.square.max())))
+
+
+def _bpfo(scene: Scene, assembly: Assembly) -> float:
+    """Return that of the bearing with the first defect, Hz, at its contact angles in equilibrium; else that of A."""
+    side = 1 if any(defect.support == "b" for defect in scene.defects[:1]) else 0
+    return scene.speed * assembly.rings[side].bpfo
+
+
+def _repeats(scene: Scene, assembly: Assembly) -> bool:
+    """Whether nothing but the passages of the balls drives the motion, at one rate in both bearings."""
+    a, b = (ring.ftf * ring.statics.bearing.n_elements for ring in assembly.rings)
+    return scene.repeats and abs(a - b) <= _SAME_CAGE * a
+
+
+def _block_rate(scene: Scene, assembly: Assembly) -> float:
+    """Return how many blocks a second has: the slowest of the frequencies with which the level swings, Hz."""
+    if _repeats(scene, assembly):
+        return scene.speed * assembly.rings[0].bpfo
+    return scene.speed * min(ring.ftf for ring in assembly.rings)
+
+
+def settling(scene: Scene) -> float:
+    """Return the time to drop at the beginning, s: of the governor, and of the couplings' mode."""
+    rig = scene.rig_as(AngularRig)
+    slowest = min(
+        GOVERNOR_RATIO * 2.0 * math.pi * rig.governor * scene.speed,
+        rig.damping * math.sqrt(rig.coupling / rig.end_inertia),
+    )
+    return min(_SETTLE_CONSTANTS / slowest, _SETTLE_MOST)
+
+
+def _cost(scene: Scene, request: Request) -> float:
+    balls = scene.bearing.n_elements + (scene.second_bearing or scene.bearing).n_elements
+    step = min(_STABLE / (4.0 * math.pi * scene.rig_as(AngularRig).mode_limit), 0.5 / request.rate)
+    seconds = _SECONDS_A_STEP + _SECONDS_A_BALL * balls
+    return seconds * (1.0 + 3.0 * LOOKED_AT) * (request.duration + settling(scene)) / step
+
+
+SOLVER = Solver(
+    model=MODEL,
+    name="angle",
+    effects=EFFECTS,
+    error=_LEAST_ERROR,
+    cost=_cost,
+    solve=solve,
+    reason="the motion is simulated over the angle of the shaft, since only that has its torsion and contact angles",
+    rig=AngularRig,
+)

@@ -1,0 +1,370 @@
+"""Kernel of an elastic shaft on two bearings, ball by ball, in steps of equal angle of the shaft.
+
+The motion is that of the modes of the shaft on its bearings' tangent stiffness (lateral and axial) and of its torsion
+between the couplings; the latter as deviation from the nominal rotation, so that a changing speed is served. What the
+balls carry beyond that tangent stiffness is the force on the modes. Time is a state: d/d angle = (d/dt) / speed, where
+angle and speed are those of the encoder's node (Bourdon et al. 2014; Thibault et al. 2022, section I.1).
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from models.kernels.ball_ring import CARRIED, COSINE, F_Z, TORQUE, Ring, carry
+from models.kernels.jit import inlined, kernel
+from models.kernels.spall import INNER, R_ALONG, R_RADIUS, S_HALF_LENGTH, S_POSITION, S_RACE, wrapped
+from models.kernels.stepping import accept, to_end, to_stage
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from models.kernels.jit import Index
+
+# Places in ``Plan.parameter``, SI.
+P_SPEED = 0  # nominal, at the beginning, rad/s
+P_SLOPE = 1  # of the speed, rad/s2
+P_LOSS = 2  # slope of the load's torque by speed, N m s
+P_UNBALANCE = 3  # kg m
+P_SLIDE = 4  # damping of the outer ring that floats, N s/m
+P_FLOATING = 5  # the bearing whose outer ring floats along the shaft, 0 or 1
+P_DIRECTION_1 = 6  # of the sensors of acceleration
+P_DIRECTION_2 = 7
+P_EDGE = 8  # deflection, m, whose contact must not pass an edge in fewer parts of a step than this:
+P_PARTS = 9
+P_BEARING = 10  # from here on of each bearing: place of the parts below
+B_CENTRIFUGAL, B_RATIO, B_BALLS, B_TURNED = range(4)  # m R_m, D / D_m, balls, deviation of its angle at the beginning
+B_SIZE = 4
+P_SIZE = P_BEARING + 2 * B_SIZE
+
+# Places in the state beside the modes: ``Places`` holds where they begin.
+TIME = 0
+# Rows of the shapes of torsion: both bearings' nodes, the disc's, the encoder's, the load's end.
+T_A, T_B, T_DISC, T_ENCODER, T_LOAD = range(5)
+# Columns of the wave: angular speed less the nominal one, accelerations of A, B and disc.
+SENSORS = 4
+# Columns of a trace: time, angle, the wave, what both bearings carry (CARRIED each).
+TRACE = 2 + SENSORS + 2 * CARRIED
+# Nodes of the interpolation from equal angles to equal times.
+NODES = 6
+
+STATUS_OK = 0
+STATUS_NOT_FINITE = 1
+_FARTHEST = 1e-2
+
+
+class Modes(NamedTuple):
+    """Mass-normalised modes, M of them, at R places.
+
+    Attributes:
+        square, damping: squares of the angular frequencies, 1/s2, and 2 zeta omega, 1/s, (M,).
+        shape: displacements at the places, (R, M).
+        push: the same, of modes that are slowed (see ``models.dynamics.angular_plan``) less, (R, M).
+        steady: what steady forces do to them, (M,).
+    """
+
+    square: NDArray[np.float64]
+    damping: NDArray[np.float64]
+    shape: NDArray[np.float64]
+    push: NDArray[np.float64]
+    steady: NDArray[np.float64]
+
+
+class Plan(NamedTuple):
+    """All that stays the same over a run.
+
+    Attributes:
+        parameter: see the P_ constants.
+        lateral: modes at x, y, z, tilt about x and y of both bearings, and x, y of the disc, (12, M).
+        torsion: at the rows T_.
+        tangent: stiffness of both bearings that the lateral modes contain, (2, 5, 5).
+        ring_a, ring_b: the bearings.
+    """
+
+    parameter: NDArray[np.float64]
+    lateral: Modes
+    torsion: Modes
+    tangent: NDArray[np.float64]
+    ring_a: Ring
+    ring_b: Ring
+
+
+class Work(NamedTuple):
+    """Places for what a step needs; see ``new_work``.
+
+    Attributes:
+        slope: derivative of the state by the angle at four stages, (4, size).
+        state, trial: (size,).
+        place: displacements at the places of the lateral modes, (12,).
+        force: on them, (12,).
+        turn: deviations of angle and speed at the places of torsion, (2, 5).
+        carried: of both bearings, (2, CARRIED).
+        warm_a, warm_b: last places of the balls, (N, 2).
+        ring: displacement of an inner against its outer ring, (5,).
+    """
+
+    slope: NDArray[np.float64]
+    state: NDArray[np.float64]
+    trial: NDArray[np.float64]
+    place: NDArray[np.float64]
+    force: NDArray[np.float64]
+    turn: NDArray[np.float64]
+    carried: NDArray[np.float64]
+    warm_a: NDArray[np.float64]
+    warm_b: NDArray[np.float64]
+    ring: NDArray[np.float64]
+
+
+@inlined
+def cages_at(plan: Plan) -> int:
+    """Return where the angles of both cages, their mean cosines, and the floating ring stand in the state."""
+    return 1 + 2 * plan.lateral.square.shape[0] + 2 * plan.torsion.square.shape[0]
+
+
+@kernel
+def new_work(plan: Plan) -> Work:
+    """Return places for one run."""
+    size = cages_at(plan) + 5
+    return Work(
+        np.zeros((4, size)),
+        np.zeros(size),
+        np.zeros(size),
+        np.zeros(12),
+        np.zeros(12),
+        np.zeros((2, 5)),
+        np.zeros((2, CARRIED)),
+        np.zeros((plan.ring_a.angles.shape[0], 2)),
+        np.zeros((plan.ring_b.angles.shape[0], 2)),
+        np.zeros(5),
+    )
+
+
+@inlined
+def _fill_places(z: NDArray[np.float64], plan: Plan, work: Work) -> None:
+    """Write displacements, and deviations of angle and speed, from the modes."""
+    lateral, torsion = plan.lateral, plan.torsion
+    n, m = lateral.square.shape[0], torsion.square.shape[0]
+    for r in range(12):
+        total = 0.0
+        for k in range(n):
+            total += lateral.shape[r, k] * z[1 + k]
+        work.place[r] = total
+    at = 1 + 2 * n
+    for r in range(5):
+        angle, speed = 0.0, 0.0
+        for k in range(m):
+            angle += torsion.shape[r, k] * z[at + k]
+            speed += torsion.shape[r, k] * z[at + m + k]
+        work.turn[0, r], work.turn[1, r] = angle, speed
+
+
+@inlined
+def _bear(
+    z: NDArray[np.float64],
+    side: Index,
+    out: NDArray[np.float64],
+    plan: Plan,
+    ring: Ring,
+    warm: NDArray[np.float64],
+    work: Work,
+) -> None:
+    """Write the forces on one inner ring beyond its tangent stiffness, and the rates of cage and floating ring."""
+    p, cages = plan.parameter, cages_at(plan)
+    at = P_BEARING + side * B_SIZE
+    nominal = p[P_SPEED] * z[TIME] + 0.5 * p[P_SLOPE] * z[TIME] * z[TIME]
+    speed = p[P_SPEED] + p[P_SLOPE] * z[TIME] + work.turn[1, side]
+    for k in range(5):
+        work.ring[k] = work.place[5 * side + k]
+    floats = int(p[P_FLOATING]) == side
+    if floats:
+        work.ring[2] -= z[cages + 4]
+    around = speed * 0.5 * (1.0 - p[at + B_RATIO] * z[cages + 2 + side])
+    c_f = p[at + B_CENTRIFUGAL] * around * around
+    carried = work.carried[side]
+    turned = nominal + work.turn[0, side] - p[at + B_TURNED]
+    carry(work.ring, z[cages + side], c_f, turned, ring, warm, carried)
+    # The order of forces and moments is that of the displacements.
+    for k in range(5):
+        held = 0.0
+        for j in range(5):
+            held += plan.tangent[side, k, j] * work.place[5 * side + j]
+        work.force[5 * side + k] = held - carried[k]
+    out[cages + side] = speed * 0.5 * (1.0 - p[at + B_RATIO] * carried[COSINE])
+    out[cages + 2 + side] = (carried[COSINE] - z[cages + 2 + side]) * p[at + B_BALLS] * around / (2.0 * math.pi)
+    if floats:
+        out[cages + 4] = carried[F_Z] / p[P_SLIDE]
+
+
+@kernel
+def rates(z: NDArray[np.float64], plan: Plan, work: Work, out: NDArray[np.float64]) -> float:
+    """Write the time derivatives of a state; return the speed of the encoder, rad/s."""
+    p, lateral, torsion = plan.parameter, plan.lateral, plan.torsion
+    n, m = lateral.square.shape[0], torsion.square.shape[0]
+    _fill_places(z, plan, work)
+    _bear(z, np.int64(0), out, plan, plan.ring_a, work.warm_a, work)
+    _bear(z, np.int64(1), out, plan, plan.ring_b, work.warm_b, work)
+    nominal = p[P_SPEED] + p[P_SLOPE] * z[TIME]
+    work.force[10], work.force[11] = 0.0, 0.0
+    if p[P_UNBALANCE] != 0.0:
+        angle = p[P_SPEED] * z[TIME] + 0.5 * p[P_SLOPE] * z[TIME] * z[TIME] + work.turn[0, T_DISC]
+        speed = nominal + work.turn[1, T_DISC]
+        force = p[P_UNBALANCE] * speed * speed
+        work.force[10], work.force[11] = force * math.cos(angle), force * math.sin(angle)
+    out[TIME] = 1.0
+    for k in range(n):
+        push = lateral.steady[k] - lateral.square[k] * z[1 + k] - lateral.damping[k] * z[1 + n + k]
+        for r in range(12):
+            push += lateral.push[r, k] * work.force[r]
+        out[1 + k], out[1 + n + k] = z[1 + n + k], push
+    at = 1 + 2 * n
+    for k in range(m):
+        push = torsion.steady[k] - torsion.square[k] * z[at + k] - torsion.damping[k] * z[at + m + k]
+        push -= torsion.push[T_A, k] * work.carried[0, TORQUE] + torsion.push[T_B, k] * work.carried[1, TORQUE]
+        push -= torsion.push[T_LOAD, k] * p[P_LOSS] * work.turn[1, T_LOAD]
+        out[at + k], out[at + m + k] = z[at + m + k], push
+    return nominal + work.turn[1, T_ENCODER]
+
+
+@inlined
+def _slope(z: NDArray[np.float64], stage: Index, plan: Plan, work: Work) -> float:
+    """Write the derivative of a state by the angle as the slope of a stage; return the speed."""
+    out = work.slope[stage]
+    speed = rates(z, plan, work, out)
+    inverse = 1.0 / speed
+    for k in range(out.shape[0]):
+        out[k] *= inverse
+    return speed
+
+
+@inlined
+def _sense(speed: float, plan: Plan, work: Work, row: NDArray[np.float64]) -> None:
+    """Write the sensors from the first slope and its speed."""
+    p, lateral = plan.parameter, plan.lateral
+    n = lateral.square.shape[0]
+    row[0] = work.turn[1, T_ENCODER]
+    for sensor in range(3):
+        total = 0.0
+        for k in range(n):
+            along = (
+                p[P_DIRECTION_1] * lateral.shape[5 * sensor, k] + p[P_DIRECTION_2] * lateral.shape[5 * sensor + 1, k]
+            )
+            total += along * work.slope[0, 1 + n + k]
+        row[1 + sensor] = total * speed
+
+
+@inlined
+def _at_edge(side: Index, step: float, plan: Plan, ring: Ring, work: Work) -> bool:
+    """Return whether a ball of a bearing is at an edge of a spall in a step, or nearly so."""
+    p, cages = plan.parameter, cages_at(plan)
+    spacing = 2.0 * math.pi / ring.angles.shape[0]
+    time = work.state[TIME]
+    nominal = p[P_SPEED] * time + 0.5 * p[P_SLOPE] * time * time
+    for k in range(ring.spalls.shape[0]):
+        spall = ring.spalls[k]
+        place = int(spall[S_RACE])
+        race = ring.surfaces[place]
+        turned = nominal + work.turn[0, side] - p[P_BEARING + side * B_SIZE + B_TURNED] if place == INNER else 0.0
+        first = work.state[cages + side] + ring.angles[0] - turned - spall[S_POSITION]
+        # Balls pass an inner race at less than the shaft's speed, an outer one at less than half of it.
+        reach = race[R_ALONG] * math.sqrt(p[P_EDGE]) / race[R_RADIUS] + step
+        half = spall[S_HALF_LENGTH] / race[R_RADIUS]
+        if abs(wrapped(first - half, spacing)) < reach or abs(wrapped(first + half, spacing)) < reach:
+            return True
+    return False
+
+
+@kernel
+def _advance(step: float, plan: Plan, work: Work) -> None:
+    """Carry the state, whose first slope is written, by an angle: in parts where a ball meets an edge."""
+    parts = 1
+    if _at_edge(np.int64(0), step, plan, plan.ring_a, work) or _at_edge(np.int64(1), step, plan, plan.ring_b, work):
+        parts = int(plan.parameter[P_PARTS])
+    length = step / parts
+    for part in range(parts):
+        if part > 0:
+            _slope(work.state, np.int64(0), plan, work)
+        for stage in range(3):
+            to_stage(stage, length, work)
+            _slope(work.trial, stage + 1, plan, work)
+        to_end(length, work)
+        accept(work)
+
+
+@inlined
+def _usable(work: Work) -> bool:
+    """Return whether a state is finite and the shaft is still in its bearings."""
+    inside = abs(work.place[0]) + abs(work.place[1]) + abs(work.place[5]) + abs(work.place[6]) < _FARTHEST
+    return inside and math.isfinite(work.state[TIME])
+
+
+@kernel
+def trace(state: NDArray[np.float64], rows: NDArray[np.float64], step: float, plan: Plan, work: Work) -> int:
+    """Carry a state over the steps of ``rows``, of equal angle, rad; return a STATUS_ number.
+
+    Args:
+        state: overwritten.
+        rows: written: see TRACE, at the beginning of each step, (steps, TRACE).
+    """
+    work.state[:] = state
+    for n in range(rows.shape[0]):
+        speed = _slope(work.state, np.int64(0), plan, work)
+        if not _usable(work):
+            return STATUS_NOT_FINITE
+        row, time, p = rows[n], work.state[TIME], plan.parameter
+        row[0], row[1] = time, p[P_SPEED] * time + 0.5 * p[P_SLOPE] * time * time + work.turn[0, T_ENCODER]
+        _sense(speed, plan, work, row[2 : 2 + SENSORS])
+        for side in range(2):
+            for k in range(CARRIED):
+                row[2 + SENSORS + side * CARRIED + k] = work.carried[side, k]
+        _advance(step, plan, work)
+    state[:] = work.state
+    return STATUS_OK
+
+
+@inlined
+def _interpolate(t: float, node: NDArray[np.float64], row: NDArray[np.float64]) -> None:
+    """Write the sensors at a time from those at NODES times, first column of ``node``, by Lagrange's polynomial."""
+    for k in range(SENSORS):
+        row[k] = 0.0
+    for i in range(NODES):
+        weight = 1.0
+        for j in range(NODES):
+            if j != i:
+                weight *= (t - node[j, 0]) / (node[i, 0] - node[j, 0])
+        for k in range(SENSORS):
+            row[k] += weight * node[i, 1 + k]
+
+
+@kernel
+def run(state: NDArray[np.float64], wave: NDArray[np.float64], h: float, step: float, plan: Plan, work: Work) -> int:
+    """Carry a state from t = 0 in steps of equal angle, rad, and write the sensors at equal times, h seconds apart.
+
+    Args:
+        state: overwritten.
+        wave: see SENSORS, (rows, SENSORS).
+
+    Returns:
+        A STATUS_ number.
+    """
+    work.state[:] = state
+    node = np.zeros((NODES, 1 + SENSORS))
+    written, count = 0, 0
+    while written < wave.shape[0]:
+        for i in range(NODES - 1):
+            for k in range(1 + SENSORS):
+                node[i, k] = node[i + 1, k]
+        speed = _slope(work.state, np.int64(0), plan, work)
+        if not (_usable(work) and speed > 0.0):
+            return STATUS_NOT_FINITE
+        node[NODES - 1, 0] = work.state[TIME]
+        _sense(speed, plan, work, node[NODES - 1, 1:])
+        count += 1
+        # Times up to the middle of the nodes; at the beginning those before it too.
+        while count >= NODES and written < wave.shape[0] and written * h <= node[NODES // 2, 0]:
+            _interpolate(written * h, node, wave[written])
+            written += 1
+        _advance(step, plan, work)
+    state[:] = work.state
+    return STATUS_OK
