@@ -25,10 +25,10 @@ if TYPE_CHECKING:
 # The modules of each model's solvers.
 MODULES: dict[str, tuple[str, ...]] = {
     "six_dof": ("models.dynamics.periodic", "models.dynamics.mean_force", "models.dynamics.time_domain"),
-    "angular": ("models.dynamics.angular",),
     "ball_inertia": ("models.dynamics.ball_inertia",),
     "ring_impact": ("models.dynamics.ring_impact",),
     "rotor": ("models.dynamics.rotor", "models.dynamics.rotor_elastic"),
+    "angular": ("models.dynamics.angular",),
 }
 AUTO = "auto"
 # Periods that are simulated at least before a motion is said not to settle.
