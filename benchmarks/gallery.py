@@ -1,9 +1,10 @@
 """The gallery: a counterpart of every figure of the thesis' chapters 4 and 5 that the simulation can make.
 
-python -m benchmarks.gallery [--out build/gallery] [--only 45 ...] [--data FOLDER] [--page FILE]
+python -m benchmarks.gallery [--source ceruti] [--out build/gallery] [--only 45 ...] [--data FOLDER] [--page FILE]
 
-For each figure, write a picture (SVG, or PNG where that would be large) into the folder ``--out``, which git ignores,
-and a JSON file with what is drawn and with what the print says of it into ``--data``; then write the page from all JSON
+``--source`` names one of the sources of the other models (``benchmarks.gallery_models``) instead of the thesis. For
+each figure, write a picture (SVG, or PNG where that would be large) into the folder ``--out``, which git ignores, and a
+JSON file with what is drawn and with what the print says of it into ``--data``; then write the page from all JSON
 files. Everything is computed from the model; two runs of one version on one kind of machine give the same files. The
 pictures in KEPT are copied beside the page, which shows them.
 """
@@ -11,15 +12,16 @@ pictures in KEPT are copied beside the page, which shows them.
 from __future__ import annotations
 
 import argparse
-import json
 import shutil
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 from benchmarks import gallery_histories, gallery_rig, gallery_seeded, gallery_volumes
-from benchmarks.gallery_plate import Plate, save_plate
+from benchmarks.gallery_models import PAGE as MODELS_PAGE
+from benchmarks.gallery_models import SOURCES
+from benchmarks.gallery_models import page as models_page
+from benchmarks.gallery_page import Entry, Source, counted, make, section, table
+from benchmarks.gallery_plate import Plate
 
 ROOT = Path(__file__).resolve().parents[1]
 PICTURES = ROOT / "build" / "gallery"
@@ -34,23 +36,6 @@ FIGURES: dict[str, Callable[[], Plate]] = {
     **gallery_volumes.FIGURES,
 }
 """What makes each figure, by its number in the thesis."""
-
-
-@dataclass(frozen=True)
-class Entry:
-    """A figure of the thesis.
-
-    Attributes:
-        number: in the thesis.
-        title: what it shows.
-        why: why it has no counterpart, "" where it has one.
-        like: numbers of figures that show what is most like it.
-    """
-
-    number: str
-    title: str
-    why: str = ""
-    like: tuple[str, ...] = ()
 
 
 _SCHEME = "a drawing of the method, no result"
@@ -103,8 +88,8 @@ ENTRIES = (
 )
 """All figures of chapters 4 and 5."""
 
-_SINGULAR = {"close": "is close", "in part": "holds in part"}
-_PLURAL = {"agrees": "agree", "close": "are close", "in part": "hold in part", "differs": "differ"}
+SOURCE = Source("fig", ENTRIES, FIGURES, KEPT, "gallery", "simulated lives")
+
 _HEAD = """# Gallery: the figures of the thesis' chapters 4 and 5
 
 For every figure of the two chapters of A. Gabrielli's doctoral thesis (University of Ferrara, 2022) on the model and
@@ -118,7 +103,7 @@ shown here.
 Verdicts: a number *agrees* within half a unit of the last printed digit (or within the bound that the text gives) and
 is *close* within 3 %. A statement in words agrees where it holds in every case and holds *in part* where it holds in
 some; the count is given. Bounds for statements in words are ours. Printed numbers are compared in
-[published figures](published-figures.md).
+[published figures](published-figures.md). The sources of the other models have [a page of their own](gallery-models.md).
 
 Figures of chapter 5 rest on six run-to-failure tests whose signals are not available. Their counterparts are six
 **simulated lives** on another machine: each has the load, speed, onset and end of a test (Tables 3 and 20), and its
@@ -129,31 +114,16 @@ maps; the sensor adds white noise of 0.5 m/s². These values are *not comparable
 """
 
 
-def make(pictures: Path, data: Path, only: Sequence[str]) -> None:
-    """Write pictures and data of some figures, of all where ``only`` is empty.
-
-    Raises:
-        ValueError: a figure has no counterpart.
-    """
-    unknown = [number for number in only if number not in FIGURES]
-    if unknown:
-        raise ValueError(f"--only {' '.join(unknown)}: expected numbers among {', '.join(FIGURES)}")
-    for number in only or FIGURES:
-        path = save_plate(FIGURES[number](), number, pictures, data)
-        print(f"Fig. {number}: {path} ({path.stat().st_size / 1000:.0f} kB)")
-
-
 def page(data: Path) -> str:
     """Return the page from the JSON files of all figures that have a counterpart.
 
     Raises:
         OSError: a file is missing.
     """
-    stored = {
-        number: json.loads((data / f"fig{number}.json").read_text(encoding="utf-8")) for number in sorted(FIGURES)
-    }
-    lines = [_HEAD + _summary(stored), "", "| Fig. | shows | counterpart | verdicts |", "| --- | --- | --- | --- |"]
-    lines += [_row(entry, stored) for entry in ENTRIES]
+    stored = SOURCE.stored(data)
+    lives = sum(bool(figure["machine"]) for figure in stored.values())
+    text = f"{len(stored)} of {len(ENTRIES)} figures have a counterpart, {lives} of them from simulated lives."
+    lines = [f"{_HEAD}**{text} {counted(stored)}**", *table(SOURCE, stored)]
     for chapter, title in (
         ("4", "Chapter 4: the model and its parameters"),
         ("5", "Chapter 5: tracking and forecasts"),
@@ -161,69 +131,42 @@ def page(data: Path) -> str:
         lines += ["", f"## {title}"]
         for entry in ENTRIES:
             if entry.number in stored and (int(entry.number) >= 52) == (chapter == "5"):
-                lines += _section(entry, stored[entry.number])
+                lines += section(SOURCE, entry, stored[entry.number])
     return "\n".join(lines) + "\n"
 
 
-def _summary(stored: Mapping[str, Any]) -> str:
-    """Return how many figures and statements there are of each kind."""
-    found = [claim["verdict"] for figure in stored.values() for claim in figure["claims"]]
-    lives = sum(bool(figure["machine"]) for figure in stored.values())
-    counts = {verdict: found.count(verdict) for verdict in ("agrees", "close", "in part", "differs", "not comparable")}
-    words = ", ".join(f"{count} {_counted(verdict, count)}" for verdict, count in counts.items())
-    text = f"{len(stored)} of {len(ENTRIES)} figures have a counterpart, {lives} of them from simulated lives."
-    return f"**{text} Of {len(found)} statements of the print: {words}.**"
-
-
-def _counted(verdict: str, count: int) -> str:
-    """Return a verdict as a verb that agrees with the count."""
-    return (_SINGULAR if count == 1 else _PLURAL).get(verdict, verdict)
-
-
-def _row(entry: Entry, stored: Mapping[str, Any]) -> str:
-    if entry.number not in stored:
-        like = " ".join(f"[Fig. {number}](#fig-{number})" for number in entry.like)
-        text = f"none: {entry.why}" + (f"; see {like}" if like else "")
-        return f"| {entry.number} | {entry.title} | {text} |  |"
-    found = [claim["verdict"] for claim in stored[entry.number]["claims"]]
-    numbers = {verdict: found.count(verdict) for verdict in found}
-    counts = ", ".join(f"{count} {_counted(verdict, count)}" for verdict, count in numbers.items())
-    kind = "simulated lives" if stored[entry.number]["machine"] else "made"
-    return f"| {entry.number} | {entry.title} | [{kind}](#fig-{entry.number}) | {counts} |"
-
-
-def _section(entry: Entry, stored: Mapping[str, Any]) -> list[str]:
-    lines = ["", f'<a id="fig-{entry.number}"></a>', "", f"### Fig. {entry.number}: {entry.title}", ""]
-    if entry.number in KEPT:
-        lines += [f"![{stored['label']}](gallery/{KEPT[entry.number]})", ""]
-    lines.append(stored["caption"])
-    if stored["machine"]:
-        lines[-1] += f" Another machine: {stored['machine']}."
-    lines += ["", "| what the print says | print | here | verdict |", "| --- | --- | --- | --- |"]
-    lines += [f"| {c['what']} | {c['printed']} | {c['obtained']} | {c['verdict']} |" for c in stored["claims"]]
-    return lines
+def _keep(source: Source, pictures: Path, folder: Path) -> None:
+    """Copy the pictures that the page shows into a folder."""
+    folder.mkdir(exist_ok=True)
+    for number, name in source.kept.items():
+        if (made := pictures / f"fig{number}{Path(name).suffix}").exists():
+            shutil.copyfile(made, folder / name)
 
 
 def main() -> None:
     """Make figures and the page."""
-    parser = argparse.ArgumentParser(description="The gallery of the thesis' figures.")
+    parser = argparse.ArgumentParser(description="The gallery of the figures of the sources.")
+    parser.add_argument("--source", choices=["thesis", *SOURCES], default="thesis", help="whose figures")
     parser.add_argument("--out", type=Path, default=PICTURES, metavar="FOLDER", help="for pictures")
     parser.add_argument("--data", type=Path, default=DATA, metavar="FOLDER", help="for JSON files")
     parser.add_argument("--only", nargs="+", default=[], metavar="NUMBER", help="make these figures only")
-    parser.add_argument("--page", type=Path, default=PAGE, metavar="FILE", help="the page")
+    parser.add_argument("--page", type=Path, metavar="FILE", help="the page")
     options = parser.parse_args()
+    thesis = options.source == "thesis"
+    source = SOURCE if thesis else SOURCES[options.source]
+    out, data = (folder if thesis else folder / source.anchor for folder in (options.out, options.data))
+    kept_page = PAGE if thesis else MODELS_PAGE
+    target = options.page or kept_page
     try:
-        make(options.out, options.data, options.only)
-        options.page.write_text(page(options.data), encoding="utf-8")
+        make(source, out, data, options.only)
+        if target == kept_page:
+            _keep(source, out, target.parent / source.folder)
+        target.write_text(page(options.data) if thesis else models_page(options.data), encoding="utf-8")
     except ValueError as error:
         parser.error(str(error))
     except FileNotFoundError as error:
         parser.error(f"{error.filename} is missing: the page needs every figure, make all of them first")
-    if options.page == PAGE:
-        for name in KEPT.values():
-            if (options.out / name).exists():
-                shutil.copyfile(options.out / name, PAGE.with_suffix("") / name)
-    print(options.page)
+    print(target)
 
 
 if __name__ == "__main__":

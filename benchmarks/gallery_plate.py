@@ -76,8 +76,8 @@ def number(what: str, printed: float, obtained: float, unit: str, half: float = 
     """Return a claim of one number: it agrees within half a unit of the last printed digit, and is close within 3 %."""
     off = abs(obtained - printed)
     verdict = "agrees" if off <= half * (1 + 1e-9) else "close" if off <= CLOSE * abs(printed) else "differs"
-    ours = f"{obtained:.{4 if abs(obtained) >= 1 else 3}g} {unit} ({100 * (obtained / printed - 1):+.2f} %)"
-    return Claim(what, f"{printed:g} {unit}", ours, verdict)
+    ours = f"{obtained:.{4 if abs(obtained) >= 1 else 3}g} {unit}".rstrip()
+    return Claim(what, f"{printed:g} {unit}".rstrip(), f"{ours} ({100 * (obtained / printed - 1):+.2f} %)", verdict)
 
 
 def words(what: str, cases: Sequence[bool], printed: str = "in words") -> Claim:

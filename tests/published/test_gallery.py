@@ -11,13 +11,15 @@ import numpy as np
 import pytest
 from matplotlib.figure import FigureBase
 
-from benchmarks.gallery import DATA, ENTRIES, FIGURES, KEPT, PAGE, make, page
+from benchmarks.gallery import DATA, ENTRIES, FIGURES, KEPT, PAGE, SOURCE, page
 from benchmarks.gallery_lives import LENGTHS, MINUTE, TESTS, V_END, V_TH, printed_law, sizes, true_volume
+from benchmarks.gallery_page import make
 from benchmarks.gallery_plate import MOST_BYTES, Plate, number, plain, save_plate, words
 from benchmarks.gallery_seeded import likeness
 from models.bearing import from_catalogue
 from models.path.defect import race_radius
 from tests.effort import effort_count
+from tests.published.gallery_data import same
 
 CHEAP = ("36", "38", "40", "43", "53", "45", "46", "47", "48", "51")
 
@@ -51,25 +53,7 @@ def test_pictures_beside_the_page_are_few_and_small() -> None:
     assert [path.name for path in pictures] == sorted(KEPT.values())
     assert all(stored(figure)["picture"] == name for figure, name in KEPT.items())
     assert max(path.stat().st_size for path in pictures) < MOST_BYTES
-    assert sorted(path.stem for path in DATA.iterdir()) == sorted(f"fig{figure}" for figure in FIGURES)
-
-
-def same(found: Any, kept: Any) -> None:
-    """Compare what is drawn now with what was kept to four figures, one of which may be lost to other processors."""
-    if isinstance(kept, dict):
-        assert set(found) == set(kept)
-        for key in kept:
-            same(found[key], kept[key])
-    elif isinstance(kept, list):
-        if kept and all(isinstance(value, int | float) for value in kept):
-            scale = float(np.max(np.abs(kept)))
-            assert np.allclose(found, kept, rtol=2e-3, atol=2e-3 * scale)
-            return
-        assert len(found) == len(kept)
-        for one, other in zip(found, kept, strict=True):
-            same(one, other)
-    else:
-        assert found == (pytest.approx(kept, rel=2e-3) if isinstance(kept, float) else kept)
+    assert sorted(path.stem for path in DATA.glob("*.json")) == sorted(f"fig{figure}" for figure in FIGURES)
 
 
 @pytest.mark.parametrize("figure", CHEAP[: effort_count(quick=5, full=len(CHEAP))])
@@ -134,7 +118,7 @@ def test_a_large_drawing_becomes_dots_and_one_that_stays_large_is_refused(
 
 def test_unknown_figures_are_refused(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="--only 31: expected numbers among 36"):
-        make(tmp_path, tmp_path, ["31"])
+        make(SOURCE, tmp_path, tmp_path, ["31"])
     assert not list(tmp_path.iterdir())
 
 
