@@ -103,7 +103,7 @@ shown here.
 Verdicts: a number *agrees* within half a unit of the last printed digit (or within the bound that the text gives) and
 is *close* within 3 %. A statement in words agrees where it holds in every case and holds *in part* where it holds in
 some; the count is given. Bounds for statements in words are ours. Printed numbers are compared in
-[published figures](published-figures.md). The sources of the other models have [a page of their own](gallery-models.md).
+[published figures](published-figures.md). The sources of the other models have [their own page](gallery-models.md).
 
 Figures of chapter 5 rest on six run-to-failure tests whose signals are not available. Their counterparts are six
 **simulated lives** on another machine: each has the load, speed, onset and end of a test (Tables 3 and 20), and its

@@ -29,8 +29,9 @@ from benchmarks.gallery_ceruti_runs import (
     top,
 )
 from benchmarks.gallery_plate import Claim, Plate, number, words
-from benchmarks.gallery_spectra import envelope, kept_lines, spectrum
+from benchmarks.gallery_spectra import kept_lines, spectrum
 from models.published.ceruti import STEP
+from models.published.envelope import envelope
 from models.response import band_passed
 from models.scene import Scene
 from monitor.report.figures.drawing import BLUE, PURPLE, VERMILION

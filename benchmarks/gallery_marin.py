@@ -17,7 +17,7 @@ from benchmarks.gallery_plate import Claim, Plate, letter, number, words
 from benchmarks.gallery_spectra import Lines, Values, envelope_spectrum, kept_lines, named_panel, panels_of_lines
 from models.bearing import kinematics
 from models.dynamics.ball_inertia import solve
-from models.published.marin import BAND, DROPPED, INNER, STEP, bearing_of, run, scene_of
+from models.published.marin import DROPPED, INNER, STEP, bearing_of, run, scene_of
 from models.registry import Request
 from models.scene import Scene
 from monitor.report.figures.drawing import BLUE, VERMILION
@@ -40,7 +40,7 @@ def damaged(balls: int, speed: float, damping: float = 200.0) -> Scene:
 def lines_of(scene: Scene) -> Lines:
     """Return the spectrum of the envelope of y'', 500 to 10,000 Hz."""
     found = solve(scene, Request(duration=_SECONDS, rate=_RATE, accuracy=2e-2))
-    return envelope_spectrum(found.acceleration(_RATE, _SECONDS), _RATE, BAND)
+    return envelope_spectrum(found.acceleration(_RATE, _SECONDS), _RATE)
 
 
 def signal_of(scene: Scene) -> Values:

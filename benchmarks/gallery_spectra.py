@@ -10,12 +10,10 @@ import numpy as np
 from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
-from models.response import band_passed
+from models.published.envelope import BAND, envelope
 from monitor.report.figures.drawing import AXIS, PURPLE, SOFT
 
 Values = NDArray[np.float64]
-BAND = (500.0, 10_000.0)
-"""Of the envelope, Hz (Ceruti, section 6.1)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,13 +54,6 @@ def spectrum(signal: Values, rate: float) -> Lines:
     window = np.hanning(len(signal) + 2)[1:-1]
     amplitude = 2.0 * np.abs(np.fft.rfft((signal - np.mean(signal)) * window)) / float(np.sum(window))
     return Lines(np.fft.rfftfreq(len(signal), 1.0 / rate), amplitude)
-
-
-def envelope(signal: Values, rate: float, band: tuple[float, float] = BAND) -> Values:
-    """Return the magnitude of the analytic signal within a band, Hz."""
-    whole = np.fft.fft(band_passed(signal, rate, band))
-    whole[len(signal) // 2 :] = 0.0
-    return np.abs(np.fft.ifft(2.0 * whole))
 
 
 def envelope_spectrum(signal: Values, rate: float, band: tuple[float, float] = BAND) -> Lines:

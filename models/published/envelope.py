@@ -15,15 +15,19 @@ BAND = (500.0, 10_000.0)
 """Band of the envelope, Hz (Ceruti, section 6.1)."""
 
 
-def highest_line(signal: NDArray[np.float64], rate: float, least: float = 1.0) -> float:
-    """Return the frequency of the highest line of the envelope at or above ``least`` Hz, Hz.
+def envelope(signal: NDArray[np.float64], rate: float, band: tuple[float, float] = BAND) -> NDArray[np.float64]:
+    """Return the magnitude of the analytic signal (Hilbert's transform) within a band, Hz."""
+    half = np.fft.fft(band_passed(signal, rate, band))
+    half[len(signal) // 2 :] = 0.0
+    return np.abs(np.fft.ifft(2.0 * half))
 
-    The signal is taken in ``BAND``, its envelope is that of Hilbert's transform less its mean, with Hann's window.
+
+def highest_line(signal: NDArray[np.float64], rate: float, least: float = 1.0) -> float:
+    """Return the frequency of the highest line of the envelope in ``BAND`` at or above ``least`` Hz, Hz.
+
+    The envelope is taken less its mean, with Hann's window.
     """
-    passed = band_passed(signal, rate, BAND)
-    half = np.fft.fft(passed)
-    half[len(passed) // 2 :] = 0.0
-    envelope = np.abs(np.fft.ifft(2.0 * half))
-    lines = np.abs(np.fft.rfft((envelope - np.mean(envelope)) * np.hanning(len(envelope))))
+    found = envelope(signal, rate)
+    lines = np.abs(np.fft.rfft((found - np.mean(found)) * np.hanning(len(found))))
     first = round(least * len(signal) / rate)
     return float(first + np.argmax(lines[first:])) * rate / len(signal)
