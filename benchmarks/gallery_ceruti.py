@@ -113,8 +113,7 @@ def _coordinates(scene: Scene, degrees: str, claims: Sequence[Claim]) -> Plate:
     drawn += [("φ_y", tilt.real, STEP), ("φ_x'", -tilt.imag, STEP)]
 
     def draw(made: FigureBase) -> None:
-        draw_signals(made, drawn, share=False)
-        for axes in made.get_axes()[2:]:
+        for axes in draw_signals(made, drawn, share=False)[2:]:
             axes.set_ylabel("rad/s²")
 
     caption = f"Healthy bearings, balls of A {degrees}° ahead of those of B, rigid shaft: C in its four coordinates."

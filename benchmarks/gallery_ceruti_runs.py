@@ -13,6 +13,7 @@ from functools import cache
 from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import FigureBase
 
 from benchmarks.gallery_plate import Claim, Plate, number
@@ -107,8 +108,8 @@ def lines_of(scene: Scene, sensor: Sensor) -> Lines:
     return envelope_spectrum(long_signal(scene, sensor), RATE)
 
 
-def draw_signals(made: FigureBase, drawn: Sequence[tuple[str, Values, float]], *, share: bool = True) -> None:
-    """Draw signals, m/s2, each with its name and step, below each other; ``share``: on one scale."""
+def draw_signals(made: FigureBase, drawn: Sequence[tuple[str, Values, float]], *, share: bool = True) -> list[Axes]:
+    """Draw signals, m/s2, each with its name and step, below each other; ``share``: on one scale. Return the panels."""
     panels = np.atleast_1d(made.subplots(len(drawn), 1, sharex=True, sharey=share))
     for axes, (name, signal, step) in zip(panels, drawn, strict=True):
         shown = slice(round(SHOWN[0] / step), round(SHOWN[1] / step))
@@ -116,6 +117,7 @@ def draw_signals(made: FigureBase, drawn: Sequence[tuple[str, Values, float]], *
         axes.set(ylabel="m/s²", xlim=(0.0, 1e3 * (SHOWN[1] - SHOWN[0])))
         named_panel(axes, name)
     panels[-1].set_xlabel("time (ms)")
+    return list(panels)
 
 
 def levels(scene: Scene) -> dict[str, Any]:

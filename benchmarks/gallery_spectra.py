@@ -53,7 +53,8 @@ def spectrum(signal: Values, rate: float) -> Lines:
     """Return the spectrum of a signal without its mean; ``rate`` in Hz."""
     window = np.hanning(len(signal) + 2)[1:-1]
     amplitude = 2.0 * np.abs(np.fft.rfft((signal - np.mean(signal)) * window)) / float(np.sum(window))
-    return Lines(np.fft.rfftfreq(len(signal), 1.0 / rate), amplitude)
+    frequency = np.arange(len(amplitude), dtype=np.float64) * (rate / len(signal))
+    return Lines(frequency, np.asarray(amplitude, dtype=np.float64))
 
 
 def envelope_spectrum(signal: Values, rate: float, band: tuple[float, float] = BAND) -> Lines:
