@@ -26,8 +26,9 @@ from models.published.thesis import published_figures
 from models.rigs.six_dof import Rig, natural_frequencies
 from models.scene import Defect
 from monitor.commands import option
+from monitor.commands.bearing_balls import BallCase, ball_case, ball_lines, ball_values, draw_balls
 from monitor.commands.bearing_origins import origin_lines, origin_values
-from monitor.commands.common import InputError, emit, find_entry, read_machine
+from monitor.commands.common import PICTURES, InputError, check_suffix, emit, find_entry, read_machine
 from monitor.config.load import Config
 
 LOAD_STEPS = (0.25, 0.5, 1.0, 2.0, 4.0)
@@ -44,6 +45,10 @@ _PRINTED = ("place", "quantity", "condition", "unit", "relation", "printed", "ob
 @click.option("--clearance-um", type=option.NOT_NEGATIVE, help="Radial clearance.")
 @click.option("--dphi-deg", type=click.FloatRange(min=0, max=360), help="Extent of a defect of the outer race.")
 @click.option("--h-d-um", type=option.NOT_NEGATIVE, default=500.0, help="Depth of the defect.")
+@click.option("--statics", type=click.Choice(["balls"]), help="balls: forces and contact angles ball by ball.")
+@click.option("--axial-load-newton", type=float, help="Ball by ball, with an axial load.")
+@click.option("--tilt-mrad", type=float, help="Ball by ball; positive: the loaded side moves against the axial load.")
+@click.option("--plot", type=option.OUT_FILE, help="Draw the balls (PNG, SVG or HTML).")
 @option.line_contact
 @option.output
 def command(
@@ -55,13 +60,18 @@ def command(
     clearance_um: float | None,
     dphi_deg: float | None,
     h_d_um: float,
+    statics: str | None,
+    axial_load_newton: float | None,
+    tilt_mrad: float | None,
+    plot: Path | None,
     line_contact: LineContact,
     as_json: bool,
     quiet: bool,
 ) -> None:
     """Print fault frequencies, contacts, load distribution, radial stiffness, natural frequencies and L10h life.
 
-    With --dphi-deg the stiffness of the damaged bearing is printed beside that of the healthy one.
+    With --dphi-deg the stiffness of the damaged bearing is printed beside that of the healthy one. --statics balls, an
+    axial load, a tilt or --plot add the equilibrium of each ball, with its centrifugal force.
 
     DESIGNATION, or --bearing, is a bearing of the configuration or of the catalogue, such as 6205-2RS/C3 or NU205.
     Without a configuration, the test bench of the thesis is used: a 1205 ETN9 at 40 Hz and 4000 N.
@@ -78,8 +88,27 @@ def command(
     if clearance_um is not None:
         clearance = clearance_um * 1e-6
     defect = None if dphi_deg is None else Defect(math.radians(dphi_deg), h_d_um * 1e-6)
-    values = describe(config, entry, load, speed, clearance, defect, line_contact)
+    values: dict[str, Any] = {"ball_statics": None}
+    if any(given is not None for given in (statics, axial_load_newton, tilt_mrad, plot)):
+        axial = config.operating.axial_load_newton if axial_load_newton is None else axial_load_newton
+        tilt = 0.0 if tilt_mrad is None else 1e-3 * tilt_mrad
+        values = {"ball_statics": _ball_by_ball(ball_case(entry, load, axial, tilt, speed, clearance), plot)}
+    values = describe(config, entry, load, speed, clearance, defect, line_contact) | values
     emit(values, _lines(bearing, load, speed, values), as_json=as_json)
+
+
+def _ball_by_ball(case: BallCase, plot: Path | None) -> dict[str, Any]:
+    """Return what is printed ball by ball; draw it where a file is given."""
+    if plot is not None:
+        check_suffix("--plot", plot, PICTURES)
+    try:
+        states = case.passage()
+    except (ValueError, RuntimeError) as error:
+        raise InputError(f"--statics balls: {error}") from None
+    values = ball_values(case, states)
+    if plot is not None:
+        draw_balls(case, states, values, plot)
+    return values
 
 
 def describe(
@@ -279,6 +308,8 @@ def _lines(bearing: Bearing, load: float, speed: float, values: dict[str, Any]) 
         yield "radial stiffness    not computed: the catalogue lacks radii of races or grooves"
     else:
         yield from _static_lines(values)
+    if values["ball_statics"] is not None:
+        yield from ball_lines(values["ball_statics"])
     if values["l10h_days"] is not None:
         yield f"L10h life           {values['l10h_days']:.2f} days"
     verdicts = Counter(figure["verdict"] for figure in values["published"])
