@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks import opponents
-from benchmarks.models.problem import Floats, Plain, Problem, Rate, Run, Setting
+from benchmarks.models.problem import Floats, Motion, Problem, Rate, Run, Setting
 from benchmarks.work_precision import case_of, opponent_arrays
 from models.dynamics import ball_inertia as balls
 from models.dynamics.rotor import Rigid
@@ -105,7 +105,7 @@ class RotorProblem(Problem):
         del times
         return states[:2].T
 
-    def plain(self) -> Plain:
+    def plain(self) -> Motion:
         """Return the oracle's complex equations on pairs of real numbers."""
         case, size = self._case(), self._shaft.freedoms
 
@@ -122,7 +122,7 @@ class RotorProblem(Problem):
             found = rotor_oracle.accelerations(case, t, q, v, loaded)[: size // 2]
             return np.concatenate((v, found)).view(np.float64)
 
-        return Plain(rate, self.start())
+        return Motion(rate, self.start(), self.scale())
 
     def _case(self) -> rotor_oracle.Case:
         scene, rig = self._scene, self._scene.rig_as(RotorRig)
@@ -197,7 +197,7 @@ class BallProblem(Problem):
         del times
         return states[:2].T
 
-    def plain(self) -> Plain:
+    def plain(self) -> Motion:
         """Return the oracle's equations, contacts as they are."""
         scene, rig, oracle = self._scene, self._scene.rig_as(BallInertiaRig), ball_inertia_oracle
         inner = marin.INNER
@@ -214,7 +214,7 @@ class BallProblem(Problem):
 
         start = self.start()
         start[4 : 4 + self._count] += oracle.R_0
-        return Plain(lambda t, z: oracle.derivative(case, t, z, closed, relief), start)
+        return Motion(lambda t, z: oracle.derivative(case, t, z, closed, relief), start, self.scale())
 
 
 class OverTimeProblem(Problem):
@@ -269,10 +269,10 @@ class OverTimeProblem(Problem):
         rate = cast("Rate", self.rate())
         return np.array([[rate(float(t), y)[8]] for t, y in zip(times, states.T, strict=True)])
 
-    def plain(self) -> Plain:
+    def plain(self) -> Motion:
         """Return the oracle's equations, its sums over the balls in plain Python."""
         oracle = _Interpreted(case_of(self._scene))
-        return Plain(lambda t, x: oracle.rhs(t, x, t), oracle.at_rest())
+        return Motion(lambda t, x: oracle.rhs(t, x, t), oracle.at_rest(), self.scale())
 
 
 class _Interpreted(six_dof_oracle.Oracle):

@@ -73,8 +73,7 @@ def against(name: str, problem: Problem, *, quick: bool) -> Row:
 
 def _plain(scene: Scene, name: str, setting: Setting) -> float:
     other = OverTimeProblem(name, scene.speed, scene.load, scene.defect)
-    plain = other.plain()
-    return 1e3 * solved(other, setting, plain.rate, plain.start, other.plain_span)[0]
+    return 1e3 * solved(setting, other.plain(), other.grid, other.plain_span)[0]
 
 
 def problems(*, quick: bool) -> dict[str, Problem]:

@@ -43,11 +43,12 @@ class Run(NamedTuple):
     acceleration: Floats
 
 
-class Plain(NamedTuple):
-    """Equations of motion in plain Python, and their state at the beginning."""
+class Motion(NamedTuple):
+    """Equations of motion, their state at the beginning, and the size of its entries."""
 
     rate: Rate
     start: Floats
+    scale: Floats
 
 
 class Problem(ABC):
@@ -98,7 +99,7 @@ class Problem(ABC):
         """Return the compared signal, (times, columns), from states in columns."""
 
     @abstractmethod
-    def plain(self) -> Plain:
+    def plain(self) -> Motion:
         """Return the equations in plain Python."""
 
 
@@ -112,17 +113,17 @@ def seconds_of(work: Callable[[], object], rounds: int = ROUNDS) -> float:
     return min(times)
 
 
-def solved(problem: Problem, setting: Setting, rate: Rate, start: Floats, span: float) -> tuple[float, Floats, Floats]:
-    """Return processor seconds of a simulated second of scipy, times and states on the grid."""
+def solved(setting: Setting, motion: Motion, grid: float, span: float) -> tuple[float, Floats, Floats]:
+    """Return processor seconds of a simulated second of scipy, times and states on a grid, s."""
     begin = time.process_time()
     found = solve_ivp(
-        rate,
+        motion.rate,
         (0.0, span),
-        start,
+        motion.start,
         method=cast("Any", setting.method),
-        t_eval=problem.grid * np.arange(round(span / problem.grid)),
+        t_eval=grid * np.arange(round(span / grid)),
         rtol=setting.tolerance,
-        atol=setting.tolerance * problem.scale(),
+        atol=setting.tolerance * motion.scale,
         # A ball is on a defect for about this time.
         max_step=1e-4,
     )
@@ -195,10 +196,11 @@ class Judge:
         problem, rate = self.problem, self.problem.rate()
         if rate is None:
             return None
-        rate(0.0, problem.start())
+        motion = Motion(rate, problem.start(), problem.scale())
+        rate(0.0, motion.start)
         best: tuple[Setting, float, float] | None = None
         for setting in problem.settings:
-            took, times, states = solved(problem, setting, rate, problem.start(), problem.short)
+            took, times, states = solved(setting, motion, problem.grid, problem.short)
             error = self.error(problem.read(times, states), problem.short)
             if error <= wanted and (best is None or 1e3 * took < best[2]):
                 best = setting, error, 1e3 * took
@@ -206,5 +208,5 @@ class Judge:
 
     def _plain(self, setting: Setting) -> float:
         """Return ms of a simulated second of scipy on equations in plain Python."""
-        plain = self.problem.plain()
-        return 1e3 * solved(self.problem, setting, plain.rate, plain.start, self.problem.plain_span)[0]
+        problem = self.problem
+        return 1e3 * solved(setting, problem.plain(), problem.grid, problem.plain_span)[0]
