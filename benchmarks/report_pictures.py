@@ -14,7 +14,7 @@ from click.testing import CliRunner
 from PIL import Image
 from playwright.sync_api import sync_playwright
 
-from monitor.commands.replay import demo
+from monitor.commands.demo import command as demo
 
 ROOT = Path(__file__).resolve().parents[1]
 WIDTH, HEIGHT = 1000, 900

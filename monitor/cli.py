@@ -15,7 +15,7 @@ from monitor import __version__
 DONE, FAILED, WRONG = 0, 1, 2
 
 _COMMANDS = {
-    "demo": ("replay:demo", "Monitor a simulated bearing that wears out, and write a report."),
+    "demo": ("demo:command", "Monitor a simulated bearing that wears out, and write a report."),
     "run": ("run:command", "The daemon: follows the configured sources until it is stopped."),
     "page": ("run:page", "One page over all machines of a folder."),
     "status": ("run:status", "What the daemon of a machine is doing now."),

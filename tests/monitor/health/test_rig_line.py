@@ -25,7 +25,7 @@ from models.maps.plan import MapPlan
 from models.rigs.six_dof import Rig
 from monitor.commands import forecast as forecast_command
 from monitor.commands import track as track_command
-from monitor.commands.replay import demo_config
+from monitor.commands.demo import demo_config
 from monitor.config.load import Config
 from monitor.health.damage.library.fit import FitSettings
 from monitor.health.damage.library.model import Library
