@@ -297,9 +297,13 @@ def log_if_wide(axes: Axes, *columns: NDArray[np.float64]) -> None:
         axes.set_ylim(min(0.0, float(values.min()) * 1.05), float(values.max()) * 1.08 or 1.0)
 
 
-def log_ticks(axis: Axis, most: int | None = None) -> None:
-    """Mark ones, twos and fives of a logarithmic axis, ``most`` of them (None: as many as fit), as plain numbers."""
-    axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0), numticks=most))
+def log_ticks(axis: Axis, most: int | None = None, *, decades: float = 0.0) -> None:
+    """Mark ones, twos and fives of a logarithmic axis, ``most`` of them (None: as many as fit), as plain numbers.
+
+    Over so many ``decades`` that ones, twos and fives were more than ``most``, ones alone are marked.
+    """
+    crowded = most is not None and 3.0 * decades > most
+    axis.set_major_locator(LogLocator(subs=(1.0,) if crowded else (1.0, 2.0, 5.0), numticks=most))
     axis.set_major_formatter(FuncFormatter(plain_number))
     # Minor ticks are slow to draw.
     axis.set_minor_locator(NullLocator())

@@ -84,7 +84,7 @@ def _panel(axes: Axes, subject: Subject, parameter: Parameter) -> None:
             axes.axvline(factor * end, color=INK, ls="--", lw=0.9)
     if wide:
         axes.set_xscale("log")
-        log_ticks(axes.xaxis, 7)
+        log_ticks(axes.xaxis, 7, decades=math.log10(high / low))
     axes.set(xlim=(factor * low, factor * high), ylim=(-0.15 * _TOP, _TOP), xlabel=parameter.label)
     axes.set_ylabel("misfit")
     if interval.reason:

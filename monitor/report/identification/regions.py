@@ -218,8 +218,8 @@ def _damping(subject: Subject) -> Part:
         marks = draw_plane(axes, subject, "c_i", "c_r")
         widest = [(low, high) for low, high in boxes.values()]
         for name, axis in (("c_i", axes.xaxis), ("c_r", axes.yaxis)):
-            log_ticks(axis, 9)
             low, high = boxes[name]
+            log_ticks(axis, 9, decades=math.log10(high / low))
             span = (high / low) ** _MARGIN
             (axes.set_xlim if name == "c_i" else axes.set_ylim)(low / span, high * span)
         _allowed_box(axes, *widest)

@@ -12,13 +12,23 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from matplotlib.figure import Figure
 
 from monitor.health.record import Record, plain
 from monitor.health.waterfall import SpectrumRow
 from monitor.records.store import Store
 from monitor.report.data_quality import gaps, gaps_of, offered, statuses, timeline
 from monitor.report.figures.damage import damaged_volume, fitted_law, forecasts
-from monitor.report.figures.drawing import Picture, new_figure, sparkline, thin, time_axis, to_svg, with_breaks
+from monitor.report.figures.drawing import (
+    Picture,
+    log_ticks,
+    new_figure,
+    sparkline,
+    thin,
+    time_axis,
+    to_svg,
+    with_breaks,
+)
 from monitor.report.figures.spectrum import SpectrumView, spectra, views_of, waterfall
 from monitor.report.figures.trends import final_stage, trends
 from monitor.report.runs import Channel, Run, read_runs
@@ -369,3 +379,11 @@ def test_gaps_break_the_line() -> None:
     x, y = with_breaks(time, np.ones(6))
     assert x.tolist() == [0.0, 1.0, 2.0, 5.5, 9.0, 10.0, 11.0]
     assert np.flatnonzero(np.isnan(y)).tolist() == [3]
+
+
+@pytest.mark.parametrize(("decades", "ticks"), [(1.0, 4), (4.0, 5)])
+def test_ticks_of_a_logarithmic_axis_do_not_crowd(decades: float, ticks: int) -> None:
+    axes = Figure().subplots()
+    axes.set(xscale="log", xlim=(1.0, 10.0**decades))
+    log_ticks(axes.xaxis, 7, decades=decades)
+    assert len([value for value in axes.get_xticks() if 1.0 <= value <= 10.0**decades]) == ticks

@@ -29,6 +29,7 @@ from monitor.report.identification.marks import MAX_DOTS, thinned
 from monitor.report.identification.page import write_identification
 from monitor.report.identification.profiles import lowest
 from monitor.report.identification.subject import Extent, Subject
+from monitor.report.page import lay_out
 from streams.block import STANDARD_GRAVITY
 from tests.models.identify.cases import BAND, space_of
 from tests.models.identify.test_identify import stand_in
@@ -369,3 +370,19 @@ def test_a_healthy_machine_resonances_and_priors_beside_the_tests(tmp_path: Path
     assert [row[1] for row in priors.rows] == ["3.30", "at least 5.00"]
     assert "found in a recording by the program" in text
     assert tables.evidence_tables(whole()) == []
+
+
+@pytest.mark.pdf
+def test_sections_on_paper_begin_beside_what_they_are_about(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    taken: list[str] = []
+    monkeypatch.setattr("monitor.report.page.to_pdf", lambda page: taken.append(page) or b"")
+    write_identification(subject_of(simulated_tests(MANY[:3]), "k_r", "c_r"), tmp_path / "x.pdf")
+    pages = [list(page._page_box.descendants()) for page in lay_out(taken[0]).pages]
+    words_ = [[box.text.strip() for box in boxes if type(box).__name__ == "TextBox"] for boxes in pages]
+    assert "Free parameters" in words_[0]
+    assert "N\N{NO-BREAK SPACE}s/m" in words_[0]
+    for boxes, shown in zip(pages, words_, strict=True):
+        # No machine of a run is named in the header, which a separator would follow.
+        assert not [text for text in shown if text.startswith("·") or text.endswith("·")]
+        bottom = max(box.position_y for box in boxes if box.element_tag in {"table", "figure", "dl", "footer"})
+        assert all(box.position_y <= bottom for box in boxes if box.element_tag == "h2")
