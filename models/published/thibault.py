@@ -62,7 +62,7 @@ def torsion(*, disc: bool = True) -> list[float]:
 
 
 def acceptance_rows() -> list[AcceptanceRow]:
-    """Return the rows T1 and T2 of the acceptance table."""
+    """Return the rows T1 to T3 of the acceptance table."""
     reference = bpfo(RIGHT, 200.0, SLOW)
     faster = 100.0 * (bpfo(RIGHT, 200.0, FAST) / reference - 1.0)
     loaded = 100.0 * (bpfo(RIGHT, 1000.0, SLOW) / reference - 1.0)
@@ -84,7 +84,28 @@ def acceptance_rows() -> list[AcceptanceRow]:
         _row("T2", "II.2", "contact interval, 20,000 rpm", "turns", "0.5", interval(LEFT, 0.0, FAST), "CALIB", 0.2),
         _row("T2", "II.2", "torsion of the couplings", "1/turn", "0.39", modes[1] / FAST, "CALIB", 0.01, fitted),
         _row("T2", "II.2", "second torsion", "1/turn", "25.44", second / FAST, "CALIB", 0.01, disc),
+        *_own(),
     ]  # fmt: skip
+
+
+def _own() -> list[AcceptanceRow]:
+    """Return the study's own table of forces; tests/published/test_thibault.py has the rest of it."""
+    note = "own reference: grooves 0.515 D, 30 um, the first ball in the load's line"
+    rows: list[AcceptanceRow] = []
+    for speed, force, (x, z, largest) in (
+        ("6000 rpm", 23.3, ("3.640", "114.31", "144.5")),
+        ("20,000 rpm", 258.9, ("7.251", "97.64", "134.4")),
+    ):
+        load = np.array([300.0, 0.0, 200.0, 0.0, 0.0])
+        state = equilibrium(statics(RIGHT, 0.515, 30e-6), load, centrifugal=force)
+        for quantity, unit, text, value in (
+            ("radial displacement", "um", x, 1e6 * float(state.displacement[0])),
+            ("axial displacement", "um", z, 1e6 * float(state.displacement[2])),
+            ("largest inner force", "N", largest, float(np.max(state.inner_force))),
+        ):
+            place = "not in the source: prototype of this model"
+            rows.append(AcceptanceRow("T3", place, f"{quantity}, {speed}", unit, text, value, "QUAL", 1e-3, note))
+    return rows
 
 
 def _row(
