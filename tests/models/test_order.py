@@ -14,12 +14,14 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from models.bearing import from_catalogue
+from models.bearing import Bearing, from_catalogue
+from models.dynamics.angular import trace
 from models.dynamics.lanes import LaneOptions, simulate_lanes
 from models.dynamics.time_plan import prepare_plan
 from models.kernels import time_domain as kernels
 from models.kernels.period import blank_trace
 from models.kernels.step import STATUS_OK
+from models.rigs.angular import AngularRig
 from models.rigs.six_dof import Rig
 from models.scene import Defect, Scene, Waviness
 from models.simulate import simulate
@@ -171,3 +173,21 @@ def test_order_of_the_lanes(scene: Scene) -> None:
     lines = [float(np.abs(f.harmonics - truth.harmonics).max() / truth.rms[0]) for f in found]
     assert 3.5 < slope(levels) < 6.0
     assert 3.5 < slope(lines) < 6.0
+
+
+@pytest.mark.parametrize("defect", [None, Defect(math.radians(7.0), 100e-6, width=math.radians(30.0), support="a")])
+def test_order_of_the_angle(defect: Defect | None) -> None:
+    """The angular speed of a shaft on two ball bearings in half a turn, at the angles that all steps have."""
+    bearing = Bearing("", 11, 12.7e-3, 80e-3)
+    right = replace(bearing, n_elements=10)
+    scene = Scene(100.0, 600.0, bearing, AngularRig(), defect, second_bearing=right, axial_load=200.0, unbalance=1e-4)
+    step = 8e-6 * 2.0 * math.pi * scene.speed
+
+    def speed(fold: int) -> NDArray[np.float64]:
+        return trace(scene, 0.5, step / fold).ias[::fold]
+
+    exact = speed(16)
+    shared = np.arange(600)
+    errors = [relative(speed(fold)[shared], exact[shared]) for fold in REFINED]
+    assert slope(errors) > 3.5
+    assert errors[0] < 1e-2
