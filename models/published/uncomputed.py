@@ -78,6 +78,13 @@ def _thesis() -> list[UncomputedFigure]:
             "0.11 to 15 %, 3.01 kg, 4.25 GN/m", "INPUT", "the search itself " + _SIGNALS,
         ),
         UncomputedFigure(
+            THESIS, ("Section 4.3",), "resonances of the measured spectra", "400, 1500 and 7000 to 9000 Hz", "INPUT",
+            "measured; the first two are the frequencies at which the contact damping is given",
+        ),
+        UncomputedFigure(
+            THESIS, ("Section 4.4.5",), "angles of slip", "0.005, 0.01 and 0.02 rad", "INPUT", "Scene.slip"
+        ),
+        UncomputedFigure(
             THESIS, ("Section 4.4.2",), "least differences of RMS and A*", "17.9 to 21.3 %, 35.83 to 35.9 %", "NO",
             _SIGNALS,
         ),
@@ -94,6 +101,10 @@ def _thesis() -> list[UncomputedFigure]:
         UncomputedFigure(
             THESIS, _tables(22), "quadratics of V_eq and their R2", "0.55 to 6.62e-7, ..., 0.921 to 0.989", "NO",
             _HISTORIES + "; what follows from the coefficients is in tests/published/test_table22.py",
+        ),
+        UncomputedFigure(
+            THESIS, ("Section 5.4",), "end of a test, and V_eq before it rises", "20 g, 0.05 to 0.01 mm3/mm", "NO",
+            _HISTORIES,
         ),
         UncomputedFigure(
             THESIS, ("Section 5.4",), "threshold of V_eq", "0.05 mm3/mm", "INPUT", "default of the forecast"
