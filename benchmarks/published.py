@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from benchmarks.common import Row, print_table, write_json
-from models.published import beat, ceruti, marin, thibault
+from models.published import beat, ceruti, marin, thibault, thibault_shaft
 from models.published.figure import Figure, worst
 from models.published.thesis import published_figures
 from models.published.uncomputed import uncomputed_figures
@@ -41,6 +41,7 @@ ACCEPTANCE: tuple[Callable[[], list[AcceptanceRow]], ...] = (
     ceruti.acceptance_rows,
     marin.acceptance_rows,
     thibault.acceptance_rows,
+    thibault_shaft.acceptance_rows,
 )
 
 
