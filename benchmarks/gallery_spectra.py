@@ -97,12 +97,14 @@ def panels_of_lines(
     panels[-1].set_xlabel("frequency (Hz)")
 
 
-def kept_lines(drawn: Mapping[str, Lines], high: float, step: float = 1.0) -> dict[str, Any]:
-    """Return the highest amplitude in each ``step`` Hz up to ``high`` Hz as data of a figure."""
-    data: dict[str, Any] = {"frequency_step_hz": step}
+def kept_lines(
+    drawn: Mapping[str, Lines], high: float, step: float = 1.0, units: tuple[str, str] = ("hz", "m_s2")
+) -> dict[str, Any]:
+    """Return the highest amplitude in each ``step`` up to ``high`` as data of a figure, with the ``units`` of both."""
+    data: dict[str, Any] = {f"frequency_step_{units[0]}": step}
     for name, lines in drawn.items():
         frequency, amplitude = lines.below(high)
         places = (frequency / step).astype(np.intp)
         starts = np.flatnonzero(np.diff(places, prepend=-1))
-        data[f"highest_{name.lower()}_m_s2"] = np.maximum.reduceat(amplitude, starts)
+        data[f"highest_{name.lower()}_{units[1]}"] = np.maximum.reduceat(amplitude, starts)
     return data

@@ -1,4 +1,4 @@
-"""Figures of the gallery from Thibault's two bearings that rest on the statics of the balls (Figs. 5, 7 and 12).
+"""Figures of the gallery from Thibault's two bearings: the statics of the balls (Figs. 5, 7 and 12), and all.
 
 Groove radii and clearance are not printed; ``models.published.thibault`` says what is taken. The shaft is rigid here,
 with half of the radial load on each bearing.
@@ -13,6 +13,7 @@ from functools import cache
 import numpy as np
 from matplotlib.figure import FigureBase
 
+from benchmarks import gallery_thibault_ias
 from benchmarks.gallery_plate import Plate, letter, number, words
 from benchmarks.gallery_spectra import Values
 from models.ball_statics import RingState, equilibrium, ring_state
@@ -186,4 +187,9 @@ def figure_12() -> Plate:
     return Plate(caption, "Forces on the inner race over a turn of the cage.", 4.6, draw, data, claims, _CHOSEN)
 
 
-FIGURES: dict[str, Callable[[], Plate]] = {"5": figure_5, "7": figure_7, "12": figure_12}
+FIGURES: dict[str, Callable[[], Plate]] = {
+    "5": figure_5,
+    "7": figure_7,
+    "12": figure_12,
+    **gallery_thibault_ias.FIGURES,
+}
