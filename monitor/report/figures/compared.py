@@ -131,7 +131,8 @@ def _spectra(found: Sequence[_Model], fundamental: float, name: str) -> Part:
             axes.set(yscale="log", ylabel="amplitude / RMS", ylim=(highest * 10.0**-_DECADES, 2.0 * highest))
         whole.set(xlim=(0.0, max(float(one.sensed.frequency[-1]) for one in found)))
         few.set(xlabel="frequency (Hz)", xlim=(0.0, shown))
-        legend_above(whole)
+        # More than four names in a row would be wider than the panels.
+        legend_above(whole, 4 if len(found) <= 4 else 3)
 
     caption = (
         f"Amplitudes over the RMS of each model. Above: the highest line in each span of {figure(fundamental)} Hz "
