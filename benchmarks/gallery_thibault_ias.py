@@ -44,7 +44,9 @@ def _over_angle(scene: Scene) -> tuple[Values, Values]:
     """Return turns and the variation of the angular speed, mrad/s."""
     found = turning(scene)
     count = round(2.0 * math.pi * _TURNS / found.step)
-    return np.arange(count) * found.step / (2.0 * math.pi), 1e3 * (found.ias - found.ias.mean())[:count]
+    return np.arange(count, dtype=np.float64) * (found.step / (2.0 * math.pi)), 1e3 * (found.ias - found.ias.mean())[
+        :count
+    ]
 
 
 def two_domains(
