@@ -1,7 +1,8 @@
 """Nodes of maps by models other than the six-degree-of-freedom one: each is a scene of its own, simulated over time.
 
-The level is that of the model's first sensor. Times are lengthened until the standard error of the mean is below the
-accuracy of a node, or the longest is reached; what is left stands beside the level.
+The level is that of the model's first sensor of acceleration; its relative errors are those of the first sensor. Times
+are lengthened until the standard error of the mean is below the accuracy of a node, or the longest is reached; what is
+left stands beside the level.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ import numpy as np
 from models.bearing import kinematics
 from models.maps.nodes import MAP_ACCURACY, NodeRow, scene_at
 from models.maps.plan import LINES, MapError
-from models.response import HARMONICS, STATUSES
+from models.response import HARMONICS, STATUSES, row_of
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -58,12 +59,17 @@ def check_model(plan: MapPlan) -> Sensor:
     """
     scene = scene_at(plan, plan.load[-1], plan.speed[-1], plan.h_d[-1], plan.dphi_d[-1])
     try:
-        sensor = _simulated(plan, scene, _DURATIONS[0], 1).sensors[0]
+        return acceleration_sensor(_simulated(plan, scene, _DURATIONS[0], 1).sensors)
     except ValueError as error:
         raise MapError(f"a map by the model {plan.model}: {error}") from error
-    if sensor == "ias":
-        raise MapError(f"a map by the model {plan.model}: its sensor shows angular speed, not acceleration")
-    return sensor
+
+
+def acceleration_sensor(sensors: tuple[Sensor, ...]) -> Sensor:
+    """Return the first sensor that shows acceleration; raise a ValueError where there is none."""
+    for sensor in sensors:
+        if sensor != "ias":
+            return sensor
+    raise ValueError(f"no sensor of acceleration among {', '.join(sensors)}")
 
 
 def model_level(plan: MapPlan, point: Point, seed: int = 0, factor: int = 1) -> ModelLevel:
@@ -81,15 +87,17 @@ def model_level(plan: MapPlan, point: Point, seed: int = 0, factor: int = 1) -> 
         if response.rms_se <= accuracy * response.rms and response.status != "not_converged":
             break
         response = _simulated(plan, scene, duration, factor)
-    rms = response.rms
+    sensor = acceleration_sensor(response.sensors)
+    first, rms = response.rms, response.levels_of(sensor)[0]
+    share = rms / first if first > 0.0 else 0.0
     return ModelLevel(
         rms=rms,
-        se=response.rms_se,
-        spread=response.spread,
-        error=max(0.0, response.rms_error - response.rms_se / rms) if rms > 0.0 else 0.0,
-        harmonics=_lines(plan, response, point[1]),
+        se=response.rms_se * share,
+        spread=response.spread * share,
+        error=max(0.0, response.rms_error - response.rms_se / first) if first > 0.0 else 0.0,
+        harmonics=_lines(plan, response, point[1], row_of(response.sensors, sensor)),
         status=response.status,
-        sensor=response.sensors[0],
+        sensor=sensor,
     )
 
 
@@ -107,13 +115,13 @@ def _simulated(plan: MapPlan, scene: Scene, duration: float, factor: int) -> Res
     )
 
 
-def _lines(plan: MapPlan, response: Response, speed: float) -> NDArray[np.float64]:
-    """Return the lines of the damaged part, as far as they can be told from the response."""
+def _lines(plan: MapPlan, response: Response, speed: float, row: int) -> NDArray[np.float64]:
+    """Return the lines of the damaged part at one sensor, as far as they can be told from the response."""
     if response.record is None:
         return response.harmonics
     found = kinematics(plan.bearing, speed)
     line = {"BPFO": found.bpfo, "BPFI": found.bpfi, "2 BSF": 2.0 * found.bsf}[LINES[plan.part]]
-    return 2.0 * np.abs(response.record.coefficients(line, HARMONICS)[0, 1:])
+    return 2.0 * np.abs(response.record.coefficients(line, HARMONICS)[row, 1:])
 
 
 def model_row(plan: MapPlan, load: float, speed: float, h_d: float, extents: NDArray[np.float64], seed: int) -> NodeRow:
