@@ -16,7 +16,7 @@ from urllib.parse import parse_qsl
 import numpy as np
 from numpy.typing import NDArray
 
-from models.bearing import Bearing, CatalogueEntry, catalogue_entry, from_catalogue, kinematics
+from models.bearing import Bearing, CatalogueEntry, catalogue_entry, from_catalogue
 from models.nominal_rigs import nominal_rig
 from models.path.defect import race_radius
 from models.response import CASING, SENSORS, Response, Sensor, row_of
@@ -45,6 +45,8 @@ _PATH = (1.0, 0.03, 0.02)
 """Share of the test bearing's vibration that reaches each sensor."""
 _TRIED_SECONDS = 0.05
 """Time over which a model is tried on the worst damage."""
+_REPEATED_SECONDS = 0.5
+"""Time over which the lines of a motion are found that repeats."""
 
 
 @dataclass(frozen=True)
@@ -307,13 +309,20 @@ class SimulatedRig:
         return "" if machine.is_bench else f"{machine.model}-{machine.bearing.designation}-"
 
     def _simulate(self, scene: Scene, duration: float | None = None) -> Response:
+        """Return the response to a scene over a time, s; None is as long as a block needs.
+
+        A motion that repeats with the ball passage is simulated for a while only, and known by its lines.
+        """
         # Imported here, so that a rig that is only configured does not load the compiled kernels.
         from models.simulate import simulate
 
-        if duration is None:
-            # What is simulated over time is recorded for one ball period more, in which a block can begin anywhere.
-            duration = BLOCK_SECONDS + 1.0 / kinematics(scene.bearing, scene.speed).bpfo + 1.0 / RATE
-        return simulate(scene, duration=duration, rate=RATE)
+        if duration is not None:
+            return simulate(scene, duration=duration, rate=RATE)
+        response = simulate(scene, duration=_REPEATED_SECONDS, rate=RATE)
+        if response.record is None or response.status in ("converged", "inaccurate"):
+            return replace(response, record=None)
+        # A ball period more than a block, which can then begin anywhere in it.
+        return simulate(scene, duration=BLOCK_SECONDS + 1.0 / response.bpfo + 1.0 / RATE, rate=RATE)
 
     def _sampled(self, response: Response, phase: float) -> NDArray[np.float64]:
         """Return the acceleration of a block that begins at a phase of the ball passages, rad."""

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from models.rigs import IGNORES_DEPTH, RIGS
+from models.rigs.angular import AngularRig
 from models.rigs.six_dof import Rig
 from monitor.commands import option
 from monitor.commands.common import InputError, counter, emit, progress_bar, say
@@ -62,7 +63,9 @@ _OTHER_NOTES = (
     "map's. TT is that of the thesis, and there is no end of life by peak.",
     _ONE + "On the map of another model V_eq is another (docs/evidence/maps.md).",
 )
-MODELS = [name for name in RIGS if name not in IGNORES_DEPTH]
+_SLOW = (AngularRig.model,)
+"""Models whose map takes a processor a quarter of an hour, and a life as long."""
+MODELS = [name for name in RIGS if name not in IGNORES_DEPTH and name not in _SLOW]
 
 
 def demo_config(method: str = "library", model: str = Rig.model) -> Config:

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from typing import Any, Literal, Self
+from typing import Annotated, Any, Literal, Self
 
-from pydantic import model_validator
+from pydantic import Field, model_validator
 
 from models.rigs import AnyRig
+from models.rigs.angular import AngularRig
 from models.rigs.ball_inertia import BallInertiaRig
 from models.rigs.rotor import RotorRig
 from monitor.config.fields import Name, NotNegative, Positive, Section
@@ -22,8 +23,11 @@ UNITS = {
     "_s": 1.0,
     "_newton_s_per_m": 1.0,
     "_newton_m_s": 1.0,
+    "_newton_m": 1.0,
+    "_newton_m_per_rad": 1.0,
+    "_kg_per_m3": 1.0,
 }
-"""SI value of the units at the end of a key; the longest that fits counts."""
+"""SI value of the units at the end of a key; the longest that fits counts, and without one a key has none."""
 
 RIG_KEYS: Mapping[str, Mapping[str, str]] = {
     RotorRig.model: {
@@ -40,6 +44,22 @@ RIG_KEYS: Mapping[str, Mapping[str, str]] = {
         "c_t": "tilt_damping_newton_m_s",
         "internal_damping": "internal_damping_s",
     },
+    AngularRig.model: {
+        "length": "length_mm",
+        "outer_diameter": "outer_diameter_mm",
+        "inner_diameter": "inner_diameter_mm",
+        "elements": "elements",
+        "modulus": "modulus_gpa",
+        "poisson": "poisson",
+        "density": "density_kg_per_m3",
+        "disc_mass": "disc_mass_kg",
+        "disc_polar": "disc_polar_inertia_kg_m2",
+        "disc_across": "disc_transverse_inertia_kg_m2",
+        "coupling": "coupling_newton_m_per_rad",
+        "end_inertia": "coupling_inertia_kg_m2",
+        "load_torque": "load_torque_newton_m",
+        "damping": "damping_ratio",
+    },
     BallInertiaRig.model: {"m_rotor": "disc_mass_kg"},
 }
 """By model, the key of each parameter that ``[shaft]`` gives."""
@@ -52,13 +72,17 @@ class ShaftSection(Section):
     """Shaft and rotor between the bearings A and B; what is not given is that of the model.
 
     ``second_bearing`` is the name of the bearing at B; without it, B has that of A. ``calibrated = "declared"`` vouches
-    for these numbers as those of the machine, as that of ``[rig]`` does for the model of the casing.
+    for these numbers as those of the machine, as that of ``[rig]`` does for the model of the casing. A model of the
+    shaft over its angle has the disc in the middle, whatever ``disc_from_a_mm`` says.
     """
 
     length_mm: Positive | None = None
     outer_diameter_mm: Positive | None = None
     inner_diameter_mm: NotNegative = 0.0
+    elements: Annotated[int, Field(ge=2, le=64, multiple_of=2)] | None = None
     modulus_gpa: Positive | None = None
+    poisson: Annotated[float, Field(ge=0, le=0.5)] | None = None
+    density_kg_per_m3: Positive | None = None
     disc_mass_kg: Positive | None = None
     disc_polar_inertia_kg_m2: Positive | None = None
     disc_transverse_inertia_kg_m2: Positive | None = None
@@ -68,6 +92,10 @@ class ShaftSection(Section):
     damping_newton_s_per_m: NotNegative | None = None
     tilt_damping_newton_m_s: NotNegative | None = None
     internal_damping_s: NotNegative | None = None
+    coupling_newton_m_per_rad: Positive | None = None
+    coupling_inertia_kg_m2: Positive | None = None
+    load_torque_newton_m: NotNegative | None = None
+    damping_ratio: Annotated[float, Field(gt=0, lt=1)] | None = None
     unbalance_g_mm: NotNegative = 0.0
     couple_unbalance_kg_m2: NotNegative = 0.0
     bow_um: NotNegative = 0.0
@@ -94,6 +122,8 @@ class ShaftSection(Section):
         """Return the parameters, SI, that the section gives a model, without those that it leaves to it."""
         given = {name: self._si(key) for name, key in RIG_KEYS.get(kind.model, {}).items()}
         values: dict[str, Any] = {name: value for name, value in given.items() if value is not None}
+        if "outer_diameter" not in values:
+            values.pop("inner_diameter", None)
         if kind is RotorRig and "length" in values:
             values.setdefault("a", 0.5 * values["length"])
         if kind is RotorRig and "shaft_diameter" in values:
@@ -119,5 +149,5 @@ class ShaftSection(Section):
 
     def _si(self, key: str) -> float | None:
         value: float | None = getattr(self, key)
-        unit = max((unit for unit in UNITS if key.endswith(unit)), key=len)
-        return None if value is None else value * UNITS[unit]
+        unit = max((unit for unit in UNITS if key.endswith(unit)), key=len, default=None)
+        return value if value is None or unit is None else value * UNITS[unit]

@@ -19,6 +19,7 @@ from models.maps.model_nodes import model_level
 from models.maps.nodes import drawn_rig, scene_at
 from models.maps.plan import MapError, MapPlan
 from models.nominal_rigs import nominal_rig
+from models.rigs.angular import AngularRig
 from models.rigs.ball_inertia import BallInertiaRig
 from models.rigs.ring_impact import RingImpactRig
 from models.rigs.rotor import RotorRig
@@ -104,6 +105,16 @@ def test_a_defect_of_the_inner_race_has_its_own_lines() -> None:
     first = record.line(kinematics(ENTRY.bearing, 40.0).bpfi)
     assert built.harmonic_amplitude[0, 0, 0, 0, 0] == pytest.approx(first, rel=0.1)
     assert built.rms_se[0, 0, 0, 0] > 0.0
+
+
+def test_the_level_of_a_shaft_over_its_angle_is_an_acceleration() -> None:
+    plan = replace(plan_of(), rig=AngularRig(), model="angular", dphi_d=EXTENTS[2:3], h_d=DEPTHS[1:2])
+    level = model_level(plan, (4000.0, 40.0, DEPTHS[1], EXTENTS[2]))
+    assert level.sensor == "a"
+    found = simulate(scene_at(plan, 4000.0, 40.0, DEPTHS[1], EXTENTS[2]), accuracy=2e-3, band=BAND, duration=0.25)
+    assert level.rms == pytest.approx(found.levels_of("a")[0], rel=1e-6)
+    assert found.record is not None
+    assert level.harmonics[0] == pytest.approx(found.record.line(found.bpfo, "a"), rel=0.1)
 
 
 def test_draws_move_what_is_uncertain_of_the_model() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -146,15 +147,38 @@ def test_parameters_of_any_model_deviate_and_the_next_seed_has_others(model):
             assert 0.02 - 1e-12 <= abs(getattr(rig, name) / getattr(nominal, name) - 1.0) <= 0.05 + 1e-12
 
 
-def test_blocks_of_a_motion_over_time_begin_at_any_phase_and_are_the_same_again():
+def test_blocks_of_a_motion_over_time_are_the_same_again():
     url = "rig:ferrara?seed=2&model=rotor&healthy_blocks=1&blocks=9"
     first, again = open_rig(url, "rig"), open_rig(url, "rig")
     np.testing.assert_array_equal(first.block(9).samples, again.block(9).samples)
     assert first.block(9).content_hash != open_rig(url.replace("rotor", "six_dof"), "rig").block(9).content_hash
-    response = first._simulate(first.scene(9, 40.0, 4000.0))
-    samples = round(RATE / response.bpfo)
-    early, late = first._sampled(response, 0.0), first._sampled(response, 2.0 * np.pi * 100.0 / samples)
-    np.testing.assert_array_equal(early[100:2000], late[: 2000 - 100])
+
+
+@pytest.mark.parametrize("model", ["rotor", "ball_inertia"])
+def test_a_motion_that_repeats_is_that_of_its_lines(model):
+    rig = open_rig(f"rig:ferrara?seed=2&model={model}&healthy_blocks=1&blocks=9", "rig")
+    scene = rig.scene(9, 40.0, 4000.0)
+    response, whole = rig._simulate(scene), rig._simulate(scene, 2.0)
+    assert response.record is None
+    assert whole.record is not None
+    simulated = whole.record.of("a")
+    made = rig._sampled(response, 0.0)[: simulated.size]
+    # Both have the phase that the simulation begins with, the record after what is dropped.
+    turn = np.exp(2j * np.pi * response.bpfo / RATE * np.arange(simulated.size))
+    shift = np.angle(np.vdot(turn, simulated) / np.vdot(turn, made))
+    moved = rig._sampled(response, float(shift))[: simulated.size]
+    assert np.std(moved - simulated) < 0.02 * np.std(simulated)
+
+
+def test_a_motion_that_does_not_repeat_is_simulated_for_the_whole_block():
+    rig = open_rig("rig:ferrara?seed=2&model=rotor&healthy_blocks=1&blocks=9", "rig")
+    response = rig._simulate(replace(rig.scene(9, 40.0, 4000.0), unbalance=0.01))
+    assert response.record is not None
+    assert response.status == "not_periodic"
+    period = RATE / response.bpfo
+    early, late = rig._sampled(response, 0.0), rig._sampled(response, 2.0 * np.pi * 100.0 / period)
+    assert early.size == late.size == 128000
+    np.testing.assert_array_equal(early[100:2000], late[:1900])
 
 
 def test_its_limits_are_said(rig):
