@@ -21,7 +21,7 @@ def test_the_stored_figures_meet_what_was_aimed_at() -> None:
     tables = stored_tables(ROOT / "benchmarks" / "results" / "models.json")
     assert [row["met"] for row in asked_rows(tables["against"], tables["linear"])] == ["yes"] * len(ASKED)
     assert {str(row["model"]).split(",")[0] for row in tables["against"]} >= {
-        "six_dof", "rotor", "ball_inertia", "ring_impact"
+        "six_dof", "rotor", "ball_inertia", "ring_impact", "angular"
     }  # fmt: skip
 
 
