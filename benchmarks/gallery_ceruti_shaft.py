@@ -7,6 +7,7 @@ from itertools import pairwise
 
 import numpy as np
 from matplotlib.figure import FigureBase
+from matplotlib.ticker import MaxNLocator
 
 from benchmarks.gallery_ceruti_runs import (
     HALF,
@@ -127,16 +128,20 @@ def _orbits(
     """Return a plate of orbits by title; ``scale``: whether all have the extent of the largest."""
 
     def draw(made: FigureBase) -> None:
-        panels = np.atleast_1d(made.subplots(1, len(found)))
+        shape = (len(found), 1) if scale else (1, len(found))
+        panels = np.ravel(made.subplots(*shape))
         for place, (axes, (title, moved, point)) in enumerate(zip(panels, found, strict=True)):
             draw_orbit(axes, moved, point, SPEED)
             letter(axes, place, title)
         if scale:
+            # Flat orbits: below each other, and no higher than they are.
             reach = max(0.5 * float(np.ptp(axes.get_xlim())) for axes in panels)
+            high = 0.7e6 * max(float(moved.travel()[point, 0]) for _, moved, point in found)
             for axes in panels:
                 x, y = (float(np.mean(limits)) for limits in (axes.get_xlim(), axes.get_ylim()))
-                axes.set(xlim=(x - reach, x + reach), ylim=(y + reach, y - reach))
-        panels[0].set_ylabel("along the load (µm)")
+                axes.set(xlim=(x - reach, x + reach), ylim=(y + high, y - high))
+                axes.yaxis.set_major_locator(MaxNLocator(3))
+        panels[len(found) // 2 if scale else 0].set_ylabel("along the load (µm)")
 
     data = {}
     for place, (_, moved, point) in enumerate(found):
@@ -147,7 +152,7 @@ def _orbits(
         data |= {f"travel_{name}_um": 1e6 * moved.travel()[point]}
     text = f"{caption}. Twenty settled turns, the load points downwards; a dot for each turn"
     text += "; circle: radial clearance." if np.isfinite(found[0][1].clearance[found[0][2]]) else "."
-    return Plate(text, "Orbits of points of the shaft.", 3.2, draw, data, claims)
+    return Plate(text, "Orbits of points of the shaft.", 5.4 if scale else 3.2, draw, data, claims)
 
 
 def figure_611() -> Plate:
