@@ -96,7 +96,7 @@ _THIBAULT = (
     Entry("13", "Angular speed, 200 and 1000 N axially"),
     Entry("14", "Angular speed, spall of the radially loaded bearing"),
     Entry("15", "Angular speed, the spall at two speeds"),
-    Entry("16", "Force of a ball over a spall", "a run does not keep the forces of single balls", ("12",)),
+    Entry("16", "Force of a ball over a spall, two speeds"),
     Entry("17", "Angular speed, spall of the axially loaded bearing"),
 )
 SOURCES: dict[str, Source] = {
@@ -114,7 +114,7 @@ SOURCES: dict[str, Source] = {
         "thibault",
         _THIBAULT,
         gallery_thibault.FIGURES,
-        {"7": "thibault-7.svg", "11": "thibault-11.svg"},
+        {"7": "thibault-7.svg", "11": "thibault-11.svg", "16": "thibault-16.svg"},
         _FOLDER,
         "with chosen parameters",
     ),

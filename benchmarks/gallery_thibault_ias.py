@@ -16,7 +16,9 @@ from matplotlib.figure import FigureBase
 
 from benchmarks.gallery_plate import Claim, Plate, letter, number, words
 from benchmarks.gallery_spectra import Lines, Values, kept_lines, mark
-from models.published.thibault import FAST, SLOW
+from models.dynamics.angular_plan import assemble, ring_of
+from models.kernels.ball_ring import CARRIED, F_Z, carry
+from models.published.thibault import BALL, FAST, SLOW
 from models.published.thibault_shaft import BPFO_LEFT, REFERENCE, SPALL, bpfo, order_spectrum, turning
 from models.scene import Scene
 from monitor.report.figures.drawing import BLUE, PURPLE, VERMILION, legend_above
@@ -197,6 +199,58 @@ def figure_15() -> Plate:
     return two_domains({"6000 rpm": DAMAGED, "20,000 rpm": QUICK_DAMAGED}, 110.0, named, caption, claims)
 
 
+def _over_spall(speed: float, grooves: tuple[float, float], angles: Values) -> Values:
+    """Return the force of a ball on the inner race, N, at angles about the spall, rad; the ring is held.
+
+    ``grooves``: radii of the inner and outer groove over the diameter of the balls.
+    """
+    inner, outer = (ratio * BALL for ratio in grooves)
+    bearing = replace(REFERENCE.bearing, inner_groove_radius=inner, outer_groove_radius=outer)
+    scene = replace(DAMAGED, speed=speed, bearing=bearing)
+    held = assemble(scene).rings[0]
+    ring = ring_of(held.statics, scene, "a")
+    alone = ring._replace(angles=ring.angles[:1], slots=np.ascontiguousarray(ring.slots[:, :1]))
+    found = np.empty(len(angles))
+    for k, angle in enumerate(angles):
+        out = np.zeros(CARRIED)
+        carry(held.displacement, float(angle), held.centrifugal, 0.0, alone, np.zeros((1, 2)), out)
+        found[k] = math.sqrt(float(np.sum(out[: F_Z + 1] ** 2)))
+    return found
+
+
+def figure_16() -> Plate:
+    """Return the force of one ball on the inner race while it passes the spall, at two speeds."""
+    angles = np.radians(np.linspace(-20.0, 20.0, 401))
+    grooves = {"0.51": (0.51, 0.51), "0.515 and 0.505": (0.515, 0.505)}
+    speeds = {"6000 rpm": SLOW, "20,000 rpm": FAST}
+    found = {(g, v): _over_spall(speeds[v], grooves[g], angles) for g in grooves for v in speeds}
+
+    def draw(made: FigureBase) -> None:
+        panels = made.subplots(1, 2, sharey=True)
+        for place, (axes, name) in enumerate(zip(panels, grooves, strict=True)):
+            for speed, color in zip(speeds, (BLUE, VERMILION), strict=True):
+                axes.plot(np.degrees(angles), found[name, speed], color=color, label=speed)
+            letter(axes, place, f"grooves of {name} D")
+            axes.set(xlabel="angle from the middle of the spall (degrees)", xlim=(-20.0, 20.0), ylim=(0.0, None))
+        panels[0].set_ylabel("force on the inner race (N)")
+        panels[0].legend(loc="lower right", fontsize=8)
+
+    lost = {key: bool(np.min(forces) < 1e-3) for key, forces in found.items()}
+    claims = [
+        words("at 20,000 rpm the load is lost", [lost[name, "20,000 rpm"] for name in grooves]),
+        words("at 6000 rpm not all of it (grooves of 0.51 D)", [not lost["0.51", "6000 rpm"]]),
+        words("the same, inner groove of 0.515 D, outer of 0.505 D", [not lost["0.515 and 0.505", "6000 rpm"]]),
+    ]
+    data: dict[str, Any] = {"angle_deg": np.degrees(angles[::4])}
+    for (name, speed), forces in found.items():
+        data[f"force_{name.replace(' ', '_')}_{speed.split()[0].replace(',', '')}_rpm_newton"] = forces[::4]
+    caption = (
+        "Force of one ball of the radially loaded bearing on the inner race while it passes the spall, the inner ring "
+        "held where it stands without one; the print has it move. Both pairs of grooves meet the printed BPFO."
+    )
+    return Plate(caption, "Force of a ball over a spall.", 2.9, draw, data, claims, _CHOSEN)
+
+
 def figure_17() -> Plate:
     """Return the angular speed over a spall of the axially loaded bearing."""
     right = bpfo(200.0, SLOW)
@@ -224,5 +278,6 @@ FIGURES: dict[str, Callable[[], Plate]] = {
     "13": figure_13,
     "14": figure_14,
     "15": figure_15,
+    "16": figure_16,
     "17": figure_17,
 }

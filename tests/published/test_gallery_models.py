@@ -32,6 +32,7 @@ CHEAP = (
     ("beat", "5"),
     ("ceruti", "6.14"),
     ("thibault", "5"),
+    ("thibault", "16"),
     ("thibault", "10"),
 )
 
