@@ -20,6 +20,7 @@ from models.lives.laws import GrowthPath, draw_law, grow
 from models.lives.population import Population, Range
 from models.path.defect import race_radius
 from models.response import HARMONICS
+from models.rigs import AnyRig
 from models.rigs.six_dof import Rig
 from models.scene import Defect, Floor, Scene, Slip
 from models.workers import in_threads
@@ -49,7 +50,7 @@ class LifePlan:
     number: int
     law: str
     path: GrowthPath
-    rig: Rig
+    rig: AnyRig
     clearance: float
     floor: Floor
     load: float
@@ -122,17 +123,19 @@ def draw_life(population: Population, number: int) -> LifePlan:
     factors = {name: math.exp(sd * rng.standard_normal()) for name, sd in population.rig_spread}
     rig = replace(population.rig, **{name: getattr(population.rig, name) * f for name, f in factors.items()})
     clearance, posterior = population.clearance, population.rig_posterior
-    if posterior is not None:
+    if posterior is not None and isinstance(population.rig, Rig):
         # The draws are in random order: lives take them in turn.
         row = number % len(posterior.rows)
         rig, clearance = posterior.rig(population.rig, row), posterior.clearance(clearance, row)
+    # Drawn in any case, so that a model does not move the draws that follow.
+    rough = Floor("rough", sd=float(rng.uniform(*population.floor_sd)), seed=int(rng.integers(1, 2**31)))
     return LifePlan(
         number=number,
         law=law,
         path=path,
         rig=rig,
         clearance=clearance,
-        floor=Floor("rough", sd=float(rng.uniform(*population.floor_sd)), seed=int(rng.integers(1, 2**31))),
+        floor=rough if isinstance(rig, Rig) else Floor(),
         load=float(rng.uniform(*population.load)),
         speed=float(rng.uniform(*population.speed)),
         slip=float(rng.uniform(*population.slip)),
@@ -151,9 +154,6 @@ def simulate_life(population: Population, number: int) -> LifeHistory:
     Raises:
         ValueError: if a scene is outside what the model describes; the message names the field.
     """
-    # Imported here: a population that is only configured must not load the compiled kernels.
-    from models.dynamics.rows import settled_levels
-
     plan = draw_life(population, number)
     rng = np.random.default_rng([population.seed, number, 1])
     end = min(_BEYOND * plan.path.crossing(population.until), float(plan.path.t[-1]))
@@ -174,7 +174,7 @@ def simulate_life(population: Population, number: int) -> LifeHistory:
         replace(healthy, load=load, speed=speed, defect=defect)
         for (load, speed), defect in zip((conditions * jitter[there]).tolist(), defects, strict=True)
     ]
-    rms, harmonics = settled_levels(scenes, population.rms_band)
+    rms, harmonics = _levels(scenes, population)
     rms = np.hypot(plan.gain * rms, plan.background_rms) * scatter[there, 0]
     harmonics = np.hypot(plan.gain * plan.harmonic_gain * harmonics, plan.background_harmonic) * scatter[there, 1:]
     # A block whose motion diverges is treated as missing.
@@ -192,6 +192,18 @@ def simulate_life(population: Population, number: int) -> LifeHistory:
         h_d=np.array([d.h_d for d in defects])[finite],
         path=plan.path,
     )
+
+
+def _levels(scenes: list[Scene], population: Population) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return RMS (n,) and lines (n, 6) of the blocks of a life, m/s2; NaN where the motion diverges."""
+    # Imported here: a population that is only configured must not load the compiled kernels.
+    if isinstance(population.rig, Rig):
+        from models.dynamics.rows import settled_levels
+
+        return settled_levels(scenes, population.rms_band)
+    from models.maps.model_nodes import scene_levels
+
+    return scene_levels([replace(scene, model=population.rig.model) for scene in scenes], population.rms_band)
 
 
 def _shown(population: Population, speed: NDArray[np.float64]) -> NDArray[np.bool_]:

@@ -10,7 +10,8 @@ from typing import Any
 
 from models.bearing import Bearing, from_catalogue
 from models.lives.laws import LAWS
-from models.maps.plan import MODEL_VERSION
+from models.maps.plan import check_depth, version_of
+from models.rigs import RIGS, AnyRig
 from models.rigs.draws import RigDraws, without_draws
 from models.rigs.six_dof import Rig
 
@@ -52,6 +53,8 @@ class Population:
     their logarithm.
 
     Attributes:
+        rig: parameters of the machine; they name the model. Lives of another than the six-degree-of-freedom one have
+            smooth floors and no slip.
         rig_spread: (parameter, standard deviation of its factor) of each rig parameter that differs from life to life.
         rig_posterior: rigs of the lives, from the posterior of the identification of ``rig``, in place of
             ``rig_spread``; None for none.
@@ -82,7 +85,7 @@ class Population:
     """
 
     bearing: Bearing = field(default_factory=lambda: from_catalogue("1205 ETN9"))
-    rig: Rig = field(default_factory=Rig)
+    rig: AnyRig = field(default_factory=Rig)
     rig_spread: tuple[tuple[str, float], ...] = _RIG_SPREAD
     rig_posterior: RigDraws | None = None
     clearance: float = 0.0
@@ -134,8 +137,7 @@ class Population:
         unknown = named - set(vars(self.rig)) | named & {"calibrated", "identification"}
         if unknown:
             raise ValueError(f"population rig_spread names {', '.join(sorted(unknown))}, which is no rig parameter")
-        if self.rig_posterior is not None:
-            self.rig_posterior.check(self.rig)
+        self._check_model()
         if not (0.0 <= self.missing < 1.0 and self.interval > 0.0 and self.depth_share[1] <= 1.0):
             raise ValueError(
                 "population needs 0 <= missing < 1, interval > 0 and depth_share <= 1, got "
@@ -143,6 +145,15 @@ class Population:
             )
         if self.slip[1] > 0.0 and self.speed_variation > 0.0:
             raise ValueError("population: lives with slip have one speed each, speed_variation must be 0")
+
+    def _check_model(self) -> None:
+        check_depth(self.rig.model)
+        if isinstance(self.rig, Rig):
+            if self.rig_posterior is not None:
+                self.rig_posterior.check(self.rig)
+        elif self.rig_posterior is not None or self.slip[1] > 0.0:
+            what = "rig_posterior" if self.rig_posterior is not None else "slip"
+            raise ValueError(f"population {what} is one of {Rig.model}, the rig is that of {self.rig.model}")
 
     @property
     def rig_spread_words(self) -> str:
@@ -155,6 +166,9 @@ class Population:
     def as_json(self) -> str:
         """Return the population as canonical JSON; ``from_json`` reads it back exactly."""
         values = without_draws(asdict(self), self.rig_posterior) | {"rig": self.rig.as_dict()}
+        if self.rig.model != Rig.model:
+            # Not named before there were other models, so that libraries keep their hash.
+            values["model"] = self.rig.model
         return json.dumps(values, sort_keys=True)
 
     @classmethod
@@ -166,7 +180,8 @@ class Population:
         """
         try:
             data: dict[str, Any] = json.loads(text)
-            data |= {"bearing": Bearing(**data["bearing"]), "rig": Rig(**data["rig"])}
+            kind = RIGS[data.pop("model", Rig.model)]
+            data |= {"bearing": Bearing(**data["bearing"]), "rig": kind(**data["rig"])}
             data["rig_posterior"] = RigDraws.from_dict(data.get("rig_posterior"))
             for name in _RANGES:
                 data[name] = tuple(data[name])
@@ -179,4 +194,4 @@ class Population:
 
     def hash(self) -> str:
         """Return a hash of the population, the model and the drawing: equal hashes, equal lives."""
-        return hashlib.sha256(f"{MODEL_VERSION} {LIVES_VERSION} {self.as_json()}".encode()).hexdigest()
+        return hashlib.sha256(f"{version_of(self.rig.model)} {LIVES_VERSION} {self.as_json()}".encode()).hexdigest()

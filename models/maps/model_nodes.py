@@ -14,13 +14,14 @@ import numpy as np
 
 from models.bearing import kinematics
 from models.maps.nodes import MAP_ACCURACY, NodeRow, scene_at
-from models.maps.plan import LINES, MapError
+from models.maps.plan import LINES, MapError, MapPlan
 from models.response import HARMONICS, STATUSES, row_of
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from numpy.typing import NDArray
 
-    from models.maps.plan import MapPlan
     from models.response import Response, Sensor, Status
     from models.scene import Scene
 
@@ -122,6 +123,37 @@ def _lines(plan: MapPlan, response: Response, speed: float, row: int) -> NDArray
     found = kinematics(plan.bearing, speed)
     line = {"BPFO": found.bpfo, "BPFI": found.bpfi, "2 BSF": 2.0 * found.bsf}[LINES[plan.part]]
     return 2.0 * np.abs(response.record.coefficients(line, HARMONICS)[row, 1:])
+
+
+def scene_levels(
+    scenes: Sequence[Scene], band: tuple[float, float] | None
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return RMS in a band, Hz, (n,), and lines 1..6 (n, 6) of scenes with one defect, m/s2; NaN where they diverge.
+
+    Raises:
+        ValueError: if a scene is outside its model, or has no defect.
+    """
+    rms, lines = np.full(len(scenes), np.nan), np.full((len(scenes), HARMONICS), np.nan)
+    for i, scene in enumerate(scenes):
+        defect = scene.defect
+        if defect is None:
+            raise ValueError("a block of a life needs a scene with a defect, got None")
+        plan = MapPlan(
+            load=(scene.load,),
+            speed=(scene.speed,),
+            h_d=(defect.h_d,),
+            dphi_d=(defect.dphi_d,),
+            bearing=scene.bearing,
+            rig=scene.rig,
+            clearance=scene.clearance,
+            rms_band=band,
+            model=scene.model,
+            part=defect.part,
+        )
+        level = model_level(plan, (scene.load, scene.speed, defect.h_d, defect.dphi_d))
+        if level.status != "not_converged":
+            rms[i], lines[i] = level.rms, level.harmonics
+    return rms, lines
 
 
 def model_row(plan: MapPlan, load: float, speed: float, h_d: float, extents: NDArray[np.float64], seed: int) -> NodeRow:

@@ -32,6 +32,20 @@ class MapError(WrongInputError, ValueError):
     """A map or a plan of one is unusable; the message names the file or field and the problem."""
 
 
+def version_of(model: str) -> int:
+    """Return the version of the results of a model."""
+    return MODEL_VERSION if model == Rig.model else OTHER_VERSIONS.get(model, 1)
+
+
+def check_depth(model: str) -> None:
+    """Raise a MapError unless the vibration of a model depends on the depth of a defect."""
+    if model in IGNORES_DEPTH:
+        others = ", ".join(name for name in RIGS if name not in IGNORES_DEPTH)
+        raise MapError(
+            f"V_eq cannot be told by the model {model}: {IGNORES_DEPTH[model]}; models that describe depth: {others}"
+        )
+
+
 @dataclass(frozen=True)
 class MapPlan:
     """Settings of a map, SI units and radians; equal plans give equal maps.
@@ -115,12 +129,7 @@ class MapPlan:
     def _check_model(self) -> None:
         if self.model != self.rig.model:
             raise MapError(f"model is {self.model!r}, but the rig is that of {self.rig.model}")
-        if self.model in IGNORES_DEPTH:
-            others = ", ".join(name for name in RIGS if name not in IGNORES_DEPTH)
-            raise MapError(
-                f"a map by the model {self.model} cannot be inverted: {IGNORES_DEPTH[self.model]}; "
-                f"models that describe depth: {others}"
-            )
+        check_depth(self.model)
 
     def _check_part(self) -> None:
         if self.part not in PARTS:
@@ -196,4 +205,4 @@ class MapPlan:
     @property
     def model_version(self) -> int:
         """Version of the results of the model."""
-        return MODEL_VERSION if self.model == Rig.model else OTHER_VERSIONS.get(self.model, 1)
+        return version_of(self.model)

@@ -72,7 +72,7 @@ def demo_config(method: str = "library", model: str = Rig.model) -> Config:
     """Return the configuration of the demo: the test bench of the thesis, without tuning.
 
     ``method`` ("library", "thesis" or "filter") gives V_eq; TT comes from the library unless it is "thesis", or the
-    model is another than that of the casing, of which there is no library.
+    model is another than that of the casing, of which the demo builds no library.
     """
     channel = {"source": "rig", "unit": "m/s2", "rms_band_hz": _RMS_BAND}
     own = model == Rig.model
@@ -123,7 +123,7 @@ def command(out: Path, seed: int, method: str | None, model: str, as_json: bool,
 
     The rig simulates each block directly, on a rough floor and with parameters 2 to 5 % away from the nominal ones.
     V_eq and TT come from a library of other simulated lives of such rigs; with --method thesis or filter, V_eq comes
-    from a map of a smooth floor and nominal parameters. Of another model than that of the casing there is no library,
+    from a map of a smooth floor and nominal parameters. Of another model than that of the casing no library is built,
     the floor is smooth, and the accelerometer shows the model's own sensor.
     """
     from monitor.service.replay import replay
@@ -132,7 +132,10 @@ def command(out: Path, seed: int, method: str | None, model: str, as_json: bool,
     if method is None:
         method = "library" if own else "filter"
     if method == "library" and not own:
-        raise InputError(f"--method library: lives are simulated with {Rig.model} only; take filter with {model}")
+        raise InputError(
+            f"--method library: the demo has a library of {Rig.model} only, since lives of {model} take long; "
+            f"take filter, or make one with: spallwatch library build --model {model}"
+        )
     config = demo_config(method, model)
     _clear(out)
     maps = {_TESTED: _demo_map(config, model, quiet=quiet)}

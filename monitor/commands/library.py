@@ -12,6 +12,8 @@ from typing import Any
 import click
 
 from models.lives.population import Population
+from models.rigs import RIGS
+from models.rigs.six_dof import Rig
 from monitor.commands import option
 from monitor.commands.common import (
     InputError,
@@ -52,6 +54,7 @@ def command() -> None:
 @command.command("build")
 @option.config
 @option.bearing
+@click.option("--model", type=click.Choice(list(RIGS)), default=Rig.model, help="Other models take [shaft].")
 @click.option("--runs", type=click.IntRange(min=20), default=1000, help="Lives to simulate.")
 @click.option("--seed", type=option.WHOLE, default=0, help="Seed of all random draws.")
 @option.thresholds(click.FloatRange(min=0.01, max=1.0))
@@ -97,7 +100,7 @@ def build(config_path: Path | None, name: str | None, out: Path, as_json: bool, 
         save_library(library, out)
     say(f"library: {out}", quiet=quiet)
     values = _values(library, options["runs"], time.perf_counter() - began, out)
-    values |= {"calibrated": population.rig.calibrated, "rig": rig_line(population.rig)}
+    values |= {"model": population.rig.model, "calibrated": population.rig.calibrated, "rig": rig_line(population.rig)}
     values["rig_spread_over"] = population.rig_spread_words
     emit(values, _lines(values), as_json=as_json)
 
@@ -123,13 +126,17 @@ def _recorded(path: Path, channel: str | None) -> RecordedRun:
 
 def _population(config: Config, name: str | None, thresholds: list[float], options: Mapping[str, Any]) -> Population:
     entry, clearance = find_entry(config, name)
-    nominal = Population()
+    nominal, model = Population(), options["model"]
+    rig = config.parameters_of(RIGS[model], entry)
+    if model != Rig.model:
+        spread = dict.fromkeys(rig.uncertain, 0.035)
+        nominal = replace(nominal, rig=rig, rig_spread=tuple(spread.items()))
     low, high = options["duration_min"]
     return replace(
         nominal,
         bearing=entry.bearing,
-        rig=config.rig_of(entry),
-        rig_posterior=config.posterior_of(entry),
+        rig=rig,
+        rig_posterior=config.posterior_of(entry) if model == Rig.model else None,
         clearance=clearance,
         load=options["load_newton"] or _around(config.operating.load_newton, nominal.load),
         speed=options["speed_hz"] or _around(config.operating.speed_hz, nominal.speed),

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 
 from models.maps.data import RmsMap
-from models.rigs import AnyRig
+from models.rigs import RIGS, AnyRig
 from models.rigs.six_dof import Calibration, Rig
 from monitor.config.load import Config
 from monitor.config.source import ChannelSection
@@ -20,9 +20,12 @@ def weakest_calibration(*found: Calibration) -> Calibration:
     return False if False in found else "declared" if "declared" in found else True
 
 
-def rig_of_library(library: Library) -> Rig | None:
+def rig_of_library(library: Library) -> AnyRig | None:
     """Return the rig whose lives a library was made of, None for a library without simulated lives."""
-    return Rig(**library.made_of["population"]["rig"]) if "population" in library.made_of else None
+    if "population" not in library.made_of:
+        return None
+    population = library.made_of["population"]
+    return RIGS[population.get("model", Rig.model)](**population["rig"])
 
 
 def is_calibrated(library: Library) -> bool:
@@ -55,9 +58,18 @@ def uncalibrated_lines(config: Config, channels: Mapping[str, ChannelSettings]) 
     for section in config.channel:
         settings = channels.get(section.name)
         if settings is not None and settings.calibration is False:
-            maps = {} if settings.damage is None else settings.damage.maps
-            others = sorted({part_map.model for part_map in maps.values()} - {Rig.model})
-            yield from channel_lines(config, section, settings.alarms.suspended, others)
+            yield from channel_lines(config, section, settings.alarms.suspended, _other_models(settings))
+
+
+def _other_models(settings: ChannelSettings) -> list[str]:
+    """Return the models of the maps and the library of a channel, but that of the casing."""
+    if settings.damage is None:
+        return []
+    models = {part_map.model for part_map in settings.damage.maps.values()}
+    of_library = None if settings.damage.library is None else rig_of_library(settings.damage.library)
+    if of_library is not None:
+        models.add(of_library.model)
+    return sorted(models - {Rig.model})
 
 
 def channel_lines(
@@ -65,7 +77,7 @@ def channel_lines(
 ) -> Iterator[str]:
     """Yield the lines of one tracked channel of an uncalibrated rig, and of its ``suspended`` levels.
 
-    ``models`` are those of its maps, but that of the casing.
+    ``models`` are those of its maps and its library, but that of the casing.
     """
     issued = config.forecast.uncalibrated_threshold
     yield f"channel {section.name!r}: {_reason(config, section, models, issued=issued)}"
@@ -77,7 +89,7 @@ def _reason(config: Config, section: ChannelSection, models: Sequence[str], *, i
     if models and config.shaft.calibrated is False:
         return uncalibrated_sentence(f"[shaft] does not declare the parameters of {', '.join(models)}", issued=issued)
     if models:
-        return uncalibrated_sentence("its map was built before [shaft] was declared", issued=issued)
+        return uncalibrated_sentence("its map or library was built before [shaft] was declared", issued=issued)
     if config.calibration_of(section) is not False:
         return uncalibrated_sentence("its map or library was built before [rig] was calibrated", issued=issued)
     try:

@@ -15,6 +15,7 @@ from platformdirs import user_cache_dir
 
 from models.lives.life import simulate_lives
 from models.lives.population import Population
+from models.rigs.six_dof import Rig
 from monitor.health.damage.library import fit as library_fit
 from monitor.health.damage.library import model as library_model
 from monitor.health.damage.library import summaries
@@ -69,8 +70,9 @@ def prior_words(population: Population, runs: int) -> str:
     speed = " to ".join(f"{value:g}" for value in population.speed)
     posterior = population.rig_posterior
     rigs = "" if posterior is None else f"; rigs of the posterior of identification {posterior.identification[:12]}"
+    model = "" if population.rig.model == Rig.model else f" by the model {population.rig.model}"
     return (
-        f"{runs} simulated lives (population {population.hash()[:12]}): growth {laws}; {hours} h from onset to "
+        f"{runs} simulated lives{model} (population {population.hash()[:12]}): growth {laws}; {hours} h from onset to "
         f"{population.threshold * 1e6:g} mm2, there {depth} um deep and {extent} deg wide; "
         f"{load} N, {speed} Hz; gains {population.gain_sd:.0%} off{rigs}"
     )

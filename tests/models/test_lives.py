@@ -6,18 +6,22 @@ import sys
 from dataclasses import replace
 from functools import cache
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from models.bearing import kinematics
+from models.bearing import catalogue_entry, from_catalogue, kinematics
 from models.dynamics.time_domain import simulate_time
 from models.lives.laws import LAWS, PATH_STEP, GrowthPath, draw_law, grow
 from models.lives.life import LifeHistory, LifePlan, draw_life, simulate_life, simulate_lives
 from models.lives.population import Population, Range
+from models.nominal_rigs import nominal_rig
 from models.path.defect import race_radius
+from models.rigs.ring_impact import RingImpactRig
+from models.rigs.rotor import RotorRig
 from models.scene import Scene, Slip
 from models.simulate import simulate
 from monitor.health.spectrum.features import FeatureSettings, block_features, fundamentals
@@ -292,3 +296,47 @@ def test_a_population_loads_no_kernels() -> None:
         "assert 'numba' not in sys.modules and 'xarray' not in sys.modules"
     )
     subprocess.run([sys.executable, "-c", code], check=True)
+
+
+OTHER = replace(
+    PLAIN,
+    bearing=from_catalogue("6205"),
+    rig=nominal_rig(RotorRig, catalogue_entry("6205")),
+    rig_spread=(("m", 0.035), ("k_c", 0.035)),
+    interval=3600.0,
+    speed=(40.0, 40.0),
+)
+
+
+def test_lives_of_another_model_are_its_scenes() -> None:
+    plan, history = draw_life(OTHER, 0), simulate_life(OTHER, 0)
+    assert isinstance(plan.rig, RotorRig)
+    assert plan.rig != OTHER.rig
+    assert plan.floor.kind == "smooth"
+    assert len(history.t) > 1
+    for k in (0, -1):
+        defect = plan.defects(history.t[[k]], OTHER.threshold, race_radius(OTHER.bearing))[0]
+        scene = Scene(plan.speed, plan.load, OTHER.bearing, plan.rig, defect, model="rotor")
+        found = simulate(scene, accuracy=1e-4, band=OTHER.rms_band, duration=1.0)
+        assert history.rms[k] == pytest.approx(found.rms, rel=5e-3)
+        assert history.harmonics[k, 0] == pytest.approx(found.harmonics[0], abs=0.02 * found.rms)
+
+
+def test_a_population_names_its_model_and_has_a_hash_of_its_own() -> None:
+    assert Population.from_json(OTHER.as_json()) == OTHER
+    assert '"model": "rotor"' in OTHER.as_json()
+    assert "model" not in PLAIN.as_json()
+    assert OTHER.hash() != PLAIN.hash()
+
+
+@pytest.mark.parametrize(
+    ("changed", "words"),
+    [
+        ({"rig": RingImpactRig(), "rig_spread": ()}, "V_eq cannot be told by the model ring_impact"),
+        ({"slip": (0.0, 0.01)}, "population slip is one of six_dof, the rig is that of rotor"),
+        ({"rig_spread": (("k_r", 0.01),)}, "rig_spread names k_r"),
+    ],
+)
+def test_what_lives_of_another_model_lack_is_refused(changed: dict[str, Any], words: str) -> None:
+    with pytest.raises(ValueError, match=words):
+        replace(OTHER, **changed)

@@ -142,7 +142,7 @@ def test_second_bearing_and_axial_load_are_of_the_plan() -> None:
 
 
 def test_a_model_without_depth_is_refused_with_those_that_have_it() -> None:
-    with pytest.raises(MapError, match=r"ring_impact cannot be inverted: .* depth: six_dof, .*rotor"):
+    with pytest.raises(MapError, match=r"cannot be told by the model ring_impact: .* depth: six_dof, .*rotor"):
         replace(plan_of(), rig=RingImpactRig(), model="ring_impact")
 
 

@@ -11,13 +11,17 @@ from click.testing import CliRunner
 
 from models.lives.life import LifeHistory, simulate_life
 from models.lives.population import Population
+from models.rigs.rotor import RotorRig
 from monitor.cli import spallwatch
 from monitor.commands.common import InputError
+from monitor.config.load import load_config
 from monitor.health.damage import DamageInput, EdvStatus
 from monitor.health.damage.library.forecaster import LibraryState, step
 from monitor.records.histories import History
 from monitor.records.library_file import load_library
+from monitor.service.calibration import is_calibrated, rig_of_library
 from monitor.service.libraries import build_library, prior_words
+from monitor.service.setup import source_settings
 from tests.effort import effort_count
 
 
@@ -48,6 +52,50 @@ def test_a_small_library_is_built_said_and_usable(tmp_path: Path) -> None:
     assert f"hash {library.hash[:16]}; prior: 24 simulated lives" in table
     assert found["calibrated"] is False
     assert "rig not calibrated: masses and springs are those of the default test bench" in table
+
+
+MACHINE = """
+[[bearing]]
+name = "b"
+designation = "6205"
+[operating]
+speed_hz = 40.0
+load_newton = 4000.0
+[shaft]
+disc_mass_kg = 6.0
+calibrated = "declared"
+[[source]]
+name = "s"
+[[channel]]
+name = "x"
+source = "s"
+unit = "g"
+bearing = "b"
+track = true
+rms_band_hz = [0, 9500]
+"""
+
+
+@pytest.mark.process
+def test_a_library_of_lives_by_another_model(tmp_path: Path) -> None:
+    config, out = tmp_path / "m.toml", tmp_path / "lives.npz"
+    config.write_text(MACHINE)
+    options = ("--runs", "20", "--duration-min", "150:200", "--interval-s", "2700", "--config", str(config))
+    found = build(*options, "--model", "rotor", "--out", str(out))
+    assert (found["model"], found["calibrated"]) == ("rotor", "declared")
+    library = load_library(out)
+    rig = rig_of_library(library)
+    assert isinstance(rig, RotorRig)
+    assert rig.m == 6.0
+    assert is_calibrated(library)
+    assert "by the model rotor" in library.prior
+    loaded = load_config(config)
+    channel = source_settings(loaded, loaded.source[0], libraries={"x": library}).channels["x"]
+    assert channel.damage is not None
+    assert channel.damage.library is library
+    assert channel.calibration == "declared"
+    with pytest.raises(InputError, match="V_eq cannot be told by the model ring_impact"):
+        build("--config", str(config), "--model", "ring_impact", "--out", str(out))
 
 
 @pytest.mark.parametrize(

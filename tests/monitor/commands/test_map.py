@@ -211,7 +211,7 @@ def test_a_map_by_a_model_without_depth_is_refused(tmp_path: Path) -> None:
     config = tmp_path / "machine.toml"
     config.write_text(MACHINE)
     arguments = ["build", *SMALL, "--config", str(config), "--model", "ring_impact", "--out", str(tmp_path / "m.nc")]
-    with pytest.raises(InputError, match="cannot be inverted"):
+    with pytest.raises(InputError, match="V_eq cannot be told by the model ring_impact"):
         CliRunner().invoke(command, arguments, catch_exceptions=False)
 
 

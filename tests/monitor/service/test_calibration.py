@@ -148,7 +148,7 @@ def test_a_map_of_another_model_rests_on_the_claim_of_the_shaft(built: Claim, de
     if settings.calibration == "declared":
         assert lines == []
     elif declared == "declared":
-        assert "its map was built before [shaft] was declared" in lines[0]
+        assert "its map or library was built before [shaft] was declared" in lines[0]
     else:
         assert "[shaft] does not declare the parameters of rotor" in lines[0]
 
