@@ -15,7 +15,7 @@ import numpy as np
 
 from models.kernels.ball_ring import CARRIED, COSINE, F_Z, TORQUE, Ring, carry
 from models.kernels.jit import inlined, kernel
-from models.kernels.spall import INNER, R_ALONG, R_RADIUS, S_HALF_LENGTH, S_POSITION, S_RACE, wrapped
+from models.kernels.spall import INNER, OUTER, R_ALONG, R_RADIUS, S_HALF_LENGTH, S_POSITION, S_RACE, wrapped
 from models.kernels.stepping import accept, to_end, to_stage
 
 if TYPE_CHECKING:
@@ -53,6 +53,8 @@ NODES = 6
 STATUS_OK = 0
 STATUS_NOT_FINITE = 1
 _FARTHEST = 1e-2
+# Speed at which balls pass an inner race over that of the shaft, at most.
+_INNER_PASSING = 0.8
 
 
 class Modes(NamedTuple):
@@ -97,8 +99,8 @@ class Work(NamedTuple):
     Attributes:
         slope: derivative of the state by the angle at four stages, (4, size).
         state, trial: (size,).
-        place: displacements at the places of the lateral modes, (12,).
-        force: on them, (12,).
+        place: displacements of both inner rings, (10,).
+        force: on them and on the disc, (12,).
         turn: deviations of angle and speed at the places of torsion, (2, 5).
         carried: of both bearings, (2, CARRIED).
         warm_a, warm_b: last places of the balls, (N, 2).
@@ -131,7 +133,7 @@ def new_work(plan: Plan) -> Work:
         np.zeros((4, size)),
         np.zeros(size),
         np.zeros(size),
-        np.zeros(12),
+        np.zeros(10),
         np.zeros(12),
         np.zeros((2, 5)),
         np.zeros((2, CARRIED)),
@@ -146,10 +148,11 @@ def _fill_places(z: NDArray[np.float64], plan: Plan, work: Work) -> None:
     """Write displacements, and deviations of angle and speed, from the modes."""
     lateral, torsion = plan.lateral, plan.torsion
     n, m = lateral.square.shape[0], torsion.square.shape[0]
-    for r in range(12):
-        total = 0.0
+    places = z[1 : 1 + n]
+    for r in range(10):
+        shape, total = lateral.shape[r], 0.0
         for k in range(n):
-            total += lateral.shape[r, k] * z[1 + k]
+            total += shape[k] * places[k]
         work.place[r] = total
     at = 1 + 2 * n
     for r in range(5):
@@ -213,11 +216,16 @@ def rates(z: NDArray[np.float64], plan: Plan, work: Work, out: NDArray[np.float6
         force = p[P_UNBALANCE] * speed * speed
         work.force[10], work.force[11] = force * math.cos(angle), force * math.sin(angle)
     out[TIME] = 1.0
+    places, speeds, pushed = z[1 : 1 + n], z[1 + n : 1 + 2 * n], out[1 + n : 1 + 2 * n]
     for k in range(n):
-        push = lateral.steady[k] - lateral.square[k] * z[1 + k] - lateral.damping[k] * z[1 + n + k]
-        for r in range(12):
-            push += lateral.push[r, k] * work.force[r]
-        out[1 + k], out[1 + n + k] = z[1 + n + k], push
+        out[1 + k] = speeds[k]
+        pushed[k] = lateral.steady[k] - lateral.square[k] * places[k] - lateral.damping[k] * speeds[k]
+    for r in range(12):
+        # Of the disc there is an unbalance only.
+        force, push = work.force[r], lateral.push[r]
+        if force != 0.0:
+            for k in range(n):
+                pushed[k] += push[k] * force
     at = 1 + 2 * n
     for k in range(m):
         push = torsion.steady[k] - torsion.square[k] * z[at + k] - torsion.damping[k] * z[at + m + k]
@@ -267,11 +275,14 @@ def _at_edge(side: Index, step: float, plan: Plan, ring: Ring, work: Work) -> bo
         race = ring.surfaces[place]
         turned = nominal + work.turn[0, side] - p[P_BEARING + side * B_SIZE + B_TURNED] if place == INNER else 0.0
         first = work.state[cages + side] + ring.angles[0] - turned - spall[S_POSITION]
-        # Balls pass an inner race at less than the shaft's speed, an outer one at less than half of it.
-        reach = race[R_ALONG] * math.sqrt(p[P_EDGE]) / race[R_RADIUS] + step
+        reach = race[R_ALONG] * math.sqrt(p[P_EDGE]) / race[R_RADIUS]
+        # Balls pass an outer race forwards at less than half of the shaft's speed, an inner one backwards.
+        forwards, backwards = (0.5 * step, 0.0) if place == OUTER else (0.0, _INNER_PASSING * step)
         half = spall[S_HALF_LENGTH] / race[R_RADIUS]
-        if abs(wrapped(first - half, spacing)) < reach or abs(wrapped(first + half, spacing)) < reach:
-            return True
+        for edge in (-half, half):
+            past = wrapped(first - edge, spacing)
+            if -reach - forwards < past < reach + backwards:
+                return True
     return False
 
 

@@ -10,6 +10,8 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, NamedTuple
 
+import numpy as np
+
 from models.kernels.ball_statics import (
     FLOATING,
     SETTLED,
@@ -25,7 +27,6 @@ from models.kernels.jit import inlined, kernel
 from models.kernels.spall import INNER, OUTER, R_ALONG, R_RADIUS, S_HALF_LENGTH, S_POSITION, S_RACE, pressed, wrapped
 
 if TYPE_CHECKING:
-    import numpy as np
     from numpy.typing import NDArray
 
     from models.kernels.jit import Index
@@ -37,7 +38,7 @@ CARRIED = 8
 _WARM_STEPS = 8
 _MOST_STEPS, _FROZEN_AFTER, _MOST_HALVINGS = 80, 15, 40
 # A ball this far from a spall, m, beyond what its contact reaches at this deflection, m, is not over it.
-_DEEPEST = 1e-3
+_DEEPEST = 2e-4
 _TURN = 2.0 * math.pi
 
 
@@ -102,8 +103,8 @@ def _balance_over(
     ring: Ring,
 ) -> Balance:
     """Return the forces on a ball at a place, as ``balance_of``, without the energy."""
-    inner = _over(p_z - u_z, p_r - u_r, ring.races.inner_gap, INNER, angle - turned, middles[INNER], ring)
-    outer = _over(u_z, u_r, ring.races.outer_gap, OUTER, angle, middles[OUTER], ring)
+    inner = _over(p_z - u_z, p_r - u_r, ring.races.inner_gap, np.int64(INNER), angle - turned, middles[INNER], ring)
+    outer = _over(u_z, u_r, ring.races.outer_gap, np.int64(OUTER), angle, middles[OUTER], ring)
     z = inner.force * inner.z - outer.force * outer.z
     r = inner.force * inner.r - outer.force * outer.r + c_f
     return Balance(inner, outer, z, r, math.sqrt(z * z + r * r), 0.0)
@@ -122,9 +123,11 @@ def _deepened(c_f: float, angle: float, ring: Ring) -> float:
     high = low
     for k in range(ring.spalls.shape[0]):
         high += ring.spalls[k, 1] if int(ring.spalls[k, S_RACE]) == OUTER else 0.0
-    d = low
-    for _ in range(60):
-        force, stiffness = pressed(d, OUTER, angle, 0.0, ring.surfaces, ring.spalls)
+    # On the floor, or on the sound race: mostly one of both.
+    d = high
+    for trial in range(62):
+        d = low if trial == 1 else d
+        force, stiffness = pressed(d, np.int64(OUTER), angle, 0.0, ring.surfaces, ring.spalls)
         if abs(force - c_f) <= 0.1 * SETTLED:
             break
         if force < c_f:
@@ -258,8 +261,9 @@ def carry(
         torque += ring.half_resistance * (inner.force + outer.force) * arm
         if inner.force > 0.0:
             total += inner.force
-            both = math.atan2(inner.z, inner.r) + math.atan2(outer.z, outer.r)
-            turns += inner.force * 0.5 * both
+            # The sum of both contact angles.
+            both = math.atan2(inner.z * outer.r + inner.r * outer.z, inner.r * outer.r - inner.z * outer.z)
+            turns += 0.5 * inner.force * both
         left = max(left, forces.size)
     out[F_X], out[F_Y], out[F_Z], out[M_X], out[M_Y] = f_x, f_y, f_z, m_x, m_y
     out[TORQUE] = torque
