@@ -113,7 +113,9 @@ def scene_sheet(
     band = "over full bandwidth" if sensed.band is None else f"in {sensed.band[0]:g} to {sensed.band[1]:g} Hz"
     lead = f"RMS {figure(sensed.rms / STANDARD_GRAVITY)} g {band} on the {place} ({sensed.status.replace('_', ' ')})."
     parts = [_signal_part(scene, sensed)]
-    parts += [_path_part(scene, defect, number) for number, defect in enumerate(scene.defects)]
+    # Only this model has its balls follow the contour of the defect.
+    if isinstance(scene.rig, Rig):
+        parts += [_path_part(scene, defect, number) for number, defect in enumerate(scene.defects)]
     parts.append(_spectrum_part(scene, sensed))
     parts += [] if moved is None else [orbit_part(scene.speed, moved)]
     return Sheet(title, lead, parts, _facts(scene, sensed))
@@ -180,7 +182,8 @@ def ways(scene: Scene, defect: Defect) -> dict[str, tuple[Values, Values]]:
 
 def _signal_part(scene: Scene, sensed: SensorSignal) -> Part:
     since, until = float(sensed.time[0]), float(sensed.time[-1])
-    marked = passages(scene, until)
+    # What was recorded begins after the motion settled, wherever the cage is then.
+    marked = passages(scene, until) if sensed.periodic else []
     _, name = fundamental_of(scene)
 
     def draw(made: FigureBase) -> None:

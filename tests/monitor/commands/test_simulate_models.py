@@ -129,7 +129,19 @@ def test_a_picture_of_a_rotor_shows_its_orbits(tmp_path: Path) -> None:
     assert all(f"along_{point}_um" in page for point in "abc")
     assert "Circle: the radial clearance" in page
     simulate(*DAMAGED, "--plot", str(picture))
-    assert "Orbits" not in picture.read_text(encoding="utf-8")
+    page = picture.read_text(encoding="utf-8")
+    assert "Orbits" not in page
+    assert "Shaded: a ball is between the edges" in page
+    assert "The way over the damage" in page
+
+
+def test_a_picture_of_another_model_shows_no_way_and_no_passages_that_it_does_not_have(tmp_path: Path) -> None:
+    """Its record begins after settling, at any angle of the cage, and its balls do not follow the contour."""
+    picture = tmp_path / "rotor.html"
+    assert simulate(*DAMAGED, "--model", "rotor", "--plot", str(picture))["status"] == "converged"
+    page = picture.read_text(encoding="utf-8")
+    assert "Shaded: a ball is between the edges" not in page
+    assert "The way over the damage" not in page
 
 
 @pytest.mark.parametrize(
