@@ -10,6 +10,7 @@ READY := $(VENV)/.ready
 
 help:
 	@echo "make demo   a simulated bearing wears out and is monitored; the report is in demo-out/report.html"
+	@echo "            (make demo MODEL=rotor: by another model)"
 	@echo "make test   the test suite"
 	@echo "make coverage  the tests that start no process, and the share of lines that they run"
 	@echo "make check  lint, types and import rules"
@@ -28,7 +29,7 @@ $(READY): requirements.lock pyproject.toml
 setup: $(READY)
 
 demo: $(READY)
-	$(BIN)/spallwatch demo --out demo-out
+	$(BIN)/spallwatch demo --out demo-out $(if $(MODEL),--model $(MODEL))
 
 test: $(READY)
 	@# Kernels are compiled once, not by each of the workers at the same time.

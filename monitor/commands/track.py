@@ -140,6 +140,7 @@ def command(
         "prior": prior_of(settings.library) or settings.prior,
         "fault": None if rms_map is None else rms_map.part,
         "v_eq": None if rms_map is None else rms_map.volume_words,
+        "model": _model(rms_map, settings.library),
         "map_hash": None if rms_map is None else rms_map.hash,
         "calibrated": calibrated,
         "rows": rows,
@@ -160,6 +161,12 @@ def _calibration(rms_map: RmsMap | None, library: Library | None) -> tuple[Calib
     claims: list[Calibration] = [rig.calibrated for rig in known]
     found = weakest_calibration(*claims)
     return found, next(rig for rig in known if rig.calibrated == found)
+
+
+def _model(rms_map: RmsMap | None, library: Library | None) -> str | None:
+    """Return the model of a map, else of a library, None where that does not name it."""
+    rig = None if library is None else rig_of_library(library)
+    return rms_map.plan.model if rms_map is not None else None if rig is None else rig.model
 
 
 def _only(rms_map: RmsMap | None, name: str) -> float | None:

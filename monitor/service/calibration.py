@@ -58,10 +58,10 @@ def uncalibrated_lines(config: Config, channels: Mapping[str, ChannelSettings]) 
     for section in config.channel:
         settings = channels.get(section.name)
         if settings is not None and settings.calibration is False:
-            yield from channel_lines(config, section, settings.alarms.suspended, _other_models(settings))
+            yield from channel_lines(config, section, settings.alarms.suspended, other_models(settings))
 
 
-def _other_models(settings: ChannelSettings) -> list[str]:
+def other_models(settings: ChannelSettings) -> list[str]:
     """Return the models of the maps and the library of a channel, but that of the casing."""
     if settings.damage is None:
         return []

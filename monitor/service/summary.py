@@ -11,6 +11,7 @@ from monitor import __version__
 from monitor.config.load import Config
 from monitor.health.detect import Mark
 from monitor.health.state import ChannelSettings, SourceState
+from monitor.service.calibration import other_models
 
 
 def run_attributes(config: Config, channels: Mapping[str, ChannelSettings]) -> dict[str, Any]:
@@ -39,6 +40,10 @@ def run_attributes(config: Config, channels: Mapping[str, ChannelSettings]) -> d
         "track_method": listed({name: settings.track_method for name, settings in damage.items()}),
         "forecast_method": listed({name: settings.forecast_method for name, settings in damage.items()}),
     }
+    models = {name: ", ".join(found) for name, channel in channels.items() if (found := other_models(channel))}
+    if models:
+        # Another model than that of the casing, which older records do not name.
+        attributes["model"] = listed(models)
     if with_prior:
         attributes |= {
             "interval_level": config.forecast.interval,

@@ -144,6 +144,7 @@ def test_a_map_of_another_model_rests_on_the_claim_of_the_shaft(built: Claim, de
     plan = MapPlan((4000.0,), (40.0,), (0.0, 1e-5), (0.0, 0.1), bearing=entry.bearing, rig=rig, model="rotor")
     settings = source_settings(c, c.source[0], {"c": build_map(plan)}).channels["c"]
     assert settings.calibration == ("declared" if built == declared == "declared" else False)
+    assert run_attributes(c, {"c": settings})["model"] == "c: rotor"
     lines = list(uncalibrated_lines(c, {"c": settings}))
     if settings.calibration == "declared":
         assert lines == []
