@@ -32,7 +32,7 @@ from monitor.commands.model_parameters import further_effects, with_machine, wit
 from monitor.commands.simulate_models import WAVEFORM_RATE, compare, compared_lines, request_of, simulated
 from monitor.records.database import replacing
 from monitor.words.numbers import floor_of_defect
-from monitor.words.sensors import unit_of_sensor
+from monitor.words.sensors import MEASURED, data_name, unit_of_sensor
 from streams.block import STANDARD_GRAVITY
 
 if TYPE_CHECKING:
@@ -210,8 +210,6 @@ def _plot(response: Response, options: dict[str, Any], scene: Scene, sensor: Sen
     from monitor.report.figures.sheet import write_sheet
 
     path: Path = options["plot"]
-    if sensor == "ias":
-        raise click.UsageError("--plot draws accelerations; for the angular speed, rad/s, take --waveform")
     sensed = signal_of(response, sensor, fundamental_of(scene)[0])
     moved = trajectories(scene, request_of(options), response)
     sheet = scene_sheet(scene, sensed, sensor=sensor, title=_title(options, scene), moved=moved)
@@ -248,7 +246,7 @@ def _write_waveform(path: Path, signal: Any, sensor: Sensor) -> None:
     """Write time and signal, replacing the file in one step."""
     one, text = unit_of_sensor(sensor)
     rows = np.column_stack((np.arange(signal.size) / WAVEFORM_RATE, signal / one))
-    header = f"time_s,{'angular_speed' if sensor == 'ias' else 'acceleration'}_{text.replace('/', '_')}"
+    header = f"time_s,{data_name(MEASURED[sensor], text)}"
     with output_errors("--waveform", path), replacing(path) as temporary:
         np.savetxt(temporary, rows, delimiter=",", header=header, comments="", fmt="%.9g")
 

@@ -1,4 +1,4 @@
-"""Names of the places where the sensors of the models are, and the units of what they measure."""
+"""Names of the places where the sensors of the models are, and of what they measure, with its unit."""
 
 from __future__ import annotations
 
@@ -17,6 +17,14 @@ PLACES: Mapping[Sensor, str] = {
 }
 
 
+MEASURED: Mapping[Sensor, str] = {sensor: "angular speed" if sensor == "ias" else "acceleration" for sensor in PLACES}
+
+
 def unit_of_sensor(sensor: Sensor) -> tuple[float, str]:
     """Return the unit in which a sensor is shown: its value in SI, and its text."""
     return (1.0, "rad/s") if sensor == "ias" else (STANDARD_GRAVITY, "g")
+
+
+def data_name(quantity: str, unit: str) -> str:
+    """Return the name of a column with a quantity: ``acceleration_g``, ``angular_speed_rad_s``."""
+    return f"{quantity} {unit}".replace(" ", "_").replace("/", "_")

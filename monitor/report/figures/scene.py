@@ -25,8 +25,7 @@ from monitor.report.figures.orbits import orbit_part
 from monitor.report.figures.sheet import Part, Sheet
 from monitor.words.calibration import rig_words
 from monitor.words.numbers import figure
-from monitor.words.sensors import PLACES
-from streams.block import STANDARD_GRAVITY
+from monitor.words.sensors import MEASURED, PLACES, data_name, unit_of_sensor
 
 Values = NDArray[np.float64]
 
@@ -43,11 +42,11 @@ _UNSEEN = 2e-4
 
 @dataclass(frozen=True, eq=False)
 class SensorSignal:
-    """The acceleration of a sensor (m/s2) over time (s), and the amplitudes of its spectrum (m/s2) up to 12 kHz.
+    """What a sensor shows over time (s), m/s2 or rad/s, and the amplitudes of its spectrum up to 12 kHz.
 
     Attributes:
         periodic: whether the spectrum has lines at multiples of BPFO only.
-        rms: m/s2, from the model.
+        rms: from the model.
         status: of the simulation.
         model: which model answered, and how it was solved.
         band: of the RMS, Hz, None for full bandwidth.
@@ -111,12 +110,13 @@ def scene_sheet(
     """Return the report of a scene (thesis, Figs. 47, 48 and 53), with the orbits of its shaft where they are given."""
     place = PLACES[sensor]
     band = "over full bandwidth" if sensed.band is None else f"in {sensed.band[0]:g} to {sensed.band[1]:g} Hz"
-    lead = f"RMS {figure(sensed.rms / STANDARD_GRAVITY)} g {band} on the {place} ({sensed.status.replace('_', ' ')})."
-    parts = [_signal_part(scene, sensed)]
+    one, unit = unit_of_sensor(sensor)
+    lead = f"RMS {figure(sensed.rms / one)} {unit} {band} on the {place} ({sensed.status.replace('_', ' ')})."
+    parts = [_signal_part(scene, sensed, sensor)]
     # Only this model has its balls follow the contour of the defect.
     if isinstance(scene.rig, Rig):
         parts += [_path_part(scene, defect, number) for number, defect in enumerate(scene.defects)]
-    parts.append(_spectrum_part(scene, sensed))
+    parts.append(_spectrum_part(scene, sensed, sensor))
     parts += [] if moved is None else [orbit_part(scene.speed, moved)]
     return Sheet(title, lead, parts, _facts(scene, sensed))
 
@@ -180,7 +180,9 @@ def ways(scene: Scene, defect: Defect) -> dict[str, tuple[Values, Values]]:
     return found
 
 
-def _signal_part(scene: Scene, sensed: SensorSignal) -> Part:
+def _signal_part(scene: Scene, sensed: SensorSignal, sensor: Sensor) -> Part:
+    one, unit = unit_of_sensor(sensor)
+    quantity = MEASURED[sensor]
     since, until = float(sensed.time[0]), float(sensed.time[-1])
     # What was recorded begins after the motion settled, wherever the cage is then.
     marked = passages(scene, until) if sensed.periodic else []
@@ -192,20 +194,20 @@ def _signal_part(scene: Scene, sensed: SensorSignal) -> Part:
             axes.axvspan(1e3 * max(begin, 0.0), 1e3 * min(end, until), color=SHADE, lw=0)
             for edge in (begin, end):
                 axes.axvline(1e3 * edge, color=AXIS, lw=0.6)
-        axes.plot(1e3 * sensed.time, sensed.signal / STANDARD_GRAVITY, color=BLUE, lw=0.9)
-        axes.set(xlabel="time (ms)", ylabel="acceleration (g)", xlim=(1e3 * since, 1e3 * until))
+        axes.plot(1e3 * sensed.time, sensed.signal / one, color=BLUE, lw=0.9)
+        axes.set(xlabel="time (ms)", ylabel=f"{quantity} ({unit})", xlim=(1e3 * since, 1e3 * until))
 
     caption = f"The time of {_PASSAGES} passages ({name}){'' if sensed.periodic else ', about the loudest moment'}."
     if marked:
         caption += " Shaded: a ball is between the edges of the defect."
     data = {
         "time_ms": 1e3 * sensed.time[::4],
-        "acceleration_g": sensed.signal[::4] / STANDARD_GRAVITY,
+        data_name(quantity, unit): sensed.signal[::4] / one,
         "passage_begin_ms": [1e3 * begin for begin, _ in marked],
         "passage_end_ms": [1e3 * end for _, end in marked],
     }
-    peak = float(np.max(np.abs(sensed.signal))) / STANDARD_GRAVITY
-    label = f"Acceleration over {_PASSAGES} passages, peak {figure(peak)} g."
+    peak = float(np.max(np.abs(sensed.signal))) / one
+    label = f"{quantity.capitalize()} over {_PASSAGES} passages, peak {figure(peak)} {unit}."
     return Part("Signal of the sensor", caption, label, 2.5, draw, data, "signal")
 
 
@@ -242,14 +244,15 @@ def _deepest(found: Mapping[str, tuple[Values, Values]]) -> float:
     return max((float(y.max()) for _, y in found.values()), default=0.0)
 
 
-def _spectrum_part(scene: Scene, sensed: SensorSignal) -> Part:
+def _spectrum_part(scene: Scene, sensed: SensorSignal, sensor: Sensor) -> Part:
+    one, unit = unit_of_sensor(sensor)
     fundamental, name = fundamental_of(scene)
     modes = resonances(scene)
 
     def draw(made: FigureBase) -> None:
         panels = made.subplots(2, 1)
         for axes, top in zip(panels, (_HIGHEST, _ZOOM), strict=True):
-            show_spectrum(axes, sensed, (0.0, top), modes)
+            show_spectrum(axes, sensed, (0.0, top), modes, sensor)
         panels[-1].set_xlabel("frequency (Hz)")
         _mark_lines(panels[-1], fundamental, name)
         legend_above(panels[0])
@@ -261,7 +264,7 @@ def _spectrum_part(scene: Scene, sensed: SensorSignal) -> Part:
     seen = sensed.amplitude > _UNSEEN * max(float(sensed.amplitude.max(initial=0.0)), 1e-30)
     data = {
         "frequency_hz": sensed.frequency[seen],
-        "amplitude_g": sensed.amplitude[seen] / STANDARD_GRAVITY,
+        data_name("amplitude", unit): sensed.amplitude[seen] / one,
         "resonance_hz": modes,
         "fundamental_hz": fundamental,
     }
@@ -269,17 +272,20 @@ def _spectrum_part(scene: Scene, sensed: SensorSignal) -> Part:
     return Part("Spectrum", caption, label, 4.2, draw, data, "spectrum")
 
 
-def show_spectrum(axes: Axes, sensed: SensorSignal, band: tuple[float, float], modes: Sequence[float] | Values) -> None:
-    """Draw the part of a spectrum within a band, Hz, in g, with natural frequencies dotted."""
+def show_spectrum(
+    axes: Axes, sensed: SensorSignal, band: tuple[float, float], modes: Sequence[float] | Values, sensor: Sensor = "mo"
+) -> None:
+    """Draw the part of a spectrum within a band, Hz, in the unit of a sensor, with natural frequencies dotted."""
+    one, unit = unit_of_sensor(sensor)
     inside = (sensed.frequency >= band[0]) & (sensed.frequency <= band[1])
-    x, y = sensed.frequency[inside], sensed.amplitude[inside] / STANDARD_GRAVITY
+    x, y = sensed.frequency[inside], sensed.amplitude[inside] / one
     if sensed.periodic:
         axes.vlines(x, 0.0, y, color=PURPLE, lw=1.3)
     else:
         axes.plot(x, y, color=PURPLE, lw=0.7)
     for number, mode in enumerate(mode for mode in modes if band[0] <= mode <= band[1]):
         axes.axvline(mode, color=GREY, lw=1.0, ls=":", label="" if number else "natural frequency")
-    axes.set(xlim=band, ylim=(0.0, None), ylabel="amplitude (g)")
+    axes.set(xlim=band, ylim=(0.0, None), ylabel=f"amplitude ({unit})")
 
 
 def _mark_lines(axes: Axes, fundamental: float, name: str) -> None:

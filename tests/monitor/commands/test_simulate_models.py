@@ -135,6 +135,14 @@ def test_a_picture_of_a_rotor_shows_its_orbits(tmp_path: Path) -> None:
     assert "The way over the damage" in page
 
 
+def test_a_picture_of_the_angular_speed_has_its_unit(tmp_path: Path) -> None:
+    found = simulate(*DAMAGED, "--model", "angular", "--sensor", "ias", "--plot", str(tmp_path / "speed.html"))
+    page = (tmp_path / "speed.html").read_text(encoding="utf-8")
+    assert "angular_speed_rad_s" in page
+    assert "acceleration" not in page
+    assert f"RMS {found['rms_rad_s']:.3g} rad/s" in page
+
+
 def test_a_picture_of_another_model_shows_no_way_and_no_passages_that_it_does_not_have(tmp_path: Path) -> None:
     """Its record begins after settling, at any angle of the cage, and its balls do not follow the contour."""
     picture = tmp_path / "rotor.html"
