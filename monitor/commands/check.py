@@ -12,9 +12,10 @@ from urllib.parse import urlsplit
 import click
 
 from models.bearing import kinematics
-from models.registry import MODULES, solvers
+from models.registry import MODULES
 from monitor.commands import option
 from monitor.commands.common import emit, read_config
+from monitor.commands.model_parameters import effects_of
 from monitor.commands.redate import DatingPreview, keep_previews, preview_dating
 from monitor.config.load import Config, ConfigError
 from monitor.config.outputs import is_loopback
@@ -294,9 +295,9 @@ def _shaft_lines(config: Config) -> Iterator[str]:
         claim = "" if config.shaft.calibrated is False else " (declared)"
         yield f"shaft, for {model}{claim}: " + ", ".join(f"{key} {getattr(config.shaft, key):g}" for key in keys)
     for name, (key, _) in config.scene_values().items():
-        able = [model for model in MODULES if any(name in solver.effects for solver in solvers(model))]
+        able = [model for model in MODULES if name in effects_of(model)]
         section, _, last = key.partition(".")
-        yield f"{key} {getattr(getattr(config, section), last)}, described by {', '.join(able) or 'no model'}"
+        yield f"{key} {getattr(getattr(config, section), last)}, taken by {', '.join(able) or 'no model'}"
 
 
 def _dating_values(found: DatingPreview) -> dict[str, Any]:

@@ -39,11 +39,15 @@ if TYPE_CHECKING:
     from models.response import Response
 
 
+_USUAL = {"speed_hz": 40.0, "load_newton": 4000.0}
+"""Conditions where neither an option nor the configuration names them: those of the thesis."""
+
+
 @click.command("simulate")
 @option.config
 @option.bearing
-@click.option("--speed-hz", type=option.POSITIVE, default=40.0)
-@click.option("--load-newton", type=option.NOT_NEGATIVE, default=4000.0)
+@click.option("--speed-hz", type=option.POSITIVE, help="Default: that of [operating], else 40.")
+@click.option("--load-newton", type=option.NOT_NEGATIVE, help="Default: that of [operating], else 4000.")
 @click.option("--dphi-deg", type=click.FloatRange(0, 360), default=0.0, help="Extent of the defect.")
 @click.option("--h-d-um", type=option.NOT_NEGATIVE, default=0.0, help="Depth of the defect.")
 @click.option("--clearance-um", type=option.NOT_NEGATIVE, help="Radial clearance.")
@@ -84,6 +88,9 @@ def command(config_path: Path | None, name: str | None, as_json: bool, quiet: bo
     if options["plot"] is not None:
         check_suffix("--plot", options["plot"], PICTURES)
     config = read_machine(config_path)
+    given = {key: options[key] for key in _USUAL if options[key] is not None}
+    configured = {key: value for key in _USUAL if (value := getattr(config.operating, key)) is not None}
+    options |= _USUAL | configured | given
     entry, clearance = find_entry(config, name)
     if options["clearance_um"] is not None:
         clearance = options["clearance_um"] * 1e-6
@@ -281,6 +288,6 @@ def _lines(values: dict[str, Any], scene: Scene) -> Iterator[str]:
     if values["why"] is not None:
         yield values["why"]
     if values["left_out"]:
-        yield f"configured, but not described by {values['model']}: {', '.join(values['left_out'])}"
+        yield f"configured, but left out by {values['model']}: {', '.join(values['left_out'])}"
     if scene.defect is None:
         yield "no defect: give --dphi-deg and --h-d-um"

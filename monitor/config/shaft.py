@@ -143,7 +143,8 @@ class ShaftSection(Section):
         """Yield each model that takes parameters of the section with the keys that it takes, of those given."""
         given = self.model_fields_set
         for model, keys in RIG_KEYS.items():
-            taken = [key for key in type(self).model_fields if key in given and key in keys.values()]
+            own = {*keys.values(), *(["inner_diameter_mm"] if "outer_diameter_mm" in keys.values() else [])}
+            taken = [key for key in type(self).model_fields if key in given and key in own]
             if taken:
                 yield model, taken
 

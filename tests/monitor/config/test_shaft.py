@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from models.bearing import catalogue_entry
+from models.bearing import catalogue_entry, kinematics
 from models.contact_estimates import estimate_stiffness
 from models.rigs import RIGS
 from models.rigs.angular import AngularRig
@@ -217,6 +217,9 @@ def test_simulate_takes_the_shaft_and_an_option_takes_precedence(tmp_path: Path)
     assert simulated("--model", "rotor", "--unbalance-kg-m", "600e-6")["rms_g"] > rotor["rms_g"]
     assert simulated("--model", "rotor", "--parameter", "m=9")["rms_g"] != rotor["rms_g"]
     casing = simulated("--model", "six_dof")
+    assert casing["bpfo_hz"] == pytest.approx(kinematics(catalogue_entry("6205").bearing, 25.0).bpfo)
+    assert casing == simulated("--model", "six_dof", "--speed-hz", "25", "--load-newton", "1000")
+    assert casing != simulated("--model", "six_dof", "--speed-hz", "25", "--load-newton", "4000")
     assert casing["left_out"] == ["shaft.unbalance_g_mm", "operating.axial_load_newton", "shaft.second_bearing"]
 
 
@@ -227,5 +230,5 @@ def test_check_says_which_models_take_the_shaft(tmp_path: Path) -> None:
     assert done.returncode == 0, done.stderr
     assert "shaft, for rotor: length_mm 800, disc_mass_kg 4.5\n" in done.stdout
     assert "shaft, for ball_inertia: disc_mass_kg 4.5\n" in done.stdout
-    assert re.search(r"shaft.second_bearing far, described by .*rotor", done.stdout)
-    assert "operating.axial_load_newton 200.0, described by " in done.stdout
+    assert re.search(r"shaft.second_bearing far, taken by .*rotor", done.stdout)
+    assert "operating.axial_load_newton 200.0, taken by " in done.stdout
