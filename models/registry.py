@@ -105,9 +105,8 @@ class Solver:
         rig: the type of the parameters of the machine that it takes.
         trajectories: returns where the points of a shaft move, None where the motion diverged; None where the model has
             no shaft that moves.
-        adapt: returns a scene that has the parameters of another model with its own, by the mapping that the model's
-            file states; raises a ValueError that names the assumption which the models do not share. None where
-            there is no such mapping.
+        whole: whether it leaves out nothing of a machine that the parameters of a scene describe; None where it never
+            does. Such a solver is a reference; any other only stands for one (``models.choice``).
     """
 
     model: str
@@ -118,7 +117,7 @@ class Solver:
     solve: Callable[[Scene, Request], Response]
     reason: str
     rig: type[AnyRig]
-    adapt: Callable[[Scene], Scene] | None = None
+    whole: Callable[[Scene], bool] | None = None
     trajectories: Callable[[Scene, Request], Trajectories | None] | None = None
 
     def __post_init__(self) -> None:
@@ -145,7 +144,9 @@ def solvers(model: str = AUTO) -> tuple[Solver, ...]:
 
 
 def choose(scene: Scene, request: Request) -> tuple[Solver, str | None]:
-    """Return the cheapest solver that has all effects of a scene and the accuracy asked for, and why.
+    """Return the cheapest solver that has all effects of a scene, its parameters and the accuracy asked for, and why.
+
+    It is a reference: what stands for it with parameters of another model is chosen in ``models.choice``.
 
     The reason is None where the scene names its model and that has one way only. If none reaches the accuracy, the
     most accurate is taken, and the status of its response says so.
@@ -160,11 +161,12 @@ def choose(scene: Scene, request: Request) -> tuple[Solver, str | None]:
     if not able:
         raise ValueError(_refusal(scene, known))
     able = _of_the_rig(scene, able)
+    able = [s for s in able if s.whole is None or s.whole(scene)] or able
     accurate = [s for s in able if s.error <= request.accuracy]
     if not accurate:
         best = min(able, key=lambda s: s.error)
     else:
-        best = accurate[0] if len(accurate) == 1 else min(accurate, key=lambda s: s.cost(adapted(scene, s), request))
+        best = accurate[0] if len(accurate) == 1 else min(accurate, key=lambda s: s.cost(scene, request))
     if scene.model != AUTO:
         return best, None
     return best, _reason(best, scene, len({s.model for s in able}))
@@ -207,13 +209,7 @@ def check_effects(scene: Scene, able: frozenset[str], model: str, how: str = "")
 
 
 def adapted(scene: Scene, solver: Solver) -> Scene:
-    """Return a scene with the parameters that a solver takes.
-
-    Raises:
-        ValueError: if they are those of another model and the solver has no mapping for it, or it does not hold.
-    """
-    if solver.adapt is not None and not isinstance(scene.rig, solver.rig):
-        scene = solver.adapt(scene)
+    """Return a scene whose parameters a solver takes; raise a ValueError where they are those of another model."""
     scene.rig_as(solver.rig)
     return scene
 

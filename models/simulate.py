@@ -6,7 +6,8 @@ import math
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from models.registry import Request, adapted, choose
+from models.choice import select
+from models.registry import Request
 from models.response import judged
 
 if TYPE_CHECKING:
@@ -111,7 +112,7 @@ def volume_slope(scene: Scene, request: Request) -> float:
 
 
 def _answer(scene: Scene, request: Request) -> Response:
-    """Return the response of the solver that is chosen."""
-    solver, why = choose(scene, request)
-    response = solver.solve(adapted(scene, solver), request).led_by(request.sensor)
-    return response if why is None else replace(response, why=why)
+    """Return the response of what is chosen, judged with the error of the model."""
+    chosen = select(scene, request)
+    found = chosen.answer()
+    return found if chosen.mapped is None else judged(replace(found, model_error=chosen.error), request)

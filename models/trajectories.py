@@ -79,11 +79,13 @@ def settled(
 def trajectories(scene: Scene, request: Request, response: Response) -> Trajectories | None:
     """Return where the points of a shaft move, by the solver that gave a response; None where it describes none.
 
-    They are of the last turns (MOST_TURNS at most) of a run that lasts as long as the request says.
+    They are of the last turns (MOST_TURNS at most) of a run that lasts as long as the request says. A solver that stood
+    for another model describes none of that model's.
     """
     from models.registry import adapted, solvers
 
     for solver in solvers(response.model):
-        if solver.name == response.solver and solver.trajectories is not None:
+        own = solver.name == response.solver and isinstance(scene.rig, solver.rig)
+        if own and solver.trajectories is not None:
             return solver.trajectories(adapted(scene, solver), request)
     return None

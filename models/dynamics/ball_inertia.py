@@ -15,7 +15,7 @@ Readings; numbers are those of the corrections in docs/evidence/models.md.
   the inner race is met by the angle between ball and shaft. Both races have their contact on the pitch circle.
 * Clearance widens the outer race (9).
 
-It takes no parameters of another model: neither a casing nor a contact without its ball's mass has a counterpart here.
+It takes no parameters of another model; ``models.mappings`` says what may stand for it.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ import numpy as np
 
 from models.bearing import kinematics
 from models.checks import check_positive
-from models.dynamics.over_time import LOOKED_AT, Motion, answer, duration_of, passage_rate
+from models.dynamics.over_time import LOOKED_AT, SECONDS_A_CALL, Motion, answer, duration_of, passage_rate
 from models.dynamics.passages import in_intervals, passages_over
 from models.hertz import BALL_EXPONENT, element_angles, in_series, static_equilibrium
 from models.kernels import ball_inertia as kernels
@@ -65,7 +65,7 @@ _SETTLE_PERIODS = 4.0
 _SETTLE_CONSTANTS = 7.0
 _SETTLE_LEAST, _SETTLE_MOST = 0.2, 2.0
 # Time of a step, s: of the ring, and of each ball.
-_SECONDS_A_STEP, _SECONDS_A_BALL = 1e-7, 3e-8
+_SECONDS_A_STEP, _SECONDS_A_BALL = 1.8e-7, 5.5e-8
 _LEAST_ERROR = 1e-5
 # Places of a ball that are looked at from where the ring leaves it, m, and halvings of that range.
 _REACH, _HALVINGS = 1e-3, 80
@@ -289,7 +289,7 @@ def settling(scene: Scene) -> float:
 def _cost(scene: Scene, request: Request) -> float:
     step = min(_SHARE_OF_STABLE * longest_stable_step(scene), 0.5 / request.rate)
     seconds = _SECONDS_A_STEP + _SECONDS_A_BALL * len(_ball_angles(scene))
-    return seconds * (1.0 + 3.0 * LOOKED_AT) * (request.duration + settling(scene)) / step
+    return SECONDS_A_CALL + seconds * (1.0 + 3.0 * LOOKED_AT) * (request.duration + settling(scene)) / step
 
 
 SOLVER = Solver(

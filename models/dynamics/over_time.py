@@ -4,8 +4,8 @@ A model gives a ``Motion``: the accelerations of its sensors from the beginning,
 first sensor is the one whose errors are stated.
 
 Error of the steps: a span from the beginning is simulated again with half the steps; the estimate is that of
-``models.kernels.settled`` for one halving. Where an accuracy is asked for, steps are halved until it is met, or until
-halving no longer helps, as where the motion is chaotic.
+``models.kernels.settled`` for one halving, over the settled RMS where that is fainter. Where an accuracy is asked for,
+steps are halved until it is met, or until halving no longer helps, as where the motion is chaotic.
 """
 
 from __future__ import annotations
@@ -56,6 +56,9 @@ _HELPS = 0.7
 _SAME_LEVEL = 3e-3
 # A smaller spread of the RMS from ball period to ball period is due to the steps.
 _SAME_PERIOD = 2e-2
+
+# Processor time of what does not depend on the steps, s: filters, lines, levels.
+SECONDS_A_CALL = 5e-3
 
 FromRest = Callable[[int, int], tuple["NDArray[np.float64]", bool]]
 
@@ -119,8 +122,17 @@ def answer(motion: Motion, request: Request, step: float, *, fixed: bool = False
     oversampling = max(2, math.ceil(1.0 / (request.rate * step) - 1e-9))
     run.check_length(oversampling)
     oversampling, error = run.look(oversampling, None if fixed else request.accuracy)
-    wave, finite = run.whole(oversampling)
-    return judged(_response(motion, request, _measured(wave, run, oversampling), error, finite=finite), request)
+    while True:
+        wave, finite = run.whole(oversampling)
+        found = _measured(wave, run, oversampling)
+        settled = error.over(found.levels[0].rms)
+        if fixed or not finite or not settled.of(request) > request.accuracy or not run.fits(2 * oversampling):
+            break
+        _, better = run.look(2 * oversampling, None)
+        if not better.wave < _HELPS * error.wave:
+            break
+        oversampling, error = 2 * oversampling, better
+    return judged(_response(motion, request, found, settled, finite=finite), request)
 
 
 def duration_of(request: Request, settle: float) -> float:
@@ -136,12 +148,20 @@ def _samples(request: Request) -> int:
 
 @dataclass(frozen=True)
 class _StepError:
-    """Errors of RMS, waveform, peak and, where they are asked for, lines due to the steps, relative."""
+    """Errors of RMS, waveform, peak and, where they are asked for, lines due to the steps, over those of ``level``."""
 
     rms: float
     wave: float
     peak: float
     lines: float = math.nan
+    level: float = 0.0
+
+    def over(self, settled: float) -> _StepError:
+        """Return the errors of a settled motion, of that RMS, where the beginning that was looked at is louder."""
+        if not settled > SILENCE or not self.level > settled or not math.isfinite(self.level):
+            return self
+        louder = self.level / settled
+        return replace(self, rms=louder * self.rms, wave=louder * self.wave, peak=louder * self.peak)
 
     def of(self, request: Request) -> float:
         """Return that of the quantity that is asked for."""
@@ -159,12 +179,16 @@ class _Run:
 
     def check_length(self, oversampling: int) -> None:
         """Raise a ValueError where the run would have too many steps."""
-        steps = (self.settled + self.samples) * oversampling
-        if steps > MOST_STEPS:
+        if not self.fits(oversampling):
+            steps = (self.settled + self.samples) * oversampling
             raise ValueError(
                 f"duration {self.samples / self.rate:g} s and {self.settled / self.rate:g} s to settle take {steps} "
                 f"steps of {1.0 / (self.rate * oversampling):.3g} s, at most {MOST_STEPS} are taken"
             )
+
+    def fits(self, oversampling: int) -> bool:
+        """Return whether a run has no more steps than may be taken."""
+        return (self.settled + self.samples) * oversampling <= MOST_STEPS
 
     def whole(self, oversampling: int) -> tuple[NDArray[np.float64], bool]:
         """Return the accelerations of all steps, (steps, sensors), and whether they are finite."""
@@ -180,7 +204,7 @@ class _Run:
         wave, _ = from_rest(span * oversampling, oversampling)
         finer, _ = from_rest(2 * span * oversampling, 2 * oversampling)
         error = _step_error(wave, finer, oversampling, self.motion, self._request)
-        while accuracy is not None and error.of(self._request) > accuracy and 2 * whole * oversampling <= MOST_STEPS:
+        while accuracy is not None and error.of(self._request) > accuracy and self.fits(2 * oversampling):
             wave, (finer, _) = finer, from_rest(4 * span * oversampling, 4 * oversampling)
             better = _step_error(wave, finer, 2 * oversampling, self.motion, self._request)
             if not better.wave < _HELPS * error.wave:
@@ -222,17 +246,14 @@ def _step_error(
             ours, better = (band_passed(signal, request.rate, request.band) for signal in (ours, better))
             inside = max(_rms(better), SILENCE)
             error = _HALVED * max(abs(_rms(ours) - inside), ERROR_OF_WAVE * _rms(ours - better)) / inside
-    found = _StepError(error, sampled, abs(peak - peak_fine) / peak_fine + change)
+    found = _StepError(error, sampled, abs(peak - peak_fine) / peak_fine + change, level=level)
     if request.quantity == "lines":
         found = replace(found, lines=_error_of_lines(coarse, finer[:, 0], request.rate * oversampling, motion))
     return found
 
 
 def _error_of_lines(coarse: NDArray[np.float64], finer: NDArray[np.float64], rate: float, motion: Motion) -> float:
-    """Return the estimated error of the lines over the largest, of first order as that of the sampled signal.
-
-    ``rate``: steps a second of the first signal; the second has twice as many.
-    """
+    """Return the error of the lines over the largest, of first order; ``rate``: steps a second of the first signal."""
     passages = motion.bpfo if motion.passages is None else motion.passages
     found = [
         2.0
@@ -352,7 +373,7 @@ def _status(levels: _Levels, *, finite: bool, repeats: bool) -> Status:
 
 
 def _margin(oversampling: int) -> int:
-    """Return the half length of the filter, in whole samples."""
+    """Return half the filter's length, samples."""
     return math.ceil(len(anti_alias_filter(oversampling)) // 2 / oversampling)
 
 

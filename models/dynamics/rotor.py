@@ -4,7 +4,7 @@
 are the inner rings of the bearings, "c" is the disc. The outer rings stand still. The motion begins at rest at the
 static equilibrium, the beginning is dropped, and what remains is averaged (``models.dynamics.over_time``).
 
-It takes no parameters of another model: a casing that moves and a rotor that tilts have no counterpart in each other.
+It stands for balls with inertia and for an elastic shaft where ``models.mappings`` says so.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ import numpy as np
 
 from models.bearing import kinematics
 from models.checks import check_positive
-from models.dynamics.over_time import LOOKED_AT, Motion, answer, duration_of, passage_rate
+from models.dynamics.over_time import LOOKED_AT, SECONDS_A_CALL, Motion, answer, duration_of, passage_rate
 from models.dynamics.rotor_plan import at_rest, bearings_of, check_rotor, inverse_mass, prepare_plan, stiffness_of
 from models.hertz import contact_exponent
 from models.kernels import rotor as kernels
@@ -59,7 +59,7 @@ _SETTLE_PERIODS = 20.0
 _SETTLE_CONSTANTS = 7.0
 _SETTLE_LEAST, _SETTLE_MOST = 0.2, 2.0
 _SAME_CAGE = 1e-12
-_SECONDS_A_STEP = 3e-7
+_SECONDS_A_STEP = 3.3e-7
 _LEAST_ERROR = 1e-6
 
 
@@ -260,7 +260,8 @@ def settling(scene: Scene) -> float:
 def cost_of(scene: Scene, request: Request, shaft: Rigid, seconds_a_step: float) -> float:
     """Return the expected processor time, s."""
     step = min(shaft.longest_step(), 0.5 / request.rate)
-    return seconds_a_step * (1.0 + 3.0 * LOOKED_AT) * (request.duration + settling(scene)) / step
+    steps = (1.0 + 3.0 * LOOKED_AT) * (request.duration + settling(scene)) / step
+    return SECONDS_A_CALL + seconds_a_step * steps
 
 
 def _cost(scene: Scene, request: Request) -> float:
@@ -276,5 +277,6 @@ SOLVER = Solver(
     solve=solve,
     reason="the shaft counts as rigid, since the scene does not ask for an elastic one",
     rig=RotorRig,
+    whole=lambda scene: scene.rig_as(RotorRig).end_mass == 0.0,
     trajectories=trajectories,
 )

@@ -40,7 +40,7 @@ if TYPE_CHECKING:
 ELASTIC_EFFECTS = EFFECTS | {"with_elastic_shaft"}
 _BENDING_ANGLE = 0.3
 _MASSLESS_STEP = 10e-6
-_SECONDS_A_STEP = 8e-7
+_SECONDS_A_STEP, _SECONDS_A_MASSLESS_STEP = 5e-7, 8e-7
 _LEAST_ERROR = 1e-5
 
 
@@ -125,7 +125,8 @@ def trajectories(scene: Scene, request: Request) -> Trajectories | None:
 
 
 def _cost(scene: Scene, request: Request) -> float:
-    return cost_of(scene, request, shaft_of(scene), _SECONDS_A_STEP)
+    shaft = shaft_of(scene)
+    return cost_of(scene, request, shaft, _SECONDS_A_MASSLESS_STEP if isinstance(shaft, Massless) else _SECONDS_A_STEP)
 
 
 SOLVER = Solver(

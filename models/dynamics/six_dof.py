@@ -235,6 +235,7 @@ def rig_parameters(rig: Rig, clearance: float, omega: float) -> NDArray[np.float
     parameter[kernels.P_BETA] = rig.beta_c * rig.k_c
     parameter[kernels.P_CLEARANCE] = clearance
     parameter[kernels.P_OMEGA] = omega
+    parameter[kernels.P_TURN] = omega if rig.cage_in_rate else 0.0
     parameter[kernels.P_INV_M_I] = 1.0 / rig.m_i
     parameter[kernels.P_INV_M] = 1.0 / (rig.m_o + rig.m_r)
     parameter[kernels.P_INV_M_O] = 1.0 / rig.m_o

@@ -50,8 +50,8 @@ from models.kernels.step import (
     P_INV_M_R,
     P_K_C,
     P_K_R,
-    P_OMEGA,
     P_SHARE_R,
+    P_TURN,
     STATUS_NOT_FINITE,
     STATUS_OK,
     kick,
@@ -295,7 +295,7 @@ def advance(
     spring = (parameter[P_K_R], parameter[P_C_R], parameter[P_INV_M_R])
     alpha, beta = parameter[P_ALPHA], parameter[P_BETA] / parameter[P_K_C] ** (1.0 / 3.0)
     scale = parameter[P_K_C] ** (2.0 / 3.0)
-    relative = (scale, parameter[P_SHARE_R], parameter[P_OMEGA])
+    relative = (scale, parameter[P_SHARE_R], parameter[P_TURN])
     gap = scale * parameter[P_CLEARANCE]
     h = flow[0]
     e = (flow[1], flow[2], flow[3], flow[4], flow[5], flow[6], flow[7], flow[8], flow[9])

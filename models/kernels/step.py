@@ -62,7 +62,8 @@ P_SQUARE_R = 19  # resonator stiffness over reduced mass, 1/s2
 P_DAMPING_R = 20  # resonator damping over reduced mass, 1/s
 P_DIRECTION_1 = 21  # of the sensor, along the load
 P_DIRECTION_2 = 22  # the same across it
-PARAMETERS = 23
+P_TURN = 23  # cage speed that enters the rate of approach, rad/s: P_OMEGA, or 0 where the turn is left out of it
+PARAMETERS = 24
 
 
 class Balls(NamedTuple):
@@ -161,7 +162,7 @@ def relative_motion(
     """Return displacement and velocity of the inner ring against the outer in the frame of the cage, along and across,
     and whether only near balls can touch; ``c`` and ``s`` are cosine and sine of the cage angle.
     """
-    share, omega = p[P_SHARE_R], p[P_OMEGA]
+    share, omega = p[P_SHARE_R], p[P_TURN]
     u1 = p[P_U_1] + x1[0] - x1[2] - share * x1[4]
     u2 = p[P_U_2] + x2[0] - x2[2] - share * x2[4]
     # The total derivative of u.n for a ball that moves with the cage (Eq. 36).

@@ -20,8 +20,8 @@ from models.kernels.step import (
     P_BETA,
     P_CLEARANCE,
     P_K_C,
-    P_OMEGA,
     P_SHARE_R,
+    P_TURN,
     P_U_1,
     Balls,
     Nodes,
@@ -108,7 +108,7 @@ def _noted_forces(
     balls, nodes, slopes = context
     node = node_of(stage)
     a11, a22, a12, b11, b22, b12 = _slopes(x1, x2, p, balls, nodes, n, node)
-    c, s, omega = nodes.turn[n, node, 0], nodes.turn[n, node, 1], p[P_OMEGA]
+    c, s, omega = nodes.turn[n, node, 0], nodes.turn[n, node, 1], p[P_TURN]
     # Turned back by the cage angle.
     k11 = c * c * a11 - 2.0 * c * s * a12 + s * s * a22
     k22 = s * s * a11 + 2.0 * c * s * a12 + c * c * a22

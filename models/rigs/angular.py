@@ -55,6 +55,7 @@ class AngularRig(RigParameters):
     """
 
     model: ClassVar[str] = "angular"
+    first_sensor: ClassVar[Literal["ias"]] = "ias"
     uncertain: ClassVar[tuple[str, ...]] = (
         "disc_mass",
         "disc_polar",

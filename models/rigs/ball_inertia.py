@@ -13,6 +13,7 @@ from models.rigs.six_dof import Claim
 
 if TYPE_CHECKING:
     from models.bearing import Bearing
+    from models.response import Sensor
 
 DefectShape = Literal["rectangle", "half_sine"]
 DEFECT_SHAPES: tuple[DefectShape, ...] = ("rectangle", "half_sine")
@@ -35,6 +36,7 @@ class BallInertiaRig(RigParameters):
     """
 
     model: ClassVar[str] = "ball_inertia"
+    first_sensor: ClassVar[Sensor] = "a"
     uncertain: ClassVar[tuple[str, ...]] = ("m_rotor", "m_i", "k_ci", "k_co", "c_ci", "c_co")
 
     m_rotor: float = 1.5

@@ -12,6 +12,7 @@ from models.rigs.six_dof import Claim
 
 if TYPE_CHECKING:
     from models.bearing import Bearing
+    from models.response import Sensor
 
 Pulse = Literal["rectangle", "half_sine"]
 STEEL_DENSITY = 7800.0
@@ -91,6 +92,7 @@ class RingImpactRig(RigParameters):
     """
 
     model: ClassVar[str] = "ring_impact"
+    first_sensor: ClassVar[Sensor] = "mo"
     uncertain: ClassVar[tuple[str, ...]] = ("m_o", "m_i", "k_o", "k_i", "k_of", "k_if", "c_of", "c_if", "gain")
 
     m_o: float = 0.0897

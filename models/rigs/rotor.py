@@ -12,6 +12,7 @@ from models.rigs.six_dof import Claim
 
 if TYPE_CHECKING:
     from models.bearing import Bearing, Element
+    from models.response import Sensor
 
 
 @dataclass(frozen=True)
@@ -40,6 +41,7 @@ class RotorRig(RigParameters):
     """
 
     model: ClassVar[str] = "rotor"
+    first_sensor: ClassVar[Sensor] = "a"
     uncertain: ClassVar[tuple[str, ...]] = ("m", "j_p", "j_t", "shaft_diameter", "modulus", "k_c", "c_b", "c_n")
 
     m: float = 5.0

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from models.bearing import Bearing, Element
+    from models.response import Sensor
 
 Calibration = bool | Literal["declared"]
 """Whether a rig's parameters are those of the machine: identified on it, or "declared" by a person."""
@@ -42,7 +43,10 @@ class Rig(RigParameters):
     """
 
     model: ClassVar[str] = "six_dof"
+    first_sensor: ClassVar[Sensor] = "mo"
     uncertain: ClassVar[tuple[str, ...]] = ("m_i", "m_o", "m_r", "k_i", "k_r", "k_c", "c_i", "c_r", "alpha_c", "beta_c")
+    # Whether the turn of the cage enters the rate of approach of a contact (Eq. 36).
+    cage_in_rate: ClassVar[bool] = True
 
     m_i: float = 3.48
     m_o: float = 5.79

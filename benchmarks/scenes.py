@@ -1,0 +1,249 @@
+"""Scenes: what each model costs and misses where another could answer, and what ``--model auto`` makes of it.
+
+Run as ``python -m benchmarks.scenes [--quick] [--json FILE]``. Two parts:
+
+1. a dozen named scenes: the reference, each model that can stand for it whatever its error, what that leaves out, how
+   far it is off in RMS, A* (the first five lines of the passages over the defect, Eq. 57), the largest line and V_eq,
+   and what both cost. Without ``--quick`` the table in docs/explanation/scenes.md is written anew.
+2. 200 random scenes (``benchmarks.scenes_random``) whose seeds were set aside before any constant was fitted: whether
+   ``auto`` exceeds the accuracy, against the reference with an eighth of its step; its cost over that of the cheapest
+   model that would have met it, and over that of the reference; how often each is taken and could be.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from benchmarks.common import Row, arguments, print_table, write_json
+from benchmarks.scenes_random import KINDS, Drawn, draw
+from benchmarks.scenes_trial import Trial, run, timed, truth_of
+from models.bearing import from_catalogue
+from models.choice import select, stand_ins
+from models.dynamics.over_time import passage_rate
+from models.registry import Request, choose
+from models.response import Response
+from models.rigs.ball_inertia import BallInertiaRig
+from models.rigs.rotor import RotorRig
+from models.scene import Defect, Scene
+from models.simulate import volume_slope
+
+HELD_OUT = 57_000
+SCENES, SCENES_QUICK = 200, 12
+MAX_RATIO = 1.3
+PAGE = Path(__file__).resolve().parents[1] / "docs" / "explanation" / "scenes.md"
+BEGIN, END = "<!-- table: begin -->", "<!-- table: end -->"
+REQUEST = Request(accuracy=1e-3, duration=0.5, rate=25600.0)
+ASKED = 5e-2
+"""Accuracy of the RMS for which the table says what ``auto`` takes."""
+
+
+def named_scenes() -> dict[str, Scene]:
+    """Return the scenes of the table."""
+    bearing = from_catalogue("6206")
+    balls = BallInertiaRig(c_ci=500.0, c_co=500.0, defect_shape="half_sine")
+    rotor = RotorRig(m=3.0, c_n=300.0, cage_angle_a=0.0)
+    short = replace(rotor, length=0.06, a=0.03, shaft_diameter=0.06, end_mass=0.3, j_p=1e-2, j_t=1e-2)
+    plain = Scene(30.0, 2000.0, bearing=bearing, rig=balls)
+    defect = Defect(math.radians(4.0), 1e-5)
+    return {
+        "healthy, steel balls": plain,
+        "the same, slow (15 Hz)": replace(plain, speed=15.0),
+        "the same, ceramic balls": replace(plain, rig=replace(balls, m_b=0.41 * balls.ball_mass(bearing))),
+        "the same, clearance 5 µm": replace(plain, clearance=5e-6),
+        "outer race, steel balls": replace(plain, defect=defect),
+        "inner race, steel balls": replace(plain, defect=replace(defect, part="inner")),
+        "unbalance, steel balls": replace(plain, unbalance=1e-3),
+        "rotor, healthy": replace(plain, rig=rotor),
+        "rotor, slow, light load": replace(plain, rig=rotor, speed=15.0, load=500.0),
+        "rotor, clearance 5 µm": replace(plain, rig=rotor, clearance=5e-6),
+        "short elastic shaft, outer race": replace(plain, rig=short, defect=defect),
+        "long elastic shaft, outer race": replace(plain, rig=replace(short, length=0.4, a=0.2), defect=defect),
+    }
+
+
+def _lines(found: Response, scene: Scene) -> Any:
+    if found.record is None:
+        return found.harmonics
+    return 2.0 * np.abs(found.record.coefficients(passage_rate(scene), 6)[0, 1:])
+
+
+def table() -> list[Row]:
+    """Return a row for each named scene and model that can stand for its reference."""
+    rows: list[Row] = []
+    for name, scene in named_scenes().items():
+        reference, _ = choose(scene, REQUEST)
+        truth = truth_of(scene, REQUEST, reference)
+        _, seconds = timed(lambda reference=reference, scene=scene: reference.solve(scene, REQUEST))
+        lines, slope = _lines(truth, scene), math.nan
+        if scene.defect is not None:
+            slope = abs(volume_slope(replace(scene, model=reference.model), REQUEST))
+        taken = select(scene, replace(REQUEST, accuracy=ASKED))
+        for one in stand_ins(scene, REQUEST, reference)[0]:
+            found, instead = timed(lambda one=one: one.mapped.back(one.solver.solve(one.mapped.scene, one.request)))
+            ours = _lines(found, scene)
+            rms = found.rms / truth.rms - 1.0
+            rows.append(
+                {
+                    "scene": name,
+                    "reference": f"{reference.model} {reference.name}",
+                    "instead": f"{one.solver.model} {one.solver.name}",
+                    "leaves out": one.mapping.neglected,
+                    "RMS": rms,
+                    "A*": float(np.linalg.norm(ours[:5]) / np.linalg.norm(lines[:5])) - 1.0,
+                    "largest line": float(np.max(np.abs(ours - lines)) / np.max(lines)),
+                    "V_eq": abs(rms) / slope if math.isfinite(slope) and slope > 0.0 else None,
+                    "reference ms": 1e3 * seconds,
+                    "instead ms": 1e3 * instead,
+                    "auto takes": f"{taken.solver.model} {taken.solver.name}",
+                }
+            )
+    return rows
+
+
+def page_table(rows: Sequence[Row]) -> str:
+    """Return the table of the page: of the stand-ins of a scene, the cheapest."""
+    lines = ["scene | reference | instead | RMS | A* | line | V_eq | `auto`", "---|---|---|---|---|---|---|---"]
+    for scene in dict.fromkeys(row["scene"] for row in rows):
+        row = min((row for row in rows if row["scene"] == scene), key=lambda row: float(row["instead ms"] or 0.0))
+        cells = [
+            str(scene),
+            _costing(row, "reference"),
+            _costing(row, "instead"),
+            *(_percent(row[name]) for name in ("RMS", "A*", "largest line", "V_eq")),
+            "instead" if row["auto takes"] == row["instead"] else "reference",
+        ]
+        lines.append(" | ".join(cells))
+    return "\n".join(lines)
+
+
+def _costing(row: Row, which: str) -> str:
+    """Return the name of a solver, of the rotor's that of its shaft, and its time."""
+    spent, (model, solver) = float(row[f"{which} ms"] or 0.0), str(row[which]).split(" ")
+    name = solver if model == "rotor" else model
+    return f"{name} {spent:.0f}" if spent >= 10.0 else f"{name} {spent:.1f}"
+
+
+def _percent(value: float | str | None) -> str:
+    """Return a share as two digits of percent."""
+    if value is None:
+        return ""
+    percent = 100.0 * float(value)
+    return f"{percent:.0f}%" if abs(percent) >= 9.5 else f"{percent:.1g}%"
+
+
+def write_page(rows: Sequence[Row]) -> None:
+    """Replace the table of the page."""
+    text = PAGE.read_text(encoding="utf-8")
+    before, rest = text.split(BEGIN)
+    _, after = rest.split(END)
+    PAGE.write_text(f"{before}{BEGIN}\n\n{page_table(rows)}\n\n{END}{after}", encoding="utf-8")
+
+
+def drawn(count: int, first: int = HELD_OUT) -> list[Drawn]:
+    """Return the random scenes."""
+    return [draw(first + k, KINDS[k % len(KINDS)]) for k in range(count)]
+
+
+def summary(trials: Sequence[Trial]) -> list[Row]:
+    """Return what the random scenes say, all and of each kind."""
+    rows: list[Row] = []
+    for kind in ("all", *KINDS):
+        some = [trial for trial in trials if kind in ("all", trial.drawn.kind)]
+        if not some:
+            continue
+        ratios = np.array([trial.taken.seconds / trial.cheapest for trial in some])
+        auto, cheapest = (sum(x) for x in zip(*((t.taken.seconds, t.cheapest) for t in some), strict=True))
+        reference = sum(trial.answers[0].seconds for trial in some)
+        rows.append(
+            {
+                "kind": kind,
+                "scenes": len(some),
+                "accuracy exceeded": sum(t.taken.true > t.drawn.request.accuracy for t in some),
+                "worst error over accuracy": max(t.taken.true / t.drawn.request.accuracy for t in some),
+                "within 1.3 of cheapest": float(np.mean(ratios <= MAX_RATIO)),
+                "median ratio": float(np.median(ratios)),
+                "sum over sum of cheapest": auto / cheapest,
+                "sum over sum of references": auto / reference,
+                "a stand-in would do": sum(t.cheapest < t.answers[0].seconds for t in some),
+                "a stand-in is taken": sum(t.taken.name != t.answers[0].name for t in some),
+            }
+        )
+    return rows
+
+
+def uses(trials: Sequence[Trial]) -> list[Row]:
+    """Return how often each solver could answer, was the reference, and was taken."""
+    eligible = Counter(a.name for trial in trials for a in trial.answers)
+    reference = Counter(trial.answers[0].name for trial in trials)
+    taken = Counter(trial.taken.name for trial in trials)
+    return [
+        {"solver": name, "eligible": eligible[name], "reference": reference[name], "taken": taken[name]}
+        for name in sorted(eligible)
+    ]
+
+
+def predictions(trials: Sequence[Trial]) -> list[Row]:
+    """Return true over predicted errors, of each kind and stand-in."""
+    rows: list[Row] = []
+    for kind in KINDS:
+        found = [a for t in trials if t.drawn.kind == kind for a in t.answers[1:] if math.isfinite(a.predicted)]
+        for name in sorted({a.name for a in found}):
+            ratios = [a.true / a.predicted for a in found if a.name == name and a.predicted > 0.0]
+            rows.append(
+                {
+                    "kind": kind,
+                    "stand-in": name,
+                    "scenes": len(ratios),
+                    "median": float(np.median(ratios)),
+                    "highest": max(ratios),
+                }
+            )
+    return rows
+
+
+def detail(trial: Trial) -> Row:
+    """Return a row of one trial."""
+    drawn_one = trial.drawn
+    return {
+        "seed": drawn_one.seed,
+        "kind": drawn_one.kind,
+        "quantity": drawn_one.request.quantity,
+        "accuracy": drawn_one.request.accuracy,
+        "taken": trial.taken.name,
+        "true": trial.taken.true,
+        "predicted": trial.taken.predicted,
+        "ms": 1e3 * trial.taken.seconds,
+        "cheapest ms": 1e3 * trial.cheapest,
+        "reference": trial.answers[0].name,
+        "reference ms": 1e3 * trial.answers[0].seconds,
+    }
+
+
+def main() -> None:
+    """Run both parts."""
+    given = arguments(__doc__ or "")
+    rows: list[Row] = []
+    if not given.quick:
+        rows = table()
+        print_table("Named scenes", rows)
+        write_page(rows)
+    trials: list[Trial] = []
+    for one in drawn(SCENES_QUICK if given.quick else SCENES):
+        trials.append(run(one))
+        print(f"{len(trials)}: {one.kind} {one.seed}: {trials[-1].taken.name}", flush=True)
+    tables = {"named": rows, "summary": summary(trials), "uses": uses(trials), "predictions": predictions(trials)}
+    for name, found in tables.items():
+        if name != "named":
+            print_table(name, found)
+    write_json(given.json, {**tables, "trials": [detail(trial) for trial in trials]})
+
+
+if __name__ == "__main__":
+    main()

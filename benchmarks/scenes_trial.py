@@ -1,0 +1,145 @@
+"""One random scene of ``benchmarks.scenes``: what ``auto`` takes, and what every model would have cost and missed."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmarks.scenes_random import Drawn
+from models.bearing import kinematics
+from models.choice import stand_ins
+from models.dynamics import ball_inertia, periodic, rotor_elastic, time_domain
+from models.dynamics.rotor import Rigid
+from models.registry import Request, Solver, choose
+from models.response import Response
+from models.scene import Scene
+from models.simulate import simulate, volume_slope
+
+FINER = 8
+"""Steps of the truth over those that the reference begins with."""
+FINER_ACCURACY = 1e-3
+"""Accuracy of the truth where one ball period is solved, over that which is asked for."""
+TIMED = 3
+TIMED_BELOW_S = 0.1
+"""A call is repeated unless it takes longer."""
+_PHASES = 4096
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What one model gave: its name, true and predicted error of what is asked, relative, and processor time, s."""
+
+    name: str
+    true: float
+    predicted: float
+    seconds: float
+
+
+@dataclass(frozen=True)
+class Trial:
+    """A scene: what ``auto`` took, the reference and what could stand for it, the reference first."""
+
+    drawn: Drawn
+    taken: Answer
+    answers: tuple[Answer, ...]
+
+    @property
+    def cheapest(self) -> float:
+        """Processor time of the cheapest that met the accuracy, s; the reference counts as one that does."""
+        met = [a.seconds for a in self.answers[1:] if a.true <= self.drawn.request.accuracy]
+        return min([*met, self.answers[0].seconds])
+
+
+def timed(function: Callable[[], Response]) -> tuple[Response, float]:
+    """Return a response and the least processor time of several calls, s."""
+    begin = time.process_time()
+    found = function()
+    times = [time.process_time() - begin]
+    while len(times) < TIMED and times[-1] < TIMED_BELOW_S:
+        begin = time.process_time()
+        found = function()
+        times.append(time.process_time() - begin)
+    return found, min(times)
+
+
+def first_step(scene: Scene, solver: Solver) -> float:
+    """Return the step with which a solver over time begins, s."""
+    if solver.model == "ball_inertia":
+        return ball_inertia._SHARE_OF_STABLE * ball_inertia.longest_stable_step(scene)
+    if solver.name == "rigid":
+        return Rigid(scene, 0.0).longest_step()
+    if solver.name == "elastic":
+        return rotor_elastic.shaft_of(scene).longest_step()
+    return time_domain._longest_step(scene, kinematics(scene.bearing, scene.speed))
+
+
+def truth_of(scene: Scene, request: Request, solver: Solver) -> Response:
+    """Return the response of the reference with steps far finer than its own."""
+    if solver.solve is periodic.solve:
+        return solver.solve(scene, replace(request, accuracy=max(FINER_ACCURACY * request.accuracy, 1e-7)))
+    step = first_step(scene, solver)
+    a_sample = max(2, math.ceil(1.0 / (request.rate * step) - 1e-9))
+    steps = math.ceil(FINER * a_sample * request.rate / kinematics(scene.bearing, scene.speed).bpfo)
+    return solver.solve(scene, replace(request, steps_per_period=steps))
+
+
+def error_of(found: Response, truth: Response, request: Request, slope: float) -> float:
+    """Return the true error of what is asked, relative. The phase of the ball passage is free."""
+    rms = abs(found.rms / truth.rms - 1.0)
+    if request.quantity == "rms":
+        return rms
+    if request.quantity == "v_eq":
+        return rms / slope
+    one, two = truth.coefficients[0, 1:], found.coefficients[0, 1:]
+    if request.quantity == "lines":
+        return float(np.max(np.abs(np.abs(one[:6]) - np.abs(two[:6]))) / np.max(np.abs(one[:6])))
+    count = min(len(one), len(two))
+    return _least_difference(one[:count], two[:count])
+
+
+def _least_difference(one: NDArray[np.complex128], two: NDArray[np.complex128]) -> float:
+    """Return the relative difference of two waveforms from their lines, at the shift where it is least."""
+    size = max(_PHASES, 8 * len(one))
+    cross = np.fft.ifft(np.concatenate(([0.0], one * np.conj(two))), size) * size
+    best = 2.0 * math.pi * int(np.argmax(cross.real)) / size
+    order = np.arange(1, len(one) + 1)
+    fine = best + np.linspace(-1.0, 1.0, 401) * 2.0 * math.pi / size
+    shifted = [np.sum(np.abs(one - two * np.exp(-1j * order * phase)) ** 2) for phase in fine]
+    shifted += [np.sum(np.abs(one - two * np.exp(1j * order * phase)) ** 2) for phase in fine]
+    return math.sqrt(float(min(shifted)) / float(np.sum(np.abs(one) ** 2)))
+
+
+def run(drawn: Drawn) -> Trial:
+    """Return what a scene gives."""
+    scene, request = drawn.scene, drawn.request
+    reference, _ = choose(scene, request)
+    own = replace(request, quantity="rms") if request.quantity == "v_eq" else request
+    slope = 1.0
+    if request.quantity == "v_eq":
+        slope = max(abs(volume_slope(replace(scene, model=reference.model), request)), 1e-9)
+        own = replace(own, accuracy=max(request.accuracy * slope, 1e-6))
+    truth = truth_of(scene, own, reference)
+    found, seconds = timed(lambda: reference.solve(scene, own))
+    name = f"{reference.model} {reference.name}"
+    answers = [Answer(name, error_of(found, truth, request, slope), 0.0, seconds)]
+    others, _ = stand_ins(scene, own, reference)
+    for one in others:
+        half = replace(one.request, accuracy=max(0.5 * own.accuracy, one.solver.error))
+        found, seconds = timed(lambda one=one, half=half: one.mapped.back(one.solver.solve(one.mapped.scene, half)))
+        true = error_of(found, truth, request, slope)
+        predicted = one.mapping.error(scene, own) / slope
+        answers.append(Answer(f"{one.solver.model} {one.solver.name}", true, predicted, seconds))
+    taken, seconds = timed(lambda: _auto(scene, own))
+    auto = Answer(f"{taken.model} {taken.solver}", error_of(taken, truth, request, slope), taken.model_error, seconds)
+    return Trial(drawn, auto, tuple(answers))
+
+
+def _auto(scene: Scene, request: Request) -> Response:
+    return simulate(
+        scene, accuracy=request.accuracy, quantity=request.quantity, duration=request.duration, rate=request.rate
+    )

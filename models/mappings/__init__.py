@@ -1,0 +1,1 @@
+"""Parameters of one model from those of another, where their assumptions coincide, and what the difference costs."""
