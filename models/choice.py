@@ -138,8 +138,8 @@ def select(scene: Scene, request: Request) -> Choice:
             refused.append((f"{one.solver.model} {one.solver.name}", f"its error would be {error:.2g}"))
             continue
         why = (
-            f"{one.solver.model} stands for {reference.model}: without {one.mapping.neglected} the "
-            f"{_WORDS[request.quantity]} is off by {error:.1g} at most, by prediction, and it takes "
+            f"{one.solver.model} ({one.solver.name}) stands for {reference.model} ({reference.name}); they differ by "
+            f"{one.mapping.neglected}, a predicted {error:.1g} of the {_WORDS[request.quantity]}, and it takes "
             f"{_time(one.cost)} instead of {_time(dear)}; {one.solver.reason}"
         )
         asked = replace(one.request, accuracy=left)

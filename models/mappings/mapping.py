@@ -121,7 +121,7 @@ class Mapping:
         model, solver: what stands for it.
         adapt: returns the mapped scene; raises a ValueError that names an assumption which is not shared.
         error: predicted relative error of what a request asks.
-        neglected: what is left out, words for people.
+        neglected: what both differ by, words for people.
     """
 
     rig: type[AnyRig]

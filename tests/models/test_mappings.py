@@ -169,7 +169,7 @@ def test_the_reason_names_what_is_left_out_and_what_it_saves() -> None:
     assert (found.model, found.status) == ("six_dof", "converged")
     assert 0.0 < found.model_error < found.error <= 1e-2
     assert found.why is not None
-    assert found.why.startswith("six_dof stands for rotor: without a soft spring")
+    assert found.why.startswith("six_dof (periodic) stands for rotor (rigid); they differ by a soft spring")
     assert "instead of" in found.why
 
 
