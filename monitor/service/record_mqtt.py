@@ -90,6 +90,8 @@ class RecordMqtt:
         self._waiting: dict[int, _Sent] = {}
         self._connected = False
         self._state: str | None = None
+        # Number of the last message of the state, until it is confirmed.
+        self._stated: int | None = None
         self._place_due = self._state_due = float("-inf")
         self._allowed = monotonic()
         self._wake = threading.Condition()
@@ -204,6 +206,7 @@ class RecordMqtt:
     def _follow(self, link: BrokerLink, store: SharedConnection, place: int) -> None:
         self._sent.clear()
         self._waiting.clear()
+        self._stated = None
         confirmed = self._monotonic()
         while not self._over():
             with self._wake:
@@ -230,7 +233,8 @@ class RecordMqtt:
     def _wait(self, *, ending: bool) -> bool:
         """Wait for new records, or until the rate limit allows more; return whether to end."""
         until_allowed = self._wait_allowed()
-        if ending and not self._sent and until_allowed <= 0.0:
+        # A connection that is closed before its confirmations are read may lose what was sent last.
+        if ending and not self._sent and self._stated is None and until_allowed <= 0.0:
             return True
         most = min(_STATE_S, until_allowed) if until_allowed > 0.0 else _STATE_S
         with self._wake:
@@ -260,6 +264,8 @@ class RecordMqtt:
     def _confirm(self, link: BrokerLink) -> bool:
         """Process confirmations; the position moves past blocks that are wholly confirmed."""
         confirmed = link.take_confirmed()
+        if self._stated in confirmed:
+            self._stated = None
         for message in confirmed:
             item = self._waiting.pop(message, None)
             if item is not None:
@@ -283,7 +289,7 @@ class RecordMqtt:
             status["status"] = "stopped"
         message = state_message(self._machine, status)
         if message != self._state:
-            link.publish(f"{self._topic}/state", message, retain=True)
+            self._stated = link.publish(f"{self._topic}/state", message, retain=True)
             self._state = message
 
     def _write_place(self) -> None:
