@@ -1,11 +1,13 @@
 """Scenes: what each model costs and misses where another could answer, and what ``--model auto`` makes of it.
 
-Run as ``python -m benchmarks.scenes [--quick] [--json FILE]``. Two parts:
+Run as ``python -m benchmarks.scenes [--quick] [--json FILE]``. Three parts:
 
 1. a dozen named scenes: the reference, each model that can stand for it whatever its error, what that leaves out, how
    far it is off in RMS, A* (the first five lines of the passages over the defect, Eq. 57), the largest line and V_eq,
-   and what both cost. Without ``--quick`` the table in docs/explanation/scenes.md is written anew.
-2. 200 random scenes (``benchmarks.scenes_random``) whose seeds were set aside before any constant was fitted: whether
+   and what both cost.
+2. What leaving out each effect costs and saves (``benchmarks.scenes_effects``). Without ``--quick`` both tables of
+   docs/explanation/scenes.md are written anew.
+3. 200 random scenes (``benchmarks.scenes_random``) whose seeds were set aside before any constant was fitted: whether
    ``auto`` exceeds the accuracy, against the reference with an eighth of its step; its cost over that of the cheapest
    model that would have met it, and over that of the reference; how often each is taken and could be.
 """
@@ -22,6 +24,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.common import Row, arguments, print_table, write_json
+from benchmarks.scenes_effects import effect_rows, effect_table
 from benchmarks.scenes_random import KINDS, Drawn, draw
 from benchmarks.scenes_trial import Trial, run, timed, truth_of
 from models.bearing import from_catalogue
@@ -38,7 +41,6 @@ HELD_OUT = 57_000
 SCENES, SCENES_QUICK = 200, 12
 MAX_RATIO = 1.3
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "explanation" / "scenes.md"
-BEGIN, END = "<!-- table: begin -->", "<!-- table: end -->"
 REQUEST = Request(accuracy=1e-3, duration=0.5, rate=25600.0)
 ASKED = 5e-2
 """Accuracy of the RMS for which the table says what ``auto`` takes."""
@@ -138,12 +140,13 @@ def _percent(value: float | str | None) -> str:
     return f"{percent:.0f}%" if abs(percent) >= 9.5 else f"{percent:.1g}%"
 
 
-def write_page(rows: Sequence[Row]) -> None:
-    """Replace the table of the page."""
+def write_page(name: str, table: str) -> None:
+    """Replace one of the tables of the page."""
+    begin, end = f"<!-- {name}: begin -->", f"<!-- {name}: end -->"
     text = PAGE.read_text(encoding="utf-8")
-    before, rest = text.split(BEGIN)
-    _, after = rest.split(END)
-    PAGE.write_text(f"{before}{BEGIN}\n\n{page_table(rows)}\n\n{END}{after}", encoding="utf-8")
+    before, rest = text.split(begin)
+    _, after = rest.split(end)
+    PAGE.write_text(f"{before}{begin}\n\n{table}\n\n{end}{after}", encoding="utf-8")
 
 
 def drawn(count: int, first: int = HELD_OUT) -> list[Drawn]:
@@ -227,22 +230,25 @@ def detail(trial: Trial) -> Row:
 
 
 def main() -> None:
-    """Run both parts."""
+    """Run all parts."""
     given = arguments(__doc__ or "")
     rows: list[Row] = []
+    effects: list[Row] = []
     if not given.quick:
-        rows = table()
+        rows, effects = table(), effect_rows()
         print_table("Named scenes", rows)
-        write_page(rows)
+        print_table("Effects left out", effects)
+        write_page("table", page_table(rows))
+        write_page("effects", effect_table(effects))
     trials: list[Trial] = []
     for one in drawn(SCENES_QUICK if given.quick else SCENES):
         trials.append(run(one))
         print(f"{len(trials)}: {one.kind} {one.seed}: {trials[-1].taken.name}", flush=True)
-    tables = {"named": rows, "summary": summary(trials), "uses": uses(trials), "predictions": predictions(trials)}
-    for name, found in tables.items():
-        if name != "named":
-            print_table(name, found)
-    write_json(given.json, {**tables, "trials": [detail(trial) for trial in trials]})
+    judged = {"summary": summary(trials), "uses": uses(trials), "predictions": predictions(trials)}
+    for name, found in judged.items():
+        print_table(name, found)
+    trial_rows = [detail(trial) for trial in trials]
+    write_json(given.json, {"named": rows, "effects": effects, **judged, "trials": trial_rows})
 
 
 if __name__ == "__main__":
