@@ -18,6 +18,7 @@ from models.maps.nodes import drawn_rig, rig_rows, simulate_node_row
 from models.maps.plan import MapPlan
 from models.rigs.draws import PosteriorError, RigDraws, RigPosterior, read_posterior
 from models.rigs.six_dof import Rig
+from tests.rigs import six_dof
 
 ROWS = ((2.9, 2e-6), (3.1, 5e-6), (3.3, 0.0))
 POSTERIOR = RigPosterior(
@@ -156,10 +157,10 @@ def test_a_map_has_the_spread_of_the_posterior_about_its_own_rig(tmp_path: Path)
 def test_lives_take_the_rigs_of_the_posterior_in_turn() -> None:
     population = Population(rig=RIG, rig_posterior=POSTERIOR.draws)
     plans = [draw_life(population, number) for number in range(4)]
-    assert [(plan.rig.m_r, plan.clearance) for plan in plans] == [*ROWS, ROWS[0]]
+    assert [(six_dof(plan.rig).m_r, plan.clearance) for plan in plans] == [*ROWS, ROWS[0]]
     # All else is that of the same lives without a posterior.
     bare = draw_life(Population(rig=RIG), 1)
     assert (plans[1].load, plans[1].gain, plans[1].floor) == (bare.load, bare.gain, bare.floor)
-    assert bare.rig.k_c != RIG.k_c == plans[1].rig.k_c
+    assert six_dof(bare.rig).k_c != RIG.k_c == six_dof(plans[1].rig).k_c
     assert population.rig_spread_words.endswith(POSTERIOR.identification)
     assert Population().rig_spread_words.startswith("assumed spread of m_r +-3.5 %, k_c +-3.5 %")

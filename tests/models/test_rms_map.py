@@ -21,6 +21,7 @@ from models.maps.plan import MapError, MapPlan
 from models.response import HARMONICS, STATUSES
 from models.scene import Floor, Slip
 from models.simulate import simulate
+from tests.rigs import six_dof
 
 PLAN = MapPlan(
     load=(3000.0, 5000.0),
@@ -88,9 +89,10 @@ def test_the_spread_over_rigs_is_that_of_their_draws() -> None:
     m = build_map(plan)
     assert np.array_equal(m.rms, build_map(SMALL).rms)
     assert np.all(m.rms_std == 0.0)
-    rigs = [drawn_rig(plan, n) for n in range(4)]
-    assert len({rig.k_c for rig in rigs}) == 4
-    assert all(rig.m_i == plan.rig.m_i and abs(rig.k_r / plan.rig.k_r - 1.0) < 0.06 for rig in rigs)
+    rigs = [six_dof(drawn_rig(plan, n)) for n in range(4)]
+    rig = six_dof(plan.rig)
+    assert len({drawn.k_c for drawn in rigs}) == 4
+    assert all(drawn.m_i == rig.m_i and abs(drawn.k_r / rig.k_r - 1.0) < 0.06 for drawn in rigs)
     responses = [
         simulate(
             scene_at(replace(plan, rig=rig), 4000.0, 40.0, plan.h_d[1], plan.dphi_d[0]),
@@ -163,7 +165,7 @@ def test_the_file_says_what_made_it(tmp_path: Path) -> None:
     }
     assert meanings.split() == list(STATUSES)
     assert attributes["rms_band_hz"].tolist() == [0.0, 9500.0]
-    assert attributes["rig_k_c"] == PLAN.rig.k_c
+    assert attributes["rig_k_c"] == six_dof(PLAN.rig).k_c
     assert attributes["bearing_designation"] == "1205 ETN9"
     assert attributes["floor_kind"] == "smooth"
     assert attributes["software_version"].startswith("spallwatch ")

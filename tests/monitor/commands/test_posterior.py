@@ -17,6 +17,7 @@ from monitor.cli import spallwatch
 from monitor.commands import library as library_commands
 from monitor.config.load import ConfigError, load_config
 from tests.monitor.commands.test_identify import MACHINE
+from tests.rigs import six_dof
 
 PARAMETERS = ("m_i", "m_o", "k_i", "k_c", "m_b", "m_r", "k_r", "beta_c", "alpha_c", "c_i", "c_r")
 POSTERIOR = RigPosterior(
@@ -52,7 +53,7 @@ def test_a_map_of_an_identified_rig_takes_the_spread_of_its_posterior(tmp_path: 
     plan = load_map(out).plan
     assert plan.rig_posterior == POSTERIOR.draws.first(16)
     assert plan.rig_draws == 16
-    assert plan.rig.identification == POSTERIOR.identification
+    assert six_dof(plan.rig).identification == POSTERIOR.identification
     assert values["rig_spread_over"] == f"spread over the posterior of identification {POSTERIOR.identification}"
     # 5 % of m_r move f_r by 2 %, and the RMS by more.
     assert values["spread_rig"] > 0.02

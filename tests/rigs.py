@@ -1,0 +1,12 @@
+"""Rigs of one model where those of any may stand."""
+
+from __future__ import annotations
+
+from models.rigs import AnyRig
+from models.rigs.six_dof import Rig
+
+
+def six_dof(rig: AnyRig) -> Rig:
+    """Return the parameters of the six-degree-of-freedom model; fail where they are those of another."""
+    assert isinstance(rig, Rig)
+    return rig
