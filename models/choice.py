@@ -118,7 +118,7 @@ def select(scene: Scene, request: Request) -> Choice:
         ValueError: if no model describes it; the message names what is missing, and who has it.
     """
     reference, why = choose(scene, request)
-    plain = Choice(reference, scene, request, why, reference_cost=0.0)
+    plain = Choice(reference, scene, request, why)
     if scene.model != AUTO or request.steps_per_period is not None or reference.error > request.accuracy:
         return plain
     found, refused = stand_ins(scene, request, reference)

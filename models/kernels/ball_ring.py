@@ -13,15 +13,14 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from models.kernels.ball_statics import (
-    FLOATING,
     SETTLED,
     Balance,
     Contact,
     Races,
     balance_of,
     contact_of,
+    newton_step,
     settle_ball,
-    stiffness_of,
 )
 from models.kernels.jit import inlined, kernel
 from models.kernels.spall import INNER, OUTER, R_ALONG, R_RADIUS, S_HALF_LENGTH, S_POSITION, S_RACE, pressed, wrapped
@@ -139,20 +138,6 @@ def _deepened(c_f: float, angle: float, ring: Ring) -> float:
     return d
 
 
-@inlined
-def _step(now: Balance, longest: float) -> tuple[float, float]:
-    """Return Newton's step from a place, limited in length."""
-    izz, izr, irr = stiffness_of(now.inner)
-    ozz, ozr, orr = stiffness_of(now.outer)
-    zz, zr, rr = izz + ozz + FLOATING, izr + ozr, irr + orr + FLOATING
-    determinant = zz * rr - zr * zr
-    s_z, s_r = (rr * now.z - zr * now.r) / determinant, (zz * now.r - zr * now.z) / determinant
-    length = math.sqrt(s_z * s_z + s_r * s_r)
-    if length > longest:
-        s_z, s_r = s_z * longest / length, s_r * longest / length
-    return s_z, s_r
-
-
 @kernel
 def _settle_over(
     p_z: float, p_r: float, c_f: float, angle: float, turned: float, ring: Ring, warm: NDArray[np.float64]
@@ -180,7 +165,7 @@ def _settle_over(
                 now = _balance_over(u_z, u_r, p_z, p_r, c_f, angle, turned, middles, ring)
             if now.size <= SETTLED:
                 break
-            s_z, s_r = _step(now, longest)
+            s_z, s_r = newton_step(now, longest)
             size, tried = 1.0, now
             for _ in range(_MOST_HALVINGS):
                 tried = _balance_over(u_z + size * s_z, u_r + size * s_r, p_z, p_r, c_f, angle, turned, middles, ring)
@@ -206,7 +191,7 @@ def _settle_near(p_z: float, p_r: float, c_f: float, outside: float, ring: Ring,
     for _ in range(_WARM_STEPS):
         if now.size <= SETTLED:
             break
-        s_z, s_r = _step(now, longest)
+        s_z, s_r = newton_step(now, longest)
         u_z, u_r = u_z + s_z, u_r + s_r
         now = balance_of(u_z, u_r, p_z, p_r, c_f, races)
     # The comparison also finds what is not a number.

@@ -142,6 +142,20 @@ def _begin(p_z: float, p_r: float, c_f: float, races: Races) -> tuple[float, flo
 
 
 @inlined
+def newton_step(now: Balance, longest: float) -> tuple[float, float]:
+    """Return Newton's step from a place, limited in length."""
+    izz, izr, irr = stiffness_of(now.inner)
+    ozz, ozr, orr = stiffness_of(now.outer)
+    zz, zr, rr = izz + ozz + FLOATING, izr + ozr, irr + orr + FLOATING
+    determinant = zz * rr - zr * zr
+    s_z, s_r = (rr * now.z - zr * now.r) / determinant, (zz * now.r - zr * now.z) / determinant
+    length = math.sqrt(s_z * s_z + s_r * s_r)
+    if length > longest:
+        s_z, s_r = s_z * longest / length, s_r * longest / length
+    return s_z, s_r
+
+
+@inlined
 def settle_ball(p_z: float, p_r: float, c_f: float, races: Races) -> tuple[float, float, Balance]:
     """Return a ball's place in equilibrium, and the forces there: Newton on the convex energy, steps halved."""
     u_z, u_r, _ = _begin(p_z, p_r, c_f, races)
@@ -150,14 +164,7 @@ def settle_ball(p_z: float, p_r: float, c_f: float, races: Races) -> tuple[float
     for _ in range(_MOST_STEPS):
         if now.size <= SETTLED:
             break
-        izz, izr, irr = stiffness_of(now.inner)
-        ozz, ozr, orr = stiffness_of(now.outer)
-        zz, zr, rr = izz + ozz + FLOATING, izr + ozr, irr + orr + FLOATING
-        determinant = zz * rr - zr * zr
-        s_z, s_r = (rr * now.z - zr * now.r) / determinant, (zz * now.r - zr * now.z) / determinant
-        length = math.sqrt(s_z * s_z + s_r * s_r)
-        if length > longest:
-            s_z, s_r = s_z * longest / length, s_r * longest / length
+        s_z, s_r = newton_step(now, longest)
         slope, step, tried = s_z * now.z + s_r * now.r, 1.0, now
         for _ in range(_MOST_HALVINGS):
             tried = balance_of(u_z + step * s_z, u_r + step * s_r, p_z, p_r, c_f, races)

@@ -10,7 +10,7 @@ What the ring on massless balls (``models.mappings.ring``) lacks of balls with i
 
 A scene whose motion repeats is solved for one ball period by the six-degree-of-freedom model, which takes about a
 millisecond; any other is followed by the rotor for a few passages. ``benchmarks/scenes.py`` measures how true errors
-compare with these; FACTORS are the bounds that its development seeds gave.
+compare with these; the factors in ``models.mappings.table`` are the bounds that its development seeds gave.
 """
 
 from __future__ import annotations

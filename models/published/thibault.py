@@ -72,18 +72,18 @@ def acceptance_rows() -> list[AcceptanceRow]:
     fitted = "an inertia beyond each coupling fitted"
     disc = "polar inertia of the disc fitted, oddly small; consistent mass"
     return [
-        _row("T1", "II.1", "BPFO of the left bearing", "1/turn", "4.63", bpfo(LEFT, 0.0, SLOW), "EXACT", 1.1e-3),
-        _row("T1", "II.4", "second torsion at 6000 rpm", "1/turn", "85", 25.44 * FAST / SLOW, "EXACT", 6e-3),
-        _row("T1", "II.4", "main torsion at 20,000 rpm", "1/turn", "26", 25.44, "EXACT", 3e-2, "25.44 in II.2"),
-        _row("T1", "II.4", "length of the spall over a spacing", "%", "20", 700.0 * LEFT / 360.0, "EXACT", 0.1,
+        row("T1", "II.1", "BPFO of the left bearing", "1/turn", "4.63", bpfo(LEFT, 0.0, SLOW), "EXACT", 1.1e-3),
+        row("T1", "II.4", "second torsion at 6000 rpm", "1/turn", "85", 25.44 * FAST / SLOW, "EXACT", 6e-3),
+        row("T1", "II.4", "main torsion at 20,000 rpm", "1/turn", "26", 25.44, "EXACT", 3e-2, "25.44 in II.2"),
+        row("T1", "II.4", "length of the spall over a spacing", "%", "20", 700.0 * LEFT / 360.0, "EXACT", 0.1,
              "7 degrees, of which the text says about 20 %"),
-        _row("T2", "II.1", "BPFO of the right bearing", "1/turn", "4.26", reference, "CALIB", 2.5e-3, balls),
-        _row("T2", "II.2", "its change at 20,000 rpm", "%", "-0.4", faster, "CALIB", 0.25, _CHOSEN),
-        _row("T2", "II.3", "its change at 1000 N", "%", "0.4", loaded, "CALIB", 0.25, _CHOSEN),
-        _row("T2", "II.2", "contact interval, 6000 rpm", "turns", "0.6", interval(LEFT, 0.0, SLOW), "CALIB", 0.167),
-        _row("T2", "II.2", "contact interval, 20,000 rpm", "turns", "0.5", interval(LEFT, 0.0, FAST), "CALIB", 0.2),
-        _row("T2", "II.2", "torsion of the couplings", "1/turn", "0.39", modes[1] / FAST, "CALIB", 0.01, fitted),
-        _row("T2", "II.2", "second torsion", "1/turn", "25.44", second / FAST, "CALIB", 0.01, disc),
+        row("T2", "II.1", "BPFO of the right bearing", "1/turn", "4.26", reference, "CALIB", 2.5e-3, balls),
+        row("T2", "II.2", "its change at 20,000 rpm", "%", "-0.4", faster, "CALIB", 0.25, _CHOSEN),
+        row("T2", "II.3", "its change at 1000 N", "%", "0.4", loaded, "CALIB", 0.25, _CHOSEN),
+        row("T2", "II.2", "contact interval, 6000 rpm", "turns", "0.6", interval(LEFT, 0.0, SLOW), "CALIB", 0.167),
+        row("T2", "II.2", "contact interval, 20,000 rpm", "turns", "0.5", interval(LEFT, 0.0, FAST), "CALIB", 0.2),
+        row("T2", "II.2", "torsion of the couplings", "1/turn", "0.39", modes[1] / FAST, "CALIB", 0.01, fitted),
+        row("T2", "II.2", "second torsion", "1/turn", "25.44", second / FAST, "CALIB", 0.01, disc),
         *_own(),
     ]  # fmt: skip
 
@@ -108,7 +108,7 @@ def _own() -> list[AcceptanceRow]:
     return rows
 
 
-def _row(
+def row(
     test: str,
     place: str,
     quantity: str,
@@ -119,5 +119,6 @@ def _row(
     tolerance: float,
     note: str = "",
 ) -> AcceptanceRow:
+    """Return a row; what was chosen for all calibrated ones is their note, unless one is given."""
     chosen = _CHOSEN if status == "CALIB" and not note else note
     return AcceptanceRow(test, f"{SOURCE}, {place}", quantity, unit, printed, obtained, status, tolerance, chosen)

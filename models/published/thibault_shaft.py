@@ -19,8 +19,8 @@ from models.ball_statics import RingState
 from models.bearing import Bearing
 from models.dynamics.angular import Trace, trace
 from models.dynamics.angular_plan import assemble
-from models.published.acceptance import AcceptanceRow, Status
-from models.published.thibault import BALL, CAGE_ANGLES, FAST, LEFT, PITCH, RIGHT, SLOW, SOURCE
+from models.published.acceptance import AcceptanceRow
+from models.published.thibault import BALL, CAGE_ANGLES, FAST, LEFT, PITCH, RIGHT, SLOW, row
 from models.rigs.angular import AngularRig
 from models.scene import Defect, Scene
 
@@ -110,26 +110,12 @@ def acceptance_rows() -> list[AcceptanceRow]:
     sides = "distance of the upper side line of 4.63; the bearings' lines are the model's own"
     slow, quick = interval(200.0, SLOW), interval(200.0, FAST)
     return [
-        _row("T2", "II.1", "BPFO, right, bent shaft", "1/turn", "4.26", reference, "CALIB", 2.5e-3, _BENT),
-        _row("T2", "II.2", "its change at 20,000 rpm, bent", "%", "-0.4", faster, "CALIB", 0.25, _BENT),
-        _row("T2", "II.3", "its change at 1000 N, bent", "%", "0.4", loaded, "CALIB", 0.25, _BENT),
-        _row("T2", "II.2", "contact interval, 6000 rpm, bent", "turns", "0.6", slow, "CALIB", 0.167, _BENT),
-        _row("T2", "II.2", "contact interval, 20,000 rpm, bent", "turns", "0.5", quick, "CALIB", 0.2, _BENT),
-        _row("T4", "II.4", "line next to the second torsion", "1/turn", "85", raised, "QUAL", 0.03, near),
-        _row("T4", "II.4", "the same at 20,000 rpm", "1/turn", "26", fast, "QUAL", 0.12, near),
-        _row("T4", "II.1", "modulation, BPFO_r - BPFO_a", "1/turn", "0.37", apart, "QUAL", 0.07, sides),
+        row("T2", "II.1", "BPFO, right, bent shaft", "1/turn", "4.26", reference, "CALIB", 2.5e-3, _BENT),
+        row("T2", "II.2", "its change at 20,000 rpm, bent", "%", "-0.4", faster, "CALIB", 0.25, _BENT),
+        row("T2", "II.3", "its change at 1000 N, bent", "%", "0.4", loaded, "CALIB", 0.25, _BENT),
+        row("T2", "II.2", "contact interval, 6000 rpm, bent", "turns", "0.6", slow, "CALIB", 0.167, _BENT),
+        row("T2", "II.2", "contact interval, 20,000 rpm, bent", "turns", "0.5", quick, "CALIB", 0.2, _BENT),
+        row("T4", "II.4", "line next to the second torsion", "1/turn", "85", raised, "QUAL", 0.03, near),
+        row("T4", "II.4", "the same at 20,000 rpm", "1/turn", "26", fast, "QUAL", 0.12, near),
+        row("T4", "II.1", "modulation, BPFO_r - BPFO_a", "1/turn", "0.37", apart, "QUAL", 0.07, sides),
     ]
-
-
-def _row(
-    test: str,
-    place: str,
-    quantity: str,
-    unit: str,
-    printed: str,
-    obtained: float,
-    status: Status,
-    tolerance: float,
-    note: str,
-) -> AcceptanceRow:
-    return AcceptanceRow(test, f"{SOURCE}, {place}", quantity, unit, printed, obtained, status, tolerance, note)

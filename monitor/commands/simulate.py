@@ -32,7 +32,7 @@ from monitor.commands.model_parameters import further_effects, with_machine, wit
 from monitor.commands.simulate_models import WAVEFORM_RATE, compare, compared_lines, request_of, simulated
 from monitor.records.database import replacing
 from monitor.words.numbers import floor_of_defect
-from monitor.words.sensors import MEASURED, data_name, unit_of_sensor
+from monitor.words.sensors import MEASURED, data_name, unit_in_names, unit_of_sensor
 from streams.block import STANDARD_GRAVITY
 
 if TYPE_CHECKING:
@@ -134,7 +134,7 @@ def _values(response: Response, scene: Scene, sensor: Sensor) -> dict[str, Any]:
     rms, peak = response.levels_of(sensor)
     share = rms / response.rms if response.rms > 0.0 else 0.0
     one, text = unit_of_sensor(sensor)
-    unit = text.replace("/", "_")
+    unit = unit_in_names(text)
     return {
         f"rms_{unit}": finite(rms / one),
         "rms_error": finite(response.rms_error),
@@ -260,7 +260,7 @@ def _write_waveform(path: Path, signal: Any, sensor: Sensor) -> None:
 
 def _lines(values: dict[str, Any], scene: Scene) -> Iterator[str]:
     words = unit_of_sensor(values["sensor"])[1]
-    unit = words.replace("/", "_")
+    unit = unit_in_names(words)
     rms, se, peak, spread = (values[f"{name}_{unit}"] for name in ("rms", "rms_se", "peak", "spread"))
     level = "RMS unknown" if rms is None else f"RMS {rms:.4g} {words}"
     if se is not None:

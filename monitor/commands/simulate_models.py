@@ -13,7 +13,7 @@ from models.registry import MODULES, Request
 from models.response import PASSBAND
 from monitor.commands.common import finite, output_errors
 from monitor.commands.model_parameters import able_models, missing_effects, with_parameters
-from monitor.words.sensors import unit_of_sensor
+from monitor.words.sensors import unit_in_names, unit_of_sensor
 
 if TYPE_CHECKING:
     from models.bearing import CatalogueEntry
@@ -85,7 +85,7 @@ def _row(found: Response, seconds: float) -> dict[str, Any]:
     """Return what a comparison says of one model; levels are in g, of a speed in rad/s."""
     sensor = found.sensors[0]
     scale, text = unit_of_sensor(sensor)
-    unit = text.replace("/", "_")
+    unit = unit_in_names(text)
     return {
         "model": found.model,
         "solver": found.solver,

@@ -27,4 +27,9 @@ def unit_of_sensor(sensor: Sensor) -> tuple[float, str]:
 
 def data_name(quantity: str, unit: str) -> str:
     """Return the name of a column with a quantity: ``acceleration_g``, ``angular_speed_rad_s``."""
-    return f"{quantity} {unit}".replace(" ", "_").replace("/", "_")
+    return f"{quantity.replace(' ', '_')}_{unit_in_names(unit)}"
+
+
+def unit_in_names(unit: str) -> str:
+    """Return a unit as it ends the name of a value."""
+    return unit.replace("/", "_")

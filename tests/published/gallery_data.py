@@ -1,7 +1,9 @@
-"""Comparison of what a figure of the gallery draws now with what was kept of it."""
+"""Comparison of what a figure of the gallery draws now with what was kept of it, and links of its pages."""
 
 from __future__ import annotations
 
+import re
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -24,3 +26,11 @@ def same(found: Any, kept: Any) -> None:
             same(one, other)
     else:
         assert found == (pytest.approx(kept, rel=2e-3) if isinstance(kept, float) else kept)
+
+
+def check_links(text: str, folder: Path) -> None:
+    """Check that files which a page in a folder links to are there, and so are its own anchors."""
+    for target in re.findall(r"\]\(([^)#]+)(?:#[^)]*)?\)", text):
+        assert (folder / target).exists(), target
+    for anchor in re.findall(r"\]\(#([^)]+)\)", text):
+        assert f'<a id="{anchor}"></a>' in text

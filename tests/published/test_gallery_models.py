@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import re
 import shlex
 from pathlib import Path
 
@@ -20,7 +19,7 @@ from benchmarks.gallery_spectra import Lines, envelope_spectrum, is_multiple, ke
 from models.published.ceruti import SPEED
 from monitor.commands.simulate import command
 from tests.effort import effort_count
-from tests.published.gallery_data import same
+from tests.published.gallery_data import check_links, same
 
 CHEAP = (
     ("ceruti", "2.7"),
@@ -55,11 +54,7 @@ def test_the_page_is_made_of_the_data() -> None:
 
 
 def test_links_of_the_page_lead_somewhere() -> None:
-    text = page(DATA)
-    for target in re.findall(r"\]\(([^)#]+)(?:#[^)]*)?\)", text):
-        assert (PAGE.parent / target).exists(), target
-    for anchor in re.findall(r"\]\(#([^)]+)\)", text):
-        assert f'<a id="{anchor}"></a>' in text
+    check_links(page(DATA), PAGE.parent)
 
 
 def test_pictures_beside_the_page_are_few_and_small() -> None:

@@ -16,7 +16,7 @@ from monitor.report.figures.drawing import AXIS, BLUE, GREEN, ORANGE, PURPLE, VE
 from monitor.report.figures.scene import SensorSignal, fundamental_of, signal_of
 from monitor.report.figures.sheet import Part, Sheet
 from monitor.words.numbers import figure
-from monitor.words.sensors import PLACES, unit_of_sensor
+from monitor.words.sensors import PLACES, unit_in_names, unit_of_sensor
 
 _COLOURS = (BLUE, VERMILION, GREEN, PURPLE, ORANGE)
 # Decades that a spectrum shows below its highest line.
@@ -108,7 +108,7 @@ def _waveforms(found: Sequence[_Model], name: str) -> Part:
 
 def _ending(one: _Model) -> str:
     """Return the end of the names of data in the unit of a sensor."""
-    return one.unit[1].replace("/", "_")
+    return unit_in_names(one.unit[1])
 
 
 def _spectra(found: Sequence[_Model], fundamental: float, name: str) -> Part:
