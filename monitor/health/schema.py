@@ -122,7 +122,7 @@ _TABLE: list[Variable] = [
         "time",
         f"""
         t_fs | t_fs | moment at which the final stage began | {GABRIELLI}, section 5.2.2
-        t_fs_known | | moment at which the start of the final stage was known | monitor/health/detect.py
+        t_fs_known | | moment at which the start of the final stage was known | monitor/health/detect
         t_eol | t_EOL | moment of the end of life | {GABRIELLI}, section 5.4
         """,
     ),

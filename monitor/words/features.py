@@ -174,7 +174,7 @@ h_ball | lines | lines | H_ball | H_ball (rolling element lines) | \
 h_cage | lines | lines | H_cage | H_cage (cage lines) | \
     sum of the first five cage lines of the envelope spectrum | after {_EQ_96}
 detect_score | score | | score | score of the detector | \
-    how far RMS and H_or stand above the learned baseline | monitor/health/detect.py
+    how far RMS and H_or stand above the learned baseline | monitor/health/detect
 fault_snr | number | | snr | signal of the fault over noise | \
     fault lines over the noise floor under them | monitor/health/naming.py
 v_eq | volume | v_eq | V_eq | damaged volume V_eq | equivalent damaged volume per unit of width | {_EQ_90}
@@ -198,7 +198,7 @@ mean | mean | | mean | | mean acceleration | {_CERUTI}
 skewness | record only | | SK | | skewness | {_CERUTI}
 speed_factor | record only | | s | | \
     line frequency found over the nominal one | search within 2 % around the kinematic frequency
-detect_threshold | record only | | threshold | | score above which a block counts as abnormal | monitor/health/detect.py
+detect_threshold | record only | | threshold | | score above which a block counts as abnormal | monitor/health/detect
 fault_depth | record only | | depth | | \
     root sum of squares of the fault lines over the mean envelope | monitor/health/naming.py
 fault_score | record only | | score | | evidence of the best family of fault lines | monitor/health/naming.py

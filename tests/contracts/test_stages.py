@@ -98,7 +98,7 @@ TAKE: dict[str, Take] = {
         state, TIMES[i], THRESHOLD * (0.1 + (i / COUNT) ** 2), thresholds=(THRESHOLD,)
     ),
     "damage.tracker": take_damage,
-    "detect": take_detect,
+    "detect.onset": take_detect,
     "waterfall": take_waterfall,
 }
 STAGES = dict(found_stages())
