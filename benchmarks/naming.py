@@ -31,7 +31,7 @@ from numpy.typing import NDArray
 
 from benchmarks.common import Row, arguments, print_table, write_json
 from models.bearing import Kinematics, catalogue, kinematics
-from monitor.health.naming import MIN_DEPTH, Naming, name_fault
+from monitor.health.naming import MIN_DEPTH, SURE, Naming, name_fault
 from monitor.health.spectrum.average import RecentSpectra
 from monitor.health.spectrum.bands import candidate_bands, find_band
 from monitor.health.spectrum.features import FAULTS, FeatureSettings, block_features, fundamentals
@@ -94,12 +94,12 @@ def verdicts(folder: Path, speed_error: float) -> Iterator[Named]:
 
 
 def standing(naming: Naming) -> float:
-    """Return how far a family stands in the weakest of the three conditions: 1 and more would be named."""
+    """Return how far a family stands in the weakest of its two conditions, 0 where another comb takes its place."""
     evidence = naming.evidence
-    if evidence is None:
+    if evidence is None or naming.rival > 0.0:
         return 0.0
-    rival = 0.0 if np.isnan(naming.rival) else naming.rival
-    return min(evidence.comb_score / max(naming.threshold, rival), evidence.depth / MIN_DEPTH)
+    sure = evidence.depth - SURE * evidence.depth_error
+    return min(evidence.comb_score / naming.threshold, sure / MIN_DEPTH)
 
 
 def margin_rows(found: list[Named]) -> list[Row]:

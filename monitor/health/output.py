@@ -25,8 +25,8 @@ from monitor.health.detect import DetectOutput, DetectState
 from monitor.health.naming import Naming
 from monitor.health.quality import Verdict
 from monitor.health.record import plain
+from monitor.health.spectrum.family import FaultLines
 from monitor.health.spectrum.features import FAULTS, SPECTRUM_LINES, BlockFeatures, fundamentals
-from monitor.health.spectrum.lines import FaultLines
 from monitor.health.spectrum.transform import Band
 from monitor.health.waterfall import SpectrumRow
 from streams.block import Block

@@ -40,6 +40,7 @@ class LineSpectrum:
         floor: local mean power of the noise, at least the square of ``RELATIVE_FLOOR`` of the highest bin.
         excess: ln(1 + power / floor); what exceeds ``EXCESS_CAP`` counts a tenth; 0 in the first two bins.
         sought: the excess in which families are sought: without the bins at harmonics of the shaft.
+        beside: 0 in the bins of the harmonics of a shaft that was found in the signal, else 1; None where none was.
         floor_bins: bins from which each value of the floor was taken.
         n_averages: spectra averaged in power.
     """
@@ -49,6 +50,7 @@ class LineSpectrum:
     floor: NDArray[np.float64]
     excess: NDArray[np.float64]
     sought: NDArray[np.float64]
+    beside: NDArray[np.float64] | None
     floor_bins: int
     n_averages: int
 
@@ -128,7 +130,7 @@ def line_spectrum(
     # At six bins a shaft turn or less, the lines of the shaft cannot be told from the rest.
     beside_shaft = speed is not None and speed > 6.0 * resolution
     sought = excess * _beside_shaft(excess.size, resolution, speed) if beside_shaft else excess
-    return LineSpectrum(resolution, power, floor, excess, sought, width, n_averages)
+    return LineSpectrum(resolution, power, floor, excess, sought, None, width, n_averages)
 
 
 @lru_cache(maxsize=16)

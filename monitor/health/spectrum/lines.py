@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
@@ -18,9 +18,7 @@ from numpy.typing import NDArray
 
 from models.numerics import f_quantile
 from monitor.health.spectrum.comb import GRID_STEP, LineSpectrum, comb_grid
-
-HANN_POWER = 1.5
-"""Sum of the squares of the Hann bins of a unit line (its equivalent noise bandwidth, in bins)."""
+from monitor.health.spectrum.family import HANN_POWER, NEAR_BINS, FaultLines
 
 FALSE_ALARM = 1e-4
 """Probability that pure noise is called detected, for one family in one spectrum; ``fault_lines`` sets its threshold by
@@ -32,68 +30,6 @@ SEARCH = 0.02
 
 _FLOOR_EFFICIENCY = 0.35
 _FINE = np.linspace(-1.0, 1.0, 41)
-_NEAR = np.arange(-2, 3)
-
-
-@dataclass(frozen=True, eq=False)
-class FaultLines:
-    """The harmonics of one fault frequency in one spectrum; arrays of shape (n_harmonics,).
-
-    Attributes:
-        amplitude: amplitude of each line in the unit of the spectrum; noise adds to it in power. 0 where unresolved.
-        floor: what noise alone reads in the same measure (root mean square); 0 where unresolved.
-        resolved: whether the spectrum can show the line: inside it, and apart from its neighbours by four bins or more.
-        fundamental: frequency at which the comb stands, Hz.
-        speed_factor: that frequency over the nominal one, common to all lines; 1 where none is resolved.
-        at_edge: whether the search ended at its limit: the line that it follows may stand outside.
-        comb_score: sum of the excess over the lines, as the search maximises it.
-        score: root mean square of ``snr`` over the resolved lines; 0 where there is none.
-        threshold: the score that noise exceeds with the stated false-alarm probability, the search included.
-    """
-
-    amplitude: NDArray[np.float64]
-    floor: NDArray[np.float64]
-    resolved: NDArray[np.bool_]
-    fundamental: float
-    speed_factor: float = 1.0
-    at_edge: bool = False
-    comb_score: float = 0.0
-    score: float = 0.0
-    threshold: float = math.inf
-
-    @property
-    def detected(self) -> bool:
-        """Whether ``score`` exceeds ``threshold``."""
-        return self.score > self.threshold
-
-    @property
-    def total(self) -> float:
-        """Sum of the amplitudes (Eq. 96 for the first five lines of the envelope), in the unit of the spectrum."""
-        return float(self.amplitude.sum())
-
-    @property
-    def snr(self) -> NDArray[np.float64]:
-        """Amplitude of each line over its floor; 0 where unresolved."""
-        return np.divide(self.amplitude, self.floor, out=np.zeros_like(self.amplitude), where=self.floor > 0.0)
-
-    @property
-    def family_snr(self) -> float:
-        """Root sum of squares of the amplitudes over that of the floors; 0 where no line is resolved."""
-        noise = float(np.square(self.floor).sum())
-        return math.sqrt(float(np.square(self.amplitude).sum()) / noise) if noise > 0.0 else 0.0
-
-    @property
-    def depth(self) -> float:
-        """Root sum of squares of the amplitudes, the power of the noise taken off, in the unit of the spectrum.
-
-        In a spectrum of the envelope over its mean it is a modulation depth.
-        """
-        power = np.square(self.amplitude).sum() - np.square(self.floor).sum()
-        return math.sqrt(max(float(power), 0.0))
-
-    def scaled(self, factor: float) -> FaultLines:
-        """Return the lines of the same spectrum in a unit of which one is ``factor`` of the present unit."""
-        return replace(self, amplitude=self.amplitude * factor, floor=self.floor * factor)
 
 
 @dataclass(frozen=True)
@@ -155,9 +91,13 @@ class _Places:
         """Return the nearest bin of each line at the speed factors of the families, shape (family, harmonic)."""
         return np.rint(self.nominal * np.array(factors)[:, None]).astype(np.intp)
 
-    def line_power(self, power: NDArray[np.float64], bins: NDArray[np.intp]) -> NDArray[np.float64]:
+    def line_power(
+        self, power: NDArray[np.float64], bins: NDArray[np.intp], weight: NDArray[np.float64] | None = None
+    ) -> NDArray[np.float64]:
         """Return the power of lines at such bins, shape (family, harmonic), 0 where unresolved."""
-        return (power.take(bins[:, :, None] + _NEAR) * self.counted).sum(axis=2) / HANN_POWER
+        near = bins[:, :, None] + NEAR_BINS
+        counted = self.counted if weight is None else self.counted * weight.take(near)
+        return (power.take(near) * counted).sum(axis=2) / HANN_POWER
 
 
 @lru_cache(maxsize=64)
@@ -174,7 +114,7 @@ def _places_of(queries: tuple[CombQuery, ...], resolution: float, n_bins: int, n
     resolved = (nominal * widest[:, None] + 3.0 <= n_bins - 1) & (spacing >= 4.0)[:, None]
     nominal *= resolved
     halves = np.where(spacing >= 8.0, 2, 1)
-    counted = resolved[:, :, None] & (np.abs(_NEAR) <= halves[:, None])[:, None, :]
+    counted = resolved[:, :, None] & (np.abs(NEAR_BINS) <= halves[:, None])[:, None, :]
     for shared in (spacing, nominal, resolved, halves, counted):
         shared.flags.writeable = False
     return _Places(spacing, nominal, resolved, resolved.sum(axis=1).tolist(), halves, counted)
@@ -235,6 +175,10 @@ def find_lines(spectrum: LineSpectrum, queries: Sequence[CombQuery], n_harmonics
     bins = places.bins([factor for factor, _, _ in found])
     line_power, floor_power = places.line_power(spectrum.power, bins), places.line_power(spectrum.floor, bins)
     amplitude, floor = np.sqrt(line_power), np.sqrt(floor_power)
+    own_power, own_noise = line_power, floor_power
+    if spectrum.beside is not None:
+        own_power = places.line_power(spectrum.power, bins, spectrum.beside)
+        own_noise = places.line_power(spectrum.floor, bins, spectrum.beside)
     ratio = np.divide(line_power, floor_power, out=np.zeros_like(floor), where=places.resolved).sum(axis=1).tolist()
     lines: list[FaultLines] = []
     for row, (query, count, (factor, at_edge, comb_score)) in enumerate(
@@ -259,6 +203,9 @@ def find_lines(spectrum: LineSpectrum, queries: Sequence[CombQuery], n_harmonics
                 comb_score,
                 score=math.sqrt(ratio[row] / count),
                 threshold=noise_threshold(count, half, spectrum.n_averages, n_floor, 1.0 + moved, query.false_alarm),
+                power=own_power[row],
+                noise=own_noise[row],
+                n_averages=spectrum.n_averages,
             )
         )
     return lines
@@ -354,12 +301,12 @@ def _refined(
     factors = np.minimum(np.maximum(factors, 1.0 - width[:, None]), 1.0 + width[:, None])
     tried = places[:, :, None] * factors[:, None, :]
     nearest = np.rint(tried)
-    parabola = (nearest - tried) + _NEAR[:, None, None, None]
+    parabola = (nearest - tried) + NEAR_BINS[:, None, None, None]
     np.square(parabola, out=parabola)
     parabola *= -0.25
     parabola += 1.0
     np.maximum(parabola, 0.0, out=parabola)
-    parabola *= spectrum.power.take(nearest.astype(np.intp) + _NEAR[:, None, None, None])
+    parabola *= spectrum.power.take(nearest.astype(np.intp) + NEAR_BINS[:, None, None, None])
     heights = np.sqrt(parabola.sum(axis=0))
     floor = spectrum.floor.take(np.rint(places * coarse[:, None]).astype(np.intp))
     weight = np.divide(1.0, np.sqrt(floor), out=np.zeros_like(floor), where=places > 0.0)
