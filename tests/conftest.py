@@ -149,13 +149,15 @@ def pytest_runtest_setup(item: pytest.Item) -> None:
 
 
 @pytest.fixture(autouse=True, scope="session")
-def points_of_maps() -> Iterator[None]:
-    """Quick effort measures the errors of maps between their nodes at fewer points."""
+def fewer_points_and_draws() -> Iterator[None]:
+    """Quick effort measures errors of maps at fewer points, and the spread of V_eq of fewer rigs."""
+    from models.identify import volume
     from models.maps import build
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(build, "_POINTS", effort_count(quick=40, full=200))
         patch.setattr(build, "_POINTS_OF_FLOORS", effort_count(quick=8, full=40))
+        patch.setattr(volume, "_RIGS", effort_count(quick=12, full=64))
         yield
 
 

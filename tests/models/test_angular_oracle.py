@@ -28,7 +28,7 @@ CASES = {
     "20,000 rpm, narrow spall": Case(20000 / 60, pits=(Pit(1, "outer", 0.1, 0.15, 0.1, 100e-6),)),
     "unbalance, seven balls": Case(50.0, 200.0, -100.0, (7, 7), 200.0, 1e-3, (0.3, 0.0), 10e-6),
 }
-QUICK = ("onto a spall", "unbalance, seven balls")
+QUICK = ("onto a spall",)
 
 
 def scene_of(case: Case) -> Scene:

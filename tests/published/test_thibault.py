@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 
 from models.ball_statics import equilibrium
-from models.published.acceptance import AcceptanceRow
 from models.published.thibault import (
     BALL,
     FAST,
@@ -143,6 +142,6 @@ def test_calibrated_torsion_modes() -> None:
         assert min(abs(mode / own - 1.0) for mode in torsion(disc=False)) < 0.005
 
 
-@pytest.mark.parametrize("row", acceptance_rows(), ids=lambda row: f"{row.test} {row.quantity}")
-def test_every_row_is_met(row: AcceptanceRow) -> None:
-    assert row.met, f"{row.quantity}: printed {row.printed}, obtained {row.obtained}"
+def test_every_row_is_met() -> None:
+    for row in acceptance_rows():
+        assert row.met, f"{row.test} {row.quantity}: printed {row.printed}, obtained {row.obtained}"
