@@ -59,7 +59,7 @@ class Named:
         """Return right, silent (allowed where speed is wrong or nothing can be found), missed or wrong."""
         fault = None if self.naming is None else self.naming.fault
         if fault is not None:
-            return "right" if fault == self.case.expected else "wrong"
+            return "right" if fault in self.case.allowed else "wrong"
         return "silent" if self.case.expected is None or self.speed_error else "missed"
 
     def row(self) -> Row:
@@ -117,11 +117,11 @@ def tally(counts: Counter[str]) -> dict[str, int]:
     return {name: counts[name] for name in ("right", "silent", "wrong")}
 
 
-def judged(fault: str | None, expected: str | None) -> str:
-    """Return right, silent or wrong."""
+def judged(fault: str | None, case: Case | str) -> str:
+    """Return right, silent or wrong, for a recording or the damaged part."""
     if fault is None:
         return "silent"
-    return "right" if fault == expected else "wrong"
+    return "right" if fault == case or (isinstance(case, Case) and fault in case.allowed) else "wrong"
 
 
 def namings(
@@ -160,7 +160,7 @@ def band_rows(folder: Path) -> list[Row]:
                 chosen = find_band([x], block.rate, fundamentals(lines))
                 found, _ = namings(x, block.rate, candidates, lines)
                 for band, naming in zip(candidates, found, strict=True):
-                    verdict = judged(naming.fault, case.expected)
+                    verdict = judged(naming.fault, case)
                     if verdict == "wrong" and naming.evidence is not None:
                         wrong.append(
                             f"{channel} {band[0]:.0f}-{band[1]:.0f}: {naming.fault} {naming.evidence.depth:.2f}"
@@ -170,7 +170,7 @@ def band_rows(folder: Path) -> list[Row]:
         for block, steps, _ in watch(case.config, folder / case.file, block_s=1.0):
             for output in steps.outputs.values():
                 if output.naming is not None and isinstance(block, Block):
-                    pieces[judged(output.naming.fault, case.expected)] += 1
+                    pieces[judged(output.naming.fault, case)] += 1
         rows.append(
             {
                 "recording": Path(case.file).name,

@@ -275,7 +275,17 @@ def one_vector(data: bytes, path: str) -> Samples:
     return replace(samples, channels=("acceleration",))
 
 
-# UESTC: Data and its SampleFrequency in Hz; the shaft speed is nominal only, and not in the file.
+# UESTC: Data and its SampleFrequency in Hz; class, nominal rpm and number in the name. The shaft is up to 6 % off it.
+_UESTC_NAME = re.compile(r"[A-Z]+_(\d+)_\d+\.mat", re.IGNORECASE)
+
+
+def _uestc_facts(path: str, place: str, zone: ZoneInfo) -> FileFacts | None:
+    if not path.lower().endswith(".mat"):
+        return None
+    match = _UESTC_NAME.fullmatch(PurePosixPath(path).name)
+    return FileFacts(natural_key(path), speed=int(match[1]) / 60 if match and int(match[1]) > 0 else None)
+
+
 def uestc_read(data: bytes, path: str) -> Samples:
     """Read a file of the UESTC set."""
     samples = read_mat(data, path, ["Data"])
@@ -328,7 +338,7 @@ _SETS = (
     DataSet("mfpt", "*.mat with a structure bearing", _mat_facts, isolated(mfpt_read), states_rate=True),
     DataSet("hit_sm", "CLASS_RPM.mat with one vector", _hit_sm_facts, isolated(one_vector), unit="unknown"),
     DataSet(
-        "uestc", "*.mat with Data and SampleFrequency", _mat_facts, isolated(uestc_read),
+        "uestc", "*.mat with Data and SampleFrequency", _uestc_facts, isolated(uestc_read),
         unit="unknown", states_rate=True,
     ),
     DataSet(

@@ -210,6 +210,12 @@ def test_uestc_states_its_rate(tmp_path: Path) -> None:
     assert (block.rate, block.speed, block.units, block.elapsed) == (20000, None, ("unknown",), 0)
 
 
+def test_uestc_states_its_nominal_speed_in_the_name(tmp_path: Path) -> None:
+    values = {"Data": np.arange(1000.0)[:, None], "SampleFrequency": 20000}
+    (block,) = good(blocks(mat_file(tmp_path / "O_1200_2.mat", values), block_s="file"))
+    assert block.speed == 20.0
+
+
 def test_xjtu_sy_is_recognised_by_its_header(tmp_path: Path) -> None:
     folder = tmp_path / "37.5Hz11kN" / "Bearing2_1"
     folder.mkdir(parents=True)
