@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from monitor.health.machine import BearingVerdict
 from monitor.health.output import ChannelOutput
 from monitor.health.record import Record
 from monitor.health.state import SourceSettings, SourceState, Stored
@@ -32,6 +33,10 @@ class Steps:
     @property
     def outputs(self) -> Mapping[str, ChannelOutput]:
         return {} if self.output is None else self.output.channels
+
+    @property
+    def bearings(self) -> Mapping[str, BearingVerdict]:
+        return {} if self.output is None else self.output.bearings
 
     @property
     def spectra(self) -> tuple[SpectrumChange, ...]:

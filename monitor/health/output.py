@@ -25,6 +25,7 @@ from monitor.health.detect import DetectOutput, DetectState
 from monitor.health.naming import Naming
 from monitor.health.quality import Verdict
 from monitor.health.record import plain
+from monitor.health.schema import HINT, VERDICT
 from monitor.health.spectrum.family import FaultLines
 from monitor.health.spectrum.features import FAULTS, SPECTRUM_LINES, BlockFeatures, fundamentals
 from monitor.health.spectrum.transform import Band
@@ -102,6 +103,7 @@ def record_values(
         evidence = output.naming.evidence
         values |= {
             "fault": output.naming.fault,
+            "fault_basis": basis_of(output.naming.fault, detector),
             "fault_snr": evidence.family_snr,
             "fault_depth": evidence.depth,
             "fault_score": evidence.comb_score,
@@ -117,6 +119,13 @@ def record_values(
     if output.damage is not None:
         values |= truth or {}
     return {name: plain(value) for name, value in values.items()}
+
+
+def basis_of(fault: str | None, detector: DetectState) -> str | None:
+    """Return what a name is: "verdict" in a final stage, "hint" without one, None without a name."""
+    if fault is None:
+        return None
+    return HINT if detector.t_fs is None else VERDICT
 
 
 def _feature_values(features: BlockFeatures, output: ChannelOutput) -> dict[str, Any]:

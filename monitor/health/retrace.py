@@ -18,6 +18,8 @@ from monitor.health.alarms import AlarmAcknowledgement
 from monitor.health.channel import ChannelBlock, is_for_detector, latch_name, run_clock, track
 from monitor.health.condition import Quantity
 from monitor.health.detect import DetectInput, DetectOutput
+from monitor.health.machine import heard_in
+from monitor.health.machine import step as machine_step
 from monitor.health.naming import score_threshold
 from monitor.health.quality import OrderState, Verdict, check_order
 from monitor.health.record import Record
@@ -92,7 +94,9 @@ def _retrace_one(state: SourceState, record: Record, settings: SourceSettings, a
             )
     state = replace(state, channels=channels, waterfalls=waterfalls)
     alarms, _ = alarm_step(state, record, verdicts, settings, _acknowledgements(record))
-    return replace(state, alarms=alarms, latest=record if record.channels else state.latest)
+    machine, _ = machine_step(state.machine, heard_in(record.channels, record.time), settings.bearings)
+    latest = record if record.channels else state.latest
+    return replace(state, alarms=alarms, machine=machine, latest=latest)
 
 
 def _order(state: OrderState, record: Record) -> OrderState:

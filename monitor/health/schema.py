@@ -19,6 +19,8 @@ SCHEMA_VERSION = 1
 """Version of the record schema and of the store; a higher one is refused."""
 
 FAULTS = ("outer", "inner", "ball", "cage")
+HINT, VERDICT = "hint", "verdict"
+"""What a name is: a hint without a baseline or before t_fs, a verdict since it."""
 BAND_SOURCES = ("configured", "learning", "recording", "provisional")
 STATUSES = ("ok", *FLAGS, *REJECTIONS)
 EDV_STATUSES = tuple(map(str, EdvStatus))
@@ -130,6 +132,15 @@ _TABLE: list[Variable] = [
     Variable("t_fs_known_block", (), "1", "number of the block in which the final stage was known", kind="int"),
     Variable("t_eol_block", (), "1", "number of the block that ended the life", kind="int"),
     Variable("fault", (), None, "damaged part; several where they cannot be told apart", kind="mask", values=FAULTS),
+    Variable(
+        "fault_basis",
+        (),
+        None,
+        "what the name of the damaged part is: a hint before t_fs, a verdict since",
+        kind="flag",
+        values=(HINT, VERDICT),
+        optional=True,
+    ),
     Variable("edv_status", (), None, "status of v_eq", kind="flag", values=EDV_STATUSES),
     *_floats("m2", f"v_th | V_th | threshold of v_eq | {GABRIELLI}, Eq. 92", ("threshold",)),
     Variable("tt_status", ("threshold",), None, "status of tt", kind="flag", values=TT_STATUSES),

@@ -1,12 +1,12 @@
 """A source and its channels: what is configured, SI, and what is carried from block to block.
 
 The state is frozen, versioned and writable as JSON. A store keeps its parts under names of their own (``source:S``,
-``channel:S:C``, ``alarms:S:C``, ``waterfall:S:C``), each with its version.
+``machine:S``, ``channel:S:C``, ``alarms:S:C``, ``waterfall:S:C``), each with its version.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any, TypeVar
 
@@ -19,6 +19,7 @@ from monitor.health.damage.filter.particle_filter import FilterState
 from monitor.health.damage.library.forecaster import LibraryState
 from monitor.health.damage.tracker import DamageSettings, DamageState
 from monitor.health.detect import DetectSettings, DetectState
+from monitor.health.machine import Heard, MachineState, Voice
 from monitor.health.quality import OrderState
 from monitor.health.record import Record
 from monitor.health.spectrum.average import RecentSpectra
@@ -37,6 +38,7 @@ class ChannelSettings:
     """One channel.
 
     Attributes:
+        listens_to: name of its bearing; all channels with this name are weighed together.
         unit: of the samples: "g", "m/s2", "V" or "unknown".
         scale: factor from the stored numbers to ``unit``.
         sensitivity_mv_per_g: of the sensor, for "V".
@@ -54,6 +56,7 @@ class ChannelSettings:
 
     name: str
     bearing: Bearing
+    listens_to: str = "bearing"
     unit: str = "m/s2"
     scale: float = 1.0
     sensitivity_mv_per_g: float | None = None
@@ -86,10 +89,23 @@ class SourceSettings:
     rate: float | None = None
 
     @property
+    def bearings(self) -> dict[str, tuple[str, ...]]:
+        """Channels by the bearing that they listen to."""
+        return channels_by_bearing(self.channels.values())
+
+    @property
     def thresholds(self) -> tuple[float, ...]:
         """Thresholds of V_eq that the tracked channels are forecast to, m2; () where none is tracked."""
         tracked = (channel.damage for channel in self.channels.values())
         return next((damage.thresholds for damage in tracked if damage is not None), ())
+
+
+def channels_by_bearing(channels: Iterable[ChannelSettings]) -> dict[str, tuple[str, ...]]:
+    """Return the names of channels by the bearing that they listen to."""
+    found: dict[str, tuple[str, ...]] = {}
+    for channel in channels:
+        found[channel.listens_to] = (*found.get(channel.listens_to, ()), channel.name)
+    return found
 
 
 @dataclass(frozen=True)
@@ -196,6 +212,20 @@ def _part(kind: type[_Part], stored: Mapping[str, Any] | None) -> _Part:
     return kind() if stored is None else kind.from_dict(stored)
 
 
+def _machine(stored: Mapping[str, Any] | None, channels: Mapping[str, ChannelState]) -> MachineState:
+    """Return the stored part; for a store that is older than it, what the channels are named now."""
+    if stored is not None:
+        return MachineState.from_dict(stored)
+    voices = {
+        name: Voice().after(
+            Heard(fault=state.named.fault, depth=state.named.depth, final=state.detect.t_fs is not None)
+        )
+        for name, state in channels.items()
+        if state.named is not None
+    }
+    return MachineState(voices)
+
+
 @dataclass(frozen=True)
 class SourceState:
     """One source between two blocks. To roll a block back is to go on with the state before it.
@@ -205,6 +235,7 @@ class SourceState:
         channels: stages up to the forecast, by channel.
         alarms: by channel.
         waterfalls: by channel of which spectra are kept.
+        machine: what its channels name, by which those of a bearing are weighed together.
         latest: record of the latest block that was analysed, or None. It is not part of what is stored: the store
             has it as a record.
     """
@@ -214,6 +245,7 @@ class SourceState:
     channels: Mapping[str, ChannelState]
     alarms: Mapping[str, AlarmState]
     waterfalls: Mapping[str, WaterfallState]
+    machine: MachineState = field(default_factory=MachineState)
     latest: Record | None = None
 
     @classmethod
@@ -235,19 +267,21 @@ class SourceState:
         source, channels = settings.name, settings.channels
         drawn = [name for name, channel in channels.items() if channel.waterfall.rows > 0]
         parts = stored or {}
+        states = {name: _part(ChannelState, parts.get(f"channel:{source}:{name}")) for name in channels}
         return cls(
             source=source,
             order=_part(OrderState, parts.get(f"source:{source}")),
-            channels={name: _part(ChannelState, parts.get(f"channel:{source}:{name}")) for name in channels},
+            channels=states,
             alarms={name: _part(AlarmState, parts.get(f"alarms:{source}:{name}")) for name in channels},
             waterfalls={name: _part(WaterfallState, parts.get(f"waterfall:{source}:{name}")) for name in drawn},
+            machine=_machine(parts.get(f"machine:{source}"), states),
             latest=latest,
         )
 
     def to_stored(self) -> Stored:
         """Return the parts by name as plain values for JSON, to be committed with the record of the latest block."""
         kinds = {"channel": self.channels, "alarms": self.alarms, "waterfall": self.waterfalls}
-        stored = {f"source:{self.source}": self.order.to_dict()}
+        stored = {f"source:{self.source}": self.order.to_dict(), f"machine:{self.source}": self.machine.to_dict()}
         for kind, states in kinds.items():
             stored |= {f"{kind}:{self.source}:{name}": state.to_dict() for name, state in states.items()}
         return stored

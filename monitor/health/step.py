@@ -1,8 +1,9 @@
 """One block of one source through all stages: one state and the block in, one state and one record out.
 
 The stages in order: place in the stream, quality, speed and load, features, onset, name of the damaged part, damage,
-forecast, kept spectra, alarms. Nothing here reads a clock or a file, so that a daemon, a restarted one and a replay
-give the same records, and to roll a block back is to go on with the state before it.
+forecast, kept spectra, alarms, what the channels of a bearing say together. Nothing here reads a clock or a file, so
+that a daemon, a restarted one and a replay give the same records, and to roll a block back is to go on with the state
+before it.
 """
 
 from __future__ import annotations
@@ -17,6 +18,8 @@ from monitor.health.channel import ChannelBlock, check_channel
 from monitor.health.channel import step as channel_step
 from monitor.health.condition import load_of, speed_of
 from monitor.health.detect import DetectState
+from monitor.health.machine import BearingVerdict, heard_in
+from monitor.health.machine import step as machine_step
 from monitor.health.output import (
     ChannelOutput,
     Events,
@@ -57,12 +60,14 @@ class SourceOutput:
         record: to be committed with the state after the block.
         spectra: changes of the kept spectra, to be committed with them.
         channels: by channel, what the stages found; {} where the block was rejected as a whole.
+        bearings: what the channels of this source say together, by bearing.
         misfit: why the block does not fit the configuration; in a recording, no later block will fit better.
     """
 
     record: Record
     spectra: tuple[SpectrumChange, ...] = ()
     channels: Mapping[str, ChannelOutput] = field(default_factory=dict[str, ChannelOutput])
+    bearings: Mapping[str, BearingVerdict] = field(default_factory=dict[str, BearingVerdict])
     misfit: str | None = None
 
 
@@ -77,8 +82,8 @@ def step(
 ) -> tuple[SourceState, SourceOutput]:
     """Take one block of a source into its state.
 
-    A block that does not fit the configuration is rejected. A ``machine.step`` that weighs the records of several
-    sources has its place above this function and needs nothing but its outputs.
+    A block that does not fit the configuration is rejected. What several sources say of one bearing is weighed above
+    this function, from their states (:func:`monitor.health.machine.weigh`).
 
     Args:
         item: the block, or the rejection that takes its place.
@@ -104,7 +109,9 @@ def step(
     if events:
         record = replace(record, events=(*record.events, *events))
     latest = record if output.channels else state.latest
-    return replace(state, alarms=alarms, latest=latest), replace(output, record=record)
+    machine, bearings = machine_step(state.machine, heard_in(record.channels, record.time), settings.bearings)
+    after = replace(state, alarms=alarms, machine=machine, latest=latest)
+    return after, replace(output, record=record, bearings=bearings)
 
 
 def _misfit(block: Block, settings: SourceSettings) -> Verdict | None:

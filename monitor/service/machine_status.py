@@ -28,7 +28,7 @@ from monitor.records.database import StoreError
 from monitor.records.store import Store
 from monitor.service.ingest import Ingest
 from monitor.service.silence import DataFlow, LatestBlock, silence_limit
-from monitor.service.summary import channel_summary
+from monitor.service.summary import bearing_summaries, channel_summary
 from monitor.words.events import utc_text
 from monitor.words.statuses import STATES, suspended_words
 
@@ -130,6 +130,9 @@ class MachineStatus:
             "ignored": self._ingest.ignored(),
             "problems": dict(problems),
             "recovered": self._recovered,
+            "bearings": bearing_summaries(
+                (self._ingest.state(name), settings) for name, settings in self._ingest.settings.items()
+            ),
             "channels": channels,
         }
 

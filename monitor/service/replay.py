@@ -33,7 +33,7 @@ from monitor.records.store import Store
 from monitor.service.calibration import uncalibrated_lines
 from monitor.service.resume import resumed_state
 from monitor.service.setup import open_configured, source_settings
-from monitor.service.summary import channel_summary, run_attributes
+from monitor.service.summary import bearing_summaries, channel_summary, run_attributes
 from streams.block import STANDARD_GRAVITY, Block, Rejected
 from streams.dating import Dating
 from streams.source import FileSource, Source
@@ -305,6 +305,7 @@ class _Run:
             "seconds": seconds,
             "blocks_per_second": self.taken / seconds if seconds > 0 else None,
             "records": [str(file) for file in files],
+            "bearings": bearing_summaries([(self.state, self.settings)]),
             "channels": {
                 name: channel_summary(self.state, channel) for name, channel in self.settings.channels.items()
             },

@@ -223,6 +223,7 @@ def _channel_settings(
     return ChannelSettings(
         name=channel.name,
         bearing=config.bearing_of(channel),
+        listens_to=channel.bearing,
         uncertainty=kinematics_uncertainty(config.entry_of(channel)),
         unit=channel.unit,
         scale=1.0 if channel.scale is None else channel.scale,

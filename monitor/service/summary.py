@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from datetime import UTC, datetime
 from typing import Any
 
@@ -10,8 +10,14 @@ from models.rigs.six_dof import Calibration
 from monitor import __version__
 from monitor.config.load import Config
 from monitor.health.detect import Mark
-from monitor.health.state import ChannelSettings, SourceState
+from monitor.health.machine import weigh
+from monitor.health.output import basis_of
+from monitor.health.state import ChannelSettings, SourceSettings, SourceState, channels_by_bearing
 from monitor.service.calibration import other_models
+
+_PATIENCE_S, _PATIENCE_BLOCKS = 30 * 86400.0, 50
+"""A channel of a source that has been silent for so long, and for so many blocks of the slowest source, has no voice
+beside one of another source."""
 
 
 def run_attributes(config: Config, channels: Mapping[str, ChannelSettings]) -> dict[str, Any]:
@@ -86,6 +92,7 @@ def channel_summary(state: SourceState, settings: ChannelSettings) -> dict[str, 
         "t_fs_utc": _utc(detector.t_fs) if dated else None,
         "t_eol_block": detector.t_eol and detector.t_eol.sequence,
         "fault": named and named.fault,
+        "fault_basis": basis_of(named and named.fault, detector),
         "fault_snr": named and named.snr,
         "v_eq_mm2": in_mm2("v_eq"),
         "v_eq_lower_mm2": in_mm2("v_eq_lower"),
@@ -99,6 +106,16 @@ def channel_summary(state: SourceState, settings: ChannelSettings) -> dict[str, 
         "tt_status": first(values.get("tt_status")),
         "p_threshold": first(values.get("p_threshold")),
     }
+
+
+def bearing_summaries(sources: Iterable[tuple[SourceState, SourceSettings]]) -> dict[str, dict[str, Any]]:
+    """Return by bearing what the channels of all sources of a machine say of it: the keys of the interface."""
+    pairs = list(sources)
+    slowest = max((state.order.interval or 0.0 for state, _ in pairs), default=0.0)
+    patience = max(_PATIENCE_S, _PATIENCE_BLOCKS * slowest) if len(pairs) > 1 else None
+    bearings = channels_by_bearing(channel for _, settings in pairs for channel in settings.channels.values())
+    found = weigh([state.machine for state, _ in pairs], bearings, patience)
+    return {name: verdict.to_dict() for name, verdict in found.items()}
 
 
 def _utc(mark: Mark | None) -> str | None:

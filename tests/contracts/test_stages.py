@@ -19,7 +19,7 @@ import numpy as np
 import pytest
 
 import monitor.health
-from monitor.health import alarms, channel, detect, waterfall
+from monitor.health import alarms, channel, detect, machine, waterfall
 from monitor.health.damage import DamageInput, tracker
 from monitor.health.damage.filter import particle_filter
 from monitor.health.damage.library import forecaster
@@ -88,6 +88,11 @@ def take_waterfall(state: Any, i: int) -> tuple[Any, Any]:
     return state, outputs
 
 
+def take_machine(state: Any, i: int) -> tuple[Any, Any]:
+    heard = {"x": machine.Heard(fault=(None, "inner|ball")[i % 2], depth=0.3, final=i > MIDDLE), "y": machine.Heard()}
+    return machine.step(state, heard, {"bearing": ("x", "y")})
+
+
 TAKE: dict[str, Take] = {
     "alarms": lambda state, i: alarms.step(state, block(i + 1, float(i)), alarms.AlarmSettings((RULE,))),
     "channel": take_channel,
@@ -99,6 +104,7 @@ TAKE: dict[str, Take] = {
     ),
     "damage.tracker": take_damage,
     "detect.onset": take_detect,
+    "machine": take_machine,
     "waterfall": take_waterfall,
 }
 STAGES = dict(found_stages())

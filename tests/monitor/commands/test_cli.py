@@ -85,13 +85,15 @@ def test_replay_prints_one_json_object_and_keeps_its_books(machine):
     assert summary["blocks"] == summary["accepted"] == 4
     assert summary["rejected"] == {}
     assert summary["pending"] == 0
+    nothing = {"fault": None, "fault_basis": None, "support": None, "disagreement": {}, "channels": ["de"]}
+    assert list(summary["bearings"].values()) == [nothing]
     channel = summary["channels"]["de"]
     assert channel["stage"] == "learning"
     assert channel["fault"] is None
     assert set(channel) >= {
         "stage", "t_fs_block", "t_fs_known_block", "t_fs_utc", "t_eol_block", "fault", "fault_snr", "v_eq_mm2",
         "v_eq_lower_mm2", "v_eq_upper_mm2", "edv_status", "tt_s", "tt_lower_s", "tt_upper_s", "tt_status",
-        "p_threshold",
+        "p_threshold", "fault_basis",
     }  # fmt: skip
     assert all(Path(machine / path).exists() or Path(path).exists() for path in summary["records"])
 
