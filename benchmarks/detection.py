@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 from benchmarks.common import Row, arguments, calibration_kernel, interleaved_ms, print_table, write_json
 from models.bearing import kinematics
 from monitor.health import detect
-from monitor.health.channel import ChannelBlock, check_channel, step
+from monitor.health.channel import ChannelBlock, check_channel, detect_input, step
 from monitor.health.condition import Quantity
 from monitor.health.naming import name_fault
 from monitor.health.quality import check_samples
@@ -183,8 +183,11 @@ class Count:
         self.alarms += output.alarm
 
 
-def healthy_samples(duration: float, machines: int, blocks: int, seed: int) -> tuple[Count, list[float]]:
-    """Take healthy machines through the whole line of stages; return the counts, and the prominences seen."""
+def healthy_samples(duration: float, machines: int, blocks: int, seed: int) -> tuple[Count, list[list[float]]]:
+    """Take healthy machines through the whole line of stages; return the counts, and the prominences seen.
+
+    Prominences of each part, NaN where the resolution does not show it.
+    """
     rng = np.random.default_rng(seed)
     rate, speed = 25600.0, 27.5
     bearing, lines = bearing_lines("PRONOSTIA", speed)
@@ -192,7 +195,7 @@ def healthy_samples(duration: float, machines: int, blocks: int, seed: int) -> t
     average = 16 if duration < 0.5 else 1
     settings = ChannelSettings("healthy", bearing, bands=((500.0, 6000.0),), average_blocks=average)
     count = Count()
-    prominences: list[float] = []
+    prominences: list[list[float]] = []
     for _ in range(machines):
         machine = HealthyMachine.draw(rng, speed, lines.bpfo)
         state = ChannelState()
@@ -206,38 +209,46 @@ def healthy_samples(duration: float, machines: int, blocks: int, seed: int) -> t
             assert output.features is not None
             count.take(output.detection)
             count.named += output.naming is not None and output.naming.fault is not None
-            taken = output.features.lines[0]["outer"]
-            prominences.append(taken.total / float(taken.floor.sum()))
+            shown = detect_input(output.features, block, absolute=True, usable=True).prominence
+            prominences.append([shown.get(name, math.nan) for name in detect.LINES])
             if output.detection.alarm:
                 break
     return count, prominences
 
 
 def sample_table(quick: bool) -> tuple[list[Row], dict[float, NDArray[np.float64]]]:
-    """Table 3, and the scatter of ln prominence about its median by duration of a block."""
+    """Table 3, and the scatter of ln prominence about its median by duration of a block, shape (block, part)."""
     rows: list[Row] = []
     scatter = {}
     for duration, machines, blocks in ((0.1, 8, 530), (5.0, 2, 230)) if quick else ((0.1, 60, 530), (5.0, 8, 330)):
         count, prominences = healthy_samples(duration, machines, blocks, seed=round(10 * duration))
         rows.append(count.row(block_s=duration))
         ln = np.log(prominences)
-        scatter[duration] = ln - np.median(ln)
+        scatter[duration] = ln - np.median(ln, axis=0)
     return rows, scatter
 
 
+def lines_of(ln_prominence: NDArray[np.float64]) -> dict[str, float]:
+    """Return what the detector takes of a row of ln prominences, shape (part,), NaN for those that are not shown."""
+    return {name: math.exp(ln) for name, ln in zip(detect.LINES, ln_prominence.tolist(), strict=True) if ln == ln}
+
+
 def healthy_features(machine: HealthyMachine, machines: int, seed: int, ln_prominence: NDArray[np.float64]) -> Count:
-    """Take machines of which only the levels are drawn through the detector; prominences are drawn from those seen."""
+    """Take machines of which only the levels are drawn through the detector.
+
+    Prominences are drawn from those seen, shape (block, part), all parts of a block together.
+    """
     rng = np.random.default_rng(seed)
     count, blocks = Count(), 2130
     for _ in range(machines):
         one = replace(machine, scatter=rng.uniform(0.02, 0.03))
         levels = one.levels(rng, blocks)
         levels[rng.uniform(size=blocks) < one.burst_rate] *= rng.uniform(1.5, 20.0)
-        prominence = np.exp(rng.choice(ln_prominence, blocks))
+        prominence = rng.choice(ln_prominence, blocks)
         state = detect.DetectState()
         count.machines += 1
         for i in range(blocks):
-            block = detect.DetectInput(i + 1, 10.0 * i, float(levels[i]), float(prominence[i]), None)
+            block = detect.DetectInput(i + 1, 10.0 * i, float(levels[i]), lines_of(prominence[i]), None)
             state, output = detect.step(state, block, DEFAULTS)
             count.take(output)
             if output.alarm:
@@ -287,12 +298,12 @@ def step_table(quick: bool, ln_prominence: NDArray[np.float64]) -> list[Row]:
 def _is_known(rng: np.random.Generator, ln_prominence: NDArray[np.float64], steps: tuple[float, float]) -> bool:
     """Tell whether the steps of RMS and prominence at block 300 of one machine are known by block 320, not before."""
     levels = HealthyMachine.draw(rng, 27.5, 154.0).levels(rng, 320)
-    prominence = np.exp(rng.choice(ln_prominence, 320))
+    prominence = rng.choice(ln_prominence, 320)
     levels[299:] *= steps[0]
-    prominence[299:] *= steps[1]
+    prominence[299:, 0] += math.log(steps[1])
     inputs = [
-        detect.DetectInput(i + 1, None, float(level), float(h), None)
-        for i, (level, h) in enumerate(zip(levels, prominence, strict=True))
+        detect.DetectInput(i + 1, None, float(level), lines_of(row), None)
+        for i, (level, row) in enumerate(zip(levels, prominence, strict=True))
     ]
     known = rerun(inputs, DEFAULTS).t_fs_known
     return known is not None and known.sequence >= 300
@@ -309,8 +320,8 @@ def time_table(quick: bool) -> list[Row]:
         features = block_features(x, rate, asked)
         settings = ChannelSettings("damaged", bearing, bands=((500.0, 6000.0),))
         block = ChannelBlock(x, rate, 1, 0.0, check_samples(x), Quantity(speed, "configured"))
-        given = detect.DetectInput(1, 0.0, 1.0, 1.0, 1.0)
-        learned = detect.DetectState(baseline=detect.Baseline(0.0, 0.03, 0.0, 0.1))
+        given = detect.DetectInput(1, 0.0, 1.0, dict.fromkeys(detect.LINES, 1.0), 1.0)
+        learned = detect.DetectState(baseline=detect.Baseline(0.0, 0.03, dict.fromkeys(detect.LINES, (0.0, 0.1))))
         paths = {
             "kernel": calibration_kernel(),
             "quality_ms": partial(check_samples, x),

@@ -282,7 +282,8 @@ def _lines(config: Config, problems: list[str], dated: Mapping[str, DatingPrevie
     yield (
         f"detection: {detect.run_in_blocks} blocks run-in, {length} baseline, "
         f"alarm after {detect.persist_blocks} blocks over the threshold, at most "
-        f"{detect.false_alarms_per_1000_blocks:g} in 1000 healthy blocks; "
+        f"{detect.false_alarms_per_1000_blocks:g} in 1000 healthy blocks, closed again after {detect.close_blocks} "
+        f"quiet ones; features {', '.join(detect.features)}; "
         f"end of life at {detect.end_of_life_peak_g:g} g in {detect.end_of_life_blocks} blocks"
     )
     yield from _alarm_lines(config)

@@ -99,6 +99,8 @@ def _channel_words(channel: Mapping[str, Any]) -> Iterator[str]:
     yield f"stage {channel['stage'].replace('_', ' ')}"
     if channel["t_fs_block"] is not None:
         yield f"final stage since block {channel['t_fs_block']} (known at {channel['t_fs_known_block']})"
+    for closed in channel["closed_episodes"]:
+        yield f"final stage of block {closed['t_fs_block']} closed again at block {closed['closed_block']}"
     if channel["t_eol_block"] is not None:
         yield f"end of life at block {channel['t_eol_block']}"
     if channel["fault"] is not None:

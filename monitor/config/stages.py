@@ -8,9 +8,10 @@ from pydantic import Field, field_validator, model_validator
 
 from monitor.config.fields import Blocks, Positive, Section
 from monitor.health.damage.tracker import ForecastMethod, TrackMethod
-from monitor.health.detect import DetectSettings
+from monitor.health.detect import FEATURES, DetectSettings
 from streams.block import STANDARD_GRAVITY
 
+DetectFeature = Literal["rms", "h_or", "h_ir", "h_ball", "h_cage"]
 Method = TypeVar("Method", TrackMethod, ForecastMethod)
 
 
@@ -25,12 +26,21 @@ class DetectSection(Section):
     learn_blocks: Annotated[int, Field(ge=10, le=100000)] | None = None
     learn_hours: Positive | None = None
     run_in_blocks: Annotated[int, Field(ge=0)] = DetectSettings.run_in_blocks
+    features: tuple[DetectFeature, ...] = FEATURES
     false_alarms_per_1000_blocks: Annotated[float, Field(ge=1e-6, le=100)] = DetectSettings.false_alarms_per_1000_blocks
     persist_blocks: Blocks = DetectSettings.persist_blocks
+    close_blocks: Blocks = DetectSettings.close_blocks
     rms_drift: Annotated[float, Field(ge=0, le=2)] = DetectSettings.rms_drift
     h_or_drift: Annotated[float, Field(ge=0, le=2)] = DetectSettings.h_or_drift
     end_of_life_peak_g: Positive = 20.0
     end_of_life_blocks: Blocks = DetectSettings.end_of_life_blocks
+
+    @field_validator("features")
+    @classmethod
+    def _with_rms(cls, value: tuple[str, ...]) -> tuple[str, ...]:
+        if "rms" not in value or len(set(value)) != len(value):
+            raise ValueError(f'must hold "rms", and each of {", ".join(FEATURES)} at most once')
+        return value
 
     @model_validator(mode="after")
     def _one_length(self) -> Self:
@@ -48,7 +58,9 @@ class DetectSection(Section):
             learn_time=None if self.learn_hours is None else self.learn_hours * 3600.0,
             run_in_blocks=self.run_in_blocks,
             false_alarms_per_1000_blocks=self.false_alarms_per_1000_blocks,
+            features=self.features,
             persist_blocks=self.persist_blocks,
+            close_blocks=self.close_blocks,
             rms_drift=self.rms_drift,
             h_or_drift=self.h_or_drift,
             end_of_life_peak=self.end_of_life_peak_g * STANDARD_GRAVITY,

@@ -22,6 +22,10 @@ Span = tuple[float, float]
 _MAX_LEARNED = 512
 _MAX_EXPONENT = math.log(sys.float_info.max)
 _WORST_FIRST = (FAILURE, NO_DATA, BAD_DATA, OUT_OF_SPECIFICATION, MAINTENANCE, CHECK, NORMAL)
+_OF_EPISODE = frozenset(
+    {"v_eq", "v_eq_lower", "v_eq_upper", "v_eq_relative", "tt", "tt_lower", "tt_upper", "p_threshold"}
+)
+"""Features that have values in the final stage only."""
 _REFUSALS = frozenset(
     {"above_map", "ambiguous", "outside_conditions", "outside_library", "no_absolute_level", "no_map", "no_library"}
 )
@@ -105,6 +109,7 @@ class AlarmInput:
         stage: of life, one of ``monitor.health.detect.STAGES``.
         values: of the record, SI; of several (thresholds, bands) the worst counts.
         baselines: median and robust SD of the logarithm, by feature, from the detector.
+        closed: the final stage closed with this block.
     """
 
     sequence: int
@@ -113,6 +118,7 @@ class AlarmInput:
     stage: str = HEALTHY
     values: Mapping[str, Any] = field(default_factory=dict[str, Any])
     baselines: Mapping[str, Span] = field(default_factory=dict[str, Span])
+    closed: bool = False
 
 
 @dataclass(frozen=True)
@@ -194,14 +200,18 @@ class AlarmState:
 
 @dataclass(frozen=True)
 class Change:
-    """A change of an alarm, with the value and the level compared, SI."""
+    """A change of an alarm, with the value and the level compared, SI, and the block that raised it.
 
-    kind: Literal["raised", "cleared"]
+    It is withdrawn, without a value, where the final stage that it stood on has closed.
+    """
+
+    kind: Literal["raised", "cleared", "withdrawn"]
     rule: str
     feature: str
     severity: str
-    value: float
-    level: float
+    value: float | None
+    level: float | None
+    since: int | None = None
 
 
 @dataclass(frozen=True)
@@ -230,6 +240,9 @@ def step(state: AlarmState, block: AlarmInput, settings: AlarmSettings) -> tuple
             learning = block.stage == LEARNING
             known = _learn(known, value, given, learning=learning, settled=seen > settings.run_in_blocks)
             known, changed = _check(known, rule, value, block.sequence)
+            changes += changed
+        if block.closed and rule.feature in _OF_EPISODE:
+            known, changed = _withdraw(known, rule)
             changes += changed
         rules[rule.name] = known
     # A block without a verdict of the tracker leaves its refusal in place.
@@ -334,15 +347,15 @@ def _applies(rule: Rule, values: Mapping[str, Any]) -> bool:
 
 
 def _learn(known: RuleState, value: float, given: Span | None, *, learning: bool, settled: bool) -> RuleState:
-    """Collect values while learning; freeze them at its end, or take the detector's baseline."""
+    """Collect values while learning; freeze them at its end, or follow the detector's baseline."""
+    if given is not None and not learning:
+        return known if known.baseline == given else replace(known, learned=(), baseline=given)
     if known.baseline is not None:
         return known
     if learning:
         if not settled or value <= 0.0:
             return known
         return replace(known, learned=(*known.learned, math.log(value))[-_MAX_LEARNED:])
-    if given is not None:
-        return replace(known, learned=(), baseline=given)
     if not known.learned:
         return known
     return replace(known, learned=(), baseline=median_and_sd(known.learned))
@@ -362,6 +375,17 @@ def _check(known: RuleState, rule: Rule, value: float, sequence: int) -> tuple[R
             kind = "raised" if level.active else "cleared"
             changes.append(Change(kind, rule.name, rule.feature, severity, value, limit))
     return after, changes
+
+
+def _withdraw(known: RuleState, rule: Rule) -> tuple[RuleState, list[Change]]:
+    """Take back the levels of a rule, which no value will clear; what is latched still waits for an acknowledgement."""
+    changes: list[Change] = []
+    for severity in SEVERITIES:
+        level: LevelState = getattr(known, severity)
+        if level.active:
+            changes.append(Change("withdrawn", rule.name, rule.feature, severity, None, None, level.since))
+        known = replace(known, **{severity: replace(level, active=False, count=0)})
+    return known, changes
 
 
 def _move(level: LevelState, rule: Rule, value: float, limit: float, sequence: int) -> LevelState:

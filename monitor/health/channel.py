@@ -5,6 +5,7 @@ State in, block in, state and output out: the live daemon, a restarted one and a
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -20,10 +21,14 @@ from monitor.health.output import ChannelOutput
 from monitor.health.quality import Verdict, check_samples
 from monitor.health.spectrum.average import RecentSpectra
 from monitor.health.spectrum.bands import BandVotes, candidate_bands
-from monitor.health.spectrum.features import BlockFeatures, FeatureSettings, block_features, fundamentals
+from monitor.health.spectrum.family import comb_depth
+from monitor.health.spectrum.features import FAULTS, BlockFeatures, FeatureSettings, block_features, fundamentals
 from monitor.health.spectrum.search import family_searches
 from monitor.health.spectrum.transform import Band
 from monitor.health.state import ChannelSettings, ChannelState, Named
+
+PART_LINES: dict[str, str] = dict(zip(detect.LINES, FAULTS, strict=True))
+"""The fault family of each sum of lines that the detector listens to."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,7 +116,8 @@ def step(state: ChannelState, block: ChannelBlock, settings: ChannelSettings) ->
     harmonics = tuple(float(value) for value in features.bpfo_amplitude) if resolved else None
     if naming is not None:
         state = latch_name(state, _named(naming, block.sequence))
-    state, found, forecasts = track(state, block, settings, features.rms, harmonics)
+    closed = detection.closed is not None
+    state, found, forecasts = track(state, block, settings, features.rms, harmonics, closed=closed)
     return state, ChannelOutput(
         verdict=verdict,
         stage=state.detect.stage,
@@ -177,16 +183,32 @@ def _name(
 
 def detect_input(features: BlockFeatures, block: ChannelBlock, *, absolute: bool, usable: bool) -> detect.DetectInput:
     """Return what the detector takes from a block; without a known unit (``absolute``) there is no peak in m/s2."""
-    outer = features.lines[0]["outer"]
-    floor = float(outer.floor.sum())
+    by_name = {name: features.lines[0][fault] for name, fault in PART_LINES.items()}
+    floors = {name: float(lines.floor.sum()) for name, lines in by_name.items()}
     return detect.DetectInput(
         sequence=block.sequence,
         time=block.time,
         rms=features.rms,
-        prominence=outer.total / floor if floor > 0.0 else None,
+        prominence={name: by_name[name].total / floor for name, floor in floors.items() if floor > 0.0},
         peak=features.indicators.peak if absolute else None,
         usable=usable,
+        shallow=shallow_lines(
+            {name: (lines.amplitude, lines.floor) for name, lines in by_name.items()}, features.envelopes[0].mean
+        ),
     )
+
+
+def shallow_lines(
+    lines: Mapping[str, tuple[NDArray[np.float64], NDArray[np.float64]]], envelope_mean: float
+) -> frozenset[str]:
+    """Return the lines of parts that are no deeper than the detector counts; those of the outer race never are.
+
+    Args:
+        lines: amplitudes and the noise under them by the name of their sum, shape (harmonic,).
+        envelope_mean: in the same unit.
+    """
+    depth = {name: comb_depth(np.square(amplitude) - np.square(floor)) for name, (amplitude, floor) in lines.items()}
+    return frozenset(name for name in detect.LINES[1:] if depth[name] < detect.MIN_DEPTH * envelope_mean)
 
 
 def is_for_detector(state: ChannelState, verdict: Verdict, settings: ChannelSettings, band_source: str) -> bool:
@@ -196,7 +218,13 @@ def is_for_detector(state: ChannelState, verdict: Verdict, settings: ChannelSett
 
 
 def track(
-    state: ChannelState, block: ChannelBlock, settings: ChannelSettings, rms: float, harmonics: tuple[float, ...] | None
+    state: ChannelState,
+    block: ChannelBlock,
+    settings: ChannelSettings,
+    rms: float,
+    harmonics: tuple[float, ...] | None,
+    *,
+    closed: bool = False,
 ) -> tuple[ChannelState, Damage | None, tuple[Remaining, ...]]:
     """Track and forecast, where the channel is tracked.
 
@@ -206,6 +234,7 @@ def track(
         settings: of the channel.
         rms: in the RMS band, m/s2.
         harmonics: amplitudes of the first six BPFO lines, m/s2, or None where one is unresolved.
+        closed: the final stage closed with this block.
     """
     if settings.damage is None:
         return state, None, ()
@@ -215,6 +244,7 @@ def track(
     gate = damage.DamageGate(
         final=state.detect.t_fs is not None,
         raised=state.detect.elevated is not None,
+        closed=closed,
         usable=block.verdict.for_tracker,
         absolute=settings.absolute,
         fault=None if state.named is None else state.named.fault,

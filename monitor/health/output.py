@@ -138,6 +138,7 @@ def _feature_values(features: BlockFeatures, output: ChannelOutput) -> dict[str,
     values["band_lo"] = over_bands(lambda band: output.bands[band][0])
     values["band_hi"] = over_bands(lambda band: output.bands[band][1])
     values["band_source"] = output.band_source
+    values["envelope_mean"] = over_bands(lambda band: float(features.envelopes[band].mean))
     for name in ("amplitude", "floor", "snr"):
         values[f"envelope_{name}"] = over_bands(
             lambda band, name=name: [_resolved(features.lines[band][fault], name) for fault in FAULTS]
@@ -194,11 +195,33 @@ def stage_events(channel: str, detector: DetectState, output: ChannelOutput) -> 
                 "block": detector.t_fs_known.sequence,
                 "t_fs_block": detector.t_fs.sequence,
                 "score": detection.score,
+                "feature": detection.leading,
+            }
+        )
+    if (closed := detection.closed) is not None:
+        events.append(
+            {
+                "kind": "final_stage_closed",
+                "channel": channel,
+                "block": closed.closed.sequence,
+                "t_fs_block": closed.began.sequence,
+                "t_fs_known_block": closed.known.sequence,
+                "quiet_since_block": closed.quiet.sequence,
+                **{f"{name}_s": getattr(closed, name).time for name in ("began", "known", "quiet", "closed")},
             }
         )
     if detection.end and detector.t_eol is not None:
         events.append({"kind": "end_of_life", "channel": channel, "block": detector.t_eol.sequence})
     return events
+
+
+def baseline_events(channel: str, sequence: int, output: ChannelOutput) -> Events:
+    """Return the event of a baseline that was learned anew with a block, or none."""
+    found = None if output.detection is None else output.detection.relearned
+    if found is None:
+        return []
+    levels = {"rms_before_si": found.rms_before, "rms_after_si": found.rms_after}
+    return [{"kind": "baseline_relearned", "channel": channel, "block": sequence, **levels}]
 
 
 def release_events(
@@ -232,8 +255,11 @@ def alarm_events(channel: str, sequence: int, output: AlarmOutput) -> Events:
             "rule": change.rule,
             "feature": change.feature,
             "severity": change.severity,
-            "value_si": change.value,
-            "level_si": change.level,
+            **(
+                {"since_block": change.since}
+                if change.kind == "withdrawn"
+                else {"value_si": change.value, "level_si": change.level}
+            ),
         }
         for change in output.changes
     ]

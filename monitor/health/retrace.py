@@ -7,15 +7,24 @@ first blocks for a band. Kept spectra are no part of the state.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, cast
 
 import numpy as np
+from numpy.typing import NDArray
 
 from monitor.health import detect
 from monitor.health.alarms import AlarmAcknowledgement
-from monitor.health.channel import ChannelBlock, is_for_detector, latch_name, run_clock, track
+from monitor.health.channel import (
+    PART_LINES,
+    ChannelBlock,
+    is_for_detector,
+    latch_name,
+    run_clock,
+    shallow_lines,
+    track,
+)
 from monitor.health.condition import Quantity
 from monitor.health.detect import DetectInput, DetectOutput
 from monitor.health.machine import heard_in
@@ -151,6 +160,7 @@ def _channel(
         prominence=_prominence(values),
         peak=values.get("peak") if settings.absolute else None,
         usable=is_for_detector(state, verdict, settings, band_source),
+        shallow=_shallow(values),
     )
     detector, found = detect.step(state.detect, given, settings.detect)
     state = replace(state, detect=detector)
@@ -158,7 +168,7 @@ def _channel(
     harmonics = None if lines is None or None in lines else tuple(lines)
     if verdict.for_baseline:
         state = latch_name(state, _named(values, record.sequence, averaged))
-    state, _, _ = track(state, block, settings, values["rms"], harmonics)
+    state, _, _ = track(state, block, settings, values["rms"], harmonics, closed=found.closed is not None)
     return state, found
 
 
@@ -177,16 +187,34 @@ def _all_of(value: Any) -> tuple[Any, ...]:
     return cast("tuple[Any, ...]", value) if isinstance(value, tuple) else (value,)
 
 
-def _prominence(values: Mapping[str, Any]) -> float | None:
-    """Return H_or over the floor under its lines, both of the first band; unresolved lines have neither."""
-    several, floor = isinstance(values.get("h_or"), tuple), values.get("envelope_floor")
-    total: float | None = _all_of(values.get("h_or"))[0]
-    if several and floor is not None:
-        floor = floor[0]
-    if floor is None or floor[0] is None:
-        return None
-    summed = float(np.array([line or 0.0 for line in floor[0]]).sum())
-    return (total or 0.0) / summed if summed > 0.0 else None
+def _first_band(values: Mapping[str, Any], name: str) -> Any:
+    """Return a value of the first band."""
+    return values[name][0] if isinstance(values.get("band_lo"), tuple) and values.get(name) else values.get(name)
+
+
+def _prominence(values: Mapping[str, Any]) -> dict[str, float]:
+    """Return the lines of each part over the floor under them; unresolved lines have neither."""
+    found: dict[str, float] = {}
+    for name, floor in zip(PART_LINES, _first_band(values, "envelope_floor") or (), strict=False):
+        summed = float(_numbers(floor).sum())
+        if summed > 0.0:
+            found[name] = (_first_band(values, name) or 0.0) / summed
+    return found
+
+
+def _shallow(values: Mapping[str, Any]) -> frozenset[str]:
+    """Return the lines that are not deep enough to count; none in a record of an earlier version."""
+    mean = _first_band(values, "envelope_mean")
+    if mean is None:
+        return frozenset()
+    lines = (_first_band(values, f"envelope_{what}") or ((),) * len(PART_LINES) for what in ("amplitude", "floor"))
+    numbers = {name: (_numbers(line), _numbers(floor)) for name, line, floor in zip(PART_LINES, *lines, strict=True)}
+    return shallow_lines(numbers, mean)
+
+
+def _numbers(lines: Sequence[float | None] | None) -> NDArray[np.float64]:
+    """Return the values of lines, 0 for those that are not resolved."""
+    return np.array([line or 0.0 for line in lines or (0.0,)])
 
 
 def _named(values: Mapping[str, Any], sequence: int, averaged: int) -> Named | None:

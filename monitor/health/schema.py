@@ -107,6 +107,7 @@ _TABLE: list[Variable] = [
         f"bpfo_amplitude | A_BPFO,k | amplitude of a BPFO line of the raw spectrum | {GABRIELLI}, section 4.2.3",
         ("bpfo_harmonic",),
     ),
+    *_floats(ACCELERATION, "envelope_mean | | mean of the envelope |", ("band",), optional=True),
     *_floats(
         "Hz",
         """

@@ -24,6 +24,7 @@ from monitor.health.output import (
     ChannelOutput,
     Events,
     alarm_events,
+    baseline_events,
     issued_forecasts,
     record_values,
     release_events,
@@ -181,6 +182,7 @@ def _analyse(
         damage = settings.channels[name].damage
         forecasts += issued_forecasts(name, output, "thesis" if damage is None else damage.forecast_method)
         events += stage_events(name, states[name].detect, output)
+        events += baseline_events(name, block.sequence, output)
     record = _record(
         block,
         verdict,
@@ -316,7 +318,7 @@ def alarm_step(
 
 
 def _alarm_input(record: Record, channel: str, detector: DetectState, verdict: Verdict | None) -> AlarmInput:
-    learned = detector.baseline
+    learned, closed = detector.baseline, detector.episodes[-1:]
     return AlarmInput(
         sequence=record.sequence,
         usable=verdict is not None and verdict.for_baseline,
@@ -324,4 +326,5 @@ def _alarm_input(record: Record, channel: str, detector: DetectState, verdict: V
         stage=detector.stage,
         values=record.channels.get(channel, {}),
         baselines={} if learned is None else {"rms": (learned.ln_rms, learned.ln_rms_sd)},
+        closed=any(episode.closed.sequence == record.sequence for episode in closed),
     )

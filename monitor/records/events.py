@@ -34,7 +34,10 @@ ORDER BY acknowledgements.id
 """
 _NOTICES = "SELECT id, 'n' || id, NULL, NULL, utc, body FROM notices"
 _MAX_NOTE_CHARACTERS, _MAX_NAME_CHARACTERS = 2000, 100
-WITHOUT_ACKNOWLEDGEMENT = ("alarm_cleared", "alarm_released", "condition", "data_again", "stream_reset")
+WITHOUT_ACKNOWLEDGEMENT = (
+    *("alarm_cleared", "alarm_released", "alarm_withdrawn", "condition", "data_again", "stream_reset"),
+    *("baseline_relearned", "final_stage_closed"),
+)
 """Kinds of events that need no acknowledgement."""
 # The names of the tables are those of the first version.
 _DELIVERY_TABLES = (

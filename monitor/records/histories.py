@@ -31,7 +31,7 @@ class HistoryError(WrongInputError):
 
 @dataclass(frozen=True, eq=False)
 class History:
-    """Records of one channel from t_fs on; n blocks.
+    """Records of one channel from the latest t_fs on, up to where that final stage closed or to the end; n blocks.
 
     Attributes:
         time: s, UTC since 1970 or from the first block, shape (n,).
@@ -123,7 +123,9 @@ def _history(datasets: Sequence[xr.Dataset], channel: str) -> History | None:
     if not begun.size:
         return None
     usable = np.array([not item & set(_UNUSABLE) for item in flags]) & np.isfinite(columns["rms"])
-    rows = np.flatnonzero(usable & (time >= begun[-1]))
+    # The latest episode, which may have closed again.
+    ended = time[np.isfinite(columns["t_fs"])].max()
+    rows = np.flatnonzero(usable & (time >= begun[-1]) & (time <= ended))
     running = damage_time(time, np.array(["stopped" in item for item in flags]), in_clock)
     return History(
         channel=channel,

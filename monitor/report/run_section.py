@@ -36,9 +36,12 @@ from monitor.words.numbers import Clock, acceleration, count, duration, figure, 
 _MAX_EVENTS = 200
 _EVENT_NAMES = {
     "final_stage": "start of the final stage known",
+    "final_stage_closed": "final stage closed again",
+    "baseline_relearned": "baseline learned anew",
     "end_of_life": "end of life reached",
     "alarm_raised": "alarm",
     "alarm_cleared": "alarm over",
+    "alarm_withdrawn": "alarm withdrawn",
     "condition": "condition",
 }
 _LEVELS = ("value_si", "level_si")

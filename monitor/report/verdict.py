@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from monitor.report.calibration import VolumeScale, is_calibrated, unscaled
 from monitor.report.runs import Channel, Run
@@ -45,6 +46,7 @@ class ChannelVerdict:
         facts: labels and texts beside the findings.
         fault: the damaged part, "" for none.
         stage: "" where no block could be judged.
+        closed: final stages that closed again.
     """
 
     channel: str
@@ -56,6 +58,7 @@ class ChannelVerdict:
     t_eol: Moment | None
     fault: str
     stage: str = ""
+    closed: int = 0
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,13 +88,15 @@ def judge(run: Run, channel: Channel, clock: Clock | None = None) -> ChannelVerd
         ("Demodulation band", _band(channel)),
         ("Last block", _last_block(channel, clock)),
     ]
-    return ChannelVerdict(channel.name, grade, headline, tuple(facts), fault=fault, stage=stage, **marks)
+    known = channel.column("t_fs_known_block")
+    closed = np.unique(known[np.isfinite(known)]).size - (marks["t_fs_known"] is not None)
+    return ChannelVerdict(channel.name, grade, headline, tuple(facts), fault=fault, stage=stage, closed=closed, **marks)
 
 
 def named_fault(channel: Channel) -> tuple[int | None, str]:
     """Return row and name of the valid verdict on the damaged part; None without a judged block, "" for no part.
 
-    Before the final stage that is the verdict on the last judged block. Afterwards it is the one with the highest
+    Outside the final stage that is the verdict on the last judged block. In it, it is the one with the highest
     score, because spreading damage raises the noise floor under its own lines.
     """
     faults = channel.word("fault")
@@ -101,19 +106,30 @@ def named_fault(channel: Channel) -> tuple[int | None, str]:
     if not judged.size:
         return None, ""
     row = int(judged[-1])
-    late = np.flatnonzero(np.isin(channel.word("stage"), _LATE) & (faults != ""))
+    late = np.flatnonzero(_open_stage(channel) & (faults != ""))
     if late.size:
         scores = np.nan_to_num(channel.column("fault_score")[late], nan=-np.inf)
         row = int(late[np.argmax(scores)])
     return row, str(faults[row])
 
 
+def _open_stage(channel: Channel) -> NDArray[np.bool_]:
+    """Return which blocks are of the final stage that is open after the last one, shape (block,)."""
+    stages = channel.word("stage")
+    before = np.flatnonzero((stages != "") & ~np.isin(stages, _LATE))
+    rows = np.isin(stages, _LATE)
+    rows[: before[-1] if before.size else 0] = False
+    return rows
+
+
 def _mark(channel: Channel, name: str) -> Moment | None:
-    times, blocks = channel.column(name), channel.column(f"{name}_block")
-    rows = np.flatnonzero(np.isfinite(times) | np.isfinite(blocks))
-    if not rows.size:
+    """Return a mark as it stands after the last judged block, None where there is none or its episode has closed."""
+    judged = np.flatnonzero(channel.word("stage") != "")
+    if not judged.size:
         return None
-    time, block = times[rows[-1]], blocks[rows[-1]]
+    time, block = channel.column(name)[judged[-1]], channel.column(f"{name}_block")[judged[-1]]
+    if not (math.isfinite(time) or math.isfinite(block)):
+        return None
     return Moment(float(time), int(block) if math.isfinite(block) else None)
 
 
@@ -231,7 +247,7 @@ def _scores(channel: Channel) -> str:
         return ""
     above = int(np.sum(score[rows] > threshold[rows]))
     return (
-        f"The score of RMS and H_or is above its threshold in {above} of the last {count(rows.size, 'block')} "
+        f"The score of RMS and fault lines is above its threshold in {above} of the last {count(rows.size, 'block')} "
         f"(last {figure(float(score[rows[-1]]), 2)}, threshold {figure(float(threshold[rows[-1]]), 2)})."
     )
 
@@ -246,7 +262,10 @@ def _growth(channel: Channel) -> str:
 def _since(verdict: ChannelVerdict, clock: Clock) -> Finding:
     question = "Since when?"
     if verdict.t_fs is None:
-        return Finding(question, "–", "No final stage so far.", known=False)
+        why = "No final stage so far."
+        if verdict.closed:
+            why = f"No final stage is open; {count(verdict.closed, 'earlier one')} closed again."
+        return Finding(question, "–", why, known=False)
     sentences = [f"The final stage began at {_at(verdict.t_fs, clock)}."]
     if verdict.t_fs_known is not None:
         sentences.append(f"This was known at {_at(verdict.t_fs_known, clock)}.")
@@ -285,7 +304,7 @@ def _where(channel: Channel, verdict: ChannelVerdict) -> Finding:
 
 def _agreement(channel: Channel, verdict: ChannelVerdict, fault: str) -> str:
     """Return in how many blocks since the onset was known the same part, another or none was named."""
-    late = np.isin(channel.word("stage"), _LATE)
+    late = _open_stage(channel)
     if verdict.stage not in _LATE or not late.any():
         return ""
     names = channel.word("fault")[late].astype(str)

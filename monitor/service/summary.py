@@ -9,7 +9,7 @@ from typing import Any
 from models.rigs.six_dof import Calibration
 from monitor import __version__
 from monitor.config.load import Config
-from monitor.health.detect import Mark
+from monitor.health.detect import Episode, Mark
 from monitor.health.machine import weigh
 from monitor.health.output import basis_of
 from monitor.health.state import ChannelSettings, SourceSettings, SourceState, channels_by_bearing
@@ -90,6 +90,7 @@ def channel_summary(state: SourceState, settings: ChannelSettings) -> dict[str, 
         "t_fs_block": detector.t_fs and detector.t_fs.sequence,
         "t_fs_known_block": detector.t_fs_known and detector.t_fs_known.sequence,
         "t_fs_utc": _utc(detector.t_fs) if dated else None,
+        "closed_episodes": [_episode(episode) for episode in detector.episodes],
         "t_eol_block": detector.t_eol and detector.t_eol.sequence,
         "fault": named and named.fault,
         "fault_basis": basis_of(named and named.fault, detector),
@@ -116,6 +117,14 @@ def bearing_summaries(sources: Iterable[tuple[SourceState, SourceSettings]]) -> 
     bearings = channels_by_bearing(channel for _, settings in pairs for channel in settings.channels.values())
     found = weigh([state.machine for state, _ in pairs], bearings, patience)
     return {name: verdict.to_dict() for name, verdict in found.items()}
+
+
+def _episode(episode: Episode) -> dict[str, int]:
+    return {
+        "t_fs_block": episode.began.sequence,
+        "t_fs_known_block": episode.known.sequence,
+        "closed_block": episode.closed.sequence,
+    }
 
 
 def _utc(mark: Mark | None) -> str | None:

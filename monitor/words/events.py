@@ -17,7 +17,10 @@ _RANKS = (
     *("end_of_life", "danger", "final_stage", "records_kept", "store_salvaged", "file_poisoned"),
     *("alert", "no_data", "condition"),
 )
-_GOOD = ("alarm_cleared", "alarm_released", "condition", "data_again", "stream_reset")
+_GOOD = (
+    *("alarm_cleared", "alarm_released", "alarm_withdrawn", "condition", "data_again", "stream_reset"),
+    *("baseline_relearned", "final_stage_closed"),
+)
 _SHOWN_APART = ("kind", "channel", "source", "block")
 
 
@@ -39,6 +42,11 @@ def event_text(body: Mapping[str, Any], *, absolute: bool = True) -> str:
         text = "the final stage of its life has begun"
         if "t_fs_block" in body and body["t_fs_block"] != body.get("block"):
             text += f", with block {body['t_fs_block']}"
+    elif kind == "final_stage_closed":
+        text = f"the final stage that began with block {body.get('t_fs_block')} is over: the machine is back at its "
+        text += f"baseline since block {body.get('quiet_since_block')}, and what was said of its damage is withdrawn"
+    elif kind == "baseline_relearned":
+        text = f"the baseline was learned anew, as the machine stayed well below it: {_relearned(body, absolute)}"
     elif kind == "end_of_life":
         text = "the end of its life is reached"
     else:
@@ -52,7 +60,8 @@ def _alarm(kind: str, body: Mapping[str, Any], absolute: bool) -> str:
     known = FEATURES.get(feature, Feature(feature, label=feature.replace("_", " ") or "value"))
     rule = f" (rule {body['rule']})" if body.get("rule") not in (None, feature) else ""
     if kind not in ("alarm_raised", "alarm_cleared"):
-        return f"{severity} of {known.label} {kind.removeprefix('alarm_').replace('_', ' ')}{rule}"
+        text = f"{severity} of {known.label} {kind.removeprefix('alarm_').replace('_', ' ')}{rule}"
+        return text + (", as the final stage is over" if kind == "alarm_withdrawn" else "")
     value, level = (
         None if body.get(key) is None else known.write(float(body[key]), absolute=absolute)
         for key in ("value_si", "level_si")
@@ -61,6 +70,14 @@ def _alarm(kind: str, body: Mapping[str, Any], absolute: bool) -> str:
         side = known.bad or "above"
         return f"{severity}: {known.label} is {value}, {side} the level of {level}{rule}"
     return f"{severity} over: {known.label} is {value} again, the level is {level}{rule}"
+
+
+def _relearned(body: Mapping[str, Any], absolute: bool) -> str:
+    before, after = (
+        None if body.get(key) is None else FEATURES["rms"].write(float(body[key]), absolute=absolute)
+        for key in ("rms_before_si", "rms_after_si")
+    )
+    return f"RMS {after}, before {before}"
 
 
 def _others(body: Mapping[str, Any]) -> str:

@@ -174,7 +174,7 @@ h_ball | lines | lines | H_ball | H_ball (rolling element lines) | \
 h_cage | lines | lines | H_cage | H_cage (cage lines) | \
     sum of the first five cage lines of the envelope spectrum | after {_EQ_96}
 detect_score | score | | score | score of the detector | \
-    how far RMS and H_or stand above the learned baseline | monitor/health/detect
+    how far RMS and the lines of a part stand above the learned baseline | monitor/health/detect
 fault_snr | number | | snr | signal of the fault over noise | \
     fault lines over the noise floor under them | monitor/health/naming.py
 v_eq | volume | v_eq | V_eq | damaged volume V_eq | equivalent damaged volume per unit of width | {_EQ_90}

@@ -45,6 +45,7 @@ EDV_REFUSALS = {
     "outside_library": "load or speed lie outside the library",
     "no_absolute_level": "the unit of the sensor is not known, so that the level of vibration means nothing",
     "uncalibrated": "the rig is not calibrated: V_eq can only be compared with its own first value",
+    "episode_closed": "the final stage closed again, and its V_eq with it",
 }
 TT_REFUSALS = {
     "not_final_stage": "the bearing is not in the final stage of its life",
@@ -57,6 +58,7 @@ TT_REFUSALS = {
     "outside_library": "load or speed lie outside the library",
     "cannot_tell": "the forecast cannot tell",
     "uncalibrated": "the rig is not calibrated, so that V_eq cannot be compared with the threshold",
+    "episode_closed": "the final stage closed again, and its forecasts with it",
 }
 BAND_SOURCES = {
     "configured": "as configured",

@@ -62,7 +62,9 @@ def take_channel(state: Any, i: int) -> tuple[Any, Any]:
 
 def take_detect(state: Any, i: int) -> tuple[Any, Any]:
     level = 1.0 + 0.01 * (i % 3) + (3.0 if i > MIDDLE else 0.0)
-    return detect.step(state, detect.DetectInput(i + 1, 10.0 * i, level, 2.0 * level, 9.0 * level), DETECT)
+    return detect.step(
+        state, detect.DetectInput(i + 1, 10.0 * i, level, {"h_or": 2.0 * level, "h_ir": 1.5}, 9.0 * level), DETECT
+    )
 
 
 def take_damage(state: Any, i: int) -> tuple[Any, Any]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from benchmarks.detection import HEALTHY, healthy_features, healthy_samples
-from monitor.health.detect import DetectSettings, exceedance_rate, threshold_for
+from monitor.health.detect import LINES, DetectSettings, exceedance_rate, threshold_for
 from tests.effort import effort_count
 from tests.signals import HealthyMachine
 
@@ -30,7 +30,7 @@ def test_long_blocks_of_healthy_machines() -> None:
 
 def test_levels_of_healthy_machines_that_drift_as_much_as_is_allowed_for() -> None:
     rng = np.random.default_rng(1)
-    prominence = 0.15 * rng.standard_normal(2000)
+    prominence = 0.15 * rng.standard_normal((2000, len(LINES)))
     for drift, memory, bursts in HEALTHY:
         if drift > DetectSettings().rms_drift:
             continue
@@ -52,6 +52,6 @@ def test_without_drift_and_bursts_the_threshold_is_exceeded_no_more_often_than_s
         drawn.speed, drawn.bpfo, drawn.harmonics, drawn.compliance, drift=0.05, memory=50.0, burst_rate=0.0
     )
     count = healthy_features(
-        machine, effort_count(quick=5, full=100), 6, 0.15 * np.random.default_rng(3).standard_normal(2000)
+        machine, effort_count(quick=5, full=100), 6, 0.15 * np.random.default_rng(3).standard_normal((2000, len(LINES)))
     )
     assert count.over <= stated * count.judged / 1000.0

@@ -16,7 +16,7 @@ class EdvStatus(StrEnum):
     it covers the level; ``bad_block``: no usable features; ``outside_conditions``: a load or speed outside the map or
     the library, or that changes more between blocks than in the library's lives; ``outside_library``: levels, elapsed
     time or block interval outside its lives. ``uncalibrated`` replaces ``ok`` where the rig is not calibrated: V_eq is
-    given, on the scale of the model.
+    given, on the scale of the model. ``episode_closed``: with this block the final stage closed again.
     """
 
     OK = "ok"
@@ -32,6 +32,7 @@ class EdvStatus(StrEnum):
     OUTSIDE_LIBRARY = "outside_library"
     NO_ABSOLUTE_LEVEL = "no_absolute_level"
     UNCALIBRATED = "uncalibrated"
+    EPISODE_CLOSED = "episode_closed"
 
 
 class TtStatus(StrEnum):
@@ -43,7 +44,8 @@ class TtStatus(StrEnum):
     falls in a straight line; ``concave``: it turns back below the threshold; ``crossing_in_past``: it reached the
     threshold before now, though V_eq has not; ``cannot_tell``: no usable features; ``outside_library``: load, speed,
     levels, elapsed time or block interval outside the library's lives; ``uncalibrated``: the rig is not calibrated, so
-    that V_eq is not compared with the threshold. Where that is asked for, it replaces ``ok`` alone, with values.
+    that V_eq is not compared with the threshold. Where that is asked for, it replaces ``ok`` alone, with values;
+    ``episode_closed``: with this block the final stage closed again, and what was forecast in it is void.
     """
 
     OK = "ok"
@@ -58,6 +60,7 @@ class TtStatus(StrEnum):
     OUTSIDE_LIBRARY = "outside_library"
     CANNOT_TELL = "cannot_tell"
     UNCALIBRATED = "uncalibrated"
+    EPISODE_CLOSED = "episode_closed"
 
 
 @dataclass(frozen=True)

@@ -154,6 +154,7 @@ class DamageGate:
     Attributes:
         final: the bearing is known to be in the final stage.
         raised: the detector's score is raised, the final stage not yet known.
+        closed: with this block the final stage closed again.
         usable: the quality of the block allows inversion.
         absolute: the unit of the channel is known.
         fault: the part that the envelope names, several joined by "|", or None.
@@ -161,6 +162,7 @@ class DamageGate:
 
     final: bool = True
     raised: bool = False
+    closed: bool = False
     usable: bool = True
     absolute: bool = True
     fault: str | None = None
@@ -190,7 +192,13 @@ def _describe_growth(growth: GrowthPrior) -> str:
 def step(
     state: DamageState, block: DamageInput, gates: DamageGate, settings: DamageSettings
 ) -> tuple[DamageState, Damage, tuple[Remaining, ...]]:
-    """Return the next state, V_eq and one forecast per threshold for one block."""
+    """Return the next state, V_eq and one forecast per threshold for one block.
+
+    Where the final stage closes, the state begins anew: a later one is another growth.
+    """
+    if gates.closed and gates.absolute:
+        void = (Remaining(threshold, TtStatus.EPISODE_CLOSED) for threshold in settings.thresholds)
+        return DamageState(), Damage(EdvStatus.EPISODE_CLOSED), tuple(void)
     gate = _gate(gates)
     # Once t_fs is known, the blocks since t_fs are tracked first.
     for earlier in state.pending if gate is None else ():

@@ -3,15 +3,29 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field
 from typing import Any
 
 LEARNING, HEALTHY, FINAL, END_OF_LIFE = "learning", "healthy", "final", "end_of_life"
 STAGES = (LEARNING, HEALTHY, FINAL, END_OF_LIFE)
 
-BaselinePoint = tuple[float | None, float, float | None]
-"""Time (s or None), ln RMS and ln prominence (or None) of one block of the baseline."""
+LINES = ("h_or", "h_ir", "h_ball", "h_cage")
+"""Sums of the lines of a part in the envelope spectrum, which enter as their ratio to the noise floor under them."""
+FEATURES = ("rms", *LINES)
+"""Features that the detector can listen to."""
+
+Spread = tuple[float, float]
+"""Median and robust standard deviation."""
+BaselinePoint = tuple[float | None, float, tuple[float | None, ...]]
+"""Time (s or None), ln RMS, and the logarithm of each of ``LINES`` (None: not shown) of one block of the baseline."""
+
+MIN_DEPTH = 0.1
+"""Least depth of modulation of lines that count, but those of the outer race, as in the thesis: half of what a name
+needs. Elements that pass the load zone of a healthy bearing, or damage of a neighbour, modulate less."""
+MAX_EPISODES = 20
+"""Closed episodes that the state keeps; events have all."""
+_VERSION = 2
 
 
 @dataclass(frozen=True)
@@ -22,12 +36,14 @@ class DetectSettings:
         learn_blocks: blocks of the baseline, or None where ``learn_time`` applies.
         learn_time: duration of the baseline, s, or None.
         run_in_blocks: first blocks, left out of the baseline.
+        features: of ``FEATURES``, "rms" among them; of those, the ones that the spectrum shows are listened to.
         false_alarms_per_1000_blocks: upper limit for a healthy machine. It sets the threshold, which this many blocks
             of a steady machine exceed; persistence only lowers the rate, so the limit holds even if neighbouring blocks
             are wholly dependent.
         persist_blocks: consecutive blocks above the threshold that make an alarm.
+        close_blocks: consecutive blocks below half the threshold that close an episode.
         rms_drift: standard deviation of the drift of ln RMS of a healthy machine.
-        h_or_drift: the same of ln (H_or over its floor).
+        h_or_drift: the same of ln (lines of a part over their floor).
         end_of_life_peak: m/s2.
         end_of_life_blocks: consecutive blocks that must reach it.
     """
@@ -35,8 +51,10 @@ class DetectSettings:
     learn_blocks: int | None = 100
     learn_time: float | None = None
     run_in_blocks: int = 30
+    features: tuple[str, ...] = FEATURES
     false_alarms_per_1000_blocks: float = 1.0
     persist_blocks: int = 5
+    close_blocks: int = 50
     rms_drift: float = 0.10
     h_or_drift: float = 0.15
     end_of_life_peak: float = 20 * 9.80665
@@ -50,27 +68,38 @@ class DetectInput:
     Attributes:
         time: s, or None where the recording has none.
         rms: in the unit of the channel.
-        prominence: H_or over the floor under its lines, or None without an envelope.
+        prominence: of each of ``LINES`` that the spectrum shows, its sum over that of the floor under it.
         peak: largest absolute acceleration, m/s2, or None where the unit is unknown.
         usable: the quality of the block lets it change the detector.
+        shallow: those of ``LINES`` that are no deeper than ``MIN_DEPTH``: they are learned but do not count.
     """
 
     sequence: int
     time: float | None
     rms: float
-    prominence: float | None
+    prominence: Mapping[str, float]
     peak: float | None
     usable: bool = True
+    shallow: frozenset[str] = frozenset()
+
+    @property
+    def point(self) -> BaselinePoint:
+        """The block as a point of the baseline; its RMS must be positive."""
+        shown = (self.prominence.get(name, 0.0) for name in LINES)
+        return self.time, math.log(self.rms), tuple(math.log(value) if value > 0.0 else None for value in shown)
 
 
 @dataclass(frozen=True)
 class Baseline:
-    """Medians and robust standard deviations of ln RMS and ln prominence of the healthy machine."""
+    """Medians and robust standard deviations of the healthy machine.
+
+    Attributes:
+        lines: of the logarithm of each of ``LINES`` that its blocks showed.
+    """
 
     ln_rms: float
     ln_rms_sd: float
-    ln_prominence: float
-    ln_prominence_sd: float
+    lines: Mapping[str, Spread] = field(default_factory=dict[str, Spread])
 
 
 @dataclass(frozen=True)
@@ -82,10 +111,45 @@ class Mark:
 
 
 @dataclass(frozen=True)
-class DetectState:
-    """State of the detector; version 1. t_fs and t_eol, once known, stay."""
+class Episode:
+    """A final stage that closed again: where it began, was known, was quiet from, and was closed."""
 
-    version: int = 1
+    began: Mark
+    known: Mark
+    quiet: Mark
+    closed: Mark
+
+
+@dataclass(frozen=True)
+class Relearned:
+    """A baseline that was learned anew: RMS of the old and of the new one, in the unit of the channel."""
+
+    rms_before: float
+    rms_after: float
+
+
+@dataclass(frozen=True)
+class DetectState:
+    """State of the detector.
+
+    Attributes:
+        seen: usable blocks.
+        learned: points of the baseline that is being learned: the first one, a lower one, or that of lines which an
+            earlier version did not listen to.
+        dropped: points that were left out as the machine ran in.
+        exceeding: consecutive blocks above the threshold.
+        elevated: where the score rose for good above half the threshold.
+        t_fs, t_fs_known: of the episode that is open.
+        quiet: consecutive blocks of it below half the threshold; ``quiet_since`` is the first.
+        lower_since: ``seen`` where the level fell well below the baseline, or None.
+        returned: latest consecutive blocks that were not well below it.
+        high_peaks: consecutive blocks that reached the peak of the end of life; ``first_high_peak`` is the first.
+        recent: peak and RMS of the latest blocks.
+        t_eol: the end of life; once known, it stays.
+        episodes: the latest that closed, oldest first.
+    """
+
+    version: int = _VERSION
     seen: int = 0
     learned: tuple[BaselinePoint, ...] = ()
     dropped: int = 0
@@ -94,9 +158,15 @@ class DetectState:
     elevated: Mark | None = None
     t_fs: Mark | None = None
     t_fs_known: Mark | None = None
+    quiet: int = 0
+    quiet_since: Mark | None = None
+    lower_since: int | None = None
+    returned: int = 0
     high_peaks: int = 0
     first_high_peak: Mark | None = None
+    recent: tuple[tuple[float, float], ...] = ()
     t_eol: Mark | None = None
+    episodes: tuple[Episode, ...] = ()
 
     @property
     def stage(self) -> str:
@@ -118,17 +188,41 @@ class DetectState:
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> DetectState:
-        """Restore a state written by :meth:`to_dict`; raise ValueError for another version."""
-        if values.get("version") != 1:
-            raise ValueError(f"detector state of version {values.get('version')!r}, expected 1")
-        fields = dict(values)
-        fields["learned"] = tuple(tuple(row) for row in fields["learned"])
+        """Restore a state written by :meth:`to_dict`, or by version 1; raise ValueError for another version."""
+        version = values.get("version")
+        if version not in (1, _VERSION):
+            raise ValueError(f"detector state of version {version!r}, expected {_VERSION}")
+        fields = dict(values) if version == _VERSION else _of_version_1(values)
+        fields["learned"] = tuple((time, rms, tuple(lines)) for time, rms, lines in fields["learned"])
         if fields["baseline"] is not None:
-            fields["baseline"] = Baseline(**fields["baseline"])
-        for name in ("elevated", "t_fs", "t_fs_known", "first_high_peak", "t_eol"):
-            if fields[name] is not None:
-                fields[name] = Mark(**fields[name])
+            fields["baseline"] = _baseline(**fields["baseline"])
+        for name in ("elevated", "t_fs", "t_fs_known", "quiet_since", "first_high_peak", "t_eol"):
+            fields[name] = _mark(fields[name])
+        fields["recent"] = tuple((peak, rms) for peak, rms in fields["recent"])
+        marks = ({name: Mark(**mark) for name, mark in episode.items()} for episode in fields["episodes"])
+        fields["episodes"] = tuple(Episode(**episode) for episode in marks)
         return cls(**fields)
+
+
+def _mark(stored: Mapping[str, Any] | None) -> Mark | None:
+    return None if stored is None else Mark(**stored)
+
+
+def _baseline(ln_rms: float, ln_rms_sd: float, lines: Mapping[str, Sequence[float]]) -> Baseline:
+    return Baseline(ln_rms, ln_rms_sd, {name: (middle, spread) for name, (middle, spread) in lines.items()})
+
+
+def _of_version_1(values: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the fields of a state of version 1, which knew RMS and H_or only; the other lines are learned yet."""
+    fields = {name: value for name, value in values.items() if name != "version"}
+    unknown = (None,) * (len(LINES) - 1)
+    fields["learned"] = [(time, rms, (h_or, *unknown)) for time, rms, h_or in fields["learned"]]
+    if (old := fields["baseline"]) is not None:
+        h_or = old["ln_prominence"], old["ln_prominence_sd"]
+        lines = {} if h_or == (0.0, 0.0) else {LINES[0]: h_or}
+        fields["baseline"] = {"ln_rms": old["ln_rms"], "ln_rms_sd": old["ln_rms_sd"], "lines": lines}
+    new = {"quiet_since": None, "recent": (), "episodes": ()}
+    return {**new, **fields}
 
 
 @dataclass(frozen=True)
@@ -138,12 +232,18 @@ class DetectOutput:
     Attributes:
         score: in standard deviations; None while learning or where the block is not used.
         threshold: the score that counts as an exceedance.
+        leading: the feature that stands highest above the baseline, or None where none stands above it.
         alarm: t_fs became known with this block.
         end: the end of life became known with this block.
+        closed: the episode that closed with this block.
+        relearned: the baseline was learned anew with this block.
     """
 
     stage: str
     score: float | None
     threshold: float
+    leading: str | None = None
     alarm: bool = False
     end: bool = False
+    closed: Episode | None = None
+    relearned: Relearned | None = None

@@ -176,6 +176,7 @@ def _issued(
     threshold = float(v_th[np.isfinite(v_th)][-1])
     # Without forecasts for a threshold that was configured earlier.
     rows = np.flatnonzero(~_is_silent(channel)[:, place] & np.isclose(v_th, threshold, rtol=_SAME_THRESHOLD, atol=0))
+    rows = rows[_of_last_stage(channel, rows)]
     archived = _matching(archive, run, channel, rows, threshold)
     if archived is None:
         interval, levels, quantiles = _from_records(path, run, channel, place, rows)
@@ -218,6 +219,16 @@ def _issued(
         all_time=channel.time,
         all_clock=clock,
     )
+
+
+def _of_last_stage(channel: Channel, rows: NDArray[np.intp]) -> NDArray[np.bool_]:
+    """Return which rows are of the latest final stage: forecasts of one that closed again are void."""
+    for name in ("t_fs", "t_fs_block"):
+        begun = channel.column(name)[rows]
+        known = begun[np.isfinite(begun)]
+        if known.size:
+            return begun == known[-1]
+    return np.ones(rows.size, dtype=bool)
 
 
 def running_time(channel: Channel) -> Floats:

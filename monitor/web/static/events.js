@@ -14,6 +14,9 @@ const BY_KIND = {
   no_data: "no_data",
   alarm_cleared: "normal",
   alarm_released: "normal",
+  alarm_withdrawn: "normal",
+  baseline_relearned: "normal",
+  final_stage_closed: "normal",
   data_again: "normal",
 };
 

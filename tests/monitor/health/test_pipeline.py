@@ -238,7 +238,7 @@ def test_a_channel_that_is_not_tracked_has_no_volume() -> None:
 def test_clipped_blocks_are_not_inverted_but_count_for_the_end_of_life() -> None:
     settings = replace(TRACKED, signal_range=300.0, detect=replace(DETECT, end_of_life_peak=250.0))
     blocks = life()
-    for i in range(76, 79):
+    for i in range(75, 79):
         blocks[i] = blocks[i].copy()
         blocks[i][100:104] = 300.0
     state, outputs = run(blocks, settings)
@@ -246,7 +246,7 @@ def test_clipped_blocks_are_not_inverted_but_count_for_the_end_of_life() -> None
     damage = [output.damage for output in outputs[76:79]]
     assert [result and str(result.status) for result in damage] == ["bad_block"] * 3
     assert state.detect.t_eol is not None
-    assert state.detect.t_eol.sequence == 77
+    assert state.detect.t_eol.sequence == 76
 
 
 def test_a_rejected_block_leaves_the_state_untouched() -> None:
@@ -311,7 +311,7 @@ def test_what_the_detector_takes_is_in_the_features() -> None:
     assert features is not None
     block = detect_input(features, block_of(0, blocks[0], Verdict()), absolute=False, usable=True)
     lines = features.lines[0]["outer"]
-    assert block.prominence == pytest.approx(lines.amplitude.sum() / lines.floor.sum())
+    assert block.prominence["h_or"] == pytest.approx(lines.amplitude.sum() / lines.floor.sum())
     assert (block.rms, block.peak, block.sequence) == (features.rms, None, 1)
 
 

@@ -124,8 +124,21 @@ def test_the_schema_knows_every_word_that_the_stages_say() -> None:
 def test_the_words_of_published_files_keep_their_integers() -> None:
     edv = "ok widened below_map above_map no_map no_library not_final_stage bad_block ambiguous outside_conditions"
     tt = "ok not_final_stage too_few_points no_crossing concave crossing_in_past already_crossed beyond_horizon"
-    assert (*edv.split(), "outside_library", "no_absolute_level", "uncalibrated") == schema.EDV_STATUSES
-    assert (*tt.split(), "no_library", "outside_library", "cannot_tell", "uncalibrated") == schema.TT_STATUSES
+    assert (
+        *edv.split(),
+        "outside_library",
+        "no_absolute_level",
+        "uncalibrated",
+        "episode_closed",
+    ) == schema.EDV_STATUSES
+    assert (
+        *tt.split(),
+        "no_library",
+        "outside_library",
+        "cannot_tell",
+        "uncalibrated",
+        "episode_closed",
+    ) == schema.TT_STATUSES
 
 
 def test_every_variable_is_described() -> None:
