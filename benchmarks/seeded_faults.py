@@ -189,8 +189,12 @@ def draw(seed: int) -> Plan:
 
 def make(seed: int) -> Seeded:
     """Return the record of a seed."""
-    plan = draw(seed)
-    rng = np.random.default_rng([71, seed])
+    return realise(draw(seed))
+
+
+def realise(plan: Plan) -> Seeded:
+    """Return the record of a plan."""
+    rng = np.random.default_rng([71, plan.seed])
     n = round(plan.rate * plan.duration)
     t = np.arange(n) / plan.rate
     x = _noise(rng, plan, n, t)
