@@ -8,9 +8,9 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from monitor.report.calibration import VolumeScale, is_calibrated, unscaled
+from monitor.report.life_marks import LATE, Moment, closed_stages, mark_of, open_stage
 from monitor.report.runs import Channel, Run
 from monitor.words.numbers import Clock, acceleration, count, duration, figure, interval, volume
 from monitor.words.statuses import BAND_SOURCES, EDV_REFUSALS, TT_REFUSALS, fault_words
@@ -24,17 +24,8 @@ GRADE_NAMES: dict[Grade, str] = {
 }
 """For tables, the worst first."""
 GRADES = tuple(GRADE_NAMES)
-_LATE = ("final", "end_of_life")
-_LATEST = 20
+LATEST = 20
 """Blocks over which scores above the threshold are counted."""
-
-
-@dataclass(frozen=True)
-class Moment:
-    """A moment of a channel's life: seconds on the run's time axis (NaN: unknown) and block number (None: unknown)."""
-
-    time: float
-    block: int | None
 
 
 @dataclass(frozen=True)
@@ -46,7 +37,7 @@ class ChannelVerdict:
         facts: labels and texts beside the findings.
         fault: the damaged part, "" for none.
         stage: "" where no block could be judged.
-        closed: final stages that closed again.
+        closed: first and last moment of each final stage that closed again.
     """
 
     channel: str
@@ -58,7 +49,7 @@ class ChannelVerdict:
     t_eol: Moment | None
     fault: str
     stage: str = ""
-    closed: int = 0
+    closed: tuple[tuple[Moment, Moment], ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,7 +69,7 @@ def judge(run: Run, channel: Channel, clock: Clock | None = None) -> ChannelVerd
     stages = channel.word("stage")
     judged = np.flatnonzero(stages != "")
     stage = str(stages[judged[-1]]) if judged.size else ""
-    marks = {name: _mark(channel, name) for name in ("t_fs", "t_fs_known", "t_eol")}
+    marks = {name: mark_of(channel, name) for name in ("t_fs", "t_fs_known", "t_eol")}
     _, fault = named_fault(channel)
     grade, headline = _headline(stage, fault, marks, channel)
     if channel.last_row("v_eq") is not None and not is_calibrated(run, channel):
@@ -88,8 +79,7 @@ def judge(run: Run, channel: Channel, clock: Clock | None = None) -> ChannelVerd
         ("Demodulation band", _band(channel)),
         ("Last block", _last_block(channel, clock)),
     ]
-    known = channel.column("t_fs_known_block")
-    closed = np.unique(known[np.isfinite(known)]).size - (marks["t_fs_known"] is not None)
+    closed = closed_stages(channel)
     return ChannelVerdict(channel.name, grade, headline, tuple(facts), fault=fault, stage=stage, closed=closed, **marks)
 
 
@@ -106,31 +96,11 @@ def named_fault(channel: Channel) -> tuple[int | None, str]:
     if not judged.size:
         return None, ""
     row = int(judged[-1])
-    late = np.flatnonzero(_open_stage(channel) & (faults != ""))
+    late = np.flatnonzero(open_stage(channel) & (faults != ""))
     if late.size:
         scores = np.nan_to_num(channel.column("fault_score")[late], nan=-np.inf)
         row = int(late[np.argmax(scores)])
     return row, str(faults[row])
-
-
-def _open_stage(channel: Channel) -> NDArray[np.bool_]:
-    """Return which blocks are of the final stage that is open after the last one, shape (block,)."""
-    stages = channel.word("stage")
-    before = np.flatnonzero((stages != "") & ~np.isin(stages, _LATE))
-    rows = np.isin(stages, _LATE)
-    rows[: before[-1] if before.size else 0] = False
-    return rows
-
-
-def _mark(channel: Channel, name: str) -> Moment | None:
-    """Return a mark as it stands after the last judged block, None where there is none or its episode has closed."""
-    judged = np.flatnonzero(channel.word("stage") != "")
-    if not judged.size:
-        return None
-    time, block = channel.column(name)[judged[-1]], channel.column(f"{name}_block")[judged[-1]]
-    if not (math.isfinite(time) or math.isfinite(block)):
-        return None
-    return Moment(float(time), int(block) if math.isfinite(block) else None)
 
 
 def _headline(stage: str, fault: str, marks: dict[str, Moment | None], channel: Channel) -> tuple[Grade, str]:
@@ -242,7 +212,7 @@ def _failing(channel: Channel, verdict: ChannelVerdict) -> Finding:
 
 def _scores(channel: Channel) -> str:
     score, threshold = channel.column("detect_score"), channel.column("detect_threshold")
-    rows = np.flatnonzero(np.isfinite(score) & np.isfinite(threshold))[-_LATEST:]
+    rows = np.flatnonzero(np.isfinite(score) & np.isfinite(threshold))[-LATEST:]
     if not rows.size:
         return ""
     above = int(np.sum(score[rows] > threshold[rows]))
@@ -264,7 +234,7 @@ def _since(verdict: ChannelVerdict, clock: Clock) -> Finding:
     if verdict.t_fs is None:
         why = "No final stage so far."
         if verdict.closed:
-            why = f"No final stage is open; {count(verdict.closed, 'earlier one')} closed again."
+            why = f"No final stage is open; {count(len(verdict.closed), 'earlier one')} closed again."
         return Finding(question, "–", why, known=False)
     sentences = [f"The final stage began at {_at(verdict.t_fs, clock)}."]
     if verdict.t_fs_known is not None:
@@ -304,8 +274,8 @@ def _where(channel: Channel, verdict: ChannelVerdict) -> Finding:
 
 def _agreement(channel: Channel, verdict: ChannelVerdict, fault: str) -> str:
     """Return in how many blocks since the onset was known the same part, another or none was named."""
-    late = _open_stage(channel)
-    if verdict.stage not in _LATE or not late.any():
+    late = open_stage(channel)
+    if verdict.stage not in LATE or not late.any():
         return ""
     names = channel.word("fault")[late].astype(str)
     same, none = int(np.sum(names == fault)), int(np.sum(names == ""))

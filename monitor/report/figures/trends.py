@@ -9,6 +9,7 @@ from typing import Any
 import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
 from monitor.health.schema import REJECTIONS
@@ -37,7 +38,8 @@ from monitor.report.figures.drawing import (
     to_svg,
 )
 from monitor.report.figures.zoom import Line, Panel, zoom_data
-from monitor.report.verdict import ChannelContext, ChannelVerdict, Moment
+from monitor.report.life_marks import Moment
+from monitor.report.verdict import ChannelContext, ChannelVerdict
 from monitor.words.features import FEATURES
 from monitor.words.numbers import figure
 from monitor.words.statuses import FAULT_NAMES
@@ -49,6 +51,7 @@ _SMOOTHED = "moving mean that the tracker takes"
 _MIN_LIFE_PER_FINAL_STAGE = 2.5
 """A figure of the final stage alone needs a life at least so many times as long."""
 _DATA_BINS = 300
+_CLOSED_ALPHA = 0.12
 
 
 @dataclass(frozen=True, eq=False)
@@ -269,7 +272,11 @@ def _shade_learning(axes: Axes, span: _Span) -> None:
 
 
 def draw_marks(axes: Axes, axis: TimeAxis, verdict: ChannelVerdict) -> None:
-    """Draw t_fs, the moment at which it was known, and the end of life as vertical lines."""
+    """Draw t_fs, the moment at which it was known, and the end of life as vertical lines; shade what closed again."""
+    for began, last in verdict.closed:
+        if math.isfinite(began.time) and math.isfinite(last.time):
+            edges = (float(axis.position(mark.time)) for mark in (began, last))
+            axes.axvspan(*edges, color=VERMILION, alpha=_CLOSED_ALPHA, linewidth=0, zorder=0)
     for mark, colour, style, _ in _moments(verdict):
         axes.axvline(float(axis.position(mark.time)), color=colour, linestyle=style, linewidth=1.2)
 
@@ -293,6 +300,9 @@ def _mark_legend(axes: Axes, span: _Span) -> None:
     for mark, colour, style, name in _moments(span.context.verdict):
         block = "" if mark.block is None else f" (block {mark.block:,})"
         handles += axes.plot([], [], color=colour, linestyle=style, linewidth=1.2, label=f"{name}{block}")
+    if closed := span.context.verdict.closed:
+        name = f"final stage that closed again ({len(closed)})"
+        handles += [Patch(color=VERMILION, alpha=_CLOSED_ALPHA, linewidth=0, label=name)]
     for marker, colour, name, rows in span.rugs():
         handles += axes.plot([], [], marker, color=colour, markersize=5, label=f"{name} ({rows.size:,})")
     for severity, colour in _ALARM_COLOURS.items():

@@ -83,6 +83,12 @@ function since(status, info, zone, row) {
   );
   if (status.stage === "healthy" && (row?.stale || row?.state === "no_data" || row?.state === "bad_data"))
     return answer("Since when?", "not known", "there was no sign of a final stage before; nothing is known since");
+  const closed = status.closed_episodes?.at(-1);
+  if (status.stage === "healthy" && closed) return answer(
+    "Since when?",
+    "no final stage",
+    `the one of block ${closed.t_fs_block} closed again with block ${closed.closed_block}: back at the baseline`,
+  );
   if (status.stage === "healthy") return answer("Since when?", "no final stage", "nothing departs from what was learned as healthy");
   return answer("Since when?", stageWord(status.stage) || fmt.MISSING, "no block has been judged yet");
 }

@@ -33,7 +33,7 @@ from monitor.report.figures.spectrum import SpectrumView, spectra, views_of, wat
 from monitor.report.figures.trends import final_stage, trends
 from monitor.report.runs import Channel, Run, read_runs
 from monitor.report.score.scoring import ALPHA
-from monitor.report.verdict import ChannelContext, judge
+from monitor.report.verdict import ChannelContext, findings, judge
 from monitor.words.numbers import Clock, figure, time_zone
 from tests.effort import effort_count
 from tests.oracles.lives import GRAVITY, INTERVAL, life
@@ -116,6 +116,27 @@ def test_alarms_stand_where_they_were_raised(tmp_path: Path) -> None:
     assert drawn(picture)["alarms_s"] == [pytest.approx(made[79].time)]
     assert picture is not None
     assert "danger raised (1)" in picture.svg
+
+
+def life_that_recovers() -> list[Record]:
+    """Records of a final stage that begins at block 100 and closes with block 150, and of a healthy machine since."""
+    begun, never = life(220, start=START, onset=100, learn=50), life(220, start=START, onset=219, learn=50)
+    return [*begun[:149], *never[149:]]
+
+
+def test_a_final_stage_that_closed_again_is_shaded_and_said(tmp_path: Path) -> None:
+    found = run_of(tmp_path, life_that_recovers())
+    context = context_of(found, found.channels["horizontal"])
+    verdict = context.verdict
+    assert (verdict.stage, verdict.t_fs, verdict.t_fs_known) == ("healthy", None, None)
+    assert [[mark.block for mark in marks] for marks in verdict.closed] == [[100, 149]]
+    picture = trends(context)
+    assert picture is not None
+    assert "final stage that closed again (1)" in picture.svg
+    assert final_stage(context) is None
+    since = next(finding for finding in findings(context) if finding.question == "Since when?")
+    assert since.support == "No final stage is open; 1 earlier one closed again."
+    assert context_of(found, found.channels["vertical"]).verdict.closed == ()
 
 
 def comb(lines: dict[float, float], resolution: float = 0.5, top: float = 900.0) -> tuple[Any, Any]:
