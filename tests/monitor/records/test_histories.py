@@ -32,6 +32,7 @@ def written(
     channels: tuple[str, ...] = ("a",),
     start: float | None = None,
 ) -> Path:
+    folder.mkdir(exist_ok=True)
     with Store.open(folder / "state.db", machine="m") as store:
         for i in range(12):
             time: dict[str, Any] = {"elapsed": 300.0 * i} if start is None else {"time": start + 300.0 * i}
@@ -51,6 +52,18 @@ def test_the_history_begins_at_t_fs_though_it_was_known_later(tmp_path: Path) ->
     assert history.harmonics.shape == (8, 6)
     assert np.isnan(history.v_eq[:2]).all()
     assert history.v_eq[2:] == pytest.approx([1e-9 * i for i in range(6, 12)])
+
+
+def test_the_history_is_that_of_the_latest_final_stage_and_ends_where_it_closed(tmp_path: Path) -> None:
+    closed = {"t_fs": None, "stage": "healthy"}
+    history = read_history(written(tmp_path / "closed", lambda i: closed if i > 8 else {}))
+    assert history.time.tolist() == [300.0 * i for i in range(4, 9)]
+    again = {8: closed, 9: closed, 10: {"t_fs": 2700.0}, 11: {"t_fs": 2700.0}}
+    assert read_history(written(tmp_path / "again", lambda i: again.get(i, {}))).time.tolist() == [
+        2700.0,
+        3000.0,
+        3300.0,
+    ]
 
 
 def test_standstill_is_no_damage_time_and_no_reading(tmp_path: Path) -> None:

@@ -104,6 +104,16 @@ def test_a_run_is_scored_by_hand(tmp_path: Path) -> None:
     assert found["baselines"]["linear"]["answered"] == 0.8
 
 
+def test_forecasts_of_a_final_stage_that_closed_again_are_not_scored_but_its_alarm_was_false(tmp_path: Path) -> None:
+    """The first stage of blocks 2 and 3 is over before the one that the run ends with."""
+    early = {"t_fs": 0.0, "t_fs_known": STEP, "stage": "final", "tt": 100.0, "tt_status": "ok", "edv_status": "ok"}
+    over = {"tt_status": "episode_closed", "edv_status": "episode_closed"}
+    issued = only(stored(tmp_path, run(more={2: early, 3: early, 4: over})))
+    assert issued.time.tolist() == [500.0, 600.0, 700.0, 800.0, 900.0, 1000.0]
+    assert issued.onset == 300.0
+    assert issued.alarms.tolist() == [STEP, 500.0]
+
+
 def test_a_missing_answer_is_the_constant_guess_where_there_is_a_population(tmp_path: Path) -> None:
     issued = only(stored(tmp_path, run()))
     found = score_run(issued, End(1000.0, "given"), lifetimes=(800.0, 900.0, 1000.0))
