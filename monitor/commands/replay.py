@@ -11,6 +11,7 @@ import click
 from monitor.commands import option
 from monitor.commands.common import emit, progress_bar, read_config, say
 from monitor.words.numbers import duration
+from monitor.words.statuses import bearing_words
 from streams.listing import shown
 
 if TYPE_CHECKING:
@@ -90,6 +91,8 @@ def summary_lines(summary: Mapping[str, Any]) -> Iterator[str]:
     yield from (f"folder {name} {reason}: its files are in no count" for name, reason in summary["closed"].items())
     yield from (f"dates: {line}" for line in summary["dating"])
     yield from (f"first {status}, {reason}" for status, reason in summary["reasons"].items())
+    for name, found in summary["bearings"].items():
+        yield f"bearing {name}: {bearing_words(found)}"
     for name, channel in summary["channels"].items():
         yield f"{name}: {', '.join(_channel_words(channel))}"
     yield from summary["uncalibrated"]
@@ -104,7 +107,9 @@ def _channel_words(channel: Mapping[str, Any]) -> Iterator[str]:
     if channel["t_eol_block"] is not None:
         yield f"end of life at block {channel['t_eol_block']}"
     if channel["fault"] is not None:
-        yield f"{channel['fault'].replace('|', ' or ')} damaged (lines {channel['fault_snr']:.3g} times the floor)"
+        hint = "a hint of " if channel["fault_basis"] == "hint" else ""
+        part = channel["fault"].replace("|", " or ")
+        yield f"{hint}{part} damaged (lines {channel['fault_snr']:.3g} times the floor)"
     else:
         yield "no part named"
     if channel["edv_status"] is not None:

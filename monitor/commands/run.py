@@ -21,7 +21,7 @@ from monitor.health.alarms import FAILURE, NO_DATA
 from monitor.service.status_file import present_status
 from monitor.service.systemd import set_up_log
 from monitor.words.numbers import duration, times_first
-from monitor.words.statuses import STATES
+from monitor.words.statuses import STATES, bearing_words
 
 _COLUMNS = ("machine", "state", "daemon", "blocks", "last block", "alarms", "remark")
 _MAX_STATUS_AGE_S = 60.0
@@ -164,6 +164,8 @@ def _lines(status: Mapping[str, Any]) -> Iterator[str]:
     yield from (f"ignored: {name}, {reason}" for name, reason in list(status.get("ignored", {}).items())[:_MAX_IGNORED])
     for name, reason in status.get("poisoned", {}).items():
         yield f"poisoned, {name}: {reason}"
+    for name, found in status.get("bearings", {}).items():
+        yield f"bearing {name}: {bearing_words(found)}"
     for name, channel in status["channels"].items():
         yield f"channel {name}: {', '.join(_channel(channel))}"
 
@@ -183,7 +185,8 @@ def _channel(channel: Mapping[str, Any]) -> Iterator[str]:
         over = "" if alarm["active"] else ", over but not acknowledged"
         yield f"{alarm['severity']} of {alarm['rule']} since block {alarm['since_block']}{over}"
     if channel["fault"] is not None:
-        yield f"{channel['fault'].replace('|', ' or ')} damaged"
+        hint = "a hint of " if channel.get("fault_basis") == "hint" else ""
+        yield f"{hint}{channel['fault'].replace('|', ' or ')} damaged"
     # A file that an older version wrote lacks the relative value.
     if channel.get("calibrated") is False and channel.get("v_eq_relative") is not None:
         yield f"V_eq {times_first(channel['v_eq_relative'])} (rig not calibrated)"

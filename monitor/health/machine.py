@@ -34,8 +34,9 @@ _LEAD = 1.5
 """How much more evidence than the present name another needs."""
 _APART = 0.1
 """Share of the evidence for a part that leaves out another, from which the two are told apart."""
-_STALE = 50
-"""Unusable blocks in a row after which a channel has no voice beside others."""
+_STALE, _PATIENCE_S = 50, 30 * 86400.0
+"""Unusable blocks in a row after which a channel has no voice beside others; so many of the slowest source, and so many
+seconds, beside one of another source."""
 _HEARD = 0.25
 """Share of a channel's own evidence, silence included, from which its name counts as disagreement."""
 
@@ -234,6 +235,11 @@ def weigh(
         )
         for bearing, names in bearings.items()
     }
+
+
+def patience_of(intervals: Iterable[float | None]) -> float:
+    """Return the patience for several sources by the usual intervals of their blocks, s."""
+    return max(_PATIENCE_S, _STALE * max((interval or 0.0 for interval in intervals), default=0.0))
 
 
 def parts_of(fault: str | None) -> frozenset[str]:

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from monitor.report import data_quality as quality
+from monitor.report.bearings import BearingPart, bearing_parts
 from monitor.report.calibration import is_calibrated
 from monitor.report.figures.damage import damaged_volume, fitted_law, forecasts
 from monitor.report.figures.drawing import Picture, sparkline
@@ -51,6 +52,7 @@ _PROVENANCE = {
     "schema_version": "record schema",
     "config_hash": "hash of the configuration",
     "map_hash": "hash of the RMS map",
+    "bearing": "bearing to which each channel listens",
     "calibrated": "rig calibrated on this machine",
     "rms_band_hz": "band of RMS (Hz)",
     "track_method": "method of V_eq",
@@ -89,8 +91,9 @@ class RunPart:
 
     Attributes:
         period, notes, offered, conditions: sentences on its length, the whole run, the ledger, and speed and load.
-        channels: those with a value, the worst first.
+        channels: those with a value, the worst first; of equally bad ones those that their bearing agrees with.
         timeline: figure of data quality.
+        bearings: what the channels of each say together; () for records that do not name their bearings.
         tables: "blocks"; "gaps" and "events" if there are any.
         provenance: labels and texts.
     """
@@ -102,6 +105,7 @@ class RunPart:
     channels: tuple[ChannelPart, ...]
     offered: str
     timeline: Picture | None
+    bearings: tuple[BearingPart, ...]
     conditions: tuple[str, ...]
     tables: Mapping[str, Table]
     provenance: tuple[tuple[str, str], ...]
@@ -124,7 +128,9 @@ def part_of_run(
     for place, channel in enumerate(run.channels.values(), start=1):
         context = ChannelContext(run, channel, judge(run, channel, clock), clock, numbers)
         channels.append(_channel(context, options, views.get(channel.name), f"{anchor}c{place}"))
-    channels.sort(key=lambda part: GRADES.index(part.verdict.grade))
+    bearings = bearing_parts(run)
+    apart = {name for bearing in bearings for name in bearing.verdict.disagreement}
+    channels.sort(key=lambda part: (GRADES.index(part.verdict.grade), part.verdict.channel in apart))
     tables = {"blocks": quality.statuses(run), "gaps": quality.gaps(run, clock), "events": _events(run, clock)}
     return RunPart(
         run=run,
@@ -134,6 +140,7 @@ def part_of_run(
         channels=tuple(channels),
         offered=quality.offered(run, pending),
         timeline=quality.timeline(run, clock, numbers) if options.holds("quality") else None,
+        bearings=bearings,
         conditions=tuple(quality.condition_words(run)),
         tables={name: table for name, table in tables.items() if table is not None},
         provenance=tuple(_provenance(run)),

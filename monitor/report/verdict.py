@@ -9,11 +9,12 @@ from typing import Literal
 
 import numpy as np
 
+from monitor.health.schema import HINT, VERDICT
 from monitor.report.calibration import VolumeScale, is_calibrated, unscaled
 from monitor.report.life_marks import LATE, Moment, closed_stages, mark_of, open_stage
 from monitor.report.runs import Channel, Run
 from monitor.words.numbers import Clock, acceleration, count, duration, figure, interval, volume
-from monitor.words.statuses import BAND_SOURCES, EDV_REFUSALS, TT_REFUSALS, fault_words
+from monitor.words.statuses import BAND_SOURCES, EDV_REFUSALS, TT_REFUSALS, fault_words, named_words
 
 Grade = Literal["bad", "watch", "open", "good"]
 GRADE_NAMES: dict[Grade, str] = {
@@ -24,6 +25,7 @@ GRADE_NAMES: dict[Grade, str] = {
 }
 """For tables, the worst first."""
 GRADES = tuple(GRADE_NAMES)
+_WITHOUT = ("without an onset", "without a baseline")
 LATEST = 20
 """Blocks over which scores above the threshold are counted."""
 
@@ -110,7 +112,7 @@ def _headline(stage: str, fault: str, marks: dict[str, Moment | None], channel: 
     if stage == "final":
         return "watch", f"In the final stage of its life{part}"
     if fault:
-        return "watch", f"Damage of the {fault_words(fault)} is detected"
+        return "open", f"A hint of damage of the {fault_words(fault)}, {_WITHOUT[stage == 'learning']}"
     if stage == "healthy":
         return "good", "No sign of damage"
     if stage == "learning":
@@ -202,11 +204,11 @@ def _failing(channel: Channel, verdict: ChannelVerdict) -> Finding:
         return Finding(question, answer, f"No block could be judged{f'; {unused}' if unused else ''}.", known=False)
     if verdict.stage == "learning":
         if verdict.fault:
-            answer = f"Not known yet, but damage of the {fault_words(verdict.fault)} is detected."
+            answer = f"Not known yet; a hint of damage of the {fault_words(verdict.fault)}."
         why = "The baseline is not complete, so that no change can be judged yet."
         return Finding(question, answer, why, known=False)
     if verdict.stage == "healthy" and verdict.fault:
-        answer = f"Its level says no, but damage of the {fault_words(verdict.fault)} is detected."
+        answer = f"No onset so far; a hint of damage of the {fault_words(verdict.fault)}."
     return Finding(question, answer, " ".join(text for text in (_scores(channel), _growth(channel)) if text))
 
 
@@ -261,15 +263,13 @@ def _where(channel: Channel, verdict: ChannelVerdict) -> Finding:
         why = "No family of fault lines stands clear of the noise and of all others."
         return Finding(question, "No part named.", why, known=False)
     snr, depth = channel.column("fault_snr")[row], channel.column("fault_depth")[row]
-    evidence = []
-    if math.isfinite(snr):
-        evidence.append(f"lines {snr:.1f} times the noise floor")
-    if math.isfinite(depth):
-        evidence.append(f"modulation depth {depth:.2f}")
+    evidence = [f"lines {snr:.1f} times the noise floor"] if math.isfinite(snr) else []
+    evidence += [f"modulation depth {depth:.2f}"] if math.isfinite(depth) else []
     best = f"At best {', '.join(evidence)} (block {channel.sequence[row]:,})." if evidence else ""
     apart = "The resolution does not tell them apart." if "|" in fault else ""
     support = " ".join(text for text in (best, _agreement(channel, verdict, fault), apart) if text)
-    return Finding(question, f"{fault_words(fault).capitalize()}.", support, brief=fault_words(fault))
+    part = named_words(fault, VERDICT if verdict.stage in LATE else HINT)
+    return Finding(question, _sentence(part), support, brief=part)
 
 
 def _agreement(channel: Channel, verdict: ChannelVerdict, fault: str) -> str:

@@ -10,14 +10,10 @@ from models.rigs.six_dof import Calibration
 from monitor import __version__
 from monitor.config.load import Config
 from monitor.health.detect import Episode, Mark
-from monitor.health.machine import weigh
+from monitor.health.machine import patience_of, weigh
 from monitor.health.output import basis_of
 from monitor.health.state import ChannelSettings, SourceSettings, SourceState, channels_by_bearing
 from monitor.service.calibration import other_models
-
-_PATIENCE_S, _PATIENCE_BLOCKS = 30 * 86400.0, 50
-"""A channel of a source that has been silent for so long, and for so many blocks of the slowest source, has no voice
-beside one of another source."""
 
 
 def run_attributes(config: Config, channels: Mapping[str, ChannelSettings]) -> dict[str, Any]:
@@ -39,6 +35,7 @@ def run_attributes(config: Config, channels: Mapping[str, ChannelSettings]) -> d
         "software_version": __version__,
         "config_hash": config.hash,
         "map_hash": listed(maps),
+        "bearing": listed({name: channel.listens_to for name, channel in channels.items()}),
         "calibrated": _calibration_words(config, channels),
         "rms_band_hz": listed(
             {name: "full bandwidth" if band is None else f"{band[0]:g} to {band[1]:g}" for name, band in bands.items()}
@@ -112,8 +109,7 @@ def channel_summary(state: SourceState, settings: ChannelSettings) -> dict[str, 
 def bearing_summaries(sources: Iterable[tuple[SourceState, SourceSettings]]) -> dict[str, dict[str, Any]]:
     """Return by bearing what the channels of all sources of a machine say of it: the keys of the interface."""
     pairs = list(sources)
-    slowest = max((state.order.interval or 0.0 for state, _ in pairs), default=0.0)
-    patience = max(_PATIENCE_S, _PATIENCE_BLOCKS * slowest) if len(pairs) > 1 else None
+    patience = patience_of(state.order.interval for state, _ in pairs) if len(pairs) > 1 else None
     bearings = channels_by_bearing(channel for _, settings in pairs for channel in settings.channels.values())
     found = weigh([state.machine for state, _ in pairs], bearings, patience)
     return {name: verdict.to_dict() for name, verdict in found.items()}

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from monitor.words.features import FEATURES
@@ -31,6 +31,12 @@ DAEMON = {
     "never_ran": "The daemon has never run",
     "starting": "The daemon is starting",
 }
+
+BASES = {
+    "verdict": ("verdict", "named since the onset of the final stage"),
+    "hint": ("hint", "named without an onset: nothing has left what was learned as healthy, or nothing was learned"),
+}
+"""What a name of the damaged part is, and why."""
 
 EDV_REFUSALS = {
     "below_map": "the vibration is weaker than that of the smallest damage of the map",
@@ -115,6 +121,20 @@ def fault_words(fault: str) -> str:
     return " or ".join(FAULT_NAMES[name] for name in fault.split("|"))
 
 
+def named_words(fault: str, basis: str | None) -> str:
+    """Return the damaged part for people, and that it is only a hint where it is."""
+    return f"{fault_words(fault)} (a hint)" if basis == "hint" else fault_words(fault)
+
+
+def bearing_words(found: Mapping[str, Any]) -> str:
+    """Return what the channels of a bearing say together, by its keys of the interface; without a full stop."""
+    if found["fault"] is None:
+        return "no part named"
+    text = f"{fault_words(found['fault'])}, {BASES[found['fault_basis']][0]}, support {100.0 * found['support']:.0f} %"
+    others = [f"{channel} says {fault_words(other)}" for channel, other in found["disagreement"].items()]
+    return "; ".join((text, *others))
+
+
 def page_words() -> dict[str, Any]:
     """Return all words of the page as plain values."""
     titles = {feature.chart: {"title": feature.label.capitalize()} for feature in FEATURES.values() if feature.chart}
@@ -123,6 +143,7 @@ def page_words() -> dict[str, Any]:
         "stages": STAGES,
         "parts": FAULT_NAMES,
         "lines": LINE_NAMES,
+        "bases": BASES,
         "daemon": DAEMON,
         "blocks": STATUS_MEANINGS,
         "edv": EDV_REFUSALS | {"widened": "the interval is wider than usual, as the latest levels jumped"},

@@ -13,7 +13,7 @@ from monitor.service.record_message import first
 from monitor.words.events import badness, event_text, local_moment, utc_text
 from monitor.words.features import FEATURES
 from monitor.words.numbers import count, duration, moment, times_first, volume
-from monitor.words.statuses import STAGES, fault_words
+from monitor.words.statuses import STAGES, named_words
 
 MAX_LISTED = 20
 """Events that a message lists; of more, the worst are listed and all are counted."""
@@ -135,7 +135,7 @@ def _stage(machine: Sender, event: LoggedEvent, values: Mapping[str, Any]) -> st
         text += f", final since {since}" if stage != "final" else f" since {since}"
     if values.get("t_fs_block") is not None:
         text += f" (block {values['t_fs_block']})"
-    return text + (f"; {fault_words(values['fault'])}" if values.get("fault") else "")
+    return text + (f"; {named_words(values['fault'], values.get('fault_basis'))}" if values.get("fault") else "")
 
 
 def _volume(values: Mapping[str, Any]) -> str:
@@ -163,7 +163,7 @@ def _plain(item: Item) -> dict[str, Any]:
     """Return an event for programs: its log entry, its sentence, and the state of its channel."""
     event, values = item.event, item.values
     absolute = values.get("absolute_level") != "no"
-    state: dict[str, Any] = {name: values.get(name) for name in ("stage", "fault", "t_fs_block")}
+    state: dict[str, Any] = {name: values.get(name) for name in ("stage", "fault", "fault_basis", "t_fs_block")}
     for feature in (FEATURES[name] for name in _VALUES):
         value = first(values.get(feature.name))
         if value is not None:

@@ -1,0 +1,132 @@
+"""What the channels of a bearing say together, one line each, from the records of a run."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from monitor.health.machine import BearingVerdict, Heard, MachineState, heard_in, patience_of, step, weigh
+from monitor.report.runs import Channel, Run
+from monitor.words.statuses import BASES, fault_words
+
+_BLOCKS = 20_000
+"""Latest blocks that are weighed: four times what a ballot remembers."""
+
+
+@dataclass(frozen=True)
+class BearingPart:
+    """A bearing on the page, in words: ``basis`` and ``support`` are "–" without a name, ``others`` then "".
+
+    Attributes:
+        grade: "watch" for a verdict, "open" for a hint, "good" for none.
+        others: which channels name another part.
+        channels: that listen to it.
+    """
+
+    name: str
+    grade: str
+    part: str
+    basis: str
+    why: str
+    support: str
+    others: str
+    channels: str
+    verdict: BearingVerdict
+
+
+def bearings_of(run: Run) -> dict[str, tuple[str, ...]]:
+    """Return the channels of a run by bearing, as its attributes say; {} for records that are older than these."""
+    found: dict[str, str] = {}
+    for item in run.attributes.get("bearing", "").split("; "):
+        channel, _, bearing = item.partition(": ")
+        if bearing and channel in run.channels:
+            found[channel] = bearing
+    return {name: tuple(c for c, bearing in found.items() if bearing == name) for name in dict.fromkeys(found.values())}
+
+
+def bearing_parts(run: Run) -> tuple[BearingPart, ...]:
+    """Return what is said of each bearing of a run after its last block, in the order of the configuration."""
+    bearings = bearings_of(run)
+    sources = [_source_state(group, bearings, dated=run.dated) for group in _by_source(run, bearings)]
+    patience = patience_of([_interval(group[0]) for group in _by_source(run, bearings)]) if len(sources) > 1 else None
+    return tuple(_part(name, verdict) for name, verdict in weigh(sources, bearings, patience).items())
+
+
+def _by_source(run: Run, bearings: Mapping[str, Sequence[str]]) -> list[list[Channel]]:
+    """Return the channels that share their blocks together."""
+    groups: list[list[Channel]] = []
+    for name in (name for names in bearings.values() for name in names):
+        channel = run.channels[name]
+        group = next((group for group in groups if _same_blocks(group[0], channel)), None)
+        if group is None:
+            groups.append([channel])
+        else:
+            group.append(channel)
+    return groups
+
+
+def _same_blocks(one: Channel, other: Channel) -> bool:
+    return np.array_equal(one.sequence, other.sequence) and np.array_equal(one.time, other.time, equal_nan=True)
+
+
+def _interval(channel: Channel) -> float | None:
+    steps = np.diff(channel.time)
+    steps = steps[steps > 0.0]
+    return float(steps.min()) if steps.size else None
+
+
+def _source_state(channels: Sequence[Channel], bearings: Mapping[str, Sequence[str]], *, dated: bool) -> MachineState:
+    """Take the records of the channels of one source through :func:`monitor.health.machine.step`."""
+    names = {channel.name for channel in channels}
+    own = {bearing: tuple(name for name in found if name in names) for bearing, found in bearings.items()}
+    own = {bearing: found for bearing, found in own.items() if found}
+    state = MachineState()
+    for heard in zip(*(_heard(channel, dated=dated) for channel in channels), strict=True):
+        said = {channel.name: one for channel, one in zip(channels, heard, strict=True) if one is not None}
+        state, _ = step(state, said, own)
+    return state
+
+
+def _heard(channel: Channel, *, dated: bool) -> Iterator[Heard | None]:
+    """Yield what each block said in the order of their numbers, None where it holds nothing of the channel."""
+    # A wrong clock sorts a block to another place in time.
+    rows = np.argsort(channel.sequence, kind="stable")[-_BLOCKS:]
+    columns = (
+        channel.time[rows].tolist(),
+        channel.column("fault_depth")[rows].tolist(),
+        channel.column("t_fs_block")[rows].tolist(),
+        *(channel.word(name)[rows].tolist() for name in ("fault", "quality_status", "quality_flags", "stage")),
+    )
+    for time, depth, onset, fault, status, flags, stage in zip(*columns, strict=True):
+        if not status and not stage:
+            yield None
+            continue
+        values = {
+            "fault": fault or None,
+            "fault_depth": depth if math.isfinite(depth) else None,
+            "t_fs_block": onset if math.isfinite(onset) else None,
+            "quality_status": status or None,
+            "quality_flags": flags or None,
+        }
+        yield heard_in({"": values}, time if dated and math.isfinite(time) else None)[""]
+
+
+def _part(name: str, verdict: BearingVerdict) -> BearingPart:
+    channels = ", ".join(verdict.channels)
+    if verdict.fault is None or verdict.basis is None or verdict.support is None:
+        return BearingPart(name, "good", "no part named", "–", "", "–", "", channels, verdict)
+    basis, why = BASES[verdict.basis]
+    return BearingPart(
+        name,
+        "watch" if verdict.basis == "verdict" else "open",
+        fault_words(verdict.fault),
+        basis,
+        why,
+        f"{100.0 * verdict.support:.0f} %",
+        "; ".join(f"{channel} says {fault_words(other)}" for channel, other in verdict.disagreement.items()),
+        channels,
+        verdict,
+    )
