@@ -19,6 +19,7 @@ from monitor.commands.check import find_problems
 from monitor.config.load import ConfigError, validate
 from monitor.health.damage import EdvStatus
 from monitor.health.damage.library.fit import FitSettings
+from monitor.health.detect import FEATURES
 from monitor.service.libraries import build_library
 from monitor.service.setup import source_settings, source_spec
 
@@ -64,6 +65,7 @@ def test_settings_are_si(small_map):
     assert channel.signal_range == pytest.approx(50 * 9.80665)
     assert channel.samples == 128000
     assert channel.detect.end_of_life_peak == pytest.approx(196.133)
+    assert (channel.detect.features, channel.detect.close_blocks) == (FEATURES, 50)
     assert channel.damage is not None
     assert channel.damage.thresholds == (0.05e-6,)
     spec = source_spec(c, c.source[0], "other.npy")
