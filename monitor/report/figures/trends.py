@@ -223,7 +223,7 @@ def _caption(span: _Span, *, scored: bool) -> str:
     if span.context.verdict.t_fs is not None:
         words.append("Orange: where the final stage began, dotted where this was known.")
     if scored:
-        words.append("The score says how far RMS and H_or together stand above what was learned.")
+        words.append("The score says how far RMS and the highest fault lines together stand above what was learned.")
     words.append("Lines break where blocks are missing or were rejected.")
     return " ".join(words)
 
