@@ -23,7 +23,7 @@ from typing import Any
 
 from benchmarks.common import Row, circumstances, print_table, write_json
 from benchmarks.naming_truth import FINDABLE, comb_depth, envelope_spectrum
-from benchmarks.seeded_faults import HELD_OUT, TRAINING, Plan, Seeded, make
+from benchmarks.seeded_faults import HELD_OUT, TRAINING, Plan, Seeded, kept
 from models.bearing import from_catalogue
 from monitor.config.load import Config
 from monitor.health.state import SourceSettings
@@ -151,10 +151,10 @@ def judged(record: Seeded) -> Judged:
     return Judged(plan, fault, depth, found)
 
 
-def records(seeds: Iterable[int]) -> Iterator[Judged]:
-    """Make and judge the records of some seeds."""
+def records(seeds: Iterable[int], folder: Path | None) -> Iterator[Judged]:
+    """Make and judge the records of some seeds; ``folder`` keeps them between runs."""
     for seed in seeds:
-        yield judged(make(seed))
+        yield judged(kept(seed, folder))
 
 
 def counts(found: Sequence[Judged], name: str, value: str) -> Row:
@@ -210,19 +210,20 @@ def main() -> None:
     parser.add_argument("--quick", action="store_true", help="the first 50 seeds only")
     parser.add_argument("--held-out", action="store_true", help="the seeds that were set aside")
     parser.add_argument("--baseline", action="store_true", help="keep the figures as those to compare with")
+    parser.add_argument("--records", type=Path, metavar="DIR", help="keep the records there between runs")
     options = parser.parse_args()
     seeds = HELD_OUT if options.held_out else TRAINING
-    found = list(records(seeds[:50] if options.quick else seeds))
+    found = list(records(seeds[:50] if options.quick else seeds, options.records))
     tables = tables_of(found)
     for name, rows in tables.items():
         if rows and name != "silent although findable":
             print_table(name, rows)
     kind = ("baseline_" if options.baseline else "") + ("held_out" if options.held_out else "training")
-    kept: dict[str, Any] = {}
+    written: dict[str, Any] = {}
     if options.json is not None and options.json.is_file():
-        kept = json.loads(options.json.read_text(encoding="utf-8"))
-    kept[kind] = {"run": circumstances(), **tables}
-    write_json(options.json, kept)
+        written = json.loads(options.json.read_text(encoding="utf-8"))
+    written[kind] = {"run": circumstances(), **tables}
+    write_json(options.json, written)
 
 
 if __name__ == "__main__":

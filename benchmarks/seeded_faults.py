@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Literal
 
 import numpy as np
@@ -190,6 +191,21 @@ def draw(seed: int) -> Plan:
 def make(seed: int) -> Seeded:
     """Return the record of a seed."""
     return realise(draw(seed))
+
+
+def kept(seed: int, folder: Path | None) -> Seeded:
+    """Return the record of a seed, from a folder that keeps records between runs where one is given."""
+    file = None if folder is None else folder / f"{seed}.npz"
+    if file is None:
+        return make(seed)
+    if not file.is_file():
+        record = make(seed)
+        file.parent.mkdir(parents=True, exist_ok=True)
+        np.savez(file, samples=record.samples, line=np.nan if record.line is None else record.line)
+        return record
+    with np.load(file) as found:
+        line = float(found["line"])
+        return Seeded(draw(seed), found["samples"], None if math.isnan(line) else line)
 
 
 def realise(plan: Plan) -> Seeded:
