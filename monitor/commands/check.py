@@ -14,6 +14,7 @@ import click
 from models.bearing import kinematics
 from models.registry import MODULES
 from monitor.commands import option
+from monitor.commands.check_interference import interference_lines, proposal_words, propose_interference, taken_families
 from monitor.commands.common import emit, read_config
 from monitor.commands.model_parameters import effects_of
 from monitor.commands.redate import DatingPreview, keep_previews, preview_dating
@@ -29,8 +30,15 @@ from monitor.words.calibration import ASSUMED, rig_words
 @option.config
 @click.option("--schema", is_flag=True, help="Print the JSON Schema of the configuration and stop.")
 @click.option("--keep", is_flag=True, help="Keep what dates the blocks, as shown, before the first start.")
+@click.option(
+    "--recording",
+    metavar="PATH",
+    help="Look at the first block of a recording for strong lines of other origin, and propose [[interference]].",
+)
 @option.output
-def command(config_path: Path | None, schema: bool, keep: bool, as_json: bool, quiet: bool) -> None:
+def command(
+    config_path: Path | None, schema: bool, keep: bool, recording: str | None, as_json: bool, quiet: bool
+) -> None:
     """Validate a configuration and list what would be monitored.
 
     Whatever `run` would refuse is refused with exit code 2, and so is a folder of records that cannot be written.
@@ -44,6 +52,7 @@ def command(config_path: Path | None, schema: bool, keep: bool, as_json: bool, q
         return
     config = read_config(config_path)
     refuse_what_run_refuses(config)
+    proposals = [] if recording is None else propose_interference(config, recording)
     dated = {source.name: found for source in config.source if (found := preview_dating(config, source)) is not None}
     if keep:
         dated = keep_previews(config, dated)
@@ -57,9 +66,11 @@ def command(config_path: Path | None, schema: bool, keep: bool, as_json: bool, q
         "dating": {name: _dating_values(found) for name, found in dated.items()},
         "levels": {channel: text for found in dated.values() for channel, text in found.levels.items()},
         "rigs": {source.name: simulated for source in config.source if (simulated := _rig_limits(source))},
+        "interference_proposals": proposals,
         "problems": problems,
     }
-    emit(values, _lines(config, problems, dated), as_json=as_json)
+    lines = [*_lines(config, problems, dated), *(proposal_words(found) for found in proposals)]
+    emit(values, lines, as_json=as_json)
 
 
 def _rig_limits(source: SourceSection) -> list[str]:
@@ -112,6 +123,7 @@ def find_problems(config: Config) -> Iterator[str]:
             yield f"{name}: its unit is unknown: no end of life by peak acceleration"
     if config.operating.speed_hz is None:
         yield "operating.speed_hz is not given: only recordings that state their speed can be monitored"
+    yield from taken_families(config)
     yield from _unlearned_levels(config)
     for source in config.source:
         yield from _access_problems(source)
@@ -277,6 +289,7 @@ def _lines(config: Config, problems: list[str], dated: Mapping[str, DatingPrevie
                 if channel.name in levels:
                     yield f"    level: {levels[channel.name]}"
     yield from _shaft_lines(config)
+    yield from interference_lines(config)
     detect = config.detect
     length = f"{detect.learn_hours:g} h" if detect.learn_hours else f"{detect.to_settings().learn_blocks} blocks"
     yield (

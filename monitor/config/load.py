@@ -21,6 +21,7 @@ from models.rigs.six_dof import Calibration, Rig
 from monitor.config.alarms import AlarmsSection
 from monitor.config.bearing import BearingSection, RigSection
 from monitor.config.fields import Section
+from monitor.config.interference import InterferenceSection
 from monitor.config.machine import MachineSection, OperatingSection, RetentionSection
 from monitor.config.outputs import NotifySection, PublishSection, WebSection
 from monitor.config.shaft import SCENE_KEYS, ShaftSection
@@ -42,6 +43,7 @@ class Config(Section):
     operating: OperatingSection = OperatingSection()
     source: tuple[SourceSection, ...] = Field(min_length=1)
     channel: tuple[ChannelSection, ...] = Field(min_length=1)
+    interference: tuple[InterferenceSection, ...] = ()
     detect: DetectSection = DetectSection()
     track: TrackSection = TrackSection()
     forecast: ForecastSection = ForecastSection()
@@ -173,6 +175,8 @@ class Config(Section):
             "rig": {"posterior"},
             "operating": {"axial_load_newton"},
         }
+        if not self.interference:
+            left_out["interference"] = True
         text = self.model_dump_json(exclude=left_out)
         return hashlib.blake2b(text.encode(), digest_size=16).hexdigest()
 

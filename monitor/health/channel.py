@@ -23,6 +23,7 @@ from monitor.health.spectrum.average import RecentSpectra
 from monitor.health.spectrum.bands import BandVotes, candidate_bands
 from monitor.health.spectrum.family import comb_depth
 from monitor.health.spectrum.features import FAULTS, BlockFeatures, FeatureSettings, block_features, fundamentals
+from monitor.health.spectrum.interference import all_combs
 from monitor.health.spectrum.search import family_searches
 from monitor.health.spectrum.transform import Band
 from monitor.health.state import ChannelSettings, ChannelState, Named
@@ -97,6 +98,7 @@ def step(state: ChannelState, block: ChannelBlock, settings: ChannelSettings) ->
             speed=lines.speed,
             average_blocks=settings.average_blocks,
             searches=family_searches(settings.uncertainty),
+            interference=all_combs(settings.interference, lines.speed),
         ),
         state.spectra if verdict.for_baseline else None,
         block.span,

@@ -24,6 +24,7 @@ from monitor.health.quality import OrderState
 from monitor.health.record import Record
 from monitor.health.spectrum.average import RecentSpectra
 from monitor.health.spectrum.bands import BandVotes
+from monitor.health.spectrum.interference import Interference
 from monitor.health.spectrum.transform import Band
 from monitor.health.waterfall import WaterfallSettings, WaterfallState
 
@@ -47,6 +48,7 @@ class ChannelSettings:
         uncertainty: of the fault frequencies, by which the search of the families widens.
         bands: bands to demodulate, Hz, or None: chosen on the learning window.
         rms_band: band of RMS and A*, Hz, or None for the full bandwidth.
+        interference: lines of other origin that are removed before the envelope.
         average_blocks: envelope spectra averaged to name the damaged part.
         damage: how V_eq and TT are found, or None where they are not.
         calibration: whether V_eq is that of the machine ("declared" where a person vouches), or None where it is not
@@ -65,6 +67,7 @@ class ChannelSettings:
     uncertainty: KinematicUncertainty = KNOWN
     bands: tuple[Band, ...] | None = None
     rms_band: Band | None = None
+    interference: tuple[Interference, ...] = ()
     average_blocks: int = 1
     condition: ConditionSettings = field(default_factory=ConditionSettings)
     detect: DetectSettings = field(default_factory=DetectSettings)

@@ -232,6 +232,7 @@ def _channel_settings(
         samples=samples,
         bands=None if channel.band_hz == "auto" else tuple(channel.band_hz),
         rms_band=channel.rms_band_hz,
+        interference=tuple(section.to_interference() for section in config.interference),
         average_blocks=channel.average_blocks,
         condition=config.operating.to_condition(),
         detect=config.detect.to_settings(),

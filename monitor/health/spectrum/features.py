@@ -19,6 +19,7 @@ from models.bearing import Kinematics
 from monitor.health.spectrum.average import RecentSpectra
 from monitor.health.spectrum.comb import LineSpectrum, line_spectrum
 from monitor.health.spectrum.indicators import TimeIndicators, sample_range, time_indicators
+from monitor.health.spectrum.interference import Comb
 from monitor.health.spectrum.lines import (
     FALSE_ALARM,
     SEARCH,
@@ -67,6 +68,7 @@ class FeatureSettings:
         average_blocks: neighbouring blocks in whose mean envelope spectrum the families are sought.
         search: half width of the range of the speed factor.
         searches: range of each family whose nominal frequency is an estimate; the others have ``search``.
+        interference: combs that are removed before the envelopes, at the speed of the block.
         precision: arithmetic of the transforms.
         effort: planning of the transforms; "estimate" gives the same bits everywhere and every time.
     """
@@ -79,6 +81,7 @@ class FeatureSettings:
     average_blocks: int = 1
     search: float = SEARCH
     searches: Mapping[str, FamilySearch] = field(default_factory=dict[str, FamilySearch])
+    interference: tuple[Comb, ...] = ()
     precision: Precision = "float32"
     effort: Effort = "estimate"
 
@@ -213,7 +216,7 @@ def block_features(
     )
     span = sample_range(x, span)
     indicators = time_indicators(x, span)
-    spectra = transform(x, span)
+    spectra = transform(x, span, settings.interference)
     relative = tuple(_relative(envelope, settings) for envelope in spectra.envelopes)
     averages = settings.average_blocks > 1
     recent = (recent or RecentSpectra()).add(relative, settings.average_blocks) if averages else RecentSpectra()

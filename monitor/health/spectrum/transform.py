@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from monitor.health.spectrum.indicators import MIN_RANGE, sample_range
+from monitor.health.spectrum.interference import Comb, remove_lines
 from monitor.health.spectrum.plans import Effort, FftPlan, Precision, envelope_length, planning, previous_smooth
 
 Band = tuple[float, float]
@@ -208,12 +209,15 @@ class BlockTransform:
                     plans[length] = _EnvelopePlan(length, self.n_used, precision, effort, self._forward.input)
                 self._envelope_plans.append(plans[length])
 
-    def __call__(self, x: NDArray[np.number], span: tuple[float, float] | None = None) -> BlockSpectra:
+    def __call__(
+        self, x: NDArray[np.number], span: tuple[float, float] | None = None, interference: Sequence[Comb] = ()
+    ) -> BlockSpectra:
         """Return the spectra of one block.
 
         Args:
             x: (n_samples,), any real type.
             span: what ``sample_range`` gives for x, where that is known.
+            interference: combs that are removed before the envelopes; raw spectrum and RMS keep them.
 
         Raises:
             ValueError: another shape, or a sample that is not finite or beyond 1e30.
@@ -224,6 +228,11 @@ class BlockTransform:
         mean, scale = self._load(used, sample_range(used) if span is None or used.size < x.size else span)
         self._forward.execute()
         spectrum = self._forward.output
+        raw = self._raw_amplitude(spectrum)
+        band_rms = None if self._rms_bins is None else _rms(spectrum, self._rms_bins, self.n_used) / scale
+        if interference:
+            low, high = min(low for low, _ in self.bands), max(high for _, high in self.bands)
+            remove_lines(spectrum, self.resolution, interference, low, high)
         envelopes: list[EnvelopeSpectrum] = []
         for band, (first, last), plan in zip(self.bands, self._bins, self._envelope_plans, strict=True):
             n_keep = min(last - first + 1, plan.n // 2 + 1, self._n_envelope)
@@ -231,14 +240,13 @@ class BlockTransform:
             if scale != 1.0:
                 amplitude = amplitude.astype(np.float64) / scale
             envelopes.append(EnvelopeSpectrum(self.resolution, amplitude, band, level / scale))
-        raw = self._raw_amplitude(spectrum)
         if scale != 1.0:
             raw = raw.astype(np.float64) / scale
         return BlockSpectra(
             n_used=self.n_used,
             rate=self.rate,
             mean=mean,
-            band_rms=None if self._rms_bins is None else _rms(spectrum, self._rms_bins, self.n_used) / scale,
+            band_rms=band_rms,
             raw=AmplitudeSpectrum(self.resolution, raw),
             envelopes=tuple(envelopes),
         )

@@ -1,0 +1,94 @@
+"""What ``check`` says of ``[[interference]]``, and what it proposes for a recording."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import asdict
+from typing import Any
+
+from models.bearing import kinematics
+from monitor.config.load import Config, ConfigError
+from monitor.health.output import ChannelOutput
+from monitor.health.spectrum.interference_search import Proposal, propose
+from monitor.health.state import SourceState
+from monitor.health.step import step
+from streams.block import Block
+
+_DEPTH = 0.1
+"""The best family of the bearing, if it is this deep, is taken for damage, named or not: its lines are not proposed."""
+
+
+def interference_lines(config: Config) -> Iterator[str]:
+    """Yield what is removed before the envelope."""
+    for section in config.interference:
+        what = [f"order {order:g}" for order in section.orders] + [f"{line:g} Hz" for line in section.lines_hz]
+        many = "all multiples" if section.harmonics is None else f"{section.harmonics} multiples"
+        sides = f", {section.sidebands} sidebands each" if section.sidebands else ""
+        name = f" {section.name}" if section.name else ""
+        yield f"interference{name}: {', '.join(what)}, {many}{sides}, removed before the envelope"
+
+
+def taken_families(config: Config) -> Iterator[str]:
+    """Yield which ``[[interference]]`` would remove the comb of a part of a bearing."""
+    speed = config.operating.speed_hz
+    for place, section in enumerate(config.interference):
+        for bearing in config.bearing if speed is not None else ():
+            assert speed is not None
+            for fault in section.families_removed(kinematics(bearing.to_bearing(), speed)):
+                who = section.name or f"number {place + 1}"
+                yield (
+                    f"interference {who}: within 2 % of the {fault} line of bearing {bearing.name!r}: "
+                    "damage of that part can be removed with it"
+                )
+
+
+def propose_interference(config: Config, recording: str) -> list[dict[str, Any]]:
+    """Return the strong narrow lines in the bands of the first accepted block of a recording, by channel.
+
+    Raises:
+        ConfigError: the machine has several sources, the recording does not fit it, or has no accepted block.
+    """
+    from monitor.service.setup import open_configured, source_settings
+
+    if len(config.source) != 1:
+        raise ConfigError(f"--recording takes a configuration with one [[source]], this one has {len(config.source)}")
+    settings = source_settings(config, config.source[0])
+    state = SourceState.begin(settings)
+    for block in open_configured(config, config.source[0], recording):
+        state, output = step(state, block, settings)
+        if isinstance(block, Block) and output.channels:
+            return [
+                {"channel": name, **_values(found)}
+                for name, channel in output.channels.items()
+                for found in _proposals(block, name, channel)
+            ]
+    raise ConfigError(f"{recording}: no block of it is accepted; replay says why")
+
+
+def _proposals(block: Block, name: str, output: ChannelOutput) -> tuple[Proposal, ...]:
+    """Return the proposals of a channel; none where a part is named, whose lines and sidebands would be among them."""
+    if output.naming is None or output.naming.fault is not None:
+        return ()
+    best = output.naming.evidence
+    own = [] if best is None or best.depth < _DEPTH else [best.fundamental]
+    samples = block.samples[block.channels.index(name)]
+    return propose(samples, block.rate, output.bands[output.leading], output.speed.value, own)
+
+
+def _values(found: Proposal) -> dict[str, Any]:
+    """Return a proposal as plain values, the frequency with its unit."""
+    values = asdict(found)
+    return {"fundamental_hz": values.pop("fundamental"), **values}
+
+
+def proposal_words(found: dict[str, Any]) -> str:
+    """Return a proposal as a line for people, with the section that would remove it."""
+    order, count = found["order"], found["harmonics"]
+    keys = f"lines_hz = [{found['fundamental_hz']:.1f}]" if order is None else f"orders = [{order}]"
+    keys += ", harmonics = 1" if count == 1 else ""
+    keys += ", sidebands = 3" if found["sidebands"] else ""
+    lines = f"{count} narrow lines" if count > 1 else "a narrow line"
+    return (
+        f"channel {found['channel']}: {lines} at {found['fundamental_hz']:.1f} Hz with {100 * found['share']:.0f} % of "
+        f"the power of its band; if not the bearing's: [[interference]] {keys}"
+    )

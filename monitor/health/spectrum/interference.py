@@ -1,0 +1,214 @@
+"""Lines of other origin (gear mesh, line frequency, other shafts) are taken out of a band before its envelope.
+
+A tone in the demodulated band raises the mean of the envelope, on which depths are relative, and beats with the noise
+and with other tones: sidebands of a mesh are a comb of the shaft in the envelope. Where lines are configured, the bins
+around each that stand out of the noise beside it are set to the level of that noise, their phases kept; everything else
+stays as it is, bit for bit. The bearing's own lines stay: slip spreads them, and no two families share a comb.
+
+Why not another method: ``python -m benchmarks.interference`` compares it with a notch to zero, with the liftering of
+the cepstrum (Randall and Sawalhi, doi 10.1016/j.ymssp.2010.12.005) and with synchronous averages, by depth and cost.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+_STANDS_OUT = 12.0
+"""Power of the highest bin at a line over the noise, above which the line is removed."""
+_PRESENT, _PRESENT_SD = 0.7, 3.0
+"""A comb is removed if its lines stand higher than the places midway between by this, in mean log power, and by this
+over the root of their number: damage lifts both alike."""
+_CORE_BINS, _WANDER = 6.0, 5e-4
+"""Least half width of a line: bins, as the spectrum is of the samples as they are, and share of its frequency, as no
+speed is constant over a block."""
+_MAX_WANDER = 3e-3
+"""Largest half width, over the frequency; skirts count as wander."""
+_SKIRT_BINS = 64.0
+_RING_BINS, _RING_OVER_NOISE = 4, 3.0
+"""A line ends where the mean power of so many bins on both sides is less than this over the noise."""
+MIN_SPACING_BINS = 12.0
+"""Sidebands closer than this stay in, and a comb of closer lines is not removed: short blocks resolve neither."""
+_NOISE_SPACINGS, _NOISE_BINS, _NOISE_SAMPLES, _NOISE_QUANTILE = 3.0, 64.0, 129, 0.2
+"""The noise at a line is a low quantile of the power of bins around it: of those that no line reaches."""
+_SOUGHT = 8
+"""Lowest lines of a comb in the band, by which it is found: higher ones are smeared more."""
+_STEP = 0.5
+_CAP = 6.0
+
+
+@dataclass(frozen=True)
+class Interference:
+    """Lines of other origin, as configured.
+
+    Attributes:
+        orders: multiples of the shaft speed, such as the number of teeth of a gear on the shaft.
+        lines: frequencies that do not depend on the speed, Hz.
+        harmonics: how many multiples of each belong to it; None for all up to the Nyquist frequency.
+        sidebands: how many lines on each side of each multiple, ``spacing`` orders of the shaft apart.
+        spacing: of the sidebands, orders of the shaft.
+        tolerance: the lines are sought within this share of where they should be.
+        name: for people.
+    """
+
+    orders: tuple[float, ...] = ()
+    lines: tuple[float, ...] = ()
+    harmonics: int | None = None
+    sidebands: int = 0
+    spacing: float = 1.0
+    tolerance: float = 0.005
+    name: str = ""
+
+    def combs(self, speed: float | None) -> tuple[Comb, ...]:
+        """Return the combs at a shaft speed, Hz; without one, those of the fixed lines, without sidebands."""
+        sidebands = 0 if speed is None else self.sidebands
+        spacing = 0.0 if speed is None else self.spacing * speed
+        of_shaft = () if speed is None else tuple(order * speed for order in self.orders)
+        return tuple(
+            Comb(line, self.harmonics, sidebands, spacing, self.tolerance) for line in (*of_shaft, *self.lines)
+        )
+
+
+@dataclass(frozen=True)
+class Comb:
+    """One line with its harmonics and sidebands.
+
+    Attributes:
+        fundamental: Hz.
+        harmonics: how many, or None for all.
+        sidebands: how many on each side of each harmonic.
+        spacing: of the sidebands, Hz.
+        tolerance: share by which the fundamental is uncertain.
+    """
+
+    fundamental: float
+    harmonics: int | None
+    sidebands: int
+    spacing: float
+    tolerance: float
+
+    def centres(self, low: float, high: float) -> NDArray[np.float64]:
+        """Return the harmonics from ``low`` to ``high``, Hz."""
+        reach = self.sidebands * self.spacing
+        last = math.floor((high + reach) / self.fundamental)
+        last = last if self.harmonics is None else min(last, self.harmonics)
+        first = max(1, math.ceil((low - reach) / self.fundamental))
+        return self.fundamental * np.arange(first, last + 1, dtype=np.float64)
+
+
+def all_combs(settings: Iterable[Interference], speed: float | None) -> tuple[Comb, ...]:
+    """Return the combs of several settings at a shaft speed, Hz, or None where it is not known."""
+    return tuple(comb for one in settings for comb in one.combs(speed))
+
+
+def remove_lines(
+    spectrum: NDArray[np.complexfloating], resolution: float, combs: Sequence[Comb], low: float, high: float
+) -> None:
+    """Set the lines of combs between two frequencies to the level of the noise beside them, in place.
+
+    Lines that the resolution cannot separate from what is between them stay: see ``MIN_SPACING_BINS``.
+
+    Args:
+        spectrum: (bin,) transform of real samples without a window, bin 0 at 0 Hz; any normalisation.
+        resolution: spacing of its bins, Hz.
+        combs: what to remove.
+        low, high: Hz; nothing outside is touched.
+    """
+    first, last = max(1, math.ceil(low / resolution)), min(spectrum.size - 2, math.floor(high / resolution))
+    for comb in combs:
+        centres, spacing = comb.centres(low, high), comb.fundamental
+        sidebands = comb.sidebands if comb.spacing >= MIN_SPACING_BINS * resolution else 0
+        if centres.size == 0 or spacing < MIN_SPACING_BINS * resolution:
+            continue
+        centres *= _factor(spectrum, resolution, centres[:_SOUGHT], comb.tolerance)
+        if sidebands:
+            spacing = min(spacing, comb.spacing)
+        sides = comb.spacing * np.arange(-sidebands, sidebands + 1)
+        places = np.add.outer(centres, sides).ravel() / resolution
+        places = places[(places >= first) & (places <= last)]
+        lowest = places[: _SOUGHT * sides.size]
+        if lowest.size and _is_present(spectrum, lowest, spacing / resolution):
+            _limit(spectrum, places, spacing / resolution, first, last)
+
+
+def _is_present(spectrum: NDArray[np.complexfloating], places: NDArray[np.float64], spacing: float) -> bool:
+    """Return whether lines (in bins) stand higher than the places midway between them."""
+    reach = max(1, min(math.ceil(_WANDER * float(places.max())), int(spacing / 4.0)))
+    apart = min(0.5 * spacing, _SKIRT_BINS)
+    tiny = float(np.finfo(np.float32).tiny)
+    levels: list[float] = []
+    for middles in (places, places - apart, places + apart):
+        highest: NDArray[np.floating] = _power(spectrum, middles, reach).max(axis=1)
+        levels.append(float(np.mean(np.log(np.maximum(highest, tiny)))))
+    return levels[0] - max(levels[1:]) > _PRESENT + _PRESENT_SD / math.sqrt(places.size)
+
+
+def _limit(
+    spectrum: NDArray[np.complexfloating], places: NDArray[np.float64], spacing: float, first: int, last: int
+) -> None:
+    """Set lines, as wide as they are, to the level of the noise between them, phases kept, in place.
+
+    Args:
+        spectrum: (bin,).
+        places: (line,) of the lines, in bins.
+        spacing: of neighbouring lines, bins.
+        first, last: bins that may be touched.
+    """
+    noise = _noise(spectrum, places, spacing)[:, None]
+    core = np.minimum(_CORE_BINS + _WANDER * places, 0.25 * spacing)
+    most = np.minimum(_SKIRT_BINS + _MAX_WANDER * places, 0.5 * spacing)
+    reach = max(1, int(most.max()))
+    power = _power(spectrum, places, reach)
+    offsets = np.arange(-reach, reach + 1)
+    rings = power[:, reach:] + power[:, reach::-1]
+    sums = np.cumsum(np.pad(rings, ((0, 0), (1, _RING_BINS - 1)), mode="edge"), axis=1, dtype=np.float64)
+    ends = (sums[:, _RING_BINS:] - sums[:, :-_RING_BINS]) < 2.0 * _RING_BINS * _RING_OVER_NOISE * noise
+    ends &= np.arange(reach + 1) >= core[:, None]
+    ends[:, -1] = True
+    half = np.minimum(np.argmax(ends, axis=1), most)[:, None]
+    inside = np.abs(offsets) <= np.maximum(core, 1.0)[:, None]
+    stands_out = np.max(np.where(inside, power, 0.0), axis=1, keepdims=True) > _STANDS_OUT * noise
+    around = np.rint(places).astype(np.intp)[:, None] + offsets
+    touched = stands_out & (np.abs(offsets) <= half) & (around >= first) & (around <= last) & (power > noise)
+    factors = np.sqrt(noise / np.where(touched, power, 1.0)).astype(power.dtype)
+    spectrum[around[touched]] *= factors[touched]
+
+
+def _power(spectrum: NDArray[np.complexfloating], places: NDArray[np.float64], reach: int) -> NDArray[np.floating]:
+    """Return the power of the bins around places, shape (place, 2 reach + 1)."""
+    bins = spectrum.take(np.rint(places).astype(np.intp)[:, None] + np.arange(-reach, reach + 1), mode="clip")
+    return np.square(bins.real) + np.square(bins.imag)
+
+
+def _noise(spectrum: NDArray[np.complexfloating], places: NDArray[np.float64], spacing: float) -> NDArray[np.floating]:
+    """Return the mean power of the noise at places, shape (place,)."""
+    span = max(_NOISE_BINS, _NOISE_SPACINGS * spacing)
+    span = min(span, 0.25 * spectrum.size)
+    around = np.rint(places[:, None] + np.linspace(-span, span, _NOISE_SAMPLES)).astype(np.intp)
+    bins = spectrum.take(np.abs(around), mode="clip")
+    power = np.square(bins.real) + np.square(bins.imag)
+    rank = int(_NOISE_QUANTILE * _NOISE_SAMPLES)
+    return np.partition(power, rank, axis=1)[:, rank] / power.dtype.type(-math.log(1.0 - _NOISE_QUANTILE))
+
+
+def _factor(
+    spectrum: NDArray[np.complexfloating], resolution: float, centres: NDArray[np.float64], tolerance: float
+) -> float:
+    """Return by what the lines stand off their stated places, found where they stand highest together."""
+    count = math.ceil(tolerance * float(centres[-1]) / (_STEP * resolution))
+    if count == 0:
+        return 1.0
+    factors = 1.0 + tolerance * np.arange(-count, count + 1) / count
+    score = np.zeros(factors.size)
+    for centre in centres.tolist():
+        bins = np.clip(np.rint(factors * (centre / resolution)).astype(np.intp), 1, spectrum.size - 2)
+        # The difference of neighbours is the Hann window: without it, the skirts of one line outweigh the others.
+        hann = 2.0 * spectrum[bins] - spectrum[bins - 1] - spectrum[bins + 1]
+        power = np.square(hann.real, dtype=np.float64) + np.square(hann.imag, dtype=np.float64)
+        noise = max(float(np.median(power)), np.finfo(np.float64).tiny)
+        score += np.minimum(np.log1p(power / noise), _CAP)
+    return float(factors[np.argmax(score)])
