@@ -42,6 +42,8 @@ from monitor.health.quality import (
 )
 from monitor.health.record import Record, storable
 from monitor.health.spectrum.indicators import span_of
+from monitor.health.spectrum.interference import all_combs
+from monitor.health.spectrum.kurtogram import kurtogram
 from monitor.health.spectrum.transform import MIN_SAMPLES
 from monitor.health.state import ChannelSettings, ChannelState, SourceSettings, SourceState
 from monitor.health.waterfall import SpectrumChange, WaterfallState
@@ -281,6 +283,10 @@ def _spectra(
             onset=onset,
             end=found is not None and found.end,
         )
+        if kind != "newest":
+            combs = all_combs(channel.interference, row.speed)
+            samples = block.samples[block.channels.index(name)]
+            row = replace(row, kurtogram=kurtogram(samples, block.rate, combs))
         began = states[name].detect.t_fs if onset else None
         changes.append(SpectrumChange(row, kind, thin, None if began is None else began.sequence))
     return after, tuple(changes)

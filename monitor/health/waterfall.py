@@ -14,6 +14,8 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from monitor.health.spectrum.kurtogram import Kurtogram
+
 Kind = Literal["newest", "kept", "pinned"]
 """How long a spectrum is kept: until the next one comes, until it is thinned out, always."""
 
@@ -37,6 +39,7 @@ class SpectrumRow:
         amplitude: (n,) single-sided, in the unit of ``mean``; a line on a bin reads its amplitude.
         lines: frequency of the first line of each family, Hz: outer, inner, ball (it meets both races), cage. As found
             in this spectrum where the family is detected, else the kinematic frequency.
+        kurtogram: of the block, or None where it was not computed: only with spectra that are kept for good.
     """
 
     source: str
@@ -50,6 +53,7 @@ class SpectrumRow:
     absolute: bool
     amplitude: NDArray[np.floating]
     lines: Mapping[str, float]
+    kurtogram: Kurtogram | None = None
 
     @property
     def frequency(self) -> NDArray[np.float64]:

@@ -16,6 +16,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from monitor.health.spectrum.kurtogram import Kurtogram
 from monitor.health.waterfall import Kind, SpectrumChange, SpectrumRow
 from monitor.records.database import SharedConnection
 
@@ -73,6 +74,8 @@ def _put(connection: sqlite3.Connection, change: SpectrumChange) -> None:
         "scale": scale,
         "lines": dict(row.lines),
     }
+    if row.kurtogram is not None:
+        header["kurtogram"] = row.kurtogram.to_dict()
     text = json.dumps(header, allow_nan=False, separators=(",", ":"))
     values = (row.sequence, row.time, _KINDS[change.kind], text, packed, row.source, row.channel)
     replaced = connection.execute(
@@ -180,6 +183,7 @@ def _conditions(channel: str, source: str | None, at: int | None, before: int | 
 def _row_of(row: tuple[Any, ...]) -> SpectrumRow:
     source, channel, sequence, time, text, packed = row
     header = json.loads(text)
+    kurtogram = header.get("kurtogram")
     return SpectrumRow(
         source=source,
         channel=channel,
@@ -192,6 +196,7 @@ def _row_of(row: tuple[Any, ...]) -> SpectrumRow:
         absolute=header["absolute"],
         amplitude=np.frombuffer(packed, dtype="<f2").astype(np.float64) * header["scale"],
         lines=header["lines"],
+        kurtogram=None if kurtogram is None else Kurtogram.from_dict(kurtogram),
     )
 
 

@@ -14,6 +14,7 @@ from monitor.report.bearings import BearingPart, bearing_parts
 from monitor.report.calibration import is_calibrated
 from monitor.report.figures.damage import damaged_volume, fitted_law, forecasts
 from monitor.report.figures.drawing import Picture, sparkline
+from monitor.report.figures.kurtogram import kurtograms
 from monitor.report.figures.map_path import hash_of, kept_map, map_path, posterior
 from monitor.report.figures.spectrum import SpectrumView, recorded_lines, spectra, views_of, waterfall
 from monitor.report.figures.trends import final_stage, trends
@@ -214,6 +215,8 @@ def _spectra(context: ChannelContext, options: Options, view: SpectrumView | Non
             found.append(recorded_lines(channel, row, numbers))
     if options.holds("waterfall"):
         found.append(waterfall(rows, context))
+    if options.holds("kurtogram"):
+        found.append(kurtograms(rows, context))
     return found
 
 

@@ -5,6 +5,7 @@ import itertools
 import json
 import math
 import re
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,7 @@ from hypothesis import strategies as st
 from matplotlib.figure import Figure
 
 from monitor.health.record import Record, plain
+from monitor.health.spectrum.kurtogram import Kurtogram
 from monitor.health.waterfall import SpectrumRow
 from monitor.records.store import Store
 from monitor.report.data_quality import gaps, gaps_of, offered, statuses, timeline
@@ -29,6 +31,7 @@ from monitor.report.figures.drawing import (
     to_svg,
     with_breaks,
 )
+from monitor.report.figures.kurtogram import kurtograms
 from monitor.report.figures.spectrum import SpectrumView, spectra, views_of, waterfall
 from monitor.report.figures.trends import final_stage, trends
 from monitor.report.runs import Channel, Run, read_runs
@@ -198,6 +201,26 @@ def test_the_spectra_shown_are_one_before_and_one_after_the_onset(run: Run, chan
     (latest,) = views_of(rows, context_of(run, run.channels["vertical"]))
     assert latest.label.startswith("block 600,")
     assert views_of([], context_of(run, channel)) == []
+
+
+def test_a_kurtogram_is_drawn_before_the_onset_and_now(run: Run, channel: Channel) -> None:
+    flat, bright = ((0.0,), (0.0, 0.1), (0.0, 0.0, 0.1)), ((0.5,), (0.0, 9.0), (0.0, 1.0, 2.0))
+    rows = [
+        replace(row_of(number, START + number), kurtogram=Kurtogram(12_800.0, 12_800, levels))
+        for number, levels in ((10, flat), (20, flat), (590, bright), (600, bright))
+    ]
+    picture = kurtograms([*rows, row_of(601, START + 601.0)], context_of(run, channel))
+    before, now = drawn(picture)["kurtograms"]
+    assert picture is not None
+    assert (before["block"], before["best_hz"]) == (20, None)
+    assert (now["block"], now["best_hz"]) == (600, [6400.0, 12800.0])
+    assert (now["demodulated_hz"], now["kurtosis"][1]) == ([5e3, 9e3], [0.0, 9.0])
+    assert "the highest, 9.0, stands at 6,400 to 12,800 Hz" in picture.caption
+    assert "demodulated band" in picture.svg
+    assert "highest kurtosis" in picture.svg
+    (quiet,) = drawn(kurtograms(rows[:1], context_of(run, channel)))["kurtograms"]
+    assert quiet["best_hz"] is None
+    assert kurtograms([row_of(1, START)], context_of(run, channel)) is None
 
 
 def test_a_waterfall_leaves_gaps_blank_and_carries_its_spectra(run: Run, channel: Channel) -> None:
