@@ -13,12 +13,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from monitor.health.channel import ChannelBlock, check_channel, detect_input, step
+from monitor.health.channel import ChannelBlock, check_channel, detect_input, shallow_lines, step
 from monitor.health.condition import Quantity
 from monitor.health.damage.thesis import edv, forecast
 from monitor.health.damage.thesis.level_set import LevelMap
 from monitor.health.damage.tracker import DamageSettings, PartMap
-from monitor.health.detect import DetectSettings
+from monitor.health.detect import LINES as LINES_OF
+from monitor.health.detect import Baseline, DetectInput, DetectSettings, DetectState
+from monitor.health.detect import step as detector_step
 from monitor.health.output import ChannelOutput, record_values
 from monitor.health.quality import Verdict, with_flags
 from monitor.health.record import Record
@@ -247,6 +249,21 @@ def test_clipped_blocks_are_not_inverted_but_count_for_the_end_of_life() -> None
     assert [result and str(result.status) for result in damage] == ["bad_block"] * 3
     assert state.detect.t_eol is not None
     assert state.detect.t_eol.sequence == 76
+
+
+def test_lines_that_are_traces_are_learned_but_do_not_count() -> None:
+    """Damage of a neighbour, or elements that pass the load zone, stand clear of the noise and modulate little."""
+    floor = np.full(5, 0.01)
+    lines = {name: (np.full(5, 0.04), floor) for name in LINES_OF}
+    lines["h_ball"] = (np.full(5, 0.06), floor)
+    lines["h_cage"] = (np.array([0.5, 0.01, 0.01, 0.01, 0.01]), floor)
+    # One line is no comb, and the outer race's lines count as in the thesis.
+    assert shallow_lines(lines, 1.0) == {"h_ir", "h_cage"}
+    assert shallow_lines(lines, 0.5) == {"h_cage"}
+    learned = DetectState(baseline=Baseline(0.0, 0.03, {"h_ir": (0.0, 0.1), "h_ball": (0.0, 0.1)}))
+    block = DetectInput(1, 0.0, 1.0, {"h_ir": 9.0, "h_ball": 1.0}, None)
+    assert (detector_step(learned, block, DETECT)[1].score or 0.0) > 5.0
+    assert detector_step(learned, replace(block, shallow=frozenset({"h_ir"})), DETECT)[1].score == 0.0
 
 
 def test_a_rejected_block_leaves_the_state_untouched() -> None:
