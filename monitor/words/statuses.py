@@ -34,7 +34,7 @@ DAEMON = {
 
 BASES = {
     "verdict": ("verdict", "named since the onset of the final stage"),
-    "hint": ("hint", "named without an onset: nothing has left what was learned as healthy, or nothing was learned"),
+    "hint": ("hint", "named without an onset, or without a baseline"),
 }
 """What a name of the damaged part is, and why."""
 

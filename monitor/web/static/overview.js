@@ -1,9 +1,10 @@
 // All channels of all machines, grouped by state, worst first. Rows are kept and changed in place.
 
 import { channelHref } from "./api.js";
+import { Bearings } from "./bearings.js";
 import { arrange, fill, h, setAttribute, setSymbol, setText, symbol } from "./dom.js";
 import * as fmt from "./fmt.js";
-import { STATES, STATE_ORDER, edvSentence, faultWords, stageWord, ttSentence } from "./words.js";
+import { STATES, STATE_ORDER, baseWord, edvSentence, faultWords, stageWord, ttSentence } from "./words.js";
 
 const HEADS = ["", "Channel", "How it stands", "Stage, part", "V_eq, mm³/mm (interval)", "Time left (interval)", "Last block"];
 const REFRESH = 5000;
@@ -37,7 +38,7 @@ class Row {
     setText(this.said, `, ${STATES[row.state][0]}`);
     setText(this.why, row.reason);
     const before = row.stale || row.state === "no_data" || row.state === "bad_data" ? "was " : "";
-    setText(this.stage, [status.stage ? before + stageWord(status.stage) : "", faultWords(status.fault)].filter(Boolean).join(", "));
+    setText(this.stage, [status.stage ? before + stageWord(status.stage) : "", partWords(status)].filter(Boolean).join(", "));
     const size = fmt.sizeOf(status, status.calibrated !== false);
     const shown = (value) => (size.absolute ? fmt.number(value) : `× ${fmt.number(value)}`);
     ranged(
@@ -64,6 +65,7 @@ class Row {
   }
 }
 
+const partWords = (status) => faultWords(status.fault) + (status.fault_basis === "hint" ? ` (a ${baseWord("hint")})` : "");
 const QUIETLY = new Set([undefined, null, "not_final_stage", "no_map", "no_library", "ok", "widened"]);
 const refusal = (status, sentence) => (QUIETLY.has(status) ? "" : sentence(status));
 
@@ -97,11 +99,13 @@ export class Overview {
     this.groups = new Map(STATE_ORDER.map((state) => [state, this.makeGroup(state)]));
     this.body = h("div", null, this.heads(), [...this.groups.values()].map((group) => group.element));
     this.nothing = h("div", { class: "empty" });
+    this.bearings = new Bearings(compare);
     this.element = h(
       "div",
       null,
       h("div", { class: "bar" }, h("h1", null, "Machines"), this.chips, this.search, this.shown),
       this.nothing,
+      this.bearings.element,
       this.body,
     );
     this.timer = setInterval(() => this.tick(), REFRESH);
@@ -150,6 +154,7 @@ export class Overview {
       shown.update(row, model.age(row), this.app.zone(row.machine));
     }
     for (const key of this.rows.keys()) if (!seen.has(key)) this.rows.delete(key);
+    this.bearings.update(model);
     this.sort();
     this.filter();
   }
@@ -174,6 +179,7 @@ export class Overview {
 
   filter() {
     const wanted = this.search.value.toLowerCase().split(/\s+/).filter(Boolean);
+    this.bearings.filter(wanted);
     const many = new Map(STATE_ORDER.map((state) => [state, 0]));
     for (const row of this.rows.values()) {
       const shown = wanted.every((word) => row.words.includes(word)) && (!this.only.size || this.only.has(row.state));

@@ -1,8 +1,9 @@
 // What an engineer asks first: how does it stand, since when, where, how large, how long is left, and how sure is that.
 
+import { disagreement, support } from "./bearings.js";
 import { h, symbol } from "./dom.js";
 import * as fmt from "./fmt.js";
-import { RELATIVE, STATES, edvSentence, faultWords, featureWord, stageWord, ttSentence } from "./words.js";
+import { RELATIVE, STATES, baseSentence, baseWord, edvSentence, faultWords, featureWord, stageWord, ttSentence } from "./words.js";
 
 const answer = (question, value, ...more) =>
   h(
@@ -16,6 +17,7 @@ const answer = (question, value, ...more) =>
 export function verdict({ row, info, zone, age, machine }) {
   const status = row?.status ?? info?.state ?? {};
   return h("dl", { class: "answers" }, [
+    together(machine, info),
     standing(row, status, info),
     since(status, info, zone, row),
     part(status),
@@ -101,8 +103,24 @@ function part(status) {
     faultWords(status.fault),
     fmt.isNumber(status.fault_snr) ? `lines ${fmt.number(status.fault_snr, 2)} times the floor under them` : null,
     both,
+    status.fault_basis === "hint" ? `a hint: ${baseSentence("hint")}` : null,
   );
 }
+
+/** What all channels of its bearing say together, or null where the daemon does not say it. */
+function together(machine, info) {
+  const name = info?.bearing?.name;
+  const found = machine?.bearings?.[name];
+  if (!found) return null;
+  const notes = found.fault
+    ? [`${baseWord(found.fault_basis)}: ${baseSentence(found.fault_basis)}`, `${support(found)} of ${channelsWords(found)}`, disagreement(found)]
+    : [channelsWords(found)];
+  const element = answer(`Bearing ${name}`, faultWords(found.fault) || "no part named", ...notes);
+  element.classList.add("whole");
+  return element;
+}
+
+const channelsWords = (found) => fmt.counted((found.channels ?? []).length, "channel");
 
 function size(status, info) {
   const calibrated = (status.calibrated ?? info?.calibrated) !== false;

@@ -15,6 +15,10 @@ export const LINE_NAMES = WORDS.lines;
 /** The damaged part; two where they cannot be told apart. */
 export const faultWords = (fault) => (fault ? fault.split("|").map((part) => PART_NAMES[part] ?? part).join(" or ") : "");
 
+/** What a name is, a verdict or a hint, and why; "" without a name. */
+export const baseWord = (basis) => WORDS.bases[basis]?.[0] ?? "";
+export const baseSentence = (basis) => WORDS.bases[basis]?.[1] ?? "";
+
 const NONE = "no value was computed yet";
 export const edvSentence = (status) => (status ? WORDS.edv[status] ?? status : NONE);
 export const ttSentence = (status) => (status ? WORDS.tt[status] ?? status : NONE);
