@@ -200,10 +200,7 @@ class AlarmState:
 
 @dataclass(frozen=True)
 class Change:
-    """A change of an alarm, with the value and the level compared, SI, and the block that raised it.
-
-    It is withdrawn, without a value, where the final stage that it stood on has closed.
-    """
+    """A change of an alarm, with value and level compared, SI; "withdrawn" has neither, but the block it is since."""
 
     kind: Literal["raised", "cleared", "withdrawn"]
     rule: str

@@ -110,8 +110,7 @@ def step(state: ChannelState, block: ChannelBlock, settings: ChannelSettings) ->
         state, naming, leading = _name(state, features, lines, settings)
     usable = is_for_detector(state, verdict, settings, band_source)
     given = detect_input(features, block, absolute=settings.absolute, usable=usable)
-    detector, detection = detect.step(state.detect, given, settings.detect)
-    state = replace(state, detect=detector)
+    state, detection = _detect(state, given, settings)
     if verdict.for_baseline and band_source == "provisional":
         state = _vote(state, block, lines)
     resolved = bool(features.bpfo_resolved.all())
@@ -211,6 +210,13 @@ def shallow_lines(
     """
     depth = {name: comb_depth(np.square(amplitude) - np.square(floor)) for name, (amplitude, floor) in lines.items()}
     return frozenset(name for name in detect.LINES[1:] if depth[name] < detect.MIN_DEPTH * envelope_mean)
+
+
+def _detect(
+    state: ChannelState, given: detect.DetectInput, settings: ChannelSettings
+) -> tuple[ChannelState, detect.DetectOutput]:
+    after, found = detect.step(state.detect, given, settings.detect)
+    return replace(state, detect=after), found
 
 
 def is_for_detector(state: ChannelState, verdict: Verdict, settings: ChannelSettings, band_source: str) -> bool:
