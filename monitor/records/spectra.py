@@ -138,6 +138,21 @@ def read_spectra(
     return [_row_of(row) for row in reversed(rows)]
 
 
+def read_kurtogram(
+    place: Path | Queryable, channel: str, *, source: str | None = None, until: int | None = None
+) -> SpectrumRow | None:
+    """Return the latest kept spectrum with a kurtogram, up to the block of number ``until``; None where there is none.
+
+    Args:
+        place: the store, or its file.
+        channel, source: of the spectrum; None for any source.
+    """
+    conditions, values = _conditions(channel, source, None, None if until is None else until + 1)
+    query = f"SELECT {_ROW} FROM spectra WHERE {conditions} AND instr(header, ?) ORDER BY sequence DESC LIMIT 1"
+    rows = _read(place, query, (*values, '"kurtogram":'))
+    return _row_of(rows[0]) if rows else None
+
+
 def kept_blocks(place: Path | Queryable, channel: str, *, source: str | None = None) -> list[tuple[int, float | None]]:
     """Return number and time of the blocks with a kept spectrum, in order."""
     conditions, values = _conditions(channel, source, None, None)

@@ -19,7 +19,7 @@ from monitor.health.waterfall import SpectrumRow
 from monitor.records.database import StoreError
 from monitor.records.packing import columns_of, numbers_of, places_of
 from monitor.records.rollup import SeriesKey
-from monitor.records.spectra import binned, kept_blocks, read_spectra
+from monitor.records.spectra import binned, kept_blocks, read_kurtogram, read_spectra
 from monitor.records.trends import TrendTable, read_trends
 from monitor.web.answers import Query, RequestError, numbers, optional_number, times, whole_number, without_folders
 from monitor.web.machines import Machine, Machines
@@ -219,6 +219,26 @@ def spectrum(machine: Machine, channel: str, query: Query) -> dict[str, Any]:
         "amplitude_g": numbers(row.amplitude * factor, 4),
         "lines_hz": dict(row.lines),
         "blocks": [number for number, _ in kept_blocks(machine.store, channel, source=section.source)],
+    }
+
+
+def kurtogram(machine: Machine, channel: str, query: Query) -> dict[str, Any]:
+    """Return the latest kurtogram, of a block or before it; 404 without one."""
+    section = machine.channel(channel)
+    block = whole_number(query, "block", 0, 0, 2**62)
+    row = read_kurtogram(machine.store, channel, source=section.source, until=block or None)
+    if row is None or row.kurtogram is None:
+        raise RequestError(404, "no kurtogram is kept yet")
+    found = row.kurtogram
+    best = found.best()
+    return {
+        "block": row.sequence,
+        "time_s": row.time,
+        "nyquist_hz": found.nyquist,
+        "kurtosis": [list(level) for level in found.levels],
+        "noise": numbers(np.array([found.noise_limit(level) for level in range(len(found.levels))])),
+        "band_hz": list(row.band),
+        "best_hz": None if best is None else list(found.band(*best)),
     }
 
 

@@ -221,6 +221,7 @@ def _api_routes(site: Site) -> list[Route]:
         of_channel(f"{channel}/records", api.records),
         of_channel(f"{channel}/spectrum", api.spectrum),
         of_channel(f"{channel}/waterfall", api.waterfall),
+        of_channel(f"{channel}/kurtogram", api.kurtogram),
         of_channel(f"{channel}/map", lambda machine, name, _: map_view.map_of(machine, name)),
         route("/api/events", lambda request: event_view.events(site.machines, request.query_params)),
         route("/api/records", lambda _: published_files(site.machines)),

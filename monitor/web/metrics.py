@@ -38,7 +38,10 @@ _CHANNEL = ("machine", "channel")
 _ADDRESSES = (
     (re.compile(r"^/static/.*"), "/static"),
     (re.compile(r"^/records/.*"), "/records"),
-    (re.compile(r"^/api/(machines|channels)/[^/]+/[^/]+/(records|spectrum|waterfall|map)$"), r"/api/channels/\2"),
+    (
+        re.compile(r"^/api/(machines|channels)/[^/]+/[^/]+/(records|spectrum|waterfall|kurtogram|map)$"),
+        r"/api/channels/\2",
+    ),
     (re.compile(r"^/api/(channels/[^/]+|machines/[^/]+/channels)/[^/]+$"), "/api/channels"),
     (re.compile(r"^/api/machines/[^/]+/blocks$"), "/api/blocks"),
     (re.compile(r"^/api/events/.*"), "/api/events/acknowledge"),

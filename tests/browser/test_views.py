@@ -93,6 +93,14 @@ def test_a_click_on_the_waterfall_shows_that_spectrum(pump: Served, visitor: Vis
     expect(box).to_contain_text("block 43")
 
 
+def test_the_kurtogram_names_the_band_in_use(pump: Served, visitor: Visitor) -> None:
+    page = visitor(pump.url).go(BAD)
+    box = page.get_by_role("region", name="Kurtogram")
+    box.scroll_into_view_if_needed()
+    expect(box).to_contain_text("in use: 300 to")
+    assert drawn(page, ".figure:has-text('Kurtogram') canvas") > 5
+
+
 def test_zooming_fetches_what_is_there(pump: Served, visitor: Visitor) -> None:
     visit = visitor(pump.url)
     page = visit.go(BAD)

@@ -5,6 +5,7 @@ import { Blocks } from "./blocks.js";
 import { figure, loadUplot, sayInstead } from "./chart.js";
 import { fill, h, setText, symbol, table } from "./dom.js";
 import * as fmt from "./fmt.js";
+import { Kurtogram } from "./kurtogram.js";
 import { Spectrum } from "./spectrum.js";
 import { TrackMap } from "./track_map.js";
 import { TrendData } from "./trend_data.js";
@@ -30,10 +31,11 @@ export class Channel {
     this.answers = h("div");
     this.trendBox = figure("Trends", { tools: this.makeRanges() });
     this.trends = new Trends({ ...options, onRange: (from, to) => this.choose(from, to) });
-    this.spectrum = new Spectrum({ ...options, onBlock: (block) => this.waterfall.choose(this.spectrum.following ? null : block) });
+    this.spectrum = new Spectrum({ ...options, onBlock: (block) => this.shown(block) });
     this.waterfall = new Waterfall(
       { ...options, lines: () => this.spectrum.spectrum?.lines_hz, onBlock: (block) => this.spectrum.load(block) },
     );
+    this.kurtogram = new Kurtogram(options);
     this.map = new TrackMap(options);
     this.blocks = new Blocks({ ...options, onBlocks: (blocks) => this.trends.setBlocks(blocks) });
     this.eventBox = figure("Events");
@@ -41,7 +43,7 @@ export class Channel {
     this.values.addEventListener("toggle", () => this.fillValues());
     this.note = h("p", { class: "note" });
     const left = h("div", { class: "column" }, this.trendBox.element, this.blocks.element);
-    const right = h("div", { class: "column" }, this.spectrum.element, this.waterfall.element, this.map.element);
+    const right = h("div", { class: "column" }, this.spectrum.element, this.waterfall.element, this.kurtogram.element, this.map.element);
     this.element = h(
       "div",
       { class: "channel" },
@@ -51,6 +53,13 @@ export class Channel {
       this.eventBox.element,
     );
     this.drawHead();
+  }
+
+  /** A spectrum is shown: mark it, and show what belongs to it. */
+  shown(block) {
+    const chosen = this.spectrum.following ? null : block;
+    this.waterfall.choose(chosen);
+    this.kurtogram.load(chosen);
   }
 
   get title() {
@@ -356,6 +365,7 @@ export class Channel {
     if (this.data) this.drawTrends(this.trends.range ?? [this.extent.first_s, this.extent.last_s]);
     this.spectrum.draw();
     this.waterfall.redraw();
+    this.kurtogram.redraw();
     this.map.redraw();
     this.blocks.draw();
     this.readEvents();
@@ -366,6 +376,6 @@ export class Channel {
     clearTimeout(this.falling);
     clearTimeout(this.again);
     this.turn += 1;
-    for (const part of [this.trends, this.spectrum, this.waterfall, this.map]) part.close();
+    for (const part of [this.trends, this.spectrum, this.waterfall, this.kurtogram, this.map]) part.close();
   }
 }

@@ -146,6 +146,22 @@ def test_spectra_and_waterfall_are_those_of_the_store(watched: Watched) -> None:
     assert max(water["amplitude_g"][0]) == pytest.approx(rows[0].amplitude.max() / G, rel=1e-3)
 
 
+def test_the_kurtogram_is_the_latest_that_is_kept(watched: Watched) -> None:
+    rows = [
+        row for row in read_spectra(watched.config.parent / "state" / "state.db", "x0") if row.kurtogram is not None
+    ]
+    found = watched.page.get("/api/channels/m/x0/kurtogram")
+    kept = rows[-1].kurtogram
+    assert kept is not None
+    assert (found["block"], found["nyquist_hz"]) == (rows[-1].sequence, kept.nyquist)
+    assert [tuple(level) for level in found["kurtosis"]] == list(kept.levels)
+    assert len(found["noise"]) == len(kept.levels)
+    assert found["band_hz"] == list(rows[-1].band)
+    first = watched.page.get(f"/api/channels/m/x0/kurtogram?block={rows[0].sequence}")
+    assert first["block"] == rows[0].sequence
+    assert watched.page.ask("/api/channels/m/x0/kurtogram?block=x").status == 400
+
+
 def test_rejected_and_flagged_blocks_are_listed_with_their_reasons(watched: Watched) -> None:
     wait_until(lambda: sum(watched.page.get("/api/machines/m/blocks")["counts"].values()) == 62)
     found = watched.page.get("/api/machines/m/blocks")
