@@ -46,7 +46,7 @@ class Verdict:
         channel: its channel.
         speed_error: share by which the stated speed was wrong.
         fault: the name in the record, or None.
-        found: what else the record and the naming say: depth of the best family, speed that was used.
+        found: what else the record and the naming say: depth of the best family, the speed over the stated one.
         depth: of the comb at the true part, 0 where there is none.
     """
 
@@ -109,14 +109,16 @@ def verdicts(folder: Path, speed_error: float, depths: dict[tuple[str, str], flo
             for channel, output in steps.outputs.items():
                 naming = output.naming
                 evidence = None if naming is None else naming.evidence
+                values: dict[str, Any] = dict(record.channels[channel])
                 found: Row = {
                     "best": None if naming is None else naming.best,
                     "best_depth": None if evidence is None else round(evidence.depth, 3),
-                    "speed_used_hz": None if output.speed.value is None else round(output.speed.value, 4),
-                    "speed_source": output.speed.source,
+                    "speed_factor": values.get("speed_factor"),
+                    "speed_factor_sd": values.get("speed_factor_sd"),
                 }
-                fault: Any = record.channels[channel].get("fault")
-                yield Verdict(case, channel, speed_error, fault, found, depths.get((case.file, case.config), 0.0))
+                yield Verdict(
+                    case, channel, speed_error, values.get("fault"), found, depths.get((case.file, case.config), 0.0)
+                )
 
 
 def summary(found: Sequence[Verdict], name: str, value: float | str) -> Row:

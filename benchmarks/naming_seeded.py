@@ -35,6 +35,7 @@ from tests.steps import Steps
 VERDICTS = ("right", "joined", "silent", "wrong", "healthy named", "quiet")
 _SLIPS = (0.96, 1.0)
 _CHANNEL = "casing"
+_SPEED_NEAR = 0.01
 
 
 @dataclass(frozen=True)
@@ -45,7 +46,8 @@ class Judged:
         plan: of the record.
         fault: the name in its record, or None.
         depth: of the comb of the damaged part, 0 where there is none.
-        found: what else was found: the deepest family, the speed that was used.
+        found: what else was found: the deepest family, the speed over the stated one, and its standard deviation
+            where the shaft shows it.
     """
 
     plan: Plan
@@ -62,6 +64,15 @@ class Judged:
     def findable(self) -> bool:
         """Whether the comb is deep enough to be expected to be found."""
         return self.depth >= FINDABLE
+
+    @property
+    def speed(self) -> str:
+        """Return whether the shaft was found, within 1 % of its speed or not."""
+        factor = self.found["speed_factor"]
+        if self.found["speed_factor_sd"] is None or factor is None:
+            return "not found"
+        near = abs(float(factor) * self.plan.stated / self.plan.speed - 1.0) < _SPEED_NEAR
+        return "found" if near else "found elsewhere"
 
     @property
     def foreign(self) -> bool:
@@ -138,6 +149,7 @@ def judged(record: Seeded) -> Judged:
     steps = Steps(settings_of(plan.bearing, plan.band))
     said = steps.take(block_of(record))
     output = steps.outputs[_CHANNEL]
+    values: dict[str, Any] = dict(said.channels[_CHANNEL])
     depth = 0.0
     if record.line is not None:
         depth = comb_depth(envelope_spectrum(record.samples, plan.rate, plan.band), record.line)
@@ -145,9 +157,10 @@ def judged(record: Seeded) -> Judged:
     found: Row = {
         "best": None if output.naming is None else output.naming.best,
         "best_depth": None if evidence is None else round(evidence.depth, 3),
-        "speed_used_hz": None if output.speed.value is None else round(output.speed.value, 3),
+        "speed_factor": values.get("speed_factor"),
+        "speed_factor_sd": values.get("speed_factor_sd"),
     }
-    fault: Any = said.channels[_CHANNEL].get("fault")
+    fault: Any = values.get("fault")
     return Judged(plan, fault, depth, found)
 
 
@@ -187,6 +200,7 @@ GROUPS: dict[str, Callable[[Judged], str]] = {
     "turns": lambda one: _range(one.plan.speed * one.plan.duration, (10.0, 20.0, 50.0)),
     "slip_%": lambda one: _range(100 * one.plan.slip, (1.0, 2.0, 3.0)),
     "gear": lambda one: "none" if one.plan.gear is None else ("knocks" if one.plan.gear.knock else "mesh"),
+    "shaft": lambda one: one.speed,
     "shaft lines": lambda one: "yes" if one.plan.shaft[0] > 0.0 or one.plan.shaft[1] > 0.0 else "no",
 }
 
