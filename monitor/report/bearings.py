@@ -7,11 +7,13 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from monitor.health.machine import BearingVerdict, Heard, MachineState, heard_in, patience_of, step, weigh
 from monitor.report.runs import Channel, Run
 from monitor.words.statuses import BASES, fault_words
 
+_WORDS = ("fault", "fault_candidates", "quality_status", "quality_flags", "stage")
 _BLOCKS = 20_000
 """Latest blocks that are weighed: four times what a ballot remembers."""
 
@@ -98,20 +100,25 @@ def _heard(channel: Channel, *, dated: bool) -> Iterator[Heard | None]:
         channel.time[rows].tolist(),
         channel.column("fault_depth")[rows].tolist(),
         channel.column("t_fs_block")[rows].tolist(),
-        *(channel.word(name)[rows].tolist() for name in ("fault", "quality_status", "quality_flags", "stage")),
+        *(_words(channel, name)[rows].tolist() for name in _WORDS),
     )
-    for time, depth, onset, fault, status, flags, stage in zip(*columns, strict=True):
+    for time, depth, onset, fault, candidates, status, flags, stage in zip(*columns, strict=True):
         if not status and not stage:
             yield None
             continue
         values = {
             "fault": fault or None,
+            "fault_candidates": candidates or None,
             "fault_depth": depth if math.isfinite(depth) else None,
             "t_fs_block": onset if math.isfinite(onset) else None,
             "quality_status": status or None,
             "quality_flags": flags or None,
         }
         yield heard_in({"": values}, time if dated and math.isfinite(time) else None)[""]
+
+
+def _words(channel: Channel, name: str) -> NDArray[np.object_]:
+    return channel.word(name) if name in channel.words else np.full(channel.time.size, "", dtype=object)
 
 
 def _part(name: str, verdict: BearingVerdict) -> BearingPart:

@@ -36,6 +36,13 @@ FAULTS: dict[str, dict[str, set[str | None]]] = {
     "Bearing2_7": {"horizontal": {None}, "vertical": {None}},
     "Bearing1_1": {"horizontal": {"inner|ball", None}, "vertical": {"inner|ball", None}},
 }
+BEARINGS = {
+    "Bearing2_4": ("outer", "verdict"),
+    "Bearing3_1": ("outer", "verdict"),
+    "Bearing2_7": (None, None),
+    "Bearing1_1": ("inner|ball", "verdict"),
+}
+"""What both axes say together, whatever one of them says alone."""
 END_OF_LIFE = {"Bearing1_1": 2766}
 LONG_RUNS = {"Bearing1_1": 2803, "Bearing2_4": 751}
 """Number of files of the runs that only full effort replays; the others hold a named race and an unnamed fault."""
@@ -73,6 +80,10 @@ def test_onset_name_and_end_of_life(replayed: Replayed, run: Run) -> None:
     for name, found in channels.items():
         assert found["fault"] in FAULTS[run.name][name]
         assert found["t_fs_utc"] is None
+        assert found["fault_basis"] == (None if found["fault"] is None else "verdict")
+    (bearing,) = result["bearings"].values()
+    assert (bearing["fault"], bearing["fault_basis"]) == BEARINGS[run.name]
+    assert (bearing["disagreement"], bearing["channels"]) == ({}, ["horizontal", "vertical"])
     ends = [found["t_eol_block"] for found in channels.values() if found["t_eol_block"] is not None]
     assert min(ends, default=None) == END_OF_LIFE.get(run.name)
     assert_nothing_is_named_too_early(database, run)

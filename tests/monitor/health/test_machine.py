@@ -11,6 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from monitor.health.detect import DetectState, Mark
 from monitor.health.machine import (
     SILENCE,
     BearingVerdict,
@@ -21,8 +22,13 @@ from monitor.health.machine import (
     step,
     weigh,
 )
+from monitor.health.quality import OrderState
 from monitor.health.schema import FAULTS
+from monitor.health.state import ChannelSettings, ChannelState, Named, SourceSettings, SourceState
+from monitor.service.summary import bearing_summaries
+from tests.signals import bearing_lines
 
+TEST_BEARING, _ = bearing_lines("PRONOSTIA", 30.0)
 NAMES = (*FAULTS, "inner|ball", "ball|cage")
 HINTED = Heard(fault="outer", depth=0.4)
 FINAL = Heard(fault="outer", depth=0.4, final=True)
@@ -221,6 +227,35 @@ def test_a_name_that_is_no_part_counts_as_silence() -> None:
     assert alone(*names("undecided")).fault is None
     found = both(names("undecided", 0.9), names("outer", 0.3))
     assert (found.fault, found.disagreement) == ("outer", {})
+
+
+def test_a_store_that_is_older_begins_with_the_names_of_its_channels() -> None:
+    named = Named("outer", 5.0, 0.4, 2.0, 7)
+    onset = DetectState(t_fs=Mark(5, None), t_fs_known=Mark(7, None))
+    channels = {"x": ChannelState(named=named, detect=onset), "y": ChannelState(), "z": ChannelState(named=named)}
+    settings = SourceSettings("s", {name: ChannelSettings(name, TEST_BEARING) for name in channels})
+    stored = {f"channel:s:{name}": state.to_dict() for name, state in channels.items()}
+    found = weigh([SourceState.begin(settings, stored).machine], settings.bearings)["bearing"]
+    assert (found.fault, found.basis, found.channels) == ("outer", "verdict", ("x", "y", "z"))
+    with pytest.raises(ValueError, match="machine state: version 1 expected, got 9"):
+        SourceState.begin(settings, stored | {"machine:s": {"version": 9}})
+
+
+def test_the_sources_of_a_machine_are_weighed_together() -> None:
+    """One source names a part since its onset; the other, daily one names another, and is silent for a month."""
+    settings = {
+        name: SourceSettings(name, {name: ChannelSettings(name, TEST_BEARING, listens_to="drive")}) for name in "xy"
+    }
+    pairs = []
+    for name, fault, until in (("x", "outer", 1e8), ("y", "inner", 1e8 + 60 * 86400.0)):
+        heard = [replace(names(fault, final=fault == "inner")[0], time=until - 60.0 * i) for i in range(60, 0, -1)]
+        begun = SourceState.begin(settings[name])
+        pairs.append((replace(begun, machine=source_of(name, heard)), settings[name]))
+    (found,) = bearing_summaries(pairs).values()
+    assert found.pop("support") == pytest.approx(1.0, abs=0.01)
+    assert found == {"fault": "inner", "fault_basis": "verdict", "disagreement": {}, "channels": ["x", "y"]}
+    slow = replace(pairs[0][0], order=OrderState(interval=5 * 86400.0)), pairs[0][1]
+    assert bearing_summaries([slow, pairs[1]])["drive"]["disagreement"] == {"x": "outer"}
 
 
 channel_of = st.lists(
