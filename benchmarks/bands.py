@@ -20,7 +20,8 @@ band, in which the damaged part is named as the program does:
 Bands are those of the kurtogram and the candidates of ``auto``, six times as wide as the highest fault frequency at
 least. Tables: recordings (a whole block, and pieces of a second), and of how many as a whole ``auto`` takes the widest
 band; simulated machines with a resonance anywhere, loud noise elsewhere, knocks without rhythm and a gear mesh; the
-same machines without damage, of which none may be named; cost; the kurtogram of white noise.
+same machines without damage, of which none may be named; names by when ``auto`` chooses, before the damage or with it,
+and with the mesh configured as interference; cost; the kurtogram of white noise.
 Nothing was fitted on the simulated machines (seeds from 2000).
 """
 
@@ -40,6 +41,7 @@ from models.bearing import Kinematics, kinematics
 from monitor.health.naming import Naming, name_fault
 from monitor.health.spectrum.bands import candidate_bands, find_band
 from monitor.health.spectrum.features import FeatureSettings, block_features, fundamentals
+from monitor.health.spectrum.interference import Comb, Interference
 from monitor.health.spectrum.kurtogram import Kurtogram, kurtogram
 from monitor.health.spectrum.transform import Band
 from streams.block import Block
@@ -48,6 +50,7 @@ from tests.recordings import CASES, OTHER_ENDS, judge, watch
 from tests.signals import bearing_lines
 
 FIRST_SEED = 2000
+MESH = Interference(orders=(23.0,))
 RATE, DURATION = 25600.0, 2.0
 BEARINGS = (("6205", 24.3), ("6203", 41.0), ("ZA-2115", 33.3), ("PRONOSTIA", 27.5), ("1205 ETN9", 17.0))
 
@@ -286,6 +289,37 @@ def machine(seed: int, fault: str | None) -> Subject:
     return Subject(bearing, x, RATE, lines, fault, (1000.0, 9000.0))
 
 
+def named_in(subject: Subject, band: Band, combs: tuple[Comb, ...]) -> str | None:
+    """Return the name in one band, interference removed."""
+    lines = fundamentals(subject.lines)
+    settings = FeatureSettings(subject.rate, (band,), lines, speed=subject.lines.speed, interference=combs)
+    features = block_features(subject.x.astype(np.float32), subject.rate, settings)
+    return name_fault(features.sought[0], subject.lines, features.families[0]).fault
+
+
+def moment_rows(count: int) -> list[Row]:
+    """Return how names depend on when ``auto`` chooses, and on the mesh being configured as interference."""
+    counts: dict[tuple[str, str], Counter[str]] = {}
+    faults = ("outer", "inner", "ball")
+    for i in range(count):
+        damaged, before = machine(FIRST_SEED + i, faults[i % 3]), machine(FIRST_SEED + i, None)
+        lines = fundamentals(damaged.lines)
+        for mesh in ("left in", "removed"):
+            combs = MESH.combs(damaged.lines.speed) if mesh == "removed" else ()
+            chosen = {
+                "widest": damaged.bands[0],
+                "auto, before the damage": find_band([before.x], RATE, lines, combs),
+                "auto, with the damage": find_band([damaged.x], RATE, lines, combs),
+            }
+            for what, band in chosen.items():
+                verdict = judge(damaged.fault, named_in(damaged, band, combs))
+                counts.setdefault((what, mesh), Counter())[verdict] += 1
+    return [
+        {"band": what, "mesh": mesh, **{name: found[name] for name in ("right", "joined", "silent", "wrong")}}
+        for (what, mesh), found in counts.items()
+    ]
+
+
 def cost_rows(rounds: int) -> list[Row]:
     """Return the processor time of each choice for one block of 5 s."""
     x = np.tile(machine(FIRST_SEED, "outer").x, 3)[:128_000]
@@ -337,6 +371,8 @@ def main() -> None:
     )
     tables["simulated"] += rows_of((machine(FIRST_SEED + count + i, None) for i in range(count)), f"{count} healthy")
     print_table("Simulated machines", tables["simulated"])
+    tables["moment"] = moment_rows(count)
+    print_table(f"When auto chooses, {count} simulated machines", tables["moment"])
     tables["cost"] = cost_rows(2 if options.quick else 5)
     print_table("Processor time", tables["cost"])
     tables["noise"] = noise_rows(50 if options.quick else 500)

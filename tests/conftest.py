@@ -190,11 +190,13 @@ def kept_band_choices() -> Iterator[None]:
 
     find_band, choices = bands.find_band, dict[object, Any]()
 
-    def kept(blocks: Sequence[NDArray[Any]], rate: float, fundamentals: Mapping[str, float]) -> Any:
+    def kept(
+        blocks: Sequence[NDArray[Any]], rate: float, fundamentals: Mapping[str, float], interference: Sequence[Any] = ()
+    ) -> Any:
         digests = tuple((block.dtype.str, hashlib.sha256(block.tobytes()).hexdigest()) for block in blocks)
-        key = (digests, rate, tuple(fundamentals.items()))
+        key = (digests, rate, tuple(fundamentals.items()), tuple(interference))
         if key not in choices:
-            choices[key] = find_band(blocks, rate, fundamentals)
+            choices[key] = find_band(blocks, rate, fundamentals, interference)
         return choices[key]
 
     with pytest.MonkeyPatch.context() as patch:

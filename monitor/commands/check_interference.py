@@ -9,6 +9,7 @@ from typing import Any
 from models.bearing import kinematics
 from monitor.config.load import Config, ConfigError
 from monitor.health.output import ChannelOutput
+from monitor.health.spectrum.interference import Interference, all_combs
 from monitor.health.spectrum.interference_search import Proposal, propose
 from monitor.health.state import SourceState
 from monitor.health.step import step
@@ -60,19 +61,22 @@ def propose_interference(config: Config, recording: str) -> list[dict[str, Any]]
             return [
                 {"channel": name, **_values(found)}
                 for name, channel in output.channels.items()
-                for found in _proposals(block, name, channel)
+                for found in _proposals(block, name, channel, settings.channels[name].interference)
             ]
     raise ConfigError(f"{recording}: no block of it is accepted; replay says why")
 
 
-def _proposals(block: Block, name: str, output: ChannelOutput) -> tuple[Proposal, ...]:
+def _proposals(
+    block: Block, name: str, output: ChannelOutput, configured: tuple[Interference, ...]
+) -> tuple[Proposal, ...]:
     """Return the proposals of a channel; none where a part is named, whose lines and sidebands would be among them."""
     if output.naming is None or output.naming.fault is not None:
         return ()
     best = output.naming.evidence
     own = [] if best is None or best.depth < _DEPTH else [best.fundamental]
     samples = block.samples[block.channels.index(name)]
-    return propose(samples, block.rate, output.bands[output.leading], output.speed.value, own)
+    known = all_combs(configured, output.speed.value)
+    return propose(samples, block.rate, output.bands[output.leading], output.speed.value, own, known)
 
 
 def _values(found: Proposal) -> dict[str, Any]:

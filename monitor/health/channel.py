@@ -23,7 +23,7 @@ from monitor.health.spectrum.average import RecentSpectra
 from monitor.health.spectrum.bands import BandVotes, candidate_bands
 from monitor.health.spectrum.family import comb_depth
 from monitor.health.spectrum.features import FAULTS, BlockFeatures, FeatureSettings, block_features, fundamentals
-from monitor.health.spectrum.interference import all_combs
+from monitor.health.spectrum.interference import Comb, all_combs
 from monitor.health.spectrum.search import family_searches
 from monitor.health.spectrum.transform import Band
 from monitor.health.state import ChannelSettings, ChannelState, Named
@@ -112,7 +112,7 @@ def step(state: ChannelState, block: ChannelBlock, settings: ChannelSettings) ->
     given = detect_input(features, block, absolute=settings.absolute, usable=usable)
     state, detection = _detect(state, given, settings)
     if verdict.for_baseline and band_source == "provisional":
-        state = _vote(state, block, lines)
+        state = _vote(state, block, lines, all_combs(settings.interference, lines.speed))
     resolved = bool(features.bpfo_resolved.all())
     harmonics = tuple(float(value) for value in features.bpfo_amplitude) if resolved else None
     if naming is not None:
@@ -159,9 +159,9 @@ def run_clock(state: ChannelState, block: ChannelBlock) -> ChannelState:
     return replace(state, running_time=state.running_time + gained, last_time=block.time, was_running=running)
 
 
-def _vote(state: ChannelState, block: ChannelBlock, lines: Kinematics) -> ChannelState:
+def _vote(state: ChannelState, block: ChannelBlock, lines: Kinematics, interference: tuple[Comb, ...]) -> ChannelState:
     """Count the vote of one of the first blocks for a band; fix the band once there are enough votes."""
-    votes = (state.votes or BandVotes()).add(block.samples, block.rate, fundamentals(lines))
+    votes = (state.votes or BandVotes()).add(block.samples, block.rate, fundamentals(lines), interference)
     if votes.enough:
         return replace(state, votes=None, bands=(votes.best(),), band_source="learning", spectra=RecentSpectra())
     return replace(state, votes=votes)

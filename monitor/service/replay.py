@@ -20,6 +20,7 @@ from monitor.health.record import Record
 from monitor.health.spectrum.average import RecentSpectra
 from monitor.health.spectrum.bands import VOTES_NEEDED, find_band
 from monitor.health.spectrum.features import SPECTRUM_LINES, fundamentals
+from monitor.health.spectrum.interference import all_combs
 from monitor.health.spectrum.transform import EnvelopeSpectrum
 from monitor.health.state import ChannelSettings, SourceSettings, SourceState
 from monitor.health.step import SourceOutput, step
@@ -164,7 +165,8 @@ def _fix_bands(source: Source, state: SourceState, settings: SourceSettings) -> 
             continue
         same = [row for _, row in usable if row.size == usable[0][1].size]
         try:
-            band = find_band(same, block.rate, fundamentals(kinematics(channel.bearing, speed)))
+            combs = all_combs(channel.interference, speed)
+            band = find_band(same, block.rate, fundamentals(kinematics(channel.bearing, speed)), combs)
         except ValueError as error:
             raise ConfigError(f'channel {channel.name!r}: band_hz = "auto": {error}') from None
         state = state.with_band(channel.name, band)

@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 
 from monitor.health.spectrum.floor import MIN_FLOOR_BINS, noise_floor
 from monitor.health.spectrum.indicators import sample_range
+from monitor.health.spectrum.interference import Comb, remove_lines
 from monitor.health.spectrum.plans import envelope_length
 from monitor.health.spectrum.transform import Band, band_bins, fast_length
 
@@ -56,18 +57,24 @@ class BandScore:
     score: float
 
 
-def find_band(blocks: Sequence[NDArray[np.number]], rate: float, fundamentals: Mapping[str, float]) -> Band:
+def find_band(
+    blocks: Sequence[NDArray[np.number]],
+    rate: float,
+    fundamentals: Mapping[str, float],
+    interference: Sequence[Comb] = (),
+) -> Band:
     """Return the band to demodulate, chosen on these blocks alone.
 
     Args:
         blocks: each (n_samples,) of the same length.
         rate: sampling rate, Hz.
         fundamentals: first line of each fault family, Hz.
+        interference: combs that are removed before.
 
     Raises:
         ValueError: as ``rank_bands``.
     """
-    ranked = _ranked(blocks, rate, fundamentals, complete=False)
+    ranked = _ranked(blocks, rate, fundamentals, interference, complete=False)
     best = max(ranked, key=lambda candidate: candidate.score)
     return best.band if best.score > 0.0 and best.kurtosis >= _MIN_KURTOSIS else ranked[0].band
 
@@ -86,11 +93,16 @@ def rank_bands(
         ValueError: no block, different lengths, a sample that is not finite, or a rate too low to demodulate five
             harmonics of the highest fundamental.
     """
-    return _ranked(blocks, rate, fundamentals, complete=True)
+    return _ranked(blocks, rate, fundamentals, (), complete=True)
 
 
 def _ranked(
-    blocks: Sequence[NDArray[np.number]], rate: float, fundamentals: Mapping[str, float], *, complete: bool
+    blocks: Sequence[NDArray[np.number]],
+    rate: float,
+    fundamentals: Mapping[str, float],
+    interference: Sequence[Comb],
+    *,
+    complete: bool,
 ) -> tuple[BandScore, ...]:
     """Return all candidates as :func:`rank_bands`; see :func:`_score` for ``complete``."""
     if not blocks:
@@ -102,6 +114,9 @@ def _ranked(
     # An odd stride does not alias with alternating machine states.
     chosen = blocks[:: stride + 1 - stride % 2] if stride > 1 else blocks
     spectra = [_spectrum(block[:n_used]) for block in chosen]
+    if interference:
+        for spectrum in spectra:
+            remove_lines(spectrum, rate / n_used, interference, 0.0, 0.5 * rate)
     races = [fundamentals[fault] for fault in fundamentals if fault != "cage"]
     return tuple(
         _score(spectra, n_used, rate, band, (0.8 * min(races), (_LINES + 0.1) * max(races)), complete)
@@ -214,9 +229,15 @@ class BandVotes:
         """Whether enough blocks have been counted."""
         return self.total >= VOTES_NEEDED
 
-    def add(self, samples: NDArray[np.floating], rate: float, fundamentals: Mapping[str, float]) -> BandVotes:
+    def add(
+        self,
+        samples: NDArray[np.floating],
+        rate: float,
+        fundamentals: Mapping[str, float],
+        interference: Sequence[Comb] = (),
+    ) -> BandVotes:
         """Return the votes with the choice of one more block."""
-        choice = find_band([samples], rate, fundamentals)
+        choice = find_band([samples], rate, fundamentals, interference)
         counts = dict(self.counts)
         counts[choice] = counts.get(choice, 0) + 1
         return BandVotes(tuple(counts.items()))

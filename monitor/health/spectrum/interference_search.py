@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from monitor.health.spectrum.floor import noise_floor
+from monitor.health.spectrum.interference import Comb, remove_lines
 from monitor.health.spectrum.transform import Band, fast_length
 
 _FLOOR_BINS = 257
@@ -51,7 +52,12 @@ class Proposal:
 
 
 def propose(
-    x: NDArray[np.number], rate: float, band: Band, speed: float | None, own: Sequence[float] = ()
+    x: NDArray[np.number],
+    rate: float,
+    band: Band,
+    speed: float | None,
+    own: Sequence[float] = (),
+    known: Sequence[Comb] = (),
 ) -> tuple[Proposal, ...]:
     """Return the lines and combs of a band that carry much of its power, the strongest first.
 
@@ -64,14 +70,19 @@ def propose(
         band: demodulated, Hz.
         speed: of the shaft, Hz, or None.
         own: fundamentals of combs that are the bearing's, Hz, as found.
+        known: combs that are removed already.
 
     Raises:
         ValueError: the block is shorter than 64 samples.
     """
     n = fast_length(x.size)
     resolution = rate / n
-    window = np.hanning(n + 1)[:-1]
-    amplitude = np.abs(np.fft.rfft((x[:n] - float(np.mean(x[:n]))) * window)).astype(np.float32)
+    block = x[:n] - float(np.mean(x[:n]))
+    if known:
+        spectrum = np.fft.rfft(block)
+        remove_lines(spectrum, resolution, known, *band)
+        block = np.fft.irfft(spectrum, n)
+    amplitude = np.abs(np.fft.rfft(block * np.hanning(n + 1)[:-1])).astype(np.float32)
     power = np.square(amplitude, dtype=np.float64)
     first, last = math.ceil(band[0] / resolution), min(power.size - 1, math.floor(band[1] / resolution))
     total = float(power[first : last + 1].sum())

@@ -11,10 +11,11 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from monitor.health.naming import name_fault
+from monitor.health.spectrum.bands import find_band
 from monitor.health.spectrum.features import BlockFeatures, FeatureSettings, block_features, fundamentals
 from monitor.health.spectrum.interference import Interference, all_combs, remove_lines
 from monitor.health.spectrum.interference_search import propose
-from tests.signals import bearing_lines, impacts
+from tests.signals import RESONANCE, bearing_lines, impacts
 
 RATE, BAND, SPEED = 25600.0, (1000.0, 9000.0), 30.0
 _, LINES = bearing_lines("6205", SPEED)
@@ -143,6 +144,24 @@ def test_a_mesh_is_proposed_and_damage_is_not() -> None:
     assert found.harmonics >= 5
     assert found.fundamental == pytest.approx(690.0, rel=1e-4)
     assert found.share > 0.2
+
+
+def test_what_is_configured_is_not_proposed() -> None:
+    x = damaged() + mesh(51_200, 1.0, SPEED)
+    own = [features(damaged()).families[0]["outer"].fundamental]
+    assert propose(x, RATE, BAND, SPEED, own, GEAR.combs(SPEED)) == ()
+
+
+def test_a_band_is_chosen_without_the_lines() -> None:
+    x = damaged(duration=1.0)
+    lines = fundamentals(LINES)
+    chosen = find_band([x], RATE, lines)
+    covered = x + mesh(x.size, 2.0)
+    assert find_band([x], RATE, lines, GEAR.combs(SPEED)) == chosen
+    low, high = find_band([covered], RATE, lines)
+    assert not low < RESONANCE < high
+    low, high = find_band([covered], RATE, lines, GEAR.combs(SPEED))
+    assert low < RESONANCE < high
 
 
 def test_a_comb_of_the_bearing_is_not_proposed() -> None:
