@@ -22,11 +22,7 @@ _DEPTH = 0.1
 def interference_lines(config: Config) -> Iterator[str]:
     """Yield what is removed before the envelope."""
     for section in config.interference:
-        what = [f"order {order:g}" for order in section.orders] + [f"{line:g} Hz" for line in section.lines_hz]
-        many = "all multiples" if section.harmonics is None else f"{section.harmonics} multiples"
-        sides = f", {section.sidebands} sidebands each" if section.sidebands else ""
-        name = f" {section.name}" if section.name else ""
-        yield f"interference{name}: {', '.join(what)}, {many}{sides}, removed before the envelope"
+        yield f"interference {section.words}, removed before the envelope"
 
 
 def taken_families(config: Config) -> Iterator[str]:

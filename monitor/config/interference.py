@@ -47,6 +47,15 @@ class InterferenceSection(Section):
             name=self.name,
         )
 
+    @property
+    def words(self) -> str:
+        """What is removed, for people."""
+        what = [f"order {order:g}" for order in self.orders] + [f"{line:g} Hz" for line in self.lines_hz]
+        many = "all multiples" if self.harmonics is None else f"{self.harmonics} multiples"
+        sides = f", {self.sidebands} sidebands each" if self.sidebands else ""
+        name = f"{self.name}: " if self.name else ""
+        return f"{name}{', '.join(what)}, {many}{sides}"
+
     def families_removed(self, kinematics: Kinematics) -> tuple[str, ...]:
         """Return the fault families whose own comb would be removed, at the speed of ``kinematics``."""
         lines = [comb.fundamental for comb in self.to_interference().combs(kinematics.speed)]

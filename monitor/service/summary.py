@@ -47,6 +47,8 @@ def run_attributes(config: Config, channels: Mapping[str, ChannelSettings]) -> d
     if models:
         # Another model than that of the casing, which older records do not name.
         attributes["model"] = listed(models)
+    if config.interference:
+        attributes["interference"] = "; ".join(section.words for section in config.interference)
     if with_prior:
         attributes |= {
             "interval_level": config.forecast.interval,

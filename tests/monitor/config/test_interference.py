@@ -12,6 +12,7 @@ from models.bearing import kinematics
 from monitor.config.load import Config
 from monitor.health.spectrum.interference import Interference
 from monitor.service.setup import source_settings
+from monitor.service.summary import run_attributes
 from tests.commands import run_command
 from tests.monitor.config.test_config import MINIMAL, message, validate
 from tests.monitor.health.test_interference import RATE, damaged, mesh
@@ -62,6 +63,14 @@ def test_the_section_becomes_settings_of_every_channel() -> None:
 )
 def test_refusals_name_the_key(section: dict[str, object], said: str) -> None:
     assert said in message({**MINIMAL, "interference": [section]})
+
+
+def test_records_say_what_was_removed() -> None:
+    config = config_of({"orders": [23], "sidebands": 2, "name": "gear"}, {"lines_hz": [50, 60], "harmonics": 40})
+    channels = source_settings(config, config.source[0]).channels
+    said = run_attributes(config, channels)["interference"]
+    assert said == "gear: order 23, all multiples, 2 sidebands each; 50 Hz, 60 Hz, 40 multiples"
+    assert "interference" not in run_attributes(config_of(), channels)
 
 
 def test_a_machine_without_it_keeps_its_hash_and_one_with_it_has_another() -> None:
