@@ -14,7 +14,8 @@ follows from the values of records: a restart, a replay and a report over the sa
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, replace
+from functools import cache
 from typing import Any
 
 from monitor.health.quality import Verdict
@@ -79,19 +80,25 @@ class Ballot:
     def after(self, heard: Heard, memory: int) -> Ballot:
         """Return the ballot after one more usable block."""
         blocks = min(self.blocks + 1, memory)
+        silent = self.silent + ((0.0 if parts_of(heard.fault) else 1.0) - self.silent) / blocks
+        if not self.named and heard.fault is None:
+            return Ballot(blocks, silent)
         names = {*self.named, *([heard.fault] if heard.fault is not None else [])}
         means = {name: self.named.get(name, 0.0) for name in sorted(names)}
         means = {
             name: mean + ((max(heard.depth, SILENCE) if name == heard.fault else 0.0) - mean) / blocks
             for name, mean in means.items()
         }
-        silent = self.silent + ((0.0 if parts_of(heard.fault) else 1.0) - self.silent) / blocks
         return Ballot(blocks, silent, {name: mean for name, mean in means.items() if mean > _FORGOTTEN})
 
     def naming(self, parts: Iterable[str]) -> float:
         """Return the mean depth of the names that hold one of some parts."""
         wanted = set(parts)
         return sum(mean for name, mean in self.named.items() if wanted & parts_of(name))
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return plain values for JSON."""
+        return {"blocks": self.blocks, "silent": self.silent, "named": dict(self.named)}
 
     @property
     def leading(self) -> str | None:
@@ -125,6 +132,16 @@ class Voice:
         time = self.time if heard.time is None else heard.time
         return Voice(self.recent.after(heard, _RECENT), since_onset, 0, time)
 
+    def to_dict(self) -> dict[str, Any]:
+        """Return plain values for JSON."""
+        since_onset = None if self.since_onset is None else self.since_onset.to_dict()
+        return {
+            "recent": self.recent.to_dict(),
+            "since_onset": since_onset,
+            "missed": self.missed,
+            "time": self.time,
+        }
+
 
 @dataclass(frozen=True)
 class MachineState:
@@ -136,7 +153,11 @@ class MachineState:
 
     def to_dict(self) -> dict[str, Any]:
         """Return the state as plain values for JSON."""
-        return asdict(self)
+        return {
+            "voices": {name: voice.to_dict() for name, voice in self.voices.items()},
+            "named": dict(self.named),
+            "version": self.version,
+        }
 
     @classmethod
     def from_dict(cls, stored: Mapping[str, Any]) -> MachineState:
@@ -242,6 +263,7 @@ def patience_of(intervals: Iterable[float | None]) -> float:
     return max(_PATIENCE_S, _STALE * max((interval or 0.0 for interval in intervals), default=0.0))
 
 
+@cache
 def parts_of(fault: str | None) -> frozenset[str]:
     """Return the parts that a name holds; none of no name or one that is no part."""
     return frozenset(part for part in (fault or "").split("|") if part in FAULTS)
@@ -249,6 +271,8 @@ def parts_of(fault: str | None) -> frozenset[str]:
 
 def _weigh_one(voices: Mapping[str, Voice], before: frozenset[str], patience: float | None) -> BearingVerdict:
     """Weigh the voices of one bearing; ``before`` are the parts that were named until now."""
+    if not any(voice.recent.named or (voice.since_onset and voice.since_onset.named) for voice in voices.values()):
+        return BearingVerdict(channels=tuple(voices))
     live = {name: voice for name, voice in voices.items() if _has_voice(voice, voices.values(), patience)} or voices
     recent = {name: voice.recent for name, voice in live.items()}
     total = sum(ballot.naming(FAULTS) for ballot in recent.values())

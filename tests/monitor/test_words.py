@@ -7,7 +7,7 @@ import math
 
 from monitor.health.schema import EDV_STATUSES, FAULTS, STATUSES, TT_STATUSES
 from monitor.words.numbers import duration, moment, volume
-from monitor.words.statuses import EDV_REFUSALS, STATUS_MEANINGS, TT_REFUSALS, fault_words
+from monitor.words.statuses import EDV_REFUSALS, STATUS_MEANINGS, TT_REFUSALS, bearing_words, fault_words, named_words
 
 
 def test_every_status_has_words() -> None:
@@ -16,6 +16,16 @@ def test_every_status_has_words() -> None:
     assert set(TT_REFUSALS) == set(TT_STATUSES) - {"ok", "already_crossed"}
     for first, second in itertools.combinations(FAULTS, 2):
         assert " or " in fault_words(f"{first}|{second}")
+
+
+def test_a_hint_is_called_a_hint_and_a_bearing_has_one_line() -> None:
+    assert named_words("outer", "hint") == "outer race (a hint)"
+    assert named_words("outer", "verdict") == named_words("outer", None) == "outer race"
+    found = {"fault": "inner|ball", "fault_basis": "verdict", "support": 0.625, "disagreement": {"v": "outer"}}
+    assert bearing_words(found) == "inner race or rolling element, verdict, support 62 %; v says outer race"
+    hint = {"fault": "cage", "fault_basis": "hint", "support": 0.5, "disagreement": {}}
+    assert bearing_words(hint) == "cage, hint, support 50 %"
+    assert bearing_words(hint | {"fault": None, "fault_basis": None, "support": None}) == "no part named"
 
 
 def test_durations_and_units_for_people() -> None:

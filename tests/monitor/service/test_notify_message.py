@@ -16,6 +16,7 @@ from monitor.records.events import LoggedEvent
 from monitor.service.notify.channels import SmtpChannel
 from monitor.service.notify.message import Item, Sender, clean, compose
 from monitor.words.events import badness, event_text, local_moment
+from monitor.words.statuses import fault_words
 from streams.block import STANDARD_GRAVITY
 from tests.receivers import Mail
 
@@ -85,6 +86,12 @@ def test_v_eq_of_an_uncalibrated_rig_is_sent_relative(status: dict[str, Any]) ->
     assert event["state"]["v_eq_relative"] == pytest.approx(2.5)
     calibrated = compose(ROME, [item(ALARM, VALUES | {"v_eq_relative": 2.5, "edv_status": "ok", "tt_status": ("ok",)})])
     assert "V_eq     0.0123 mm³/mm" in calibrated.text
+
+
+def test_a_name_without_an_onset_is_told_as_a_hint() -> None:
+    told = [compose(ROME, [item(ALARM, VALUES | {"fault_basis": basis})]) for basis in ("hint", "verdict")]
+    assert [f"{fault_words(VALUES['fault'])} (a hint)" in message.text for message in told] == [True, False]
+    assert json.loads(told[0].to_json())["events"][0]["state"]["fault_basis"] == "hint"
 
 
 def test_programs_get_the_same_with_units_in_the_keys() -> None:
