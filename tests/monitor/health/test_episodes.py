@@ -13,6 +13,7 @@ from monitor.health.alarms import AlarmSettings, Level, Rule
 from monitor.health.condition import ConditionSettings
 from monitor.health.damage.tracker import DamageState
 from monitor.health.detect import DetectState
+from monitor.health.machine import weigh
 from monitor.health.record import Record
 from monitor.health.retrace import retrace
 from monitor.health.state import SourceSettings, SourceState
@@ -148,3 +149,16 @@ def test_levels_of_rms_follow_a_baseline_that_was_learned_anew() -> None:
     learned: DetectState = steps.state.channels["one"].detect
     assert learned.baseline is not None
     assert steps.state.alarms["one"].rules["level"].baseline == (learned.baseline.ln_rms, learned.baseline.ln_rms_sd)
+
+
+def test_the_verdict_on_the_bearing_is_a_hint_between_the_episodes() -> None:
+    _, states, records = lived()
+    at = closing()
+    said = [weigh([state.machine], SETTINGS.bearings)["bearing"] for state in states]
+    assert {record.channels["one"].get("fault") for record in records[64:70]} == {"outer"}
+    assert (said[at - 1].fault, said[at - 1].basis) == ("outer", "verdict")
+    assert {(found.fault, found.basis) for found in said[at : at + 8]} == {("outer", "hint")}
+    assert (said[-1].fault, said[-1].basis) == ("outer", "verdict")
+    bases = [(record.channels["one"].get("fault"), record.channels["one"].get("fault_basis")) for record in records]
+    assert set(bases[: 60 + 1]) <= {(None, None), ("outer", "hint")}
+    assert set(bases[64:70]) == {("outer", "verdict")}
