@@ -84,7 +84,7 @@ def demo_config(method: str = "library", model: str = Rig.model) -> Config:
             # The simulated rig is made of these numbers, up to 2 to 5 %.
             "rig": {"calibrated": "declared"},
             "shaft": {"calibrated": "declared"},
-            "operating": {"speed_hz": 40.0, "load_newton": 4000.0},
+            "operating": {"speed_hz": 40.0, "speed_exact": True, "load_newton": 4000.0},
             "source": [{"name": "rig", "url": "rig:ferrara", "rate_hz": 25600.0, "range_g": 50.0 if own else 5000.0}],
             "channel": [
                 {**channel, "name": _TESTED, "bearing": "test", "band_hz": [[7000, 9000]], "track": True},

@@ -11,7 +11,7 @@ import click
 from monitor.commands import option
 from monitor.commands.common import emit, progress_bar, read_config, say
 from monitor.words.numbers import duration
-from monitor.words.statuses import bearing_words
+from monitor.words.statuses import bearing_words, speed_doubt
 from streams.listing import shown
 
 if TYPE_CHECKING:
@@ -108,8 +108,11 @@ def _channel_words(channel: Mapping[str, Any]) -> Iterator[str]:
         yield f"end of life at block {channel['t_eol_block']}"
     if channel["fault"] is not None:
         hint = "a hint of " if channel["fault_basis"] == "hint" else ""
-        part = channel["fault"].replace("|", " or ")
+        part = channel["fault"].replace("|", " or ").replace("undecided", "an undecided part")
         yield f"{hint}{part} damaged (lines {channel['fault_snr']:.3g} times the floor)"
+        doubt = speed_doubt(channel["fault"], channel["fault_candidates"] or (), channel["speed_unverified"])
+        if doubt is not None:
+            yield doubt
     else:
         yield "no part named"
     if channel["edv_status"] is not None:

@@ -186,7 +186,8 @@ def _channel(channel: Mapping[str, Any]) -> Iterator[str]:
         yield f"{alarm['severity']} of {alarm['rule']} since block {alarm['since_block']}{over}"
     if channel["fault"] is not None:
         hint = "a hint of " if channel.get("fault_basis") == "hint" else ""
-        yield f"{hint}{channel['fault'].replace('|', ' or ')} damaged"
+        part = channel["fault"].replace("|", " or ").replace("undecided", "an undecided part")
+        yield f"{hint}{part} damaged"
     # A file that an older version wrote lacks the relative value.
     if channel.get("calibrated") is False and channel.get("v_eq_relative") is not None:
         yield f"V_eq {times_first(channel['v_eq_relative'])} (rig not calibrated)"

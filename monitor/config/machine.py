@@ -55,6 +55,11 @@ class OperatingSection(Section):
     A, is taken by the models that describe it.
     """
 
+    speed_exact: bool = False
+    """Whether ``speed_hz``, or what a block states, is the speed of the shaft (tacho, controlled drive)."""
+    speed_tolerance: Annotated[float, Field(gt=0, le=0.1)] = ConditionSettings.speed_tolerance
+    """Relative error of a nominal speed where the signal does not show the shaft."""
+
     speed_hz: Positive | None = None
     load_newton: NotNegative | None = None
     axial_load_newton: Finite = 0.0
@@ -91,6 +96,8 @@ class OperatingSection(Section):
             load_channel=None if self.load_channel is None else str(self.load_channel),
             load_scale=self.load_channel_scale,
             speed_limits=limits,
+            speed_exact=self.speed_exact,
+            speed_tolerance=self.speed_tolerance,
         )
 
     def channel_specs(self) -> tuple[ChannelSpec, ...]:

@@ -5,7 +5,9 @@ State in, block in, state and output out: the live daemon, a restarted one and a
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import math
+import statistics
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -13,7 +15,7 @@ from numpy.typing import NDArray
 
 from models.bearing import Kinematics, kinematics
 from monitor.health import detect
-from monitor.health.condition import Quantity
+from monitor.health.condition import Quantity, known_sd
 from monitor.health.damage import Damage, DamageInput, Remaining
 from monitor.health.damage import tracker as damage
 from monitor.health.naming import Naming, name_fault
@@ -24,12 +26,14 @@ from monitor.health.spectrum.bands import BandVotes, candidate_bands
 from monitor.health.spectrum.family import comb_depth
 from monitor.health.spectrum.features import FAULTS, BlockFeatures, FeatureSettings, block_features, fundamentals
 from monitor.health.spectrum.interference import Comb, all_combs
-from monitor.health.spectrum.search import family_searches
+from monitor.health.spectrum.search import family_searches, slip_searches
 from monitor.health.spectrum.transform import Band
 from monitor.health.state import ChannelSettings, ChannelState, Named
 
 PART_LINES: dict[str, str] = dict(zip(detect.LINES, FAULTS, strict=True))
 """The fault family of each sum of lines that the detector listens to."""
+HELD_BLOCKS = 5
+"""Blocks that must show the shaft before its speed is taken for blocks that do not."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,8 +100,12 @@ def step(state: ChannelState, block: ChannelBlock, settings: ChannelSettings) ->
             fundamentals=fundamentals(lines),
             rms_band=settings.rms_band,
             speed=lines.speed,
+            speed_sd=known_sd(block.speed, settings.condition),
+            held=held_factor(state.speed_factors),
             average_blocks=settings.average_blocks,
-            searches=family_searches(settings.uncertainty),
+            search=settings.condition.speed_tolerance,
+            searches=family_searches(settings.uncertainty, settings.condition.speed_tolerance),
+            slip=slip_searches(settings.uncertainty),
             interference=all_combs(settings.interference, lines.speed),
         ),
         state.spectra if verdict.for_baseline else None,
@@ -107,7 +115,7 @@ def step(state: ChannelState, block: ChannelBlock, settings: ChannelSettings) ->
     naming: Naming | None = None
     leading = 0
     if verdict.for_baseline:
-        state, naming, leading = _name(state, features, lines, settings)
+        state, naming, leading = _name(state, features, settings)
     usable = is_for_detector(state, verdict, settings, band_source)
     given = detect_input(features, block, absolute=settings.absolute, usable=usable)
     state, detection = _detect(state, given, settings)
@@ -167,19 +175,31 @@ def _vote(state: ChannelState, block: ChannelBlock, lines: Kinematics, interfere
     return replace(state, votes=votes)
 
 
-def _name(
-    state: ChannelState, features: BlockFeatures, lines: Kinematics, settings: ChannelSettings
-) -> tuple[ChannelState, Naming, int]:
+def _name(state: ChannelState, features: BlockFeatures, settings: ChannelSettings) -> tuple[ChannelState, Naming, int]:
     """Name the damaged part; the number is the place of the band that shows it, 0 where no part is named."""
-    searches = family_searches(settings.uncertainty)
+    tolerance = settings.condition.speed_tolerance
+    searches = {} if settings.uncertainty.known else family_searches(settings.uncertainty, tolerance)
+    assert features.speed is not None
+    lines = kinematics(settings.bearing, features.speed)
     namings = [
-        name_fault(spectrum, lines, families, searches)
+        name_fault(spectrum, lines, families, searches, verified=features.shaft is not None, tolerance=tolerance)
         for spectrum, families in zip(features.sought, features.families, strict=True)
     ]
+    if features.shaft is not None and not math.isnan(features.shaft.score) and features.speed_factor is not None:
+        factors = (*state.speed_factors, features.speed_factor)[-HELD_BLOCKS:]
+        state = replace(state, speed_factors=factors)
     place = max(range(len(namings)), key=lambda i: (namings[i].fault is not None, namings[i].relative_score))
     best = namings[place]
     kept = features.recent if settings.average_blocks > 1 else RecentSpectra()
     return replace(state, spectra=kept), best, place if best.fault is not None else 0
+
+
+def held_factor(factors: Sequence[float]) -> float:
+    """Return the speed found over the stated one of the latest blocks that showed the shaft: 1 until there are enough.
+
+    A single wrong one among them has no effect.
+    """
+    return statistics.median(factors) if len(factors) == HELD_BLOCKS else 1.0
 
 
 def detect_input(features: BlockFeatures, block: ChannelBlock, *, absolute: bool, usable: bool) -> detect.DetectInput:
@@ -255,7 +275,7 @@ def track(
         closed=closed,
         usable=block.verdict.for_tracker,
         absolute=settings.absolute,
-        fault=None if state.named is None else state.named.fault,
+        fault=None if state.named is None else state.named.parts,
     )
     after, found, forecasts = damage.step(state.damage, damage_input, gate, settings.damage)
     return replace(state, damage=after), found, forecasts
@@ -265,13 +285,29 @@ def _named(naming: Naming, sequence: int) -> Named | None:
     if naming.fault is None or naming.evidence is None:
         return None
     found = naming.evidence
-    return Named(naming.fault, found.family_snr, found.depth, naming.relative_score, sequence)
+    return Named(
+        naming.fault,
+        found.family_snr,
+        found.depth,
+        naming.relative_score,
+        sequence,
+        naming.candidates,
+        not naming.verified,
+    )
 
 
 def latch_name(state: ChannelState, named: Named | None) -> ChannelState:
-    """Keep the name of the fault: the present one before the final stage, that of the highest score in it."""
+    """Keep the name of the fault: the present one before the final stage, that of the highest score in it.
+
+    A part that is decided takes the place of one that is not.
+    """
+    kept = state.named
     if state.detect.t_fs is None and state.detect.t_eol is None:
         return replace(state, named=named)
-    if named is not None and (state.named is None or named.standing > state.named.standing):
-        return replace(state, named=named)
-    return state
+    if named is None or (kept is not None and _weight(named) <= _weight(kept)):
+        return state
+    return replace(state, named=named)
+
+
+def _weight(named: Named) -> tuple[bool, float]:
+    return not named.candidates, named.standing

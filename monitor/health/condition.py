@@ -10,8 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.bearing import Bearing
+from monitor.health.spectrum.lines import SEARCH
 from monitor.health.spectrum.speed import SpeedStatus, estimate_speed
 
+_KNOWN = 0.003
+"""Largest relative standard deviation of an estimate that rests on lines of the shaft."""
 SOURCES = ("block", "channel", "estimate", "configured")
 
 
@@ -27,6 +30,8 @@ class ConditionSettings:
         load_channel: channel whose mean is the load.
         load_scale: N per unit of that channel.
         speed_limits: range of the estimate from the signal, Hz, or None: it is not estimated.
+        speed_exact: whether a constant or stated speed is that of the shaft, and not a nominal one.
+        speed_tolerance: relative error of a nominal speed that the signal does not show.
     """
 
     speed: float | None = None
@@ -36,6 +41,8 @@ class ConditionSettings:
     load_channel: str | None = None
     load_scale: float = 1.0
     speed_limits: tuple[float, float] | None = None
+    speed_exact: bool = False
+    speed_tolerance: float = SEARCH
 
     @property
     def channels(self) -> tuple[str, ...]:
@@ -88,6 +95,17 @@ def speed_of(
         if estimate.status == SpeedStatus.OK:
             return Quantity(estimate.speed, "estimate", estimate.sd)
     return Quantity(settings.speed, "configured") if settings.speed is not None else Quantity()
+
+
+def known_sd(speed: Quantity, settings: ConditionSettings) -> float | None:
+    """Return the standard deviation of the error of a speed that is known, Hz, or None: it is nominal.
+
+    A speed channel is a measurement; an estimate is one where it rests on lines of the shaft.
+    """
+    if speed.value is None or speed.source in ("block", "configured"):
+        return 0.0 if settings.speed_exact else None
+    sd = speed.sd or 0.0
+    return None if speed.source == "estimate" and sd > _KNOWN * speed.value else sd
 
 
 def load_of(stated: float | None, rows: Mapping[str, NDArray[np.floating]], settings: ConditionSettings) -> Quantity:

@@ -34,7 +34,8 @@ from monitor.health.spectrum.comb import LineSpectrum, comb_grid
 from monitor.health.spectrum.family import FaultLines, combs_depth
 from monitor.health.spectrum.features import FAULTS, N_HARMONICS, fundamentals, highest_rival
 from monitor.health.spectrum.lines import SEARCH
-from monitor.health.spectrum.search import PLAIN, FamilySearch
+from monitor.health.spectrum.search import SLIP, FamilySearch
+from monitor.words.statuses import UNDECIDED
 
 _SPEED_ERROR = 0.025
 """How far from the stated speed the shaft is sought: a little beyond the search, which slip and geometry widen."""
@@ -53,6 +54,12 @@ MUCH_DEEPER, HALF_AS_DEEP = 1.5, 0.5
 """Depth of another comb over that of the family at which it takes its place: any comb, or an unrelated one."""
 _NEAR = 0.07
 """How far from the family a comb at a multiple of the stated speed may be damage, the speed being wrong."""
+_SHARED_BINS = 2.5
+"""Bins within which two lines are one."""
+_LEAST_LINES = 3
+_SIDEBANDS = (-3, -2, -1, 1, 2, 3)
+_SAME_SLIP = 0.01
+"""Departures from pure rolling that differ by less are equally likely."""
 _MIN_BINS = 40
 _LONE = {"cage": "ball|cage"}
 _NO_SEARCHES: Mapping[str, FamilySearch] = MappingProxyType({})
@@ -64,7 +71,7 @@ class Naming:
     """The verdict on one (averaged) envelope spectrum.
 
     Attributes:
-        fault: "outer", "inner", "ball", "cage", two of them joined by "|", or None: not detected.
+        fault: "outer", "inner", "ball", "cage", two of them joined by "|", ``UNDECIDED``, or None: not detected.
         best: the deepest family that stands clear of the noise, named or not, else that with the highest comb score;
             None where none is resolvable.
         rival: depth of the comb that takes the place of the best family, 0 where there is none; NaN where it was not
@@ -72,6 +79,8 @@ class Naming:
         threshold: the comb score that a family had to reach.
         families: lines of each family, relative to the mean envelope; a family that the resolution cannot show is
             absent.
+        verified: whether the speed of the shaft is known; otherwise the name rests on the stated one.
+        candidates: the parts between which the stated speed cannot decide, where ``fault`` is ``UNDECIDED``.
     """
 
     fault: str | None
@@ -79,6 +88,13 @@ class Naming:
     rival: float
     threshold: float
     families: Mapping[str, FaultLines] = field(default_factory=dict[str, FaultLines])
+    verified: bool = False
+    candidates: tuple[str, ...] = ()
+
+    @property
+    def part(self) -> str | None:
+        """The damaged part, None where none is named or the speed cannot decide."""
+        return None if self.fault == UNDECIDED else self.fault
 
     @property
     def evidence(self) -> FaultLines | None:
@@ -101,33 +117,48 @@ def name_fault(
     kinematics: Kinematics,
     families: Mapping[str, FaultLines],
     searches: Mapping[str, FamilySearch] = _NO_SEARCHES,
+    *,
+    verified: bool = False,
+    tolerance: float = SEARCH,
 ) -> Naming:
     """Name the damaged part from one envelope spectrum.
 
     Args:
-        spectrum: of the envelope over its mean, prepared at the stated shaft speed; of several neighbouring blocks
-            their mean in power.
-        kinematics: kinematic frequencies at the stated shaft speed.
+        spectrum: of the envelope over its mean, prepared at the shaft speed; of several neighbouring blocks their mean
+            in power.
+        kinematics: kinematic frequencies at that speed.
         families: lines of each fault family in it.
         searches: range in which each family was sought, of those whose frequency is an estimate.
+        verified: whether the shaft speed is known.
+        tolerance: relative error of a speed that is not.
     """
     threshold = score_threshold(spectrum.n_averages)
     shown = {name: lines for name, lines in families.items() if lines.resolved.all()}
     if spectrum.power.size < _MIN_BINS or not spectrum.power.any() or not shown:
-        return Naming(None, None, math.nan, threshold)
+        return Naming(None, None, math.nan, threshold, verified=verified)
     clear = [name for name, lines in shown.items() if lines.comb_score >= threshold]
     if not clear:
         best = max(shown, key=lambda name: shown[name].comb_score)
-        return Naming(None, best, math.nan, threshold, shown)
+        return Naming(None, best, math.nan, threshold, shown, verified)
     best = _deepest({name: shown[name] for name in clear}, spectrum.resolution)
     found = shown[best]
     if found.depth < MIN_DEPTH + SURE * found.depth_error:
-        return Naming(None, best, math.nan, threshold, shown)
+        return Naming(None, best, math.nan, threshold, shown, verified)
     rival = _rival_depth(spectrum, kinematics, found, [shown[name].fundamental for name in clear], threshold)
-    if rival > 0.0 or _is_of_shaft(spectrum, kinematics.speed, found.fundamental):
-        return Naming(None, best, rival, threshold, shown)
-    joined = _joined(best, shown, spectrum.resolution, fundamentals(kinematics), searches)
-    return Naming(_LONE.get(joined, joined), best, rival, threshold, shown)
+    of_shaft = not verified and _is_of_shaft(spectrum, kinematics.speed, found.fundamental)
+    if rival > 0.0 or of_shaft:
+        return Naming(None, best, rival, threshold, shown, verified)
+    possible = _Possible(found.fundamental, fundamentals(kinematics), shown, spectrum.resolution)
+    if verified:
+        names = possible.at_known_speed(best, searches)
+        fault = "|".join(names)
+        return Naming(_LONE.get(fault, fault), names[0], rival, threshold, shown, verified)
+    joined = possible.joined(best, searches)
+    candidates = possible.at_stated_speed(tolerance)
+    if not searches and set(candidates) - set(joined):
+        return Naming(UNDECIDED, best, rival, threshold, shown, verified, candidates)
+    fault = "|".join(joined)
+    return Naming(_LONE.get(fault, fault), best, rival, threshold, shown, verified)
 
 
 def _deepest(families: Mapping[str, FaultLines], resolution: float) -> str:
@@ -181,9 +212,10 @@ def _rival_depth(
     """Return the depth of the deepest comb that takes the place of the family found, 0 where there is none.
 
     A much deeper comb does, unless it is that of another family, whose depth has been weighed, or of the shaft, which
-    turns the load; close to the family, where it may be damage at a speed that is stated wrongly, it does always. An
-    unrelated comb of at least the same score does if it is half as deep. The lines of the shaft stay in: at a stated
-    speed that is wrong, lines of damage would go with them.
+    turns the load; close to the family, where it may be damage at a speed that is stated wrongly, it does always. A
+    comb of at least the same score does if it is half as deep; of one at a simple ratio to the family, only the lines
+    that are not the family's count. The lines of a shaft whose speed is not known stay in: at a stated speed that is
+    wrong, lines of damage would go with them.
 
     Args:
         spectrum: of the envelope.
@@ -195,23 +227,44 @@ def _rival_depth(
     resolution, speed = spectrum.resolution, kinematics.speed
     lowest, highest = max(0.3 * speed, 4.0 * resolution), highest_rival(fundamentals(kinematics), speed)
     grid = comb_grid(lowest, highest, resolution)
-    tolerance = math.exp(max(SEARCH, resolution / found.fundamental))
-    of_family = [(ratio * found.fundamental, tolerance) for ratio in _SIMPLE_RATIOS]
-    of_others = [n * line for line in families for n in range(1, N_HARMONICS + 1)]
-    of_shaft = [order * speed for order in (0.5, 1.5, *range(1, math.ceil(highest / speed) + 1))]
-    explaining = [(line, 1.0 + max(SEARCH, 2.0 * resolution / line)) for line in (*of_others, *of_shaft)]
-    scores = spectrum.comb_scores(spectrum.excess, grid)
+    excess = spectrum.excess if spectrum.beside is None else spectrum.sought
+    scores = spectrum.comb_scores(excess, grid)
     candidates = np.flatnonzero(scores >= min(threshold, found.comb_score))
     if candidates.size == 0:
         return 0.0
-    explained = _within(grid.lines, explaining)
-    related = explained | _within(grid.lines, of_family)
-    close = np.abs(grid.lines / found.fundamental - 1.0) <= _NEAR
-    strong = ~related[candidates] & (scores[candidates] >= found.comb_score)
-    deeper = (close | ~explained)[candidates]
-    least = np.where(strong, HALF_AS_DEEP, np.where(deeper, MUCH_DEEPER, math.inf)) * found.depth
-    depths = combs_depth(spectrum, grid.bins[:, candidates])
+    line = found.fundamental
+    tolerance = math.exp(max(SEARCH, resolution / line))
+    related = _within(grid.lines, [(ratio * line, tolerance) for ratio in _SIMPLE_RATIOS])[candidates]
+    others = [n * other for other in families for n in range(1, N_HARMONICS + 1)]
+    shaft = [order * speed for order in (0.5, 1.5, *range(1, math.ceil(highest / speed) + 1))]
+    # At a known speed it is sure which combs are sidebands.
+    sidebands = [] if spectrum.beside is None else [line + n * kinematics.ftf for n in _SIDEBANDS]
+    sidebands += [] if spectrum.beside is None else [line + n * speed for n in _SIDEBANDS]
+    reach = [
+        (place, 1.0 + max(SEARCH, 2.0 * resolution / place)) for place in (*others, *shaft, *sidebands) if place > 0
+    ]
+    explained = _within(grid.lines, reach)[candidates]
+    lines, bins = grid.lines[candidates], grid.bins[:, candidates]
+    close = np.abs(lines / line - 1.0) <= _NEAR
+    own = _own_lines(lines, line, resolution) | ~related
+    strength = _mean_excess(excess, bins, own) * N_HARMONICS
+    strong = ~explained & (strength >= found.comb_score)
+    least = np.where(strong, HALF_AS_DEEP, np.where(close | ~explained, MUCH_DEEPER, math.inf)) * found.depth
+    depths = combs_depth(spectrum, bins, own)
     return float(depths.max(where=depths >= least, initial=0.0))
+
+
+def _own_lines(lines: NDArray[np.float64], other: float, resolution: float) -> NDArray[np.bool_]:
+    """Return which lines of combs are no multiples of another frequency, shape (harmonic, comb)."""
+    places = np.multiply.outer(np.arange(1.0, N_HARMONICS + 1.0), lines) / other
+    return np.abs(places - np.rint(places)) * other > _SHARED_BINS * resolution
+
+
+def _mean_excess(excess: NDArray[np.float64], bins: NDArray[np.intp], own: NDArray[np.bool_]) -> NDArray[np.float64]:
+    """Return the mean excess of the lines of combs that are their own, 0 where there are fewer than three."""
+    count = own.sum(axis=0)
+    heights = np.append(excess, 0.0).take(np.minimum(bins, excess.size)) * own
+    return np.where(count >= _LEAST_LINES, heights.sum(axis=0) / np.maximum(count, 1), 0.0)
 
 
 def _within(lines: NDArray[np.float64], ranges: Sequence[tuple[float, float]]) -> NDArray[np.bool_]:
@@ -222,22 +275,57 @@ def _within(lines: NDArray[np.float64], ranges: Sequence[tuple[float, float]]) -
     return inside
 
 
-def _joined(
-    best: str,
-    families: Mapping[str, FaultLines],
-    resolution: float,
-    lines: Mapping[str, float],
-    searches: Mapping[str, FamilySearch],
-) -> str:
-    """Join the names of the families that cannot be separated from ``best``; ``lines`` are the nominal ones, Hz."""
-    found = families[best].fundamental
-    names = [
-        name
-        for name in FAULTS
-        if name == best
-        or (
-            name in families
-            and (abs(lines[name] - lines[best]) < resolution or searches.get(name, PLAIN).holds(found / lines[name]))
+@dataclass(frozen=True)
+class _Possible:
+    """The parts of which one comb may be.
+
+    Attributes:
+        fundamental: of the comb, Hz.
+        lines: nominal frequency of each family, Hz.
+        families: lines found of each.
+        resolution: of the spectrum, Hz.
+    """
+
+    fundamental: float
+    lines: Mapping[str, float]
+    families: Mapping[str, FaultLines]
+    resolution: float
+
+    def joined(self, best: str, searches: Mapping[str, FamilySearch]) -> tuple[str, ...]:
+        """Return the families that cannot be separated from ``best``, by the resolution or the geometry."""
+        return tuple(
+            name
+            for name in FAULTS
+            if name == best
+            or (
+                name in self.families
+                and (
+                    abs(self.lines[name] - self.lines[best]) < self.resolution
+                    or (name in searches and searches[name].holds(self.fundamental / self.lines[name]))
+                )
+            )
         )
-    ]
-    return "|".join(names)
+
+    def at_stated_speed(self, tolerance: float) -> tuple[str, ...]:
+        """Return the families of which the comb can be, with the slip of a cage, at a speed with such an error."""
+        return tuple(
+            name
+            for name in FAULTS
+            if name in self.families
+            and SLIP[name][0] - tolerance <= self.fundamental / self.lines[name] - 1.0 <= SLIP[name][1] + tolerance
+        )
+
+    def at_known_speed(self, best: str, searches: Mapping[str, FamilySearch]) -> tuple[str, ...]:
+        """Return the families of which the comb can be at a known speed: those that need the least slip for it."""
+        same = [
+            name
+            for name, lines in self.families.items()
+            if name == best or abs(lines.fundamental - self.fundamental) < self.resolution
+        ]
+        best = min(same, key=self._departure)
+        likely = self._departure(best) + _SAME_SLIP
+        unsure = self.joined(best, searches)
+        return tuple(name for name in FAULTS if name in unsure or (name in same and self._departure(name) <= likely))
+
+    def _departure(self, name: str) -> float:
+        return abs(self.fundamental / self.lines[name] - 1.0)

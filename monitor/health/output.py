@@ -104,6 +104,8 @@ def record_values(
         values |= {
             "fault": output.naming.fault,
             "fault_basis": basis_of(output.naming.fault, detector),
+            "fault_candidates": output.naming.candidates or None,
+            "speed_unverified": "no" if output.naming.verified else "yes",
             "fault_snr": evidence.family_snr,
             "fault_depth": evidence.depth,
             "fault_score": evidence.comb_score,
@@ -139,11 +141,18 @@ def _feature_values(features: BlockFeatures, output: ChannelOutput) -> dict[str,
     values["band_hi"] = over_bands(lambda band: output.bands[band][1])
     values["band_source"] = output.band_source
     values["envelope_mean"] = over_bands(lambda band: float(features.envelopes[band].mean))
+    values["speed_factor_sd"] = _speed_factor_sd(features, output.speed)
     for name in ("amplitude", "floor", "snr"):
         values[f"envelope_{name}"] = over_bands(
             lambda band, name=name: [_resolved(features.lines[band][fault], name) for fault in FAULTS]
         )
     return values
+
+
+def _speed_factor_sd(features: BlockFeatures, stated: Quantity) -> float | None:
+    """Return the standard deviation of a speed factor that was measured on the shaft, else None."""
+    measured = features.shaft is not None and not math.isnan(features.shaft.score)
+    return features.shaft.sd / stated.value if features.shaft and measured and stated.value else None
 
 
 def _resolved(lines: FaultLines, name: str) -> list[float | None]:
@@ -274,7 +283,8 @@ def spectrum_row(block: Block, channel: str, bearing: Bearing, output: ChannelOu
 
     A block has one unless its channel is rejected, flat, stopped, late or out of order.
     """
-    features, speed = output.features, output.speed.value
+    features = output.features
+    speed = None if features is None else features.speed
     if not output.verdict.for_baseline or features is None or speed is None:
         return None
     envelope, lines = features.envelopes[output.leading], features.lines[output.leading]

@@ -221,7 +221,16 @@ def _named(values: Mapping[str, Any], sequence: int, averaged: int) -> Named | N
     if values.get("fault") is None:
         return None
     standing = values["fault_score"] / score_threshold(max(1, averaged))
-    return Named(values["fault"], values["fault_snr"], values["fault_depth"], standing, sequence)
+    candidates, unverified = values.get("fault_candidates"), values.get("speed_unverified")
+    return Named(
+        values["fault"],
+        values["fault_snr"],
+        values["fault_depth"],
+        standing,
+        sequence,
+        tuple(candidates.split("|")) if candidates else (),
+        None if unverified is None else unverified == "yes",
+    )
 
 
 def _acknowledgements(record: Record) -> tuple[AlarmAcknowledgement, ...]:

@@ -14,6 +14,7 @@ from monitor.health.damage import EdvStatus, TtStatus
 from monitor.health.detect import STAGES
 from monitor.health.quality import FLAGS, REJECTIONS
 from monitor.words.features import ACCELERATION, FEATURES, GABRIELLI
+from monitor.words.statuses import UNDECIDED
 
 SCHEMA_VERSION = 1
 """Version of the record schema and of the store; a higher one is refused."""
@@ -21,6 +22,7 @@ SCHEMA_VERSION = 1
 FAULTS = ("outer", "inner", "ball", "cage")
 HINT, VERDICT = "hint", "verdict"
 """What a name is: a hint without a baseline or before t_fs, a verdict since it."""
+NAMES = (*FAULTS, UNDECIDED)
 BAND_SOURCES = ("configured", "learning", "recording", "provisional")
 STATUSES = ("ok", *FLAGS, *REJECTIONS)
 EDV_STATUSES = tuple(map(str, EdvStatus))
@@ -132,7 +134,7 @@ _TABLE: list[Variable] = [
     Variable("t_fs_block", (), "1", "number of the block in which the final stage began", kind="int"),
     Variable("t_fs_known_block", (), "1", "number of the block in which the final stage was known", kind="int"),
     Variable("t_eol_block", (), "1", "number of the block that ended the life", kind="int"),
-    Variable("fault", (), None, "damaged part; several where they cannot be told apart", kind="mask", values=FAULTS),
+    Variable("fault", (), None, "damaged part; several where they cannot be told apart", kind="mask", values=NAMES),
     Variable(
         "fault_basis",
         (),
@@ -140,6 +142,30 @@ _TABLE: list[Variable] = [
         "what the name of the damaged part is: a hint before t_fs, a verdict since",
         kind="flag",
         values=(HINT, VERDICT),
+        optional=True,
+    ),
+    Variable(
+        "fault_candidates",
+        (),
+        None,
+        "parts between which the stated speed cannot decide",
+        kind="mask",
+        values=FAULTS,
+        optional=True,
+    ),
+    Variable(
+        "speed_unverified",
+        (),
+        None,
+        "whether fault rests on a nominal speed that the signal does not show",
+        kind="flag",
+        values=("no", "yes"),
+        optional=True,
+    ),
+    *_floats(
+        "1",
+        "speed_factor_sd | | standard deviation of speed_factor where the shaft shows it "
+        "| monitor/health/spectrum/shaft.py",
         optional=True,
     ),
     Variable("edv_status", (), None, "status of v_eq", kind="flag", values=EDV_STATUSES),

@@ -28,7 +28,7 @@ from monitor.health.spectrum.interference import Interference
 from monitor.health.spectrum.transform import Band
 from monitor.health.waterfall import WaterfallSettings, WaterfallState
 
-STATE_VERSION = 2
+STATE_VERSION = 3
 """Of a channel's state; the other parts have theirs."""
 
 Stored = dict[str, dict[str, Any]]
@@ -116,11 +116,13 @@ class Named:
     """The part that a channel's fault was named, and on what evidence.
 
     Attributes:
-        fault: "outer", "inner", "ball", "cage" or two of them joined by "|".
+        fault: "outer", "inner", "ball", "cage", two of them joined by "|", or "undecided".
         snr: its lines over the floor under them.
         depth: its lines over the mean envelope.
         standing: its score over the threshold of the score.
         sequence: number of the block that gave this evidence.
+        candidates: parts between which the stated speed cannot decide.
+        speed_unverified: whether the name rests on a nominal speed; None where that was not recorded.
     """
 
     fault: str
@@ -128,6 +130,13 @@ class Named:
     depth: float
     standing: float
     sequence: int
+    candidates: tuple[str, ...] = ()
+    speed_unverified: bool | None = None
+
+    @property
+    def parts(self) -> str:
+        """The parts that may be damaged, joined by "|"."""
+        return "|".join(self.candidates) or self.fault
 
 
 @dataclass(frozen=True)
@@ -139,6 +148,7 @@ class ChannelState:
         band_source: "learning" or "recording" once chosen, else "provisional".
         votes: the candidate bands of the first blocks, or None.
         spectra: the latest envelope spectra, for the averaged one.
+        speed_factors: shaft speed found over the stated one, of the latest blocks that show it.
         running_time: seconds that the machine has run, the time axis of the damage.
         last_time: time of the latest block that was in order, s, or None.
         was_running: whether the machine ran then.
@@ -150,6 +160,7 @@ class ChannelState:
     band_source: str = "provisional"
     votes: BandVotes | None = None
     spectra: RecentSpectra = field(default_factory=RecentSpectra)
+    speed_factors: tuple[float, ...] = ()
     running_time: float = 0.0
     last_time: float | None = None
     was_running: bool = False
@@ -166,6 +177,7 @@ class ChannelState:
             "band_source": self.band_source,
             "votes": None if self.votes is None else self.votes.to_dict(),
             "spectra": self.spectra.to_list(),
+            "speed_factors": list(self.speed_factors),
             "running_time": self.running_time,
             "last_time": self.last_time,
             "was_running": self.was_running,
@@ -181,7 +193,7 @@ class ChannelState:
             ValueError: it was written in an unknown layout.
         """
         version = stored.get("version")
-        if version not in (1, STATE_VERSION):
+        if version not in (1, 2, STATE_VERSION):
             raise ValueError(f"channel state: version {STATE_VERSION} expected, got {version!r}")
         return cls(
             detect=DetectState.from_dict(stored["detect"]),
@@ -189,12 +201,19 @@ class ChannelState:
             band_source=stored["band_source"],
             votes=None if stored["votes"] is None else BandVotes.from_dict(stored["votes"]),
             spectra=RecentSpectra.from_list(stored["spectra"]),
+            speed_factors=tuple(stored.get("speed_factors", ())),
             running_time=stored["running_time"],
             last_time=stored["last_time"],
             was_running=stored["was_running"],
             damage=DamageState.from_dict(stored["damage"] if version > 1 else _damage_of_version_1(stored)),
-            named=None if stored["named"] is None else Named(**stored["named"]),
+            named=None if stored["named"] is None else _named(stored["named"]),
         )
+
+
+def _named(stored: Mapping[str, Any]) -> Named:
+    values = dict(stored)
+    candidates: Any = values.pop("candidates", ())
+    return Named(**values, candidates=tuple(candidates))
 
 
 def _damage_of_version_1(stored: Mapping[str, Any]) -> dict[str, Any]:

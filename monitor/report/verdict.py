@@ -12,6 +12,7 @@ import numpy as np
 from monitor.health.schema import HINT, VERDICT
 from monitor.report.calibration import VolumeScale, is_calibrated, unscaled
 from monitor.report.life_marks import LATE, Moment, closed_stages, mark_of, open_stage
+from monitor.report.part import doubt_of, named_fault
 from monitor.report.runs import Channel, Run
 from monitor.words.numbers import Clock, acceleration, count, duration, figure, interval, volume
 from monitor.words.statuses import BAND_SOURCES, EDV_REFUSALS, TT_REFUSALS, fault_words, named_words
@@ -83,26 +84,6 @@ def judge(run: Run, channel: Channel, clock: Clock | None = None) -> ChannelVerd
     ]
     closed = closed_stages(channel)
     return ChannelVerdict(channel.name, grade, headline, tuple(facts), fault=fault, stage=stage, closed=closed, **marks)
-
-
-def named_fault(channel: Channel) -> tuple[int | None, str]:
-    """Return row and name of the valid verdict on the damaged part; None without a judged block, "" for no part.
-
-    Outside the final stage that is the verdict on the last judged block. In it, it is the one with the highest
-    score, because spreading damage raises the noise floor under its own lines.
-    """
-    faults = channel.word("fault")
-    judged = np.flatnonzero(channel.word("quality_status") != "")
-    if not judged.size:
-        judged = np.flatnonzero(channel.word("stage") != "")
-    if not judged.size:
-        return None, ""
-    row = int(judged[-1])
-    late = np.flatnonzero(open_stage(channel) & (faults != ""))
-    if late.size:
-        scores = np.nan_to_num(channel.column("fault_score")[late], nan=-np.inf)
-        row = int(late[np.argmax(scores)])
-    return row, str(faults[row])
 
 
 def _headline(stage: str, fault: str, marks: dict[str, Moment | None], channel: Channel) -> tuple[Grade, str]:
@@ -266,10 +247,9 @@ def _where(channel: Channel, verdict: ChannelVerdict) -> Finding:
     evidence = [f"lines {snr:.1f} times the noise floor"] if math.isfinite(snr) else []
     evidence += [f"modulation depth {depth:.2f}"] if math.isfinite(depth) else []
     best = f"At best {', '.join(evidence)} (block {channel.sequence[row]:,})." if evidence else ""
-    apart = "The resolution does not tell them apart." if "|" in fault else ""
-    support = " ".join(text for text in (best, _agreement(channel, verdict, fault), apart) if text)
+    texts = (best, _agreement(channel, verdict, fault), doubt_of(channel, row, fault))
     part = named_words(fault, VERDICT if verdict.stage in LATE else HINT)
-    return Finding(question, _sentence(part), support, brief=part)
+    return Finding(question, _sentence(part), " ".join(text for text in texts if text), brief=part)
 
 
 def _agreement(channel: Channel, verdict: ChannelVerdict, fault: str) -> str:

@@ -197,7 +197,7 @@ clearance_factor | number without trend | | Clf | | \
 mean | mean | | mean | | mean acceleration | {_CERUTI}
 skewness | record only | | SK | | skewness | {_CERUTI}
 speed_factor | record only | | s | | \
-    line frequency found over the nominal one | search within 2 % around the kinematic frequency
+    speed found over the nominal one, of the shaft or else of the lines of a fault | monitor/health/spectrum/shaft.py
 detect_threshold | record only | | threshold | | score above which a block counts as abnormal | monitor/health/detect
 fault_depth | record only | | depth | | \
     root sum of squares of the fault lines over the mean envelope | monitor/health/naming.py

@@ -9,6 +9,9 @@ from monitor.words.features import FEATURES
 
 FAULT_NAMES = {"outer": "outer race", "inner": "inner race", "ball": "rolling element", "cage": "cage"}
 
+UNDECIDED = "undecided"
+"""What is named where the error of the stated speed decides which part it is."""
+
 LINE_NAMES = {"outer": "BPFO", "inner": "BPFI", "ball": "2×BSF", "cage": "FTF"}
 
 STATES = {
@@ -118,7 +121,17 @@ def suspended_words(rules: Sequence[str]) -> str:
 
 def fault_words(fault: str) -> str:
     """Return the damaged part for people, "inner race or rolling element" where two cannot be told apart."""
-    return " or ".join(FAULT_NAMES[name] for name in fault.split("|"))
+    return " or ".join(FAULT_NAMES.get(name, name) for name in fault.split("|"))
+
+
+def speed_doubt(fault: str | None, candidates: Sequence[str], unverified: bool | None) -> str | None:
+    """Return what the shaft speed leaves open about a named part, None where nothing."""
+    if fault is None or not unverified:
+        return None
+    if candidates:
+        parts = fault_words("|".join(candidates))
+        return f"the signal does not show the shaft, and the stated speed does not decide between {parts}"
+    return "the shaft speed is as stated; the signal does not show it"
 
 
 def named_words(fault: str, basis: str | None) -> str:

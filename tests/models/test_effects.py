@@ -145,7 +145,7 @@ def features_in_noise(response: Response, lines: Kinematics) -> BlockFeatures:
     """Return the features of the signal in noise."""
     signal = recorded(response)[0]
     noisy = signal + np.random.default_rng(0).normal(0.0, 0.2 * float(np.std(signal)), signal.size)
-    settings = FeatureSettings(RATE, (BAND,), fundamentals(lines), speed=lines.speed)
+    settings = FeatureSettings(RATE, (BAND,), fundamentals(lines), speed=lines.speed, speed_sd=0.0)
     return block_features(noisy.astype(np.float32), RATE, settings)
 
 
@@ -158,8 +158,9 @@ def test_the_monitor_names_the_damaged_part(part: Part, designation: str, speed:
     response = damaged(part, designation, speed, duration)
     lines = kinematics(from_catalogue(designation), speed)
     features = features_in_noise(response, lines)
-    naming = name_fault(features.sought[0], lines, features.families[0])
-    assert naming.fault == part
+    naming = name_fault(features.sought[0], lines, features.families[0], verified=features.shaft is not None)
+    # The cage is deeper than the ball that it turns, and a second hardly tells its twelfth multiple from the ball.
+    assert naming.fault in ((part, "ball|cage") if part == "ball" and duration < 2.0 else (part,))
     assert naming.families[part].speed_factor == pytest.approx(1.0, abs=2e-3)
 
 

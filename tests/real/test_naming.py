@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from pathlib import Path
 
 import pytest
@@ -12,15 +13,15 @@ from tests.recordings import CASES, Case, watch
 
 pytestmark = pytest.mark.real
 
-SILENT = {"cwru/296@6_2.mat", "uestc/O_1000_2.mat", "uestc/O_800_2.mat"}
-"""Deep combs that are not named yet: taken for the shaft's own, or outside the search of 2 %."""
+SILENT_PIECES = {"cwru/296@6_2.mat", "uestc/O_1000_2.mat", "uestc/O_800_2.mat"}
+"""Outer races at about three times the shaft, which so few turns do not tell from it, or with 3 % of slip."""
 
 
-def cases(*, without: str = "") -> list[object]:
-    """Return the recordings, those of ``SILENT`` marked as failures that are known."""
-    known = pytest.mark.xfail(reason="a deep comb is not named", strict=True)
+def cases(*, without: str = "", silent: Collection[str] = ()) -> list[object]:
+    """Return the recordings but those of a configuration, those of ``silent`` marked as failures that are known."""
+    known = pytest.mark.xfail(reason="the shaft speed is not measured in so few turns", strict=True)
     return [
-        pytest.param(case, id=f"{Path(case.file).stem}-{case.config}", marks=(known,) if case.file in SILENT else ())
+        pytest.param(case, id=f"{Path(case.file).stem}-{case.config}", marks=(known,) if case.file in silent else ())
         for case in CASES
         if case.config != without
     ]
@@ -57,7 +58,7 @@ def test_a_stated_speed_that_is_wrong_never_gives_a_wrong_name(data_dir: Path, c
     assert {fault for _, fault, _ in names(case, data_dir, speed_error=error)} <= {None, *case.allowed}
 
 
-@pytest.mark.parametrize("case", cases(without="ims_test1"))
+@pytest.mark.parametrize("case", cases(without="ims_test1", silent=SILENT_PIECES))
 def test_pieces_of_a_second_are_never_named_wrongly(data_dir: Path, case: Case) -> None:
     found = [fault for _, fault, _ in names(case, data_dir, block_s=1.0)]
     assert set(found) <= {None, *case.allowed}

@@ -8,7 +8,7 @@ estimate of the speed.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
@@ -27,6 +27,7 @@ GRID_STEP = 0.25
 """Step of the fundamentals of a grid, in bins of the highest harmonic."""
 
 _BEYOND_CAP = 0.1
+_WIDEST_SHAFT_LINE = 0.1
 _KEPT_GRID_LINES = 50_000
 
 
@@ -139,3 +140,18 @@ def _beside_shaft(n_bins: int, resolution: float, speed: float) -> NDArray[np.fl
     orders = np.arange(n_bins) * (resolution / speed)
     distance = np.abs(orders - np.rint(orders)) * speed
     return (distance >= max(1.5 * resolution, 0.01 * speed)).astype(np.float64)
+
+
+def beside_shaft(spectrum: LineSpectrum, speed: float, sd: float) -> LineSpectrum:
+    """Return a spectrum in which families are sought beside the harmonics of a shaft whose speed is known.
+
+    A line of constant frequency reaches two bins to either side; ``sd`` (Hz) is the standard deviation of the speed.
+    Lines of the bearing that come close to a harmonic are broader, because the elements slip.
+    """
+    resolution = spectrum.resolution
+    orders = np.arange(spectrum.power.size) * (resolution / speed)
+    nearest = np.rint(orders)
+    distance = np.abs(orders - nearest) * speed
+    reach = np.minimum(2.0 * resolution + sd * nearest, _WIDEST_SHAFT_LINE * speed)
+    beside = (distance > reach - 1e-6 * resolution).astype(np.float64)
+    return replace(spectrum, sought=spectrum.excess * beside, beside=beside)

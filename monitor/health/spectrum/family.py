@@ -124,11 +124,17 @@ def comb_depth(lines: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.sqrt(others + np.minimum(np.maximum(highest, 0.0), MOST_OF_ONE_LINE**2 * others))
 
 
-def combs_depth(spectrum: LineSpectrum, bins: NDArray[np.intp]) -> NDArray[np.float64]:
-    """Return the depth of combs whose lines stand at such bins, shape (harmonic, comb) to (comb,).
+def combs_depth(
+    spectrum: LineSpectrum, bins: NDArray[np.intp], counted: NDArray[np.bool_] | None = None
+) -> NDArray[np.float64]:
+    """Return the depth of combs whose lines stand at such bins, of those counted, shape (harmonic, comb) to (comb,).
 
-    As :attr:`FaultLines.depth`, with the bins of the shaft's harmonics; what lies beyond the spectrum adds nothing.
+    As :attr:`FaultLines.depth`; what lies beyond the spectrum adds nothing.
     """
-    net = np.pad(spectrum.power - spectrum.floor, 3)
+    net = spectrum.power - spectrum.floor
+    if spectrum.beside is not None:
+        net *= spectrum.beside
+    net = np.pad(net, 3)
     near = np.minimum(bins[:, :, None] + (NEAR_BINS + 3), net.size - 1)
-    return comb_depth(net.take(near).sum(axis=2) / HANN_POWER)
+    lines = net.take(near).sum(axis=2) / HANN_POWER
+    return comb_depth(lines if counted is None else lines * counted)

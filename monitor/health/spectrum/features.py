@@ -15,22 +15,33 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from models.bearing import Kinematics
 from monitor.health.spectrum.average import RecentSpectra
-from monitor.health.spectrum.comb import LineSpectrum, line_spectrum
+from monitor.health.spectrum.comb import LineSpectrum, beside_shaft, line_spectrum
+from monitor.health.spectrum.family import FaultLines
+from monitor.health.spectrum.floor import MIN_FLOOR_BINS
 from monitor.health.spectrum.indicators import TimeIndicators, sample_range, time_indicators
-from monitor.health.spectrum.interference import Comb
 from monitor.health.spectrum.lines import (
     FALSE_ALARM,
-    SEARCH,
     CombQuery,
-    FaultLines,
     fault_lines,
     find_lines,
     line_amplitudes,
 )
-from monitor.health.spectrum.plans import Effort, Precision
-from monitor.health.spectrum.search import FamilySearch
+from monitor.health.spectrum.settings import (
+    FAULTS,
+    N_HARMONICS,
+    N_RAW_HARMONICS,
+    SOUGHT_MARGIN_BINS,
+    FeatureSettings,
+    envelope_limit,
+    raw_limit,
+    rounded_up,
+    sought_limit,
+)
+from monitor.health.spectrum.settings import SPECTRUM_LINES as SPECTRUM_LINES
+from monitor.health.spectrum.settings import fundamentals as fundamentals
+from monitor.health.spectrum.settings import highest_rival as highest_rival
+from monitor.health.spectrum.shaft import MIN_TURNS, ShaftSpeed, highest_order, measurable, measure_shaft
 from monitor.health.spectrum.transform import (
     AmplitudeSpectrum,
     Band,
@@ -39,61 +50,6 @@ from monitor.health.spectrum.transform import (
 )
 
 Value = float | tuple[float | None, ...] | None
-
-FAULTS = ("outer", "inner", "ball", "cage")
-"""The fault families, in the order of the ``fault`` dimension of the records."""
-
-N_HARMONICS = 5
-"""Harmonics of each family in the envelope spectrum (Eq. 96)."""
-
-N_RAW_HARMONICS = 6
-"""BPFO harmonics of the raw spectrum; A* takes the first five (Eq. 57)."""
-
-SPECTRUM_LINES = 6.5
-"""An envelope spectrum that is kept or drawn reaches this many times the first line of the highest family."""
-
-_RAW_MARGIN_BINS, _SOUGHT_MARGIN_BINS = 210, 10
-
-
-@dataclass(frozen=True)
-class FeatureSettings:
-    """What has to be known about a channel to compute its features.
-
-    Attributes:
-        rate: sampling rate, Hz.
-        bands: bands to demodulate, (lo, hi) in Hz; the first is the one whose sums are the channel's H_or and so on.
-        fundamentals: frequency of the first line of each of ``FAULTS``, Hz (2 BSF of a ball: it meets both races).
-        rms_band: band of RMS and A*, Hz, or None for the full bandwidth.
-        speed: stated shaft speed, Hz, or None: then lines of the shaft are not separated.
-        average_blocks: neighbouring blocks in whose mean envelope spectrum the families are sought.
-        search: half width of the range of the speed factor.
-        searches: range of each family whose nominal frequency is an estimate; the others have ``search``.
-        interference: combs that are removed before the envelopes, at the speed of the block.
-        precision: arithmetic of the transforms.
-        effort: planning of the transforms; "estimate" gives the same bits everywhere and every time.
-    """
-
-    rate: float
-    bands: tuple[Band, ...]
-    fundamentals: Mapping[str, float]
-    rms_band: Band | None = None
-    speed: float | None = None
-    average_blocks: int = 1
-    search: float = SEARCH
-    searches: Mapping[str, FamilySearch] = field(default_factory=dict[str, FamilySearch])
-    interference: tuple[Comb, ...] = ()
-    precision: Precision = "float32"
-    effort: Effort = "estimate"
-
-    def __post_init__(self) -> None:
-        """Refuse settings without a band or with a missing or senseless frequency."""
-        if not self.bands:
-            raise ValueError("bands: at least one band is needed, got none")
-        if set(self.fundamentals) != set(FAULTS):
-            raise ValueError(f"fundamentals: expected {', '.join(FAULTS)}, got {', '.join(sorted(self.fundamentals))}")
-        for fault, frequency in self.fundamentals.items():
-            if not (math.isfinite(frequency) and frequency > 0.0):
-                raise ValueError(f"fundamentals: {fault} must be positive and finite, got {frequency!r} Hz")
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,8 +69,10 @@ class BlockFeatures:
             the block, or its average with the recent ones.
         families: the families found in each of them.
         recent: the recent spectra, this block's included; none where blocks are not averaged.
-        speed_factor: that of the detected family that stands highest above its threshold, or None where none is
-            detected.
+        speed: shaft speed at which the families were sought, Hz, or None.
+        shaft: the known speed of the shaft, found in the signal or stated, or None where it is nominal and not found.
+        speed_factor: that speed over the stated one; where it was not found, that of the detected family that stands
+            highest above its threshold, or None where none is detected.
         values: what each of ``FUNCTIONS`` gives, by name.
     """
 
@@ -129,6 +87,8 @@ class BlockFeatures:
     sought: tuple[LineSpectrum, ...]
     families: tuple[Mapping[str, FaultLines], ...]
     recent: RecentSpectra
+    speed: float | None
+    shaft: ShaftSpeed | None
     speed_factor: float | None
     values: Mapping[str, Value] = field(default_factory=dict[str, Value])
 
@@ -175,11 +135,6 @@ It takes the samples, shape (n,), m/s2, and what was computed from them; it retu
 """
 
 
-def fundamentals(kinematics: Kinematics) -> dict[str, float]:
-    """Return the frequency of the first line of each fault family, Hz."""
-    return {"outer": kinematics.bpfo, "inner": kinematics.bpfi, "ball": 2.0 * kinematics.bsf, "cage": kinematics.ftf}
-
-
 def block_features(
     x: NDArray[np.number],
     rate: float,
@@ -202,16 +157,14 @@ def block_features(
     """
     if rate != settings.rate:
         raise ValueError(f"the settings are for {settings.rate:g} Hz, the block has {rate:g} Hz")
-    outer = settings.fundamentals["outer"]
-    raw_limit = N_RAW_HARMONICS * outer * _reach(settings, "outer") + _RAW_MARGIN_BINS * rate / x.size
     transform = get_transform(
         x.size,
         rate,
         settings.bands,
         settings.precision,
         rms_band=settings.rms_band,
-        raw_limit=_rounded_up(raw_limit),
-        envelope_limit=_rounded_up(_envelope_limit(settings, rate / x.size)),
+        raw_limit=rounded_up(raw_limit(settings, rate / x.size)),
+        envelope_limit=rounded_up(envelope_limit(settings, rate / x.size)),
         effort=settings.effort,
     )
     span = sample_range(x, span)
@@ -226,10 +179,15 @@ def block_features(
             recent.averages() if recent.count > 1 else relative, spectra.envelopes, strict=True
         )
     )
-    families = tuple(_families(spectrum, settings) for spectrum in sought)
-    lines = tuple(map(partial(_own_lines, settings, averaged=recent.count > 1), spectra.envelopes, relative, families))
-    amplitude, shown = _raw_lines(spectra.raw, _leader(families, ("outer",)), settings)
-    leader = _leader(families, FAULTS)
+    shaft = _shaft(spectra.raw, sought[0], settings)
+    at = settings.at_speed(settings.held)
+    if shaft is not None and settings.speed is not None:
+        at = settings.at_speed(shaft.speed / settings.speed, shaft.sd)
+        if shaft.speed >= MIN_TURNS * spectra.raw.resolution:
+            sought = tuple(beside_shaft(spectrum, shaft.speed, shaft.sd) for spectrum in sought)
+    families = tuple(_families(spectrum, at) for spectrum in sought)
+    lines = tuple(map(partial(_own_lines, at, averaged=recent.count > 1), spectra.envelopes, relative, families))
+    amplitude, shown = _raw_lines(spectra.raw, _leader(families, ("outer",)), at)
     found = BlockFeatures(
         n_used=spectra.n_used,
         rms=indicators.rms if spectra.band_rms is None else spectra.band_rms,
@@ -242,49 +200,41 @@ def block_features(
         sought=sought,
         families=families,
         recent=recent,
-        speed_factor=None if leader is None else leader.speed_factor,
+        speed=at.speed,
+        shaft=shaft,
+        speed_factor=_speed_factor(settings, at, shaft, _leader(families, FAULTS)),
     )
     return replace(found, values={name: function(x, found) for name, function in FUNCTIONS.items()})
 
 
-def highest_rival(fundamentals: Mapping[str, float], speed: float | None) -> float:
-    """Return the highest fundamental that competes with the families: ten shaft speeds, or a tenth above them, Hz."""
-    return max(10.0 * (speed or 0.0), 1.1 * max(fundamentals.values()))
+def _shaft(raw: AmplitudeSpectrum, envelope: LineSpectrum, settings: FeatureSettings) -> ShaftSpeed | None:
+    """Return the speed of the shaft: as stated where that is known, else as both spectra show it, else None."""
+    if settings.speed is None:
+        return None
+    if settings.speed_sd is not None:
+        return ShaftSpeed(settings.speed, settings.speed_sd)
+    if not measurable(settings.speed, raw.resolution):
+        return None
+    needed = math.ceil(highest_order(settings.speed) / raw.resolution) + MIN_FLOOR_BINS
+    lines = line_spectrum(raw.amplitude[:needed], raw.resolution, speed=settings.speed)
+    return measure_shaft(lines, envelope, settings.speed)
 
 
-def _rounded_up(limit: float) -> float:
-    """Return the next power of two: a speed that varies from block to block must not ask for ever new plans."""
-    return 2.0 ** math.ceil(math.log2(limit))
-
-
-def _sought_limit(settings: FeatureSettings) -> float:
-    """Return the highest frequency of the envelope at which combs are sought, Hz."""
-    families = {fault: line * _margin(settings, fault) for fault, line in settings.fundamentals.items()}
-    return N_HARMONICS * highest_rival(families, settings.speed) * 1.05
-
-
-def _envelope_limit(settings: FeatureSettings, resolution: float) -> float:
-    """Return the highest frequency of the envelope that is used, Hz, with a margin for the floor under it."""
-    shown = SPECTRUM_LINES * max(settings.fundamentals.values())
-    return max(_sought_limit(settings), shown) + 2 * _SOUGHT_MARGIN_BINS * resolution
+def _speed_factor(
+    stated: FeatureSettings, at: FeatureSettings, shaft: ShaftSpeed | None, leader: FaultLines | None
+) -> float | None:
+    if shaft is not None and stated.speed is not None and stated.speed_sd is None:
+        return shaft.speed / stated.speed
+    if leader is None or at.speed is None or stated.speed is None:
+        return None if leader is None else leader.speed_factor
+    return leader.speed_factor * at.speed / stated.speed
 
 
 def _relative(envelope: EnvelopeSpectrum, settings: FeatureSettings) -> NDArray[np.float32]:
     """Return an envelope spectrum over the mean envelope, as far as combs are sought."""
-    needed = math.ceil(_sought_limit(settings) / envelope.resolution) + _SOUGHT_MARGIN_BINS
+    needed = math.ceil(sought_limit(settings, envelope.resolution) / envelope.resolution) + SOUGHT_MARGIN_BINS
     mean = max(envelope.mean, float(np.finfo(np.float32).tiny))
     return np.asarray(envelope.amplitude[:needed], dtype=np.float32) / np.float32(mean)
-
-
-def _margin(settings: FeatureSettings, fault: str) -> float:
-    """Return by how much a family of estimated frequency can stand above its nominal one."""
-    return _reach(settings, fault) if fault in settings.searches else 1.0
-
-
-def _reach(settings: FeatureSettings, fault: str) -> float:
-    """Return the highest factor of the nominal frequency at which a family is sought."""
-    search = settings.searches.get(fault)
-    return 1.0 + settings.search if search is None else max(search.places) * (1.0 + search.width)
 
 
 def _families(spectrum: LineSpectrum, settings: FeatureSettings) -> dict[str, FaultLines]:
@@ -296,7 +246,10 @@ def _families(spectrum: LineSpectrum, settings: FeatureSettings) -> dict[str, Fa
             queries.append((fault, CombQuery(nominal, settings.search)))
             continue
         alarm = FALSE_ALARM / len(search.places)
-        queries += [(fault, CombQuery(nominal * place, search.width, false_alarm=alarm)) for place in search.places]
+        queries += [
+            (fault, CombQuery(nominal * place, search.width, false_alarm=alarm, centre=search.centre))
+            for place in search.places
+        ]
     lines = find_lines(spectrum, [query for _, query in queries], N_HARMONICS)
     found: dict[str, FaultLines] = {}
     for (fault, _), candidate in zip(queries, lines, strict=True):
@@ -346,8 +299,8 @@ def _raw_lines(
         amplitude, shown = line_amplitudes(raw.amplitude, raw.resolution, nominal, factor, N_RAW_HARMONICS)
     else:
         spectrum = line_spectrum(raw.amplitude, raw.resolution, speed=settings.speed)
-        width = settings.search if search is None else search.width
-        lines = fault_lines(spectrum, nominal, n_harmonics=N_RAW_HARMONICS, search=width)
+        width, centre = (settings.search, 1.0) if search is None else (search.width, search.centre)
+        lines = fault_lines(spectrum, nominal, n_harmonics=N_RAW_HARMONICS, search=width, centre=centre)
         factor, amplitude, shown = lines.speed_factor, lines.amplitude, lines.resolved
     shown = shown & _inside(settings.rms_band, nominal * factor)
     return np.where(shown, amplitude, 0.0), shown

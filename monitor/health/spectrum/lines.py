@@ -41,6 +41,7 @@ class CombQuery:
         search: half width of the range of the speed factor.
         speed_factor: take this factor and do not search.
         false_alarm: probability that noise alone is called detected.
+        centre: middle of the range of the speed factor.
 
     Raises:
         ValueError: if a number is outside its range.
@@ -50,6 +51,7 @@ class CombQuery:
     search: float = SEARCH
     speed_factor: float | None = None
     false_alarm: float = FALSE_ALARM
+    centre: float = 1.0
 
     def __post_init__(self) -> None:
         """Refuse numbers outside their range."""
@@ -64,7 +66,7 @@ class CombQuery:
     @property
     def widest(self) -> float:
         """The highest speed factor at which a line may stand."""
-        return 1.0 + (self.search if self.speed_factor is None else abs(self.speed_factor - 1.0))
+        return self.centre + self.search if self.speed_factor is None else 1.0 + abs(self.speed_factor - 1.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -152,9 +154,10 @@ def fault_lines(
     search: float = SEARCH,
     speed_factor: float | None = None,
     false_alarm: float = FALSE_ALARM,
+    centre: float = 1.0,
 ) -> FaultLines:
     """Find the harmonics of one fault frequency; arguments as of :class:`CombQuery` and :func:`find_lines`."""
-    return find_lines(spectrum, [CombQuery(fundamental, search, speed_factor, false_alarm)], n_harmonics)[0]
+    return find_lines(spectrum, [CombQuery(fundamental, search, speed_factor, false_alarm, centre)], n_harmonics)[0]
 
 
 def find_lines(spectrum: LineSpectrum, queries: Sequence[CombQuery], n_harmonics: int = 5) -> list[FaultLines]:
@@ -256,7 +259,8 @@ def _search(spectrum: LineSpectrum, queries: Sequence[CombQuery], places: _Place
             found.append((1.0, False, 0.0))
         else:
             reach = query.fundamental * query.search
-            lowest, highest = query.fundamental - reach, query.fundamental + reach
+            middle = query.fundamental * query.centre
+            lowest, highest = middle - reach, middle + reach
             grid = comb_grid(lowest, highest, spectrum.resolution, count)
             scores = spectrum.comb_scores(spectrum.sought, grid)
             best = int(np.argmax(scores))
@@ -268,9 +272,10 @@ def _search(spectrum: LineSpectrum, queries: Sequence[CombQuery], places: _Place
                 found.append((1.0, False, score))
     if refined:
         width = np.array([queries[row].search for row in refined])
+        centre = np.array([queries[row].centre for row in refined])
         coarse = np.array([found[row][0] for row in refined])
         count = np.array([places.counts[row] for row in refined])
-        factors, edges = _refined(spectrum, places.nominal[refined], count, coarse, width)
+        factors, edges = _refined(spectrum, places.nominal[refined], count, coarse, width, centre)
         for row, factor, edge in zip(refined, factors.tolist(), edges.tolist(), strict=True):
             found[row] = (factor, edge, found[row][2])
     return found
@@ -282,6 +287,7 @@ def _refined(
     counts: NDArray[np.intp],
     coarse: NDArray[np.float64],
     width: NDArray[np.float64],
+    centre: NDArray[np.float64],
 ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
     """Return the speed factor of each family refined to the tops of its lines, and whether it is at an edge.
 
@@ -295,10 +301,11 @@ def _refined(
         counts: (family,) resolved lines.
         coarse: (family,) factors of the highest comb scores.
         width: (family,) half widths of the search.
+        centre: (family,) middles of the search.
     """
     reach = 1.0 / (counts * places[:, 0])
     factors = coarse[:, None] + reach[:, None] * _FINE
-    factors = np.minimum(np.maximum(factors, 1.0 - width[:, None]), 1.0 + width[:, None])
+    factors = np.minimum(np.maximum(factors, (centre - width)[:, None]), (centre + width)[:, None])
     tried = places[:, :, None] * factors[:, None, :]
     nearest = np.rint(tried)
     parabola = (nearest - tried) + NEAR_BINS[:, None, None, None]
@@ -312,4 +319,4 @@ def _refined(
     weight = np.divide(1.0, np.sqrt(floor), out=np.zeros_like(floor), where=places > 0.0)
     best = np.argmax((weight[:, None, :] @ heights)[:, 0], axis=1)
     factor = factors[np.arange(best.size), best]
-    return factor, width - np.abs(factor - 1.0) < 0.5 * GRID_STEP * reach
+    return factor, width - np.abs(factor - centre) < 0.5 * GRID_STEP * reach

@@ -1,6 +1,10 @@
-"""Where the lines of a fault family are sought when the geometry of the bearing is an estimate.
+"""Where the lines of a fault family are sought.
 
-Slip and the stated speed need ``SEARCH``; an uncertain ratio of the diameters widens that by two standard deviations.
+Where the speed is stated, within ``SEARCH`` or the tolerance of the speed. Where it is known, as far as a cage that
+slips takes them: rolling elements that are pressed too little do not roll, and the cage falls behind by up to 4 %
+(the unloaded bearings of UESTC). Cage and outer race fall with it; the inner race, which runs past the
+cage, rises by about two thirds of it, and a ball may keep to either race. One per cent the other way is left for the
+contact angle, which follows the axial load. An uncertain ratio of the diameters widens all by two standard deviations.
 An uncertain number of elements adds other places, at which the family is sought as well. Families whose ranges overlap
 cannot be told apart where they do: naming answers with both.
 """
@@ -8,10 +12,10 @@ cannot be told apart where they do: naming answers with both.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
 
-from models.kinematic_uncertainty import KinematicUncertainty
+from models.kinematic_uncertainty import KNOWN, KinematicUncertainty
 from monitor.health.spectrum.lines import SEARCH
 
 _DEVIATIONS = 2.0
@@ -19,30 +23,55 @@ _DEVIATIONS = 2.0
 
 @dataclass(frozen=True)
 class FamilySearch:
-    """Range of one family: half width, relative, about each of the places, which are factors of the nominal line."""
+    """Range of one family about each of the places, which are factors of the nominal line.
+
+    Attributes:
+        width: half width, relative to the place.
+        places: of the numbers of elements that the bearing may have.
+        centre: middle of the range, relative to the place.
+    """
 
     width: float = SEARCH
     places: tuple[float, ...] = (1.0,)
+    centre: float = 1.0
 
     def holds(self, ratio: float) -> bool:
         """Tell whether a line at this ratio to the nominal one can be of the family."""
-        return any(abs(ratio / place - 1.0) <= self.width for place in self.places)
+        return any(abs(ratio / place - self.centre) <= self.width for place in self.places)
 
 
 PLAIN = FamilySearch()
 """Range of a family of a bearing whose geometry is known."""
 
+SLIP = {"outer": (-0.04, 0.01), "inner": (-0.01, 0.027), "ball": (-0.04, 0.027), "cage": (-0.04, 0.01)}
+"""Lowest and highest departure of each family from pure rolling, relative, at a known shaft speed."""
 
-def family_searches(uncertainty: KinematicUncertainty) -> dict[str, FamilySearch]:
-    """Return the range of each fault family; empty where the geometry is known."""
-    if uncertainty.known:
+
+def family_searches(uncertainty: KinematicUncertainty, tolerance: float = SEARCH) -> dict[str, FamilySearch]:
+    """Return the range of each fault family at a stated speed; empty where it is ``PLAIN`` for all."""
+    if uncertainty.known and tolerance == SEARCH:
         return {}
     return {
-        "outer": FamilySearch(SEARCH + _DEVIATIONS * uncertainty.bpfo, (1.0, *uncertainty.bpfo_places)),
-        "inner": FamilySearch(SEARCH + _DEVIATIONS * uncertainty.bpfi, (1.0, *uncertainty.bpfi_places)),
-        "ball": FamilySearch(SEARCH + _DEVIATIONS * uncertainty.bsf),
-        "cage": FamilySearch(SEARCH + _DEVIATIONS * uncertainty.ftf),
+        "outer": FamilySearch(tolerance + _DEVIATIONS * uncertainty.bpfo, (1.0, *uncertainty.bpfo_places)),
+        "inner": FamilySearch(tolerance + _DEVIATIONS * uncertainty.bpfi, (1.0, *uncertainty.bpfi_places)),
+        "ball": FamilySearch(tolerance + _DEVIATIONS * uncertainty.bsf),
+        "cage": FamilySearch(tolerance + _DEVIATIONS * uncertainty.ftf),
     }
+
+
+def slip_searches(uncertainty: KinematicUncertainty = KNOWN) -> dict[str, FamilySearch]:
+    """Return the range of each fault family at a known shaft speed."""
+    ranges: dict[str, FamilySearch] = {}
+    for fault, (low, high) in SLIP.items():
+        plain = family_searches(uncertainty, 0.0)[fault]
+        ranges[fault] = FamilySearch(0.5 * (high - low) + plain.width, plain.places, 1.0 + 0.5 * (low + high))
+    return ranges
+
+
+def widened_searches(searches: Mapping[str, FamilySearch], speed_error: float) -> dict[str, FamilySearch]:
+    """Return the ranges for a speed with such a relative standard deviation of its error."""
+    wider = _DEVIATIONS * speed_error
+    return {fault: replace(search, width=search.width + wider) for fault, search in searches.items()}
 
 
 def overlapping(lines: Mapping[str, float], searches: Mapping[str, FamilySearch]) -> list[tuple[str, str]]:
@@ -59,4 +88,5 @@ def overlapping(lines: Mapping[str, float], searches: Mapping[str, FamilySearch]
 
 
 def _bounds(line: float, search: FamilySearch) -> list[tuple[float, float]]:
-    return [(line * place * (1.0 - search.width), line * place * (1.0 + search.width)) for place in search.places]
+    low, high = search.centre - search.width, search.centre + search.width
+    return [(line * place * low, line * place * high) for place in search.places]

@@ -97,12 +97,20 @@ function since(status, info, zone, row) {
 
 function part(status) {
   if (!status.fault) return answer("Which part?", "none named", "no family of lines stands out of the envelope spectrum");
+  const parts = status.fault_candidates?.join("|");
+  if (parts) return answer(
+    "Which part?",
+    faultWords(parts),
+    "the signal does not show the shaft, and the stated speed does not decide between them",
+  );
   const both = status.fault.includes("|") ? "their lines cannot be told apart here" : null;
+  const stated = status.speed_unverified ? "the shaft speed is as stated; the signal does not show it" : null;
   return answer(
     "Which part?",
     faultWords(status.fault),
     fmt.isNumber(status.fault_snr) ? `lines ${fmt.number(status.fault_snr, 2)} times the floor under them` : null,
     both,
+    stated,
     status.fault_basis === "hint" ? `a hint: ${baseSentence("hint")}` : null,
   );
 }

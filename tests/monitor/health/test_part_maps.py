@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from models.scene import Part
 from monitor.health.channel import ChannelBlock, check_channel, step
-from monitor.health.condition import Quantity
+from monitor.health.condition import ConditionSettings, Quantity
 from monitor.health.damage import DamageInput, EdvStatus
 from monitor.health.damage.thesis.level_set import LevelMap
 from monitor.health.damage.tracker import DamageGate, DamageSettings, DamageState, PartMap, part_of
@@ -120,6 +120,7 @@ def run(fault: str, damage: DamageSettings) -> tuple[ChannelState, list[ChannelO
         detect=DetectSettings(learn_blocks=25, run_in_blocks=5, persist_blocks=4),
         average_blocks=4,
         damage=damage,
+        condition=ConditionSettings(speed_exact=True),
     )
     state, outputs, records = ChannelState(), [], []
     for i, x in enumerate(life(fault)):

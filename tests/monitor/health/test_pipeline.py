@@ -340,7 +340,7 @@ def test_spectra_of_another_length_start_anew() -> None:
 
 
 def test_a_state_of_another_version_is_refused() -> None:
-    with pytest.raises(ValueError, match="version 2 expected, got 99"):
+    with pytest.raises(ValueError, match="version 3 expected, got 99"):
         ChannelState.from_dict({**ChannelState().to_dict(), "version": 99})
 
 
