@@ -27,7 +27,7 @@ KEPT = Path(__file__).parents[1] / "data" / "store_baseline"
 EXACT = ("sequence", "elapsed", "x.t_fs", "x.stage", "x.edv_status", "x.tt_status", "x.quality_flags")
 MAP_VERSION = 4
 """Version of the model that the hash of the kept map names."""
-ADDED = ("v_eq_relative", "envelope_mean")
+ADDED = ("v_eq_relative", "envelope_mean", "speed_unverified")
 """Values of a block that the baseline did not have."""
 WITHHELD = {
     *("forecasts/status", "forecasts/tt_s"),
