@@ -80,7 +80,11 @@ def demo_config(method: str = "library", model: str = Rig.model) -> Config:
     return validate(
         {
             "machine": {"name": "demo"},
-            "bearing": [{"name": "test", "designation": designation}, {"name": "support", "designation": "22207"}],
+            "bearing": [
+                {"name": "test", "designation": designation},
+                {"name": "support_drive", "designation": "22207"},
+                {"name": "support_free", "designation": "22207"},
+            ],
             # The simulated rig is made of these numbers, up to 2 to 5 %.
             "rig": {"calibrated": "declared"},
             "shaft": {"calibrated": "declared"},
@@ -88,8 +92,8 @@ def demo_config(method: str = "library", model: str = Rig.model) -> Config:
             "source": [{"name": "rig", "url": "rig:ferrara", "rate_hz": 25600.0, "range_g": 50.0 if own else 5000.0}],
             "channel": [
                 {**channel, "name": _TESTED, "bearing": "test", "band_hz": [[7000, 9000]], "track": True},
-                {**channel, "name": "support_drive", "bearing": "support"},
-                {**channel, "name": "support_free", "bearing": "support"},
+                {**channel, "name": "support_drive", "bearing": "support_drive"},
+                {**channel, "name": "support_free", "bearing": "support_free"},
             ],
             # A sensor without a casing before it is louder than the level that ends a life.
             "detect": {"learn_blocks": 100} | ({} if own else {"end_of_life_peak_g": 1000.0}),

@@ -96,14 +96,14 @@ def test_formulas_of_the_line_contact_stand_beside_each_other() -> None:
 def test_a_configured_stiffness_of_rollers_is_used(tmp_path: Path) -> None:
     config = tmp_path / "config.toml"
     text = Path("config.toml").read_text(encoding="utf-8")
-    text = text.replace("[rig]", '[rig]\nbearing = "support"\nk_c_newton_per_m109 = 2e8', 1)
+    text = text.replace("[rig]", '[rig]\nbearing = "support_drive"\nk_c_newton_per_m109 = 2e8', 1)
     config.write_text(text, encoding="utf-8")
-    found, other = (values(*of, "--bearing", "support") for of in (("--config", str(config)), ()))
+    found, other = (values(*of, "--bearing", "support_drive") for of in (("--config", str(config)), ()))
     assert found["k_c_newton_per_m109"] == 2e8
     assert other["k_c_newton_per_m109"] is None
     softer = other["k_c_estimate_newton_per_m109"]["value"] / 2e8
     assert found["displacement_um"] == pytest.approx(softer**0.9 * other["displacement_um"], rel=1e-6)
-    assert "2e+08 N/m^(10/9) (configured)" in run("--config", str(config), "--bearing", "support")
+    assert "2e+08 N/m^(10/9) (configured)" in run("--config", str(config), "--bearing", "support_drive")
 
 
 def test_a_needle_bearing_by_its_geometry(tmp_path: Path) -> None:
