@@ -213,7 +213,6 @@ def tables_of(found: Sequence[Judged]) -> dict[str, list[Row]]:
         tables[f"by {name}"] = [counts([one for one in found if group(one) == value], name, value) for value in values]
     noted = [one.row() for one in found if one.verdict in ("wrong", "healthy named")]
     tables["wrong"] = noted
-    tables["silent although findable"] = [one.row() for one in found if one.findable and one.verdict == "silent"]
     return tables
 
 
@@ -230,8 +229,7 @@ def main() -> None:
     found = list(records(seeds[:50] if options.quick else seeds, options.records))
     tables = tables_of(found)
     for name, rows in tables.items():
-        if rows and name != "silent although findable":
-            print_table(name, rows)
+        print_table(name, rows)
     kind = ("baseline_" if options.baseline else "") + ("held_out" if options.held_out else "training")
     written: dict[str, Any] = {}
     if options.json is not None and options.json.is_file():

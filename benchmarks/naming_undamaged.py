@@ -21,7 +21,8 @@ from benchmarks.naming_seeded import block_of, settings_of
 from benchmarks.seeded_faults import Gear, Plan, Seeded, draw, realise
 from tests.steps import Steps
 
-FIRST_SEED = 100_000
+FIRST_SEED = 200_000
+"""Seeds from 100,000 on showed that lines closer than eight bins must not be named; these came after it."""
 KINDS = ("white", "coloured", "shaft", "gear")
 RECORDS = 1250
 """Of each kind."""
