@@ -60,6 +60,9 @@ _LEAST_LINES = 3
 _SIDEBANDS = (-3, -2, -1, 1, 2, 3)
 _SAME_SLIP = 0.01
 """Departures from pure rolling that differ by less are equally likely."""
+MIN_SPACING_BINS = 8.0
+"""Bins between the lines of a family that may be named: of closer ones, the five bins of each leave no room between
+them, and a few lines of shaft and gears pass for the cage."""
 _MIN_BINS = 40
 _LONE = {"cage": "ball|cage"}
 _NO_SEARCHES: Mapping[str, FamilySearch] = MappingProxyType({})
@@ -133,7 +136,8 @@ def name_fault(
         tolerance: relative error of a speed that is not.
     """
     threshold = score_threshold(spectrum.n_averages)
-    shown = {name: lines for name, lines in families.items() if lines.resolved.all()}
+    least = MIN_SPACING_BINS * spectrum.resolution
+    shown = {name: lines for name, lines in families.items() if lines.resolved.all() and lines.fundamental >= least}
     if spectrum.power.size < _MIN_BINS or not spectrum.power.any() or not shown:
         return Naming(None, None, math.nan, threshold, verified=verified)
     clear = [name for name, lines in shown.items() if lines.comb_score >= threshold]

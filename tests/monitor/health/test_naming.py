@@ -320,3 +320,12 @@ def test_families_are_sought_within_the_search() -> None:
     for family in name(white(9, 128000), lines).families.values():
         assert abs(family.speed_factor - 1.0) <= SEARCH * (1.0 + 1e-9)
     assert set(fundamentals(lines)) == set(FAULTS)
+
+
+def test_lines_that_are_close_together_are_no_family() -> None:
+    """A cage of 12 Hz in half a second: six bins apart, where few lines of gears pass for it."""
+    _, lines = bearing_lines("6305", 32.4)
+    x = impacts(np.random.default_rng(6), "cage", lines, duration=0.5, height=40.0)
+    assert "cage" not in name(x, lines, speed_sd=0.0).families
+    longer = impacts(np.random.default_rng(6), "cage", lines, duration=1.5, height=40.0)
+    assert "cage" in name(longer, lines, speed_sd=0.0).families
