@@ -1,21 +1,19 @@
 """Scenes: what each model costs and misses where another could answer, and what ``--model auto`` makes of it.
 
-Run as ``python -m benchmarks.scenes [--quick] [--json FILE]``. Three parts:
+Run as ``python -m benchmarks.scenes [--quick] [--json FILE]``. Two parts:
 
 1. a dozen named scenes: the reference, each model that can stand for it whatever its error, what that leaves out, how
    far it is off in RMS, A* (the first five lines of the passages over the defect, Eq. 57), the largest line and V_eq,
    and what both cost.
 2. What leaving out each effect costs and saves (``benchmarks.scenes_effects``). Without ``--quick`` both tables of
    docs/explanation/scenes.md are written anew.
-3. 200 random scenes (``benchmarks.scenes_random``) whose seeds were set aside before any constant was fitted: whether
-   ``auto`` exceeds the accuracy, against the reference with an eighth of its step; its cost over that of the cheapest
-   model that would have met it, and over that of the reference; how often each is taken and could be.
+
+How ``auto`` does in random scenes: ``benchmarks.scenes_judged``.
 """
 
 from __future__ import annotations
 
 import math
-from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -25,8 +23,7 @@ import numpy as np
 
 from benchmarks.common import Row, arguments, print_table, write_json
 from benchmarks.scenes_effects import effect_rows, effect_table
-from benchmarks.scenes_random import KINDS, Drawn, draw
-from benchmarks.scenes_trial import Trial, run, timed, truth_of
+from benchmarks.scenes_trial import timed, truth_of
 from models.bearing import from_catalogue
 from models.choice import select, stand_ins
 from models.dynamics.over_time import passage_rate
@@ -37,9 +34,7 @@ from models.rigs.rotor import RotorRig
 from models.scene import Defect, Scene
 from models.simulate import volume_slope
 
-HELD_OUT = 57_000
-SCENES, SCENES_QUICK = 200, 12
-MAX_RATIO = 1.3
+QUICK = 3
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "explanation" / "scenes.md"
 REQUEST = Request(accuracy=1e-3, duration=0.5, rate=25600.0)
 ASKED = 5e-2
@@ -76,10 +71,10 @@ def _lines(found: Response, scene: Scene) -> Any:
     return 2.0 * np.abs(found.record.coefficients(passage_rate(scene), 6)[0, 1:])
 
 
-def table() -> list[Row]:
-    """Return a row for each named scene and model that can stand for its reference."""
+def table(count: int | None) -> list[Row]:
+    """Return a row for each of the first named scenes and each model that can stand for its reference."""
     rows: list[Row] = []
-    for name, scene in named_scenes().items():
+    for name, scene in list(named_scenes().items())[:count]:
         reference, _ = choose(scene, REQUEST)
         truth = truth_of(scene, REQUEST, reference)
         _, seconds = timed(lambda reference=reference, scene=scene: reference.solve(scene, REQUEST))
@@ -149,106 +144,18 @@ def write_page(name: str, table: str) -> None:
     PAGE.write_text(f"{before}{begin}\n\n{table}\n\n{end}{after}", encoding="utf-8")
 
 
-def drawn(count: int, first: int = HELD_OUT) -> list[Drawn]:
-    """Return the random scenes."""
-    return [draw(first + k, KINDS[k % len(KINDS)]) for k in range(count)]
-
-
-def summary(trials: Sequence[Trial]) -> list[Row]:
-    """Return what the random scenes say, all and of each kind."""
-    rows: list[Row] = []
-    for kind in ("all", *KINDS):
-        some = [trial for trial in trials if kind in ("all", trial.drawn.kind)]
-        if not some:
-            continue
-        ratios = np.array([trial.taken.seconds / trial.cheapest for trial in some])
-        auto, cheapest = (sum(x) for x in zip(*((t.taken.seconds, t.cheapest) for t in some), strict=True))
-        reference = sum(trial.answers[0].seconds for trial in some)
-        rows.append(
-            {
-                "kind": kind,
-                "scenes": len(some),
-                "accuracy exceeded": sum(t.taken.true > t.drawn.request.accuracy for t in some),
-                "worst error over accuracy": max(t.taken.true / t.drawn.request.accuracy for t in some),
-                "within 1.3 of cheapest": float(np.mean(ratios <= MAX_RATIO)),
-                "median ratio": float(np.median(ratios)),
-                "sum over sum of cheapest": auto / cheapest,
-                "sum over sum of references": auto / reference,
-                "a stand-in would do": sum(t.cheapest < t.answers[0].seconds for t in some),
-                "a stand-in is taken": sum(t.taken.name != t.answers[0].name for t in some),
-            }
-        )
-    return rows
-
-
-def uses(trials: Sequence[Trial]) -> list[Row]:
-    """Return how often each solver could answer, was the reference, and was taken."""
-    eligible = Counter(a.name for trial in trials for a in trial.answers)
-    reference = Counter(trial.answers[0].name for trial in trials)
-    taken = Counter(trial.taken.name for trial in trials)
-    return [
-        {"solver": name, "eligible": eligible[name], "reference": reference[name], "taken": taken[name]}
-        for name in sorted(eligible)
-    ]
-
-
-def predictions(trials: Sequence[Trial]) -> list[Row]:
-    """Return true over predicted errors, of each kind and stand-in."""
-    rows: list[Row] = []
-    for kind in KINDS:
-        found = [a for t in trials if t.drawn.kind == kind for a in t.answers[1:] if math.isfinite(a.predicted)]
-        for name in sorted({a.name for a in found}):
-            ratios = [a.true / a.predicted for a in found if a.name == name and a.predicted > 0.0]
-            rows.append(
-                {
-                    "kind": kind,
-                    "stand-in": name,
-                    "scenes": len(ratios),
-                    "median": float(np.median(ratios)),
-                    "highest": max(ratios),
-                }
-            )
-    return rows
-
-
-def detail(trial: Trial) -> Row:
-    """Return a row of one trial."""
-    drawn_one = trial.drawn
-    return {
-        "seed": drawn_one.seed,
-        "kind": drawn_one.kind,
-        "quantity": drawn_one.request.quantity,
-        "accuracy": drawn_one.request.accuracy,
-        "taken": trial.taken.name,
-        "true": trial.taken.true,
-        "predicted": trial.taken.predicted,
-        "ms": 1e3 * trial.taken.seconds,
-        "cheapest ms": 1e3 * trial.cheapest,
-        "reference": trial.answers[0].name,
-        "reference ms": 1e3 * trial.answers[0].seconds,
-    }
-
-
 def main() -> None:
-    """Run all parts."""
+    """Run both parts."""
     given = arguments(__doc__ or "")
-    rows: list[Row] = []
+    rows = table(QUICK if given.quick else None)
+    print_table("Named scenes", rows)
     effects: list[Row] = []
     if not given.quick:
-        rows, effects = table(), effect_rows()
-        print_table("Named scenes", rows)
+        effects = effect_rows()
         print_table("Effects left out", effects)
         write_page("table", page_table(rows))
         write_page("effects", effect_table(effects))
-    trials: list[Trial] = []
-    for one in drawn(SCENES_QUICK if given.quick else SCENES):
-        trials.append(run(one))
-        print(f"{len(trials)}: {one.kind} {one.seed}: {trials[-1].taken.name}", flush=True)
-    judged = {"summary": summary(trials), "uses": uses(trials), "predictions": predictions(trials)}
-    for name, found in judged.items():
-        print_table(name, found)
-    trial_rows = [detail(trial) for trial in trials]
-    write_json(given.json, {"named": rows, "effects": effects, **judged, "trials": trial_rows})
+    write_json(given.json, {"named": rows, "effects": effects})
 
 
 if __name__ == "__main__":

@@ -1,11 +1,12 @@
-"""One random scene of ``benchmarks.scenes``: what ``auto`` takes, and what every model would have cost and missed."""
+"""One random scene of ``benchmarks.scenes_judged``: what ``auto`` takes, what every model costs and misses."""
 
 from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from statistics import median
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,8 +14,9 @@ from numpy.typing import NDArray
 from benchmarks.scenes_random import Drawn
 from models.bearing import kinematics
 from models.choice import stand_ins
-from models.dynamics import ball_inertia, periodic, rotor_elastic, time_domain
+from models.dynamics import ball_inertia, ball_period, periodic, rotor_elastic, time_domain
 from models.dynamics.rotor import Rigid
+from models.mappings.mapping import Mapping
 from models.registry import Request, Solver, choose
 from models.response import Response
 from models.scene import Scene
@@ -25,6 +27,8 @@ FINER = 8
 FINER_ACCURACY = 1e-3
 """Accuracy of the truth where one ball period is solved, over that which is asked for."""
 TIMED = 3
+TURNS = 5
+"""Warm calls of each model whose median is taken."""
 TIMED_BELOW_S = 0.1
 """A call is repeated unless it takes longer."""
 _PHASES = 4096
@@ -32,12 +36,20 @@ _PHASES = 4096
 
 @dataclass(frozen=True)
 class Answer:
-    """What one model gave: its name, true and predicted error of what is asked, relative, and processor time, s."""
+    """What one model gave.
+
+    Attributes:
+        name: of model and solver.
+        true, predicted: error of what is asked, relative, and the bound of that of the exchange.
+        seconds: processor time.
+        stated: error that the response states, of steps, averaging and model.
+    """
 
     name: str
     true: float
     predicted: float
     seconds: float
+    stated: float = math.nan
 
 
 @dataclass(frozen=True)
@@ -70,7 +82,7 @@ def timed(function: Callable[[], Response]) -> tuple[Response, float]:
 def first_step(scene: Scene, solver: Solver) -> float:
     """Return the step with which a solver over time begins, s."""
     if solver.model == "ball_inertia":
-        return ball_inertia._SHARE_OF_STABLE * ball_inertia.longest_stable_step(scene)
+        return ball_inertia.SHARE_OF_STABLE * ball_inertia.longest_stable_step(scene)
     if solver.name == "rigid":
         return Rigid(scene, 0.0).longest_step()
     if solver.name == "elastic":
@@ -80,6 +92,8 @@ def first_step(scene: Scene, solver: Solver) -> float:
 
 def truth_of(scene: Scene, request: Request, solver: Solver) -> Response:
     """Return the response of the reference with steps far finer than its own."""
+    if solver.solve is ball_period.solve:
+        solver = ball_inertia.SOLVER
     if solver.solve is periodic.solve:
         return solver.solve(scene, replace(request, accuracy=max(FINER_ACCURACY * request.accuracy, 1e-7)))
     step = first_step(scene, solver)
@@ -114,8 +128,8 @@ def _least_difference(one: NDArray[np.complex128], two: NDArray[np.complex128]) 
     return math.sqrt(float(min(shifted)) / float(np.sum(np.abs(one) ** 2)))
 
 
-def run(drawn: Drawn) -> Trial:
-    """Return what a scene gives."""
+def run(drawn: Drawn, turns: int = TURNS) -> Trial:
+    """Return what a scene gives; the calls are timed in turns."""
     scene, request = drawn.scene, drawn.request
     reference, _ = choose(scene, request)
     own = replace(request, quantity="rms") if request.quantity == "v_eq" else request
@@ -124,19 +138,42 @@ def run(drawn: Drawn) -> Trial:
         slope = max(abs(volume_slope(replace(scene, model=reference.model), request)), 1e-9)
         own = replace(own, accuracy=max(request.accuracy * slope, 1e-6))
     truth = truth_of(scene, own, reference)
-    found, seconds = timed(lambda: reference.solve(scene, own))
-    name = f"{reference.model} {reference.name}"
-    answers = [Answer(name, error_of(found, truth, request, slope), 0.0, seconds)]
-    others, _ = stand_ins(scene, own, reference)
-    for one in others:
+    calls: list[Callable[[], Response]] = [lambda: _auto(scene, own), lambda: reference.solve(scene, own)]
+    names, bounds = [f"{reference.model} {reference.name}"], [0.0]
+    for one in stand_ins(scene, own, reference)[0]:
         half = replace(one.request, accuracy=max(0.5 * own.accuracy, one.solver.error))
-        found, seconds = timed(lambda one=one, half=half: one.mapped.back(one.solver.solve(one.mapped.scene, half)))
-        true = error_of(found, truth, request, slope)
-        predicted = one.mapping.error(scene, own) / slope
-        answers.append(Answer(f"{one.solver.model} {one.solver.name}", true, predicted, seconds))
-    taken, seconds = timed(lambda: _auto(scene, own))
-    auto = Answer(f"{taken.model} {taken.solver}", error_of(taken, truth, request, slope), taken.model_error, seconds)
-    return Trial(drawn, auto, tuple(answers))
+        calls.append(lambda one=one, half=half: one.mapped.back(one.solver.solve(one.mapped.scene, half)))
+        names.append(f"{one.solver.model} {one.solver.name}")
+        bounds.append(bound_of(one.mapping, scene, own) / slope)
+    found, seconds = timed_in_turns(calls, turns)
+    answers = tuple(
+        Answer(name, error_of(response, truth, request, slope), bound, spent)
+        for name, bound, response, spent in zip(names, bounds, found[1:], seconds[1:], strict=True)
+    )
+    taken = found[0]
+    error = error_of(taken, truth, request, slope)
+    auto = Answer(f"{taken.model} {taken.solver}", error, taken.model_error / slope, seconds[0], taken.error / slope)
+    return Trial(drawn, auto, answers)
+
+
+def bound_of(mapping: Mapping, scene: Scene, request: Request) -> float:
+    """Return the bound of the error of a mapping, infinite where none is known."""
+    try:
+        return mapping.error(scene, request)
+    except ValueError:
+        return math.inf
+
+
+def timed_in_turns(calls: Sequence[Callable[[], Response]], turns: int) -> tuple[list[Response], list[float]]:
+    """Return the responses of calls and the median of the processor times of each, s, warm and one after the other."""
+    found = [call() for call in calls]
+    times: list[list[float]] = [[] for _ in calls]
+    for _ in range(turns):
+        for spent, call in zip(times, calls, strict=True):
+            begin = time.process_time()
+            call()
+            spent.append(time.process_time() - begin)
+    return found, [median(spent) for spent in times]
 
 
 def _auto(scene: Scene, request: Request) -> Response:

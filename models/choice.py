@@ -3,7 +3,7 @@
 The reference is the cheapest solver, among those that leave out nothing of the machine, that takes the parameters of
 the scene and meets the accuracy (``models.registry.choose``). A mapping (``models.mappings``) offers what stands for
 it, where the assumptions of both coincide. It is taken if it is cheaper and the predicted error of the exchange leaves
-the steps a share of the accuracy; otherwise the reference answers.
+the steps a share of the accuracy; otherwise the reference answers. So it does where what was taken says that it missed.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 from models.mappings.mapping import Mapped, Mapping
 from models.mappings.table import MAPPINGS
-from models.registry import AUTO, Request, Solver, choose, solvers
+from models.registry import AUTO, Request, Solver, choose_priced, solvers
 
 if TYPE_CHECKING:
     from models.response import Response, Sensor
@@ -21,8 +21,8 @@ if TYPE_CHECKING:
 
 # Share of the accuracy that is left to the steps of what stands for a reference.
 LEFT_TO_STEPS = 0.1
-# What stands for a reference is only looked at where it is expected to cost at most this share of it, since the
-# prediction of its error costs time as well.
+# What stands for a reference is only looked at where it is expected to cost at most this share of it: expected costs
+# are no better than this.
 WORTH = 0.8
 
 
@@ -35,10 +35,11 @@ class Choice:
         why: in words, None where the scene names a model that has one way only.
         reference: what it stands for, None where it is the reference.
         mapped: the scene with the parameters of ``solver``, None as before.
-        error: predicted error of the exchange, relative, of the quantity that is asked for.
+        error: bound of the error of the exchange, relative, of the quantity that is asked for.
         cost, reference_cost: expected processor time of both, s.
         refused: what could not stand for the reference, and why.
         sensor: that is asked for, of the reference; None is its first.
+        instead: the choice of the reference, where this is none.
     """
 
     solver: Solver
@@ -52,13 +53,21 @@ class Choice:
     reference_cost: float = 0.0
     refused: tuple[tuple[str, str], ...] = ()
     sensor: Sensor | None = None
+    instead: Choice | None = None
 
     def answer(self) -> Response:
-        """Return the response, as one of the reference; raise a ValueError that names what is not described."""
+        """Return the response, as one of the reference; raise a ValueError that names what is not described.
+
+        Where its own estimate of the error exceeds the accuracy, ``why`` says so.
+        """
         found = self.solver.solve(self.scene, self.request).led_by(self.request.sensor)
         if self.mapped is not None:
-            found = self.mapped.back(found, self.sensor)
-        return found if self.why is None else replace(found, why=self.why)
+            found = replace(self.mapped.back(found, self.sensor), model_error=self.error)
+        if self.why is None:
+            return found
+        missed = found.status == "not_periodic" and found.error > self.request.accuracy + self.error
+        said = f"; its own estimate of the error, {found.error:.1g}, is beyond the accuracy" if missed else ""
+        return replace(found, why=self.why + said)
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,12 +126,12 @@ def select(scene: Scene, request: Request) -> Choice:
     Raises:
         ValueError: if no model describes it; the message names what is missing, and who has it.
     """
-    reference, why = choose(scene, request)
+    reference, why, cost = choose_priced(scene, request)
     plain = Choice(reference, scene, request, why)
     if scene.model != AUTO or request.steps_per_period is not None or reference.error > request.accuracy:
         return plain
     found, refused = stand_ins(scene, request, reference)
-    dear = reference.cost(scene, request)
+    dear = reference.cost(scene, request) if cost is None else cost
     plain = replace(plain, cost=dear, reference_cost=dear)
     for one in found:
         if one.cost > WORTH * dear:
@@ -139,7 +148,7 @@ def select(scene: Scene, request: Request) -> Choice:
             continue
         why = (
             f"{one.solver.model} ({one.solver.name}) stands for {reference.model} ({reference.name}); they differ by "
-            f"{one.mapping.neglected}, a predicted {error:.1g} of the {_WORDS[request.quantity]}, and it takes "
+            f"{one.mapping.neglected}, at most {error:.1g} of the {_WORDS[request.quantity]}, and it takes "
             f"{_time(one.cost)} instead of {_time(dear)}; {one.solver.reason}"
         )
         asked = replace(one.request, accuracy=left)
@@ -155,6 +164,7 @@ def select(scene: Scene, request: Request) -> Choice:
             reference_cost=dear,
             refused=tuple(refused),
             sensor=_sensor(scene, request),
+            instead=plain,
         )
     return replace(plain, refused=tuple(refused))
 

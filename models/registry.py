@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 # The modules of each model's solvers.
 MODULES: dict[str, tuple[str, ...]] = {
     "six_dof": ("models.dynamics.periodic", "models.dynamics.mean_force", "models.dynamics.time_domain"),
-    "ball_inertia": ("models.dynamics.ball_inertia",),
+    "ball_inertia": ("models.dynamics.ball_period", "models.dynamics.ball_inertia"),
     "ring_impact": ("models.dynamics.ring_impact",),
     "rotor": ("models.dynamics.rotor", "models.dynamics.rotor_elastic"),
     "angular": ("models.dynamics.angular",),
@@ -155,6 +155,11 @@ def choose(scene: Scene, request: Request) -> tuple[Solver, str | None]:
         ValueError: if no solver has all the effects, or none of those that have takes the parameters of the machine;
             the message names those that lack, and who has them.
     """
+    return choose_priced(scene, request)[:2]
+
+
+def choose_priced(scene: Scene, request: Request) -> tuple[Solver, str | None, float | None]:
+    """Return what ``choose`` does, and the expected cost of the solver, s, None where it had no need to be known."""
     known = solvers(scene.model)
     needed = frozenset(scene.effects)
     able = [s for s in known if needed <= s.effects]
@@ -163,13 +168,16 @@ def choose(scene: Scene, request: Request) -> tuple[Solver, str | None]:
     able = _of_the_rig(scene, able)
     able = [s for s in able if s.whole is None or s.whole(scene)] or able
     accurate = [s for s in able if s.error <= request.accuracy]
-    if not accurate:
-        best = min(able, key=lambda s: s.error)
+    cost: float | None = None
+    if len(accurate) > 1:
+        costs = [s.cost(scene, request) for s in accurate]
+        cost = min(costs)
+        best = accurate[costs.index(cost)]
     else:
-        best = accurate[0] if len(accurate) == 1 else min(accurate, key=lambda s: s.cost(scene, request))
+        best = accurate[0] if accurate else min(able, key=lambda s: s.error)
     if scene.model != AUTO:
-        return best, None
-    return best, _reason(best, scene, len({s.model for s in able}))
+        return best, None, cost
+    return best, _reason(best, scene, len({s.model for s in able})), cost
 
 
 def _reason(best: Solver, scene: Scene, models: int) -> str:

@@ -112,7 +112,11 @@ def volume_slope(scene: Scene, request: Request) -> float:
 
 
 def _answer(scene: Scene, request: Request) -> Response:
-    """Return the response of what is chosen, judged with the error of the model."""
+    """Return the response of what is chosen, or of the reference where a stand-in says that it missed the accuracy."""
     chosen = select(scene, request)
     found = chosen.answer()
-    return found if chosen.mapped is None else judged(replace(found, model_error=chosen.error), request)
+    if chosen.instead is None:
+        return found
+    found = judged(found, request)
+    usable = found.status == "converged" or (found.status == "not_periodic" and not scene.repeats)
+    return found if usable and found.error <= request.accuracy else chosen.instead.answer()

@@ -23,6 +23,7 @@ from __future__ import annotations
 import cmath
 import math
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -59,7 +60,7 @@ EFFECTS = frozenset(
 )
 SENSORS: tuple[Sensor, ...] = ("a",)
 # First step over the longest stable one: a ball may be pressed harder than at rest.
-_SHARE_OF_STABLE = 0.7
+SHARE_OF_STABLE = 0.7
 # Dropped at the beginning: ball periods, time constants of the ring on its contacts, and both limits in seconds.
 _SETTLE_PERIODS = 4.0
 _SETTLE_CONSTANTS = 7.0
@@ -117,7 +118,7 @@ def solve(scene: Scene, request: Request) -> Response:
         repeats=scene.repeats,
         passages=passage_rate(scene),
     )
-    return answer(motion, request, _SHARE_OF_STABLE * longest_stable_step(scene))
+    return answer(motion, request, SHARE_OF_STABLE * longest_stable_step(scene))
 
 
 def trace(scene: Scene, duration: float, step: float) -> Trace:
@@ -141,7 +142,7 @@ def trajectories(scene: Scene, request: Request) -> Trajectories | None:
         found = trace(scene, duration, step)
         return found.ring.T[np.newaxis] if found.finite else None
 
-    step = _SHARE_OF_STABLE * longest_stable_step(scene)
+    step = SHARE_OF_STABLE * longest_stable_step(scene)
     free = (scene.clearance,)
     return settled(walk, scene, request, step=step, settle=settling(scene), points=SENSORS, clearance=free)
 
@@ -215,7 +216,7 @@ def _passages(scene: Scene, defect: Defect, duration: float) -> tuple[NDArray[np
     return past.begin, past.end, contact, np.full(len(contact), defect.h_d), along, start
 
 
-def at_rest(scene: Scene) -> NDArray[np.float64]:
+def at_rest(scene: Scene, halvings: int = _HALVINGS) -> NDArray[np.float64]:
     """Return the state at the beginning, (4 + 2 balls,): the ring where contacts without defects carry load and weight.
 
     Each ball is in balance there with its centrifugal force, which the ring's place leaves out.
@@ -225,11 +226,11 @@ def at_rest(scene: Scene) -> NDArray[np.float64]:
     series = in_series(rig.k_ci, rig.k_co, BALL_EXPONENT)
     place = static_equilibrium(angles - towards, abs(force), series, clearance=scene.clearance)
     ring = complex(*place) * cmath.exp(1j * towards)
-    balls = _balls_at_rest(scene, ring)
+    balls = _balls_at_rest(scene, ring, halvings)
     return np.concatenate(([ring.real, ring.imag, 0.0, 0.0], balls, np.zeros(len(balls))))
 
 
-def _balls_at_rest(scene: Scene, ring: complex) -> NDArray[np.float64]:
+def _balls_at_rest(scene: Scene, ring: complex, halvings: int) -> NDArray[np.float64]:
     """Return the place of each ball that is in balance beside a ring that stands still, m, by bisection."""
     rig, angles = scene.rig_as(BallInertiaRig), _ball_angles(scene)
     turned = ring * np.exp(-1j * angles)
@@ -238,7 +239,7 @@ def _balls_at_rest(scene: Scene, ring: complex) -> NDArray[np.float64]:
     weight = mass * scene.gravity * np.cos(angles - scene.gravity_angle)
     low = np.minimum(along, scene.clearance) - _REACH
     high = np.maximum(along, scene.clearance) + _REACH
-    for _ in range(_HALVINGS):
+    for _ in range(halvings):
         place = 0.5 * (low + high)
         apart = pitch + place - along
         rho = np.hypot(apart, side)
@@ -255,9 +256,13 @@ def longest_stable_step(scene: Scene) -> float:
     The ball moves on both contacts, with the tangent stiffness of that force and their damping.
     """
     rig = scene.rig_as(BallInertiaRig)
-    mass, (k_in, k_out) = rig.ball_mass(scene.bearing), _tangents(scene)
-    damping = rig.c_ci + rig.c_co
-    root = cmath.sqrt(damping**2 - 4.0 * mass * (k_in + k_out))
+    return _stable_step(rig.ball_mass(scene.bearing), rig.c_ci + rig.c_co, sum(_tangents(scene)))
+
+
+@lru_cache(maxsize=512)
+def _stable_step(mass: float, damping: float, stiffness: float) -> float:
+    """Return that of a mass on a spring and a damper."""
+    root = cmath.sqrt(damping**2 - 4.0 * mass * stiffness)
     rates = np.array([(-damping + root) / (2.0 * mass), (-damping - root) / (2.0 * mass)])
     fastest = float(np.max(np.abs(rates)))
     steps = np.linspace(0.0, 4.0, 4001)[1:] / fastest
@@ -286,9 +291,14 @@ def settling(scene: Scene) -> float:
     return min(max(_SETTLE_LEAST, periods, _SETTLE_CONSTANTS * constant), max(_SETTLE_MOST, periods))
 
 
+def seconds_a_step(balls: int) -> float:
+    """Return the expected processor time of a step, s."""
+    return _SECONDS_A_STEP + _SECONDS_A_BALL * balls
+
+
 def _cost(scene: Scene, request: Request) -> float:
-    step = min(_SHARE_OF_STABLE * longest_stable_step(scene), 0.5 / request.rate)
-    seconds = _SECONDS_A_STEP + _SECONDS_A_BALL * len(_ball_angles(scene))
+    step = min(SHARE_OF_STABLE * longest_stable_step(scene), 0.5 / request.rate)
+    seconds = seconds_a_step(len(_ball_angles(scene)))
     return SECONDS_A_CALL + seconds * (1.0 + 3.0 * LOOKED_AT) * (request.duration + settling(scene)) / step
 
 

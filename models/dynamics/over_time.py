@@ -5,7 +5,8 @@ first sensor is the one whose errors are stated.
 
 Error of the steps: a span from the beginning is simulated again with half the steps; the estimate is that of
 ``models.kernels.settled`` for one halving, over the settled RMS where that is fainter. Where an accuracy is asked for,
-steps are halved until it is met, or until halving no longer helps, as where the motion is chaotic.
+steps are halved until it is met together with the standard error of the mean, or until halving no longer helps, as
+where the motion is chaotic.
 """
 
 from __future__ import annotations
@@ -126,13 +127,21 @@ def answer(motion: Motion, request: Request, step: float, *, fixed: bool = False
         wave, finite = run.whole(oversampling)
         found = _measured(wave, run, oversampling)
         settled = error.over(found.levels[0].rms)
-        if fixed or not finite or not settled.of(request) > request.accuracy or not run.fits(2 * oversampling):
+        if fixed or not finite or not settled.of(request) > _left(request, found) or not run.fits(2 * oversampling):
             break
         _, better = run.look(2 * oversampling, None)
         if not better.wave < _HELPS * error.wave:
             break
         oversampling, error = 2 * oversampling, better
     return judged(_response(motion, request, found, settled, finite=finite), request)
+
+
+def _left(request: Request, found: _Measured) -> float:
+    """Return what the standard error of the mean leaves of the accuracy to the steps, at least half of it."""
+    level = found.levels[0]
+    if request.quantity not in ("rms", "v_eq") or not level.rms > SILENCE:
+        return request.accuracy
+    return max(request.accuracy - level.error / level.rms, 0.5 * request.accuracy)
 
 
 def duration_of(request: Request, settle: float) -> float:

@@ -11,7 +11,7 @@
   compression, which is there that of the ring alone (Ceruti): the part c w_cage (u x e_i) is left out.
 * Balls with inertia: as a ball's mass goes to zero both its contacts stand in a row, k_c = (k_i^-2/3 + k_o^-2/3)^-3/2
   and c = (c_i k_o'^2 + c_o k_i'^2) / (k_i' + k_o')^2 with the tangents k', whose ratio (k_i / k_o)^2/3 is that of every
-  load. What is neglected: ``models.mappings.errors``.
+  load. To first order they lack what ``with_balls`` adds.
 * Six degrees of freedom: without a spring to the ground, and with a resonator that follows the casing, ring (m_i) and
   casing (m_o + m_r = M) move against each other as one mass m_i M / (m_i + M); the casing accelerates by
   -m_i / (m_i + M) times u''. Only alpha_c m_b of its contact damping is a constant: beta_c must be zero.
@@ -45,6 +45,8 @@ _HEAVY_CASING = 300.0
 _SOFT = 1e-6
 _LIGHT = 1e-7
 _RESONATOR = 3.0
+# Load of the most loaded ball over the mean of all (Stribeck, no clearance).
+_STRIBECK = 4.37
 # A spring to the ground, over the stiffness of the contacts, that counts as none.
 MOST_GROUND = 0.1
 
@@ -106,10 +108,12 @@ def ring_of(scene: Scene) -> Ring:
         return found
     if isinstance(scene.rig, RingImpactRig):
         raise ValueError(
-            f"rig: {scene.rig.model} bends its rings under impacts and has no contact of balls and rings; only the "
-            f"frequencies of its lines are those of other models"
+            f"rig: {scene.rig.model} bends its rings under impacts, which do not depend on the depth of a defect; only "
+            f"the frequencies of its lines are those of other models"
         )
-    raise ValueError(f"rig: {scene.rig.model} has no mapping to another model")
+    raise ValueError(
+        f"rig: {scene.rig.model} shows the angular speed of a shaft, which turns evenly in all other models"
+    )
 
 
 def _refuse(scene: Scene) -> None:
@@ -198,10 +202,39 @@ def _of_casing(scene: Scene, rig: Rig) -> Ring:
     )
 
 
+def with_balls(scene: Scene, ring: Ring, share: float = 1.0) -> tuple[Scene, Ring]:
+    """Return scene and ring with what massless balls lack to first order; ``share``: of the clearance.
+
+    A loaded ball moves by the outer contact's share of the approach, s = k_i^2/3 / (k_i^2/3 + k_o^2/3), with the ring:
+    m_b s^2 cos^2 theta of added mass, averaged over the loaded zone. Centrifugal force and weight press a ball against
+    the outer race before the inner one meets it, and the direction of a contact turns as the ring moves across it by u:
+    a clearance of up to ((m_b r w_cage^2 + m_b g) / k_o)^2/3 + u^2 / 2 r, which acts in full where a ball is hardly
+    loaded.
+    """
+    rig = scene.rig_as(BallInertiaRig)
+    k_in, k_out = rig.k_ci ** (1.0 / BALL_EXPONENT), rig.k_co ** (1.0 / BALL_EXPONENT)
+    moved, balls = k_in / (k_in + k_out), scene.bearing.n_elements * scene.bearing.rows
+    size = scene.clearance + approach_of(scene, ring)
+    half = math.acos(min(scene.clearance / size, 1.0))
+    loaded = (half + 0.5 * math.sin(2.0 * half)) / (2.0 * math.pi)
+    ball, radius = rig.ball_mass(scene.bearing), 0.5 * scene.bearing.pitch_diameter
+    cage = 2.0 * math.pi * kinematics(scene.bearing, scene.speed).ftf
+    pressed = ball * (radius * cage**2 + scene.gravity)
+    gap = (pressed / rig.k_co) ** (1.0 / BALL_EXPONENT) + size**2 / (2.0 * radius)
+    mass = ring.mass + ball * moved**2 * balls * loaded
+    return replace(scene, clearance=scene.clearance + share * gap), replace(ring, mass=mass)
+
+
+def approach_of(scene: Scene, ring: Ring) -> float:
+    """Return the approach of the most loaded ball under the steady force, m (Stribeck)."""
+    balls = scene.bearing.n_elements * scene.bearing.rows
+    return float((_STRIBECK * abs(ring.force) / (balls * ring.k_c)) ** (1.0 / contact_exponent(scene.bearing)))
+
+
 def bearing_stiffness(scene: Scene, k_c: float, load: float) -> float:
     """Return an estimate of the stiffness of a bearing along its load, N/m: n times load over approach (Stribeck)."""
     exponent, balls = contact_exponent(scene.bearing), scene.bearing.n_elements * scene.bearing.rows
-    approach = (4.37 * max(load, 1e-9) / (balls * k_c)) ** (1.0 / exponent)
+    approach = (_STRIBECK * max(load, 1e-9) / (balls * k_c)) ** (1.0 / exponent)
     return exponent * load / (approach + scene.clearance)
 
 

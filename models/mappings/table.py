@@ -1,13 +1,12 @@
-"""The mappings that there are, and the factors of their predicted errors."""
+"""The mappings that there are, and the bounds of their errors."""
 
 from __future__ import annotations
 
-import math
 from typing import TYPE_CHECKING
 
-from models.mappings.errors import Differences, of_balls, of_shaft
+from models.mappings.errors import Bound, Bounds, groups_of_balls, groups_of_shaft
 from models.mappings.mapping import Mapped, Mapping, SensorMap
-from models.mappings.ring import casing_of, gain_of, ring_of, rotor_of
+from models.mappings.ring import Ring, casing_of, gain_of, ring_of, rotor_of, with_balls
 from models.rigs.ball_inertia import BallInertiaRig
 from models.rigs.rotor import RotorRig
 
@@ -15,17 +14,31 @@ if TYPE_CHECKING:
     from models.registry import Request
     from models.scene import Scene
 
-# Bounds of the true errors over the predicted ones (waveform, RMS, lines), from the development seeds of
-# benchmarks/scenes.py, and the share of the waveform's that an RMS may have where its own happens to be small.
-_BALLS = (1.4, 1.7, 1.7)
-_SHAFT = (2.5, 2.5, 2.5)
-_RMS_OF_WAVE, _RMS_OF_SHAFT = 0.1, 0.3
-# Beside them, for motions over defects, and for those that do not repeat, which are followed for few turns only.
-_FEW_PASSAGES, _FEW_TURNS = 2.0, 3.5
-# A prediction to first order says nothing beyond this.
-_FIRST_ORDER = 0.1
-# Of a rotor's stand-in: the soft spring, and what the reference keeps of its beginning.
-_STAND_IN = Differences(waveform=2e-2, rms=2e-3, lines=1.5e-3)
+# By ``python -m benchmarks.scenes_fit``: of each quantity the bound, and the ranges of the groups, in their order.
+_BALLS = Bounds(
+    rms=Bound(0.198, (1.349, -0.333, 0.181, -0.125, 1.498, -1.130)),
+    waveform=Bound(0.859, (0.746, -0.132, 0.285, 0.727, 1.540, -1.263)),
+    lines=Bound(0.00958, (1.590, -0.661, 0.523, -0.181, 2.576, -0.949)),
+    ranges=((0.001, 0.0318), (1.73e-4, 4.83e-3), (0.03, 1.76), (9.71e-3, 0.0777), (2.16, 4.5), (0.022, 0.222)),
+)
+_SHAFT = Bounds(
+    rms=Bound(2.0, (0.804, 0.724, -0.410, -0.814, 0.440)),
+    waveform=Bound(3.70, (0.957, 0.118, -0.373, -0.475, 0.386)),
+    lines=Bound(9520.0, (0.837, 4.607, -0.369, -0.530, 0.479)),
+    ranges=((1.23e-3, 0.283), (0.033, 0.3), (0.0883, 0.554), (2.21e-3, 0.285), (0.03, 0.567)),
+)
+_DAMAGED_SHAFT = Bounds(
+    rms=Bound(16.3, (0.607, 1.056, 0.310, -0.497, -0.028)),
+    waveform=Bound(20.7, (0.822, 0.081, 0.004, -0.249, 0.274)),
+    lines=Bound(9.77, (0.124, 1.395, 0.411, -0.420, -0.217)),
+    ranges=((1.39e-3, 0.297), (0.0379, 0.33), (0.0712, 0.577), (2.24e-3, 0.233), (0.03, 0.6)),
+)
+# Of balls without mass on a rotor that is unbalanced, the highest: the RMS.
+_TURNING = 0.29
+# Of the casing's model for a rotor: the soft spring, and what the reference keeps of its beginning.
+_SOFT_SPRING = {"waveform": 2e-2, "lines": 1.5e-3, "rms": 2e-3}
+# Of the clearance that the inertia of balls makes, which acts in full only where they are hardly loaded.
+_SHARE = 0.5
 
 
 def _to_casing(scene: Scene) -> Mapped:
@@ -33,14 +46,20 @@ def _to_casing(scene: Scene) -> Mapped:
         raise ValueError("unbalance: what turns with the shaft is not solved for one ball period")
     if isinstance(scene.rig, RotorRig) and scene.rig.end_mass > 0.0:
         raise ValueError("rig.end_mass: the shaft between disc and ends bends")
-    ring = ring_of(scene)
+    scene, ring = _ring_with_balls(scene)
     mapped = casing_of(scene, ring)
     gain, loss = gain_of(mapped), ring.ground / ring.mass
     return Mapped(mapped, tuple(SensorMap(sensor, "mo", share * gain, loss) for sensor, share in ring.sensors))
 
 
-def _to_rotor(scene: Scene) -> Mapped:
+def _ring_with_balls(scene: Scene) -> tuple[Scene, Ring]:
+    """Return scene and ring, with what massless balls lack to first order."""
     ring = ring_of(scene)
+    return with_balls(scene, ring, _SHARE) if isinstance(scene.rig, BallInertiaRig) else (scene, ring)
+
+
+def _to_rotor(scene: Scene) -> Mapped:
+    scene, ring = _ring_with_balls(scene)
     return Mapped(rotor_of(scene, ring), tuple(SensorMap(sensor, "a", share) for sensor, share in ring.sensors))
 
 
@@ -53,61 +72,56 @@ def _stiff(scene: Scene) -> Mapped:
     return Mapped(scene, tuple(SensorMap(sensor, sensor) for sensor in ("a", "b", "c")))
 
 
-def _check_quantity(scene: Scene, request: Request) -> None:
-    """Raise a ValueError where times or lines of motions that do not repeat would have to be compared."""
-    if not scene.repeats and request.quantity in ("waveform", "lines"):
-        raise ValueError(f"quantity {request.quantity!r}: of a motion that does not repeat, only its RMS is compared")
-
-
-def _asked(
-    found: Differences, factors: tuple[float, float, float], request: Request, of_wave: float = _RMS_OF_WAVE
-) -> float:
-    """Return the predicted error of what is asked."""
-    values = {
-        "waveform": factors[0] * found.waveform,
-        "lines": factors[2] * found.lines,
-    }
-    value = values.get(request.quantity, factors[1] * max(found.rms, of_wave * found.waveform))
-    return value if math.isfinite(value) else math.inf
-
-
 def _error_of_balls(scene: Scene, request: Request) -> float:
-    return _asked(of_balls(scene, request), _BALLS, request)
-
-
-def _error_of_balls_by_rotor(scene: Scene, request: Request) -> float:
-    _check_quantity(scene, request)
-    error = _asked(of_balls(scene, request, cage_in_rate=False), _BALLS, request)
-    if not scene.repeats:
-        return _FEW_TURNS * error
-    return error if scene.defect is None else _FEW_PASSAGES * error
-
-
-def _error_of_stand_in(scene: Scene, request: Request) -> float:
-    del scene
-    return {"waveform": _STAND_IN.waveform, "lines": _STAND_IN.lines}.get(request.quantity, _STAND_IN.rms)
+    return _BALLS.look_up(groups_of_balls(scene), request.quantity)
 
 
 def _error_of_shaft(scene: Scene, request: Request) -> float:
-    _check_quantity(scene, request)
-    found = of_shaft(scene)
-    return _asked(found, _SHAFT, request, _RMS_OF_SHAFT) if found.waveform <= _FIRST_ORDER else math.inf
+    if not scene.repeats and request.quantity in ("waveform", "lines"):
+        raise ValueError(f"quantity {request.quantity!r}: of a motion that does not repeat, only its RMS is compared")
+    damaged = any(defect.moves_balls for defect in scene.defects)
+    return (_DAMAGED_SHAFT if damaged else _SHAFT).look_up(groups_of_shaft(scene), request.quantity)
+
+
+def _error_of_turning_balls(scene: Scene, request: Request) -> float:
+    if scene.repeats or scene.defects or request.quantity in ("waveform", "lines"):
+        raise ValueError("its error is known for the RMS of an unbalanced ring without a defect")
+    return _TURNING
+
+
+def _error_of_soft_spring(scene: Scene, request: Request) -> float:
+    del scene
+    return _SOFT_SPRING.get(request.quantity, _SOFT_SPRING["rms"])
 
 
 MAPPINGS: tuple[Mapping, ...] = (
-    Mapping(BallInertiaRig, "six_dof", "periodic", _to_casing, _error_of_balls, "the inertia of the balls"),
+    Mapping(
+        BallInertiaRig,
+        "six_dof",
+        "periodic",
+        _to_casing,
+        _error_of_balls,
+        "the inertia of the balls",
+    ),
     Mapping(
         BallInertiaRig,
         "rotor",
         "rigid",
         _to_rotor,
-        _error_of_balls_by_rotor,
+        _error_of_turning_balls,
         "the inertia of the balls, and the turn of the cage in their damping",
     ),
     Mapping(
-        RotorRig, "six_dof", "periodic", _to_casing, _error_of_stand_in, "a soft spring that keeps the ring in place"
+        RotorRig, "six_dof", "periodic", _to_casing, _error_of_soft_spring, "a soft spring that keeps the ring in place"
     ),
-    Mapping(RotorRig, "rotor", "rigid", _stiff, _error_of_shaft, "the bending of the shaft"),
+    Mapping(
+        RotorRig,
+        "rotor",
+        "rigid",
+        _stiff,
+        _error_of_shaft,
+        "the bending of the shaft",
+    ),
 )
 """All of them: from the parameters of a type to what stands for their model.
 

@@ -16,11 +16,13 @@ from models.choice import select, stand_ins
 from models.dynamics.ball_inertia import at_rest as rest_of_balls
 from models.dynamics.ball_inertia import trace as ball_trace
 from models.dynamics.rotor import trace as rotor_trace
+from models.mappings.errors import Bound
 from models.mappings.ring import casing_of, gain_of, ring_of, rotor_of
 from models.mappings.table import MAPPINGS
 from models.registry import Request, Solver, choose, solvers
 from models.response import Response
 from models.rigs import AnyRig
+from models.rigs.angular import AngularRig
 from models.rigs.ball_inertia import BallInertiaRig
 from models.rigs.ring_impact import RingImpactRig
 from models.rigs.rotor import RotorRig
@@ -62,6 +64,7 @@ DEFECT = Defect(0.05, 1e-5)
         (scene_of(FREE, defect=DEFECT), "defect: its path"),
         (scene_of(FREE, waviness=(Waviness(1e-6, 7),)), "waviness: no other model describes it"),
         (scene_of(RingImpactRig(), defect=DEFECT), "only the frequencies of its lines are those of other models"),
+        (scene_of(AngularRig()), "rig: angular shows the angular speed of a shaft, which turns evenly"),
     ],
 )
 def test_an_assumption_that_is_not_shared_is_named(scene: Scene, words: str) -> None:
@@ -159,7 +162,7 @@ def test_weight_is_a_load_of_the_ring(angle: float) -> None:
 # What auto makes of them.
 @pytest.mark.parametrize(("seed", "kind"), [(31, "balls"), (32, "rotor"), (33, "balls, defect"), (34, "shaft")])
 def test_the_accuracy_is_never_exceeded(seed: int, kind: str) -> None:
-    trial = run(draw(seed, kind))
+    trial = run(draw(seed, kind), turns=1)
     assert len(trial.answers) > 1
     assert trial.taken.true <= trial.drawn.request.accuracy
 
@@ -178,6 +181,50 @@ def test_the_status_counts_the_error_of_the_model() -> None:
     chosen = select(scene, Request(accuracy=1e-2, **SHORT))
     assert chosen.mapped is not None
     assert chosen.request.accuracy == pytest.approx(1e-2 - chosen.error)
+
+
+def test_the_impacts_on_rings_do_not_feel_the_depth_of_a_defect() -> None:
+    """The proof that no parameters make them one model with balls over a defect, whose level grows with it."""
+    deep = replace(DEFECT, h_d=10.0 * DEFECT.h_d)
+    rings, balls = (
+        [simulate(scene_of(rig, defect=defect), accuracy=1e-2, **SHORT).rms for defect in (DEFECT, deep)]
+        for rig in (RingImpactRig(), BALLS)
+    )
+    assert rings[1] == rings[0]
+    assert balls[1] > 3.0 * balls[0]
+
+
+def test_no_bound_is_known_outside_of_its_scenes() -> None:
+    scene = scene_of(BALLS, speed=30.0)
+    request = Request(accuracy=0.5, quantity="lines", **SHORT)
+    assert select(scene, request).mapped is not None
+    far = select(replace(scene, speed=400.0), request)
+    assert far.mapped is None
+    assert any("its error is known from" in reason for _, reason in far.refused)
+
+
+def test_a_bound_is_a_product_of_powers() -> None:
+    assert Bound(0.5, (2.0, -1.0)).of({"one": 3.0, "two": 4.0}) == pytest.approx(0.5 * 9.0 / 4.0)
+
+
+def test_the_reference_answers_where_a_stand_in_says_that_it_missed(monkeypatch: pytest.MonkeyPatch) -> None:
+    scene = scene_of(ROTOR)
+    chosen = select(scene, Request(accuracy=1e-2, **SHORT))
+    assert chosen.instead is not None
+    missed = replace(chosen, request=replace(chosen.request, accuracy=0.5, steps_per_period=64), error=9e-3)
+    monkeypatch.setattr("models.simulate.select", lambda scene, request: missed)
+    found = simulate(scene, accuracy=1e-2, **SHORT)
+    assert (found.model, found.model_error) == ("rotor", 0.0)
+
+
+def test_an_estimate_beyond_the_accuracy_is_said() -> None:
+    """The mean over so short a time is not known to it."""
+    scene = scene_of(BALLS, unbalance=5e-3)
+    found = simulate(scene, accuracy=1e-3, duration=0.2, rate=25600.0)
+    assert found.status == "not_periodic"
+    assert found.error > 1e-3
+    assert found.why is not None
+    assert "its own estimate of the error" in found.why
 
 
 def test_every_mapping_leads_to_a_solver() -> None:
