@@ -65,7 +65,7 @@ class Choice:
             found = replace(self.mapped.back(found, self.sensor), model_error=self.error)
         if self.why is None:
             return found
-        missed = found.status == "not_periodic" and found.error > self.request.accuracy + self.error
+        missed = found.status == "not_periodic" and not found.error <= self.request.accuracy + self.error
         said = f"; its own estimate of the error, {found.error:.1g}, is beyond the accuracy" if missed else ""
         return replace(found, why=self.why + said)
 

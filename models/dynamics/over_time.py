@@ -127,7 +127,12 @@ def answer(motion: Motion, request: Request, step: float, *, fixed: bool = False
         wave, finite = run.whole(oversampling)
         found = _measured(wave, run, oversampling)
         settled = error.over(found.levels[0].rms)
-        if fixed or not finite or not settled.of(request) > _left(request, found) or not run.fits(2 * oversampling):
+        if (
+            fixed
+            or not finite
+            or not settled.of(request) > _left(request, found.levels[0])
+            or not run.fits(2 * oversampling)
+        ):
             break
         _, better = run.look(2 * oversampling, None)
         if not better.wave < _HELPS * error.wave:
@@ -136,12 +141,10 @@ def answer(motion: Motion, request: Request, step: float, *, fixed: bool = False
     return judged(_response(motion, request, found, settled, finite=finite), request)
 
 
-def _left(request: Request, found: _Measured) -> float:
+def _left(request: Request, level: _Levels) -> float:
     """Return what the standard error of the mean leaves of the accuracy to the steps, at least half of it."""
-    level = found.levels[0]
-    if request.quantity not in ("rms", "v_eq") or not level.rms > SILENCE:
-        return request.accuracy
-    return max(request.accuracy - level.error / level.rms, 0.5 * request.accuracy)
+    averaged = request.quantity in ("rms", "v_eq") and level.rms > SILENCE
+    return request.accuracy - min(level.error / level.rms, 0.5 * request.accuracy) if averaged else request.accuracy
 
 
 def duration_of(request: Request, settle: float) -> float:
@@ -336,13 +339,15 @@ def _response(motion: Motion, request: Request, found: _Measured, step: _StepErr
     error = (levels.error / levels.rms if levels.rms > SILENCE else 0.0) + step.rms
     coefficients = found.record.coefficients(bpfo, _line_count(request, bpfo))
     repeats = motion.repeats and levels.spread <= _SAME_PERIOD * levels.rms
+    failed = motion.repeats and not repeats
     peak_spread = 0.0 if repeats else levels.peak_spread / max(found.peaks[0], SILENCE)
     return Response(
         levels=tuple(zip(rms, peaks, strict=True)),
         rms_error=error,
         rms_se=levels.error * share,
         peak_error=peak_spread + step.peak,
-        waveform_error=step.wave,
+        # One that fails to repeat is known no better than that.
+        waveform_error=max(step.wave, levels.spread / max(levels.rms, SILENCE)) if failed else step.wave,
         bpfo=bpfo,
         harmonics=2.0 * np.abs(coefficients[0, 1 : HARMONICS + 1]),
         harmonics_error=np.full(HARMONICS, math.nan),

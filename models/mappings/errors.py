@@ -46,19 +46,29 @@ class Bound:
 
 @dataclass(frozen=True)
 class Bounds:
-    """Bounds of each quantity, and the ranges of the groups of the scenes to which they were fitted."""
+    """Bounds of each quantity, from scenes whose groups are within ranges.
+
+    Attributes:
+        rms, waveform, lines: of these.
+        ranges: of the groups, in their order.
+        vanishing: number of first groups with which the error vanishes: below their ranges that of the ends holds.
+    """
 
     rms: Bound
     waveform: Bound
     lines: Bound
     ranges: tuple[tuple[float, float], ...]
+    vanishing: int = 1
 
     def look_up(self, groups: Groups, quantity: Quantity) -> float:
         """Return the bound of a quantity; raise a ValueError that names a group outside of its range."""
-        for (name, value), (low, high) in zip(groups.items(), self.ranges, strict=True):
-            if not low / _BEYOND <= value <= high * _BEYOND:
+        known = dict(groups)
+        for k, ((name, value), (low, high)) in enumerate(zip(groups.items(), self.ranges, strict=True)):
+            if k < self.vanishing and value < low:
+                known[name] = low
+            elif not low / _BEYOND <= value <= high * _BEYOND:
                 raise ValueError(f"{name} is {value:.3g}, its error is known from {low:.3g} to {high:.3g}")
-        return {"waveform": self.waveform, "lines": self.lines}.get(quantity, self.rms).of(groups)
+        return {"waveform": self.waveform, "lines": self.lines}.get(quantity, self.rms).of(known)
 
 
 def groups_of_balls(scene: Scene) -> Groups:

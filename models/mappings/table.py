@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import TYPE_CHECKING
 
 from models.mappings.errors import Bound, Bounds, groups_of_balls, groups_of_shaft
@@ -20,6 +21,7 @@ _BALLS = Bounds(
     waveform=Bound(0.859, (0.746, -0.132, 0.285, 0.727, 1.540, -1.263)),
     lines=Bound(0.00958, (1.590, -0.661, 0.523, -0.181, 2.576, -0.949)),
     ranges=((0.001, 0.0318), (1.73e-4, 4.83e-3), (0.03, 1.76), (9.71e-3, 0.0777), (2.16, 4.5), (0.022, 0.222)),
+    vanishing=2,
 )
 _SHAFT = Bounds(
     rms=Bound(2.0, (0.804, 0.724, -0.410, -0.814, 0.440)),
@@ -35,12 +37,14 @@ _DAMAGED_SHAFT = Bounds(
 )
 # Of balls without mass on a rotor that is unbalanced, the highest: the RMS.
 _TURNING = 0.29
-# Of the casing's model for a rotor: the soft spring, and what the reference keeps of its beginning.
-_SOFT_SPRING = {"waveform": 2e-2, "lines": 1.5e-3, "rms": 2e-3}
+# Of the casing's model for a rotor whose motion repeats, the highest: the soft spring, and what the reference keeps of
+# its beginning.
+_SOFT_SPRING = {"waveform": 7e-3, "lines": 1e-3, "rms": 1e-3}
 # Of the clearance that the inertia of balls makes, which acts in full only where they are hardly loaded.
 _SHARE = 0.5
 
 
+@lru_cache(maxsize=64)
 def _to_casing(scene: Scene) -> Mapped:
     if not scene.repeats:
         raise ValueError("unbalance: what turns with the shaft is not solved for one ball period")
@@ -58,6 +62,7 @@ def _ring_with_balls(scene: Scene) -> tuple[Scene, Ring]:
     return with_balls(scene, ring, _SHARE) if isinstance(scene.rig, BallInertiaRig) else (scene, ring)
 
 
+@lru_cache(maxsize=64)
 def _to_rotor(scene: Scene) -> Mapped:
     scene, ring = _ring_with_balls(scene)
     return Mapped(rotor_of(scene, ring), tuple(SensorMap(sensor, "a", share) for sensor, share in ring.sensors))

@@ -191,7 +191,7 @@ def test_the_impacts_on_rings_do_not_feel_the_depth_of_a_defect() -> None:
         for rig in (RingImpactRig(), BALLS)
     )
     assert rings[1] == rings[0]
-    assert balls[1] > 3.0 * balls[0]
+    assert balls[1] > 2.0 * balls[0]
 
 
 def test_no_bound_is_known_outside_of_its_scenes() -> None:
@@ -239,7 +239,7 @@ def test_an_elastic_shaft_with_ends_is_the_reference_of_a_rigid_one() -> None:
     assert choose(scene_of(ROTOR), Request())[0].name == "rigid"
     soft = select(bent, Request(accuracy=0.05, **SHORT))
     assert soft.solver.name == "elastic"
-    assert any("error would be" in reason for _, reason in soft.refused)
+    assert any("its error" in reason for _, reason in soft.refused)
 
 
 def test_the_true_error_of_a_waveform_ignores_the_phase() -> None:
