@@ -19,8 +19,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from models.bearing import kinematics
+from models.dynamics.recorder import margin_of, sampled_at
 from models.dynamics.six_dof import ERROR_OF_WAVE
-from models.numerics import filter_valid, kaiser_order
 from models.response import (
     HARMONICS,
     PASSBAND,
@@ -48,9 +48,10 @@ SILENCE = 1e-9
 LOOKED_AT = 0.1
 _BLOCKS_LOOKED_AT = 2.0
 _LEAST_BLOCKS = 4.0
-_STOPBAND_DB = 80.0
 # Error of a sampled signal over its change by halving the steps: first order, where the force jumps between steps.
 _HALVED = 2.0
+# A waveform that half the steps change by more is lost.
+_LOST = 0.3
 # A halving that leaves more than this share of the waveform's error does not help.
 _HELPS = 0.7
 # A smaller change of the RMS from the first to the second half is ignored at any standard error.
@@ -150,7 +151,7 @@ def _left(request: Request, level: _Levels) -> float:
 def duration_of(request: Request, settle: float) -> float:
     """Return the longest time from rest that ``answer`` simulates, s."""
     # The filter reaches beyond both ends by its half length, which hardly depends on the steps.
-    ends = _margin(2) + 2
+    ends = margin_of(2) + 2
     return (max(ends, math.ceil(settle * request.rate)) + _samples(request) + ends) / request.rate
 
 
@@ -169,11 +170,16 @@ class _StepError:
     level: float = 0.0
 
     def over(self, settled: float) -> _StepError:
-        """Return the errors of a settled motion, of that RMS, where the beginning that was looked at is louder."""
-        if not settled > SILENCE or not self.level > settled or not math.isfinite(self.level):
+        """Return the errors of a settled motion, of that RMS, where the beginning that was looked at is louder.
+
+        Where the waveform is lost, its error is like noise, whose power adds to that of the motion.
+        """
+        if not settled > SILENCE or not math.isfinite(self.level):
             return self
-        louder = self.level / settled
-        return replace(self, rms=louder * self.rms, wave=louder * self.wave, peak=louder * self.peak)
+        louder = max(self.level / settled, 1.0)
+        change = louder * self.wave / _HALVED
+        rms = max(louder * self.rms, 0.5 * change**2 if change > _LOST else 0.0)
+        return replace(self, rms=rms, wave=louder * self.wave, peak=louder * self.peak)
 
     def of(self, request: Request) -> float:
         """Return that of the quantity that is asked for."""
@@ -204,7 +210,7 @@ class _Run:
 
     def whole(self, oversampling: int) -> tuple[NDArray[np.float64], bool]:
         """Return the accelerations of all steps, (steps, sensors), and whether they are finite."""
-        margin = _margin(oversampling) * oversampling
+        margin = margin_of(oversampling) * oversampling
         begin = max(margin, self.settled * oversampling)
         return self.motion.from_rest(begin + self.samples * oversampling + margin, oversampling)
 
@@ -246,12 +252,12 @@ def _step_error(
     change = _rms(coarse - fine) / level
     error = max(abs(_rms(coarse) - level) / level, ERROR_OF_WAVE * change)
     peak, peak_fine = _peaks(wave)[0], _peaks(finer)[0]
-    margin, samples = _margin(oversampling), len(wave) // oversampling
+    margin, samples = margin_of(oversampling), len(wave) // oversampling
     sampled = change
     if samples > 4 * margin:
         kept = samples - 2 * margin - 1
         ours, better = (
-            _sampled(run[:, 0], n, margin, kept) for run, n in ((wave, oversampling), (finer, 2 * oversampling))
+            sampled_at(run[:, 0], n, margin, kept) for run, n in ((wave, oversampling), (finer, 2 * oversampling))
         )
         sampled = max(change, _HALVED * _rms(ours - better) / level)
         if request.band is not None:
@@ -294,19 +300,12 @@ class _Measured:
 
 
 def _measured(wave: NDArray[np.float64], run: _Run, oversampling: int) -> _Measured:
-    samples, first = run.samples, max(_margin(oversampling), run.settled)
+    samples, first = run.samples, max(margin_of(oversampling), run.settled)
     settled = wave[first * oversampling : (first + samples) * oversampling]
-    signals = np.array([_sampled(column, oversampling, first, samples) for column in wave.T])
+    signals = np.array([sampled_at(column, oversampling, first, samples) for column in wave.T])
     blocks = max(samples / run.rate / run.motion.block, _LEAST_BLOCKS)
     levels = tuple(_levels(column, blocks) for column in settled.T)
     return _Measured(levels, _peaks(settled), SignalRecord(run.rate, signals, run.motion.sensors))
-
-
-def _sampled(signal: NDArray[np.float64], oversampling: int, first: int, samples: int) -> NDArray[np.float64]:
-    """Return a signal as a recorder samples it, from sample ``first`` on."""
-    taps = anti_alias_filter(oversampling)
-    half, begin = len(taps) // 2, first * oversampling
-    return filter_valid(signal[begin - half : begin + (samples - 1) * oversampling + half + 1], taps)[::oversampling]
 
 
 def _peaks(wave: NDArray[np.float64]) -> tuple[float, ...]:
@@ -386,11 +385,6 @@ def _status(levels: _Levels, *, finite: bool, repeats: bool) -> Status:
     return "inaccurate"
 
 
-def _margin(oversampling: int) -> int:
-    """Return half the filter's length, samples."""
-    return math.ceil(len(anti_alias_filter(oversampling)) // 2 / oversampling)
-
-
 def passage_rate(scene: Scene) -> float:
     """Return the rate at which balls pass the first defect of a scene, Hz; BPFO where it has none."""
     part, bearing = "outer", scene.bearing
@@ -400,13 +394,3 @@ def passage_rate(scene: Scene) -> float:
             bearing = scene.second_bearing
     lines = kinematics(bearing, scene.speed)
     return {"outer": lines.bpfo, "inner": lines.bpfi, "ball": 2.0 * lines.bsf}[part]
-
-
-def anti_alias_filter(oversampling: int) -> NDArray[np.float64]:
-    """Return the taps (an odd number) of the filter before every ``oversampling``-th sample is kept."""
-    width = (1.0 - PASSBAND) / oversampling
-    count, beta = kaiser_order(_STOPBAND_DB, width)
-    half = count // 2 + 1
-    cutoff = 0.5 * (1.0 + PASSBAND) / oversampling
-    taps = cutoff * np.sinc(cutoff * np.arange(-half, half + 1)) * np.kaiser(2 * half + 1, beta)
-    return taps / taps.sum()

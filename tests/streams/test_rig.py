@@ -161,7 +161,7 @@ def test_a_motion_that_repeats_is_that_of_its_lines(model):
     scene = rig.scene(9, 40.0, 4000.0)
     response = rig._simulate(scene)
     over_time = next(one for one in solvers(model) if one.name in ("rigid", "time"))
-    whole = over_time.solve(scene, Request(duration=2.0, rate=RATE))
+    whole = over_time.solve(scene, Request(duration=0.25, rate=RATE, accuracy=1e-4))
     assert response.record is None
     assert whole.record is not None
     simulated = whole.record.of("a")
