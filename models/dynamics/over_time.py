@@ -338,15 +338,15 @@ def _response(motion: Motion, request: Request, found: _Measured, step: _StepErr
     error = (levels.error / levels.rms if levels.rms > SILENCE else 0.0) + step.rms
     coefficients = found.record.coefficients(bpfo, _line_count(request, bpfo))
     repeats = motion.repeats and levels.spread <= _SAME_PERIOD * levels.rms
-    failed = motion.repeats and not repeats
+    # Waveform and lines of what fails to repeat are known no better than that.
+    unknown = levels.spread / max(levels.rms, SILENCE) if motion.repeats and not repeats else 0.0
     peak_spread = 0.0 if repeats else levels.peak_spread / max(found.peaks[0], SILENCE)
     return Response(
         levels=tuple(zip(rms, peaks, strict=True)),
         rms_error=error,
         rms_se=levels.error * share,
         peak_error=peak_spread + step.peak,
-        # One that fails to repeat is known no better than that.
-        waveform_error=max(step.wave, levels.spread / max(levels.rms, SILENCE)) if failed else step.wave,
+        waveform_error=max(step.wave, unknown),
         bpfo=bpfo,
         harmonics=2.0 * np.abs(coefficients[0, 1 : HARMONICS + 1]),
         harmonics_error=np.full(HARMONICS, math.nan),
@@ -361,7 +361,7 @@ def _response(motion: Motion, request: Request, found: _Measured, step: _StepErr
         coefficients=coefficients,
         record=found.record,
         sensors=motion.sensors,
-        lines_error=step.lines,
+        lines_error=max(step.lines, unknown),
     )
 
 

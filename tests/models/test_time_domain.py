@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from models.bearing import from_catalogue, kinematics
 from models.dynamics.over_time import SILENCE
-from models.dynamics.recorder import anti_alias_filter
 from models.dynamics.periodic import solve
+from models.dynamics.recorder import anti_alias_filter
 from models.dynamics.time_domain import simulate_time
 from models.dynamics.time_domain import solve as solve_time
 from models.dynamics.time_plan import prepare_plan
