@@ -229,7 +229,8 @@ def main() -> None:
     found = list(records(seeds[:50] if options.quick else seeds, options.records))
     tables = tables_of(found)
     for name, rows in tables.items():
-        print_table(name, rows)
+        if rows:
+            print_table(name, rows)
     kind = ("baseline_" if options.baseline else "") + ("held_out" if options.held_out else "training")
     written: dict[str, Any] = {}
     if options.json is not None and options.json.is_file():
