@@ -37,8 +37,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.common import Row, arguments, calibration_kernel, interleaved_ms, print_table, write_json
+from benchmarks.naming_of import namings_of
 from models.bearing import Kinematics, kinematics
-from monitor.health.naming import Naming, name_fault
+from monitor.health.naming import Naming
 from monitor.health.spectrum.bands import candidate_bands, find_band
 from monitor.health.spectrum.features import FeatureSettings, block_features, fundamentals
 from monitor.health.spectrum.interference import Comb, Interference
@@ -91,8 +92,7 @@ class Subject:
         """What is named in each band."""
         settings = FeatureSettings(self.rate, self.bands, fundamentals(self.lines), speed=self.lines.speed)
         features = block_features(self.x.astype(np.float32), self.rate, settings)
-        found = zip(features.sought, features.families, strict=True)
-        return dict(zip(self.bands, (name_fault(s, self.lines, f) for s, f in found), strict=True))
+        return dict(zip(self.bands, namings_of(features, self.lines), strict=True))
 
     @cached_property
     def envelopes(self) -> Mapping[Band, NDArray[np.float64]]:
@@ -294,7 +294,7 @@ def named_in(subject: Subject, band: Band, combs: tuple[Comb, ...]) -> str | Non
     lines = fundamentals(subject.lines)
     settings = FeatureSettings(subject.rate, (band,), lines, speed=subject.lines.speed, interference=combs)
     features = block_features(subject.x.astype(np.float32), subject.rate, settings)
-    return name_fault(features.sought[0], subject.lines, features.families[0]).fault
+    return namings_of(features, subject.lines)[0].fault
 
 
 def moment_rows(count: int) -> list[Row]:

@@ -32,8 +32,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.common import Row, arguments, calibration_kernel, interleaved_ms, print_table, write_json
+from benchmarks.naming_of import namings_of
 from models.bearing import Kinematics, kinematics
-from monitor.health.naming import name_fault
 from monitor.health.spectrum.features import FAULTS, FeatureSettings, block_features, fundamentals
 from monitor.health.spectrum.interference import Comb, Interference
 from monitor.health.spectrum.transform import Band
@@ -164,7 +164,7 @@ def judged(x: Samples, subject: Subject, combs: tuple[Comb, ...]) -> tuple[str |
     )
     features = block_features(x.astype(np.float32), subject.rate, settings)
     families = features.families[0]
-    naming = name_fault(features.sought[0], subject.lines, families)
+    naming = namings_of(features, subject.lines)[0]
     depth = max(lines.depth for lines in families.values()) if subject.fault is None else families[subject.fault].depth
     return naming.fault, depth
 

@@ -30,8 +30,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.common import Row, arguments, print_table, write_json
+from benchmarks.naming_of import namings_of
 from models.bearing import Kinematics, catalogue, kinematics
-from monitor.health.naming import MIN_DEPTH, SURE, Naming, name_fault
+from monitor.health.naming import MIN_DEPTH, SURE, Naming
 from monitor.health.spectrum.average import RecentSpectra
 from monitor.health.spectrum.bands import candidate_bands, find_band
 from monitor.health.spectrum.features import FAULTS, FeatureSettings, block_features, fundamentals
@@ -135,11 +136,7 @@ def namings(
     """Return the verdict in each band, and the recent spectra with those of this block."""
     settings = FeatureSettings(rate, bands, fundamentals(lines), speed=lines.speed, average_blocks=average)
     features = block_features(x, rate, settings, recent)
-    found = [
-        name_fault(spectrum, lines, families)
-        for spectrum, families in zip(features.sought, features.families, strict=True)
-    ]
-    return found, features.recent
+    return list(namings_of(features, lines)), features.recent
 
 
 def band_rows(folder: Path) -> list[Row]:
