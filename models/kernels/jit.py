@@ -6,12 +6,13 @@ imported, and of files that are installed with a fixed date. What is cached here
 
 from __future__ import annotations
 
+import glob
 import hashlib
 import re
 import time
 from collections.abc import Callable, Generator
 from contextlib import contextmanager
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
@@ -93,13 +94,32 @@ class _Stopwatch(Listener):
 
 
 def _stamp(compiled: Any, function: Callable[..., Any]) -> None:
-    """Make the cache of a kernel stale when any file that it depends on has changed.
+    """Make the cache of a kernel stale when any file that it depends on has changed, and safe to write at once.
 
-    Where a version of numba keeps the stamp elsewhere, its own stamp remains.
+    Where a version of numba keeps the stamp elsewhere, its own stamp and way of saving remain.
     """
     file: Any = getattr(getattr(compiled, "_cache", None), "_cache_file", None)
     if hasattr(file, "_source_stamp"):
         file._source_stamp = fingerprint(Path(function.__code__.co_filename))
+        file.save = partial(_save, file)
+
+
+def _save(file: Any, key: object, code: object) -> None:
+    """Keep the code for one signature, under a name that no other signature and no other text of the kernel has.
+
+    Numba counts names up from what its index holds. Two processes that save different signatures at the same time take
+    the same name, and one of them is given the machine code of the other from then on: it runs, and computes something
+    else. With names of their own the worst that can happen is that an entry of the index is lost and compiled again.
+    """
+    kept = file._load_index()
+    index = Path(file._index_path)
+    if not kept:
+        for stale in index.parent.glob(f"{glob.escape(index.stem)}.*.nbc"):
+            stale.unlink(missing_ok=True)
+    digest = hashlib.sha256(file._source_stamp.encode() + file._dump(key)).hexdigest()
+    name = f"{index.stem}.{digest[:16]}.nbc"
+    file._save_data(name, code)
+    file._save_index({**kept, key: name})
 
 
 def fingerprint(source: Path) -> str:
