@@ -1,4 +1,4 @@
-"""Names on records without damage, at a speed that nobody knows: of which there should be none.
+"""Names on records without damage, at an unknown speed: there should be none.
 
 Run as ``python -m benchmarks.naming_undamaged [--quick] [--json FILE]``. 5,000 records of 0.2 to 5 s through the whole
 program, the stated speed up to 8 % wrong; 1 to 40 Hz, four bearings, five sampling rates. White noise; coloured noise

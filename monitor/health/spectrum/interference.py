@@ -180,8 +180,13 @@ def _limit(
 
 def _power(spectrum: NDArray[np.complexfloating], places: NDArray[np.float64], reach: int) -> NDArray[np.floating]:
     """Return the power of the bins around places, shape (place, 2 reach + 1)."""
-    bins = spectrum.take(np.rint(places).astype(np.intp)[:, None] + np.arange(-reach, reach + 1), mode="clip")
-    return np.square(bins.real) + np.square(bins.imag)
+    return _power_of(spectrum, np.rint(places).astype(np.intp)[:, None] + np.arange(-reach, reach + 1))
+
+
+def _power_of(spectrum: NDArray[np.complexfloating], bins: NDArray[np.intp]) -> NDArray[np.floating]:
+    """Return the power of bins, of the nearest there is for those outside."""
+    found = spectrum.take(bins, mode="clip")
+    return np.square(found.real) + np.square(found.imag)
 
 
 def _noise(spectrum: NDArray[np.complexfloating], places: NDArray[np.float64], spacing: float) -> NDArray[np.floating]:
@@ -189,8 +194,7 @@ def _noise(spectrum: NDArray[np.complexfloating], places: NDArray[np.float64], s
     span = max(_NOISE_BINS, _NOISE_SPACINGS * spacing)
     span = min(span, 0.25 * spectrum.size)
     around = np.rint(places[:, None] + np.linspace(-span, span, _NOISE_SAMPLES)).astype(np.intp)
-    bins = spectrum.take(np.abs(around), mode="clip")
-    power = np.square(bins.real) + np.square(bins.imag)
+    power = _power_of(spectrum, np.abs(around))
     rank = int(_NOISE_QUANTILE * _NOISE_SAMPLES)
     return np.partition(power, rank, axis=1)[:, rank] / power.dtype.type(-math.log(1.0 - _NOISE_QUANTILE))
 

@@ -61,11 +61,11 @@ def family_searches(uncertainty: KinematicUncertainty, tolerance: float = SEARCH
 
 def slip_searches(uncertainty: KinematicUncertainty = KNOWN) -> dict[str, FamilySearch]:
     """Return the range of each fault family at a known shaft speed."""
-    ranges: dict[str, FamilySearch] = {}
-    for fault, (low, high) in SLIP.items():
-        plain = family_searches(uncertainty, 0.0)[fault]
-        ranges[fault] = FamilySearch(0.5 * (high - low) + plain.width, plain.places, 1.0 + 0.5 * (low + high))
-    return ranges
+    plain = family_searches(uncertainty, 0.0)
+    return {
+        fault: FamilySearch(0.5 * (high - low) + plain[fault].width, plain[fault].places, 1.0 + 0.5 * (low + high))
+        for fault, (low, high) in SLIP.items()
+    }
 
 
 def widened_searches(searches: Mapping[str, FamilySearch], speed_error: float) -> dict[str, FamilySearch]:

@@ -1,4 +1,4 @@
-"""Lines of other origin: removed where they are, nothing else changed; and proposed where nobody configured them."""
+"""Lines of other origin: removed where present, all other bins unchanged; and proposed where none are configured."""
 
 from __future__ import annotations
 

@@ -171,7 +171,7 @@ def test_a_channel_without_usable_blocks_loses_its_voice_beside_others_only() ->
     assert both(x, [*dead, NOTHING]).disagreement == {"y": "outer"}
     assert both(x, [*dead, REJECTED]).disagreement == {}
     assert alone(*dead, REJECTED).fault == "outer"
-    # While the machine stands, nobody loses a voice.
+    # Blocks of a stopped machine do not end the weight of a channel.
     stopped = [*names("outer", 0.3, count=10), *[STOPPED] * 100]
     assert both(x, stopped).disagreement == {"y": "outer"}
     # A block that holds nothing of the channel is one that it missed.
