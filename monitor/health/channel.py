@@ -5,7 +5,6 @@ State in, block in, state and output out: the live daemon, a restarted one and a
 
 from __future__ import annotations
 
-import math
 import statistics
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -185,7 +184,7 @@ def _name(state: ChannelState, features: BlockFeatures, settings: ChannelSetting
         name_fault(spectrum, lines, families, searches, verified=features.shaft is not None, tolerance=tolerance)
         for spectrum, families in zip(features.sought, features.families, strict=True)
     ]
-    if features.shaft is not None and not math.isnan(features.shaft.score) and features.speed_factor is not None:
+    if features.shaft is not None and features.shaft.measured and features.speed_factor is not None:
         factors = (*state.speed_factors, features.speed_factor)[-HELD_BLOCKS:]
         state = replace(state, speed_factors=factors)
     place = max(range(len(namings)), key=lambda i: (namings[i].fault is not None, namings[i].relative_score))

@@ -151,8 +151,8 @@ def _feature_values(features: BlockFeatures, output: ChannelOutput) -> dict[str,
 
 def _speed_factor_sd(features: BlockFeatures, stated: Quantity) -> float | None:
     """Return the standard deviation of a speed factor that was measured on the shaft, else None."""
-    measured = features.shaft is not None and not math.isnan(features.shaft.score)
-    return features.shaft.sd / stated.value if features.shaft and measured and stated.value else None
+    shaft = features.shaft
+    return shaft.sd / stated.value if shaft is not None and shaft.measured and stated.value else None
 
 
 def _resolved(lines: FaultLines, name: str) -> list[float | None]:

@@ -52,6 +52,11 @@ class ShaftSpeed:
     score: float = math.nan
     margin: float = math.nan
 
+    @property
+    def measured(self) -> bool:
+        """Whether the speed was found in the signal, and not stated."""
+        return not math.isnan(self.score)
+
 
 def measurable(speed: float, resolution: float) -> bool:
     """Return whether a block is long enough for lines of the shaft to be apart."""
