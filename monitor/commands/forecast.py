@@ -171,6 +171,7 @@ def _row(time: float, threshold_mm2: float, result: Remaining) -> dict[str, Any]
         "tt_upper_s": finite(result.tt_upper),
         "t_threshold_s": finite(result.t_threshold),
         "p_threshold": finite(result.p_threshold),
+        "p_no_growth": finite(result.p_no_growth),
         "r_squared": finite(result.r_squared),
         "status": result.status,
     }
@@ -205,14 +206,15 @@ def _answers(result: Remaining) -> bool:
 
 def _columns(issued: Issued) -> dict[str, Any]:
     """Return the columns of the netCDF file, SI, over time and threshold."""
-    names = ("tt", "tt_lower", "tt_upper", "p_threshold", "r_squared")
+    names = ("tt", "tt_lower", "tt_upper", "p_threshold", "p_no_growth", "r_squared")
     columns: dict[str, Any] = {name: [[getattr(one, name) for one in row] for row in issued] for name in names}
     return {**columns, "tt_status": [[one.status for one in row] for row in issued]}
 
 
 def _lines(values: Mapping[str, Any]) -> Iterator[str]:
     columns = [("tt_s", "TT", "s"), ("tt_lower_s", "lower", "s"), ("tt_upper_s", "upper", "s")]
-    columns += [("t_threshold_s", "reached at", "s"), ("p_threshold", "p", "1"), ("r_squared", "R2", "1")]
+    columns += [("t_threshold_s", "reached at", "s"), ("p_threshold", "p", "1")]
+    columns += [("p_no_growth", "p no growth", "1"), ("r_squared", "R2", "1")]
     rows = values["rows"]
     shown = [column for column in columns if any(row[column[0]] is not None for row in rows)]
     yield f"{'issued':>12}  {'threshold':>10}  {'  '.join(f'{name:>10}' for _, name, _ in shown)}  status"

@@ -140,3 +140,5 @@ def _forecast_words(channel: Mapping[str, Any]) -> Iterator[str]:
         yield f"interval {duration(channel['tt_lower_s'])} to {duration(channel['tt_upper_s'])}, "
     if channel["p_threshold"] is not None:
         yield f"probability of reaching the threshold within the maintenance window {channel['p_threshold']:.0%}, "
+    if channel["p_no_growth"] is not None:
+        yield f"probability of no growth {channel['p_no_growth']:.0%}, "

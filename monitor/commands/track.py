@@ -127,6 +127,7 @@ def command(
             "v_eq_lower_mm2": finite(one.v_eq_lower * 1e6),
             "v_eq_upper_mm2": finite(one.v_eq_upper * 1e6),
             "v_eq_relative": finite(one.v_eq_relative),
+            "p_no_growth": finite(one.p_no_growth),
             "dphi_deg": finite(math.degrees(one.dphi_d)),
             "h_d_um": finite(one.h_d * 1e6),
             "status": one.status,
@@ -200,7 +201,7 @@ def _others(rms_map: RmsMap, found: Sequence[Damage], readings: Sequence[DamageI
 
 def _columns(found: Sequence[Damage], others: dict[str, Any]) -> dict[str, Any]:
     """Return the columns of the netCDF file, SI."""
-    named = ("v_eq", "v_eq_lower", "v_eq_upper", "v_eq_relative", "dphi_d", "h_d", "rms_smoothed")
+    named = ("v_eq", "v_eq_lower", "v_eq_upper", "v_eq_relative", "p_no_growth", "dphi_d", "h_d", "rms_smoothed")
     columns: dict[str, Any] = {name: [getattr(one, name) for one in found] for name in named}
     return {
         **columns,

@@ -113,6 +113,7 @@ def record_values(
     if output.damage is not None:
         values |= {name: getattr(output.damage, name) for name in _DAMAGE}
         values["edv_status"] = output.damage.status
+        values["p_no_growth"] = p_no_growth(output)
     if output.forecasts:
         values |= _forecast_values(output.forecasts)
     if output.features is not None:
@@ -121,6 +122,13 @@ def record_values(
     if output.damage is not None:
         values |= truth or {}
     return {name: plain(value) for name, value in values.items()}
+
+
+def p_no_growth(output: ChannelOutput) -> float:
+    """Return the probability that V_eq stands still: the forecast's, on which its status rests, else the tracker's."""
+    known = [found.p_no_growth for found in output.forecasts if math.isfinite(found.p_no_growth)]
+    tracked = math.nan if output.damage is None else output.damage.p_no_growth
+    return known[0] if known else tracked
 
 
 def basis_of(fault: str | None, detector: DetectState) -> str | None:
@@ -183,6 +191,7 @@ def issued_forecasts(channel: str, output: ChannelOutput, method: str) -> list[d
             "status": str(result.status),
             **{f"{name}_s": plain(getattr(result, name)) for name in ("tt", "tt_lower", "tt_upper")},
             "p_threshold": plain(result.p_threshold),
+            "p_no_growth": plain(result.p_no_growth),
             "quantiles_s": {str(level): value for level, value in result.quantiles} or None,
         }
         for result in output.forecasts

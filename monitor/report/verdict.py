@@ -330,7 +330,9 @@ def _one_forecast(run: Run, channel: Channel, row: int, place: int, status: str)
         support = f"By block {channel.sequence[first]:,}."
         return Finding(question, f"The threshold{of} was reached.", support, brief="reached")
     if status not in ("ok", "uncalibrated") or not math.isfinite(tt):
-        why = f"For the threshold{of}: {TT_REFUSALS.get(status, status)}."
+        share = float(channel.column("p_no_growth")[row])
+        still = f", with a probability of {share:.0%}" if status == "no_growth" and math.isfinite(share) else ""
+        why = f"For the threshold{of}: {TT_REFUSALS.get(status, status)}{still}."
         return Finding(question, "No forecast.", why, known=False, brief="no forecast")
     sentences = [_ends(run, interval(lower, upper, duration))]
     if math.isfinite(probability):

@@ -10,7 +10,10 @@ from typing import Any
 from monitor.words.events import utc_text
 from monitor.words.features import TRENDS
 
-_WORDS = ("stage", "fault", "fault_basis", "edv_status", "tt_status", "t_fs_block", "t_fs_known_block", "t_eol_block")
+_WORDS = (
+    *("stage", "fault", "fault_basis", "edv_status", "tt_status", "p_no_growth"),
+    *("t_fs_block", "t_fs_known_block", "t_eol_block"),
+)
 
 
 @dataclass(frozen=True)

@@ -107,6 +107,7 @@ def channel_summary(state: SourceState, settings: ChannelSettings) -> dict[str, 
         "tt_upper_s": first(values.get("tt_upper")),
         "tt_status": first(values.get("tt_status")),
         "p_threshold": first(values.get("p_threshold")),
+        "p_no_growth": values.get("p_no_growth"),
     }
 
 

@@ -196,6 +196,7 @@ clearance_factor | number without trend | | Clf | | \
     peak over squared mean of the root of the absolute value | {_CERUTI}
 mean | mean | | mean | | mean acceleration | {_CERUTI}
 skewness | record only | | SK | | skewness | {_CERUTI}
+p_no_growth | record only | | | | probability that V_eq stands still | monitor/health/damage
 speed_factor | record only | | s | | \
     speed found over the nominal one, of the shaft or else of the lines of a fault | monitor/health/spectrum/shaft.py
 detect_threshold | record only | | threshold | | score above which a block counts as abnormal | monitor/health/detect

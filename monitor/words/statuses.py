@@ -68,6 +68,7 @@ TT_REFUSALS = {
     "cannot_tell": "the forecast cannot tell",
     "uncalibrated": "the rig is not calibrated, so that V_eq cannot be compared with the threshold",
     "episode_closed": "the final stage closed again, and its forecasts with it",
+    "no_growth": "the damage more likely than not stands still",
 }
 BAND_SOURCES = {
     "configured": "as configured",

@@ -45,7 +45,9 @@ class TtStatus(StrEnum):
     threshold before now, though V_eq has not; ``cannot_tell``: no usable features; ``outside_library``: load, speed,
     levels, elapsed time or block interval outside the library's lives; ``uncalibrated``: the rig is not calibrated, so
     that V_eq is not compared with the threshold. Where that is asked for, it replaces ``ok`` alone, with values;
-    ``episode_closed``: with this block the final stage closed again, and what was forecast in it is void.
+    ``episode_closed``: with this block the final stage closed again, and what was forecast in it is void;
+    ``no_growth``: V_eq stands still with a probability (``p_no_growth``) of at least a half, and the threshold is not
+    reached while it does.
     """
 
     OK = "ok"
@@ -61,6 +63,7 @@ class TtStatus(StrEnum):
     CANNOT_TELL = "cannot_tell"
     UNCALIBRATED = "uncalibrated"
     EPISODE_CLOSED = "episode_closed"
+    NO_GROWTH = "no_growth"
 
 
 @dataclass(frozen=True)
@@ -95,6 +98,7 @@ class Damage:
         h_d: its depth, m.
         rms_smoothed: trailing mean of the RMS (thesis only), m/s2.
         v_eq_relative: ``v_eq`` over the first value that was tracked for this part.
+        p_no_growth: probability that V_eq stands still; NaN where the method does not give it.
     """
 
     status: EdvStatus
@@ -105,6 +109,7 @@ class Damage:
     h_d: float = math.nan
     rms_smoothed: float = math.nan
     v_eq_relative: float = math.nan
+    p_no_growth: float = math.nan
 
 
 @dataclass(frozen=True)
@@ -114,9 +119,11 @@ class Remaining:
     Attributes:
         threshold: V_th, m2.
         tt: s of damage time, zero once crossed; the median where there is an interval.
-        tt_lower: lower end of its interval, s.
+        tt_lower: lower end of its interval, s; with ``tt_upper`` under the condition that V_eq grows.
+        tt_upper: upper end, s; infinite where V_eq stands still with a larger probability than that of the upper tail.
         t_threshold: when the threshold is reached, s on the blocks' clock; also given with ``crossing_in_past``.
         p_threshold: probability of that within the maintenance window; NaN without a window.
+        p_no_growth: probability that V_eq stands still; NaN where the method does not give it.
         coefficients: of the thesis' quadratic: a in m2/s2, b in m2/s, c in m2, time from the first point.
         r_squared: coefficient of determination of its fit.
         quantiles: (probability, TT in s) pairs; () without an interval.
@@ -129,6 +136,7 @@ class Remaining:
     tt_upper: float = math.nan
     t_threshold: float = math.nan
     p_threshold: float = math.nan
+    p_no_growth: float = math.nan
     coefficients: tuple[float, float, float] = (math.nan, math.nan, math.nan)
     r_squared: float = math.nan
     quantiles: tuple[tuple[float, float], ...] = ()

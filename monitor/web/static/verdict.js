@@ -163,7 +163,9 @@ function left(status, info) {
   );
   if (!fmt.isNumber(status.tt_s)) {
     if (info && !info.tracked) return answer("How long is left?", "not forecast", "a forecast needs the size of the damage");
-    return answer("How long is left?", "cannot be said", ttSentence(status.tt_status), probable);
+    const still = status.tt_status === "no_growth" && fmt.isNumber(status.p_no_growth)
+      ? `probability: ${fmt.probability(status.p_no_growth)}` : null;
+    return answer("How long is left?", "cannot be said", ttSentence(status.tt_status), still, probable);
   }
   const range = fmt.interval(status.tt_lower_s, status.tt_upper_s, fmt.duration);
   const share = fmt.isNumber(info?.interval) ? fmt.percent(info.interval) : "";

@@ -138,6 +138,7 @@ def test_the_words_of_published_files_keep_their_integers() -> None:
         "cannot_tell",
         "uncalibrated",
         "episode_closed",
+        "no_growth",
     ) == schema.TT_STATUSES
 
 
