@@ -14,7 +14,7 @@ import click
 from models.lives.population import Population
 from models.rigs import RIGS
 from models.rigs.six_dof import Rig
-from monitor.commands import option
+from monitor.commands import library_learn, option
 from monitor.commands.common import (
     InputError,
     check_suffix,
@@ -48,7 +48,10 @@ def _variation(quantity: str, words: str) -> Any:
 
 @click.group("library")
 def command() -> None:
-    """Libraries of simulated lives, from which V_eq and the time to threshold are estimated with intervals."""
+    """Libraries of simulated lives or recorded runs, from which V_eq and TT are estimated with intervals."""
+
+
+command.add_command(library_learn.command)
 
 
 @command.command("build")

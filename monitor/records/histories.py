@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -13,6 +14,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from models.errors import WrongInputError
+from monitor.health.detect import HEALTHY, LEARNING, DetectSettings
 from monitor.health.schema import REJECTIONS, SCHEMA_VERSION, VARIABLES
 from monitor.records.database import replacing
 from monitor.records.dataset import NO_VALUE, attributes_of, words
@@ -22,6 +24,7 @@ Array = NDArray[np.float64]
 _UNUSABLE = ("flat", "stopped", "late", "out_of_order", "clipped")
 """Flags with which a block of a channel is not tracked."""
 _OUT_OF_TIME = ("late", "out_of_order", "clock")
+_RUN_IN_BLOCKS = DetectSettings.run_in_blocks
 _NEEDED = ("rms", "bpfo_amplitude", "load", "speed", "v_eq", "t_fs", "stage", "quality_status", "quality_flags")
 
 
@@ -42,6 +45,8 @@ class History:
         speed: Hz, NaN where unknown, shape (n,).
         v_eq: as recorded, m2, NaN where absent, shape (n,).
         calibrated: whether no part of the records says that the rig was not calibrated.
+        first: time of the first block of the records, s as in ``time``.
+        baseline: median RMS of the healthy machine, m/s2, NaN where the records do not reach back so far.
     """
 
     channel: str
@@ -53,13 +58,19 @@ class History:
     speed: Array
     v_eq: Array
     calibrated: bool = True
+    first: float = 0.0
+    baseline: float = math.nan
+
+
+class NoFinalStageError(HistoryError):
+    """Records without a final stage."""
 
 
 def read_history(path: Path, channel: str | None = None) -> History:
     """Read the final stage of a channel from a published file, or a folder of them (or one above ``records``).
 
     The channel is needed where several have a final stage. HistoryError for an unreadable file, no records, no such
-    channel, no final stage.
+    channel; NoFinalStageError for no final stage.
     """
     datasets = [_open(file) for file in _files(path)]
     names = list(dict.fromkeys(str(name) for dataset in datasets for name in dataset.channel.values))
@@ -68,7 +79,7 @@ def read_history(path: Path, channel: str | None = None) -> History:
     found = [history for name in names if channel in (None, name) and (history := _history(datasets, name)) is not None]
     if not found:
         who = "no channel has" if channel is None else f"channel {channel!r} does not have"
-        raise HistoryError(f"{path}: {who} a final stage in these records; there is nothing to track")
+        raise NoFinalStageError(f"{path}: {who} a final stage in these records; there is nothing to track")
     if len(found) > 1:
         raise HistoryError(
             f"{path}: several channels have a final stage ({', '.join(h.channel for h in found)}); name one: --channel"
@@ -117,6 +128,7 @@ def _history(datasets: Sequence[xr.Dataset], channel: str) -> History | None:
     time = np.concatenate([np.asarray(part.time.values, dtype=np.float64) for part in parts])
     flags = [set(text.split("|")) for part in parts for text in words(part.quality_flags)]
     status = np.concatenate([words(part.quality_status) for part in parts])
+    stage = np.concatenate([words(part.stage) for part in parts]).astype(str)
     out_of_time = np.array([bool(item & set(_OUT_OF_TIME)) for item in flags])
     in_clock = (status != "") & ~np.isin(status.astype(str), REJECTIONS) & ~out_of_time
     begun = columns["t_fs"][np.isfinite(columns["t_fs"])]
@@ -132,9 +144,18 @@ def _history(datasets: Sequence[xr.Dataset], channel: str) -> History | None:
         time=time[rows],
         running=running[rows] - running[rows[0]] if rows.size else running[rows],
         harmonics=columns["bpfo_amplitude"][rows],
+        first=float(time[0]),
+        baseline=_baseline(columns["rms"], stage, usable & (time < begun[-1])),
         calibrated=all(claims_calibration(str(part.attrs.get("calibrated", "")), channel) for part in parts),
         **{name: columns[name][rows] for name in ("rms", "load", "speed", "v_eq")},
     )
+
+
+def _baseline(rms: Array, stage: NDArray[np.str_], usable: NDArray[np.bool_]) -> float:
+    """Return the median RMS of the blocks that the detector learned from, of the healthy ones where there are none."""
+    learned = np.flatnonzero(usable & (stage == LEARNING))[_RUN_IN_BLOCKS:]
+    rows = learned if learned.size else np.flatnonzero(usable & (stage == HEALTHY))
+    return float(np.median(rms[rows])) if rows.size else math.nan
 
 
 def claims_calibration(claims: str, channel: str) -> bool:

@@ -22,6 +22,8 @@ import monitor.health
 from monitor.health import alarms, channel, detect, machine, waterfall
 from monitor.health.damage import DamageInput, tracker
 from monitor.health.damage.filter import particle_filter
+from monitor.health.damage.learned import forecaster as learned
+from monitor.health.damage.learned.fit import fit_runs
 from monitor.health.damage.library import forecaster
 from monitor.health.damage.thesis import edv, forecast
 from tests.effort import effort_count
@@ -79,6 +81,11 @@ def take_filter(state: Any, i: int) -> tuple[Any, Any]:
     return particle_filter.step(state, heard, map_slice=MAP.wide(), settings=settings)
 
 
+def take_learned(state: Any, i: int) -> tuple[Any, Any]:
+    given, model = DamageInput(TIMES[i], RMS[i]), fit_runs(())
+    return learned.step(state, given, model, baseline=RMS[0], final_stage=i > 3)
+
+
 def take_library(state: Any, i: int) -> tuple[Any, Any]:
     given = DamageInput(TIMES[i], RMS[i], tuple(LINES[i]), LOAD, SPEED)
     state, *outputs = forecaster.step(state, given, toy_library(40), thresholds=(THRESHOLD,))
@@ -99,6 +106,7 @@ TAKE: dict[str, Take] = {
     "alarms": lambda state, i: alarms.step(state, block(i + 1, float(i)), alarms.AlarmSettings((RULE,))),
     "channel": take_channel,
     "damage.filter.particle_filter": take_filter,
+    "damage.learned.forecaster": take_learned,
     "damage.library.forecaster": take_library,
     "damage.thesis.edv": lambda state, i: edv.step(state, RMS[i], map_slice=MAP.narrow()),
     "damage.thesis.forecast": lambda state, i: forecast.step(

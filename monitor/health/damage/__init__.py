@@ -43,7 +43,8 @@ class TtStatus(StrEnum):
     and ``beyond_horizon``. Without values: ``too_few_points``: too few for a fit; ``no_crossing``: the curve is flat or
     falls in a straight line; ``concave``: it turns back below the threshold; ``crossing_in_past``: it reached the
     threshold before now, though V_eq has not; ``cannot_tell``: no usable features; ``outside_library``: load, speed,
-    levels, elapsed time or block interval outside the library's lives; ``uncalibrated``: the rig is not calibrated, so
+    levels, elapsed time or block interval outside the library's lives (learned: elapsed time or level beyond the runs,
+    with the values of the elapsed time alone); ``uncalibrated``: the rig is not calibrated, so
     that V_eq is not compared with the threshold. Where that is asked for, it replaces ``ok`` alone, with values;
     ``episode_closed``: with this block the final stage closed again, and what was forecast in it is void;
     ``no_growth``: V_eq stands still with a probability (``p_no_growth``) of at least a half, and the threshold is not
@@ -116,6 +117,8 @@ class Damage:
 class Remaining:
     """One forecast for one threshold; NaN wherever ``status`` says that there is no value.
 
+    What is learned from recorded runs is a forecast of their kind of end, and not of a threshold.
+
     Attributes:
         threshold: V_th, m2.
         tt: s of damage time, zero once crossed; the median where there is an interval.
@@ -124,6 +127,7 @@ class Remaining:
         t_threshold: when the threshold is reached, s on the blocks' clock; also given with ``crossing_in_past``.
         p_threshold: probability of that within the maintenance window; NaN without a window.
         p_no_growth: probability that V_eq stands still; NaN where the method does not give it.
+        p_crossed: probability that a further run ends at or below the present level (learned only).
         coefficients: of the thesis' quadratic: a in m2/s2, b in m2/s, c in m2, time from the first point.
         r_squared: coefficient of determination of its fit.
         quantiles: (probability, TT in s) pairs; () without an interval.
@@ -137,6 +141,7 @@ class Remaining:
     t_threshold: float = math.nan
     p_threshold: float = math.nan
     p_no_growth: float = math.nan
+    p_crossed: float = math.nan
     coefficients: tuple[float, float, float] = (math.nan, math.nan, math.nan)
     r_squared: float = math.nan
     quantiles: tuple[tuple[float, float], ...] = ()
