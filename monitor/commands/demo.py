@@ -262,7 +262,9 @@ def _compare(store_path: Path) -> list[dict[str, Any]]:
             for name in ("v_eq", "v_eq_lower", "v_eq_upper", "v_eq_true")
         }
         in_s = {f"{name}_s": _first(values.get(name)) for name in ("tt", "tt_lower", "tt_upper", "tt_true")}
-        statuses = {name: _first(values.get(name)) for name in ("edv_status", "tt_status", "p_threshold", "p_no_growth")}
+        statuses = {
+            name: _first(values.get(name)) for name in ("edv_status", "tt_status", "p_threshold", "p_no_growth")
+        }
         compared.append({"share_of_life": share, "block": block, **in_mm2, **in_s, **statuses})
     return compared
 

@@ -28,7 +28,11 @@ def features(path: Path, *, last: int = 60, axis: str = "", seed: int = 0, **mor
     level[HEALTHY:] = 1.8 + 4.0 * (np.arange(last) / max(last, 1)) ** 2
     rms = level * np.exp(0.03 * rng.standard_normal(level.size))
     prefix = f"{axis}_" if axis else ""
-    columns = {"elapsed_s": 10.0 * np.arange(level.size), f"{prefix}rms_g": rms, **more}
+    columns: dict[str, Sequence[float]] = {
+        "elapsed_s": (10.0 * np.arange(level.size)).tolist(),
+        f"{prefix}rms_g": rms.tolist(),
+        **more,
+    }
     with path.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
         writer.writerow(columns)
@@ -97,7 +101,7 @@ def test_onset_and_end_may_be_stated(runs: list[Path], tmp_path: Path) -> None:
 def test_axes_and_names_of_columns(tmp_path: Path) -> None:
     late = np.ones(200)
     late[170:] = 4.0
-    both = features(tmp_path / "a.csv", axis="h", v_rms_g=late, RMS=late)
+    both = features(tmp_path / "a.csv", axis="h", v_rms_g=late.tolist(), RMS=late.tolist())
     assert learned(both, "--axis", "h", "--out", tmp_path / "l.npz")["learned_from"][0]["t_fs_s"] == 1400.0
     assert learned(both, "--axis", "v", "--out", tmp_path / "l.npz")["learned_from"][0]["t_fs_s"] == 1700.0
     first = learned(both, "--axis", "v", "--axis", "h", "--out", tmp_path / "l.npz")["learned_from"][0]
@@ -110,7 +114,7 @@ def test_axes_and_names_of_columns(tmp_path: Path) -> None:
 
 
 def test_volumes_at_the_end_are_kept(tmp_path: Path) -> None:
-    runs = [features(tmp_path / f"{i}.csv", v_eq_mm2=np.full(200, 0.01 * 10.0**i)) for i in range(2)]
+    runs = [features(tmp_path / f"{i}.csv", v_eq_mm2=[0.01 * 10.0**i] * 200) for i in range(2)]
     found = learned(*runs, "--out", tmp_path / "l.json")
     assert found["end_v_eq_mm2"]["geometric_mean"] == pytest.approx(0.01 * 10.0**0.5)
     assert found["end_v_eq_mm2"]["factor_sd"] > 4.0
@@ -149,9 +153,9 @@ def test_options_that_are_refused(runs: list[Path], tmp_path: Path) -> None:
 def test_lines_without_their_floor_do_not_date(tmp_path: Path) -> None:
     lines = np.ones(200)
     lines[150:] = 8.0
-    without = features(tmp_path / "a.csv", last=60, h_or_g=lines)
+    without = features(tmp_path / "a.csv", last=60, h_or_g=lines.tolist())
     assert not read_features(without).blocks[0].prominence
-    with_floor = features(tmp_path / "b.csv", last=60, h_or_g=lines, outer_floor_g=np.full(200, 2.0))
+    with_floor = features(tmp_path / "b.csv", last=60, h_or_g=lines.tolist(), outer_floor_g=[2.0] * 200)
     assert read_features(with_floor).blocks[160].prominence == {"h_or": 4.0}
 
 

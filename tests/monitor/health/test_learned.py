@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import json
 import math
+from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from monitor.health.damage import DamageInput, TtStatus
+from monitor.health.damage import DamageInput, Remaining, TtStatus
 from monitor.health.damage.learned.fit import LearnedRun, fit_runs, moments_of
 from monitor.health.damage.learned.forecaster import LearnedSettings, LearnedState, step
 from monitor.health.damage.learned.history import MAX_BINS, StageHistory
@@ -31,10 +33,18 @@ def family(count: int, spread: float = 0.3) -> list[LearnedRun]:
     return [run(3600.0 * math.exp(spread * rng.standard_normal()), seed=i) for i in range(count)]
 
 
+def taken(
+    blocks: Sequence[DamageInput], model: LearnedModel | None = None, **more: Any
+) -> tuple[LearnedState, Remaining]:
+    """Return the state and the forecast after the last of some blocks."""
+    state, found = LearnedState(), Remaining(math.nan, TtStatus.NOT_FINAL_STAGE)
+    for block in blocks:
+        state, found = step(state, block, model, **more)
+    return state, found
+
+
 def test_without_runs_it_is_as_long_again_as_it_has_lasted() -> None:
-    state = LearnedState()
-    for i in range(11):
-        state, found = step(state, DamageInput(100.0 * i, 1.0), settings=LearnedSettings(window=3000.0))
+    _, found = taken([DamageInput(100.0 * i, 1.0) for i in range(11)], settings=LearnedSettings(window=3000.0))
     assert found.status is TtStatus.OK
     assert (found.tt, found.tt_lower, found.tt_upper) == pytest.approx((1000.0, 1000.0 / 9.0, 9000.0))
     assert found.p_threshold == pytest.approx(0.75)
@@ -115,9 +125,7 @@ def test_beyond_the_runs_it_falls_back_and_says_so() -> None:
 
 def test_an_unknown_baseline_leaves_the_level_out() -> None:
     model = fit_runs(family(6))
-    state = LearnedState()
-    for i in range(20):
-        state, found = step(state, DamageInput(60.0 * i, 7.0 + 0.1 * i), model)
+    _, found = taken([DamageInput(60.0 * i, 7.0 + 0.1 * i) for i in range(20)], model)
     assert found.status is TtStatus.OK
     assert math.isnan(found.p_crossed)
     unknown = [replace(one, ln_baseline=math.nan) for one in family(6)]
@@ -137,20 +145,18 @@ def test_statuses_without_values() -> None:
     with pytest.raises(ValueError, match="may not go back"):
         step(state, DamageInput(5.0, 1.0))
     # A clock that does not move on is no elapsed time.
-    still = LearnedState()
-    for _ in range(5):
-        still, found = step(still, DamageInput(7.0, 1.0))
+    _, found = taken([DamageInput(7.0, 1.0)] * 5)
     assert found.status is TtStatus.TOO_FEW_POINTS
     _, found = step(state, DamageInput(1e9, 1.0))
     assert found.status is TtStatus.BEYOND_HORIZON
 
 
 def test_single_spikes_move_little() -> None:
-    model, clean, spiky = fit_runs(family(6)), LearnedState(), LearnedState()
-    quiet = run(3600.0, seed=3)
-    for i, (t, level) in enumerate(zip(quiet.t[:40], np.exp(quiet.ln_rms[:40]), strict=True)):
-        clean, ours = step(clean, DamageInput(t, level), model, baseline=1.0)
-        spiky, theirs = step(spiky, DamageInput(t, level * (20.0 if i % 9 == 3 else 1.0)), model, baseline=1.0)
+    model, quiet = fit_runs(family(6)), run(3600.0, seed=3)
+    t, rms = quiet.t[:40].tolist(), np.exp(quiet.ln_rms[:40]).tolist()
+    clean = [DamageInput(*block) for block in zip(t, rms, strict=True)]
+    spiky = [replace(block, rms=block.rms * (20.0 if i % 9 == 3 else 1.0)) for i, block in enumerate(clean)]
+    (_, ours), (_, theirs) = taken(clean, model, baseline=1.0), taken(spiky, model, baseline=1.0)
     assert abs(math.log(theirs.tt / ours.tt)) < 0.1
 
 
