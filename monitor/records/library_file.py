@@ -14,10 +14,10 @@ import numpy as np
 
 from models.errors import WrongInputError
 from monitor.health.damage.library.model import LINES, FeatureFit, Library, Regression, arrays_of, header_of
+from monitor.health.damage.library.plausible import Limits
 
-SCHEMA_VERSION = 2
+SCHEMA_VERSION = 3
 _KIND = "spallwatch library"
-_REGRESSION = "regression."
 
 
 class LibraryError(WrongInputError, ValueError):
@@ -64,7 +64,9 @@ def load_library(path: Path | str) -> Library:
     except (KeyError, TypeError, ValueError):
         raise LibraryError(f"{path}: has no header, so it is no library of simulated lives") from None
     if (kind, version) != (_KIND, SCHEMA_VERSION):
-        raise LibraryError(f"{path}: {_KIND} of version {SCHEMA_VERSION} expected, got {kind!r} of version {version!r}")
+        raise LibraryError(
+            f"{path}: {_KIND} of version {SCHEMA_VERSION} expected, got {kind!r} of version {version!r}; build it anew"
+        )
     try:
         library = _library(header, arrays)
     except (KeyError, TypeError, ValueError, IndexError) as error:
@@ -93,7 +95,18 @@ def _library(header: dict[str, Any], arrays: dict[str, Any]) -> Library:
 
 def _fit(name: str, header: dict[str, Any], arrays: dict[str, Any]) -> FeatureFit:
     own = {key.removeprefix(f"{name}/"): value for key, value in arrays.items() if key.startswith(f"{name}/")}
-    regression = Regression(**{field.name: own.pop(_REGRESSION + field.name) for field in fields(Regression)})
+    regression = Regression(**_part("regression", Regression, own))
+    limits = Limits(**_part("limits", Limits, own)) if "limits.rise" in own else None
     return FeatureFit(
-        features=name, interval=header["interval"], longest=header["longest"], regression=regression, **own
+        features=name,
+        interval=header["interval"],
+        longest=header["longest"],
+        regression=regression,
+        limits=limits,
+        **own,
     )
+
+
+def _part(name: str, kind: type[Regression | Limits], own: dict[str, Any]) -> dict[str, Any]:
+    """Take the arrays of a part of a fit from ``own``."""
+    return {field.name: own.pop(f"{name}.{field.name}") for field in fields(kind)}

@@ -16,7 +16,9 @@ class EdvStatus(StrEnum):
     it covers the level; ``bad_block``: no usable features; ``outside_conditions``: a load or speed outside the map or
     the library, or that changes more between blocks than in the library's lives; ``outside_library``: levels, elapsed
     time or block interval outside its lives. ``uncalibrated`` replaces ``ok`` where the rig is not calibrated: V_eq is
-    given, on the scale of the model. ``episode_closed``: with this block the final stage closed again.
+    given, on the scale of the model. ``episode_closed``: with this block the final stage closed again. Without values
+    also ``implausible``: no growth of damage gives this block after the ones before it (a gain that changed, noise,
+    lines that do not belong to the RMS), and ``not_this_part``: there is no map or library of the named part.
     """
 
     OK = "ok"
@@ -33,6 +35,8 @@ class EdvStatus(StrEnum):
     NO_ABSOLUTE_LEVEL = "no_absolute_level"
     UNCALIBRATED = "uncalibrated"
     EPISODE_CLOSED = "episode_closed"
+    IMPLAUSIBLE = "implausible"
+    NOT_THIS_PART = "not_this_part"
 
 
 class TtStatus(StrEnum):
@@ -100,6 +104,9 @@ class Damage:
         rms_smoothed: trailing mean of the RMS (thesis only), m/s2.
         v_eq_relative: ``v_eq`` over the first value that was tracked for this part.
         p_no_growth: probability that V_eq stands still; NaN where the method does not give it.
+        v_eq_filter: V_eq by the filter, where it runs beside the library, m2.
+        v_eq_filter_lower: lower end of its interval, m2.
+        v_eq_filter_upper: upper end, m2.
     """
 
     status: EdvStatus
@@ -111,6 +118,9 @@ class Damage:
     rms_smoothed: float = math.nan
     v_eq_relative: float = math.nan
     p_no_growth: float = math.nan
+    v_eq_filter: float = math.nan
+    v_eq_filter_lower: float = math.nan
+    v_eq_filter_upper: float = math.nan
 
 
 @dataclass(frozen=True)

@@ -160,7 +160,7 @@ def test_history_of_another_library_is_refused() -> None:
     state, _ = follow(blocks[:3], toy_library())
     with pytest.raises(ValueError, match="start anew"):
         step(state, blocks[3], toy_library(), LibrarySettings(features="rms"), thresholds=[THRESHOLD])
-    with pytest.raises(ValueError, match="library state: version 1 expected, got 9"):
+    with pytest.raises(ValueError, match="library state: version 2 expected, got 9"):
         LibraryState.from_dict({"version": 9})
 
 
@@ -193,7 +193,7 @@ def test_a_rig_that_lives_thirty_times_faster_is_the_same_to_its_library() -> No
     _, fast = follow(blocks_of(toy_life(2002, interval=INTERVAL / 30.0)), toy_library(count, interval=INTERVAL / 30.0))
     assert len(slow) == len(fast)
     for a, b in zip(slow, fast, strict=True):
-        assert b.damage.v_eq == pytest.approx(a.damage.v_eq, rel=1e-4)
+        assert b.damage.v_eq == pytest.approx(a.damage.v_eq, rel=1e-4, nan_ok=True)
         assert 30.0 * b.forecasts[0].tt == pytest.approx(a.forecasts[0].tt, rel=1e-3, abs=1.0, nan_ok=True)
 
 
@@ -211,10 +211,10 @@ def test_load_and_speed_may_change_from_block_to_block_as_in_the_lives_of_the_li
 def test_load_and_speed_that_change_more_than_in_any_life_are_outside() -> None:
     blocks = blocks_of(toy_life(3000, varying=True))
     state, results = follow(blocks, toy_library())
-    assert {str(result.damage.status) for result in results[5:]} == {"outside_conditions"}
-    assert {str(result.forecasts[0].status) for result in results[5:]} == {"outside_library"}
+    assert {str(result.damage.status) for result in results[5:]} == {"outside_conditions", "implausible"}
+    assert {str(result.forecasts[0].status) for result in results[5:]} == {"outside_library", "cannot_tell"}
     spreads = [float(np.log([getattr(block, name) for block in blocks]).std()) for name in ("load", "speed")]
-    assert list(state.conditions.spreads) == pytest.approx(spreads)
+    assert list(state.conditions.spreads) == pytest.approx(spreads, rel=0.01)
     steady = blocks_of(toy_life(3001))
     wavering = [replace(b, speed=b.speed * (1.0 + 0.005 * (-1) ** i)) for i, b in enumerate(steady)]
     assert {str(result.damage.status) for result in follow(wavering, toy_library())[1]} == {"ok"}
@@ -230,8 +230,7 @@ def test_load_and_speed_that_change_more_than_in_any_life_are_outside() -> None:
         ({"harmonics": (1.0, math.inf, 1.0)}, "bad_block", "cannot_tell"),
         ({"load": 7000.0}, "outside_conditions", "outside_library"),
         ({"speed": 10.0}, "outside_conditions", "outside_library"),
-        ({"rms": 1e5}, "outside_library", "outside_library"),
-        ({"time": 1e7}, "outside_library", "outside_library"),
+        ({"rms": 1e5}, "implausible", "cannot_tell"),
     ],
 )
 def test_what_the_library_cannot_tell_is_a_status(change: dict[str, Any], edv_status: str, tt_status: str) -> None:
@@ -242,7 +241,8 @@ def test_what_the_library_cannot_tell_is_a_status(change: dict[str, Any], edv_st
     assert math.isnan(damage.v_eq)
     assert math.isnan(forecast.tt)
     assert forecast.quantiles == ()
-    if edv_status != "outside_library":
+    assert after.history == state.history
+    if edv_status != "implausible":
         assert after == state
 
 
@@ -251,14 +251,10 @@ def test_one_loud_block_does_not_spoil_what_follows() -> None:
     _, expected = follow(blocks, toy_library())
     spoiled = [replace(b, rms=30.0 * b.rms) if i == 20 else b for i, b in enumerate(blocks)]
     _, found = follow(spoiled, toy_library())
-    assert found[20].damage.status == EdvStatus.OUTSIDE_LIBRARY
-    later = [
-        (a.damage.v_eq, b.damage.v_eq)
-        for a, b in zip(expected[27:], found[27:], strict=True)
-        if b.damage.status == "ok"
-    ]
-    assert len(later) > 10
-    assert np.median([abs(math.log(a / b)) for a, b in later]) < 0.4
+    assert (found[20].damage.status, found[20].forecasts[0].status) == ("implausible", "cannot_tell")
+    missed = [b for i, b in enumerate(blocks) if i != 20]
+    assert repr(found[21:]) == repr(follow(missed, toy_library())[1][20:])
+    assert {str(result.damage.status) for result in expected} == {"ok"}
 
 
 def test_blocks_at_another_pace_are_outside() -> None:

@@ -27,6 +27,7 @@ from monitor.health.damage.library.model import (
     levels_of,
     quantiles_of,
 )
+from monitor.health.damage.library.plausible import fit_limits
 from monitor.health.damage.library.summaries import LevelHistory
 
 SHARES = (0.25, 0.5, 0.75)
@@ -206,6 +207,8 @@ def _fit_features(
         stretch=np.ones(targets),
     )
     parts = np.split(relative, np.cumsum([len(life.t) for life in lives])[:-1])
+    if features != "v_eq":
+        blank = replace(blank, limits=fit_limits([life.t for life in lives], parts, interval))
     table = _table(blank, lives, parts, thresholds, settings)
     draw = np.random.default_rng([settings.seed, 1])
     fold = draw.permutation(len(lives))[table.life] % settings.folds

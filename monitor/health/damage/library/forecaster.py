@@ -11,16 +11,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from typing import Any
 
 import numpy as np
 
 from monitor.health.damage import Damage, DamageInput, EdvStatus, Remaining, TtStatus
 from monitor.health.damage.library.model import LINES, Array, FeatureFit, Library, levels_of, quantiles_of
+from monitor.health.damage.library.plausible import Watch, step_score
 from monitor.health.damage.library.summaries import LevelHistory
 
-STATE_VERSION = 1
+STATE_VERSION = 2
 QUANTILES = (0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95)
 """Levels of the quantiles in a result."""
 
@@ -96,13 +97,15 @@ class LibraryState:
     Attributes:
         library: hash of the library, "" before the first block.
         features: the set of features in use.
-        history: None before the first block.
+        history: None before the first block; its times are damage time less the excess of long gaps.
+        watch: what was seen of the blocks.
     """
 
     library: str = ""
     features: str = ""
     history: LevelHistory | None = None
     conditions: Conditions = Conditions()
+    watch: Watch = field(default_factory=Watch)
     version: int = STATE_VERSION
 
     def to_dict(self) -> dict[str, Any]:
@@ -112,6 +115,7 @@ class LibraryState:
             "features": self.features,
             "history": None if self.history is None else self.history.to_dict(),
             "conditions": asdict(self.conditions),
+            "watch": asdict(self.watch),
             "version": self.version,
         }
 
@@ -119,17 +123,21 @@ class LibraryState:
     def from_dict(cls, stored: Mapping[str, Any]) -> LibraryState:
         """Restore a state written by :meth:`to_dict`.
 
+        One of version 1 has seen no blocks but those of its history.
+
         Raises:
             ValueError: the state has another version.
         """
-        if stored.get("version") != STATE_VERSION:
+        if stored.get("version") not in (1, STATE_VERSION):
             raise ValueError(f"library state: version {STATE_VERSION} expected, got {stored.get('version')!r}")
-        history = stored["history"]
+        history = None if stored["history"] is None else LevelHistory.from_dict(stored["history"])
+        watch = Watch() if history is None else Watch(history.t_first + history.elapsed)
         return cls(
             library=stored["library"],
             features=stored["features"],
-            history=None if history is None else LevelHistory.from_dict(history),
+            history=history,
             conditions=Conditions(**stored["conditions"]),
+            watch=Watch(**stored["watch"]) if "watch" in stored else watch,
         )
 
 
@@ -144,7 +152,9 @@ def step(
 ) -> tuple[LibraryState, Damage, tuple[Remaining, ...]]:
     """Add one block to the history; return V_eq and one forecast per threshold, in their order.
 
-    A block without usable features, or at a load or speed outside the library, leaves the state unchanged.
+    A block without usable features, or at a load or speed outside the library, leaves the state unchanged; an
+    ``implausible`` step of the level leaves the history unchanged, so that the blocks after it are compared with those
+    before it. A gap between blocks counts as at most ``plausible.MAX_GAP`` intervals.
 
     Args:
         state: ``LibraryState()`` at t_fs.
@@ -177,16 +187,32 @@ def step(
     if not own_levels and not library.covers_conditions(load, speed):
         return state, *_without_values(thresholds, EdvStatus.OUTSIDE_CONDITIONS, TtStatus.OUTSIDE_LIBRARY)
     relative = fit.relative_levels(_levels(block, settings.features), np.array([load]), np.array([speed]))
+    watch = state.watch.see(float(block.time), fit.interval)
+    history = state.history or LevelHistory.empty(fit.channels)
+    if not _can_follow(fit, history, watch, float(relative[0, 0])):
+        state = LibraryState(library.hash, settings.features, history, state.conditions, watch)
+        return state, *_without_values(thresholds, EdvStatus.IMPLAUSIBLE, TtStatus.CANNOT_TELL)
     bounded, known = fit.bounded(relative[0])
-    history = (state.history or LevelHistory.empty(fit.channels)).add(float(block.time), bounded)
+    history = history.add(float(block.time) - watch.closed, bounded)
     changes = state.conditions if own_levels else state.conditions.add(load, speed)
-    state = LibraryState(library.hash, settings.features, history, changes)
+    state = LibraryState(library.hash, settings.features, history, changes, watch.use())
     if not library.covers_changes(*changes.spreads):
         return state, *_without_values(thresholds, EdvStatus.OUTSIDE_CONDITIONS, TtStatus.OUTSIDE_LIBRARY)
     if not known or not fit.covers_pace(history):
         return state, *_without_values(thresholds, EdvStatus.OUTSIDE_LIBRARY, TtStatus.OUTSIDE_LIBRARY)
     x = fit.inputs(history, load, speed)
+    if fit.limits is not None and history.count >= settings.min_points and not fit.limits.holds_summary(x):
+        return state, *_without_values(thresholds, EdvStatus.IMPLAUSIBLE, TtStatus.CANNOT_TELL)
     return state, *_answer(library, fit, x, history.count, block.time, settings, thresholds)
+
+
+def _can_follow(fit: FeatureFit, history: LevelHistory, watch: Watch, ln_rms: float) -> bool:
+    """Return whether a relative level of the RMS can follow a history after what was seen since."""
+    score = step_score(history.recent[:, 1].tolist(), ln_rms)
+    if fit.limits is None or score is None or watch.seen is None:
+        return True
+    since = watch.seen - watch.closed - (history.t_first + history.elapsed)
+    return fit.limits.holds_step(score, watch.lag(since, fit.interval))
 
 
 def _without_values(thresholds: Sequence[float], edv: EdvStatus, tt: TtStatus) -> tuple[Damage, tuple[Remaining, ...]]:

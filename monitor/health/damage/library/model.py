@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from monitor.health.damage.library.plausible import Limits
 from monitor.health.damage.library.summaries import SLOPES, LevelHistory, summarise, summary_names
 
 Array = NDArray[np.float64]
@@ -94,6 +95,7 @@ class FeatureFit:
         life: number of the life of each moment, shape (m,).
         shift: added to each prediction by the calibration, shape (targets,).
         stretch: factor of the calibration on the errors, shape (targets,).
+        limits: of what a life can be, or None: not checked (a history of V_eq).
     """
 
     features: str
@@ -112,6 +114,7 @@ class FeatureFit:
     life: NDArray[np.int64]
     shift: Array
     stretch: Array
+    limits: Limits | None = None
 
     @property
     def channels(self) -> int:
@@ -323,12 +326,12 @@ def quantiles_of(sample: Array, levels: Sequence[float]) -> Array:
 
 
 def arrays_of(fit: FeatureFit) -> dict[str, NDArray[Any]]:
-    """Return the arrays of a fit by name, those of its regression with a prefix."""
+    """Return the arrays of a fit by name, those of its parts with a prefix."""
     found: dict[str, NDArray[Any]] = {}
     for field in fields(fit):
         value = getattr(fit, field.name)
-        if isinstance(value, Regression):
-            found |= {f"regression.{part.name}": getattr(value, part.name) for part in fields(value)}
+        if isinstance(value, (Regression, Limits)):
+            found |= {f"{field.name}.{part.name}": getattr(value, part.name) for part in fields(value)}
         elif isinstance(value, np.ndarray):
             found[field.name] = value
     return found
