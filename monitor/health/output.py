@@ -36,7 +36,10 @@ Events = list[dict[str, Any]]
 
 _REPORTED = (BAD_DATA, OUT_OF_SPECIFICATION)
 """An event says when a channel enters or leaves one of these."""
-_DAMAGE = ("rms_smoothed", "dphi_d", "h_d", "v_eq", "v_eq_lower", "v_eq_upper", "v_eq_relative")
+_DAMAGE = (
+    *("rms_smoothed", "dphi_d", "h_d", "v_eq", "v_eq_lower", "v_eq_upper", "v_eq_relative"),
+    *("v_eq_filter", "v_eq_filter_lower", "v_eq_filter_upper"),
+)
 _REMAINING = ("tt", "tt_lower", "tt_upper", "p_threshold")
 
 

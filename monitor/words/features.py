@@ -196,6 +196,9 @@ clearance_factor | number without trend | | Clf | | \
     peak over squared mean of the root of the absolute value | {_CERUTI}
 mean | mean | | mean | | mean acceleration | {_CERUTI}
 skewness | record only | | SK | | skewness | {_CERUTI}
+v_eq_filter | volume | | | | V_eq by the filter, where it runs beside the library | monitor/health/damage/beside.py
+v_eq_filter_lower | volume | | | | lower end of the interval of v_eq_filter | monitor/health/damage/beside.py
+v_eq_filter_upper | volume | | | | upper end of the interval of v_eq_filter | monitor/health/damage/beside.py
 p_no_growth | record only | | | | probability that V_eq stands still | monitor/health/damage
 speed_factor | record only | | s | | \
     speed found over the nominal one, of the shaft or else of the lines of a fault | monitor/health/spectrum/shaft.py

@@ -45,7 +45,7 @@ EDV_REFUSALS = {
     "below_map": "the vibration is weaker than that of the smallest damage of the map",
     "above_map": "the vibration is stronger than that of any damage of the map: either the damage is larger than the "
     "map reaches, or the map does not fit this machine",
-    "no_map": "there is no RMS map for this channel or for the part that is named, or it has a hole at this level",
+    "no_map": "there is no RMS map for this channel, or it has a hole at this level",
     "no_library": "there is no library of simulated lives for this machine",
     "not_final_stage": "the bearing is not in the final stage of its life",
     "bad_block": "the quality of the latest block does not allow it",
@@ -55,6 +55,9 @@ EDV_REFUSALS = {
     "no_absolute_level": "the unit of the sensor is not known, so that the level of vibration means nothing",
     "uncalibrated": "the rig is not calibrated: V_eq can only be compared with its own first value",
     "episode_closed": "the final stage closed again, and its V_eq with it",
+    "implausible": "no growth of damage gives this vibration after what was measured before: the sensor or its "
+    "gain may have changed, or something else vibrates",
+    "not_this_part": "there is no RMS map or library of the part that is named",
 }
 TT_REFUSALS = {
     "not_final_stage": "the bearing is not in the final stage of its life",

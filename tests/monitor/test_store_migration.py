@@ -27,7 +27,10 @@ KEPT = Path(__file__).parents[1] / "data" / "store_baseline"
 EXACT = ("sequence", "elapsed", "x.t_fs", "x.stage", "x.edv_status", "x.tt_status", "x.quality_flags")
 MAP_VERSION = 4
 """Version of the model that the hash of the kept map names."""
-ADDED = ("v_eq_relative", "envelope_mean", "speed_unverified")
+ADDED = (
+    *("v_eq_relative", "envelope_mean", "speed_unverified", "p_no_growth"),
+    *("v_eq_filter", "v_eq_filter_lower", "v_eq_filter_upper"),
+)
 """Values of a block that the baseline did not have."""
 WITHHELD = {
     *("forecasts/status", "forecasts/tt_s"),

@@ -12,6 +12,7 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Literal
 
 from monitor.health.damage import Damage, DamageInput, EdvStatus, Remaining, TtStatus
+from monitor.health.damage.beside import beside
 from monitor.health.damage.calibration import mark_forecast, mark_volume, relate
 from monitor.health.damage.filter.particle_filter import FilterSettings, FilterState
 from monitor.health.damage.filter.particle_filter import step as filter_step
@@ -34,6 +35,9 @@ SpreadAt = Callable[[float | None, float | None], "tuple[map_data.MapSlice | Non
 
 TrackMethod = Literal["thesis", "filter", "library"]
 ForecastMethod = Literal["thesis", "library"]
+
+_LIBRARY_PARTS: tuple[Part, ...] = ("outer",)
+"""Parts whose damage the lives of a library have."""
 
 MAX_PENDING_BLOCKS = 2000
 """Blocks kept before t_fs is known; of a slower onset the first part is lost."""
@@ -238,7 +242,10 @@ def _track_one(
     if settings.uses_library:
         state, damage, forecasts = _track_by_library(state, block, gate, gates, settings)
     if settings.track_method != "library":
-        state, damage = _track_on_map(state, block, gate, gates, settings)
+        state, damage = _track_on_map(state, block, gate, gates, settings, settings.track_method)
+    elif any(used.filter is not None for used in settings.maps.values()):
+        state, tracked = _track_on_map(state, block, gate, gates, settings, "filter")
+        damage = beside(damage, tracked)
     first, damage = relate(state.first_v_eq, damage)
     state = replace(state, first_v_eq=first)
     if settings.forecast_method == "thesis":
@@ -261,6 +268,9 @@ def _track_by_library(
     if gate is not None and (gates.final or not gates.absolute) and settings.library is not None:
         status = TtStatus.CANNOT_TELL if gates.final else TtStatus.NOT_FINAL_STAGE
         return state, Damage(gate), tuple(Remaining(threshold, status) for threshold in settings.thresholds)
+    if gate is None and gates.fault is not None and part_of(gates.fault, _LIBRARY_PARTS) is None:
+        void = tuple(Remaining(threshold, TtStatus.CANNOT_TELL) for threshold in settings.thresholds)
+        return state, Damage(EdvStatus.NOT_THIS_PART), void
     before, library = state.library, settings.library
     if library is not None and (before.library, before.features) != (library.hash, settings.library_settings.features):
         # The configuration has changed: a history of another library or other features cannot be continued.
@@ -279,7 +289,12 @@ def _track_by_library(
 
 
 def _track_on_map(
-    state: DamageState, block: DamageInput, gate: EdvStatus | None, gates: DamageGate, settings: DamageSettings
+    state: DamageState,
+    block: DamageInput,
+    gate: EdvStatus | None,
+    gates: DamageGate,
+    settings: DamageSettings,
+    method: TrackMethod,
 ) -> tuple[DamageState, Damage]:
     """Track by the map of the named part; where that is another part than before, the trackers begin anew."""
     if not settings.maps and gate is not EdvStatus.NO_ABSOLUTE_LEVEL:
@@ -288,14 +303,14 @@ def _track_on_map(
         return state, Damage(gate)
     part = part_of(gates.fault, settings.maps)
     if part is None:
-        return state, Damage(EdvStatus.NO_MAP)
+        return state, Damage(EdvStatus.NO_MAP if gates.fault is None else EdvStatus.NOT_THIS_PART)
     if part != state.part:
         # Volumes of two parts are no one growth.
         begun = DamageState(part=part) if state.part is not None else state
         state = replace(
             state, part=part, edv=begun.edv, filter=begun.filter, forecast=begun.forecast, first_v_eq=begun.first_v_eq
         )
-    if settings.track_method == "filter":
+    if method == "filter":
         return _filter_volume(state, block, settings.maps[part])
     map_slice, refused = settings.maps[part].map_at(block.load, block.speed)
     if refused is not None:

@@ -1,4 +1,4 @@
-"""Which map a block is tracked on: that of the part that the envelope names, and ``no_map`` without one."""
+"""Which map a block is tracked on: that of the part that the envelope names, and ``not_this_part`` without one."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ def test_v_eq_is_of_the_part_and_a_part_without_map_has_none() -> None:
         assert damage.v_eq == pytest.approx(radius * damage.dphi_d * damage.h_d)
         assert state.part == fault
     state, damage, _ = damage_step(DamageState(), block, DamageGate(fault="ball"), settings)
-    assert damage.status is EdvStatus.NO_MAP
+    assert damage.status is EdvStatus.NOT_THIS_PART
     assert np.isnan(damage.v_eq)
     assert state.part is None
 
@@ -81,7 +81,7 @@ def test_another_part_begins_anew_and_a_gap_does_not() -> None:
     for t in range(8):
         state, _, _ = damage_step(state, DamageInput(60.0 * t, 3.0 + 0.2 * t), DamageGate(fault="outer"), settings)
     kept, damage, _ = damage_step(state, DamageInput(480.0, 4.6), DamageGate(fault="ball"), settings)
-    assert damage.status is EdvStatus.NO_MAP
+    assert damage.status is EdvStatus.NOT_THIS_PART
     assert (kept.edv, kept.part) == (state.edv, "outer")
     again, _, _ = damage_step(kept, DamageInput(540.0, 4.6), DamageGate(fault="outer"), settings)
     assert len(again.edv.window) == len(state.edv.window)
@@ -153,12 +153,12 @@ def test_an_inner_race_fault_is_tracked_on_the_map_of_the_inner_race() -> None:
 
 
 @pytest.mark.parametrize("fault", ["inner", "ball"])
-def test_without_a_map_of_the_named_part_the_answer_is_no_map(fault: str) -> None:
+def test_without_a_map_of_the_named_part_it_is_said(fault: str) -> None:
     state, outputs, _, _ = run(fault, settings_of("outer"))
     assert state.named is not None
     assert state.named.fault == fault
     final = [output.damage for output in outputs if output.damage is not None and output.stage == "final"]
-    assert final[-1].status is EdvStatus.NO_MAP
+    assert final[-1].status is EdvStatus.NOT_THIS_PART
     assert all(np.isnan(damage.v_eq) for damage in final[-5:])
     before = [output.damage for output in outputs if output.stage == "healthy"]
     assert {damage.status for damage in before if damage is not None} == {"not_final_stage"}

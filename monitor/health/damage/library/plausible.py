@@ -33,8 +33,9 @@ MAX_GAP = 12.0
 """Intervals. A longer gap counts as this in the age of a history, and refused blocks widen the limit this far."""
 _EXCEEDED = 0.005
 """Share of lives that exceed a limit of the step."""
-_MARGIN = 1.1
-"""Factor on the limits of the distances, which are the largest of few hundred lives."""
+_MARGIN, _FEW = 1.1, 10.0
+"""Factor on the limits of the distances, which are the largest of some lives, and what is added to it over the number
+of these lives: the largest of twenty is exceeded by one life in twenty."""
 _LATEST, _MIN_BLOCKS = 5, 3
 _CHANGES, _PRIOR_CHANGES, _PRIOR_SD = 12, 12.0, 0.3
 """The scatter of ln RMS: changes that it is read from, and the prior with its weight in changes. Found on 400 lives of
@@ -161,7 +162,7 @@ def fit_limits(times: Sequence[Array], levels: Sequence[Array], interval: float)
     known, judged = own[::2], own[1::2]
     limits = replace(_centred(np.concatenate(known), levels[0].shape[1]), rise=rise, fall=fall)
     largest = [np.array([part.max() for part in limits.distances(rows)]) for rows in judged or known]
-    distance, lines = _MARGIN * np.max(largest, axis=0)
+    distance, lines = (_MARGIN + _FEW / len(largest)) * np.max(largest, axis=0)
     return replace(limits, distance=np.array([distance]), lines_distance=np.array([lines]))
 
 
