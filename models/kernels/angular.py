@@ -200,8 +200,8 @@ def _bear(
         out[cages + 4] = carried[F_Z] / p[P_SLIDE]
 
 
-@kernel
-def rates(z: NDArray[np.float64], plan: Plan, work: Work, out: NDArray[np.float64]) -> float:
+@inlined
+def _rates(z: NDArray[np.float64], plan: Plan, work: Work, out: NDArray[np.float64]) -> float:
     """Write the time derivatives of a state; return the speed of the encoder, rad/s."""
     p, lateral, torsion = plan.parameter, plan.lateral, plan.torsion
     n, m = lateral.square.shape[0], torsion.square.shape[0]
@@ -233,17 +233,6 @@ def rates(z: NDArray[np.float64], plan: Plan, work: Work, out: NDArray[np.float6
         push -= torsion.push[T_LOAD, k] * p[P_LOSS] * work.turn[1, T_LOAD]
         out[at + k], out[at + m + k] = z[at + m + k], push
     return nominal + work.turn[1, T_ENCODER]
-
-
-@inlined
-def _slope(z: NDArray[np.float64], stage: Index, plan: Plan, work: Work) -> float:
-    """Write the derivative of a state by the angle as the slope of a stage; return the speed."""
-    out = work.slope[stage]
-    speed = rates(z, plan, work, out)
-    inverse = 1.0 / speed
-    for k in range(out.shape[0]):
-        out[k] *= inverse
-    return speed
 
 
 @inlined
@@ -286,23 +275,6 @@ def _at_edge(side: Index, step: float, plan: Plan, ring: Ring, work: Work) -> bo
     return False
 
 
-@kernel
-def _advance(step: float, plan: Plan, work: Work) -> None:
-    """Carry the state, whose first slope is written, by an angle: in parts where a ball meets an edge."""
-    parts = 1
-    if _at_edge(np.int64(0), step, plan, plan.ring_a, work) or _at_edge(np.int64(1), step, plan, plan.ring_b, work):
-        parts = int(plan.parameter[P_PARTS])
-    length = step / parts
-    for part in range(parts):
-        if part > 0:
-            _slope(work.state, np.int64(0), plan, work)
-        for stage in range(3):
-            to_stage(stage, length, work)
-            _slope(work.trial, stage + 1, plan, work)
-        to_end(length, work)
-        accept(work)
-
-
 @inlined
 def _usable(work: Work) -> bool:
     """Return whether a state is finite and the shaft is still in its bearings."""
@@ -310,7 +282,6 @@ def _usable(work: Work) -> bool:
     return inside and math.isfinite(work.state[TIME])
 
 
-@kernel
 def trace(state: NDArray[np.float64], rows: NDArray[np.float64], step: float, plan: Plan, work: Work) -> int:
     """Carry a state over the steps of ``rows``, of equal angle, rad; return a STATUS_ number.
 
@@ -318,20 +289,31 @@ def trace(state: NDArray[np.float64], rows: NDArray[np.float64], step: float, pl
         state: overwritten.
         rows: written: see TRACE, at the beginning of each step, (steps, TRACE).
     """
-    work.state[:] = state
-    for n in range(rows.shape[0]):
-        speed = _slope(work.state, np.int64(0), plan, work)
-        if not _usable(work):
-            return STATUS_NOT_FINITE
-        row, time, p = rows[n], work.state[TIME], plan.parameter
-        row[0], row[1] = time, p[P_SPEED] * time + 0.5 * p[P_SLOPE] * time * time + work.turn[0, T_ENCODER]
-        _sense(speed, plan, work, row[2 : 2 + SENSORS])
-        for side in range(2):
-            for k in range(CARRIED):
-                row[2 + SENSORS + side * CARRIED + k] = work.carried[side, k]
-        _advance(step, plan, work)
-    state[:] = work.state
-    return STATUS_OK
+    return _carry_over(state, rows, np.zeros((0, SENSORS)), 0.0, step, plan, work)
+
+
+def run(state: NDArray[np.float64], wave: NDArray[np.float64], h: float, step: float, plan: Plan, work: Work) -> int:
+    """Carry a state from t = 0 in steps of equal angle, rad, and write the sensors at equal times, h seconds apart.
+
+    Args:
+        state: overwritten.
+        wave: see SENSORS, (rows, SENSORS).
+
+    Returns:
+        A STATUS_ number.
+    """
+    return _carry_over(state, np.zeros((0, TRACE)), wave, h, step, plan, work)
+
+
+@inlined
+def _write_trace(speed: float, plan: Plan, work: Work, row: NDArray[np.float64]) -> None:
+    """Write a row of a trace from the first slope and its speed."""
+    time, p = work.state[TIME], plan.parameter
+    row[0], row[1] = time, p[P_SPEED] * time + 0.5 * p[P_SLOPE] * time * time + work.turn[0, T_ENCODER]
+    _sense(speed, plan, work, row[2 : 2 + SENSORS])
+    for side in range(2):
+        for k in range(CARRIED):
+            row[2 + SENSORS + side * CARRIED + k] = work.carried[side, k]
 
 
 @inlined
@@ -348,34 +330,66 @@ def _interpolate(t: float, node: NDArray[np.float64], row: NDArray[np.float64]) 
             row[k] += weight * node[i, 1 + k]
 
 
+@inlined
+def _write_wave(written: int, steps: int, h: float, wave: NDArray[np.float64], node: NDArray[np.float64]) -> int:
+    """Write what the nodes allow after so many steps, by times up to their middle; return how many rows there are."""
+    # At the beginning those before the middle too.
+    while steps >= NODES and written < wave.shape[0] and written * h <= node[NODES // 2, 0]:
+        _interpolate(written * h, node, wave[written])
+        written += 1
+    return written
+
+
 @kernel
-def run(state: NDArray[np.float64], wave: NDArray[np.float64], h: float, step: float, plan: Plan, work: Work) -> int:
-    """Carry a state from t = 0 in steps of equal angle, rad, and write the sensors at equal times, h seconds apart.
+def _carry_over(
+    state: NDArray[np.float64],
+    rows: NDArray[np.float64],
+    wave: NDArray[np.float64],
+    h: float,
+    step: float,
+    plan: Plan,
+    work: Work,
+) -> int:
+    """Do what ``trace`` does if ``rows`` has any, else what ``run`` does.
 
-    Args:
-        state: overwritten.
-        wave: see SENSORS, (rows, SENSORS).
-
-    Returns:
-        A STATUS_ number.
+    Both are one kernel, and ``_rates`` is called in one place, because each copy of its code takes seconds to compile.
     """
     work.state[:] = state
     node = np.zeros((NODES, 1 + SENSORS))
-    written, count = 0, 0
-    while written < wave.shape[0]:
-        for i in range(NODES - 1):
-            for k in range(1 + SENSORS):
-                node[i, k] = node[i + 1, k]
-        speed = _slope(work.state, np.int64(0), plan, work)
-        if not (_usable(work) and speed > 0.0):
-            return STATUS_NOT_FINITE
-        node[NODES - 1, 0] = work.state[TIME]
-        _sense(speed, plan, work, node[NODES - 1, 1:])
-        count += 1
-        # Times up to the middle of the nodes; at the beginning those before it too.
-        while count >= NODES and written < wave.shape[0] and written * h <= node[NODES // 2, 0]:
-            _interpolate(written * h, node, wave[written])
-            written += 1
-        _advance(step, plan, work)
+    tracing = rows.shape[0] > 0
+    written, steps = 0, 0
+    while written < (rows.shape[0] if tracing else wave.shape[0]):
+        # A step is taken in parts where a ball meets an edge.
+        parts = 1
+        if _at_edge(np.int64(0), step, plan, plan.ring_a, work) or _at_edge(np.int64(1), step, plan, plan.ring_b, work):
+            parts = int(plan.parameter[P_PARTS])
+        length = step / parts
+        for stage in range(4 * parts):
+            at, slope = work.trial, work.slope[stage % 4]
+            if stage % 4 == 0:
+                at = work.state
+            else:
+                to_stage(stage % 4 - 1, length, work)
+            speed = _rates(at, plan, work, slope)
+            inverse = 1.0 / speed
+            for k in range(slope.shape[0]):
+                slope[k] *= inverse
+            if stage == 0:
+                if not (_usable(work) and (tracing or speed > 0.0)):
+                    return STATUS_NOT_FINITE
+                steps += 1
+                if tracing:
+                    _write_trace(speed, plan, work, rows[written])
+                    written += 1
+                else:
+                    for i in range(NODES - 1):
+                        for k in range(1 + SENSORS):
+                            node[i, k] = node[i + 1, k]
+                    node[NODES - 1, 0] = work.state[TIME]
+                    _sense(speed, plan, work, node[NODES - 1, 1:])
+                    written = _write_wave(written, steps, h, wave, node)
+            if stage % 4 == 3:
+                to_end(length, work)
+                accept(work)
     state[:] = work.state
     return STATUS_OK
