@@ -24,7 +24,7 @@ from monitor.health.spectrum.average import RecentSpectra
 from monitor.health.spectrum.bands import BandVotes, candidate_bands
 from monitor.health.spectrum.family import comb_depth
 from monitor.health.spectrum.features import FAULTS, BlockFeatures, FeatureSettings, block_features, fundamentals
-from monitor.health.spectrum.interference import Comb, all_combs
+from monitor.health.spectrum.interference import all_combs
 from monitor.health.spectrum.search import family_searches, slip_searches
 from monitor.health.spectrum.transform import Band
 from monitor.health.state import ChannelSettings, ChannelState, Named
@@ -77,39 +77,63 @@ def check_channel(
     )
 
 
+@dataclass(frozen=True, eq=False)
+class Analysed:
+    """What the samples of an accepted block say.
+
+    Attributes:
+        settings: by which the features were computed.
+        band_source: where its bands come from, as in the record.
+    """
+
+    settings: FeatureSettings
+    features: BlockFeatures
+    band_source: str
+
+
 def step(state: ChannelState, block: ChannelBlock, settings: ChannelSettings) -> tuple[ChannelState, ChannelOutput]:
     """Take one block of one channel into its state; a rejected one leaves it as it is.
 
     Raises:
         ValueError: the block is accepted and its speed is not known.
     """
-    verdict = block.verdict
-    if not verdict.accepted:
-        return state, ChannelOutput(verdict=verdict, stage=state.detect.stage, absolute=settings.absolute)
+    return conclude(state, block, settings, analyse(state, block, settings))
+
+
+def analyse(state: ChannelState, block: ChannelBlock, settings: ChannelSettings) -> Analysed | None:
+    """Compute the features of one block; None of a rejected one. Raises as :func:`step`."""
+    if not block.verdict.accepted:
+        return None
     if block.speed.value is None:
         raise ValueError(f"channel {settings.name!r}: the shaft speed is neither configured nor stated by the block")
     lines = kinematics(settings.bearing, block.speed.value)
     bands, band_source = _bands(state, settings, block.rate, lines)
-    features = block_features(
-        block.samples,
-        block.rate,
-        FeatureSettings(
-            rate=block.rate,
-            bands=bands,
-            fundamentals=fundamentals(lines),
-            rms_band=settings.rms_band,
-            speed=lines.speed,
-            speed_sd=known_sd(block.speed, settings.condition),
-            held=held_factor(state.speed_factors),
-            average_blocks=settings.average_blocks,
-            search=settings.condition.speed_tolerance,
-            searches=family_searches(settings.uncertainty, settings.condition.speed_tolerance),
-            slip=slip_searches(settings.uncertainty),
-            interference=all_combs(settings.interference, lines.speed),
-        ),
-        state.spectra if verdict.for_baseline else None,
-        block.span,
+    asked = FeatureSettings(
+        rate=block.rate,
+        bands=bands,
+        fundamentals=fundamentals(lines),
+        rms_band=settings.rms_band,
+        speed=lines.speed,
+        speed_sd=known_sd(block.speed, settings.condition),
+        held=held_factor(state.speed_factors),
+        average_blocks=settings.average_blocks,
+        search=settings.condition.speed_tolerance,
+        searches=family_searches(settings.uncertainty, settings.condition.speed_tolerance),
+        slip=slip_searches(settings.uncertainty),
+        interference=all_combs(settings.interference, lines.speed),
     )
+    recent = state.spectra if block.verdict.for_baseline else None
+    return Analysed(asked, block_features(block.samples, block.rate, asked, recent, block.span), band_source)
+
+
+def conclude(
+    state: ChannelState, block: ChannelBlock, settings: ChannelSettings, analysed: Analysed | None
+) -> tuple[ChannelState, ChannelOutput]:
+    """Take the features of one block of one channel into its state; without them, it stays as it is."""
+    verdict = block.verdict
+    if analysed is None:
+        return state, ChannelOutput(verdict=verdict, stage=state.detect.stage, absolute=settings.absolute)
+    features, band_source = analysed.features, analysed.band_source
     state = run_clock(state, block)
     naming: Naming | None = None
     leading = 0
@@ -119,7 +143,7 @@ def step(state: ChannelState, block: ChannelBlock, settings: ChannelSettings) ->
     given = detect_input(features, block, absolute=settings.absolute, usable=usable)
     state, detection = _detect(state, given, settings)
     if verdict.for_baseline and band_source == "provisional":
-        state = _vote(state, block, lines, all_combs(settings.interference, lines.speed))
+        state = _vote(state, block, analysed.settings)
     resolved = bool(features.bpfo_resolved.all())
     harmonics = tuple(float(value) for value in features.bpfo_amplitude) if resolved else None
     if naming is not None:
@@ -132,7 +156,7 @@ def step(state: ChannelState, block: ChannelBlock, settings: ChannelSettings) ->
         absolute=settings.absolute,
         speed=block.speed,
         load=block.load,
-        bands=bands,
+        bands=analysed.settings.bands,
         band_source=band_source,
         features=features,
         leading=leading,
@@ -166,9 +190,9 @@ def run_clock(state: ChannelState, block: ChannelBlock) -> ChannelState:
     return replace(state, running_time=state.running_time + gained, last_time=block.time, was_running=running)
 
 
-def _vote(state: ChannelState, block: ChannelBlock, lines: Kinematics, interference: tuple[Comb, ...]) -> ChannelState:
+def _vote(state: ChannelState, block: ChannelBlock, asked: FeatureSettings) -> ChannelState:
     """Count the vote of one of the first blocks for a band; fix the band once there are enough votes."""
-    votes = (state.votes or BandVotes()).add(block.samples, block.rate, fundamentals(lines), interference)
+    votes = (state.votes or BandVotes()).add(block.samples, block.rate, asked.fundamentals, asked.interference)
     if votes.enough:
         return replace(state, votes=None, bands=(votes.best(),), band_source="learning", spectra=RecentSpectra())
     return replace(state, votes=votes)

@@ -9,28 +9,25 @@ the verdict stays.
 
 A name also stays until another has half as much evidence again, so that it does not change from block to block. All
 follows from the values of records: a restart, a replay and a report over the same records say the same.
+
+A level that rose may come from a neighbour. Where a bearing has an onset and no part is named in it, while a verdict
+names a part of another whose level has risen by twice the power and more, in most blocks, the onset is said to be
+``level_of`` that one. It stays an onset: lines tell whose damage they show, a level does not.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cache
 from typing import Any
 
-from monitor.health.quality import Verdict
 from monitor.health.schema import FAULTS, HINT, VERDICT
+from monitor.health.voice import SILENCE, Ballot, Heard, Voice, louder_bearings, parts_of
 
-MACHINE_STATE_VERSION = 1
-SILENCE = 0.2
-"""Depth that a block without a name counts against those that name a part: the least at which one is named."""
-_RECENT, _EPISODE = 50, 5000
-"""Usable blocks that a ballot remembers: the recent one, and that since an onset."""
+MACHINE_STATE_VERSION = 2
 _ENTER = {HINT: 0.5, VERDICT: 0.1}
 _HOLD = {HINT: 0.25, VERDICT: 0.0}
 """Share of the recent evidence, silence included, that names a part at all: to begin to name one, and to go on."""
-_FORGOTTEN = 1e-4
-"""Mean depth below which a name has left a ballot."""
 _LEAD = 1.5
 """How much more evidence than the present name another needs."""
 _APART = 0.1
@@ -38,114 +35,11 @@ _APART = 0.1
 _STALE, _PATIENCE_S = 50, 30 * 86400.0
 """Unusable blocks in a row after which a channel has no voice beside others; so many of the slowest source, and so many
 seconds, beside one of another source."""
-_HEARD = 0.25
-"""Share of a channel's own evidence, silence included, from which its name counts as disagreement."""
-
-
-@dataclass(frozen=True)
-class Heard:
-    """What one block of a channel said.
-
-    Attributes:
-        usable: the machine ran, the sensor worked, the block was in order.
-        paused: the machine stood still or the block came late, so that nothing could be heard.
-        fault: the named part, several joined by "|", or None.
-        depth: of its lines, over the mean envelope.
-        final: the final stage of the channel has begun and is not over.
-        time: UTC s, or None.
-    """
-
-    usable: bool = True
-    paused: bool = False
-    fault: str | None = None
-    depth: float = 0.0
-    final: bool = False
-    time: float | None = None
-
-
-@dataclass(frozen=True)
-class Ballot:
-    """What a channel named in recent usable blocks. A new one holds one silent block, so that one block is not all.
-
-    Attributes:
-        blocks: that are remembered.
-        silent: share of them without a named part.
-        named: mean over all of them of the depth of each name, 0 in blocks with another.
-    """
-
-    blocks: int = 1
-    silent: float = 1.0
-    named: Mapping[str, float] = field(default_factory=dict[str, float])
-
-    def after(self, heard: Heard, memory: int) -> Ballot:
-        """Return the ballot after one more usable block."""
-        blocks = min(self.blocks + 1, memory)
-        silent = self.silent + ((0.0 if parts_of(heard.fault) else 1.0) - self.silent) / blocks
-        if not self.named and heard.fault is None:
-            return Ballot(blocks, silent)
-        names = {*self.named, *([heard.fault] if heard.fault is not None else [])}
-        means = {name: self.named.get(name, 0.0) for name in sorted(names)}
-        means = {
-            name: mean + ((max(heard.depth, SILENCE) if name == heard.fault else 0.0) - mean) / blocks
-            for name, mean in means.items()
-        }
-        return Ballot(blocks, silent, {name: mean for name, mean in means.items() if mean > _FORGOTTEN})
-
-    def naming(self, parts: Iterable[str]) -> float:
-        """Return the mean depth of the names that hold one of some parts."""
-        wanted = set(parts)
-        return sum(mean for name, mean in self.named.items() if wanted & parts_of(name))
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return plain values for JSON."""
-        return {"blocks": self.blocks, "silent": self.silent, "named": dict(self.named)}
-
-    @property
-    def leading(self) -> str | None:
-        """The deepest name where it stands out of the silence, or None."""
-        named = {name: mean for name, mean in self.named.items() if parts_of(name)}
-        best = max(named, key=lambda name: (named[name], name), default=None)
-        if best is None or named[best] < _HEARD * (named[best] + SILENCE * self.silent):
-            return None
-        return best
-
-
-@dataclass(frozen=True)
-class Voice:
-    """What a channel named, of recent blocks and since the onset of the final stage that is open.
-
-    Attributes:
-        missed: blocks since the latest usable one.
-        time: of that, UTC s, or None.
-    """
-
-    recent: Ballot = field(default_factory=Ballot)
-    since_onset: Ballot | None = None
-    missed: int = 0
-    time: float | None = None
-
-    def after(self, heard: Heard | None) -> Voice:
-        """Return the voice after a block of its source, which holds nothing of the channel where that is None."""
-        if heard is None or not heard.usable:
-            return self if heard is not None and heard.paused else replace(self, missed=self.missed + 1)
-        since_onset = (self.since_onset or Ballot()).after(heard, _EPISODE) if heard.final else None
-        time = self.time if heard.time is None else heard.time
-        return Voice(self.recent.after(heard, _RECENT), since_onset, 0, time)
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return plain values for JSON."""
-        since_onset = None if self.since_onset is None else self.since_onset.to_dict()
-        return {
-            "recent": self.recent.to_dict(),
-            "since_onset": since_onset,
-            "missed": self.missed,
-            "time": self.time,
-        }
 
 
 @dataclass(frozen=True)
 class MachineState:
-    """What the channels of one source said, and what is said of its bearings; version 1."""
+    """What the channels of one source said, and what is said of its bearings."""
 
     voices: Mapping[str, Voice] = field(default_factory=dict[str, Voice])
     named: Mapping[str, str] = field(default_factory=dict[str, str])
@@ -161,8 +55,8 @@ class MachineState:
 
     @classmethod
     def from_dict(cls, stored: Mapping[str, Any]) -> MachineState:
-        """Return the state that :meth:`to_dict` gave; raise ValueError for another version."""
-        if stored.get("version") != MACHINE_STATE_VERSION:
+        """Return the state that :meth:`to_dict` gave, or version 1; raise ValueError for another version."""
+        if stored.get("version") not in (1, MACHINE_STATE_VERSION):
             raise ValueError(f"machine state: version {MACHINE_STATE_VERSION} expected, got {stored.get('version')!r}")
         voices = {
             name: Voice(
@@ -170,6 +64,7 @@ class MachineState:
                 None if voice["since_onset"] is None else Ballot(**voice["since_onset"]),
                 voice["missed"],
                 voice["time"],
+                voice.get("below", {}),
             )
             for name, voice in stored["voices"].items()
         }
@@ -187,6 +82,7 @@ class BearingVerdict:
             counts as often as the least silent channel was silent. None without a name.
         disagreement: by channel, the name of those that name another part.
         channels: that listen to it.
+        level_of: the bearing with whose damage the level has risen, where an onset shows no part of its own.
     """
 
     fault: str | None = None
@@ -194,6 +90,7 @@ class BearingVerdict:
     support: float | None = None
     disagreement: Mapping[str, str] = field(default_factory=dict[str, str])
     channels: tuple[str, ...] = ()
+    level_of: str | None = None
 
     def to_dict(self) -> dict[str, Any]:
         """Return the keys of the interface."""
@@ -203,6 +100,7 @@ class BearingVerdict:
             "support": None if self.support is None else round(self.support, 4),
             "disagreement": dict(self.disagreement),
             "channels": list(self.channels),
+            "level_of": self.level_of,
         }
 
 
@@ -214,27 +112,13 @@ def step(
     A channel that is not in ``heard`` gave nothing usable.
     """
     channels = [name for names in bearings.values() for name in names]
-    voices = {name: state.voices.get(name, Voice()).after(heard.get(name)) for name in channels}
+    louder = louder_bearings(heard, bearings)
+    voices = {
+        name: state.voices.get(name, Voice()).after(heard.get(name), louder.get(name, frozenset())) for name in channels
+    }
     said = weigh([replace(state, voices=voices)], bearings)
     named = {bearing: found.fault for bearing, found in said.items() if found.fault is not None}
     return replace(state, voices=voices, named=named), said
-
-
-def heard_in(channels: Mapping[str, Mapping[str, Any]], time: float | None = None) -> dict[str, Heard]:
-    """Return what the values of a record say, by channel; ``time`` is that of its block, UTC s."""
-    found: dict[str, Heard] = {}
-    for name, values in channels.items():
-        flags = (values.get("quality_flags") or "").split("|")
-        verdict = Verdict(values.get("quality_status") or "ok", tuple(flag for flag in flags if flag))
-        found[name] = Heard(
-            usable=verdict.for_baseline,
-            paused=verdict.accepted and bool({"stopped", "late", "out_of_order"} & set(flags)),
-            fault=values.get("fault_candidates") or values.get("fault"),
-            depth=values.get("fault_depth") or 0.0,
-            final=values.get("t_fs_block") is not None,
-            time=time,
-        )
-    return found
 
 
 def weigh(
@@ -248,7 +132,7 @@ def weigh(
         patience: s without a usable block after which a channel has no voice beside one with a later block, or None.
     """
     voices = {name: voice for state in states for name, voice in state.voices.items()}
-    return {
+    found = {
         bearing: _weigh_one(
             {name: voices.get(name, Voice()) for name in sorted(names)},
             frozenset(part for state in states for part in parts_of(state.named.get(bearing))),
@@ -256,17 +140,26 @@ def weigh(
         )
         for bearing, names in bearings.items()
     }
+    damaged = [bearing for bearing, verdict in found.items() if verdict.basis == VERDICT]
+    for bearing, verdict in found.items():
+        if verdict.basis != VERDICT and damaged:
+            since_onset = [
+                voices[name] for name in verdict.channels if voices.get(name, Voice()).since_onset is not None
+            ]
+            found[bearing] = replace(verdict, level_of=_level_of(since_onset, damaged))
+    return found
+
+
+def _level_of(voices: Sequence[Voice], damaged: Sequence[str]) -> str | None:
+    """Return the damaged bearing with which the level of channels with an onset has risen in most of their blocks."""
+    least = {name: min((voice.below.get(name, 0.0) for voice in voices), default=0.0) for name in damaged}
+    best = max(damaged, key=lambda name: (least[name], name))
+    return best if least[best] > 0.5 else None
 
 
 def patience_of(intervals: Iterable[float | None]) -> float:
     """Return the patience for several sources by the usual intervals of their blocks, s."""
     return max(_PATIENCE_S, _STALE * max((interval or 0.0 for interval in intervals), default=0.0))
-
-
-@cache
-def parts_of(fault: str | None) -> frozenset[str]:
-    """Return the parts that a name holds; none of no name or one that is no part."""
-    return frozenset(part for part in (fault or "").split("|") if part in FAULTS)
 
 
 def _weigh_one(voices: Mapping[str, Voice], before: frozenset[str], patience: float | None) -> BearingVerdict:

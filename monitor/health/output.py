@@ -21,7 +21,7 @@ from monitor.health.alarms import (
 )
 from monitor.health.condition import Quantity
 from monitor.health.damage import Damage, Remaining
-from monitor.health.detect import DetectOutput, DetectState
+from monitor.health.detect import LINES, DetectOutput, DetectState
 from monitor.health.naming import Naming
 from monitor.health.quality import Verdict
 from monitor.health.record import plain
@@ -102,6 +102,9 @@ def record_values(
     if output.detection is not None:
         values["detect_score"] = output.detection.score
         values["detect_threshold"] = output.detection.threshold
+        if detector.t_fs is not None:
+            values["rms_baseline"] = detector.reference_rms
+            values["raised"] = tuple(FAULTS[LINES.index(name)] for name in output.detection.raised) or None
     if output.naming is not None and output.naming.evidence is not None:
         evidence = output.naming.evidence
         values |= {

@@ -27,7 +27,6 @@ from monitor.health.channel import (
 )
 from monitor.health.condition import Quantity
 from monitor.health.detect import DetectInput, DetectOutput
-from monitor.health.machine import heard_in
 from monitor.health.machine import step as machine_step
 from monitor.health.naming import score_threshold
 from monitor.health.quality import OrderState, Verdict, check_order
@@ -36,6 +35,7 @@ from monitor.health.spectrum.average import RecentSpectra
 from monitor.health.spectrum.transform import Band
 from monitor.health.state import ChannelSettings, ChannelState, Named, SourceSettings, SourceState
 from monitor.health.step import alarm_step
+from monitor.health.voice import heard_in
 from monitor.health.waterfall import step as waterfall_step
 
 AVERAGED_SPECTRA, BAND_VOTES = "averaged_spectra", "band_votes"

@@ -110,6 +110,7 @@ _TABLE: list[Variable] = [
         ("bpfo_harmonic",),
     ),
     *_floats(ACCELERATION, "envelope_mean | | mean of the envelope |", ("band",), optional=True),
+    *_floats(ACCELERATION, "rms_baseline | | learned RMS, in the final stage | monitor/health/detect", optional=True),
     *_floats(
         "Hz",
         """
@@ -166,6 +167,15 @@ _TABLE: list[Variable] = [
         "1",
         "speed_factor_sd | | standard deviation of speed_factor where the shaft shows it "
         "| monitor/health/spectrum/shaft.py",
+        optional=True,
+    ),
+    Variable(
+        "raised",
+        (),
+        None,
+        "parts whose lines stand above their baseline, in the final stage",
+        kind="mask",
+        values=FAULTS,
         optional=True,
     ),
     Variable("edv_status", (), None, "status of v_eq", kind="flag", values=EDV_STATUSES),

@@ -19,13 +19,14 @@ from monitor.health.damage.filter.particle_filter import FilterState
 from monitor.health.damage.library.forecaster import LibraryState
 from monitor.health.damage.tracker import DamageSettings, DamageState
 from monitor.health.detect import DetectSettings, DetectState
-from monitor.health.machine import Heard, MachineState, Voice
+from monitor.health.machine import MachineState
 from monitor.health.quality import OrderState
 from monitor.health.record import Record
 from monitor.health.spectrum.average import RecentSpectra
 from monitor.health.spectrum.bands import BandVotes
 from monitor.health.spectrum.interference import Interference
 from monitor.health.spectrum.transform import Band
+from monitor.health.voice import Heard, Voice
 from monitor.health.waterfall import WaterfallSettings, WaterfallState
 
 STATE_VERSION = 3

@@ -14,11 +14,11 @@ from typing import Any
 
 from monitor.health.alarms import AlarmAcknowledgement, AlarmInput, AlarmState, acknowledged
 from monitor.health.alarms import step as alarms_step
-from monitor.health.channel import ChannelBlock, check_channel
-from monitor.health.channel import step as channel_step
+from monitor.health.channel import ChannelBlock, analyse, check_channel, conclude
 from monitor.health.condition import load_of, speed_of
+from monitor.health.crosstalk import ChannelView, beside_neighbours
 from monitor.health.detect import DetectState
-from monitor.health.machine import BearingVerdict, heard_in
+from monitor.health.machine import BearingVerdict
 from monitor.health.machine import step as machine_step
 from monitor.health.output import (
     ChannelOutput,
@@ -46,6 +46,7 @@ from monitor.health.spectrum.interference import all_combs
 from monitor.health.spectrum.kurtogram import kurtogram
 from monitor.health.spectrum.transform import MIN_SAMPLES
 from monitor.health.state import ChannelSettings, ChannelState, SourceSettings, SourceState
+from monitor.health.voice import heard_in
 from monitor.health.waterfall import SpectrumChange, WaterfallState
 from monitor.health.waterfall import step as waterfall_step
 from streams.block import Block, Rejected, to_si
@@ -174,9 +175,14 @@ def _analyse(
         return state, SourceOutput(_record(block, verdict))
     states: dict[str, ChannelState] = {}
     outputs: dict[str, ChannelOutput] = {}
-    for name, channel in settings.channels.items():
-        given = _channel_block(block, flags, state.channels[name], channel)
-        states[name], outputs[name] = channel_step(state.channels[name], given, channel)
+    views = {
+        name: ChannelView(state.channels[name], _channel_block(block, flags, state.channels[name], channel), channel)
+        for name, channel in settings.channels.items()
+    }
+    analysed = {name: analyse(view.state, view.block, view.settings) for name, view in views.items()}
+    for name, found in beside_neighbours(views, analysed).items():
+        view = views[name]
+        states[name], outputs[name] = conclude(view.state, view.block, view.settings, found)
     verdict = _block_verdict({name: output.verdict for name, output in outputs.items()}, flags)
     forecasts: list[dict[str, Any]] = []
     events: list[dict[str, Any]] = []

@@ -9,11 +9,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from monitor.health.machine import BearingVerdict, Heard, MachineState, heard_in, patience_of, step, weigh
+from monitor.health.machine import BearingVerdict, MachineState, patience_of, step, weigh
+from monitor.health.voice import Heard, heard_in
 from monitor.report.runs import Channel, Run
-from monitor.words.statuses import BASES, fault_words
+from monitor.words.statuses import BASES, fault_words, level_words
 
-_WORDS = ("fault", "fault_candidates", "quality_status", "quality_flags", "stage")
+_WORDS = ("fault", "fault_candidates", "quality_status", "quality_flags", "stage", "absolute_level", "raised")
+_NUMBERS = ("fault_depth", "t_fs_block", "rms", "rms_baseline")
 _BLOCKS = 20_000
 """Latest blocks that are weighed: four times what a ballot remembers."""
 
@@ -96,24 +98,15 @@ def _heard(channel: Channel, *, dated: bool) -> Iterator[Heard | None]:
     """Yield what each block said in the order of their numbers, None where it holds nothing of the channel."""
     # A wrong clock sorts a block to another place in time.
     rows = np.argsort(channel.sequence, kind="stable")[-_BLOCKS:]
-    columns = (
-        channel.time[rows].tolist(),
-        channel.column("fault_depth")[rows].tolist(),
-        channel.column("t_fs_block")[rows].tolist(),
-        *(_words(channel, name)[rows].tolist() for name in _WORDS),
-    )
-    for time, depth, onset, fault, candidates, status, flags, stage in zip(*columns, strict=True):
-        if not status and not stage:
+    numbers = zip(*(channel.column(name)[rows].tolist() for name in _NUMBERS), strict=True)
+    words = zip(*(_words(channel, name)[rows].tolist() for name in _WORDS), strict=True)
+    for time, known, said in zip(channel.time[rows].tolist(), numbers, words, strict=True):
+        values = {name: word or None for name, word in zip(_WORDS, said, strict=True)}
+        if values["quality_status"] is None and values["stage"] is None:
             yield None
             continue
-        values = {
-            "fault": fault or None,
-            "fault_candidates": candidates or None,
-            "fault_depth": depth if math.isfinite(depth) else None,
-            "t_fs_block": onset if math.isfinite(onset) else None,
-            "quality_status": status or None,
-            "quality_flags": flags or None,
-        }
+        measured = zip(_NUMBERS, known, strict=True)
+        values |= {name: number if math.isfinite(number) else None for name, number in measured}
         yield heard_in({"": values}, time if dated and math.isfinite(time) else None)[""]
 
 
@@ -124,7 +117,8 @@ def _words(channel: Channel, name: str) -> NDArray[np.object_]:
 def _part(name: str, verdict: BearingVerdict) -> BearingPart:
     channels = ", ".join(verdict.channels)
     if verdict.fault is None or verdict.basis is None or verdict.support is None:
-        return BearingPart(name, "good", "no part named", "–", "", "–", "", channels, verdict)
+        part = "no part named" + level_words(verdict.level_of)
+        return BearingPart(name, "good", part, "–", "", "–", "", channels, verdict)
     basis, why = BASES[verdict.basis]
     return BearingPart(
         name,

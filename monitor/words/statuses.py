@@ -143,13 +143,18 @@ def named_words(fault: str, basis: str | None) -> str:
     return f"{fault_words(fault)} (a hint)" if basis == "hint" else fault_words(fault)
 
 
+def level_words(level_of: str | None) -> str:
+    """Return what follows a bearing without a part of its own whose level rises with a neighbour's damage."""
+    return "" if level_of is None else f"; its level rises with the damage of {level_of}"
+
+
 def bearing_words(found: Mapping[str, Any]) -> str:
     """Return what the channels of a bearing say together, by its keys of the interface; without a full stop."""
     if found["fault"] is None:
-        return "no part named"
+        return "no part named" + level_words(found.get("level_of"))
     text = f"{fault_words(found['fault'])}, {BASES[found['fault_basis']][0]}, support {100.0 * found['support']:.0f} %"
     others = [f"{channel} says {fault_words(other)}" for channel, other in found["disagreement"].items()]
-    return "; ".join((text, *others))
+    return "; ".join((text, *others)) + level_words(found.get("level_of"))
 
 
 def page_words() -> dict[str, Any]:

@@ -13,7 +13,7 @@ alarm.
 from __future__ import annotations
 
 from monitor.health.detect.baseline import median_and_sd
-from monitor.health.detect.onset import step
+from monitor.health.detect.onset import raised_lines, step
 from monitor.health.detect.state import (
     END_OF_LIFE,
     FEATURES,
@@ -53,6 +53,7 @@ __all__ = [
     "Relearned",
     "exceedance_rate",
     "median_and_sd",
+    "raised_lines",
     "step",
     "threshold_for",
 ]

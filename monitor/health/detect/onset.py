@@ -61,6 +61,10 @@ class _Judged:
         """The same with nothing given up: it dates an onset that the score has proved."""
         return math.hypot(max(self.rms, 0.0), self._highest)
 
+    def raised(self, level: float) -> tuple[str, ...]:
+        """Return the lines that stand above the baseline by more than a level."""
+        return tuple(name for name, excess in self.lines.items() if excess > level)
+
     @property
     def leading(self) -> str | None:
         """The feature that adds most to the score."""
@@ -93,11 +97,19 @@ def step(state: DetectState, block: DetectInput, settings: DetectSettings) -> tu
         score=None if judged is None else judged.score,
         threshold=threshold,
         leading=None if judged is None else judged.leading,
+        raised=() if judged is None else judged.raised(_ONSET_SHARE * threshold),
         alarm=before.t_fs is None and state.t_fs is not None,
         end=before.t_eol is None and state.t_eol is not None,
         closed=closed,
         relearned=relearned,
     )
+
+
+def raised_lines(state: DetectState, block: DetectInput, settings: DetectSettings) -> tuple[str, ...]:
+    """Return the lines that stand above the baseline by half the threshold; none of a block that is not used."""
+    if state.baseline is None or not block.usable or block.rms <= 0.0:
+        return ()
+    return _judge(state.baseline, block, settings).raised(_ONSET_SHARE * _threshold(state.baseline, settings))
 
 
 def _listened(baseline: Baseline, settings: DetectSettings) -> tuple[str, ...]:

@@ -233,6 +233,7 @@ class DetectOutput:
         score: in standard deviations; None while learning or where the block is not used.
         threshold: the score that counts as an exceedance.
         leading: the feature that stands highest above the baseline, or None where none stands above it.
+        raised: the lines that stand above the baseline by half the threshold.
         alarm: t_fs became known with this block.
         end: the end of life became known with this block.
         closed: the episode that closed with this block.
@@ -243,6 +244,7 @@ class DetectOutput:
     score: float | None
     threshold: float
     leading: str | None = None
+    raised: tuple[str, ...] = ()
     alarm: bool = False
     end: bool = False
     closed: Episode | None = None

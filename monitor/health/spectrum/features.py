@@ -19,6 +19,7 @@ from monitor.health.spectrum.average import RecentSpectra
 from monitor.health.spectrum.comb import LineSpectrum, beside_shaft, line_spectrum
 from monitor.health.spectrum.family import FaultLines
 from monitor.health.spectrum.floor import MIN_FLOOR_BINS
+from monitor.health.spectrum.foreign import ForeignComb, beside_combs
 from monitor.health.spectrum.indicators import TimeIndicators, sample_range, time_indicators
 from monitor.health.spectrum.lines import (
     FALSE_ALARM,
@@ -73,6 +74,7 @@ class BlockFeatures:
         shaft: the known speed of the shaft, found in the signal or stated, or None where it is nominal and not found.
         speed_factor: that speed over the stated one; where it was not found, that of the detected family that stands
             highest above its threshold, or None where none is detected.
+        sought_at: settings at that speed, by which they were.
         values: what each of ``FUNCTIONS`` gives, by name.
     """
 
@@ -90,6 +92,7 @@ class BlockFeatures:
     speed: float | None
     shaft: ShaftSpeed | None
     speed_factor: float | None
+    sought_at: FeatureSettings
     values: Mapping[str, Value] = field(default_factory=dict[str, Value])
 
 
@@ -203,7 +206,47 @@ def block_features(
         speed=at.speed,
         shaft=shaft,
         speed_factor=_speed_factor(settings, at, shaft, _leader(families, FAULTS)),
+        sought_at=at,
     )
+    return replace(found, values={name: function(x, found) for name, function in FUNCTIONS.items()})
+
+
+def features_beside(
+    x: NDArray[np.number],
+    found: BlockFeatures,
+    combs: Sequence[Sequence[ForeignComb]],
+    stated: FeatureSettings,
+    *,
+    absolute: bool,
+) -> BlockFeatures:
+    """Return the features of a block with its families sought beside the combs of other bearings.
+
+    RMS, A* and the raw lines stay as they are.
+
+    Args:
+        x: (n_samples,) as given to :func:`block_features`.
+        found: what it gave.
+        combs: for each band.
+        stated: the settings that it was given.
+        absolute: whether the unit of the samples is known.
+    """
+    means = [float(envelope.mean) if absolute else None for envelope in found.envelopes]
+    sought = tuple(map(beside_combs, found.sought, means, combs))
+    families = tuple(_families(spectrum, found.sought_at) for spectrum in sought)
+    averaged = found.recent.count > 1
+    lines = tuple(
+        _own_lines(
+            found.sought_at,
+            envelope,
+            _relative(envelope, stated),
+            named,
+            averaged=averaged,
+            beside=lambda own, mean=mean, foreign=foreign: beside_combs(own, mean, foreign),
+        )
+        for envelope, mean, named, foreign in zip(found.envelopes, means, families, combs, strict=True)
+    )
+    factor = _speed_factor(stated, found.sought_at, found.shaft, _leader(families, FAULTS))
+    found = replace(found, sought=sought, families=families, lines=lines, speed_factor=factor)
     return replace(found, values={name: function(x, found) for name, function in FUNCTIONS.items()})
 
 
@@ -272,11 +315,14 @@ def _own_lines(
     families: Mapping[str, FaultLines],
     *,
     averaged: bool,
+    beside: Callable[[LineSpectrum], LineSpectrum] | None = None,
 ) -> dict[str, FaultLines]:
     """Return the lines of the block itself, m/s2, at the speed factors of the families found in the average."""
     if not averaged:
         return {fault: found.scaled(envelope.mean) for fault, found in families.items()}
     own = line_spectrum(relative, envelope.resolution, speed=settings.speed)
+    if beside is not None:
+        own = beside(own)
     queries = [
         CombQuery(_nominal(settings, fault, found), speed_factor=found.speed_factor)
         for fault, found in families.items()

@@ -85,7 +85,8 @@ def test_replay_prints_one_json_object_and_keeps_its_books(machine):
     assert summary["blocks"] == summary["accepted"] == 4
     assert summary["rejected"] == {}
     assert summary["pending"] == 0
-    nothing = {"fault": None, "fault_basis": None, "support": None, "disagreement": {}, "channels": ["de"]}
+    nothing = dict.fromkeys(("fault", "fault_basis", "support", "level_of"))
+    nothing |= {"disagreement": {}, "channels": ["de"]}
     assert list(summary["bearings"].values()) == [nothing]
     channel = summary["channels"]["de"]
     assert channel["stage"] == "learning"
