@@ -173,7 +173,7 @@ _TABLE: list[Variable] = [
         "raised",
         (),
         None,
-        "parts whose lines stand above their baseline, in the final stage",
+        "parts whose lines stand above their baseline",
         kind="mask",
         values=FAULTS,
         optional=True,

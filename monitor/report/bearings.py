@@ -25,7 +25,7 @@ class BearingPart:
     """A bearing on the page, in words: ``basis`` and ``support`` are "–" without a name, ``others`` then "".
 
     Attributes:
-        grade: "watch" for a verdict, "open" for a hint, "good" for none.
+        grade: "watch" for a verdict, "open" for a hint or a level that rises with a neighbour's, "good" for none.
         others: which channels name another part.
         channels: that listen to it.
     """
@@ -117,8 +117,8 @@ def _words(channel: Channel, name: str) -> NDArray[np.object_]:
 def _part(name: str, verdict: BearingVerdict) -> BearingPart:
     channels = ", ".join(verdict.channels)
     if verdict.fault is None or verdict.basis is None or verdict.support is None:
-        part = "no part named" + level_words(verdict.level_of)
-        return BearingPart(name, "good", part, "–", "", "–", "", channels, verdict)
+        grade, part = "good" if verdict.level_of is None else "open", "no part named" + level_words(verdict.level_of)
+        return BearingPart(name, grade, part, "–", "", "–", "", channels, verdict)
     basis, why = BASES[verdict.basis]
     return BearingPart(
         name,

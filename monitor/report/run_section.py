@@ -126,11 +126,12 @@ def part_of_run(
     ``numbers`` are those of the figures of the page, ``anchor`` is a prefix of the ids of headings.
     """
     clock = Clock(run.dated, options.zone)
+    bearings = bearing_parts(run)
+    level_of = {name: bearing.verdict.level_of for bearing in bearings for name in bearing.verdict.channels}
     channels = []
     for place, channel in enumerate(run.channels.values(), start=1):
-        context = ChannelContext(run, channel, judge(run, channel, clock), clock, numbers)
+        context = ChannelContext(run, channel, judge(run, channel, clock, level_of.get(channel.name)), clock, numbers)
         channels.append(_channel(context, options, views.get(channel.name), f"{anchor}c{place}"))
-    bearings = bearing_parts(run)
     apart = {name for bearing in bearings for name in bearing.verdict.disagreement}
     channels.sort(key=lambda part: (GRADES.index(part.verdict.grade), part.verdict.channel in apart))
     tables = {"blocks": quality.statuses(run), "gaps": quality.gaps(run, clock), "events": _events(run, clock)}

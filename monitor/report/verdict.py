@@ -15,7 +15,7 @@ from monitor.report.life_marks import LATE, Moment, closed_stages, mark_of, open
 from monitor.report.part import doubt_of, named_fault
 from monitor.report.runs import Channel, Run
 from monitor.words.numbers import Clock, acceleration, count, duration, figure, interval, volume
-from monitor.words.statuses import BAND_SOURCES, EDV_REFUSALS, TT_REFUSALS, fault_words, named_words
+from monitor.words.statuses import BAND_SOURCES, EDV_REFUSALS, LEVEL_OF, TT_REFUSALS, fault_words, named_words
 
 Grade = Literal["bad", "watch", "open", "good"]
 GRADE_NAMES: dict[Grade, str] = {
@@ -41,6 +41,7 @@ class ChannelVerdict:
         fault: the damaged part, "" for none.
         stage: "" where no block could be judged.
         closed: first and last moment of each final stage that closed again.
+        level_of: the bearing with whose damage its level rises, where it shows no part of its own.
     """
 
     channel: str
@@ -53,6 +54,7 @@ class ChannelVerdict:
     fault: str
     stage: str = ""
     closed: tuple[tuple[Moment, Moment], ...] = ()
+    level_of: str | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,8 +68,13 @@ class ChannelContext:
     numbers: itertools.count[int]
 
 
-def judge(run: Run, channel: Channel, clock: Clock | None = None) -> ChannelVerdict:
-    """Return the verdict on a channel after its last block; ``clock`` formats times, by default in UTC."""
+def judge(run: Run, channel: Channel, clock: Clock | None = None, level_of: str | None = None) -> ChannelVerdict:
+    """Return the verdict on a channel after its last block.
+
+    Args:
+        clock: formats times, by default in UTC.
+        level_of: the bearing with whose damage the level of this one rises, as all channels together say.
+    """
     clock = clock or Clock(run.dated)
     stages = channel.word("stage")
     judged = np.flatnonzero(stages != "")
@@ -75,6 +82,9 @@ def judge(run: Run, channel: Channel, clock: Clock | None = None) -> ChannelVerd
     marks = {name: mark_of(channel, name) for name in ("t_fs", "t_fs_known", "t_eol")}
     _, fault = named_fault(channel)
     grade, headline = _headline(stage, fault, marks, channel)
+    level_of = level_of if stage == "final" and not fault else None
+    if level_of is not None:
+        grade, headline = "open", f"No part of its own named; {LEVEL_OF} {level_of}"
     if channel.last_row("v_eq") is not None and not is_calibrated(run, channel):
         headline += "; V_eq is relative, as the rig is not calibrated"
     facts = [
@@ -83,7 +93,9 @@ def judge(run: Run, channel: Channel, clock: Clock | None = None) -> ChannelVerd
         ("Last block", _last_block(channel, clock)),
     ]
     closed = closed_stages(channel)
-    return ChannelVerdict(channel.name, grade, headline, tuple(facts), fault=fault, stage=stage, closed=closed, **marks)
+    return ChannelVerdict(
+        channel.name, grade, headline, tuple(facts), fault=fault, stage=stage, closed=closed, level_of=level_of, **marks
+    )
 
 
 def _headline(stage: str, fault: str, marks: dict[str, Moment | None], channel: Channel) -> tuple[Grade, str]:
@@ -188,6 +200,8 @@ def _failing(channel: Channel, verdict: ChannelVerdict) -> Finding:
             answer = f"Not known yet; a hint of damage of the {fault_words(verdict.fault)}."
         why = "The baseline is not complete, so that no change can be judged yet."
         return Finding(question, answer, why, known=False)
+    if verdict.level_of is not None:
+        answer = f"Not known: {LEVEL_OF} {verdict.level_of}."
     if verdict.stage == "healthy" and verdict.fault:
         answer = f"No onset so far; a hint of damage of the {fault_words(verdict.fault)}."
     return Finding(question, answer, " ".join(text for text in (_scores(channel), _growth(channel)) if text))

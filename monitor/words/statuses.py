@@ -143,9 +143,13 @@ def named_words(fault: str, basis: str | None) -> str:
     return f"{fault_words(fault)} (a hint)" if basis == "hint" else fault_words(fault)
 
 
+LEVEL_OF = "its level rises with the damage of"
+"""Followed by the name of the bearing whose damage a neighbour without a part of its own hears."""
+
+
 def level_words(level_of: str | None) -> str:
-    """Return what follows a bearing without a part of its own whose level rises with a neighbour's damage."""
-    return "" if level_of is None else f"; its level rises with the damage of {level_of}"
+    """Return whose damage raises the level of a bearing, after its name; "" for that of none."""
+    return "" if level_of is None else f"; {LEVEL_OF} {level_of}"
 
 
 def bearing_words(found: Mapping[str, Any]) -> str:
@@ -166,6 +170,7 @@ def page_words() -> dict[str, Any]:
         "parts": FAULT_NAMES,
         "lines": LINE_NAMES,
         "bases": BASES,
+        "level_of": LEVEL_OF,
         "daemon": DAEMON,
         "blocks": STATUS_MEANINGS,
         "edv": EDV_REFUSALS | {"widened": "the interval is wider than usual, as the latest levels jumped"},

@@ -25,7 +25,9 @@ def test_a_hint_is_called_a_hint_and_a_bearing_has_one_line() -> None:
     assert bearing_words(found) == "inner race or rolling element, verdict, support 62 %; v says outer race"
     hint = {"fault": "cage", "fault_basis": "hint", "support": 0.5, "disagreement": {}}
     assert bearing_words(hint) == "cage, hint, support 50 %"
-    assert bearing_words(hint | {"fault": None, "fault_basis": None, "support": None}) == "no part named"
+    none = hint | {"fault": None, "fault_basis": None, "support": None}
+    assert bearing_words(none) == bearing_words(none | {"level_of": None}) == "no part named"
+    assert bearing_words(none | {"level_of": "fan"}) == "no part named; its level rises with the damage of fan"
 
 
 def test_durations_and_units_for_people() -> None:

@@ -3,7 +3,7 @@
 import { channelHref } from "./api.js";
 import { arrange, h, setAttribute, setText } from "./dom.js";
 import * as fmt from "./fmt.js";
-import { baseSentence, baseWord, faultWords } from "./words.js";
+import { baseSentence, baseWord, faultWords, levelSentence } from "./words.js";
 
 const MANY = 12;
 const ORDER = ["verdict", "hint"];
@@ -32,7 +32,7 @@ class Line {
     setText(this.basis, baseWord(found.fault_basis));
     setAttribute(this.basis, "title", baseSentence(found.fault_basis) || null);
     setText(this.support, support(found));
-    setText(this.others, disagreement(found));
+    setText(this.others, disagreement(found) || levelSentence(found.level_of));
     this.named = Boolean(found.fault);
     const place = ORDER.indexOf(found.fault_basis);
     this.order = [place < 0 ? ORDER.length : place, -(found.support ?? 0), machine, bearing];

@@ -122,7 +122,7 @@ function together(machine, info) {
   if (!found) return null;
   const notes = found.fault
     ? [`${baseWord(found.fault_basis)}: ${baseSentence(found.fault_basis)}`, `${support(found)} of ${channelsWords(found)}`, disagreement(found)]
-    : [channelsWords(found)];
+    : [levelSentence(found.level_of) || null, channelsWords(found)];
   const element = answer(`Bearing ${name}`, faultWords(found.fault) || "no part named", ...notes);
   element.classList.add("whole");
   return element;

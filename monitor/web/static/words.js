@@ -19,6 +19,9 @@ export const faultWords = (fault) => (fault ? fault.split("|").map((part) => PAR
 export const baseWord = (basis) => WORDS.bases[basis]?.[0] ?? "";
 export const baseSentence = (basis) => WORDS.bases[basis]?.[1] ?? "";
 
+/** Whose damage raises the level of a bearing without a part of its own; "" for that of none. */
+export const levelSentence = (bearing) => (bearing ? `${WORDS.level_of} ${bearing}` : "");
+
 const NONE = "no value was computed yet";
 export const edvSentence = (status) => (status ? WORDS.edv[status] ?? status : NONE);
 export const ttSentence = (status) => (status ? WORDS.tt[status] ?? status : NONE);

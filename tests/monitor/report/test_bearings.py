@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -90,3 +91,20 @@ def test_the_channel_with_which_its_bearing_agrees_comes_first(tmp_path: Path) -
     text = Page((tmp_path / "report.html").read_text(encoding="utf-8")).text
     assert "drive ▲ outer race verdict" in " ".join(text.split())
     assert text.index("Channel two") < text.index("Channel one")
+
+
+def test_a_level_that_rises_with_a_neighbours_is_no_verdict_of_damage(tmp_path: Path) -> None:
+    """The channel has an onset; the card of the bearing and of the channel say whose damage it hears."""
+    records = [says(n, final=True, two="outer") for n in range(1, 9)]
+    levels: dict[str, dict[str, Any]] = {"one": {"rms": 2.0}, "two": {"rms": 9.0, "raised": "outer"}}
+    learned = {"rms_baseline": 1.0, "absolute_level": "yes"}
+    channels = [{name: {**said, **learned, **levels[name]} for name, said in r.channels.items()} for r in records]
+    records = [replace(record, channels=values) for record, values in zip(records, channels, strict=True)]
+    run = run_of(tmp_path, records, "one: drive; two: free")
+    drive, free = bearing_parts(run)
+    assert (drive.grade, drive.part) == ("open", "no part named; its level rises with the damage of free")
+    assert (free.grade, free.part) == ("watch", "outer race")
+    build_report(tmp_path, tmp_path / "report.html", options=Options(sections=frozenset()))
+    text = " ".join(Page((tmp_path / "report.html").read_text(encoding="utf-8")).text.split())
+    assert "No part of its own named; its level rises with the damage of free" in text
+    assert "Not known: its level rises with the damage of free." in text
