@@ -46,14 +46,15 @@ def written(visitor: Visitor, pump: Served, bearings: dict[str, Any], **status: 
 
 
 def test_verdicts_come_first_and_say_who_disagrees(pump: Served, visitor: Visitor) -> None:
-    found = written(visitor, pump, {"fan": NONE, "free": HINT, "drive": TORN})
+    found = written(visitor, pump, {"fan": NONE, "far": NONE | {"level_of": "drive"}, "free": HINT, "drive": TORN})
     assert found["lines"] == [
         ["m / drive", "inner race", "verdict", "support 62 %", "x says rolling element or cage"],
         ["m / free", "outer race", "hint", "support 57 %", ""],
         ["m / fan", "no part named", "", "", ""],
+        ["m / far", "no part named", "", "", "its level rises with the damage of drive"],
     ]
     # The link leads to a channel that agrees.
-    assert found["links"] == ["#/channel/m/y", "#/channel/m/x", "#/channel/m/x"]
+    assert found["links"] == ["#/channel/m/y", *["#/channel/m/x"] * 3]
     first = found["answers"][0]
     assert first.startswith("Bearing driveinner race")
     assert BASES["verdict"][1] in first

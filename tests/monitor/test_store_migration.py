@@ -28,7 +28,7 @@ EXACT = ("sequence", "elapsed", "x.t_fs", "x.stage", "x.edv_status", "x.tt_statu
 MAP_VERSION = 4
 """Version of the model that the hash of the kept map names."""
 ADDED = (
-    *("v_eq_relative", "envelope_mean", "speed_unverified", "p_no_growth"),
+    *("v_eq_relative", "envelope_mean", "speed_unverified", "p_no_growth", "rms_baseline", "raised"),
     *("v_eq_filter", "v_eq_filter_lower", "v_eq_filter_upper"),
 )
 """Values of a block that the baseline did not have."""
