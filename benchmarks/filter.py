@@ -11,7 +11,9 @@ Run as ``python -m benchmarks.filter [--quick] [--json FILE]``. Tables:
 3. the figures with that widening on other lives of the library, which took no part in finding it;
 4. the same at one load and speed, on the map of a smooth floor and on the mean of twelve rough floors;
 5. the spread that is taken where a map has none: the standard deviation of ln X over rough floors and drawn rigs, at
-   some depths, as the median over extents from 2 degrees on.
+   some depths, as the median over extents from 2 degrees on;
+6. steps: the largest score of a rise and of a fall of the RMS over lives, and what a gain that becomes 3 or 0.3 times
+   as large scores at once; from the first comes ``IMPLAUSIBLE_SD``.
 
 Settings of the tracker were chosen by trying them on the first 60 lives of the library and on lives like those of
 table 4 of another seed. No test life of ``benchmarks.forecast`` is used here.
@@ -37,7 +39,7 @@ from models.maps.file import cached_map
 from models.maps.plan import MapPlan
 from models.scene import Floor
 from monitor.health.damage import DamageInput
-from monitor.health.damage.filter.particle_filter import FilterSettings, FilterState, step
+from monitor.health.damage.filter.particle_filter import FilterSettings, FilterState, step, step_score
 
 Floats = NDArray[np.float64]
 Slices = Callable[[LifeHistory], MapSlice]
@@ -156,6 +158,47 @@ def _block_ms(life: LifeHistory, map_slice: MapSlice, settings: FilterSettings, 
     return float(np.mean(times)), len(json.dumps(state.to_dict()))
 
 
+def step_rows(lives: Sequence[LifeHistory], slices: Slices, settings: FilterSettings, features: str) -> list[Row]:
+    """Return quantiles over lives of the largest step that is sound, and of a changed gain at a third of the life."""
+    sound = [max(map(abs, _steps(life, slices(life), settings, 1.0, _end(life)))) for life in lives]
+    rows: list[Row] = [_step_row(features, "sound", sound, settings)]
+    for gain in (3.0, 0.3):
+        found = [abs(_steps(life, slices(life), settings, gain, _end(life) // 3)[-1]) for life in lives]
+        rows.append(_step_row(features, f"gain x {gain:g}", found, settings))
+    return rows
+
+
+def _step_row(features: str, name: str, scores: Sequence[float], settings: FilterSettings) -> Row:
+    low, middle, high = np.quantile(scores, (0.02, 0.5, 0.98)).tolist()
+    refused = float(np.mean(np.array(scores) > settings.implausible_sd))
+    return {
+        "features": features,
+        "lives": len(scores),
+        "step": name,
+        "2 %": low,
+        "median": middle,
+        "98 %": high,
+        "largest": max(scores),
+        "refused": refused,
+    }
+
+
+def _end(life: LifeHistory) -> int:
+    return int(np.searchsorted(life.t, life.crossing(THRESHOLD), side="right"))
+
+
+def _steps(life: LifeHistory, map_slice: MapSlice, settings: FilterSettings, gain: float, until: int) -> list[float]:
+    """Return the scores of the first blocks of a life, the last of them louder by ``gain``."""
+    state, scores = FilterState(), [0.0]
+    for k in range(until):
+        factor = gain if k == until - 1 else 1.0
+        lines = tuple((factor * life.harmonics[k]).tolist())
+        heard = DamageInput(float(life.t[k]), factor * float(life.rms[k]), lines)
+        scores.append(step_score(state, heard, map_slice=map_slice, settings=settings))
+        state, _ = step(state, heard, map_slice=map_slice, settings=settings)
+    return scores
+
+
 def spread_rows(rms_map: RmsMap) -> list[Row]:
     """Return the spread over floors and rigs at the depths that ``monitor.health.damage.filter.prior`` tables."""
     at = rms_map.slice_at(4000.0, 40.0)
@@ -212,6 +255,7 @@ def main() -> None:
             for f, s in settings.items()
             for row in score_rows(name, f, follow(steady, slices_of(rms_map), s))
         ],
+        "steps": lambda: [row for f, s in settings.items() for row in step_rows(lives[fit:], slices_of(wide), s, f)],
         "spread": lambda: spread_rows(maps["rough floors"]),
     }
     figures: dict[str, list[Row]] = {}

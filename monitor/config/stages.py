@@ -7,6 +7,7 @@ from typing import Annotated, Literal, Self, TypeVar
 from pydantic import Field, field_validator, model_validator
 
 from monitor.config.fields import Blocks, Positive, Section
+from monitor.health.damage.filter.prior import GrowthPrior
 from monitor.health.damage.tracker import ForecastMethod, TrackMethod
 from monitor.health.detect import FEATURES, DetectSettings
 from streams.block import STANDARD_GRAVITY
@@ -71,12 +72,29 @@ class DetectSection(Section):
 class TrackSection(Section):
     """How the features of a block become the equivalent damaged volume.
 
-    The default method is the library where the channel has one, else the method of the thesis.
+    The default method is the library where the channel has one, else the method of the thesis. ``growth_per_hour`` is
+    the filter's prior: the mean growth until V_eq reaches 0.05 mm3/mm, as a share of that.
     """
 
     method: TrackMethod | None = None
     features: tuple[Literal["rms", "harmonics"], ...] = ("rms", "harmonics")
     smoothing_blocks: Blocks = 6
+    growth_per_hour: tuple[Positive, Positive] | None = None
+
+    @field_validator("growth_per_hour")
+    @classmethod
+    def _ascending(cls, value: tuple[float, float] | None) -> tuple[float, float] | None:
+        if value is not None and value[0] >= value[1]:
+            raise ValueError(f"must be [lowest, highest], got {list(value)}")
+        return value
+
+    @property
+    def growth(self) -> GrowthPrior:
+        """The prior of the growth that the filter takes."""
+        if self.growth_per_hour is None:
+            return GrowthPrior()
+        slowest, fastest = self.growth_per_hour
+        return GrowthPrior(durations=(3600.0 / fastest, 3600.0 / slowest))
 
     @field_validator("features")
     @classmethod

@@ -23,6 +23,7 @@ from monitor.config.source import ChannelSection, SourceSection
 from monitor.config.stages import method_or_best
 from monitor.health.damage import EdvStatus
 from monitor.health.damage.filter.particle_filter import FilterSettings
+from monitor.health.damage.filter.prior import GrowthPrior
 from monitor.health.damage.library.forecaster import LibrarySettings
 from monitor.health.damage.library.model import Library
 from monitor.health.damage.thesis.edv import EdvSettings
@@ -253,7 +254,8 @@ def _damage_settings(
         track_method=method_or_best(config.track.method, library),
         forecast_method=method_or_best(config.forecast.method, library),
         maps={
-            part: part_map(rms_map, config.track.features, config.forecast.interval) for part, rms_map in maps.items()
+            part: part_map(rms_map, config.track.features, config.forecast.interval, config.track.growth)
+            for part, rms_map in maps.items()
         },
         edv=EdvSettings(smoothing_blocks=config.track.smoothing_blocks),
         thresholds=config.forecast.thresholds,
@@ -268,7 +270,7 @@ def _damage_settings(
     )
 
 
-def part_map(rms_map: RmsMap, features: Sequence[str], interval: float) -> PartMap:
+def part_map(rms_map: RmsMap, features: Sequence[str], interval: float, growth: GrowthPrior | None = None) -> PartMap:
     """Return a map as the trackers take it.
 
     The filter uses the lines of the outer race only: blocks give the amplitudes of BPFO, those of the other parts not.
@@ -277,7 +279,7 @@ def part_map(rms_map: RmsMap, features: Sequence[str], interval: float) -> PartM
     return PartMap(
         map_at=_Lookup(lambda load, speed: to_slice(rms_map, load, speed)),
         spread_at=_Lookup(rms_map.slice_at),
-        filter=FilterSettings(part_radius=rms_map.part_radius, lines=lines, interval=interval),
+        filter=FilterSettings(rms_map.part_radius, lines=lines, interval=interval, growth=growth or GrowthPrior()),
         model=rms_map.plan.model,
     )
 

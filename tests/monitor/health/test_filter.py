@@ -158,7 +158,7 @@ def test_the_first_block_is_bayes_theorem() -> None:
     depth = toy_map()
     rms = 3.0 * (depth.h_d[:, None] / MICRON) ** 0.5 * np.ones_like(depth.rms)
     flat = replace(depth, rms=rms, rms_std=0.1 * rms)
-    growth = GrowthPrior(h_threshold=(12e-6, 12.0001e-6), depth_share=(0.5, 0.50001))
+    growth = GrowthPrior(h_threshold=(12e-6, 12.0001e-6), depth_share=(0.5, 0.50001), still=0.0)
     errors = ErrorModel(background_rms=1e-9, rms_model_sd=0.1, freedom=1e9)
     options = FilterSettings(RADIUS, particles=20000, lines=0, growth=growth, errors=errors, widening_rms=1.0)
     lookup = 3.0 * math.sqrt(12.0 * math.sqrt(0.004 / 0.05))
@@ -178,9 +178,9 @@ def test_the_first_block_is_bayes_theorem() -> None:
 
 
 def test_growth_without_chance_solves_its_differential_equation() -> None:
-    growth = GrowthPrior(growth_noise_sd=0.0, kicks=0.0, jumps=0.0, roughness=1e-3, path_sd=0.0)
+    growth = GrowthPrior(growth_noise_sd=0.0, kicks=0.0, jumps=0.0, roughness=1e-3, path_sd=0.0, stops=0.0)
     v, h_d, rate, power, share = 0.004 * MM2, 5e-6, 2e-12, 0.4, 0.3
-    core = np.array([[math.log(v), math.log(h_d), math.log(rate), power, share, 0.0, 0.0]])
+    core = np.array([[math.log(v), math.log(h_d), math.log(rate), power, share, 0.0, 0.0, 0.0]])
     particles = Particles(core, np.ones(1), np.zeros((1, 1, 2)), np.zeros((1, 1, 3)))
     after = grow(particles, np.random.default_rng(1), 6000.0, growth)
     expected = v
@@ -230,7 +230,7 @@ def test_the_state_does_not_grow() -> None:
 
 
 def test_a_state_of_another_layout_is_refused() -> None:
-    with pytest.raises(ValueError, match="version 1 expected, got 7"):
+    with pytest.raises(ValueError, match="version 2 expected, got 7"):
         FilterState.from_dict({"version": 7})
 
 
@@ -319,7 +319,7 @@ def test_odd_histories_stay_finite(shape: str) -> None:
         if result.status in CARRIES:
             assert 0.0 < result.v_eq_lower <= result.v_eq <= result.v_eq_upper < math.inf
         else:
-            assert result.status == "above_map"
+            assert result.status in ("above_map", "implausible")
             assert math.isnan(result.v_eq)
 
 
@@ -368,10 +368,10 @@ def test_several_sensors_are_averaged_and_one_may_fall_silent() -> None:
 def test_two_kinds_of_volume_are_called_ambiguous() -> None:
     # Loud in two valleys of the extent far apart and silent between them: two defects may be.
     x = np.degrees(TOY.dphi_d)[None, :]
-    rms = TOY.rms * np.where((x > 4.0) & (x < 18.0), 0.05, 1.0)
-    growth = GrowthPrior(v_start=0.004 * MM2, v_start_sd=1.5)
+    rms = TOY.rms * np.where((x > 5.0) & (x < 15.0), 0.05, 1.0)
+    growth = GrowthPrior(v_start=0.004 * MM2, v_start_sd=1.5, still=0.0)
     errors = ErrorModel(rms_model_sd=0.05)
-    options = replace(SETTINGS, particles=2000, lines=0, growth=growth, errors=errors, ambiguous_ratio=1e9)
+    options = replace(SETTINGS, particles=6000, lines=0, growth=growth, errors=errors, ambiguous_ratio=1e9)
     split = replace(TOY, rms=rms, rms_std=0.05 * rms)
     _, result = step(FilterState(), DamageInput(0.0, 14.0), map_slice=split, settings=options)
     assert result.status is EdvStatus.AMBIGUOUS

@@ -16,8 +16,10 @@ import numpy as np
 
 from monitor.health.damage import Damage, DamageInput, EdvStatus
 from monitor.health.damage.filter.particles import (
+    GAIN,
     LN_H,
     LN_V,
+    STILL,
     Particles,
     assimilate,
     decorrelate,
@@ -36,12 +38,17 @@ if TYPE_CHECKING:
 
     Floats = NDArray[np.float64]
 
-STATE_VERSION = 1
+STATE_VERSION = 2
 WIDENING_RMS = 1.0
 """Factor on the half widths of ln V_eq with RMS alone (``benchmarks/filter.py``, "widening")."""
 WIDENING_HARMONICS = 1.27
 """The same with lines of BPFO."""
+IMPLAUSIBLE_SD = 4.0
+"""One in 200 simulated lives has a step of this score (``benchmarks/filter.py``, "steps")."""
 _OUTSIDE_SD = 3.0
+_STEP_SD, _MIN_BLOCKS = 0.15, 5
+_GAP_INTERVALS = 12.0
+"""Intervals from which the time between two blocks is a gap of the logging."""
 
 
 @dataclass(frozen=True)
@@ -56,6 +63,7 @@ class FilterSettings:
         seed: of all draws; those of a block depend only on it and the number of blocks before.
         widening_rms: factor on the half widths of ln V_eq with RMS alone.
         widening_harmonics: the same with lines.
+        implausible_sd: step of ln RMS from what is expected, in standard deviations, beyond which a block is refused.
     """
 
     part_radius: float
@@ -68,6 +76,7 @@ class FilterSettings:
     errors: ErrorModel = field(default_factory=ErrorModel)
     widening_rms: float = WIDENING_RMS
     widening_harmonics: float = WIDENING_HARMONICS
+    implausible_sd: float = IMPLAUSIBLE_SD
 
     def __post_init__(self) -> None:
         """Raise ValueError naming the field that is out of range."""
@@ -79,6 +88,8 @@ class FilterSettings:
             raise ValueError(f"lines must be 0 to 6, got {self.lines!r}")
         if not 0.0 < self.interval < 1.0:
             raise ValueError(f"interval must lie between 0 and 1, got {self.interval!r}")
+        if not self.implausible_sd > 0.0:
+            raise ValueError(f"implausible_sd must be positive, got {self.implausible_sd!r}")
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,6 +99,7 @@ class FilterState:
     Attributes:
         count: blocks used.
         t: time of the latest, s.
+        interval: time between the latest two without a gap, s; NaN before.
         load: at the latest, N.
         speed: at the latest, Hz.
         sensors: number of sensors that gave each feature at the latest block that had it.
@@ -100,6 +112,7 @@ class FilterState:
     speed: float = math.nan
     sensors: tuple[int, ...] = ()
     particles: Particles | None = None
+    interval: float = math.nan
     version: int = STATE_VERSION
 
     def to_dict(self) -> dict[str, Any]:
@@ -108,6 +121,7 @@ class FilterState:
             "version": self.version,
             "count": self.count,
             "t": self.t,
+            "interval": None if math.isnan(self.interval) else self.interval,
             "load": None if self.particles is None else self.load,
             "speed": None if self.particles is None else self.speed,
             "sensors": list(self.sensors),
@@ -121,7 +135,7 @@ class FilterState:
         Raises:
             ValueError: the state has another version.
         """
-        if stored.get("version") != STATE_VERSION:
+        if stored.get("version") not in (1, STATE_VERSION):
             raise ValueError(f"filter state: version {STATE_VERSION} expected, got {stored.get('version')!r}")
         if stored["particles"] is None:
             return cls()
@@ -132,6 +146,7 @@ class FilterState:
             speed=stored["speed"],
             sensors=tuple(stored["sensors"]),
             particles=Particles.from_dict(stored["particles"]),
+            interval=math.nan if stored.get("interval") is None else stored["interval"],
         )
 
 
@@ -145,7 +160,8 @@ def step(
     """Track one block.
 
     Several sensors in the same direction on the bearing are averaged in the logarithm: that reduces their scatter, not
-    the error of the map. A block that no defect of the map explains leaves the state unchanged.
+    the error of the map. A block that no defect of the map explains, or that does not follow from those before, leaves
+    the state unchanged; what may follow widens with the time.
 
     Args:
         state: ``FilterState()`` at t_fs.
@@ -156,24 +172,56 @@ def step(
     Raises:
         ValueError: the time is not finite, goes back or differs between sensors.
     """
-    inputs = [inputs] if isinstance(inputs, DamageInput) else inputs
-    usable = [sensor for sensor in inputs if math.isfinite(sensor.rms) and sensor.rms > 0.0]
-    if not usable:
-        return state, Damage(EdvStatus.BAD_BLOCK)
-    t = _time(state, usable)
-    lookup = None if map_slice is None else build_lookup(map_slice, settings.errors, settings.lines)
-    if lookup is None:
-        return state, Damage(EdvStatus.NO_MAP)
-    ln_x, sensors = _features(usable, settings.lines)
+    heard = _hear(state, inputs, map_slice, settings)
+    if isinstance(heard, EdvStatus):
+        return state, Damage(heard)
+    t, lookup, ln_x, sensors = heard
     outside = _outside(lookup, ln_x[0], settings.errors)
     if outside is not None:
         return state, Damage(outside)
-    particles = _advance(state, t, lookup, ln_x, sensors, settings)
+    rng = np.random.default_rng((settings.seed, state.count))
+    particles = _grown(state, t, lookup, sensors, settings, rng)
+    if abs(_step_score(state, particles, lookup, float(ln_x[0]), settings)) > settings.implausible_sd:
+        return state, Damage(EdvStatus.IMPLAUSIBLE)
+    particles = _updated(particles, lookup, ln_x, sensors, settings, rng)
     remembered = tuple(
         int(n) if n else old for n, old in zip(sensors, state.sensors or (0,) * len(sensors), strict=True)
     )
-    following = FilterState(state.count + 1, t, lookup.load, lookup.speed, remembered, particles)
+    gap = math.nan if state.t is None else t - state.t
+    interval = gap if gap > 0.0 and not _is_gap(state, t) else state.interval
+    following = FilterState(state.count + 1, t, lookup.load, lookup.speed, remembered, particles, interval)
     return following, _damage(particles, lookup, settings, with_lines=bool(np.any(sensors[1:] > 0)))
+
+
+def step_score(
+    state: FilterState, inputs: DamageInput | Sequence[DamageInput], *, map_slice: MapSlice, settings: FilterSettings
+) -> float:
+    """Return the score of the step of ln RMS that ``step`` compares with ``implausible_sd``; 0 where it does not."""
+    heard = _hear(state, inputs, map_slice, settings)
+    if isinstance(heard, EdvStatus):
+        return 0.0
+    t, lookup, ln_x, sensors = heard
+    rng = np.random.default_rng((settings.seed, state.count))
+    particles = _grown(state, t, lookup, sensors, settings, rng)
+    return _step_score(state, particles, lookup, float(ln_x[0]), settings)
+
+
+def _hear(
+    state: FilterState,
+    inputs: DamageInput | Sequence[DamageInput],
+    map_slice: MapSlice | None,
+    settings: FilterSettings,
+) -> EdvStatus | tuple[float, MapLookup, Floats, NDArray[np.int64]]:
+    """Return the time, the map, ln of the features and the numbers of sensors of a block, or why there are none."""
+    inputs = [inputs] if isinstance(inputs, DamageInput) else inputs
+    usable = [sensor for sensor in inputs if math.isfinite(sensor.rms) and sensor.rms > 0.0]
+    if not usable:
+        return EdvStatus.BAD_BLOCK
+    t = _time(state, usable)
+    lookup = None if map_slice is None else build_lookup(map_slice, settings.errors, settings.lines)
+    if lookup is None:
+        return EdvStatus.NO_MAP
+    return t, lookup, *_features(usable, settings.lines)
 
 
 def _time(state: FilterState, inputs: Sequence[DamageInput]) -> float:
@@ -206,33 +254,69 @@ def _outside(lookup: MapLookup, ln_rms: float, errors: ErrorModel) -> EdvStatus 
     return EdvStatus.ABOVE_MAP if ln_rms > np.max(value + _OUTSIDE_SD * sd) else None
 
 
-def _advance(
+def _grown(
     state: FilterState,
     t: float,
+    lookup: MapLookup,
+    sensors: NDArray[np.int64],
+    settings: FilterSettings,
+    rng: np.random.Generator,
+) -> Particles:
+    """Return the particles at the time of a block, before it is heard."""
+    errors, radius = settings.errors, settings.part_radius
+    if state.particles is None or state.t is None:
+        return draw(rng, settings.particles, lookup.gains, settings.growth, errors)
+    before = state.particles.sizes(radius)
+    gap = t - state.t
+    # Whether the machine ran while nobody logged is not known, nor for how long.
+    ran = gap * rng.uniform(size=state.particles.weight.size) if _is_gap(state, t) else gap
+    particles = grow(state.particles, rng, ran, settings.growth)
+    after = particles.sizes(radius)
+    moved = [np.abs(new - old)[:, None] for new, old in zip(after, before, strict=True)]
+    lengths = np.array([errors.rms_length] + [errors.harmonic_length] * settings.lines).T
+    distance = moved[0] / lengths[0] + moved[1] / lengths[1]
+    distance += abs(math.log(lookup.load / state.load)) / errors.load_length
+    distance += abs(math.log(lookup.speed / state.speed)) / errors.speed_length
+    particles = decorrelate(particles, distance)
+    return _other_sensors(particles, sensors, state.sensors, errors)
+
+
+def _is_gap(state: FilterState, t: float) -> bool:
+    """Return whether logging had stopped before a block at ``t`` s."""
+    return state.t is not None and t - state.t > _GAP_INTERVALS * state.interval
+
+
+def _step_score(
+    state: FilterState, particles: Particles, lookup: MapLookup, ln_rms: float, settings: FilterSettings
+) -> float:
+    """Return how far ln RMS lies from what the particles expect, over the spread of that and ``_STEP_SD``.
+
+    It is 0 in the first blocks, in which the gain is not known. The errors within a block that the weights assume (0.4)
+    would hide a gain that is three times as large.
+    """
+    if state.count < _MIN_BLOCKS:
+        return 0.0
+    expected, w, s = (a[:, 0] for a in lookup.at(*particles.sizes(settings.part_radius)))
+    b, z = particles.mean[:, 0, 0], particles.mean[:, 0, 1]
+    said = expected + w * (particles.core[:, GAIN] + b + s * z)
+    mean = float(particles.weight @ said)
+    variance = float(particles.weight @ (said - mean) ** 2)
+    return (ln_rms - mean) / math.sqrt(variance + _STEP_SD**2)
+
+
+def _updated(
+    particles: Particles,
     lookup: MapLookup,
     ln_x: Floats,
     sensors: NDArray[np.int64],
     settings: FilterSettings,
+    rng: np.random.Generator,
 ) -> Particles:
     """Return the posterior after a block."""
-    rng = np.random.default_rng((settings.seed, state.count))
-    errors, radius = settings.errors, settings.part_radius
-    if state.particles is None or state.t is None:
-        particles = draw(rng, settings.particles, lookup.gains, settings.growth, errors)
-    else:
-        before = state.particles.sizes(radius)
-        particles = grow(state.particles, rng, t - state.t, settings.growth)
-        after = particles.sizes(radius)
-        moved = [np.abs(new - old)[:, None] for new, old in zip(after, before, strict=True)]
-        lengths = np.array([errors.rms_length] + [errors.harmonic_length] * settings.lines).T
-        distance = moved[0] / lengths[0] + moved[1] / lengths[1]
-        distance += abs(math.log(lookup.load / state.load)) / errors.load_length
-        distance += abs(math.log(lookup.speed / state.speed)) / errors.speed_length
-        particles = decorrelate(particles, distance)
-        particles = _other_sensors(particles, sensors, state.sensors, errors)
+    errors = settings.errors
     model_sd = np.array([errors.rms_model_sd] + [errors.harmonic_model_sd] * settings.lines)
     variance = errors.scatter**2 / np.maximum(sensors, 1) + model_sd**2
-    particles = assimilate(particles, lookup, radius, ln_x, variance, errors)
+    particles = assimilate(particles, lookup, settings.part_radius, ln_x, variance, errors)
     if particles.weight.size != settings.particles or particles.effective < 0.5 * settings.particles:
         particles = resample(particles, rng, settings.particles)
     return particles.rounded()
@@ -270,4 +354,5 @@ def _damage(particles: Particles, lookup: MapLookup, settings: FilterSettings, *
         v_eq_upper=math.exp(upper),
         dphi_d=quantiles(dphi_d, weight, (0.5,))[0],
         h_d=math.exp(quantiles(particles.core[:, LN_H], weight, (0.5,))[0]),
+        p_no_growth=float(weight @ particles.core[:, STILL]),
     )

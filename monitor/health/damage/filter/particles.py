@@ -7,6 +7,7 @@ given the particle's path and are carried exactly, as mean and covariance of a K
 from __future__ import annotations
 
 import base64
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -20,7 +21,7 @@ if TYPE_CHECKING:
 
     Floats = NDArray[np.float64]
 
-LN_V, LN_H, LN_R, POWER, SHARE, GAIN, GROWTH_NOISE = range(7)
+LN_V, LN_H, LN_R, POWER, SHARE, GAIN, GROWTH_NOISE, STILL = range(8)
 """Columns of ``Particles.core``."""
 
 _DRAWS_PER_PARTICLE = 6
@@ -40,8 +41,8 @@ class Particles:
     """N particles of F features, in the single precision in which they are stored.
 
     Attributes:
-        core: shape (N, 7): ln V_eq, ln h_d, ln R of ``GrowthPrior``, its m, d ln h_d / d ln V_eq, c, and the
-            growth-rate noise; SI.
+        core: shape (N, 8): ln V_eq, ln h_d, ln R of ``GrowthPrior``, its m, d ln h_d / d ln V_eq, c, the
+            growth-rate noise, and 1 where the damage stands still, else 0; SI.
         weight: shape (N,), of sum 1.
         mean: of b and z, shape (N, F, 2).
         cov: variance of b, covariance, variance of z, shape (N, F, 3).
@@ -78,15 +79,16 @@ class Particles:
 
     @classmethod
     def from_dict(cls, stored: Mapping[str, Any]) -> Particles:
-        """Restore particles written by :meth:`to_dict`."""
-        return cls(
-            *(
-                np.frombuffer(base64.b64decode(stored[name]["float32"]), dtype="<f4")
-                .reshape(stored[name]["shape"])
-                .astype(np.float64)
-                for name in _ARRAYS
-            )
+        """Restore particles written by :meth:`to_dict`; older ones have no column of those that stand still."""
+        core, weight, mean, cov = (
+            np.frombuffer(base64.b64decode(stored[name]["float32"]), dtype="<f4")
+            .reshape(stored[name]["shape"])
+            .astype(np.float64)
+            for name in _ARRAYS
         )
+        if core.shape[1] == STILL:
+            core = np.concatenate((core, np.zeros((len(core), 1))), axis=1)
+        return cls(core, weight, mean, cov)
 
 
 def draw(rng: np.random.Generator, count: int, gains: Floats, growth: GrowthPrior, errors: ErrorModel) -> Particles:
@@ -97,7 +99,10 @@ def draw(rng: np.random.Generator, count: int, gains: Floats, growth: GrowthPrio
         return rng.uniform(limits[0], limits[1], n)
 
     share, power = uniform(growth.depth_share), uniform(growth.exponents)
-    ln_u = np.log(growth.v_start / growth.threshold) + growth.v_start_sd * rng.standard_normal(n)
+    ln_start = math.log(growth.v_start / growth.threshold)
+    # What stands still may have grown before anybody listened: any size below the threshold.
+    still = rng.uniform(size=n) < growth.still
+    ln_u = np.where(still, uniform((ln_start, 0.0)), ln_start + growth.v_start_sd * rng.standard_normal(n))
     ln_u = np.minimum(ln_u, -0.05)
     ln_t, ln_h = (uniform((np.log(lo), np.log(hi))) for lo, hi in (growth.durations, growth.h_threshold))
     slow = _slowness(power)
@@ -111,6 +116,7 @@ def draw(rng: np.random.Generator, count: int, gains: Floats, growth: GrowthPrio
             share,
             errors.gain_sd * rng.standard_normal(n),
             growth.growth_noise_sd * rng.standard_normal(n),
+            still.astype(float),
         )
     )
     features = gains.size
@@ -119,12 +125,18 @@ def draw(rng: np.random.Generator, count: int, gains: Floats, growth: GrowthPrio
     return Particles(core, np.full(n, 1.0 / n), np.zeros((n, features, 2)), cov)
 
 
-def grow(particles: Particles, rng: np.random.Generator, dt: float, growth: GrowthPrior) -> Particles:
-    """Advance the particles by ``dt`` seconds: dV/dt = R (V / V_th)^m, with noise, steps and jumps."""
-    if dt <= 0.0:
+def grow(particles: Particles, rng: np.random.Generator, dt: float | Floats, growth: GrowthPrior) -> Particles:
+    """Advance the particles: dV/dt = R (V / V_th)^m, with noise, steps, jumps and standstill.
+
+    Args:
+        dt: s; not positive leaves them as they are. An array gives each particle its own time, shape (N,).
+    """
+    if np.all(dt <= 0.0):
         return particles
     core = particles.core.copy()
     n, blocks = len(core), dt / growth.interval
+    still = core[:, STILL] > 0.5
+    core[:, STILL] = _stands(rng, still, blocks, growth)
     kept = np.exp(-dt / growth.memory)
     core[:, GROWTH_NOISE] = kept * core[:, GROWTH_NOISE] + growth.growth_noise_sd * np.sqrt(
         1.0 - kept**2
@@ -142,10 +154,18 @@ def grow(particles: Particles, rng: np.random.Generator, dt: float, growth: Grow
     jump = np.where(jumped, growth.jump * rng.exponential(size=n), 0.0)
     # Beyond any map; a long gap must not overflow.
     ln_grown = np.minimum(np.log(np.exp(np.minimum(ln_grown, _MAX_LN_U)) + jump), _MAX_LN_U)
-    step = np.maximum(ln_grown - ln_u, 0.0)
+    step = np.where(still, 0.0, np.maximum(ln_grown - ln_u, 0.0))
     core[:, LN_V] += step
     core[:, LN_H] += core[:, SHARE] * step + growth.path_sd * np.sqrt(step) * rng.standard_normal(n)
     return Particles(core, particles.weight, particles.mean, particles.cov)
+
+
+def _stands(rng: np.random.Generator, still: NDArray[np.bool_], blocks: float | Floats, growth: GrowthPrior) -> Floats:
+    """Return 1 where the damage stands still after some blocks: a process of two states, exact for any step."""
+    rate = growth.stops + growth.starts
+    settled = growth.stops / rate if rate > 0.0 else 0.0
+    left = settled + (still - settled) * np.exp(-rate * blocks)
+    return (rng.uniform(size=still.size) < left).astype(float)
 
 
 def _slowness(power: Floats) -> Floats:
@@ -207,6 +227,7 @@ def resample(particles: Particles, rng: np.random.Generator, count: int) -> Part
     core = particles.core[index]
     spread = np.cov(core.T) + 1e-12 * np.eye(core.shape[1])
     core = core + _BLUR * rng.standard_normal(core.shape) @ np.linalg.cholesky(spread).T
+    core[:, STILL] = particles.core[index, STILL]
     core[:, POWER] = np.clip(core[:, POWER], 0.0, 2.0)
     core[:, SHARE] = np.clip(core[:, SHARE], 0.05, 0.95)
     return Particles(core, np.full(count, 1.0 / count), particles.mean[index], particles.cov[index])

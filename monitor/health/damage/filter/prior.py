@@ -38,7 +38,7 @@ _MIN_SPREAD, _MAX_SPREAD = 0.1, 0.6
 
 @dataclass(frozen=True)
 class GrowthPrior:
-    """Prior of the growth: dV/dt = R (V / V_th)^m, with random speed-ups, stalls and jumps.
+    """Prior of the growth: dV/dt = R (V / V_th)^m, with random speed-ups, jumps and standstill.
 
     Attributes:
         threshold: V_th to which the other values refer, m2.
@@ -56,6 +56,9 @@ class GrowthPrior:
         kick_sd: standard deviation of that step.
         jumps: probability within ``interval`` of a jump of V_eq.
         jump: its mean over ``threshold``; exponentially distributed.
+        still: probability that the damage stands still at the first block.
+        stops: rate at which growing damage comes to a standstill, per ``interval``.
+        starts: rate at which it grows again.
         interval: time to which the rates refer, s.
     """
 
@@ -74,6 +77,9 @@ class GrowthPrior:
     kick_sd: float = 1.2
     jumps: float = 0.005
     jump: float = 0.3
+    still: float = 0.1
+    stops: float = 0.002
+    starts: float = 0.01
     interval: float = 300.0
 
 
