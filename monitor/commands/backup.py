@@ -75,6 +75,9 @@ def _configuration(config: Config, path: Path) -> Iterator[tuple[str, Path]]:
         for prefix, file in (*named, ("", channel.library)):
             if file is not None and file.is_file():
                 yield f"config/{channel.name}-{prefix}{file.name}", file
+    learned = config.forecast.library
+    if learned is not None and learned.is_file():
+        yield f"config/forecast-{learned.name}", learned
 
 
 def _note(state_dir: Path, values: Mapping[str, Any], *, quiet: bool) -> None:

@@ -235,7 +235,7 @@ def _track_problems(config: Config, channel: ChannelSection) -> Iterator[str]:
     yield from missing
     if missing and config.calibration_of(channel) is False:
         yield from channel_lines(config, channel)
-    if missing or (not channel.maps and channel.library is None):
+    if missing or (not channel.maps and channel.library is None and config.forecast.library is None):
         return
     source = next(source for source in config.source if source.name == channel.source)
     try:
@@ -257,13 +257,24 @@ def _track_problems(config: Config, channel: ChannelSection) -> Iterator[str]:
 def _missing_files(config: Config, channel: ChannelSection) -> Iterator[str]:
     name = f"channel {channel.name!r}"
     track, forecast = _methods(config, channel)
-    if not channel.maps and track in ("thesis", "filter"):
+    learns = forecast in ("learned", "combined")
+    if not channel.maps and track in ("thesis", "filter") and not (learns and config.track.method is None):
         yield f"{name}: track = true, but no map is given: V_eq will answer no_map"
+    if learns and config.forecast.library is None:
+        yield (
+            f'{name}: method = "{forecast}" without a library of [forecast]: TT is as long again as it has lasted; '
+            "learn from recorded runs with: spallwatch library learn RUNS... --out FILE"
+        )
     if channel.library is None and "library" in (track, forecast):
         yield f'{name}: method = "library", but no library is given: the answer will be no_library'
     for kind, path in (*(("map", path) for path in channel.maps), ("library", channel.library)):
         if path is not None and not path.exists():
             yield f"{name}: {kind} {path.name} does not exist (yet); make it with: spallwatch {kind} build"
+    if config.forecast.library is not None and not config.forecast.library.exists():
+        yield (
+            f"{name}: [forecast] library {config.forecast.library.name} does not exist (yet); make it with: "
+            "spallwatch library learn"
+        )
 
 
 def _methods(config: Config, channel: ChannelSection) -> tuple[str, str]:

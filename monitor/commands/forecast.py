@@ -13,6 +13,7 @@ import click
 
 from monitor.commands import option
 from monitor.commands.common import InputError, check_suffix, emit, finite, input_errors
+from monitor.commands.forecast_learned import METHODS, Asked, forecast_learned, learned_among
 from monitor.commands.history_files import (
     SUFFIXES,
     Volumes,
@@ -23,10 +24,12 @@ from monitor.commands.history_files import (
     read_volumes,
     write_out,
 )
+from monitor.commands.library_learn import axis, columns
 from monitor.config.stages import method_or_best
 from monitor.health.damage import DamageInput, Remaining
 from monitor.health.damage import tracker as damage
 from monitor.health.damage.calibration import mark_forecast
+from monitor.health.damage.learned.forecaster import LearnedSettings
 from monitor.health.damage.library.forecaster import LibraryState
 from monitor.health.damage.library.forecaster import step as ask_library
 from monitor.health.damage.thesis import forecast
@@ -41,23 +44,29 @@ Forecasts = tuple[list[float], list[float], Issued]
 @click.command("forecast")
 @click.argument("input_path", metavar="INPUT", type=option.FILE)
 @option.thresholds()
-@option.method("thesis", "library")
-@option.library
+@option.method("thesis", "library", *METHODS)
+@option.libraries
 @option.interval
 @click.option("--window-hours", type=option.POSITIVE, help="Time to the next maintenance.")
 @click.option("--uncalibrated-threshold", is_flag=True, help="Also for a rig that is not calibrated.")
 @option.channel
+@axis
+@columns
+@click.option("--t-fs-s", type=float, help="Start of the final stage in CSV of features, s. Default: as detected.")
 @option.rows
 @option.output
 def command(
     input_path: Path,
     threshold_mm2: tuple[float, ...],
     method: damage.ForecastMethod | None,
-    library_path: Path | None,
+    library_path: tuple[Path, ...],
     interval: float,
     window_hours: float | None,
     uncalibrated_threshold: bool,
     channel: str | None,
+    axes: tuple[str, ...],
+    columns: tuple[tuple[str, str], ...],
+    t_fs_s: float | None,
     out: Path | None,
     as_json: bool,
     quiet: bool,
@@ -67,21 +76,39 @@ def command(
     INPUT is a CSV file with time_s,v_eq_mm2 from t_fs on, or records as replay and demo publish them. From records, the
     thesis uses V_eq, the library the RMS and the BPFO lines. V_eq is taken as it is, unless INPUT says (column status,
     or calibrated of the records) that it is uncalibrated: then TT needs --uncalibrated-threshold.
+
+    By recorded runs (--method learned, with what library learn made, or without) INPUT is records or CSV with
+    elapsed_s,rms_g from the healthy machine on, and TT is the time to the end as those runs ended.
     """
     if out is not None:
         check_suffix("--out", out, SUFFIXES)
-    method = method_or_best(method, library_path)
+    if method is None and learned_among(library_path):
+        method = "learned"
+    method = method_or_best(method, library_path or None)
     thresholds = tuple(value * 1e-6 for value in threshold_mm2)
     window = None if window_hours is None else window_hours * 3600.0
-    if method == "library":
+    more: dict[str, Any] = {}
+    if method in METHODS:
+        if len(thresholds) > 1:
+            raise InputError(f"--threshold-mm2: --method {method} forecasts one end, got {len(thresholds)} thresholds")
+        asked = Asked(
+            method, library_path, LearnedSettings(interval, window), channel, axes, dict(columns), t_fs_s, *thresholds
+        )
+        times, running, issued, more = forecast_learned(input_path, asked)
+        prior = more.pop("prior")
+    elif axes or columns or t_fs_s is not None:
+        raise InputError(f"--axis, --column and --t-fs-s belong to --method learned, not to {method}")
+    elif len(library_path) > 1:
+        raise InputError("--library: may be given twice with --method combined only")
+    elif method == "library":
         features = "rms+harmonics" if is_records(input_path) else "v_eq"
-        asked = library_settings(method, library_path, features, interval, window)
+        asked = library_settings(method, next(iter(library_path), None), features, interval, window)
         asked["uncalibrated_threshold"] = uncalibrated_threshold
         issue = _library_on_records if is_records(input_path) else _library_on_volumes
         times, running, issued = issue(input_path, channel, thresholds, asked)
         prior = prior_of(asked["library"])
     else:
-        library_settings(method, library_path, "v_eq", interval)
+        library_settings(method, next(iter(library_path), None), "v_eq", interval)
         times, running, issued = _thesis(input_path, channel, thresholds, asked=uncalibrated_threshold)
         prior = None
     # On the axis of the input, not in damage time.
@@ -89,17 +116,20 @@ def command(
         tuple(replace(one, t_threshold=one.t_threshold + time - t) for one in results)
         for results, time, t in zip(issued, times, running, strict=True)
     ]
+    # The end of recorded runs is no threshold.
+    named = (None,) if method == "learned" else threshold_mm2
     rows = [
         _row(time, mm2, result)
         for time, results in zip(times, issued, strict=True)
-        for mm2, result in zip(threshold_mm2, results, strict=True)
+        for mm2, result in zip(named, results, strict=True)
     ]
     values = {
         "method": method,
-        "interval": interval if method == "library" else None,
+        "interval": None if method == "thesis" else interval,
         "prior": prior,
         "rows": rows,
-        "by_threshold": _by_threshold(threshold_mm2, issued),
+        "by_threshold": _by_threshold(named, issued),
+        **more,
     }
     if out is not None:
         write_out(out, values, {"time": times, "columns": _columns(issued), "thresholds": thresholds})
@@ -162,7 +192,7 @@ def _library_on_records(
     return times, [reading.time for reading in readings], issued
 
 
-def _row(time: float, threshold_mm2: float, result: Remaining) -> dict[str, Any]:
+def _row(time: float, threshold_mm2: float | None, result: Remaining) -> dict[str, Any]:
     return {
         "t_issue_s": time,
         "threshold_mm2": threshold_mm2,
@@ -171,13 +201,14 @@ def _row(time: float, threshold_mm2: float, result: Remaining) -> dict[str, Any]
         "tt_upper_s": finite(result.tt_upper),
         "t_threshold_s": finite(result.t_threshold),
         "p_threshold": finite(result.p_threshold),
+        "p_crossed": finite(result.p_crossed),
         "p_no_growth": finite(result.p_no_growth),
         "r_squared": finite(result.r_squared),
         "status": result.status,
     }
 
 
-def _by_threshold(threshold_mm2: Sequence[float], issued: Issued) -> list[dict[str, Any]]:
+def _by_threshold(threshold_mm2: Sequence[float | None], issued: Issued) -> list[dict[str, Any]]:
     """Return for each threshold the number of forecasts, the last TT, and the ratio of TT to that of the first.
 
     The ratio is the median over the moments at which both have a TT above zero.
@@ -204,9 +235,14 @@ def _answers(result: Remaining) -> bool:
     return result.status in ("ok", "uncalibrated") and math.isfinite(result.tt)
 
 
+def _threshold(row: Mapping[str, Any]) -> str:
+    """Return the cell of the threshold; the end of recorded runs has none."""
+    return "end".rjust(10) if row["threshold_mm2"] is None else f"{row['threshold_mm2']:10.3g}"
+
+
 def _columns(issued: Issued) -> dict[str, Any]:
     """Return the columns of the netCDF file, SI, over time and threshold."""
-    names = ("tt", "tt_lower", "tt_upper", "p_threshold", "p_no_growth", "r_squared")
+    names = ("tt", "tt_lower", "tt_upper", "p_threshold", "p_no_growth", "p_crossed", "r_squared")
     columns: dict[str, Any] = {name: [[getattr(one, name) for one in row] for row in issued] for name in names}
     return {**columns, "tt_status": [[one.status for one in row] for row in issued]}
 
@@ -214,14 +250,14 @@ def _columns(issued: Issued) -> dict[str, Any]:
 def _lines(values: Mapping[str, Any]) -> Iterator[str]:
     columns = [("tt_s", "TT", "s"), ("tt_lower_s", "lower", "s"), ("tt_upper_s", "upper", "s")]
     columns += [("t_threshold_s", "reached at", "s"), ("p_threshold", "p", "1")]
-    columns += [("p_no_growth", "p no growth", "1"), ("r_squared", "R2", "1")]
+    columns += [("p_no_growth", "p no growth", "1"), ("p_crossed", "p crossed", "1"), ("r_squared", "R2", "1")]
     rows = values["rows"]
     shown = [column for column in columns if any(row[column[0]] is not None for row in rows)]
     yield f"{'issued':>12}  {'threshold':>10}  {'  '.join(f'{name:>10}' for _, name, _ in shown)}  status"
     yield f"{'s':>12}  {'mm3/mm':>10}  {'  '.join(f'{unit:>10}' for _, _, unit in shown)}"
     for row in rows:
         cells = ["-".rjust(10) if row[key] is None else f"{row[key]:10.5g}" for key, _, _ in shown]
-        yield f"{row['t_issue_s']:12.6g}  {row['threshold_mm2']:10.3g}  {'  '.join(cells)}  {row['status']}"
+        yield f"{row['t_issue_s']:12.6g}  {_threshold(row)}  {'  '.join(cells)}  {row['status']}"
     if values["prior"]:
         yield f"prior: {values['prior']}"
     if len(values["by_threshold"]) > 1:

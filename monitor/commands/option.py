@@ -25,6 +25,13 @@ bearing = click.option("--bearing", "name", help="A bearing of the configuration
 channel = click.option("--channel", help="Channel of the records, where several have a final stage.")
 interval = click.option("--interval", type=click.FloatRange(0.5, 0.98), default=0.8, help="Level of intervals.")
 library = click.option("--library", "library_path", type=FILE, help="Library of simulated lives (.npz).")
+libraries = click.option(
+    "--library",
+    "library_path",
+    type=FILE,
+    multiple=True,
+    help="Library of simulated lives (.npz) or of recorded runs (library learn); both for --method combined.",
+)
 floor = click.option(
     "--floor",
     type=click.Choice(["smooth", "rough"]),

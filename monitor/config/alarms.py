@@ -133,12 +133,18 @@ class AlarmsSection(Section):
                     f"[[alarms.level]] {twice[0]!r} is given twice for channel {channel!r}: give it a name"
                 )
 
-    def to_settings(self, channel: str, run_in_blocks: int, *, absolute_volume: bool = True) -> AlarmSettings:
+    def to_settings(
+        self, channel: str, run_in_blocks: int, *, absolute_volume: bool = True, of_threshold: bool = True
+    ) -> AlarmSettings:
         """Return the settings of one channel.
 
-        Without an ``absolute_volume`` (the rig is not calibrated), rules that compare V_eq with one are suspended.
+        Without an ``absolute_volume`` (the rig is not calibrated), rules that compare V_eq with one are suspended;
+        those of TT only where it is ``of_threshold``, and not of the end of recorded runs.
         """
         rules = tuple(level.to_rule() for level in self.level if not level.channels or channel in level.channels)
         if not absolute_volume:
-            rules = tuple(replace(rule, suspended=LEVELS[rule.feature].needs_calibration) for rule in rules)
+            volumes = {name for name, feature in LEVELS.items() if feature.needs_calibration}
+            if not of_threshold:
+                volumes = {name for name in volumes if LEVELS[name].units == "m2"}
+            rules = tuple(replace(rule, suspended=rule.feature in volumes) for rule in rules)
         return AlarmSettings(rules, run_in_blocks, self.bad_data_window_blocks, self.bad_data_share)

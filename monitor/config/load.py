@@ -177,6 +177,8 @@ class Config(Section):
         }
         if not self.interference:
             left_out["interference"] = True
+        if self.forecast.library is None:
+            left_out["forecast"] = {"library"}
         text = self.model_dump_json(exclude=left_out)
         return hashlib.blake2b(text.encode(), digest_size=16).hexdigest()
 

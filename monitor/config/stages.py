@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Annotated, Literal, Self, TypeVar
 
 from pydantic import Field, field_validator, model_validator
@@ -107,8 +108,9 @@ class TrackSection(Section):
 class ForecastSection(Section):
     """How the history up to now becomes a time to threshold.
 
-    The default method is the library where the channel has one, else the method of the thesis.
-    ``uncalibrated_threshold`` takes thresholds of V_eq on the scale of a rig that is not calibrated.
+    The default method is the library where the channel has one, else the method of the thesis. ``library`` is what
+    ``library learn`` made, for "learned" and "combined". ``uncalibrated_threshold`` takes thresholds of V_eq
+    on the scale of a rig that is not calibrated.
     """
 
     method: ForecastMethod | None = None
@@ -116,6 +118,22 @@ class ForecastSection(Section):
     interval: Annotated[float, Field(ge=0.5, le=0.98)] = 0.8
     window_hours: Positive | None = None
     uncalibrated_threshold: bool = False
+    library: Path | None = None
+
+    @model_validator(mode="after")
+    def _of_method(self) -> Self:
+        learns = self.method in ("learned", "combined")
+        if self.library is not None and not learns:
+            raise ValueError(
+                'library is a file of "library learn" and belongs to method = "learned" or "combined"; a library of '
+                "simulated lives is a key of the channel"
+            )
+        if learns and len(self.thresholds) > 1:
+            raise ValueError(
+                f'method = "{self.method}" forecasts the end of the recorded runs, so that threshold_mm2 must be one '
+                f"number, got {len(self.thresholds)}"
+            )
+        return self
 
     @field_validator("threshold_mm2")
     @classmethod

@@ -299,9 +299,16 @@ def track(
         usable=block.verdict.for_tracker,
         absolute=settings.absolute,
         fault=None if state.named is None else state.named.parts,
+        baseline=state.detect.reference_rms,
+        since_t_fs=_since(state.detect.t_fs, block.time),
     )
     after, found, forecasts = damage.step(state.damage, damage_input, gate, settings.damage)
-    return replace(state, damage=after), found, forecasts
+    return replace(state, damage=after), found if settings.damage.tracks_volume else None, forecasts
+
+
+def _since(mark: detect.Mark | None, time: float | None) -> float | None:
+    """Return the time since a mark, s, or None; a clock that was set back gives 0."""
+    return None if mark is None or mark.time is None or time is None else max(time - mark.time, 0.0)
 
 
 def _named(naming: Naming, sequence: int) -> Named | None:

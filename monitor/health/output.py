@@ -122,6 +122,7 @@ def record_values(
         values["p_no_growth"] = p_no_growth(output)
     if output.forecasts:
         values |= _forecast_values(output.forecasts)
+        values["p_crossed"] = output.forecasts[0].p_crossed
     if output.features is not None:
         for name, quantity in (("speed", output.speed), ("load", output.load)):
             values |= {f"{name}_source": quantity.source, f"{name}_sd": quantity.sd}
@@ -198,6 +199,7 @@ def issued_forecasts(channel: str, output: ChannelOutput, method: str) -> list[d
             **{f"{name}_s": plain(getattr(result, name)) for name in ("tt", "tt_lower", "tt_upper")},
             "p_threshold": plain(result.p_threshold),
             "p_no_growth": plain(result.p_no_growth),
+            "p_crossed": plain(result.p_crossed),
             "quantiles_s": {str(level): value for level, value in result.quantiles} or None,
         }
         for result in output.forecasts

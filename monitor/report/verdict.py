@@ -10,6 +10,7 @@ from typing import Literal
 import numpy as np
 
 from monitor.health.schema import HINT, VERDICT
+from monitor.records.archive import of_channel
 from monitor.report.calibration import VolumeScale, is_calibrated, unscaled
 from monitor.report.life_marks import LATE, Moment, closed_stages, mark_of, open_stage
 from monitor.report.part import doubt_of, named_fault
@@ -335,6 +336,9 @@ def _one_forecast(run: Run, channel: Channel, row: int, place: int, status: str)
     threshold, tt, lower, upper, probability = (float(channel.column(name, place)[row]) for name in names)
     of = f" of {volume(threshold)}" if math.isfinite(threshold) else ""
     question = "How long left?"
+    learned = of_channel(run.attributes.get("forecast_method"), channel.name) == "learned"
+    if learned and status in ("ok", "outside_library") and math.isfinite(tt):
+        return _by_recorded_runs(run, tt, interval(lower, upper, duration), outside=status != "ok")
     if status == "already_crossed":
         if math.isfinite(lower) and math.isfinite(upper):
             late = f"{_capital(interval_name(run))}: up to {duration(upper)} from now." if upper > 0.0 else ""
@@ -356,6 +360,14 @@ def _one_forecast(run: Run, channel: Channel, row: int, place: int, status: str)
         sentences.append("V_eq as tracked stands above it already: it comes from another method, and the two disagree.")
     sentences.append("If V_eq goes on growing as it did; it is not the remaining life." + unscaled(run, channel))
     return Finding(question, f"{duration(tt)} to the threshold{of}.", " ".join(sentences), brief=duration(tt))
+
+
+def _by_recorded_runs(run: Run, tt: float, ends: str, *, outside: bool) -> Finding:
+    """Return the time to the end as recorded runs ended, or, beyond them, by the elapsed time alone."""
+    rests = "As recorded runs of such machines ended; no threshold of V_eq is asked."
+    if outside:
+        rests = "This final stage lies beyond the recorded runs: as long again as it has lasted."
+    return Finding("How long left?", f"{duration(tt)} to the end.", f"{_ends(run, ends)} {rests}", brief=duration(tt))
 
 
 def _sentence(text: str) -> str:

@@ -24,12 +24,15 @@ from monitor.config.stages import method_or_best
 from monitor.health.damage import EdvStatus
 from monitor.health.damage.filter.particle_filter import FilterSettings
 from monitor.health.damage.filter.prior import GrowthPrior
+from monitor.health.damage.learned.forecaster import LearnedSettings
+from monitor.health.damage.learned.model import LearnedModel
 from monitor.health.damage.library.forecaster import LibrarySettings
 from monitor.health.damage.library.model import Library
 from monitor.health.damage.thesis.edv import EdvSettings
 from monitor.health.damage.thesis.level_set import LevelMap
 from monitor.health.damage.tracker import DamageSettings, PartMap
 from monitor.health.state import ChannelSettings, SourceSettings
+from monitor.records.learned_file import LearnedFileError, is_learned, load_learned
 from monitor.records.library_file import LibraryError, load_library
 from monitor.service.calibration import calibration_of
 from streams.block import STANDARD_GRAVITY
@@ -148,7 +151,24 @@ def _load_library(channel: ChannelSection, path: Path) -> Library:
     try:
         return load_library(path)
     except LibraryError as error:
-        raise ConfigError(f"channel {channel.name!r}: library: {error}") from None
+        hint = ""
+        if is_learned(path):
+            hint = '; it was learned from recorded runs: give it as library of [forecast], with method = "learned"'
+        raise ConfigError(f"channel {channel.name!r}: library: {error}{hint}") from None
+
+
+def learned_model(config: Config) -> LearnedModel:
+    """Return what ``[forecast]`` has learned from recorded runs; without a file, the elapsed time alone.
+
+    Raises:
+        ConfigError: the file cannot be used.
+    """
+    if config.forecast.library is None:
+        return LearnedModel()
+    try:
+        return load_learned(config.forecast.library)
+    except LearnedFileError as error:
+        raise ConfigError(f"[forecast] library: {error}") from None
 
 
 def _check_library(config: Config, channel: ChannelSection, library: Library) -> None:
@@ -219,6 +239,7 @@ def _channel_settings(
         samples = round(source.block_s * source.rate_hz)
     calibrated = calibration_of(config, channel, maps.values(), library)
     absolute_volume = calibrated is not False or not channel.track or config.forecast.uncalibrated_threshold
+    damage = _damage_settings(config, maps, library, calibrated) if channel.track else None
     if source.range_g is not None and channel.unit != "unknown":
         signal_range = source.range_g * STANDARD_GRAVITY
     return ChannelSettings(
@@ -237,10 +258,15 @@ def _channel_settings(
         average_blocks=channel.average_blocks,
         condition=config.operating.to_condition(),
         detect=config.detect.to_settings(),
-        damage=_damage_settings(config, maps, library, calibrated) if channel.track else None,
-        calibration=calibrated if channel.track else None,
+        damage=damage,
+        calibration=calibrated if damage is not None and damage.tracks_volume else None,
         map_hash="+".join(maps[part].hash for part in PARTS if part in maps) or None,
-        alarms=config.alarms.to_settings(channel.name, config.detect.run_in_blocks, absolute_volume=absolute_volume),
+        alarms=config.alarms.to_settings(
+            channel.name,
+            config.detect.run_in_blocks,
+            absolute_volume=absolute_volume,
+            of_threshold=damage is None or not damage.uses_learned,
+        ),
         waterfall=config.machine.to_waterfall(),
     )
 
@@ -267,6 +293,10 @@ def _damage_settings(
         ),
         calibrated=calibrated is not False,
         uncalibrated_threshold=config.forecast.uncalibrated_threshold,
+        learned=learned_model(config),
+        learned_settings=LearnedSettings(
+            interval=config.forecast.interval, window=None if window is None else window * 3600.0
+        ),
     )
 
 

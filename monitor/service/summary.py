@@ -15,6 +15,11 @@ from monitor.health.output import basis_of
 from monitor.health.state import ChannelSettings, SourceSettings, SourceState, channels_by_bearing
 from monitor.service.calibration import other_models
 
+_END_WORDS = {
+    "learned": "as recorded runs ended, v_th is not used",
+    "combined": "as recorded runs ended, or v_th by the library",
+}
+
 
 def run_attributes(config: Config, channels: Mapping[str, ChannelSettings]) -> dict[str, Any]:
     """Return the provenance of the records of a machine, with values by channel where channels differ."""
@@ -54,6 +59,12 @@ def run_attributes(config: Config, channels: Mapping[str, ChannelSettings]) -> d
             "interval_level": config.forecast.interval,
             "library_hash": listed(libraries),
             "prior": listed({name: settings.prior for name, settings in with_prior.items()}),
+        }
+    learned = {name: settings for name, settings in damage.items() if settings.uses_learned}
+    if learned:
+        attributes |= {
+            "forecast_end": listed({name: _END_WORDS[settings.forecast_method] for name, settings in learned.items()}),
+            "learned_hash": listed({name: settings.learned.hash for name, settings in learned.items()}),
         }
     return attributes
 
@@ -108,6 +119,7 @@ def channel_summary(state: SourceState, settings: ChannelSettings) -> dict[str, 
         "tt_status": first(values.get("tt_status")),
         "p_threshold": first(values.get("p_threshold")),
         "p_no_growth": values.get("p_no_growth"),
+        "p_crossed": values.get("p_crossed"),
     }
 
 

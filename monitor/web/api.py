@@ -70,7 +70,8 @@ def channel(machine: Machine, name: str) -> dict[str, Any]:
     absolute = section.unit != "unknown"
     calibrated = calibration(machine, section)
     compared = calibrated is not False or not section.track or config.forecast.uncalibrated_threshold
-    thresholds = config.forecast.thresholds if compared else ()
+    learns = config.forecast.method == "learned"
+    thresholds = config.forecast.thresholds if compared and not learns else ()
     return {
         "machine": machine.name,
         "channel": name,
@@ -82,6 +83,7 @@ def channel(machine: Machine, name: str) -> dict[str, Any]:
         "orders": fundamentals(kinematics(bearing, 1.0)),
         "thresholds_mm2": [round(threshold * 1e6, 12) for threshold in thresholds],
         "interval": config.forecast.interval,
+        "forecast_end": "recorded runs" if learns else "threshold",
         "window_hours": config.forecast.window_hours,
         "tracked": section.track,
         "method": method if section.track else None,

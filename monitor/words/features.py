@@ -200,6 +200,8 @@ v_eq_filter | volume | | | | V_eq by the filter, where it runs beside the librar
 v_eq_filter_lower | volume | | | | lower end of the interval of v_eq_filter | monitor/health/damage/beside.py
 v_eq_filter_upper | volume | | | | upper end of the interval of v_eq_filter | monitor/health/damage/beside.py
 p_no_growth | record only | | | | probability that V_eq stands still | monitor/health/damage
+p_crossed | record only | | | | probability that a further run ends at or below the present level of RMS | \
+    monitor/health/damage/learned
 speed_factor | record only | | s | | \
     speed found over the nominal one, of the shaft or else of the lines of a fault | monitor/health/spectrum/shaft.py
 detect_threshold | record only | | threshold | | score above which a block counts as abnormal | monitor/health/detect

@@ -17,6 +17,11 @@ from monitor.health.damage.calibration import mark_forecast, mark_volume, relate
 from monitor.health.damage.filter.particle_filter import FilterSettings, FilterState
 from monitor.health.damage.filter.particle_filter import step as filter_step
 from monitor.health.damage.filter.prior import GrowthPrior
+from monitor.health.damage.learned.forecaster import LearnedSettings, LearnedState
+from monitor.health.damage.learned.forecaster import step as learned_step
+from monitor.health.damage.learned.history import StageHistory
+from monitor.health.damage.learned.model import LearnedModel
+from monitor.health.damage.learned.pool import pool
 from monitor.health.damage.library.forecaster import LibrarySettings, LibraryState
 from monitor.health.damage.library.forecaster import step as library_step
 from monitor.health.damage.library.model import Library
@@ -34,7 +39,7 @@ SpreadAt = Callable[[float | None, float | None], "tuple[map_data.MapSlice | Non
 """Likewise with the BPFO lines and spreads; the same object for the same condition."""
 
 TrackMethod = Literal["thesis", "filter", "library"]
-ForecastMethod = Literal["thesis", "library"]
+ForecastMethod = Literal["thesis", "library", "learned", "combined"]
 
 _LIBRARY_PARTS: tuple[Part, ...] = ("outer",)
 """Parts whose damage the lives of a library have."""
@@ -69,6 +74,7 @@ class DamageSettings:
         thresholds: of V_eq, m2, ascending.
         calibrated: whether the rig of maps and library is that of the machine.
         uncalibrated_threshold: whether TT is issued where it is not.
+        learned: of recorded runs, for the methods "learned" and "combined"; without runs, of the elapsed time alone.
     """
 
     track_method: TrackMethod = "thesis"
@@ -81,11 +87,28 @@ class DamageSettings:
     library_settings: LibrarySettings = field(default_factory=LibrarySettings)
     calibrated: bool = True
     uncalibrated_threshold: bool = False
+    learned: LearnedModel = field(default_factory=LearnedModel)
+    learned_settings: LearnedSettings = field(default_factory=LearnedSettings)
 
     @property
     def uses_library(self) -> bool:
         """Whether V_eq or TT come from the library."""
-        return "library" in (self.track_method, self.forecast_method)
+        return "library" in (self.track_method, self.forecast_method) or self.combines
+
+    @property
+    def uses_learned(self) -> bool:
+        """Whether TT comes from recorded runs, alone or combined."""
+        return self.forecast_method in ("learned", "combined")
+
+    @property
+    def combines(self) -> bool:
+        """Whether TT is combined with that of a library, which needs a calibrated rig."""
+        return self.forecast_method == "combined" and self.library is not None and self.calibrated
+
+    @property
+    def tracks_volume(self) -> bool:
+        """Whether there is anything to track V_eq by, or no other purpose than V_eq."""
+        return bool(self.maps) or self.library is not None or not self.uses_learned
 
     @property
     def prior(self) -> str | None:
@@ -96,6 +119,8 @@ class DamageSettings:
             parts.append(f"for V_eq, {_describe_growth(filters[0].growth)}")
         if self.uses_library and self.library is not None:
             parts.append(f"for TT, {self.library.prior}" if parts else self.library.prior)
+        if self.uses_learned:
+            parts.append(f"for TT, {self.learned.prior}")
         return ", and ".join(parts) or None
 
 
@@ -115,6 +140,7 @@ class DamageState:
     filter: FilterState = field(default_factory=FilterState)
     forecast: forecast.ForecastState = field(default_factory=forecast.ForecastState)
     library: LibraryState = field(default_factory=LibraryState)
+    learned: LearnedState = field(default_factory=LearnedState)
     first_v_eq: float | None = None
 
     def to_dict(self) -> dict[str, Any]:
@@ -126,6 +152,7 @@ class DamageState:
             "filter": self.filter.to_dict(),
             "forecast": self.forecast.to_dict(),
             "library": self.library.to_dict(),
+            "learned": self.learned.to_dict(),
             "first_v_eq": self.first_v_eq,
         }
 
@@ -147,6 +174,7 @@ class DamageState:
             filter=FilterState.from_dict(stored["filter"]),
             forecast=forecasts,
             library=LibraryState.from_dict(stored["library"]),
+            learned=LearnedState.from_dict(stored["learned"]) if "learned" in stored else LearnedState(),
             first_v_eq=stored.get("first_v_eq", earliest),
         )
 
@@ -162,6 +190,8 @@ class DamageGate:
         usable: the quality of the block allows inversion.
         absolute: the unit of the channel is known.
         fault: the part that the envelope names, several joined by "|", or None.
+        baseline: RMS of the healthy machine, in the unit of the blocks, or None.
+        since_t_fs: time on the clock since t_fs, s, or None.
     """
 
     final: bool = True
@@ -170,6 +200,8 @@ class DamageGate:
     usable: bool = True
     absolute: bool = True
     fault: str | None = None
+    baseline: float | None = None
+    since_t_fs: float | None = None
 
 
 def part_of(fault: str | None, parts: Collection[Part]) -> Part | None:
@@ -200,21 +232,27 @@ def step(
 
     Where the final stage closes, the state begins anew: a later one is another growth.
     """
-    if gates.closed and gates.absolute:
+    if gates.closed and (gates.absolute or settings.uses_learned):
         void = (Remaining(threshold, TtStatus.EPISODE_CLOSED) for threshold in settings.thresholds)
-        return DamageState(), Damage(EdvStatus.EPISODE_CLOSED), tuple(void)
+        status = EdvStatus.EPISODE_CLOSED if gates.absolute else EdvStatus.NO_ABSOLUTE_LEVEL
+        return DamageState(), Damage(status), tuple(void)
     gate = _gate(gates)
+    # What is learned is relative to the healthy machine, so that it needs no unit.
+    taken = gate is None or (settings.uses_learned and gates.final and gates.usable)
+    if settings.uses_learned and taken:
+        state = _begin_learned(state, block, gates)
     # Once t_fs is known, the blocks since t_fs are tracked first.
-    for earlier in state.pending if gate is None else ():
+    for earlier in state.pending if taken else ():
         state, _, _ = _track_one(state, earlier, gate, gates, settings)
     state, damage, forecasts = _track_one(state, block, gate, gates, settings)
-    if gate is None:
+    if taken:
         state = replace(state, pending=())
     elif not gates.final:
         state = replace(state, pending=_pending(state, block, gates))
     if not settings.calibrated:
         damage = mark_volume(damage)
-        forecasts = tuple(mark_forecast(one, issued=settings.uncalibrated_threshold) for one in forecasts)
+        if not settings.uses_learned:
+            forecasts = tuple(mark_forecast(one, issued=settings.uncalibrated_threshold) for one in forecasts)
     return state, damage, forecasts
 
 
@@ -258,7 +296,44 @@ def _track_one(
             final_stage=gates.final,
         )
         state = replace(state, forecast=after)
+    if settings.uses_learned:
+        state, forecasts = _forecast_learned(state, block, gates, settings, forecasts)
     return state, damage, forecasts
+
+
+def _begin_learned(state: DamageState, block: DamageInput, gates: DamageGate) -> DamageState:
+    """Begin the history since t_fs, also where the first blocks of the final stage were not kept."""
+    if state.learned.history is not None:
+        return state
+    kept = state.pending if len(state.pending) < MAX_PENDING_BLOCKS else ()
+    since = 0.0 if kept or gates.since_t_fs is None else gates.since_t_fs
+    origin = kept[0].time if kept else min((block.time - since, *(one.time for one in state.pending[:1])))
+    return replace(state, learned=LearnedState(StageHistory.begin(origin)))
+
+
+def _forecast_learned(
+    state: DamageState,
+    block: DamageInput,
+    gates: DamageGate,
+    settings: DamageSettings,
+    physical: tuple[Remaining, ...],
+) -> tuple[DamageState, tuple[Remaining, ...]]:
+    """Forecast by recorded runs, combined with the forecast of a library where there is one."""
+    threshold = settings.thresholds[0]
+    if gates.final and not gates.usable:
+        return state, (Remaining(threshold, TtStatus.CANNOT_TELL),)
+    after, found = learned_step(
+        state.learned,
+        block,
+        settings.learned,
+        settings.learned_settings,
+        baseline=gates.baseline,
+        threshold=threshold,
+        final_stage=gates.final,
+    )
+    if settings.combines and physical:
+        found = pool(found, physical[0], settings.learned.library_weight, settings.learned_settings)
+    return replace(state, learned=after), (found,)
 
 
 def _track_by_library(

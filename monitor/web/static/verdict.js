@@ -151,7 +151,8 @@ function size(status, info) {
 
 function left(status, info) {
   const threshold = info?.thresholds_mm2?.[0];
-  const to = fmt.isNumber(threshold) ? `until ${fmt.volume(threshold)}` : null;
+  const end = info?.forecast_end === "recorded runs" ? "until the end, as recorded runs ended" : null;
+  const to = fmt.isNumber(threshold) ? `until ${fmt.volume(threshold)}` : end;
   const probable = fmt.isNumber(
     status.p_threshold,
   ) ? `reached within the maintenance window: ${fmt.probability(status.p_threshold)}` : null;

@@ -21,6 +21,7 @@ from monitor.health.damage.learned.history import INPUTS, Array
 
 MARGIN = math.log(1.5)
 """Distance beyond the runs' elapsed times and levels up to which they are asked."""
+_LIBRARY_RUNS = 4.0
 _LIMITED = 2
 """Inputs, from the first on, of which values beyond the runs are outside: elapsed time and level."""
 
@@ -122,6 +123,11 @@ class LearnedModel:
     weights: Mapping[str, float] = field(default_factory=lambda: {"learned": 1.0})
     scores: Mapping[str, Any] = field(default_factory=dict[str, Any])
     settings: Mapping[str, Any] = field(default_factory=dict[str, Any])
+
+    @property
+    def library_weight(self) -> float:
+        """Weight of a library's forecast beside this one: by out-of-run scores, else that of four recorded runs."""
+        return float(self.weights.get("library", _LIBRARY_RUNS / (_LIBRARY_RUNS + len(self.runs))))
 
     @property
     def prior(self) -> str:
