@@ -25,7 +25,8 @@ def constant(cases: Cases, library: Sequence[LifeHistory]) -> Answers:
 
 def lifetimes(library: Sequence[LifeHistory]) -> Floats:
     """Return how long lives took from the onset to the threshold, s."""
-    return np.array([life.crossing(THRESHOLD) for life in library])
+    times = np.array([life.crossing(THRESHOLD) for life in library])
+    return times[np.isfinite(times)]
 
 
 def of_elapsed_time(cases: Cases, library: Sequence[LifeHistory]) -> Mapping[str, Answers]:

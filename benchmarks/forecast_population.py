@@ -12,6 +12,7 @@ The amplitude that a sensor picks up beside the bearing at the lines of BPFO is 
 from __future__ import annotations
 
 from models.lives.population import Population
+from streams.block import STANDARD_GRAVITY
 
 THRESHOLD = 0.05e-6
 """V_eq to forecast, m2."""
@@ -20,8 +21,16 @@ FRACTIONS = (0.25, 0.5, 0.75)
 TEST_RUNS = 600
 LIBRARY_RUNS = 1000
 
+FIVE_LAWS = ("quadratic", "exponential", "power", "linear_then_fast", "stall_then_jump")
+"""Laws of the test lives, and of the library that was first scored on them."""
 LIBRARY = Population(slip=(0.0, 0.01), seed=1850)
 TEST = Population(
+    laws=tuple((law, 1.0) for law in FIVE_LAWS),
+    speed_jitter=0.0,
+    load_steps=0.0,
+    gain_drift=0.0,
+    background_rms=(0.04 * STANDARD_GRAVITY, 0.06 * STANDARD_GRAVITY),
+    background_harmonic=(0.002 * STANDARD_GRAVITY, 0.02 * STANDARD_GRAVITY),
     rig_spread=(
         ("m_i", 0.03),
         ("m_o", 0.03),

@@ -21,8 +21,8 @@ from benchmarks.common import Row, arguments, print_table, write_json
 from benchmarks.forecast_library import fitted
 from benchmarks.forecast_lives import cached_lives
 from benchmarks.forecast_population import LIBRARY, LIBRARY_RUNS
-from monitor.health.damage.library.fit import SCORED_LEVEL
 from monitor.health.damage.library.model import LINES, OFFSET, Array, FeatureFit
+from monitor.health.damage.library.scores import SCORED_LEVEL
 
 NEIGHBOURS = 300
 KNOTS = (0.25, 0.5, 0.75, 0.95)
@@ -75,7 +75,7 @@ class Moments:
 
 def moments_of(fit: FeatureFit) -> Moments:
     """Return the moments of a library's lives before the crossing."""
-    rows = np.flatnonzero(~fit.crossed[:, 0])
+    rows = np.flatnonzero(~fit.crossed[:, 0] & np.isfinite(fit.error[:, 1]))
     said, life = fit.said[rows, 1], fit.life[rows]
     truth = said + fit.error[rows, 1]
     alike = np.array(

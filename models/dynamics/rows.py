@@ -124,7 +124,8 @@ def settled_levels(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return the RMS in a band (n,) and the amplitudes of BPFO lines 1..6 (n, 6) of scenes, m/s2.
 
-    Scenes with slip must share bearing, rig, clearance, speed and slip. Those that diverge give NaN. The band is in Hz,
+    Scenes with slip must share bearing, rig, clearance and slip; those of one speed are simulated side by side. Those
+    that diverge give NaN. The band is in Hz,
     None for the full bandwidth.
     """
     slip = scenes[0].slip if scenes else None
@@ -153,9 +154,16 @@ def _periodic(scene: Scene, band: tuple[float, float] | None) -> tuple[float, ND
 def _slipping(
     scenes: Sequence[Scene], band: tuple[float, float] | None
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Simulate groups of lanes, each with its own draws."""
+    """Simulate groups of lanes of one speed, each with its own draws."""
     runner = LaneRunner(LaneOptions(slip_blocks=_SLIP_BLOCKS, band=band))
-    found = [runner.run(scenes[i : i + LANES], i // LANES) for i in range(0, len(scenes), LANES)]
-    failed = np.concatenate([r.status for r in found]) == STATUSES.index("not_converged")
-    rms = np.where(failed, np.nan, np.concatenate([r.rms for r in found]))
-    return rms, np.where(failed[:, None], np.nan, np.concatenate([r.harmonics for r in found]))
+    speeds: dict[float, list[int]] = {}
+    for i, scene in enumerate(scenes):
+        speeds.setdefault(scene.speed, []).append(i)
+    groups = [places[i : i + LANES] for places in speeds.values() for i in range(0, len(places), LANES)]
+    rms, harmonics = np.empty(len(scenes)), np.empty((len(scenes), HARMONICS))
+    for number, places in enumerate(groups):
+        found = runner.run([scenes[i] for i in places], number)
+        failed = found.status == STATUSES.index("not_converged")
+        rms[places] = np.where(failed, np.nan, found.rms)
+        harmonics[places] = np.where(failed[:, None], np.nan, found.harmonics)
+    return rms, harmonics

@@ -6,7 +6,10 @@ independent gamma-distributed factors of mean one, so that V_eq never falls and 
 
 Laws: "quadratic" as in the thesis (Table 22: the quadratic term takes 0.56 to 0.98 of the growth); "exponential" (the
 rate is in proportion to V_eq); "power" (u to the power of 1.2 to 4); "linear_then_fast" (a line that bends up once);
-"stall_then_jump" (growth, a stall, a jump, and growth again).
+"stall_then_jump" (growth, a stall, a jump, and growth again); "monotone" (straight between 3 to 13 random levels, over
+u to the power of 0.5 to 4: any shape); "two_stage" (slow to 3 to 50 % at 0.3 to 0.92 of the life, then fast);
+"run_up" (the rate goes with a power of V_eq from 1.1 to 2.2, as a crack after Paris); "decelerating" (u to a power
+below one, or saturating); "standstill" (growth to a level below the threshold, then none).
 """
 
 from __future__ import annotations
@@ -30,6 +33,8 @@ ROUGHNESS_STEP = 300.0
 _MAX_LIVES = 8.0
 # Length of a path over the time that its law takes: blocks are simulated beyond the crossing.
 _BEYOND = 2.0
+# Length of a path whose law does not get there, in nominal lives.
+_STANDSTILL_LIVES = 2.0
 # Share of the law's mean rate at which a stalled damage still grows.
 _STALLED = 0.03
 
@@ -74,14 +79,77 @@ def _stall_then_jump(rng: np.random.Generator, ratio: float) -> Curve:
     return lambda u: np.where(u <= 1.0, np.interp(u, places, levels), 1.0 + rate * (u - 1.0))
 
 
+def _monotone(rng: np.random.Generator, ratio: float) -> Curve:
+    del ratio
+    increments = rng.gamma(_uniform_ln(rng, 0.3, 3.0), size=int(rng.integers(3, 14)))
+    levels = np.concatenate(([0.0], np.cumsum(increments) / increments.sum()))
+    power = _uniform_ln(rng, 0.5, 4.0)
+    places = np.linspace(0.0, 1.0, levels.size)
+    last = float(levels[-1] - levels[-2]) * (levels.size - 1)
+    return _continued(lambda u: np.interp(u**power, places, levels), max(power * last, 0.5))
+
+
+def _two_stage(rng: np.random.Generator, ratio: float) -> Curve:
+    del ratio
+    bend, level = rng.uniform(0.3, 0.92), _uniform_ln(rng, 0.03, 0.5)
+    first, second = rng.uniform(0.6, 1.4), rng.uniform(1.0, 2.5)
+
+    def curve(u: NDArray[np.float64]) -> NDArray[np.float64]:
+        slow = level * np.minimum(u / bend, 1.0) ** first
+        return slow + (1.0 - level) * np.maximum((u - bend) / (1.0 - bend), 0.0) ** second
+
+    return _continued(curve, (1.0 - level) * second / (1.0 - bend))
+
+
+def _run_up(rng: np.random.Generator, ratio: float) -> Curve:
+    power = rng.uniform(1.1, 2.2) - 1.0
+    used = 1.0 - ratio**-power
+
+    def curve(u: NDArray[np.float64]) -> NDArray[np.float64]:
+        return ((1.0 - used * u) ** (-1.0 / power) - 1.0) / (ratio - 1.0)
+
+    return _continued(curve, ratio ** (1.0 + power) * used / (power * (ratio - 1.0)))
+
+
+def _decelerating(rng: np.random.Generator, ratio: float) -> Curve:
+    del ratio
+    if rng.uniform() < 0.5:
+        power = _uniform_ln(rng, 0.3, 0.9)
+        return lambda u: u**power
+    bend = rng.uniform(0.5, 3.0)
+    return _continued(lambda u: np.expm1(-bend * u) / np.expm1(-bend), -bend * np.exp(-bend) / np.expm1(-bend))
+
+
+def _standstill(rng: np.random.Generator, ratio: float) -> Curve:
+    del ratio
+    stop, level, power = rng.uniform(0.1, 1.0), _uniform_ln(rng, 0.01, 0.9), _uniform_ln(rng, 0.5, 3.0)
+    return lambda u: level * np.minimum(u / stop, 1.0) ** power
+
+
+def _continued(curve: Curve, slope: float) -> Curve:
+    """Return a curve that goes on in a straight line from u = 1."""
+    return lambda u: curve(np.minimum(u, 1.0)) + slope * np.maximum(u - 1.0, 0.0)
+
+
+def _uniform_ln(rng: np.random.Generator, low: float, high: float) -> float:
+    return float(np.exp(rng.uniform(np.log(low), np.log(high))))
+
+
 _LAWS: dict[str, Callable[[np.random.Generator, float], Curve]] = {
     "quadratic": _quadratic,
     "exponential": _exponential,
     "power": _power,
     "linear_then_fast": _linear_then_fast,
     "stall_then_jump": _stall_then_jump,
+    "monotone": _monotone,
+    "two_stage": _two_stage,
+    "run_up": _run_up,
+    "decelerating": _decelerating,
+    "standstill": _standstill,
 }
 LAWS = tuple(_LAWS)
+WEIGHTS: dict[str, float] = dict.fromkeys(LAWS, 1.0) | {"monotone": 7.0, "standstill": 2.0}
+"""Weights of the laws in a population by default: about half of its lives have any shape."""
 
 
 def draw_law(law: str, rng: np.random.Generator, ratio: float) -> Curve:
@@ -134,14 +202,15 @@ def grow(
         v_0: V_eq at the onset, m2.
         threshold: V_eq at u = 1, m2.
         until: V_eq that the path must reach, m2; it lasts twice as long as its law takes to get there, at most eight
-            nominal lives.
+            nominal lives; two of them where the law never gets there.
         roughness: standard deviation of the factor on the growth within ``ROUGHNESS_STEP``; 0 is a smooth path.
     """
     steps = int(np.ceil(_MAX_LIVES * duration / PATH_STEP))
     t = PATH_STEP * np.arange(steps + 1, dtype=np.float64)
     growth = np.diff((threshold - v_0) * curve(t / duration))
-    needed = int(_BEYOND * (np.searchsorted(np.cumsum(growth), until - v_0) + 1))
-    growth = growth[:needed]
+    reached = int(np.searchsorted(np.cumsum(growth), until - v_0))
+    stands = reached == growth.size and growth[-1] == 0.0
+    growth = growth[: int(_STANDSTILL_LIVES * duration / PATH_STEP) if stands else int(_BEYOND * (reached + 1))]
     if roughness > 0.0:
         shape = PATH_STEP / (ROUGHNESS_STEP * roughness**2)
         growth = growth * rng.gamma(shape, 1.0 / shape, growth.size)

@@ -32,6 +32,10 @@ if TYPE_CHECKING:
 
 # Length of a life over the time to reach the largest V_eq of interest.
 _BEYOND = 1.35
+# Groups of blocks of a life with slip, each at a speed of its own: at least so many, and as many as are simulated side
+# by side (models.kernels.lanes.LANES) need.
+_MIN_GROUPS = 4
+_LANES = 32
 
 
 @dataclass(frozen=True, eq=False)
@@ -163,10 +167,11 @@ def simulate_life(population: Population, number: int) -> LifeHistory:
     jitter = 1.0 + np.array([population.load_jitter, population.speed_jitter]) * rng.standard_normal((count, 2))
     scatter = np.exp(population.scatter * rng.standard_normal((count, 1 + HARMONICS)))
     there = np.flatnonzero(rng.uniform(size=count) >= population.missing)
+    loads, drift = _slow_changes(population, plan, count)
     slip = Slip(plan.slip, seed=plan.floor.seed) if plan.slip > 0.0 else None
     if slip is not None:
-        jitter[:, 1] = 1.0
-    conditions = np.array([plan.load, plan.speed]) * known[there]
+        jitter[there, 1] = _grouped(jitter[there, 1])
+    conditions = np.stack((loads, np.full(count, plan.speed)), axis=1)[there] * known[there]
     t = np.asarray(population.interval * there, dtype=np.float64)
     healthy = Scene(plan.speed, plan.load, population.bearing, plan.rig, clearance=plan.clearance, slip=slip)
     defects = plan.defects(t, population.threshold, race_radius(population.bearing))
@@ -175,8 +180,10 @@ def simulate_life(population: Population, number: int) -> LifeHistory:
         for (load, speed), defect in zip((conditions * jitter[there]).tolist(), defects, strict=True)
     ]
     rms, harmonics = _levels(scenes, population)
-    rms = np.hypot(plan.gain * rms, plan.background_rms) * scatter[there, 0]
-    harmonics = np.hypot(plan.gain * plan.harmonic_gain * harmonics, plan.background_harmonic) * scatter[there, 1:]
+    gain = plan.gain * drift[there]
+    rms = np.hypot(gain * rms, plan.background_rms) * scatter[there, 0]
+    harmonics = gain[:, None] * plan.harmonic_gain * harmonics
+    harmonics = np.hypot(harmonics, plan.background_harmonic) * scatter[there, 1:]
     # A block whose motion diverges is treated as missing.
     finite = np.isfinite(rms)
     return LifeHistory(
@@ -192,6 +199,30 @@ def simulate_life(population: Population, number: int) -> LifeHistory:
         h_d=np.array([d.h_d for d in defects])[finite],
         path=plan.path,
     )
+
+
+def _slow_changes(
+    population: Population, plan: LifePlan, count: int
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the load of each block before its variation, N, and the factor of its gain's drift, each (count,)."""
+    # A stream of its own: lives without these changes are those of before.
+    rng = np.random.default_rng([population.seed, plan.number, 2])
+    walk = np.cumsum(rng.standard_normal(count)) / math.sqrt(count)
+    load = np.full(count, plan.load)
+    for at in np.sort(rng.uniform(size=rng.poisson(population.load_steps))):
+        load[int(at * count) :] = rng.uniform(*population.load)
+    return load, np.exp(population.gain_drift * walk)
+
+
+def _grouped(factors: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return factors with those of each group of nearly equal ones at their mean: each group has one speed."""
+    order = np.argsort(factors, kind="stable")
+    groups = max(_MIN_GROUPS, -(-factors.size // _LANES))
+    grouped = np.empty_like(factors)
+    for group in np.array_split(order, groups):
+        if group.size:
+            grouped[group] = factors[group].mean() if np.ptp(factors[group]) else factors[group[0]]
+    return grouped
 
 
 def _levels(scenes: list[Scene], population: Population) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

@@ -9,7 +9,7 @@ from dataclasses import asdict, dataclass, field
 from typing import Any
 
 from models.bearing import Bearing, from_catalogue
-from models.lives.laws import LAWS
+from models.lives.laws import LAWS, WEIGHTS
 from models.maps.plan import check_depth, version_of
 from models.rigs import RIGS, AnyRig
 from models.rigs.draws import RigDraws, without_draws
@@ -18,7 +18,7 @@ from models.rigs.six_dof import Rig
 Range = tuple[float, float]
 
 # Increment when the same population would give other lives.
-LIVES_VERSION = 1
+LIVES_VERSION = 2
 _GRAVITY = 9.80665
 _RIG_SPREAD = (*((name, 0.035) for name in ("m_r", "k_c", "c_i", "c_r", "alpha_c", "beta_c")), ("k_r", 0.014))
 _RANGES = (
@@ -38,6 +38,8 @@ _SHARES = (
     "harmonic_gain_sd",
     "scatter",
     "roughness",
+    "gain_drift",
+    "load_steps",
     "load_jitter",
     "speed_jitter",
     "load_variation",
@@ -60,10 +62,11 @@ class Population:
             ``rig_spread``; None for none.
         clearance: radial clearance, m.
         load, speed: ranges of radial loads, N, and shaft speeds, Hz; one of each per life.
+        load_steps: mean number of known steps of the load within a life, each to another load of the range.
         load_variation, speed_variation: known change from block to block: each has a factor of 1 +- this.
         load_jitter: standard deviation of the factor on the load of a block, unknown to the monitor.
         speed_jitter: the same of the speed. (A few tenths of a per cent move the RMS by some per cent.) Blocks of
-            lives with slip are simulated side by side at one speed, without it.
+            lives with slip are simulated side by side in groups of nearly the same speed, at the mean of each group.
         laws: (growth law, weight) pairs; see ``models.lives.laws``.
         durations: range of nominal lives, s, drawn in the logarithm.
         threshold: V_eq at the end of a nominal life, m2.
@@ -76,6 +79,7 @@ class Population:
         slip: range of the largest slip angle of the balls, rad (a uniform angle for each passage); (0, 0) is none.
         rms_band: band in which RMS is taken, Hz, or None for the full bandwidth.
         gain_sd: standard deviation of the gain of the sensor, one per life.
+        gain_drift: standard deviation of a further factor at the end of the life: a random walk from the onset.
         harmonic_gain_sd: standard deviation of a further factor on each harmonic, constant over a life.
         scatter: standard deviation of the factor on each figure of each block.
         background_rms, background_harmonic: ranges of the RMS of background vibration and of its amplitude at each
@@ -94,8 +98,9 @@ class Population:
     load_variation: float = 0.0
     speed_variation: float = 0.0
     load_jitter: float = 0.005
-    speed_jitter: float = 0.001
-    laws: tuple[tuple[str, float], ...] = tuple((law, 1.0) for law in LAWS)
+    speed_jitter: float = 0.004
+    load_steps: float = 0.3
+    laws: tuple[tuple[str, float], ...] = tuple(WEIGHTS.items())
     durations: Range = (150.0 * 60.0, 900.0 * 60.0)
     threshold: float = 0.05e-6
     until: float = 0.05e-6
@@ -103,14 +108,15 @@ class Population:
     roughness: float = 0.5
     h_threshold: Range = (4e-6, 20e-6)
     depth_share: Range = (0.2, 0.7)
-    floor_sd: Range = (0.4e-6, 1.4e-6)
+    floor_sd: Range = (0.3e-6, 1.6e-6)
     slip: Range = (0.0, 0.0)
     rms_band: Range | None = (0.0, 9500.0)
     gain_sd: float = 0.12
+    gain_drift: float = 0.04
     harmonic_gain_sd: float = 0.15
     scatter: float = 0.02
-    background_rms: Range = (0.04 * _GRAVITY, 0.06 * _GRAVITY)
-    background_harmonic: Range = (0.002 * _GRAVITY, 0.02 * _GRAVITY)
+    background_rms: Range = (0.02 * _GRAVITY, 0.1 * _GRAVITY)
+    background_harmonic: Range = (0.001 * _GRAVITY, 0.03 * _GRAVITY)
     missing: float = 0.03
     interval: float = 300.0
     seed: int = 0
@@ -182,6 +188,8 @@ class Population:
             data: dict[str, Any] = json.loads(text)
             kind = RIGS[data.pop("model", Rig.model)]
             data |= {"bearing": Bearing(**data["bearing"]), "rig": kind(**data["rig"])}
+            # Populations of version 1 had neither.
+            data = {"gain_drift": 0.0, "load_steps": 0.0} | data
             data["rig_posterior"] = RigDraws.from_dict(data.get("rig_posterior"))
             for name in _RANGES:
                 data[name] = tuple(data[name])

@@ -18,7 +18,7 @@ from monitor.commands.common import InputError, counter, emit, progress_bar, say
 from monitor.commands.replay import summary_lines, write_report
 from monitor.config.load import Config, validate
 from monitor.config.source import ChannelSection
-from monitor.words.numbers import duration
+from monitor.words.numbers import duration, interval
 from streams.rig import machine_of
 
 if TYPE_CHECKING:
@@ -299,4 +299,4 @@ def _with_interval(row: dict[str, Any], name: str, unit: str, words: Callable[[f
     middle, low, high = (row[f"{key}_{unit}"] for key in (name, f"{name}_lower", f"{name}_upper"))
     if middle is None:
         return "-"
-    return words(middle) if low is None else f"{words(middle)} ({words(low)} to {words(high)})"
+    return words(middle) if low is None else f"{words(middle)} ({interval(low, high or math.nan, words)})"

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import click
 
+from models.lives.laws import LAWS
 from models.lives.population import Population
 from models.rigs import RIGS
 from models.rigs.six_dof import Rig
@@ -35,6 +36,8 @@ from monitor.service.libraries import build_library
 from monitor.words.calibration import rig_line
 
 _SENSED = ("rms", "rms+harmonics")
+_SLIP = (0.0, 0.01)
+"""Range of the largest slip angle of the balls in the lives, rad; none where the speed changes or without balls."""
 _AROUND = 0.1
 """Relative width, either way, of the default range around a configured load or speed."""
 
@@ -67,6 +70,13 @@ command.add_command(library_learn.command)
 @_variation("speed", "Known change of the speed from block to block, either way; needed from 1 %.")
 @click.option("--duration-min", type=option.Range(positive=True), default="150:900", help="Onset to threshold.")
 @click.option("--interval-s", type=option.POSITIVE, default=300.0, help="Time between blocks.")
+@click.option(
+    "--law",
+    "laws",
+    multiple=True,
+    metavar="NAME=WEIGHT",
+    help=f"Growth law and its weight, repeatable; then no other. Laws: {', '.join(LAWS)}.",
+)
 @click.option("--rms-band-hz", type=option.Range(positive=True), help="Band of the RMS. Default: 0 to 9500 Hz.")
 @click.option(
     "--calibrate",
@@ -148,9 +158,28 @@ def _population(config: Config, name: str | None, thresholds: list[float], optio
         durations=(60.0 * low, 60.0 * high),
         until=max(nominal.threshold, *thresholds),
         rms_band=options["rms_band_hz"] or nominal.rms_band,
+        slip=(0.0, 0.0) if options["speed_variation_percent"] or model != Rig.model else _SLIP,
+        laws=_laws(options["laws"]) or nominal.laws,
         interval=options["interval_s"],
         seed=options["seed"],
     )
+
+
+def _laws(given: Sequence[str]) -> tuple[tuple[str, float], ...]:
+    """Return growth laws and weights from NAME=WEIGHT."""
+    found: dict[str, float] = {}
+    for text in given:
+        law, _, number = text.partition("=")
+        if law not in LAWS:
+            raise InputError(f"--law {text}: unknown law {law!r}; expected one of {', '.join(LAWS)}")
+        try:
+            weight = float(number)
+        except ValueError:
+            weight = math.nan
+        if not 0.0 < weight < math.inf:
+            raise InputError(f"--law {text}: expected NAME=WEIGHT with a weight above 0, got {number!r}")
+        found[law] = weight
+    return tuple(found.items())
 
 
 def _around(value: float | None, otherwise: tuple[float, float]) -> tuple[float, float]:
@@ -180,7 +209,7 @@ def _lines(values: Mapping[str, Any]) -> Iterator[str]:
     header = ("threshold", "of time", "coverage", "rms ln", "coverage", "CRPS", "climatology")
     yield f"{'features':16}" + "".join(f"{word:>12}" for word in header)
     for features, thresholds in values["scores"].items():
-        if features == "climatology":
+        if features in ("climatology", "no_growth"):
             continue
         for threshold, shares in thresholds.items():
             for share, score in shares.items():
@@ -189,6 +218,11 @@ def _lines(values: Mapping[str, Any]) -> Iterator[str]:
                 cells = "".join(f"{figure:12.2f}" for figure in figures)
                 cells += f"{score['crps_s'] / 60:8.1f} min{naive / 60:8.1f} min"
                 yield f"{features:16}{threshold:>12}{share:>12}{cells}"
+    for features, score in values["scores"]["no_growth"].items():
+        yield (
+            f"{features:16}p_no_growth from one half at {score['found']:.0%} of the moments without growth and at "
+            f"{score['false']:.1%} of the others"
+        )
     for name, change in values["calibration"].items():
         yield (
             f"calibrated ({name}) on {change['runs']} recorded runs, {change['left_out']} outside: times "

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -10,7 +11,7 @@ import click
 
 from monitor.commands import option
 from monitor.commands.common import emit, progress_bar, read_config, say
-from monitor.words.numbers import duration
+from monitor.words.numbers import duration, interval
 from monitor.words.statuses import bearing_words, speed_doubt
 from streams.listing import shown
 
@@ -137,7 +138,8 @@ def _forecast_words(channel: Mapping[str, Any]) -> Iterator[str]:
     if channel["tt_s"] is not None:
         yield f"{duration(channel['tt_s'])}, "
     if channel["tt_lower_s"] is not None:
-        yield f"interval {duration(channel['tt_lower_s'])} to {duration(channel['tt_upper_s'])}, "
+        upper = math.nan if channel["tt_upper_s"] is None else channel["tt_upper_s"]
+        yield f"interval {interval(channel['tt_lower_s'], upper, duration)}, "
     if channel["p_threshold"] is not None:
         yield f"probability of reaching the threshold within the maintenance window {channel['p_threshold']:.0%}, "
     if channel["p_no_growth"] is not None:

@@ -62,7 +62,8 @@ def build_library(
 
 def prior_words(population: Population, runs: int) -> str:
     """Return the assumptions behind every answer of a library of this population, in one sentence."""
-    laws = ", ".join(law.replace("_", " ") for law, _ in population.laws)
+    total = sum(weight for _, weight in population.laws)
+    laws = ", ".join(f"{law.replace('_', ' ')} {weight / total:.0%}" for law, weight in population.laws)
     depth = " to ".join(f"{value * 1e6:g}" for value in population.h_threshold)
     extent = " to ".join(f"{_extent_deg(population, value):.0f}" for value in reversed(population.h_threshold))
     hours = " to ".join(f"{value / 3600.0:.3g}" for value in population.durations)

@@ -132,5 +132,7 @@ def figure(value: float, digits: int = 3) -> str:
 
 
 def interval(lower: float, upper: float, words: Callable[[float], str]) -> str:
-    """Return "1 h to 3 h"; "" where an end is missing."""
-    return f"{words(lower)} to {words(upper)}" if math.isfinite(lower) and math.isfinite(upper) else ""
+    """Return "1 h to 3 h", "from 1 h" where the upper end is missing, "" where the lower is."""
+    if not math.isfinite(lower):
+        return ""
+    return f"{words(lower)} to {words(upper)}" if math.isfinite(upper) else f"from {words(lower)}"

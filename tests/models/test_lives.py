@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import json
 import math
 import subprocess
 import sys
@@ -16,7 +17,15 @@ from hypothesis import strategies as st
 from models.bearing import catalogue_entry, from_catalogue, kinematics
 from models.dynamics.time_domain import simulate_time
 from models.lives.laws import LAWS, PATH_STEP, GrowthPath, draw_law, grow
-from models.lives.life import LifeHistory, LifePlan, draw_life, simulate_life, simulate_lives
+from models.lives.life import (
+    LifeHistory,
+    LifePlan,
+    _grouped,
+    _slow_changes,
+    draw_life,
+    simulate_life,
+    simulate_lives,
+)
 from models.lives.population import Population, Range
 from models.nominal_rigs import nominal_rig
 from models.path.defect import race_radius
@@ -29,11 +38,15 @@ from tests.effort import effort_count
 
 THRESHOLD = 0.05e-6
 RATE = 25600.0
-SHORT = Population(durations=(150 * 60.0, 200 * 60.0), interval=1800.0)
+GROWING = tuple(law for law in LAWS if law != "standstill")
+SHORT = Population(
+    durations=(150 * 60.0, 200 * 60.0), interval=1800.0, laws=tuple((law, 1.0) for law in LAWS[:5]), load_steps=0.0
+)
 # Nothing between the model and what is measured but the bearing's own rig and floor.
 PLAIN = replace(
     SHORT,
     gain_sd=0.0,
+    gain_drift=0.0,
     harmonic_gain_sd=0.0,
     scatter=0.0,
     load_jitter=0.0,
@@ -60,13 +73,32 @@ def same(a: LifeHistory, b: LifeHistory) -> bool:
     return (a.number, a.law) == (b.number, b.law) and all(np.array_equal(getattr(a, n), getattr(b, n)) for n in names)
 
 
-@given(st.sampled_from(LAWS), st.integers(0, 10**6), st.floats(2.0, 100.0))
+@given(st.sampled_from(GROWING), st.integers(0, 10**6), st.floats(2.0, 100.0))
 def test_a_law_rises_from_nought_to_one_and_on(law: str, seed: int, ratio: float) -> None:
     curve = draw_law(law, np.random.default_rng(seed), ratio)
     w = curve(np.linspace(0.0, 2.0, 801))
     assert w[0] == pytest.approx(0.0, abs=1e-12)
     assert w[400] == pytest.approx(1.0, rel=1e-9)
-    assert np.all(np.diff(w) > 0.0)
+    assert np.all(np.diff(w) >= 0.0)
+    assert w[800] > 1.0
+
+
+@given(st.integers(0, 10**6))
+def test_a_standstill_grows_to_a_level_below_the_threshold_and_then_no_more(seed: int) -> None:
+    w = draw_law("standstill", np.random.default_rng(seed), 20.0)(np.linspace(0.0, 2.0, 801))
+    assert w[0] == 0.0
+    assert 0.0 < w[400] <= 0.9
+    assert np.all(w[400:] == w[400])
+
+
+def test_half_of_the_lives_have_any_shape_and_some_stand_still() -> None:
+    drawn = [draw_life(Population(), number) for number in range(300)]
+    assert 0.3 < np.mean([plan.law == "monotone" for plan in drawn]) < 0.5
+    still = [plan.path for plan in drawn if plan.law == "standstill"]
+    assert 10 < len(still) < 80
+    assert all(path.v_eq[-1] == path.v_eq[-30] for path in still)
+    durations = Population().durations
+    assert all(path.t[-1] <= 2.0 * durations[1] for path in still)
 
 
 def test_an_unknown_law_is_named() -> None:
@@ -95,7 +127,7 @@ def test_a_path_never_falls_and_its_crossing_is_the_first(law: str, seed: int, r
             assert float(path.at(np.array(t))) == pytest.approx(threshold, rel=1e-9)
 
 
-@pytest.mark.parametrize("law", LAWS)
+@pytest.mark.parametrize("law", GROWING)
 def test_a_smooth_path_is_the_law_and_a_rough_one_is_so_on_average(law: str) -> None:
     smooth = path_of(law, 5, 0.0)
     assert smooth.crossing(THRESHOLD) == pytest.approx(18000.0, rel=1e-3)
@@ -217,6 +249,43 @@ def test_gains_background_and_scatter_act_as_said() -> None:
     quiet = life(replace(PLAIN, interval=300.0), 4)
     spread = np.std(np.log(noisy.rms / quiet.rms))
     assert 0.012 < spread < 0.03
+
+
+def test_the_gain_drifts_by_as_much_as_is_said_by_the_end() -> None:
+    found = [_slow_changes(replace(PLAIN, gain_drift=0.05), draw_life(PLAIN, number), 100)[1] for number in range(200)]
+    ends, middles = np.log([drift[-1] for drift in found]), np.log([drift[49] for drift in found])
+    assert 0.04 < ends.std() < 0.06
+    assert 0.6 < middles.std() / ends.std() < 0.85
+
+
+def test_the_load_takes_known_steps_within_its_range() -> None:
+    stepping = replace(PLAIN, load_steps=3.0)
+    found = [_slow_changes(stepping, draw_life(stepping, number), 200)[0] for number in range(100)]
+    assert 2.0 < np.mean([np.count_nonzero(np.diff(load)) for load in found]) < 4.0
+    assert all(stepping.load[0] <= load.min() and load.max() <= stepping.load[1] for load in found)
+    history = life(stepping, 1)
+    assert len(np.unique(history.load)) > 1
+    assert stepping.load[0] <= history.load.min() < history.load.max() <= stepping.load[1]
+
+
+def test_blocks_with_slip_have_speeds_of_their_own_in_groups() -> None:
+    factors = 1.0 + 0.004 * np.random.default_rng(0).standard_normal(130)
+    grouped = _grouped(factors)
+    speeds, counts = np.unique(grouped, return_counts=True)
+    assert len(speeds) == 5
+    assert counts.max() <= 32
+    assert grouped.mean() == pytest.approx(factors.mean())
+    assert 0.9 < grouped.std() / factors.std() <= 1.0
+    assert np.all(np.diff(grouped[np.argsort(factors)]) >= 0.0)
+    assert np.array_equal(_grouped(np.ones(50)), np.ones(50))
+
+
+def test_a_population_of_version_1_had_neither_drift_nor_steps() -> None:
+    stored = json.loads(Population().as_json())
+    del stored["gain_drift"], stored["load_steps"]
+    old = Population.from_json(json.dumps(stored))
+    assert (old.gain_drift, old.load_steps) == (0.0, 0.0)
+    assert replace(old, gain_drift=Population.gain_drift, load_steps=Population.load_steps) == Population()
 
 
 def test_missing_blocks_are_absent_and_move_nothing_else() -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 
 import numpy as np
@@ -84,9 +84,46 @@ def toy_life(
     return ToyLife(number, law, t, load, speed, rms, lines, THRESHOLD * v)
 
 
+def standing_life(number: int, *, seed: int = 0, blocks: int = 150) -> ToyLife:
+    """Life ``number`` up to a block between 15 and 60 at which V_eq stands still: its levels stay, with their noise."""
+    whole = toy_life(number, seed=seed)
+    draw = np.random.default_rng([seed, number, 1])
+    last = min(int(draw.integers(15, 60)), int(np.flatnonzero(whole.v_eq < 0.8 * THRESHOLD)[-1]))
+    at = np.minimum(np.arange(blocks), last)
+
+    def held(levels: Array) -> Array:
+        noise = np.where(np.arange(blocks) > last, 0.05 * draw.normal(size=(*levels.shape[1:], blocks)), 0.0).T
+        return levels[at] * np.exp(noise)
+
+    return replace(
+        whole,
+        law="standstill",
+        t=INTERVAL * np.arange(blocks),
+        load=whole.load[at],
+        speed=whole.speed[at],
+        rms=held(whole.rms),
+        harmonics=held(whole.harmonics),
+        v_eq=whole.v_eq[at],
+    )
+
+
 def toy_lives(count: int, *, seed: int = 0, interval: float = INTERVAL, varying: bool = False) -> list[ToyLife]:
     """Return lives 0 to ``count - 1``."""
     return [toy_life(number, seed=seed, interval=interval, varying=varying) for number in range(count)]
+
+
+@cache
+def standing_library() -> Library:
+    """Return a library of 120 growing and 40 standing lives."""
+
+    def fit() -> Library:
+        lives = [*toy_lives(120), *(standing_life(number, seed=7) for number in range(40))]
+        settings = FitSettings(columns=100, moments=12)
+        return fit_library(
+            lives, thresholds=[THRESHOLD], interval=INTERVAL, prior="toy lives", made_of={}, settings=settings
+        )
+
+    return made_once("toy-standing", fit)
 
 
 @cache

@@ -22,6 +22,7 @@ Floats = NDArray[np.float64]
 _SILENT = ("", "not_final_stage")
 _OUT_OF_TIME = {"late", "out_of_order", "clock"}
 _SAME_THRESHOLD = 1e-6
+_MIN_LOWER_S = 1.0
 
 
 class ScoreError(ReportError):
@@ -296,5 +297,8 @@ def _from_records(
         )
     points = np.isfinite(middle) & ~np.isfinite(lower)
     lower, upper = np.where(points, middle, lower), np.where(points, middle, upper)
+    # An open upper end is taken as far above the median as the lower end is below, in ratio.
+    open_ended = np.isfinite(lower) & ~np.isfinite(upper)
+    upper = np.where(open_ended, middle**2 / np.maximum(lower, _MIN_LOWER_S), upper)
     tail = round((1.0 - interval) / 2.0, 12)
     return interval, np.array([tail, 0.5, 1.0 - tail]), np.stack([lower, middle, upper], axis=1)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -12,7 +13,7 @@ from monitor.service.notify.channels import Message
 from monitor.service.record_message import first
 from monitor.words.events import badness, event_text, local_moment, utc_text
 from monitor.words.features import FEATURES
-from monitor.words.numbers import count, duration, moment, times_first, volume
+from monitor.words.numbers import count, duration, interval, moment, times_first, volume
 from monitor.words.statuses import STAGES, named_words
 
 MAX_LISTED = 20
@@ -154,8 +155,8 @@ def _remaining(values: Mapping[str, Any]) -> str:
     if time is None:
         return ""
     text = duration(time)
-    if low is not None and high is not None:
-        text += f" ({duration(low)} to {duration(high)})"
+    if low is not None:
+        text += f" ({interval(low, math.nan if high is None else high, duration)})"
     return text + (f", until {volume(threshold)}" if threshold else "")
 
 

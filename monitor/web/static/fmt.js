@@ -39,7 +39,8 @@ export const level = (value, unit) => (isNumber(value) ? `${number(value)}${unit
 /** An interval in one unit. */
 export function interval(lower, upper, show = number) {
   if (!isNumber(lower) && !isNumber(upper)) return "";
-  return `${isNumber(lower) ? show(lower) : "?"}${RANGE}${isNumber(upper) ? show(upper) : "?"}`;
+  if (!isNumber(upper)) return `from ${show(lower)}`;
+  return `${isNumber(lower) ? show(lower) : "?"}${RANGE}${show(upper)}`;
 }
 
 /** A probability, which is never said to be certain. */

@@ -14,6 +14,7 @@ from models.lives.population import Population
 from models.rigs.rotor import RotorRig
 from monitor.cli import spallwatch
 from monitor.commands.common import InputError
+from monitor.commands.library import _laws
 from monitor.config.load import load_config
 from monitor.health.damage import DamageInput, EdvStatus
 from monitor.health.damage.library.forecaster import LibraryState, step
@@ -131,6 +132,22 @@ def test_the_prior_is_said_in_words() -> None:
     assert "250 simulated lives" in words
     assert "4 to 20 um deep and 6 to 31 deg wide" in words
     assert "3000 to 5000 N" in words
+    assert "monotone 41%" in words
+
+
+@pytest.mark.parametrize(
+    ("given", "why"),
+    [
+        ("cubic=1", "unknown law 'cubic'; expected one of quadratic, exponential"),
+        ("power", "expected NAME=WEIGHT with a weight above 0, got ''"),
+        ("power=0", "expected NAME=WEIGHT with a weight above 0, got '0'"),
+        ("power=much", "got 'much'"),
+    ],
+)
+def test_a_wrong_weight_of_a_law_is_refused_by_name(given: str, why: str) -> None:
+    with pytest.raises(InputError, match=why):
+        _laws(["quadratic=1", given])
+    assert _laws(["quadratic=2", "monotone=0.5"]) == (("quadratic", 2.0), ("monotone", 0.5))
 
 
 DURATION_S = 100.0 * effort_count(quick=30, full=60)
@@ -147,7 +164,13 @@ def as_recorded(life: LifeHistory) -> History:
 
 
 def test_recorded_runs_calibrate_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    population = Population(load=(4000.0, 4000.0), speed=(40.0, 40.0), durations=(DURATION_S, DURATION_S), seed=9)
+    population = Population(
+        load=(4000.0, 4000.0),
+        speed=(40.0, 40.0),
+        durations=(DURATION_S, DURATION_S),
+        laws=(("power", 1.0), ("exponential", 1.0)),
+        seed=9,
+    )
     lives = {f"run{number}.nc": simulate_life(population, number) for number in range(3)}
     monkeypatch.setattr("monitor.records.histories.read_history", lambda path, channel: as_recorded(lives[path.name]))
     options = ("--runs", "20", "--duration-min", DURATIONS_MIN, "--out", str(tmp_path / "lives.npz"))

@@ -15,17 +15,29 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from monitor.health.damage import Damage, DamageInput, EdvStatus, Remaining, TtStatus
-from monitor.health.damage.library.fit import SHARES, FitSettings, crps, fit_library, fit_regression
+from monitor.health.damage.library.fit import FitSettings, fit_library, fit_regression, stands_still
 from monitor.health.damage.library.forecaster import (
     QUANTILES,
     LibrarySettings,
     LibraryState,
+    Stand,
+    _forecast,
     step,
 )
 from monitor.health.damage.library.model import LINES, Library, quantiles_of
+from monitor.health.damage.library.scores import SHARES, crps
 from monitor.records.library_file import LibraryError, load_library, save_library
 from tests.effort import effort_count
-from tests.oracles.toy_lives import INTERVAL, THRESHOLD, ToyLife, toy_library, toy_life, toy_lives
+from tests.oracles.toy_lives import (
+    INTERVAL,
+    THRESHOLD,
+    ToyLife,
+    standing_library,
+    standing_life,
+    toy_library,
+    toy_life,
+    toy_lives,
+)
 
 QUICK = FitSettings(columns=100, moments=12)
 
@@ -85,7 +97,8 @@ def test_unseen_lives_are_covered_and_better_known_than_by_their_age(features: s
             scores.append(crps(np.interp(np.linspace(0, 1, 99), levels, quantiles), left))
             older = np.sort(lifetimes[lifetimes > life.t[index]] - life.t[index])
             ages.append(crps(older, left))
-    assert 0.65 <= np.mean(covered) <= 0.93
+    # Lifetimes are mixed in, against laws that the library does not hold: too wide where it holds the law and V_eq.
+    assert 0.65 <= np.mean(covered) <= {"rms": 0.95, "rms+harmonics": 0.95, "v_eq": 0.995}[features]
     assert 0.65 <= np.mean(covered_v) <= 0.93
     assert np.sqrt(np.mean(np.square(errors))) < {"rms": 0.6, "rms+harmonics": 0.35, "v_eq": 0.05}[features]
     assert np.mean(scores) < 0.95 * np.mean(ages)
@@ -93,7 +106,7 @@ def test_unseen_lives_are_covered_and_better_known_than_by_their_age(features: s
 
 def test_scores_out_of_fold_are_there_for_each_set_threshold_and_share() -> None:
     scores = toy_library().scores
-    assert set(scores) == {*LINES, "climatology"}
+    assert set(scores) == {*LINES, "climatology", "no_growth"}
     for features in LINES:
         assert set(scores[features]) == {"0.03", "0.05"}
         for by_share in scores[features].values():
@@ -102,7 +115,7 @@ def test_scores_out_of_fold_are_there_for_each_set_threshold_and_share() -> None
                 assert 0.6 < score["coverage"] <= 1.0, (features, share)
                 assert 0.6 < score["v_eq_coverage"] <= 1.0
                 assert score["crps_s"] > 0.0
-    half = {features: scores[features]["0.05"]["0.5"]["crps_s"] for features in scores}
+    half = {features: scores[features]["0.05"]["0.5"]["crps_s"] for features in (*LINES, "climatology")}
     assert half["v_eq"] < half["rms+harmonics"] < half["rms"] < half["climatology"]
 
 
@@ -273,6 +286,84 @@ def test_without_library_or_final_stage_nothing_is_said() -> None:
     state, damage, (forecast,) = step(LibraryState(), block, toy_library(), thresholds=[THRESHOLD], final_stage=False)
     assert (damage.status, forecast.status) == ("not_final_stage", "not_final_stage")
     assert state == LibraryState()
+
+
+def test_a_standstill_is_said_and_its_v_eq_does_not_creep_on() -> None:
+    library = standing_library()
+    assert library.made_of["never_reached"] == 40
+    late: list[float] = []
+    statuses: list[str] = []
+    for number in range(100, 110):
+        life = standing_life(number, seed=8)
+        _, results = follow(blocks_of(life), library)
+        late.append(math.log(results[-1].damage.v_eq / life.v_eq[-1]))
+        statuses += [str(result.forecasts[0].status) for result in results[100:]]
+        for damage, (forecast,) in results[5:]:
+            assert damage.p_no_growth == forecast.p_no_growth
+            assert (forecast.status == "no_growth") <= (math.isnan(forecast.tt) and forecast.p_no_growth >= 0.5)
+            if forecast.status == "ok":
+                assert math.isinf(forecast.tt_upper) == (forecast.p_no_growth > 0.1)
+                assert all(math.isfinite(value) for _, value in forecast.quantiles)
+    assert abs(np.mean(late)) < 0.15
+    assert statuses.count("no_growth") > 0.6 * len(statuses)
+
+
+def test_growing_lives_are_not_said_to_stand_still() -> None:
+    statuses = [
+        str(result.forecasts[0].status)
+        for number in range(200, 212)
+        for result in follow(blocks_of(toy_life(number)), standing_library())[1]
+    ]
+    assert statuses.count("no_growth") < 0.05 * len(statuses)
+
+
+def test_the_probability_of_no_growth_is_the_share_of_standing_moments() -> None:
+    fit = standing_library().fit_for("rms")
+    rows = range(0, len(fit.standing), 3)
+    p = np.array([fit.p_no_growth(float(fit.said[r, -1]), 60, int(fit.life[r])) for r in rows])
+    stood = fit.standing[::3]
+    assert abs(p.mean() - stood.mean()) < 0.03
+    between = (p > 0.3) & (p < 0.7)
+    assert 0.25 < stood[between].mean() < 0.75
+    assert stood[p < 0.1].mean() < 0.1
+    assert stood[p > 0.9].mean() > 0.8
+
+
+def test_no_growth_lowers_the_probability_of_reaching_the_threshold() -> None:
+    sample, window = np.linspace(1e3, 2e4, 200), LibrarySettings(window=1e4)
+    small = 0.2 * THRESHOLD
+    grows, may_stand = (_forecast(sample, 0.0, THRESHOLD, Stand(still, small), window) for still in (0.0, 0.3))
+    assert may_stand.p_threshold == pytest.approx(0.7 * grows.p_threshold)
+    assert may_stand.tt == grows.tt
+    assert (math.isinf(may_stand.tt_upper), math.isinf(grows.tt_upper)) == (True, False)
+    stands, beyond = (_forecast(0.0 * sample, 0.0, THRESHOLD, Stand(0.9, v), window) for v in (small, 2.0 * THRESHOLD))
+    assert (stands.status, beyond.status) == (TtStatus.NO_GROWTH, TtStatus.ALREADY_CROSSED)
+    assert math.isnan(stands.p_threshold)
+
+
+@pytest.mark.parametrize(("tail", "expected"), [(1.0, True), (1.002, False)])
+def test_a_life_stands_still_where_it_grows_by_less_than_a_thousandth_in_twelve_blocks(
+    tail: float, expected: bool
+) -> None:
+    v_eq = np.concatenate((np.linspace(1.0, 2.0, 40), 2.0 * tail ** (np.arange(40) / 12.0)))
+    stood = stands_still(v_eq)
+    assert not stood[:39].any()
+    assert set(stood[40:].tolist()) == {expected}
+    assert not stands_still(v_eq[:1]).any()
+
+
+def test_lifetimes_mixed_in_are_those_of_longer_lives() -> None:
+    fit = toy_library().fit_for("rms")
+    without = replace(fit, pool=np.zeros_like(fit.pool))
+    said, age = float(fit.said[5, 2]), math.log(40.0 + 6.0)
+    alone, pooled = without.sample_tt(2, said, age, 60), fit.sample_tt(2, said, age, 60)
+    grown = np.count_nonzero(alone > 0.0)
+    assert len(pooled) - len(alone) == round(fit.pool[1] / (1.0 - fit.pool[1]) * grown)
+    longer = np.sort(fit.lifetimes[:, 1][fit.lifetimes[:, 1] > 40 * INTERVAL]) - 40 * INTERVAL
+    added = sorted(pooled)[-1]
+    assert added <= max(longer.max(), alone.max())
+    late = math.log(fit.lifetimes[:, 1].max() / INTERVAL + 7.0)
+    assert len(fit.sample_tt(2, said, late, 60)) == len(alone)
 
 
 def test_a_horizon_is_said_with_the_values() -> None:

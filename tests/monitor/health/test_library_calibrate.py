@@ -10,9 +10,9 @@ import pytest
 
 from monitor.health.damage import DamageInput
 from monitor.health.damage.library.calibrate import RecordedRun, calibrate
-from monitor.health.damage.library.fit import crps
 from monitor.health.damage.library.forecaster import LibrarySettings, LibraryState, step
 from monitor.health.damage.library.model import Library
+from monitor.health.damage.library.scores import crps
 from monitor.records.library_file import load_library, save_library
 from tests.effort import effort_count
 from tests.oracles.toy_lives import THRESHOLD, toy_library, toy_life

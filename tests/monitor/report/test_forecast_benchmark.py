@@ -30,7 +30,7 @@ from monitor.health.damage import DamageInput
 from monitor.health.damage.library.forecaster import LibrarySettings, LibraryState, step
 from monitor.health.damage.library.model import Library
 
-SHORT = replace(LIBRARY, durations=(9000.0, 12000.0), interval=600.0, slip=(0.0, 0.0), seed=3)
+SHORT = replace(TEST, durations=(9000.0, 12000.0), interval=600.0, slip=(0.0, 0.0), seed=3)
 
 
 @cache

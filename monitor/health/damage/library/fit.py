@@ -1,8 +1,8 @@
 """Fit of the library forecaster on simulated lives, with errors out of fold.
 
 Each life is read block by block into the history that a monitor would have; at some blocks, before and after the
-crossing, its summary is taken. A ridge regression on the summaries gives ln V_eq and ln(TT + offset). Lives are split
-into folds; the errors of fits on the other folds are the measure of uncertainty.
+crossing, its summary is taken. A ridge regression on the summaries gives ln V_eq, ln(TT + offset) and whether V_eq
+stands still. Lives are split into folds; the errors of fits on the other folds are the measure of uncertainty.
 """
 
 from __future__ import annotations
@@ -25,17 +25,17 @@ from monitor.health.damage.library.model import (
     conditions_row,
     knots_between,
     levels_of,
-    quantiles_of,
 )
 from monitor.health.damage.library.plausible import fit_limits
+from monitor.health.damage.library.scores import SHARES, Moments, score, score_climatology, score_no_growth
 from monitor.health.damage.library.summaries import LevelHistory
 
-SHARES = (0.25, 0.5, 0.75)
-"""Shares of the time to the crossing at which unseen lives are scored."""
-SCORED_LEVEL = 0.8
-"""Level of the scored intervals."""
-_SCORED_NEIGHBOURS = 300
 _REFERENCE_RIDGE = 1e-2
+POOL = {"rms": 0.25, "rms+harmonics": 0.2, "v_eq": 0.15}
+"""Share of lifetimes in a sample of TT: on lives of laws left out of the library (``benchmarks.library_unseen``)."""
+STANDSTILL_BLOCKS, STANDSTILL_GROWTH = 12, 1e-3
+"""V_eq stands still where it grows by less than this share within so many blocks to come."""
+_MIN_AHEAD = 6
 
 
 class TrainingLife(Protocol):
@@ -102,17 +102,6 @@ class FitSettings:
             raise ValueError(f"folds must be 2 or more, moments and columns 1 or more, ridge positive, got {self}")
 
 
-@dataclass(frozen=True, eq=False)
-class _Table:
-    """Moments of lives: inputs, targets, and the score (threshold and share) of each, -1 for the fit."""
-
-    x: Array
-    y: Array
-    crossed: NDArray[np.bool_]
-    life: NDArray[np.int64]
-    trial: NDArray[np.int64]
-
-
 def fit_library(
     lives: Sequence[TrainingLife],
     *,
@@ -121,11 +110,14 @@ def fit_library(
     prior: str,
     made_of: Mapping[str, Any],
     settings: FitSettings | None = None,
+    features: Sequence[str] = tuple(LINES),
 ) -> Library:
-    """Fit the forecaster on lives, for all sets of features, and score it out of fold.
+    """Fit the forecaster on lives, for sets of features, and score it out of fold.
 
     Args:
-        lives: at least two per fold. Those that never reach the largest threshold are left out, and counted.
+        lives: at least two per fold that reach the largest threshold. Those that never reach it are counted, and tell
+            of V_eq and of a standstill, not of TT. What a life has as ``tracked`` stands for V_eq as it is tracked in
+            histories of V_eq; else it is the true one.
         thresholds: V_th, m2.
         interval: usual block interval, s.
         prior: assumptions of the library, as text.
@@ -138,19 +130,21 @@ def fit_library(
     thresholds = tuple(sorted(set(map(float, thresholds))))
     if not thresholds or not all(math.isfinite(v) and v > 0.0 for v in thresholds):
         raise ValueError(f"thresholds must be one or more positive volumes, got {list(thresholds)}")
-    used = [life for life in lives if len(life.t) and math.isfinite(life.crossing(thresholds[-1]))]
-    if len(used) < 2 * settings.folds:
+    used = [life for life in lives if len(life.t)]
+    crossings = np.array([[life.crossing(v) for v in thresholds] for life in used]).reshape(-1, len(thresholds))
+    reached = int(np.count_nonzero(np.isfinite(crossings[:, -1])))
+    if reached < 2 * settings.folds:
         raise ValueError(
             f"lives: at least {2 * settings.folds} must reach the largest threshold, "
-            f"{thresholds[-1] * 1e6:g} mm2; {len(used)} of {len(lives)} do"
+            f"{thresholds[-1] * 1e6:g} mm2; {reached} of {len(lives)} do"
         )
-    crossings = np.array([[life.crossing(v) for v in thresholds] for life in used])
     fits: dict[str, FeatureFit] = {}
-    scores: dict[str, Any] = {}
-    for features in LINES:
-        fits[features], table, predicted = _fit_features(features, used, thresholds, interval, settings)
-        scores[features] = _score(fits[features], table, predicted, thresholds)
-    scores["climatology"] = _climatology(thresholds, crossings)
+    scores: dict[str, Any] = {"no_growth": {}}
+    for name in features:
+        fits[name], table, predicted = _fit_features(name, used, thresholds, interval, settings)
+        scores[name] = score(fits[name], table, predicted, thresholds)
+        scores["no_growth"][name] = score_no_growth(fits[name], settings.seed)
+    scores["climatology"] = score_climatology(thresholds, crossings)
     return Library(
         thresholds=thresholds,
         load=_range([life.load for life in used]),
@@ -158,7 +152,13 @@ def fit_library(
         load_spread=max(float(np.log(life.load).std()) for life in used),
         speed_spread=max(float(np.log(life.speed).std()) for life in used),
         prior=prior,
-        made_of={**made_of, "lives": len(used), "left_out": len(lives) - len(used), "fit": vars(settings)},
+        made_of={
+            **made_of,
+            "lives": len(used),
+            "never_reached": len(used) - reached,
+            "left_out": len(lives) - len(used),
+            "fit": vars(settings),
+        },
         scores=scores,
         fits=fits,
         calibration={},
@@ -171,9 +171,9 @@ def _range(arrays: Sequence[Array]) -> tuple[float, float]:
 
 def _fit_features(
     features: str, lives: Sequence[TrainingLife], thresholds: tuple[float, ...], interval: float, settings: FitSettings
-) -> tuple[FeatureFit, _Table, Array]:
+) -> tuple[FeatureFit, Moments, Array]:
     """Return the fit for a set of features, its moments, and their predictions out of fold."""
-    levels = [levels_of(features, life.rms, life.harmonics, life.v_eq) for life in lives]
+    levels = [levels_of(features, life.rms, life.harmonics, getattr(life, "tracked", life.v_eq)) for life in lives]
     every = np.concatenate(levels)
     load, speed = (np.concatenate([getattr(life, name) for life in lives]) for name in ("load", "speed"))
     knots = knots_between(float(speed.min()), float(speed.max()))
@@ -187,7 +187,7 @@ def _fit_features(
         solution = np.linalg.solve(gram, design.T @ every)
         reference = np.asarray(solution[: conditions.shape[1]], dtype=np.float64)
     relative = every if features == "v_eq" else every - conditions @ reference
-    targets = 1 + len(thresholds)
+    targets = 2 + len(thresholds)
     blank = FeatureFit(
         features=features,
         interval=interval,
@@ -200,7 +200,10 @@ def _fit_features(
         regression=Regression(*(np.zeros(0) for _ in range(5))),
         said=np.zeros((0, targets)),
         error=np.zeros((0, targets)),
-        crossed=np.zeros((0, targets - 1), dtype=bool),
+        crossed=np.zeros((0, targets - 2), dtype=bool),
+        standing=np.zeros(0, dtype=bool),
+        lifetimes=np.array([[life.crossing(v) - float(life.t[0]) for v in thresholds] for life in lives]),
+        pool=np.full(targets - 2, POOL[features]),
         ln_elapsed=np.zeros(0),
         life=np.zeros(0, dtype=np.int64),
         shift=np.zeros(targets),
@@ -220,6 +223,7 @@ def _fit_features(
         said=predicted[fitted],
         error=(table.y - predicted)[fitted],
         crossed=table.crossed[fitted],
+        standing=table.standing[fitted],
         ln_elapsed=table.x[fitted, 0],
         life=table.life[fitted],
     )
@@ -232,9 +236,9 @@ def _table(
     relative: Sequence[Array],
     thresholds: tuple[float, ...],
     settings: FitSettings,
-) -> _Table:
+) -> Moments:
     """Take the summaries of all lives at random moments and at the scored ones."""
-    rows: list[tuple[Array, list[float], list[bool], int, int]] = []
+    rows: list[tuple[Array, list[float], list[bool], bool, int, int]] = []
     for number, (life, values) in enumerate(zip(lives, relative, strict=True)):
         draw = np.random.default_rng([settings.seed, 2, number])
         blocks = len(life.t)
@@ -242,7 +246,10 @@ def _table(
         for block in draw.choice(blocks, min(settings.moments, blocks), replace=False):
             wanted.setdefault(int(block), []).append(-1)
         crossings = [life.crossing(threshold) for threshold in thresholds]
+        stands = stands_still(life.v_eq)
         for trial, (crossing, share) in enumerate((c, s) for c in crossings for s in SHARES):
+            if not math.isfinite(crossing):
+                continue
             block = int(np.searchsorted(life.t, share * crossing, side="right")) - 1
             wanted.setdefault(max(block, 0), []).append(trial)
         history = LevelHistory.empty(fit.channels)
@@ -251,17 +258,33 @@ def _table(
             if block not in wanted:
                 continue
             left = [max(crossing - float(life.t[block]), 0.0) for crossing in crossings]
-            targets = [math.log(life.v_eq[block]), *(math.log(tt / fit.interval + OFFSET) for tt in left)]
+            ln_tt = (math.log(tt / fit.interval + OFFSET) if math.isfinite(tt) else math.nan for tt in left)
+            targets = [math.log(life.v_eq[block]), *ln_tt, float(stands[block])]
             x = fit.inputs(history, float(life.load[block]), float(life.speed[block]))
-            rows += [(x, targets, [tt == 0.0 for tt in left], number, trial) for trial in wanted[block]]
-    x, y, crossed, life_numbers, trial = zip(*rows, strict=True)
-    return _Table(
+            crossed = [tt == 0.0 for tt in left]
+            rows += [(x, targets, crossed, bool(stands[block]), number, trial) for trial in wanted[block]]
+    x, y, crossed, standing, life_numbers, trial = zip(*rows, strict=True)
+    return Moments(
         x=np.array(x),
         y=np.array(y),
         crossed=np.array(crossed),
+        standing=np.array(standing),
         life=np.array(life_numbers),
         trial=np.array(trial),
     )
+
+
+def stands_still(v_eq: Array) -> NDArray[np.bool_]:
+    """Return at which blocks of a life V_eq stands still, shape (n,).
+
+    It is judged over the blocks to come, over the last ones where the life ends before.
+    """
+    last = len(v_eq) - 1
+    place = np.arange(len(v_eq))
+    ahead = np.minimum(place + STANDSTILL_BLOCKS, last)
+    behind = np.where(ahead - place >= _MIN_AHEAD, place, np.maximum(last - STANDSTILL_BLOCKS, 0))
+    limit = (1.0 + STANDSTILL_GROWTH) ** ((ahead - behind) / STANDSTILL_BLOCKS)
+    return (v_eq[ahead] < limit * v_eq[behind]) & (ahead > behind)
 
 
 def fit_regression(
@@ -271,7 +294,7 @@ def fit_regression(
 
     Args:
         x: inputs, shape (n, d).
-        y: targets, shape (n, k), as the predictions.
+        y: targets, shape (n, k), as the predictions; rows in which one is NaN take no part in the fit of it.
         fold: fold of each row, from 0, shape (n,).
         fitted: rows used in the fits; the others are only predicted, shape (n,).
     """
@@ -288,67 +311,16 @@ def fit_regression(
     design = regression.design(x)
     penalty = np.full(design.shape[1], settings.ridge)
     penalty[0] = 1e-6
-    parts = [np.flatnonzero(fitted & (fold == number)) for number in range(settings.folds)]
-    grams = [design[part].T @ design[part] for part in parts]
-    moments = [design[part].T @ y[part] for part in parts]
-    gram, moment = np.sum(grams, axis=0) + np.diag(penalty), np.sum(moments, axis=0)
-    predicted = np.empty(y.shape)
-    for number, (own_gram, own_moment) in enumerate(zip(grams, moments, strict=True)):
-        own = fold == number
-        predicted[own] = design[own] @ np.linalg.solve(gram - own_gram, moment - own_moment)
-    return replace(regression, coefficients=np.linalg.solve(gram, moment)), predicted
-
-
-def crps(sample: Array, truth: float) -> float:
-    """Return the continuous ranked probability score of an ascending sample, in the unit of the truth."""
-    n = len(sample)
-    weights = 2.0 * np.arange(1, n + 1) - n - 1.0
-    return float(np.abs(sample - truth).mean() - weights @ sample / (n * n))
-
-
-def _score(fit: FeatureFit, table: _Table, predicted: Array, thresholds: tuple[float, ...]) -> dict[str, Any]:
-    """Score the predictions for unseen lives at shares of their time to each threshold."""
-    ends = [(1.0 - SCORED_LEVEL) / 2.0, 0.5, (1.0 + SCORED_LEVEL) / 2.0]
-    scores: dict[str, Any] = {}
-    for trial, (index, share) in enumerate((i, s) for i in range(len(thresholds)) for s in SHARES):
-        found: list[tuple[bool, float, bool, float]] = []
-        for row in np.flatnonzero(table.trial == trial):
-            life, ln_elapsed = int(table.life[row]), float(table.x[row, 0])
-            count, target = _SCORED_NEIGHBOURS, index + 1
-            v_eq = fit.sample_v_eq(float(predicted[row, 0]), ln_elapsed, count, life)
-            tt = fit.sample_tt(target, float(predicted[row, target]), ln_elapsed, count, life)
-            true_v, true_tt = math.exp(table.y[row, 0]), (math.exp(table.y[row, target]) - OFFSET) * fit.interval
-            low_v, median_v, high_v = quantiles_of(v_eq, ends)
-            low, _, high = quantiles_of(tt, ends)
-            found.append(
-                (
-                    low_v <= true_v <= high_v,
-                    math.log(median_v / true_v) ** 2,
-                    low <= true_tt <= high,
-                    crps(tt, true_tt),
-                )
-            )
-        v_coverage, v_square, coverage, score = np.mean(np.array(found, dtype=float), axis=0)
-        scores.setdefault(f"{thresholds[index] * 1e6:g}", {})[f"{share:g}"] = {
-            "v_eq_coverage": float(v_coverage),
-            "v_eq_rms_ln_error": math.sqrt(float(v_square)),
-            "coverage": float(coverage),
-            "crps_s": float(score),
-        }
-    return scores
-
-
-def _climatology(thresholds: tuple[float, ...], crossings: Array) -> dict[str, Any]:
-    """Score, at the same moments, the remaining lifetimes of the other lives still running."""
-    scores: dict[str, Any] = {}
-    for threshold, times in zip(thresholds, crossings.T, strict=True):
-        ascending = np.sort(times)
-        for share in SHARES:
-            found: list[float] = []
-            for crossing in times:
-                now = share * crossing
-                others = np.delete(ascending, ascending.searchsorted(float(crossing)))
-                left = others[others > now] - now
-                found.append(crps(left, crossing - now) if len(left) else crossing - now)
-            scores.setdefault(f"{threshold * 1e6:g}", {})[f"{share:g}"] = {"crps_s": float(np.mean(found))}
-    return scores
+    predicted, coefficients = np.empty(y.shape), regression.coefficients
+    known, kinds = np.unique(np.isfinite(y), axis=1, return_inverse=True)
+    for kind, usable in enumerate(known.T):
+        columns = np.flatnonzero(kinds.ravel() == kind)
+        parts = [np.flatnonzero(fitted & usable & (fold == number)) for number in range(settings.folds)]
+        grams = [design[part].T @ design[part] for part in parts]
+        moments = [design[part].T @ y[np.ix_(part, columns)] for part in parts]
+        gram, moment = np.sum(grams, axis=0) + np.diag(penalty), np.sum(moments, axis=0)
+        for number, (own_gram, own_moment) in enumerate(zip(grams, moments, strict=True)):
+            own = np.flatnonzero(fold == number)
+            predicted[np.ix_(own, columns)] = design[own] @ np.linalg.solve(gram - own_gram, moment - own_moment)
+        coefficients[:, columns] = np.linalg.solve(gram, moment)
+    return regression, predicted

@@ -4,6 +4,9 @@ The history of a bearing's levels is summarised (``summaries.py``); a regression
 and the time to threshold (``fit.py``), and its errors on similar moments of lives outside its training folds give the
 interval. The result depends on the library's growth laws, depths and rigs, and names it.
 
+The share of similar moments at which V_eq stood still is the probability of no growth. From one half on there is no TT;
+below, TT is that of damage that grows, and its upper end is open where the probability is larger than the upper tail.
+
 Times are damage time: standstill does not count.
 """
 
@@ -17,7 +20,15 @@ from typing import Any
 import numpy as np
 
 from monitor.health.damage import Damage, DamageInput, EdvStatus, Remaining, TtStatus
-from monitor.health.damage.library.model import LINES, Array, FeatureFit, Library, levels_of, quantiles_of
+from monitor.health.damage.library.model import (
+    LINES,
+    NO_GROWTH,
+    Array,
+    FeatureFit,
+    Library,
+    levels_of,
+    quantiles_of,
+)
 from monitor.health.damage.library.plausible import Watch, step_score
 from monitor.health.damage.library.summaries import LevelHistory
 
@@ -232,15 +243,17 @@ def _answer(
     predicted, ln_elapsed = fit.regression.predict(x[None])[0].tolist(), float(x[0])
     sample = fit.sample_v_eq(predicted[0], ln_elapsed, settings.neighbours)
     lower, median, upper = quantiles_of(sample, _interval_levels(settings)).tolist()
+    still = fit.p_no_growth(predicted[-1], settings.neighbours)
+    stand = Stand(still, median)
     forecasts: list[Remaining] = []
     for threshold in thresholds:
         if blocks < settings.min_points:
-            forecasts.append(Remaining(float(threshold), TtStatus.TOO_FEW_POINTS))
+            forecasts.append(Remaining(float(threshold), TtStatus.TOO_FEW_POINTS, p_no_growth=still))
             continue
         target = library.target(threshold)
         left = fit.sample_tt(target, predicted[target], ln_elapsed, settings.neighbours)
-        forecasts.append(_forecast(left, t, threshold, settings))
-    return Damage(EdvStatus.OK, median, lower, upper), tuple(forecasts)
+        forecasts.append(_forecast(left, t, threshold, stand, settings))
+    return Damage(EdvStatus.OK, median, lower, upper, p_no_growth=still), tuple(forecasts)
 
 
 def _usable(block: DamageInput, features: str) -> bool:
@@ -269,10 +282,25 @@ def _interval_levels(settings: LibrarySettings) -> tuple[float, float, float]:
     return 0.5 - half, 0.5, 0.5 + half
 
 
-def _forecast(sample: Array, t: float, threshold: float, settings: LibrarySettings) -> Remaining:
-    """Return the forecast from an ascending sample of the time to a threshold, s."""
+@dataclass(frozen=True)
+class Stand:
+    """The probability that V_eq stands still, and the median of V_eq, m2, at which it would."""
+
+    probability: float
+    v_eq: float
+
+
+def _forecast(sample: Array, t: float, threshold: float, stand: Stand, settings: LibrarySettings) -> Remaining:
+    """Return the forecast from an ascending sample of the time to a threshold, s, if V_eq grows."""
+    still = stand.probability
     lower, median, upper, *quantiles = quantiles_of(sample, (*_interval_levels(settings), *QUANTILES)).tolist()
-    crossed = float(np.mean(np.equal(sample, 0.0))) >= 0.5
+    reached = float(np.mean(np.equal(sample, 0.0)))
+    crossed = reached >= 0.5
+    if still >= NO_GROWTH and stand.v_eq < threshold:
+        return Remaining(float(threshold), TtStatus.NO_GROWTH, p_no_growth=still)
+    if still > 0.5 * (1.0 - settings.interval) and not crossed:
+        upper = math.inf
+    within = math.nan if settings.window is None else float(np.mean(sample <= settings.window))
     status = TtStatus.OK if median <= settings.horizon else TtStatus.BEYOND_HORIZON
     if crossed:
         status, median = TtStatus.ALREADY_CROSSED, 0.0
@@ -283,6 +311,7 @@ def _forecast(sample: Array, t: float, threshold: float, settings: LibrarySettin
         tt_lower=lower,
         tt_upper=upper,
         t_threshold=math.nan if crossed else t + median,
-        p_threshold=math.nan if settings.window is None else float(np.mean(sample <= settings.window)),
+        p_threshold=reached + (1.0 - still) * (within - reached),
+        p_no_growth=still,
         quantiles=tuple(zip(QUANTILES, quantiles, strict=True)),
     )

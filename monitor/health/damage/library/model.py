@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from monitor.health.damage.library.plausible import Limits
-from monitor.health.damage.library.summaries import SLOPES, LevelHistory, summarise, summary_names
+from monitor.health.damage.library.summaries import OFFSET, LevelHistory, extrapolations, summarise
 
 Array = NDArray[np.float64]
 
@@ -26,8 +26,8 @@ LINES = {"rms": 0, "rms+harmonics": 3, "v_eq": 0}
 
 MIN_LEVEL = 1e-3
 """Levels are at least this, m/s2, so that the logarithm exists."""
-OFFSET = 6.0
-"""Intervals added to a time to threshold before its logarithm is taken."""
+NO_GROWTH = 0.5
+"""Probability of no growth from which on there is no time to a threshold."""
 _LEVEL_MARGIN = math.log(1.5)
 """Allowed distance of a ln level from those of the lives."""
 _MAX_INTERVAL_FACTOR = 3.0
@@ -38,10 +38,12 @@ _SPREAD_TOLERANCE = (0.06, 0.01)
 """Allowed excess of the standard deviations of ln load and ln speed (10 %, 1.7 % peak)."""
 _ELAPSED_WEIGHT = 0.15
 """Weight of a difference in ln elapsed time against one in the prediction, for similarity."""
+_MIN_SURVIVORS = 5
+_LIFETIME_POWER = 0.5
+"""Weights of lifetimes go with this power of 1 / T: 0 counts each life once, 1 each moment of it."""
+_AGE_OFFSET = 6.0
+"""Intervals in the logarithm of the elapsed time (summaries.summarise)."""
 _MOMENTS_PER_NEIGHBOUR, _MIN_NEIGHBOURS = 30, 60
-_NAMES = summary_names(("v",))
-_LATEST, _POWER_PLACE = _NAMES.index("v:last_3"), _NAMES.index("v:slope_24")
-_SLOPE_PLACES = [_NAMES.index(f"v:slope_{count}") for count in SLOPES]
 _KNOTS = 12
 _MIN_WIDTH = 1e-3
 _LOAD, _SPEED = 4000.0, 30.0
@@ -77,11 +79,13 @@ class Regression:
 
 @dataclass(frozen=True, eq=False)
 class FeatureFit:
-    """Fit for one set of features; targets are ln V_eq and, for each threshold, ln(TT + offset).
+    """Fit for one set of features; targets are ln V_eq, for each threshold ln(TT + offset), and 1 at a standstill.
+
+    TT is that of damage that grows: moments of lives that never reach a threshold are none of its target.
 
     Attributes:
         interval: usual block interval of the lives, s.
-        thresholds: V_th, m2, shape (targets - 1,).
+        thresholds: V_th, m2, shape (targets - 2,).
         knots: of ``conditions_row``, shape (12,).
         reference: coefficients of ``conditions_row`` that give each level from load and speed, shape (18, K).
         lowest: least level less reference over all lives, shape (K,).
@@ -89,8 +93,11 @@ class FeatureFit:
         longest: longest elapsed time of a life, s.
         regression: from the summary of a history to the targets.
         said: out-of-fold prediction at each moment, shape (m, targets).
-        error: truth less prediction, shape (m, targets).
-        crossed: whether each threshold had been reached, shape (m, targets - 1).
+        error: truth less prediction, shape (m, targets); NaN where the threshold is never reached.
+        crossed: whether each threshold had been reached, shape (m, targets - 2).
+        standing: whether V_eq stood still, shape (m,).
+        lifetimes: time from the first block to each threshold, s, inf where never, shape (lives, targets - 2).
+        pool: share of those lifetimes in the sample of each threshold, shape (targets - 2,).
         ln_elapsed: logarithm of the elapsed time plus six intervals, in intervals, shape (m,).
         life: number of the life of each moment, shape (m,).
         shift: added to each prediction by the calibration, shape (targets,).
@@ -110,6 +117,9 @@ class FeatureFit:
     said: Array
     error: Array
     crossed: NDArray[np.bool_]
+    standing: NDArray[np.bool_]
+    lifetimes: Array
+    pool: Array
     ln_elapsed: Array
     life: NDArray[np.int64]
     shift: Array
@@ -154,7 +164,7 @@ class FeatureFit:
         """Return the ``count`` moments with the nearest predictions and elapsed times.
 
         Args:
-            target: 0 for V_eq, 1 and up for the thresholds.
+            target: 0 for V_eq, 1 and up for the thresholds, the last for a standstill.
             count: limited to one in thirty of all moments, but at least 60 (or all), so that the nearest stay similar.
             without: a life to leave out, for scores out of fold.
         """
@@ -165,7 +175,7 @@ class FeatureFit:
         while True:
             low, high = max(place - reach, 0), min(place + reach, total)
             distance = np.abs(column[low:high] - said)
-            if target:
+            if 0 < target <= len(self.thresholds):
                 distance += _ELAPSED_WEIGHT * np.abs(elapsed[low:high] - ln_elapsed)
             if without is not None:
                 distance[life[low:high] == without] = np.inf
@@ -179,11 +189,18 @@ class FeatureFit:
     @cached_property
     def _ascending(self) -> list[tuple[NDArray[np.int64], Array, Array, NDArray[np.int64]]]:
         """For each target the moments sorted by prediction: order, said, ln_elapsed and life."""
-        orders = [np.argsort(column, kind="stable") for column in self.said.T]
-        return [
-            (order, self.said[order, target], self.ln_elapsed[order], self.life[order])
-            for target, order in enumerate(orders)
-        ]
+        found: list[tuple[NDArray[np.int64], Array, Array, NDArray[np.int64]]] = []
+        for said, error in zip(self.said.T, self.error.T, strict=True):
+            order = np.argsort(said, kind="stable")
+            order = order[np.isfinite(error[order])]
+            found.append((order, said[order], self.ln_elapsed[order], self.life[order]))
+        return found
+
+    @cached_property
+    def _lifetimes(self) -> list[tuple[Array, Array]]:
+        """For each threshold the lifetimes, s, ascending, and their weights."""
+        ascending = [np.sort(times[np.isfinite(times)]) for times in self.lifetimes.T]
+        return [(times, np.maximum(times, self.interval) ** -_LIFETIME_POWER) for times in ascending]
 
     def sample_v_eq(self, said: float, ln_elapsed: float, count: int, without: int | None = None) -> Array:
         """Return an ascending sample of V_eq, m2."""
@@ -191,11 +208,35 @@ class FeatureFit:
         return np.sort(np.exp(said + self.shift[0] + self.stretch[0] * error))
 
     def sample_tt(self, target: int, said: float, ln_elapsed: float, count: int, without: int | None = None) -> Array:
-        """Return an ascending sample of the time to a target's threshold, s; zero where reached."""
+        """Return an ascending sample of the time to a target's threshold, s, if V_eq grows; zero where reached."""
         moments = self.nearest_moments(target, said, ln_elapsed, count, without)
         ln_tt = said + self.shift[target] + self.stretch[target] * self.error[moments, target]
         tt = np.maximum(np.exp(ln_tt) - OFFSET, 0.0) * self.interval
-        return np.sort(np.where(self.crossed[moments, target - 1], 0.0, tt))
+        crossed = self.crossed[moments, target - 1]
+        pooled = self._survivors(target, ln_elapsed, len(moments) - int(np.count_nonzero(crossed)))
+        return np.sort(np.concatenate((np.where(crossed, 0.0, tt), pooled)))
+
+    def _survivors(self, target: int, ln_elapsed: float, beside: int) -> Array:
+        """Return what is left of the longer lifetimes, s: so many quantiles that ``pool`` is their share.
+
+        A growth law that the library does not hold misleads the regression; the elapsed time does not.
+        """
+        times, weights = self._lifetimes[target - 1]
+        scale = math.exp(self.shift[target])
+        now = (math.exp(ln_elapsed) - _AGE_OFFSET) * self.interval
+        first = int(np.searchsorted(times, now / scale, side="right"))
+        share = float(self.pool[target - 1])
+        count = round(share / (1.0 - share) * beside)
+        if count == 0 or len(times) - first < _MIN_SURVIVORS:
+            return np.zeros(0)
+        passed = np.cumsum(weights[first:])
+        levels = (np.arange(count) + 0.5) / count * passed[-1]
+        return np.interp(levels, passed - 0.5 * weights[first:], scale * times[first:] - now)
+
+    def p_no_growth(self, said: float, count: int, without: int | None = None) -> float:
+        """Return the share of similar moments at which V_eq stood still."""
+        moments = self.nearest_moments(len(self.thresholds) + 1, said, 0.0, count, without)
+        return float(np.mean(self.standing[moments]))
 
 
 @dataclass(frozen=True, eq=False)
@@ -284,26 +325,6 @@ def conditions_row(load: Array, speed: Array, knots: Array) -> Array:
     width = max(float(knots[1] - knots[0]), _MIN_WIDTH)
     bells = np.exp(-0.5 * ((np.log(speed)[:, None] - knots) / width) ** 2)
     return np.concatenate((np.stack((np.ones_like(a), a, b, a * a, b * b, a * b), axis=1), bells), axis=1)
-
-
-def extrapolations(summary: Array, threshold: float) -> Array:
-    """Return when curves through the latest V_eq reach a threshold, as ln(time + offset).
-
-    Lines and exponentials with the slopes of the latest points, and a power of the elapsed time; used only where V_eq
-    itself is the history, where it improves the scores out of fold.
-
-    Args:
-        summary: of a history of ln V_eq.
-
-    Returns:
-        Shape (2 len(SLOPES) + 1,).
-    """
-    elapsed = math.exp(float(summary[0])) - 6.0
-    to_go = min(max(math.log(threshold) - float(summary[_LATEST]), 0.0), 9.0)
-    slopes = np.maximum(summary[_SLOPE_PLACES], 1e-4)
-    power = min(max(float(summary[_POWER_PLACE]) * elapsed, 0.2), 8.0)
-    lines = math.expm1(min(to_go, 5.0)) / slopes
-    return np.log(np.concatenate((lines, to_go / slopes, [elapsed * math.expm1(min(to_go / power, 4.0))])) + OFFSET)
 
 
 def levels_of(features: str, rms: Array, harmonics: Array, v_eq: Array) -> Array:

@@ -29,6 +29,9 @@ SLOPES = (6, 12, 24, 48)
 _SMOOTH = 5
 """Points of the running mean whose turning points are counted."""
 
+OFFSET = 6.0
+"""Intervals added to a time to threshold before its logarithm is taken."""
+
 Array = NDArray[np.float64]
 
 
@@ -241,3 +244,28 @@ def _values_at(time: Array, values: Array, wanted: list[float]) -> list[Array]:
     apart = gap > 0.0
     share = np.where(apart, np.clip((moments - time[before]) / np.where(apart, gap, 1.0), 0.0, 1.0), 1.0)
     return list(values[before] + share[:, None] * (values[after] - values[before]))
+
+
+_NAMES = summary_names(("v",))
+_LATEST, _POWER_PLACE = _NAMES.index("v:last_3"), _NAMES.index("v:slope_24")
+_SLOPE_PLACES = [_NAMES.index(f"v:slope_{count}") for count in SLOPES]
+
+
+def extrapolations(summary: Array, threshold: float) -> Array:
+    """Return when curves through the latest V_eq reach a threshold, as ln(time + offset).
+
+    Lines and exponentials with the slopes of the latest points, and a power of the elapsed time; used only where V_eq
+    itself is the history, where it improves the scores out of fold.
+
+    Args:
+        summary: of a history of ln V_eq.
+
+    Returns:
+        Shape (2 len(SLOPES) + 1,).
+    """
+    elapsed = math.exp(float(summary[0])) - 6.0
+    to_go = min(max(math.log(threshold) - float(summary[_LATEST]), 0.0), 9.0)
+    slopes = np.maximum(summary[_SLOPE_PLACES], 1e-4)
+    power = min(max(float(summary[_POWER_PLACE]) * elapsed, 0.2), 8.0)
+    lines = math.expm1(min(to_go, 5.0)) / slopes
+    return np.log(np.concatenate((lines, to_go / slopes, [elapsed * math.expm1(min(to_go / power, 4.0))])) + OFFSET)
