@@ -32,9 +32,9 @@ if TYPE_CHECKING:
 
 # Length of a life over the time to reach the largest V_eq of interest.
 _BEYOND = 1.35
-# Groups of blocks of a life with slip, each at a speed of its own: at least so many, and as many as are simulated side
-# by side (models.kernels.lanes.LANES) need.
-_MIN_GROUPS = 4
+# Groups of blocks of a life with slip, each at a speed of its own: so many, fewer where they would have fewer blocks
+# than the next number, more where they would have more than are simulated side by side (models.kernels.lanes.LANES).
+_GROUPS, _FEWEST = 4, 8
 _LANES = 32
 
 
@@ -217,7 +217,7 @@ def _slow_changes(
 def _grouped(factors: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return factors with those of each group of nearly equal ones at their mean: each group has one speed."""
     order = np.argsort(factors, kind="stable")
-    groups = max(_MIN_GROUPS, -(-factors.size // _LANES))
+    groups = max(1, min(_GROUPS, factors.size // _FEWEST), -(-factors.size // _LANES))
     grouped = np.empty_like(factors)
     for group in np.array_split(order, groups):
         if group.size:

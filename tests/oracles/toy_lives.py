@@ -114,13 +114,18 @@ def toy_lives(count: int, *, seed: int = 0, interval: float = INTERVAL, varying:
 
 @cache
 def standing_library() -> Library:
-    """Return a library of 120 growing and 40 standing lives."""
+    """Return a library of 80 growing and 30 standing lives, of RMS and lines."""
 
     def fit() -> Library:
-        lives = [*toy_lives(120), *(standing_life(number, seed=7) for number in range(40))]
-        settings = FitSettings(columns=100, moments=12)
+        lives = [*toy_lives(80), *(standing_life(number, seed=7) for number in range(30))]
         return fit_library(
-            lives, thresholds=[THRESHOLD], interval=INTERVAL, prior="toy lives", made_of={}, settings=settings
+            lives,
+            thresholds=[THRESHOLD],
+            interval=INTERVAL,
+            prior="toy lives",
+            made_of={},
+            settings=FitSettings(columns=60, moments=12),
+            features=("rms+harmonics",),
         )
 
     return made_once("toy-standing", fit)
