@@ -128,7 +128,11 @@ def _standstill(rng: np.random.Generator, ratio: float) -> Curve:
 
 def _continued(curve: Curve, slope: float) -> Curve:
     """Return a curve that goes on in a straight line from u = 1."""
-    return lambda u: curve(np.minimum(u, 1.0)) + slope * np.maximum(u - 1.0, 0.0)
+
+    def continued(u: NDArray[np.float64]) -> NDArray[np.float64]:
+        return curve(np.minimum(u, 1.0)) + slope * np.maximum(u - 1.0, 0.0)
+
+    return continued
 
 
 def _uniform_ln(rng: np.random.Generator, low: float, high: float) -> float:

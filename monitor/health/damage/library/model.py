@@ -200,7 +200,7 @@ class FeatureFit:
     def _lifetimes(self) -> list[tuple[Array, Array]]:
         """For each threshold the lifetimes, s, ascending, and their weights."""
         ascending = [np.sort(times[np.isfinite(times)]) for times in self.lifetimes.T]
-        return [(times, np.maximum(times, self.interval) ** -_LIFETIME_POWER) for times in ascending]
+        return [(times, np.power(np.maximum(times, self.interval), -_LIFETIME_POWER)) for times in ascending]
 
     def sample_v_eq(self, said: float, ln_elapsed: float, count: int, without: int | None = None) -> Array:
         """Return an ascending sample of V_eq, m2."""
@@ -231,7 +231,8 @@ class FeatureFit:
             return np.zeros(0)
         passed = np.cumsum(weights[first:])
         levels = (np.arange(count) + 0.5) / count * passed[-1]
-        return np.interp(levels, passed - 0.5 * weights[first:], scale * times[first:] - now)
+        left: Array = scale * times[first:] - now
+        return np.asarray(np.interp(levels, passed - 0.5 * weights[first:], left), dtype=np.float64)
 
     def p_no_growth(self, said: float, count: int, without: int | None = None) -> float:
         """Return the share of similar moments at which V_eq stood still."""
