@@ -130,7 +130,8 @@ def _continued(curve: Curve, slope: float) -> Curve:
     """Return a curve that goes on in a straight line from u = 1."""
 
     def continued(u: NDArray[np.float64]) -> NDArray[np.float64]:
-        return curve(np.minimum(u, 1.0)) + slope * np.maximum(u - 1.0, 0.0)
+        within: NDArray[np.float64] = np.minimum(u, 1.0)
+        return curve(within) + slope * np.maximum(u - 1.0, 0.0)
 
     return continued
 
