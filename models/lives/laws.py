@@ -14,6 +14,7 @@ below one, or saturating); "standstill" (growth to a level below the threshold, 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -130,14 +131,13 @@ def _continued(curve: Curve, slope: float) -> Curve:
     """Return a curve that goes on in a straight line from u = 1."""
 
     def continued(u: NDArray[np.float64]) -> NDArray[np.float64]:
-        within: NDArray[np.float64] = np.minimum(u, 1.0)
-        return curve(within) + slope * np.maximum(u - 1.0, 0.0)
+        return curve(np.minimum(u, 1.0)) + slope * np.maximum(u - 1.0, 0.0)
 
     return continued
 
 
 def _uniform_ln(rng: np.random.Generator, low: float, high: float) -> float:
-    return float(np.exp(rng.uniform(np.log(low), np.log(high))))
+    return math.exp(rng.uniform(math.log(low), math.log(high)))
 
 
 _LAWS: dict[str, Callable[[np.random.Generator, float], Curve]] = {
