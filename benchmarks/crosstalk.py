@@ -6,7 +6,8 @@ bands of the sensors and what reaches the other sensor: a share of 0.05 to 0.5 a
 through a low-pass. After the learning, impacts grow from a tenth of the noise to thirty times it in 60 blocks of 5 s,
 at the neighbour, at the bearing itself, at both (the own ones begin up to 20 blocks later), or nowhere. The same
 samples go through all stages with and without the comparison of the sensors. Tables: what is said of the bearing
-(``b``) after the last block, and of the neighbour that only hears ``b``.
+(``b``) after the last block, and of the neighbour that only hears ``b``. The first table has the processor time of a
+block.
 
 ``--quick`` takes a few machines of another seed, on which the constants were tried.
 """
@@ -14,13 +15,14 @@ samples go through all stages with and without the comparison of the sensors. Ta
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 from unittest import mock
 
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.common import Row, arguments, print_table, write_json
+from benchmarks.common import Row, arguments, interleaved_ms, print_table, write_json
 from models.bearing import Kinematics
 from monitor.health import detect
 from monitor.health.condition import ConditionSettings
@@ -42,6 +44,7 @@ BANDS = ((500.0, 6000.0), (2000.0, 6300.0), (1000.0, 4500.0))
 PARTS = ("outer", "inner", "ball")
 SCENES = {"neighbour": (True, False), "own": (False, True), "both": (True, True), "none": (False, False)}
 Samples = NDArray[np.float64]
+EACH_ALONE = partial(mock.patch, "monitor.health.step.beside_neighbours", lambda views, analysed: dict(analysed))
 
 
 @dataclass(frozen=True, eq=False)
@@ -205,9 +208,37 @@ def examine(machine: TwoBearings, rng: np.random.Generator) -> dict[tuple[str, s
     found: dict[tuple[str, str], dict[str, Said]] = {}
     for scene, given in blocks.items():
         found[scene, "sensors compared"] = follow(begun, given, settings)
-        with mock.patch("monitor.health.step.beside_neighbours", lambda views, analysed: dict(analysed)):
+        with EACH_ALONE():
             found[scene, "each alone"] = follow(begun, given, settings)
     return found
+
+
+def cost(rounds: int) -> list[Row]:
+    """Return what a block of two sensors takes, ms, with and without the comparison."""
+    rows: list[Row] = []
+    for scene in ("none", "neighbour"):
+        rng = np.random.default_rng(TRIED_SEED)
+        machine = replace(TwoBearings.draw(rng, 1), parts=("outer", "outer"), gains=(0.3, 0.3))
+        settings = machine.settings()
+        x = rng.standard_normal((2, round(RATE * SECONDS)))
+        if scene == "neighbour":
+            damage = machine.damage(rng, 0, DAMAGED - 1)
+            x += np.stack([damage, machine.crossed(damage, 0)])
+        block, begun = block_of(x, HEALTHY), SourceState.begin(settings)
+        learned = detect.Baseline(0.0, 0.1, dict.fromkeys(detect.LINES, (0.3, 0.1)))
+        known = detect.DetectState(seen=HEALTHY, baseline=learned)
+        channels = {name: replace(channel, detect=known) for name, channel in begun.channels.items()}
+        state = replace(begun, channels=channels)
+
+        def alone(state: SourceState = state, block: Block = block, settings: SourceSettings = settings) -> object:
+            with EACH_ALONE():
+                return step(state, block, settings)
+
+        def compared(state: SourceState = state, block: Block = block, settings: SourceSettings = settings) -> object:
+            return step(state, block, settings)
+
+        rows.append({"damaged": scene, **interleaved_ms({"each alone": alone, "compared": compared}, rounds)})
+    return rows
 
 
 WORDS = ("named", "hint", "onset", "level of the other", "nothing", "named wrongly", "hint wrongly")
@@ -251,10 +282,15 @@ def main() -> None:
     """Print the tables."""
     asked = arguments(__doc__ or "")
     machines, seed = (12, TRIED_SEED) if asked.quick else (MACHINES, HELD_OUT_SEED)
+    costs = cost(20 if asked.quick else 200)
+    print_table("a block of two sensors, ms of processor time", costs)
     rows, each = tables(machines, seed)
     print_table(f"two bearings, {machines} machines, seed {seed}", rows)
     if asked.json:
-        write_json(asked.json, {"machines": rows, "each": each, "drawn": {"seed": seed, "machines": machines}})
+        write_json(
+            asked.json,
+            {"machines": rows, "each": each, "cost_ms": costs, "drawn": {"seed": seed, "machines": machines}},
+        )
 
 
 if __name__ == "__main__":
