@@ -103,7 +103,7 @@ def take_machine(state: Any, i: int) -> tuple[Any, Any]:
 
 
 TAKE: dict[str, Take] = {
-    "alarms": lambda state, i: alarms.step(state, block(i + 1, float(i)), alarms.AlarmSettings((RULE,))),
+    "alarms.rules": lambda state, i: alarms.step(state, block(i + 1, float(i)), alarms.AlarmSettings((RULE,))),
     "channel": take_channel,
     "damage.filter.particle_filter": take_filter,
     "damage.learned.forecaster": take_learned,

@@ -1,4 +1,4 @@
-"""Alarms of one channel: levels with hysteresis, delays, gating and latching, and the channel's status.
+"""One block through the rules of a channel, acknowledgements, and the status that follows.
 
 A rejected block, or one outside the operating state of a rule, leaves the rule unchanged, counters included. Levels are
 given, or follow from the learning stage: median and robust standard deviation of the logarithm.
@@ -9,15 +9,31 @@ from __future__ import annotations
 import math
 import sys
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field, replace
-from typing import Any, Literal, cast
+from dataclasses import replace
+from typing import Any, cast
 
-from monitor.health.detect import END_OF_LIFE, FINAL, HEALTHY, LEARNING, median_and_sd
-
-NORMAL, MAINTENANCE, OUT_OF_SPECIFICATION = "normal", "maintenance_required", "out_of_specification"
-CHECK, FAILURE, NO_DATA, BAD_DATA = "check_function", "failure", "no_data", "bad_data"
-SEVERITIES = ("alert", "danger")
-Span = tuple[float, float]
+from monitor.health.alarms.state import (
+    BAD_DATA,
+    CHECK,
+    FAILURE,
+    MAINTENANCE,
+    NO_DATA,
+    NORMAL,
+    OUT_OF_SPECIFICATION,
+    SEVERITIES,
+    AlarmAcknowledgement,
+    AlarmInput,
+    AlarmOutput,
+    AlarmSettings,
+    AlarmState,
+    Change,
+    Level,
+    LevelState,
+    Rule,
+    RuleState,
+    Span,
+)
+from monitor.health.detect import END_OF_LIFE, FINAL, LEARNING, median_and_sd
 
 _MAX_LEARNED = 512
 _MAX_EXPONENT = math.log(sys.float_info.max)
@@ -30,195 +46,6 @@ _REFUSALS = frozenset(
     {"above_map", "ambiguous", "outside_conditions", "outside_library", "no_absolute_level", "no_map", "no_library"}
     | {"implausible", "not_this_part"}
 )
-
-
-@dataclass(frozen=True)
-class Level:
-    """Where an alert or a danger begins: exactly one of the three.
-
-    Attributes:
-        value: SI.
-        factor: times the median of the learning stage.
-        deviations: standard deviations above that median, in the logarithm.
-    """
-
-    value: float | None = None
-    factor: float | None = None
-    deviations: float | None = None
-
-
-@dataclass(frozen=True)
-class Rule:
-    """One feature and its levels.
-
-    Attributes:
-        name: unique in its channel.
-        feature: key of the value in a record.
-        hysteresis: share of the level by which a value must return.
-        on_delay: consecutive usable blocks at or beyond the level that raise it.
-        off_delay: consecutive usable blocks back beyond the hysteresis that clear it.
-        speed: range of shaft speeds, Hz, or None for all.
-        load: range of loads, N, or None for all.
-        drift: standard deviation of the healthy drift of the logarithm; part of ``deviations``.
-        suspended: whether its levels have no meaning on this machine's scale; it then raises nothing, and a tracked
-            V_eq puts the channel out of specification.
-    """
-
-    name: str
-    feature: str
-    side: Literal["above", "below"] = "above"
-    alert: Level | None = None
-    danger: Level | None = None
-    hysteresis: float = 0.1
-    on_delay: int = 3
-    off_delay: int = 3
-    latch: bool = False
-    speed: Span | None = None
-    load: Span | None = None
-    drift: float = 0.1
-    suspended: bool = False
-
-
-@dataclass(frozen=True)
-class AlarmSettings:
-    """Rules of a channel, and its criterion of bad data.
-
-    Attributes:
-        run_in_blocks: first usable blocks, left out of the learned levels.
-        window: latest blocks among which bad ones are counted.
-        bad_share: share of them from which the channel is in ``bad_data``.
-    """
-
-    rules: tuple[Rule, ...] = ()
-    run_in_blocks: int = 0
-    window: int = 20
-    bad_share: float = 0.5
-
-    @property
-    def suspended(self) -> tuple[str, ...]:
-        """Names of the rules that are suspended."""
-        return tuple(rule.name for rule in self.rules if rule.suspended)
-
-
-@dataclass(frozen=True)
-class AlarmInput:
-    """What the alarms use of one block.
-
-    Attributes:
-        usable: its values count: neither rejected nor of a stopped machine.
-        bad: it counts as bad data; standstill does not.
-        stage: of life, one of ``monitor.health.detect.STAGES``.
-        values: of the record, SI; of several (thresholds, bands) the worst counts.
-        baselines: median and robust SD of the logarithm, by feature, from the detector.
-        closed: the final stage closed with this block.
-    """
-
-    sequence: int
-    usable: bool
-    bad: bool
-    stage: str = HEALTHY
-    values: Mapping[str, Any] = field(default_factory=dict[str, Any])
-    baselines: Mapping[str, Span] = field(default_factory=dict[str, Span])
-    closed: bool = False
-
-
-@dataclass(frozen=True)
-class AlarmAcknowledgement:
-    """Acknowledgement of an alarm: ``sequence`` is the block that raised it, ``utc`` in s since 1970."""
-
-    channel: str
-    rule: str
-    severity: str
-    sequence: int
-    utc: float
-
-
-@dataclass(frozen=True)
-class LevelState:
-    """State of a level; ``since`` is the block that raised it, ``held`` its latch."""
-
-    active: bool = False
-    count: int = 0
-    since: int | None = None
-    held: bool = False
-
-    @property
-    def shown(self) -> bool:
-        """Whether the alarm is shown: exceeded, or waiting for an acknowledgement."""
-        return self.active or self.held
-
-
-@dataclass(frozen=True)
-class RuleState:
-    """State of a rule: logarithms are ``learned`` until the stage ends and gives a ``baseline``."""
-
-    learned: tuple[float, ...] = ()
-    baseline: Span | None = None
-    alert: LevelState = field(default_factory=LevelState)
-    danger: LevelState = field(default_factory=LevelState)
-
-
-@dataclass(frozen=True)
-class AlarmState:
-    """State of the alarms of a channel; version 1."""
-
-    version: int = 1
-    seen: int = 0
-    recent_bad: tuple[bool, ...] = ()
-    refusing: bool = False
-    rules: Mapping[str, RuleState] = field(default_factory=dict[str, RuleState])
-    condition: str = CHECK
-
-    def level(self, rule: str, severity: str) -> LevelState:
-        """Return the state of a level, a fresh one for a new rule."""
-        known = self.rules.get(rule)
-        return LevelState() if known is None else getattr(known, severity)
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return the state as plain values for JSON."""
-        return asdict(self)
-
-    @classmethod
-    def from_dict(cls, values: Mapping[str, Any]) -> AlarmState:
-        """Restore a state written by :meth:`to_dict`.
-
-        Raises:
-            ValueError: the state has another version.
-        """
-        if values.get("version") != 1:
-            raise ValueError(f"alarm state of version {values.get('version')!r}, expected 1")
-        rules = {
-            name: RuleState(
-                learned=tuple(rule["learned"]),
-                baseline=None if rule["baseline"] is None else (rule["baseline"][0], rule["baseline"][1]),
-                alert=LevelState(**rule["alert"]),
-                danger=LevelState(**rule["danger"]),
-            )
-            for name, rule in values["rules"].items()
-        }
-        return cls(1, values["seen"], tuple(values["recent_bad"]), values["refusing"], rules, values["condition"])
-
-
-@dataclass(frozen=True)
-class Change:
-    """A change of an alarm, with value and level compared, SI; "withdrawn" has neither, but the block it is since."""
-
-    kind: Literal["raised", "cleared", "withdrawn"]
-    rule: str
-    feature: str
-    severity: str
-    value: float | None
-    level: float | None
-    since: int | None = None
-
-
-@dataclass(frozen=True)
-class AlarmOutput:
-    """Changes by one block, and the status of the channel (NAMUR NE 107, or ``bad_data``)."""
-
-    changes: tuple[Change, ...]
-    condition: str
-    condition_before: str
 
 
 def step(state: AlarmState, block: AlarmInput, settings: AlarmSettings) -> tuple[AlarmState, AlarmOutput]:
