@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import hashlib
 import sys
 from collections.abc import Callable, Sequence
@@ -56,15 +57,25 @@ def load_lives(path: Path) -> list[UnseenLife]:
 def kept(name: str, make: Callable[[], Sequence[UnseenLife]]) -> list[UnseenLife]:
     """Return lives by the name of all that they depend on, made on first use.
 
-    The source of this package's modules and the version of the model are part of it.
+    The code of the laws and lives, without its docstrings, and the version of the model are part of it.
     """
     digest = hashlib.sha256(f"{version_of(Rig.model)} {name}".encode())
     for module in (unseen_laws, unseen_lives):
-        digest.update(Path(str(module.__file__)).read_bytes())
+        digest.update(_code_of(Path(str(module.__file__))).encode())
     path = Path(user_cache_dir("spallwatch")) / "lives" / f"unseen-{digest.hexdigest()[:20]}.npz"
     if not path.exists():
         save_lives(make(), path)
     return load_lives(path)
+
+
+def _code_of(path: Path) -> str:
+    """Return the code of a module without comments and docstrings."""
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    for node in ast.walk(tree):
+        body = getattr(node, "body", None)
+        if isinstance(body, list) and body and isinstance(body[0], ast.Expr):
+            body[0] = ast.Pass()
+    return ast.unparse(tree)
 
 
 def lives_of(

@@ -4,7 +4,8 @@ Written from the curves alone: the code here shares nothing with the laws of ``m
 fitted. Published curves are of a level (RMS) or, in the thesis, of V_eq; a shape of the level is taken as that of
 ln V_eq, since the RMS rises with about a third power of it. Sources, by the names used below:
 
-- Thesis: Gabrielli, doctoral thesis, University of Ferrara, Table 22 and Figs. 60 to 65 (E1 to E6, V_eq up to 0.05 mm3/mm).
+- Thesis: Gabrielli, doctoral thesis, University of Ferrara, 2022: Table 22 and what it says of Figs. 60 to 65 (E1 to
+  E6, V_eq up to 0.05 mm3/mm).
 - PRONOSTIA: Nectoux et al., IEEE PHM 2012; the RMS of eleven of its runs, read from plots of their histories.
 - XJTU-SY: Wang et al., IEEE Trans. Reliability 69(1), 2020: gradual, two-stage and sudden ends. As described there
   and in later work on the set; no recording of it was at hand.
