@@ -20,7 +20,7 @@ from models.maps.plan import version_of
 from models.rigs.six_dof import Rig
 from models.workers import in_threads
 
-CHUNK = 25
+CHUNK = 10
 """Lives in one file."""
 _ARRAYS = tuple(one.name for one in fields(UnseenLife) if one.name not in ("law", "number", "crossing"))
 

@@ -42,7 +42,7 @@ _GRAVITY = 9.80665
 _RIG_PARAMETERS = ("m_i", "m_o", "m_r", "k_i", "k_r", "k_c", "c_i", "c_r", "alpha_c", "beta_c")
 _LANES = 32
 """Blocks with slip that are simulated side by side, at one speed."""
-_MIN_SPEEDS = 6
+_MIN_SPEEDS = 3
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,6 +112,7 @@ class LifeOptions:
 
     Attributes:
         durations: range of the time to the threshold, s.
+        until: share of its duration after which nothing more is simulated; no method is asked later.
         hold_share: share of its duration at which the damage comes to stand still, or None.
         hold_s: how long it then stands still, s; the life ends there.
         load_step: (share of the duration, factor on the load, whether the monitor knows) of a change, or None for the
@@ -119,6 +120,7 @@ class LifeOptions:
     """
 
     durations: tuple[float, float] = DURATIONS
+    until: float = 0.75
     hold_share: float | None = None
     hold_s: float = 0.0
     load_step: tuple[float, float, bool] | None = None
@@ -148,7 +150,7 @@ def draw_machine(rng: Rng) -> Machine:
     factors = np.exp(spread * rng.standard_normal(len(_RIG_PARAMETERS)))
     rig = {name: getattr(nominal, name) * float(f) for name, f in zip(_RIG_PARAMETERS, factors, strict=True)}
     floor = Floor("rough", sd=rng.uniform(0.4e-6, 1.6e-6), pitch=rng.uniform(1.5e-3, 3e-3), seed=_seed(rng))
-    slips = rng.uniform() < 0.4
+    slips = rng.uniform() < 0.3
     return Machine(
         rig=replace(nominal, **rig),
         floor=floor,
@@ -187,7 +189,7 @@ def simulate_life(law: str, number: int, first_seed: int, options: LifeOptions |
     rng = np.random.default_rng([first_seed, [*LAWS, *OTHER_LAWS].index(law), number])
     growth = draw_growth(law, rng, options.durations)
     machine = draw_machine(rng)
-    duration, end = growth.crossing, growth.crossing
+    duration, end = growth.crossing, options.until * growth.crossing
     if options.hold_share is not None:
         end = options.hold_share * duration + options.hold_s
         growth = growth.held_from(options.hold_share * duration, end)
@@ -212,7 +214,7 @@ def simulate_life(law: str, number: int, first_seed: int, options: LifeOptions |
 
 def _times(rng: Rng, machine: Machine, end: float) -> Floats:
     """Return the times of the blocks that there are, s: some lost one by one, in some lives up to an hour at once."""
-    t = np.arange(0.0, end, INTERVAL)
+    t = np.arange(0.0, end + 1.0, INTERVAL)
     there = rng.uniform(size=t.size) >= machine.missing
     begin, length, outage = rng.integers(t.size), rng.integers(3, 13), rng.uniform() < 0.15
     if outage:
