@@ -7,13 +7,14 @@ time from the onset to the threshold each method is asked with the blocks up to 
 answer is scored as the constant guess. Tables:
 
 1. all methods: CRPS of TT (of one number the absolute error), coverage and refusals of TT and V_eq, rms of ln V_eq;
+   ``tt_open``: share of the intervals of TT without an upper end;
 2. the library by law;
 3. the floor and the goal that were asked for, and whether they are met.
 
-Methods: the library with the RMS alone and with lines; the same forecaster given the true V_eq ("own bound"); the
-filter on a part of the lives; climatology (lifetimes of other lives of the library's population), the clock (the same
-weighted by what the elapsed time says, ``baselines.elapsed_alone``), "as long again as it has lasted" (which is exact
-at 1/2 by the choice of the moments), and the constant.
+Methods: the library with the RMS alone and with lines; the same forecaster given the true V_eq ("own bound"); on a part
+of the lives the filter, alone and beside the library as in the daemon; climatology (lifetimes of other lives of the
+library's population), the clock (the same weighted by what the elapsed time says, ``baselines.elapsed_alone``), "as
+long again as it has lasted" (whose median is exact at 1/2 by the choice of the moments), and the constant.
 
 ``--judged`` takes the range of seeds that is scored once; without it, the lives are those for trying the code.
 """
@@ -23,7 +24,7 @@ from __future__ import annotations
 import argparse
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -50,6 +51,7 @@ from monitor.report.score import baselines
 RMS, LINES, BOUND = "library, rms", "library, rms and lines", "own bound: true V_eq"
 CLIMATOLOGY, CLOCK, AGAIN, CONSTANT = "climatology", "clock", "as long again", "constant"
 FILTERS = {"rms": "filter, rms", "rms+harmonics": "filter, rms and lines"}
+ISSUED = {"rms": "library beside filter, rms", "rms+harmonics": "library beside filter, rms and lines"}
 FEATURES = {RMS: "rms", LINES: "rms+harmonics", BOUND: "v_eq"}
 
 FLOOR_COVERAGE, GOAL_COVERAGE = (0.75, 0.87), 0.65
@@ -126,13 +128,23 @@ def score_all(
     said = {name: ask(lives, cases, settings_for(library, features)) for name, features in FEATURES.items()}
     answers |= {name: one.answers for name, one in said.items()}
     scores = {name: score(cases, one, answers[CONSTANT]) for name, one in answers.items()}
+    scores |= {name: as_issued(scores[name], cases, one) for name, one in said.items()}
     few = moments_of(filtered)
     guess = naive(few, *others)[CONSTANT]
     rms_map = map_for(coarse=coarse) if filtered else None
     for features, name in FILTERS.items() if filtered else ():
         said[name] = ask(filtered, few, settings_for(None, features, "filter", rms_map))
         scores[name] = score(few, said[name].answers, guess)
+    for features, name in ISSUED.items() if filtered else ():
+        said[name] = ask(filtered, few, settings_for(library, features, "library", rms_map))
+        scores[name] = as_issued(score(few, said[name].answers, guess), few, said[name])
     return Scored(cases.law, scores, said)
+
+
+def as_issued(scores: Scores, cases: Cases, said: Said) -> Scores:
+    """Return scores with the coverage of the bounds of TT that were issued, of which the upper may be infinite."""
+    inside = ((cases.tt >= said.lower) & (cases.tt <= said.upper)).astype(float)
+    return replace(scores, tt_inside=np.where(np.isnan(said.lower) | np.isnan(said.upper), np.nan, inside))
 
 
 def method_rows(scored: Scored) -> list[Row]:
@@ -144,6 +156,7 @@ def method_rows(scored: Scored) -> list[Row]:
         for m, fraction in enumerate(FRACTIONS):
             row = {figure: _or_none(values[m]) for figure, values in columns.items()}
             extra = {"crps_se": _or_none(error[m]), "v_refused": _v_refused(scored, name, m)}
+            extra["tt_open"] = float(np.mean(np.isinf(scored.said[name].upper[:, m]))) if name in scored.said else None
             rows.append({"method": name, "lives": scores.error.shape[0], "at": fraction, **row, **extra})
     return rows
 

@@ -48,12 +48,13 @@ def map_for(*, coarse: bool = True) -> RmsMap:
 
 
 def independent_lifetimes(library: Library, count: int) -> tuple[Floats, Floats]:
-    """Return lifetimes of the library's own population, s, shape (count,), and V_eq at the moments, m2, (count, 3).
+    """Return lifetimes of the library's own population, s, shape (n,), and V_eq at the moments, m2, shape (n, 3).
 
-    The lives are none of those that it was made of.
+    The lives are none of those that it was made of; of ``count``, those that never reach the threshold are left out.
     """
     population = population_of(library)
     paths = [draw_life(population, _FIRST_INDEPENDENT + k).path for k in range(count)]
+    paths = [path for path in paths if np.isfinite(path.crossing(THRESHOLD))]
     ends = np.array([path.crossing(THRESHOLD) for path in paths])
     shares = np.array(FRACTIONS)
     return ends, np.array([path.at(end * shares) for path, end in zip(paths, ends, strict=True)])
@@ -105,9 +106,17 @@ def follow(
 
 @dataclass(frozen=True, eq=False)
 class Said:
-    """Answers at the moments of some lives, with their statuses, each of shape (lives, moments)."""
+    """Answers at the moments of some lives, with their statuses, each of shape (lives, moments).
+
+    Attributes:
+        answers: V_eq and quantiles of TT.
+        lower, upper: bounds of TT as issued, s; the upper may be infinite, NaN where there are none.
+        edv, tt: statuses.
+    """
 
     answers: Answers
+    lower: Floats
+    upper: Floats
     edv: NDArray[np.str_]
     tt: NDArray[np.str_]
 
@@ -127,15 +136,16 @@ def moments_of(lives: Sequence[UnseenLife]) -> Cases:
 def ask(lives: Sequence[UnseenLife], cases: Cases, settings: DamageSettings) -> Said:
     """Return what the product answers at the moments of lives; ``cases`` are those of the lives."""
     shape = cases.t.shape
-    volumes, tt = np.full((3, *shape), np.nan), np.full((*shape, LEVELS.size), np.nan)
+    volumes, tt = np.full((5, *shape), np.nan), np.full((*shape, LEVELS.size), np.nan)
     statuses = np.full((2, *shape), "", dtype="U40")
     for r, life in enumerate(lives):
         found = list(follow(life, settings, int(cases.blocks[r, -1])))
         for m, known in enumerate(cases.blocks[r].tolist()):
             damage, forecast = found[known - 1]
-            volumes[:, r, m] = damage.v_eq, damage.v_eq_lower, damage.v_eq_upper
+            issued = damage.v_eq, damage.v_eq_lower, damage.v_eq_upper, forecast.tt_lower, forecast.tt_upper
+            volumes[:, r, m] = issued
             statuses[:, r, m] = damage.status.value, forecast.status.value
             if forecast.quantiles:
                 tt[r, m] = [value for _, value in forecast.quantiles]
-    v_eq, lower, upper = volumes
-    return Said(Answers(v_eq, lower, upper, tt), statuses[0], statuses[1])
+    v_eq, v_lower, v_upper, lower, upper = volumes
+    return Said(Answers(v_eq, v_lower, v_upper, tt), lower, upper, statuses[0], statuses[1])

@@ -24,8 +24,8 @@ _BY_LAW = (("tt_inside", 2, RMS), ("tt_inside", 2, LINES), ("crps_min", 0, LINES
 _HEAD = """# Lives that nobody simulated for the forecast
 
 A forecast by a [library of simulated lives](forecasting.md) is honest about its own prior; what it is worth depends on
-how far the machine's own growth lies from it. Here it is asked about lives that were written for that question alone
-(`benchmarks/unseen_laws.py`, `unseen_lives.py`), by somebody who had not read the laws of the library:
+how far the machine's own growth lies from it. Here it is asked about lives that were written for that alone
+(`benchmarks/unseen_laws.py`, `unseen_lives.py`), without a look at the laws of the library:
 
 - twelve laws, read from Table 22 of the thesis, the RMS of eleven PRONOSTIA runs, descriptions of XJTU-SY, and papers
   on crack growth and spalls; from the onset (0.0006 to 0.004 mm3/mm) to 0.05 mm3/mm they take 2 to 20 h;
