@@ -150,14 +150,27 @@ def pytest_runtest_setup(item: pytest.Item) -> None:
 
 @pytest.fixture(autouse=True, scope="session")
 def fewer_points_and_draws() -> Iterator[None]:
-    """Quick effort measures errors of maps at fewer points, and the spread of V_eq of fewer rigs."""
-    from models.identify import volume
+    """Quick effort measures errors of maps at fewer points, and the spread of V_eq of fewer rigs.
+
+    Identifications search fewer places, and draw posteriors from fewer candidates.
+    """
+    from models.identify import posterior, search, volume
     from models.maps import build
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(build, "_POINTS", effort_count(quick=40, full=200))
         patch.setattr(build, "_POINTS_OF_FLOORS", effort_count(quick=8, full=40))
         patch.setattr(volume, "_RIGS", effort_count(quick=12, full=64))
+        for module, name, quick in (
+            (search, "_PLACES", 32),
+            (search, "_STARTS", 4),
+            (search, "_VALLEYS", 3),
+            (posterior, "_ROUND", 24),
+            (posterior, "_ROUND_PER_FREE", 16),
+            (posterior, "ENOUGH", 50.0),
+        ):
+            if effort_count(quick=1, full=0):
+                patch.setattr(module, name, quick)
         yield
 
 

@@ -41,7 +41,7 @@ BLOCKS = 6
 FULL = effort_count(quick=0, full=1) == 1
 MOST = {"state": 10**6, "published": 300}
 """Most places at which it is killed in full effort: every one of the store, and some of the many of a file."""
-FEW = {"state": [("pwrite64", 144), ("fdatasync", 4), ("rename", 1)], "published": [("pwrite64", 100)]}
+FEW = {"state": [("pwrite64", 144), ("rename", 1)], "published": [("pwrite64", 100)]}
 CALLS = ("write", "pwrite64", "ftruncate", "fsync", "fdatasync", "rename", "renameat", "renameat2", "unlink", "link")
 STRACE = shutil.which("strace")
 NEVER = 65535

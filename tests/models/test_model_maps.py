@@ -25,6 +25,7 @@ from models.rigs.ring_impact import RingImpactRig
 from models.rigs.rotor import RotorRig
 from models.scene import Defect, Floor, Scene
 from models.simulate import simulate
+from tests.effort import effort_count
 
 ENTRY = catalogue_entry("6205")
 EXTENTS = tuple(math.radians(x) for x in (0.0, 2.0, 8.0, 14.0))
@@ -100,7 +101,7 @@ def test_a_defect_of_the_inner_race_has_its_own_lines() -> None:
     plan = replace(plan_of(), part="inner", dphi_d=EXTENTS[2:3], h_d=DEPTHS[1:2])
     built = build_map(plan)
     scene = scene_at(plan, 4000.0, 40.0, DEPTHS[1], EXTENTS[2])
-    record = simulate(scene, duration=4.0).record
+    record = simulate(scene, duration=effort_count(quick=2, full=4)).record
     assert record is not None
     first = record.line(kinematics(ENTRY.bearing, 40.0).bpfi)
     assert built.harmonic_amplitude[0, 0, 0, 0, 0] == pytest.approx(first, rel=0.1)
@@ -108,7 +109,7 @@ def test_a_defect_of_the_inner_race_has_its_own_lines() -> None:
 
 
 def test_the_level_of_a_shaft_over_its_angle_is_an_acceleration() -> None:
-    plan = replace(plan_of(), rig=AngularRig(), model="angular", dphi_d=EXTENTS[2:3], h_d=DEPTHS[1:2])
+    plan = replace(plan_of(), rig=AngularRig(damping=0.05), model="angular", dphi_d=EXTENTS[2:3], h_d=DEPTHS[1:2])
     level = model_level(plan, (4000.0, 40.0, DEPTHS[1], EXTENTS[2]))
     assert level.sensor == "a"
     found = simulate(scene_at(plan, 4000.0, 40.0, DEPTHS[1], EXTENTS[2]), accuracy=2e-3, band=BAND, duration=0.25)

@@ -26,6 +26,7 @@ from models.rigs.ring_impact import RingImpactRig
 from models.scene import Defect, Part, Scene
 from monitor.health.spectrum.features import BlockFeatures, FeatureSettings, block_features, fundamentals
 from streams.block import STANDARD_GRAVITY
+from tests.once import made_once
 
 RATE, DURATION = 12_000.0, 5.0
 BEARING = from_catalogue("6205")
@@ -81,8 +82,8 @@ def simulated(part: Part, *, load_turns: bool = False) -> BlockFeatures:
     """Features of a defect, with noise of a tenth of its RMS."""
     defect = Defect(SIZED[part], 1e-3, part=part)
     scene = Scene(CWRU_SPEED, 1000.0, bearing=BEARING, rig=DAMPED, defect=defect, load_turns=load_turns)
-    alone = solve(scene, REQUEST).acceleration(RATE, DURATION)
-    noise = 0.1 * float(np.std(alone)) / noise_level(scene, 1.0)
+    alone = solve(scene, replace(REQUEST, duration=1.0)).rms
+    noise = 0.1 * alone / noise_level(scene, 1.0)
     x = solve(replace(scene, rig=replace(DAMPED, slip_noise=noise)), REQUEST).acceleration(RATE, DURATION)
     return features(x, CWRU_SPEED)
 
@@ -144,7 +145,8 @@ def on_the_inner_race(size: float) -> Scene:
 
 def calibrated(data_dir: Path) -> RingImpactRig:
     x = features(recording(data_dir, "209_0"), CWRU_SPEED).indicators
-    return calibrate(on_the_inner_race(0.53e-3), Measured(x.rms, x.kurtosis), REQUEST)
+    measured = Measured(x.rms, x.kurtosis)
+    return made_once("sassi_rig", lambda: calibrate(on_the_inner_race(0.53e-3), measured, REQUEST))
 
 
 @pytest.mark.real

@@ -18,6 +18,7 @@ from models.bearing import Bearing, kinematics
 from monitor.health.spectrum.bands import candidate_bands, find_band
 from monitor.health.spectrum.features import BlockFeatures, FeatureSettings, block_features, fundamentals
 from streams.block import STANDARD_GRAVITY
+from tests.effort import effort_count
 
 pytestmark = pytest.mark.real
 
@@ -84,6 +85,7 @@ def test_a_healthy_machine_keeps_the_whole_range(data_dir: Path, name: str) -> N
     assert find_band([x], rate, lines) == candidate_bands(rate, lines["inner"])[0]
 
 
+@pytest.mark.skipif(effort_count(quick=1, full=0) == 1, reason="751 files; SPALLWATCH_EFFORT=full runs it")
 def test_a_band_learned_while_healthy_shows_the_fault_that_comes(data_dir: Path) -> None:
     lines, rate = fundamentals(kinematics(PRONOSTIA, 27.5)), 25_600.0
     wanted = [*range(20, 80), *range(736, 752)]

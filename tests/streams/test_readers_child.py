@@ -33,7 +33,7 @@ REPOSITORY = Path(__file__).resolve().parents[2]
 
 @pytest.fixture
 def child() -> Iterator[ReaderProcess]:
-    with ReaderProcess(ChildLimits(memory=2 << 30, cpu_s=3, wall_s=8.0, files=5)) as process:
+    with ReaderProcess(ChildLimits(memory=2 << 30, cpu_s=2, wall_s=8.0, files=5)) as process:
         yield process
 
 
@@ -87,7 +87,7 @@ def test_the_child_is_kept_and_then_replaced(child: ReaderProcess) -> None:
         (misbehave.segfault, "reader_crashed: .*died of SIGSEGV"),
         (misbehave.leave, "reader_crashed: .*ended with code 3"),
         (misbehave.sleep, "reader_crashed: .*no answer within 8 s"),
-        (misbehave.burn, r"reader_crashed: .*(used more than 3 s of processor time|no answer within 8 s)"),
+        (misbehave.burn, r"reader_crashed: .*(used more than 2 s of processor time|no answer within 8 s)"),
         (misbehave.eat, "refused: .*4 bytes needs more than 2432 MiB of memory"),
         (misbehave.write_much, "reader_crashed|unreadable"),
         (misbehave.nonsense, "unreadable: .*TypeError"),

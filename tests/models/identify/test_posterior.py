@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
+from models.identify import posterior
 from models.identify.evaluate import Evaluator, Level
 from models.identify.evidence import Evidence, Prior
 from models.identify.intervals import profile_intervals, threshold
@@ -19,6 +20,14 @@ from models.identify.trials import Condition, Trial, gather
 from models.rigs.six_dof import Rig
 from tests.models.identify.cases import space_of
 from tests.models.identify.test_space import broken
+
+
+@pytest.fixture(autouse=True)
+def counts_of_the_product(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Draw as many candidates as without quick effort: shares of valleys are counted."""
+    for name, count in (("_ROUND", 64), ("_ROUND_PER_FREE", 40), ("ENOUGH", 200.0)):
+        monkeypatch.setattr(posterior, name, count)
+
 
 Law = Callable[[np.ndarray], np.ndarray]
 """Logarithms of the features, shape (2 * conditions,), at a point of the cube."""

@@ -14,6 +14,7 @@ import pytest
 from click.testing import CliRunner
 
 from models.bearing import from_catalogue, kinematics
+from models.identify import posterior as sampling
 from models.rigs.draws import read_posterior
 from monitor.cli import spallwatch
 from monitor.commands.common import InputError
@@ -123,7 +124,7 @@ def test_tests_become_a_rig(table: Path, machine: Path, tmp_path: Path) -> None:
     assert draws.identification == found["identification"]
     assert found["posterior"]["out"] == str(tmp_path / "rig.posterior.csv")
     assert found["posterior"]["draws"] == len(draws.rows) == 256
-    assert found["posterior"]["effective"] > 100.0
+    assert found["posterior"]["effective"] > 0.5 * sampling.ENOUGH
     assert low < np.median(draws.rows) < high
     posterior = config.posterior_of(config.entry_of(config.channel[0]))
     assert posterior is not None

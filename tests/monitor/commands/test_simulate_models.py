@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import time
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -21,12 +22,30 @@ from models.rigs.six_dof import Rig
 from models.scene import Scene
 from models.simulate import simulate as simulate_scene
 from monitor.commands.simulate import command
+from monitor.commands.simulate_models import request_of, simulated
 from monitor.config.load import validate
 
 pytestmark = pytest.mark.usefixtures("empty_directory")
 
 SHORT = ["--bearing", "6305", "--speed-hz", "20", "--load-newton", "500", "--accuracy", "0.02", "--duration-s", "0.3"]
 DAMAGED = [*SHORT, "--dphi-deg", "3", "--h-d-um", "20"]
+
+
+@pytest.fixture(autouse=True, scope="module")
+def answers_once() -> Iterator[None]:
+    """Solve each scene once: comparisons of this module ask for the same ones again."""
+    kept: dict[str, Response] = {}
+
+    def once(scene: Scene, options: dict[str, Any]) -> Response:
+        key = repr((scene, request_of(options)))
+        if key not in kept:
+            kept[key] = simulated(scene, options)
+        return kept[key]
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("monitor.commands.simulate_models.simulated", once)
+        patch.setattr("monitor.commands.simulate.simulated", once)
+        yield
 
 
 def simulate(*options: str) -> dict[str, Any]:

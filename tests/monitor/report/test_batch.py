@@ -3,7 +3,6 @@ from __future__ import annotations
 import csv
 import json
 import math
-import os
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +21,6 @@ from monitor.commands.report import command
 from monitor.commands.report_batch import (
     BatchRun,
     BatchSettings,
-    Outcome,
     Task,
     find_runs,
     report_one,
@@ -37,6 +35,7 @@ from monitor.report.runs import ReportError, read_runs
 from monitor.report.summary import RunSummary
 from monitor.report.tables import Column, Table, write_tables
 from tests.effort import effort_count
+from tests.monitor.report.dying import dies
 from tests.oracles.lives import GRAVITY, life
 from tests.oracles.page import Page
 
@@ -151,13 +150,6 @@ def test_reading_a_store_for_the_first_time_is_no_change_of_it(tmp_path: Path, l
     with Store.open(tmp_path / "in" / "a" / ("old.db" if loose else "state.db"), machine="press") as store:
         store.commit(life(61, onset=100, learn=40)[60], {})
     assert not run_batch([item], tmp_path / "out", SHORT_PAGES, workers=1)[0].reused
-
-
-def dies(task: Task) -> Outcome:
-    """Take the place of a report whose process is killed."""
-    if task.run.name == "b":
-        os._exit(9)
-    return Outcome(task.run, ())
 
 
 @pytest.mark.process

@@ -21,7 +21,7 @@ from tests.waiting import wait_until
 
 pytestmark = pytest.mark.process
 
-FILES = effort_count(quick=160, full=10_000)
+FILES = effort_count(quick=90, full=10_000)
 
 
 class SlowDisk:
