@@ -2,7 +2,16 @@
 
 from __future__ import annotations
 
-from monitor.health.alarms.rules import acknowledge, acknowledged, condition_of, limit_of, machine_state, step
+from monitor.health.alarms.rules import (
+    acknowledge,
+    acknowledged,
+    applies,
+    condition_of,
+    limit_of,
+    machine_state,
+    move_level,
+    step,
+)
 from monitor.health.alarms.state import (
     BAD_DATA,
     CHECK,
@@ -47,8 +56,10 @@ __all__ = [
     "Span",
     "acknowledge",
     "acknowledged",
+    "applies",
     "condition_of",
     "limit_of",
     "machine_state",
+    "move_level",
     "step",
 ]

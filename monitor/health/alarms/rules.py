@@ -60,7 +60,7 @@ def step(state: AlarmState, block: AlarmInput, settings: AlarmSettings) -> tuple
             continue
         known = state.rules.get(rule.name, RuleState())
         value = _worst(block.values.get(rule.feature), rule.side)
-        if block.usable and value is not None and _applies(rule, block.values):
+        if block.usable and value is not None and applies(rule, block.values):
             given = block.baselines.get(rule.feature)
             learning = block.stage == LEARNING
             known = _learn(known, value, given, learning=learning, settled=seen > settings.run_in_blocks)
@@ -162,8 +162,8 @@ def _worst(value: object, side: str) -> float | None:
     return max(found) if side == "above" else min(found)
 
 
-def _applies(rule: Rule, values: Mapping[str, Any]) -> bool:
-    """Return whether speed and load are in the ranges of a rule; an unknown one is in no range."""
+def applies(rule: Rule, values: Mapping[str, Any]) -> bool:
+    """Return whether ``speed`` and ``load`` are in the ranges of a rule; an unknown one is in no range."""
 
     def within(value: float | None, span: Span | None) -> bool:
         return span is None or (value is not None and span[0] <= value <= span[1])
@@ -194,7 +194,7 @@ def _check(known: RuleState, rule: Rule, value: float, sequence: int) -> tuple[R
         if limit is None:
             continue
         before: LevelState = getattr(known, severity)
-        level = _move(before, rule, value, limit, sequence)
+        level = move_level(before, rule, value, limit, sequence)
         after = replace(after, **{severity: level})
         if level.active != before.active:
             kind = "raised" if level.active else "cleared"
@@ -213,8 +213,8 @@ def _withdraw(known: RuleState, rule: Rule) -> tuple[RuleState, list[Change]]:
     return known, changes
 
 
-def _move(level: LevelState, rule: Rule, value: float, limit: float, sequence: int) -> LevelState:
-    """Count blocks towards raising or clearing a level."""
+def move_level(level: LevelState, rule: Rule, value: float, limit: float, sequence: int) -> LevelState:
+    """Count blocks towards raising or clearing a level; ``value`` and ``limit`` are in one unit."""
     sign = 1.0 if rule.side == "above" else -1.0
     if not level.active:
         if sign * value < sign * limit:
