@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -10,8 +11,9 @@ import pytest
 
 from monitor.health.damage import DamageInput
 from monitor.health.damage.filter.particle_filter import FilterState, step
-from monitor.health.damage.filter.particles import STILL, grow
+from monitor.health.damage.filter.particles import LN_V, STILL, Particles, grow
 from monitor.health.damage.filter.prior import GrowthPrior
+from tests.effort import effort_count
 from tests.monitor.health.test_filter import MICRON, MM2, RADIUS, SETTINGS, TOY, follow, toy_life
 
 
@@ -69,16 +71,45 @@ def test_after_a_gap_of_the_logging_the_filter_goes_on() -> None:
     assert found.v_eq_lower / 1.5 < v[-1] < 1.5 * found.v_eq_upper
 
 
-def test_standstill_begins_and_ends_at_its_rates() -> None:
-    growth = GrowthPrior(still=0.5, stops=0.01, starts=0.03)
-    state, _ = follow(toy_life(5)[0], replace(SETTINGS, growth=growth, particles=4000))
-    assert state.particles is not None
-    long_after = grow(state.particles, np.random.default_rng(1), 1e7, growth)
-    assert np.mean(long_after.core[:, STILL]) == pytest.approx(0.25, abs=0.03)
-    once = grow(state.particles, np.random.default_rng(1), 300.0, growth)
-    began = state.particles.core[:, STILL] == 1.0
-    assert np.mean(once.core[began, STILL]) == pytest.approx(np.exp(-0.03), abs=0.02)
-    np.testing.assert_array_equal(once.core[began, 0], state.particles.core[began, 0])
+def still_particles(count: int, intervals: float) -> Particles:
+    core = np.zeros((count, 8))
+    core[:, :3] = math.log(0.01 * MM2), math.log(5e-6), math.log(1e-12)
+    core[:, STILL] = intervals
+    return Particles(core, np.full(count, 1.0 / count), np.zeros((count, 1, 2)), np.zeros((count, 1, 3)))
+
+
+def test_growing_damage_comes_to_a_standstill_at_its_rate() -> None:
+    growth = GrowthPrior(stops=0.01)
+    after = grow(still_particles(20_000, 0.0), np.random.default_rng(1), 10 * growth.interval, growth)
+    stands = after.core[:, STILL] > 0.0
+    assert np.mean(stands) == pytest.approx(-math.expm1(-0.1), rel=0.06)
+    assert set(after.core[stands, STILL]) == {10.0}
+
+
+@pytest.mark.parametrize(("intervals", "rate"), [(1.0, 0.01), (30.0, 0.01), (3000.0, 1e-4)])
+def test_the_longer_it_stood_the_longer_it_will(intervals: float, rate: float) -> None:
+    growth = GrowthPrior(starts=0.01)
+    after = grow(still_particles(20_000, intervals), np.random.default_rng(1), 10 * growth.interval, growth)
+    grows = after.core[:, STILL] == 0.0
+    # As many begin as at the largest rate; their weight is that of the real one.
+    assert np.mean(grows) == pytest.approx(-math.expm1(-0.1), rel=0.06)
+    assert after.weight[grows].sum() == pytest.approx(-math.expm1(-10.0 * rate), rel=0.06)
+    assert after.weight.sum() == pytest.approx(1.0)
+    assert set(after.core[~grows, STILL]) == {intervals + 10.0}
+    assert set(after.core[~grows, LN_V]) == {math.log(0.01 * MM2)}
+
+
+def test_a_long_standstill_does_not_drift_and_memory_stays_constant() -> None:
+    updates = effort_count(quick=300, full=100_000)
+    life, sizes = held_life(0.02, 200, 0), set[int]()
+    state, damage = step(FilterState(), life[0], map_slice=TOY, settings=SETTINGS)
+    for k in range(1, updates):
+        state, damage = step(state, replace(life[k % 200], time=300.0 * k), map_slice=TOY, settings=SETTINGS)
+        if k >= 100:
+            sizes.add(len(json.dumps(state.to_dict())) // 100)
+    assert damage.v_eq_lower < 0.02 * MM2 < damage.v_eq_upper
+    assert damage.p_no_growth > 0.8
+    assert len(sizes) <= 2
 
 
 def test_a_state_without_standstill_goes_on() -> None:

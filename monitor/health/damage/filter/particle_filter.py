@@ -181,9 +181,10 @@ def step(
         return state, Damage(outside)
     rng = np.random.default_rng((settings.seed, state.count))
     particles = _grown(state, t, lookup, sensors, settings, rng)
-    if abs(_step_score(state, particles, lookup, float(ln_x[0]), settings)) > settings.implausible_sd:
+    seen = lookup.at(*particles.sizes(settings.part_radius))
+    if abs(_step_score(state, particles, seen, float(ln_x[0]))) > settings.implausible_sd:
         return state, Damage(EdvStatus.IMPLAUSIBLE)
-    particles = _updated(particles, lookup, ln_x, sensors, settings, rng)
+    particles = _updated(particles, lookup, seen, ln_x, sensors, settings, rng)
     remembered = tuple(
         int(n) if n else old for n, old in zip(sensors, state.sensors or (0,) * len(sensors), strict=True)
     )
@@ -203,7 +204,7 @@ def step_score(
     t, lookup, ln_x, sensors = heard
     rng = np.random.default_rng((settings.seed, state.count))
     particles = _grown(state, t, lookup, sensors, settings, rng)
-    return _step_score(state, particles, lookup, float(ln_x[0]), settings)
+    return _step_score(state, particles, lookup.at(*particles.sizes(settings.part_radius)), float(ln_x[0]))
 
 
 def _hear(
@@ -286,9 +287,7 @@ def _is_gap(state: FilterState, t: float) -> bool:
     return state.t is not None and t - state.t > _GAP_INTERVALS * state.interval
 
 
-def _step_score(
-    state: FilterState, particles: Particles, lookup: MapLookup, ln_rms: float, settings: FilterSettings
-) -> float:
+def _step_score(state: FilterState, particles: Particles, seen: tuple[Floats, Floats, Floats], ln_rms: float) -> float:
     """Return how far ln RMS lies from what the particles expect, over the spread of that and ``_STEP_SD``.
 
     It is 0 in the first blocks, in which the gain is not known. The errors within a block that the weights assume (0.4)
@@ -296,7 +295,7 @@ def _step_score(
     """
     if state.count < _MIN_BLOCKS:
         return 0.0
-    expected, w, s = (a[:, 0] for a in lookup.at(*particles.sizes(settings.part_radius)))
+    expected, w, s = (a[:, 0] for a in seen)
     b, z = particles.mean[:, 0, 0], particles.mean[:, 0, 1]
     said = expected + w * (particles.core[:, GAIN] + b + s * z)
     mean = float(particles.weight @ said)
@@ -307,6 +306,7 @@ def _step_score(
 def _updated(
     particles: Particles,
     lookup: MapLookup,
+    seen: tuple[Floats, Floats, Floats],
     ln_x: Floats,
     sensors: NDArray[np.int64],
     settings: FilterSettings,
@@ -316,7 +316,7 @@ def _updated(
     errors = settings.errors
     model_sd = np.array([errors.rms_model_sd] + [errors.harmonic_model_sd] * settings.lines)
     variance = errors.scatter**2 / np.maximum(sensors, 1) + model_sd**2
-    particles = assimilate(particles, lookup, settings.part_radius, ln_x, variance, errors)
+    particles = assimilate(particles, lookup, settings.part_radius, ln_x, variance, errors, seen)
     if particles.weight.size != settings.particles or particles.effective < 0.5 * settings.particles:
         particles = resample(particles, rng, settings.particles)
     return particles.rounded()
@@ -354,5 +354,5 @@ def _damage(particles: Particles, lookup: MapLookup, settings: FilterSettings, *
         v_eq_upper=math.exp(upper),
         dphi_d=quantiles(dphi_d, weight, (0.5,))[0],
         h_d=math.exp(quantiles(particles.core[:, LN_H], weight, (0.5,))[0]),
-        p_no_growth=float(weight @ particles.core[:, STILL]),
+        p_no_growth=float(weight @ (particles.core[:, STILL] > 0.0)),
     )

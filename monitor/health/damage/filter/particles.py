@@ -29,6 +29,8 @@ _DRAWS_PER_PARTICLE = 6
 _BLUR = 0.08
 _MAX_LN_U = 5.0
 _MIN_SLOWNESS = 1e-3
+# Least intervals of a standstill; starts of growth while a standstill becomes e times as long.
+_BEGUN, _LASTING = 1e-3, 0.3
 # Bins of ln V_eq; highest valley between two peaks, as a share of the lower; least weight of each.
 _PEAK_BINS = 40
 _MAX_VALLEY = 0.5
@@ -42,7 +44,7 @@ class Particles:
 
     Attributes:
         core: shape (N, 8): ln V_eq, ln h_d, ln R of ``GrowthPrior``, its m, d ln h_d / d ln V_eq, c, the
-            growth-rate noise, and 1 where the damage stands still, else 0; SI.
+            growth-rate noise, and for how many intervals the damage has stood still, 0 where it grows; SI.
         weight: shape (N,), of sum 1.
         mean: of b and z, shape (N, F, 2).
         cov: variance of b, covariance, variance of z, shape (N, F, 3).
@@ -116,7 +118,7 @@ def draw(rng: np.random.Generator, count: int, gains: Floats, growth: GrowthPrio
             share,
             errors.gain_sd * rng.standard_normal(n),
             growth.growth_noise_sd * rng.standard_normal(n),
-            still.astype(float),
+            np.where(still, _BEGUN, 0.0),
         )
     )
     features = gains.size
@@ -135,8 +137,8 @@ def grow(particles: Particles, rng: np.random.Generator, dt: float | Floats, gro
         return particles
     core = particles.core.copy()
     n, blocks = len(core), dt / growth.interval
-    still = core[:, STILL] > 0.5
-    core[:, STILL] = _stands(rng, still, blocks, growth)
+    still = core[:, STILL] > 0.0
+    core[:, STILL], factor = _stood(rng, core[:, STILL], blocks, growth)
     kept = np.exp(-dt / growth.memory)
     core[:, GROWTH_NOISE] = kept * core[:, GROWTH_NOISE] + growth.growth_noise_sd * np.sqrt(
         1.0 - kept**2
@@ -157,15 +159,25 @@ def grow(particles: Particles, rng: np.random.Generator, dt: float | Floats, gro
     step = np.where(still, 0.0, np.maximum(ln_grown - ln_u, 0.0))
     core[:, LN_V] += step
     core[:, LN_H] += core[:, SHARE] * step + growth.path_sd * np.sqrt(step) * rng.standard_normal(n)
-    return Particles(core, particles.weight, particles.mean, particles.cov)
+    weight = particles.weight * factor
+    return Particles(core, weight / np.sum(weight), particles.mean, particles.cov)
 
 
-def _stands(rng: np.random.Generator, still: NDArray[np.bool_], blocks: float | Floats, growth: GrowthPrior) -> Floats:
-    """Return 1 where the damage stands still after some blocks: a process of two states, exact for any step."""
-    rate = growth.stops + growth.starts
-    settled = growth.stops / rate if rate > 0.0 else 0.0
-    left = settled + (still - settled) * np.exp(-rate * blocks)
-    return (rng.uniform(size=still.size) < left).astype(float)
+def _stood(
+    rng: np.random.Generator, stood: Floats, blocks: float | Floats, growth: GrowthPrior
+) -> tuple[Floats, Floats]:
+    """Return for how many intervals the damage has stood still after some more (0: it grows), and factors of weights.
+
+    The longer it has stood still, the longer it will: at a constant rate, the growth that is begun again and again and
+    found wrong would add up over weeks. Particles begin to grow at the constant rate all the same, with less weight, so
+    that some are there when it does.
+    """
+    still = stood > 0.0
+    changed = rng.uniform(size=stood.size) < -np.expm1(-np.where(still, growth.starts, growth.stops) * blocks)
+    ln_stay = -growth.starts * blocks
+    lasting = -np.minimum(growth.starts, _LASTING / np.maximum(stood, _BEGUN)) * blocks
+    factor = np.where(changed, np.expm1(lasting) / np.expm1(np.minimum(ln_stay, -1e-300)), np.exp(lasting - ln_stay))
+    return np.where(still != changed, np.maximum(stood + blocks, _BEGUN), 0.0), np.where(still, factor, 1.0)
 
 
 def _slowness(power: Floats) -> Floats:
@@ -191,15 +203,17 @@ def assimilate(
     ln_x: Floats,
     variance: Floats,
     errors: ErrorModel,
+    seen: tuple[Floats, Floats, Floats] | None = None,
 ) -> Particles:
     """Update the weights, b and z of the particles by one block.
 
     Args:
         ln_x: logarithms of the features, NaN where missing, shape (F,).
         variance: of e, shape (F,).
+        seen: what ``lookup.at`` returns for the particles, where it is known already.
     """
     known = np.isfinite(ln_x)
-    expected, w, s = lookup.at(*particles.sizes(part_radius))
+    expected, w, s = seen or lookup.at(*particles.sizes(part_radius))
     b, z = particles.mean[:, :, 0], particles.mean[:, :, 1]
     p_bb, p_bz, p_zz = (particles.cov[:, :, k] for k in range(3))
     gap = np.where(known, ln_x, 0.0) - expected - w * (particles.core[:, GAIN, None] + b + s * z)

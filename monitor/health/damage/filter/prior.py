@@ -58,7 +58,7 @@ class GrowthPrior:
         jump: its mean over ``threshold``; exponentially distributed.
         still: probability that the damage stands still at the first block.
         stops: rate at which growing damage comes to a standstill, per ``interval``.
-        starts: rate at which it grows again.
+        starts: largest rate at which it grows again; that falls the longer it has stood still.
         interval: time to which the rates refer, s.
     """
 
