@@ -7,10 +7,10 @@ the library or by the filter, TT by the library.
 
 A flag is any status other than those with which values are issued as usual (``PASSING``), of V_eq or TT; the first
 blocks, too few for a TT, are none. Tables: by cause and method, the share of lives flagged within ``WATCHED`` blocks of
-the cause, before it, and still at the last block watched; the share of lives without a cause that were ever flagged, up
+the cause (also without ``no_growth``, which is right of a stall alone), before it, and at the last block watched; the share of lives without a cause that were ever flagged, up
 to 3/4 of their time to the threshold, with and without ``no_growth``, which is right where damage stands still; and the
-statuses that were given. ``flag`` says what is right: "yes", "no" (the machine is sound and the monitor knows what
-changed), or "either".
+statuses that were given. ``ambiguous`` is no flag: of V_eq by the library it says that the filter beside it disagrees.
+``flag`` says what is right: "yes", "no" (the machine is sound, or the monitor knows what changed), or "either".
 """
 
 from __future__ import annotations
@@ -61,10 +61,12 @@ class Flags:
     Attributes:
         raised: statuses of each block that are flags.
         cause: first block of the cause.
+        ambiguous: of each block, whether V_eq is.
     """
 
     raised: tuple[tuple[str, ...], ...]
     cause: int
+    ambiguous: tuple[bool, ...] = ()
 
     @property
     def watched(self) -> tuple[tuple[str, ...], ...]:
@@ -81,10 +83,12 @@ def flags_of(case: Case, settings: DamageSettings) -> Flags:
     """Return the flags of a life."""
     blocks = min(case.life.t.size, case.cause + WATCHED) if case.cause or case.fault else case.life.t.size
     raised: list[tuple[str, ...]] = []
+    ambiguous: list[bool] = []
     for damage, forecast in follow(case.life, settings, blocks, DamageGate(fault=case.fault)):
         statuses = dict.fromkeys((damage.status.value, forecast.status.value))
         raised.append(tuple(status for status in statuses if status not in PASSING))
-    return Flags(tuple(raised), case.cause)
+        ambiguous.append(damage.status.value == "ambiguous")
+    return Flags(tuple(raised), case.cause, tuple(ambiguous))
 
 
 def cause_row(name: str, wanted: str, method: str, found: Sequence[Flags]) -> Row:
@@ -97,9 +101,11 @@ def cause_row(name: str, wanted: str, method: str, found: Sequence[Flags]) -> Ro
         "flag": wanted,
         "lives": len(found),
         "flagged": len(delays) / len(found),
+        "but_no_growth": float(np.mean([any(set(block) - {NO_GROWTH} for block in one.watched) for one in found])),
         "median_delay": float(np.median(delays)) if delays else None,
         "before": float(np.mean([any(one.raised[: one.cause]) for one in found])),
         "at_last": float(np.mean([bool(one.watched[-1]) for one in found])),
+        "ambiguous": float(np.mean([any(one.ambiguous[one.cause : one.cause + WATCHED]) for one in found])),
         "lives_by_status": ", ".join(f"{status} {count}" for status, count in statuses.most_common()),
     }
 
@@ -120,6 +126,7 @@ def sound_rows(method: str, cases: Sequence[Case], found: Sequence[Flags]) -> li
                 "count": len(group),
                 "ever_flagged": float(np.mean([bool(statuses) for statuses in ever])),
                 "but_no_growth": other,
+                "ambiguous": float(np.mean([any(one.ambiguous) for one in group])),
                 "blocks_flagged": float(np.mean([bool(block) for one in group for block in one.raised])),
                 "asked": MAX_SOUND,
                 "met": "pass" if other <= MAX_SOUND else "MISS",

@@ -113,10 +113,20 @@ def causes_table(rows: Rows) -> str:
             _number(row["median_delay"], 0),
             f"{row['before']:.0%}",
             f"{row['at_last']:.0%}",
+            f"{row['ambiguous']:.0%}" if "ambiguous" in row else "–",
         ]
         for row in rows
     ]
-    header = ["cause", "V_eq by", "to be flagged", f"within {WATCHED} blocks", "median delay", "before", "at the last"]
+    header = [
+        "cause",
+        "V_eq by",
+        "to be flagged",
+        f"within {WATCHED} blocks",
+        "median delay",
+        "before",
+        "at the last",
+        "`ambiguous`",
+    ]
     return _table(header, lines)
 
 
