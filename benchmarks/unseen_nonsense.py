@@ -7,10 +7,11 @@ the library or by the filter, TT by the library.
 
 A flag is any status other than those with which values are issued as usual (``PASSING``), of V_eq or TT; the first
 blocks, too few for a TT, are none. Tables: by cause and method, the share of lives flagged within ``WATCHED`` blocks of
-the cause (also without ``no_growth``, which is right of a stall alone), before it, and at the last block watched; the share of lives without a cause that were ever flagged, up
-to 3/4 of their time to the threshold, with and without ``no_growth``, which is right where damage stands still; and the
-statuses that were given. ``ambiguous`` is no flag: of V_eq by the library it says that the filter beside it disagrees.
-``flag`` says what is right: "yes", "no" (the machine is sound, or the monitor knows what changed), or "either".
+the cause (also without ``no_growth``, which is right of a stall alone), before it, and at the last block watched; the
+share of lives without a cause that were ever flagged, up to 3/4 of their time to the threshold, with and without
+``no_growth``, which is right where damage stands still; and the statuses that were given. ``ambiguous`` is no flag: of
+V_eq by the library it says that the filter beside it disagrees. ``flag`` says what is right: "yes", "no" (the machine
+is sound, or the monitor knows what changed), or "either".
 """
 
 from __future__ import annotations

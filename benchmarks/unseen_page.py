@@ -110,6 +110,7 @@ def causes_table(rows: Rows) -> str:
             row["method"],
             row["flag"],
             f"{row['flagged']:.0%} of {row['lives']}",
+            f"{row['but_no_growth']:.0%}" if "but_no_growth" in row else "–",
             _number(row["median_delay"], 0),
             f"{row['before']:.0%}",
             f"{row['at_last']:.0%}",
@@ -117,17 +118,8 @@ def causes_table(rows: Rows) -> str:
         ]
         for row in rows
     ]
-    header = [
-        "cause",
-        "V_eq by",
-        "to be flagged",
-        f"within {WATCHED} blocks",
-        "median delay",
-        "before",
-        "at the last",
-        "`ambiguous`",
-    ]
-    return _table(header, lines)
+    header = ["cause", "V_eq by", "to be flagged", f"within {WATCHED} blocks", "but `no_growth`", "median delay"]
+    return _table([*header, "before", "at the last", "`ambiguous`"], lines)
 
 
 def sound_table(rows: Rows) -> str:
