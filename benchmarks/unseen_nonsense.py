@@ -1,9 +1,9 @@
 """Is nonsense flagged: stalls, noise, a gain, a dead sensor, another part, steps of the load, a law of its own, a gap.
 
-Run as ``python -m benchmarks.unseen_nonsense [--judged] [--lives N] [--sound N] [--library FILE | --library-runs N]
-[--features rms|rms+harmonics] [--json FILE] [--quick]``. The lives are those of ``unseen_causes``. Blocks go through
-``monitor.health.damage.tracker``, as in the daemon, on a calibrated channel with a map of the outer race; V_eq is by
-the library or by the filter, TT by the library.
+Run as ``python -m benchmarks.unseen_nonsense [--judged] [--lives N] [--filter-lives N] [--sound N] [--causes NAME...]
+[--library FILE | --library-runs N] [--features rms|rms+harmonics] [--json FILE] [--quick]``. The lives are those of
+``unseen_causes``. Blocks go through ``monitor.health.damage.tracker``, as in the daemon, on a calibrated channel with a
+map of the outer race; V_eq is by the library or by the filter, TT by the library.
 
 A flag is any status other than those with which values are issued as usual (``PASSING``), of V_eq or TT; the first
 blocks, too few for a TT, are none. Tables: by cause and method, the share of lives flagged within ``WATCHED`` blocks of
@@ -144,6 +144,7 @@ def main() -> None:
     parser.add_argument("--quick", action="store_true", help="two lives of each: shows that all works")
     parser.add_argument("--judged", action="store_true", help="the lives of the one judged score")
     parser.add_argument("--lives", type=int, default=200, metavar="N", help="of each cause")
+    parser.add_argument("--filter-lives", type=int, default=60, metavar="N", help="of them by the filter")
     parser.add_argument("--sound", type=int, default=200, metavar="N", help="lives without a cause")
     parser.add_argument("--causes", nargs="*", choices=list(CAUSES), default=list(CAUSES))
     parser.add_argument("--features", choices=("rms", "rms+harmonics"), default="rms+harmonics")
@@ -159,12 +160,14 @@ def main() -> None:
         wanted, make = CAUSES[name]
         cases = make(count, seed)
         for method, settings in by_method.items():
-            rows.append(cause_row(name, wanted, method, [flags_of(case, settings) for case in cases]))
+            asked = cases if method == "library" else cases[: options.filter_lives]
+            rows.append(cause_row(name, wanted, method, [flags_of(case, settings) for case in asked]))
             print(rows[-1], flush=True)
     without = causes.sound(count_sound, seed)
     sound: list[Row] = []
     for method, settings in by_method.items():
-        sound += sound_rows(method, without, [flags_of(case, settings) for case in without])
+        asked = without if method == "library" else without[: options.filter_lives]
+        sound += sound_rows(method, asked, [flags_of(case, settings) for case in asked])
     print_table("causes", rows)
     print_table("without a cause", sound)
     made = {"seeds": seed, "features": options.features, "library": library.hash, "prior": library.prior}
