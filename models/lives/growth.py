@@ -106,8 +106,10 @@ def grow_life(population: Population, number: int, error: TrackingError | None =
     return GrowthLife(number, plan.law, t, v_eq, v_eq * np.exp(errors[there]), plan.path)
 
 
-def grow_lives(population: Population, numbers: Sequence[int]) -> Iterator[GrowthLife]:
+def grow_lives(
+    population: Population, numbers: Sequence[int], error: TrackingError | None = None
+) -> Iterator[GrowthLife]:
     """Yield lives of a population without their vibration, in the order of their numbers as given."""
     # One rig for all: drawing rigs that play no part takes longer than the growth.
     plain = replace(population, rig_spread=())
-    return (grow_life(plain, number) for number in numbers)
+    return (grow_life(plain, number, error) for number in numbers)

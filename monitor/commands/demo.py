@@ -14,7 +14,8 @@ from models.rigs import IGNORES_DEPTH, RIGS
 from models.rigs.angular import AngularRig
 from models.rigs.six_dof import Rig
 from monitor.commands import option
-from monitor.commands.common import InputError, counter, emit, progress_bar, say
+from monitor.commands.common import InputError, counter, emit, finite, progress_bar, say
+from monitor.commands.demo_prior import forecast_quadratic, quadratic_library
 from monitor.commands.replay import summary_lines, write_report
 from monitor.config.load import Config, validate
 from monitor.config.source import ChannelSection
@@ -155,14 +156,20 @@ def command(out: Path, seed: int, method: str | None, model: str, as_json: bool,
     )
     title = f"Demo: simulated bearing {seed}" + ("" if own else f" by the model {model}")
     notes = _NOTES[method] if own else _OTHER_NOTES
-    page = write_report(result, out / "report.html", title, notes)
     comparison = _compare(result.store_path)
+    priors: dict[str, str] = {}
+    if libraries:
+        priors = {"prior": libraries[_TESTED].prior, "prior_quadratic": quadratic_library().prior}
+        _add_quadratic(comparison, result.store_path)
+        notes = (*notes, _prior_note(comparison))
+    page = write_report(result, out / "report.html", title, notes)
     summary = {
         **result.summary,
         "seed": seed,
         "method": method,
         "model": model,
         "truth": comparison,
+        **priors,
         "report": str(page),
         "seconds_in_all": time.perf_counter() - began,
     }
@@ -269,6 +276,37 @@ def _compare(store_path: Path) -> list[dict[str, Any]]:
     return compared
 
 
+def _add_quadratic(compared: list[dict[str, Any]], store_path: Path) -> None:
+    """Add to each moment the forecast of its V_eq as tracked by a library of quadratic growth alone."""
+    from monitor.records.store import Store
+
+    with Store.open(store_path, read_only=True) as store:
+        history = [
+            (record.sequence, float(record.elapsed), float(record.channels[_TESTED]["v_eq"]))
+            for record in store.records()
+            if record.elapsed is not None and record.channels.get(_TESTED, {}).get("v_eq") is not None
+        ]
+    found = forecast_quadratic(history)
+    for row in compared:
+        one = found.get(row["block"])
+        for end in ("", "_lower", "_upper"):
+            row[f"tt_quadratic{end}_s"] = None if one is None else finite(getattr(one, f"tt{end}"))
+
+
+def _prior_note(compared: list[dict[str, Any]]) -> str:
+    """Return in a sentence what TT leans on, and what it would be at half of the life were the growth law known."""
+    half = next((row for row in compared if row["share_of_life"] == 0.5), None)
+    known = None if half is None else half["tt_quadratic_s"]
+    said = "The library expects any growth; this bearing grows by a quadratic."
+    if half is None or known is None or half["tt_true_s"] is None:
+        return said
+    issued = "none" if half["tt_s"] is None else duration(half["tt_s"])
+    return (
+        f"{said} Were that known, TT at half of the life would be {duration(known)} from the same V_eq, issued is "
+        f"{issued}, true {duration(half['tt_true_s'])}."
+    )
+
+
 def _first(value: Any) -> Any:
     return value[0] if isinstance(value, tuple) else value
 
@@ -289,6 +327,12 @@ def _demo_lines(summary: dict[str, Any]) -> Iterator[str]:
             f"{row['share_of_life']:>6.0%} {row['block']:>6}   {row['v_eq_true_mm2']:>10.4f} {v_eq:>24}   "
             f"{tt_true:>11} {tt:>38}  {status}"
         )
+    if "prior" in summary:
+        yield f"prior of TT: {summary['prior']}"
+        yield "this bearing grows by a quadratic; TT from the same V_eq, were that known (the right prior):"
+        for row in summary["truth"]:
+            found = _with_interval(row, "tt_quadratic", "s", duration)
+            yield f"{row['share_of_life']:>6.0%} {row['block']:>6}   {'':>35}   {'':>11} {found:>38}"
     yield from _NOTES[summary["method"]] if summary["model"] == Rig.model else _OTHER_NOTES
     yield ""
     yield f"report: {summary['report']} ({summary['seconds_in_all']:.0f} s in all)"

@@ -14,6 +14,7 @@ import click
 from monitor.commands import option
 from monitor.commands.common import InputError, check_suffix, emit, finite, input_errors
 from monitor.commands.forecast_learned import METHODS, Asked, forecast_learned, learned_among
+from monitor.commands.forecast_shipped import forecast_shipped
 from monitor.commands.history_files import (
     SUFFIXES,
     Volumes,
@@ -25,15 +26,15 @@ from monitor.commands.history_files import (
     write_out,
 )
 from monitor.commands.library_learn import axis, columns
-from monitor.config.stages import method_or_best
 from monitor.health.damage import DamageInput, Remaining
 from monitor.health.damage import tracker as damage
 from monitor.health.damage.calibration import mark_forecast
 from monitor.health.damage.learned.forecaster import LearnedSettings
-from monitor.health.damage.library.forecaster import LibraryState
+from monitor.health.damage.library.forecaster import LibrarySettings, LibraryState
 from monitor.health.damage.library.forecaster import step as ask_library
 from monitor.health.damage.thesis import forecast
 from monitor.service.calibration import is_calibrated
+from monitor.service.libraries import SHIPPED_NAME, shipped_library
 from monitor.words.numbers import duration
 
 Issued = list[tuple[Remaining, ...]]
@@ -74,8 +75,9 @@ def command(
     """Forecast through INPUT: one row per point and threshold, from the points up to its time only.
 
     INPUT is a CSV file with time_s,v_eq_mm2 from t_fs on, or records as replay and demo publish them. From records, the
-    thesis uses V_eq, the library the RMS and the BPFO lines. V_eq is taken as it is, unless INPUT says (column status,
-    or calibrated of the records) that it is uncalibrated: then TT needs --uncalibrated-threshold.
+    thesis uses V_eq, a library the RMS and the BPFO lines. Without --library and --method, a library that ships, of
+    growth alone, takes V_eq. V_eq is taken as it is, unless INPUT says (column status, or calibrated of the records)
+    that it is uncalibrated: then TT needs --uncalibrated-threshold.
 
     By recorded runs (--method learned, with what library learn made, or without) INPUT is records or CSV with
     elapsed_s,rms_g from the healthy machine on, and TT is the time to the end as those runs ended.
@@ -84,7 +86,7 @@ def command(
         check_suffix("--out", out, SUFFIXES)
     if method is None and learned_among(library_path):
         method = "learned"
-    method = method_or_best(method, library_path or None)
+    method = method or "library"
     thresholds = tuple(value * 1e-6 for value in threshold_mm2)
     window = None if window_hours is None else window_hours * 3600.0
     more: dict[str, Any] = {}
@@ -100,13 +102,21 @@ def command(
         raise InputError(f"--axis, --column and --t-fs-s belong to --method learned, not to {method}")
     elif len(library_path) > 1:
         raise InputError("--library: may be given twice with --method combined only")
+    elif method == "library" and not library_path:
+        history = read_volumes(input_path, channel)
+        settings = LibrarySettings(features="v_eq", interval=interval, window=window)
+        with input_errors(str(input_path)):
+            issued = forecast_shipped(history, thresholds, settings)
+        times, running = history.times, history.running
+        issued = _marked(issued, history, asked=uncalibrated_threshold)
+        prior, more = prior_of(shipped_library()), {"library": SHIPPED_NAME}
     elif method == "library":
         features = "rms+harmonics" if is_records(input_path) else "v_eq"
         asked = library_settings(method, next(iter(library_path), None), features, interval, window)
         asked["uncalibrated_threshold"] = uncalibrated_threshold
         issue = _library_on_records if is_records(input_path) else _library_on_volumes
         times, running, issued = issue(input_path, channel, thresholds, asked)
-        prior = prior_of(asked["library"])
+        prior, more = prior_of(asked["library"]), {"library": str(library_path[0])}
     else:
         library_settings(method, next(iter(library_path), None), "v_eq", interval)
         times, running, issued = _thesis(input_path, channel, thresholds, asked=uncalibrated_threshold)
@@ -127,6 +137,7 @@ def command(
         "method": method,
         "interval": None if method == "thesis" else interval,
         "prior": prior,
+        "library": None,
         "rows": rows,
         "by_threshold": _by_threshold(named, issued),
         **more,

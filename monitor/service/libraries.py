@@ -9,10 +9,12 @@ import hashlib
 import json
 import math
 from collections.abc import Callable, Sequence
+from functools import cache
 from pathlib import Path
 
 from platformdirs import user_cache_dir
 
+from models.lives.growth import TrackingError
 from models.lives.life import simulate_lives
 from models.lives.population import Population
 from models.rigs.six_dof import Rig
@@ -24,6 +26,10 @@ from monitor.health.damage.library.model import Library
 from monitor.records.library_file import SCHEMA_VERSION, LibraryError, load_library, save_library
 
 Progress = Callable[[int, int], None]
+
+SHIPPED = Path(__file__).with_name("growth_library.npz")
+"""The library that ships: for histories of V_eq, without a rig (``benchmarks.growth_library`` makes it)."""
+SHIPPED_NAME = "growth"
 
 
 def build_library(
@@ -60,13 +66,34 @@ def build_library(
     )
 
 
+@cache
+def shipped_library() -> Library:
+    """Return the library that ships; LibraryError where the installation lacks it."""
+    return load_library(SHIPPED)
+
+
+def growth_words(population: Population, error: TrackingError, runs: int) -> str:
+    """Return the assumptions behind a library of growth alone, in one sentence."""
+    blocks = " to ".join(f"{value / population.interval:g}" for value in population.durations)
+    first = " to ".join(f"{value / population.threshold:.1%}" for value in population.v_0)
+    known = " to ".join(f"{value:g}" for value in error.sd)
+    return (
+        f"{runs} simulated growths of V_eq without a rig: {_laws_words(population)}; {blocks} blocks from onset to "
+        f"threshold, {first} of it at the onset; V_eq known to {known} in its logarithm"
+    )
+
+
+def _laws_words(population: Population) -> str:
+    total = sum(weight for _, weight in population.laws)
+    return ", ".join(f"{law.replace('_', ' ')} {weight / total:.0%}" for law, weight in population.laws)
+
+
 def prior_words(population: Population, runs: int) -> str:
     """Return the assumptions behind every answer of a library of this population, in one sentence."""
-    total = sum(weight for _, weight in population.laws)
-    laws = ", ".join(f"{law.replace('_', ' ')} {weight / total:.0%}" for law, weight in population.laws)
     depth = " to ".join(f"{value * 1e6:g}" for value in population.h_threshold)
     extent = " to ".join(f"{_extent_deg(population, value):.0f}" for value in reversed(population.h_threshold))
     hours = " to ".join(f"{value / 3600.0:.3g}" for value in population.durations)
+    laws = _laws_words(population)
     load = " to ".join(f"{value:g}" for value in population.load)
     speed = " to ".join(f"{value:g}" for value in population.speed)
     posterior = population.rig_posterior

@@ -185,7 +185,10 @@ def test_forecast_and_bearing_have_the_keys_of_the_interface(tmp_path):
         "time_s,v_eq_mm2\n" + "".join(f"{60 * i},{0.001 + 1e-5 * i * i}\n" for i in range(40))
     )
     rows = json.loads(
-        run("forecast", tmp_path / "v.csv", "--threshold-mm2", "0.03", "--threshold-mm2", "0.05", "--json").stdout
+        run(
+            *("forecast", tmp_path / "v.csv", "--method", "thesis", "--json"),
+            *("--threshold-mm2", "0.03", "--threshold-mm2", "0.05"),
+        ).stdout
     )["rows"]
     assert len(rows) == 80
     assert set(rows[0]) >= {"t_issue_s", "threshold_mm2", "tt_s", "t_threshold_s", "r_squared", "status"}

@@ -115,7 +115,7 @@ def test_track_writes_by_the_suffix(tmp_path: Path, map_file: Path, suffix: str)
 def test_forecast_writes_one_column_a_threshold(tmp_path: Path) -> None:
     out = tmp_path / "tt.nc"
     thresholds = ("--threshold-mm2", 0.03, "--threshold-mm2", 0.05)
-    told = run(forecast_command.command, volumes(tmp_path), *thresholds, "--out", out)
+    told = run(forecast_command.command, volumes(tmp_path), "--method", "thesis", *thresholds, "--out", out)
     with xr.open_dataset(out, engine="netcdf4", decode_cf=False) as dataset:
         assert dataset.tt.dims == ("time", "threshold")
         assert dataset.v_th.values.tolist() == pytest.approx([0.03e-6, 0.05e-6])
@@ -130,7 +130,7 @@ def test_forecast_says_how_much_tt_depends_on_the_threshold(tmp_path: Path) -> N
     """Oracle: V = 0.001 + 1e-5 (t/60)^2 reaches each threshold at a known time, whatever was known when."""
     asked = [0.03, 0.05, 0.08, 0.1]
     arguments = [part for value in asked for part in ("--threshold-mm2", value)]
-    told = run(forecast_command.command, volumes(tmp_path), *arguments)
+    told = run(forecast_command.command, volumes(tmp_path), "--method", "thesis", *arguments)
     reached = [60 * math.sqrt((value - 0.001) / 1e-5) for value in asked]
     assert [one["threshold_mm2"] for one in told["by_threshold"]] == asked
     assert [one["t_threshold_s"] for one in told["by_threshold"]] == pytest.approx(reached, rel=1e-3)
@@ -369,8 +369,8 @@ def test_v_eq_that_is_said_to_be_uncalibrated_gives_no_tt_unless_asked_to(
     path, found = history(tmp_path), {}
     for name, file in (("yes", map_file), ("no", uncalibrated(rms_map, tmp_path))):
         run(track_command.command, path, "--map", file, "--out", tmp_path / f"{name}.csv")
-        found[name] = run(forecast_command.command, tmp_path / f"{name}.csv")["rows"]
-    asked = run(forecast_command.command, tmp_path / "no.csv", "--uncalibrated-threshold")["rows"]
+        found[name] = run(forecast_command.command, tmp_path / f"{name}.csv", "--method", "thesis")["rows"]
+    asked = run(forecast_command.command, tmp_path / "no.csv", "--method", "thesis", "--uncalibrated-threshold")["rows"]
     assert "ok" in {row["status"] for row in found["yes"]}
     assert "ok" not in {row["status"] for row in (*found["no"], *asked)}
     for known, withheld, given in zip(found["yes"], found["no"], asked, strict=True):

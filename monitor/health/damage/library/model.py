@@ -9,7 +9,7 @@ import hashlib
 import json
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from typing import Any
 
@@ -272,6 +272,14 @@ class Library:
     def hash(self) -> str:
         """Hash of the contents."""
         return _hash(self)
+
+    def at_interval(self, interval: float) -> Library:
+        """Return a library whose lives have their blocks at another interval, s, and last as many of them."""
+        fits: dict[str, FeatureFit] = {}
+        for name, fit in self.fits.items():
+            ratio = interval / fit.interval
+            fits[name] = replace(fit, interval=interval, longest=ratio * fit.longest, lifetimes=ratio * fit.lifetimes)
+        return replace(self, fits=fits)
 
     def covers_conditions(self, load: float, speed: float) -> bool:
         """Return whether the lives cover a load and a speed."""
