@@ -11,7 +11,7 @@ from dataclasses import replace
 from itertools import pairwise
 from statistics import median
 
-from monitor.commands.common import InputError, input_errors
+from monitor.commands.common import input_errors
 from monitor.commands.history_files import Volumes
 from monitor.health.damage import DamageInput, Remaining
 from monitor.health.damage.library.forecaster import LibrarySettings, LibraryState, step
@@ -24,11 +24,11 @@ def forecast_shipped(
     """Return the forecasts at each point of a history, one per threshold (m2), from the points up to it.
 
     Raises:
-        InputError: a volume below zero, named by its row.
+        ValueError: a volume below zero, named by its row.
     """
     for row, v_eq in enumerate(history.v_eq, 1):
         if v_eq < 0.0:
-            raise InputError(f"row {row}: v_eq must be a volume, got {v_eq * 1e6:g} mm3/mm")
+            raise ValueError(f"row {row}: v_eq must be a volume, got {v_eq * 1e6:g} mm3/mm")
     with input_errors("the library that ships"):
         library = shipped_library()
     gaps = [after - before for before, after in pairwise(history.running) if after > before]
