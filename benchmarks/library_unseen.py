@@ -51,7 +51,7 @@ def with_pool(library: Library, features: str, share: float) -> Library:
 def row_of(answers: Answers, cases: Cases, naive: dict[str, Answers], m: int) -> Row:
     """Return the scores of answers at a moment; CRPS as a sum over cases, s."""
     lower, upper = answers.tt[:, m, LEVELS.tolist().index(0.1)], answers.tt[:, m, LEVELS.tolist().index(0.9)]
-    known = np.isfinite(answers.tt[:, m]).all(axis=1)
+    known = np.asarray(np.isfinite(answers.tt[:, m]).all(axis=1))
     truth = cases.tt[known, m]
     error = np.log(answers.v_eq[known, m] / cases.v_eq[known, m])
     inside_v = (answers.v_lower[known, m] <= cases.v_eq[known, m]) & (cases.v_eq[known, m] <= answers.v_upper[known, m])

@@ -116,7 +116,7 @@ def command(
         asked["uncalibrated_threshold"] = uncalibrated_threshold
         issue = _library_on_records if is_records(input_path) else _library_on_volumes
         times, running, issued = issue(input_path, channel, thresholds, asked)
-        prior, more = prior_of(asked["library"]), {"library": str(library_path[0])}
+        prior, more = prior_of(asked["library"]), {"library": str(next(iter(library_path)))}
     else:
         library_settings(method, next(iter(library_path), None), "v_eq", interval)
         times, running, issued = _thesis(input_path, channel, thresholds, asked=uncalibrated_threshold)
