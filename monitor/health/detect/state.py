@@ -22,7 +22,7 @@ BaselinePoint = tuple[float | None, float, tuple[float | None, ...]]
 
 MIN_DEPTH = 0.1
 """Least depth of modulation of lines that count, but those of the outer race, as in the thesis: half of what a name
-needs. Elements that pass the load zone of a healthy bearing, or damage of a neighbour, modulate less."""
+needs. Elements that pass the load zone of a healthy bearing, or damage of a far one without a sensor, modulate less."""
 MAX_EPISODES = 20
 """Closed episodes that the state keeps; events have all."""
 _VERSION = 2
