@@ -120,6 +120,17 @@ def _channel_words(channel: Mapping[str, Any]) -> Iterator[str]:
         yield f"V_eq {''.join(_volume_words(channel))}{channel['edv_status']}"
     if channel["tt_status"] is not None:
         yield "TT " + "".join(_forecast_words(channel)) + channel["tt_status"]
+    if channel["tta_status"] not in (None, "learning", "not_final_stage"):
+        yield "time to the alarm level " + "".join(_alarm_time_words(channel)) + channel["tta_status"]
+
+
+def _alarm_time_words(channel: Mapping[str, Any]) -> Iterator[str]:
+    """Yield the level as a multiple of the baseline, and the time to it where there is one."""
+    if channel["tta_level_factor"] is not None:
+        yield f"({channel['tta_level_source']}, {channel['tta_level_factor']:.3g} times the baseline) "
+    if channel["tta_s"] is not None:
+        upper = math.inf if channel["tta_upper_s"] is None else channel["tta_upper_s"]
+        yield f"{duration(channel['tta_s'])}, interval {interval(channel['tta_lower_s'], upper, duration)}, "
 
 
 def _volume_words(channel: Mapping[str, Any]) -> Iterator[str]:

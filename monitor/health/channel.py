@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.bearing import Kinematics, kinematics
-from monitor.health import detect
+from monitor.health import detect, trend
 from monitor.health.condition import Quantity, known_sd
 from monitor.health.damage import Damage, DamageInput, Remaining
 from monitor.health.damage import tracker as damage
@@ -150,6 +150,7 @@ def conclude(
         state = latch_name(state, _named(naming, block.sequence))
     closed = detection.closed is not None
     state, found, forecasts = track(state, block, settings, features.rms, harmonics, closed=closed)
+    state, to_alarm = time_to_alarm(state, block, settings, features.rms, closed=closed)
     return state, ChannelOutput(
         verdict=verdict,
         stage=state.detect.stage,
@@ -164,6 +165,7 @@ def conclude(
         detection=detection,
         damage=found,
         forecasts=forecasts,
+        to_alarm=to_alarm,
     )
 
 
@@ -304,6 +306,27 @@ def track(
     )
     after, found, forecasts = damage.step(state.damage, damage_input, gate, settings.damage)
     return replace(state, damage=after), found if settings.damage.tracks_volume else None, forecasts
+
+
+def time_to_alarm(
+    state: ChannelState, block: ChannelBlock, settings: ChannelSettings, rms: float, *, closed: bool = False
+) -> tuple[ChannelState, trend.TimeToAlarm]:
+    """Tell the time to the alarm level by the trend; arguments as of :func:`track`, ``rms`` in any unit."""
+    learned = state.detect.baseline
+    given = trend.TrendInput(
+        sequence=block.sequence,
+        time=state.running_time,
+        rms=rms,
+        usable=block.verdict.for_tracker,
+        baseline=None if learned is None else (learned.ln_rms, learned.ln_rms_sd),
+        elevated=state.detect.elevated is not None,
+        final=state.detect.t_fs is not None,
+        closed=closed,
+        speed=block.speed.value,
+        load=block.load.value,
+    )
+    after, found = trend.step(state.trend, given, settings.alarms, settings.trend)
+    return replace(state, trend=after), found
 
 
 def _since(mark: detect.Mark | None, time: float | None) -> float | None:

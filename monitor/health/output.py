@@ -29,6 +29,7 @@ from monitor.health.schema import HINT, VERDICT
 from monitor.health.spectrum.family import FaultLines
 from monitor.health.spectrum.features import FAULTS, SPECTRUM_LINES, BlockFeatures, fundamentals
 from monitor.health.spectrum.transform import Band
+from monitor.health.trend import TimeToAlarm
 from monitor.health.waterfall import SpectrumRow
 from streams.block import Block
 
@@ -58,6 +59,7 @@ class ChannelOutput:
         naming: of the damaged part, from the averaged envelope spectrum.
         damage: equivalent damaged volume, or None where the channel is not tracked.
         forecasts: one for each threshold.
+        to_alarm: time to the alarm level.
     """
 
     verdict: Verdict
@@ -73,6 +75,7 @@ class ChannelOutput:
     detection: DetectOutput | None = None
     damage: Damage | None = None
     forecasts: tuple[Remaining, ...] = ()
+    to_alarm: TimeToAlarm | None = None
 
 
 def record_values(
@@ -123,12 +126,20 @@ def record_values(
     if output.forecasts:
         values |= _forecast_values(output.forecasts)
         values["p_crossed"] = output.forecasts[0].p_crossed
+    values |= _alarm_time_values(output.to_alarm)
     if output.features is not None:
         for name, quantity in (("speed", output.speed), ("load", output.load)):
             values |= {f"{name}_source": quantity.source, f"{name}_sd": quantity.sd}
     if output.damage is not None:
         values |= truth or {}
     return {name: plain(value) for name, value in values.items()}
+
+
+def _alarm_time_values(found: TimeToAlarm | None) -> dict[str, Any]:
+    if found is None:
+        return {}
+    values: dict[str, Any] = {name: getattr(found, name) for name in ("tta", "tta_lower", "tta_upper")}
+    return {**values, "tta_status": found.status, "tta_level": found.level, "tta_level_source": found.source}
 
 
 def p_no_growth(output: ChannelOutput) -> float:

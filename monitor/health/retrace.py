@@ -23,6 +23,7 @@ from monitor.health.channel import (
     latch_name,
     run_clock,
     shallow_lines,
+    time_to_alarm,
     track,
 )
 from monitor.health.condition import Quantity
@@ -168,7 +169,9 @@ def _channel(
     harmonics = None if lines is None or None in lines else tuple(lines)
     if verdict.for_baseline:
         state = latch_name(state, _named(values, record.sequence, averaged))
-    state, _, _ = track(state, block, settings, values["rms"], harmonics, closed=found.closed is not None)
+    closed = found.closed is not None
+    state, _, _ = track(state, block, settings, values["rms"], harmonics, closed=closed)
+    state, _ = time_to_alarm(state, block, settings, values["rms"], closed=closed)
     return state, found
 
 

@@ -13,6 +13,7 @@ from monitor.health.condition import SOURCES as CONDITION_SOURCES
 from monitor.health.damage import EdvStatus, TtStatus
 from monitor.health.detect import STAGES
 from monitor.health.quality import FLAGS, REJECTIONS
+from monitor.health.trend import LEVEL_SOURCES, TtaStatus
 from monitor.words.features import ACCELERATION, FEATURES, GABRIELLI
 from monitor.words.statuses import UNDECIDED
 
@@ -27,6 +28,7 @@ BAND_SOURCES = ("configured", "learning", "recording", "provisional")
 STATUSES = ("ok", *FLAGS, *REJECTIONS)
 EDV_STATUSES = tuple(map(str, EdvStatus))
 TT_STATUSES = tuple(map(str, TtStatus))
+TTA_STATUSES = tuple(map(str, TtaStatus))
 
 DIMENSION_SIZES = {"fault": len(FAULTS), "harmonic": 5, "bpfo_harmonic": 6, "coefficient": 3}
 """Sizes of the dimensions that are the same everywhere; ``band`` and ``threshold`` have as many as are configured."""
@@ -188,6 +190,26 @@ _TABLE: list[Variable] = [
         ("threshold", "coefficient"),
     ),
     *_floats("1", f"r_squared | R^2 | goodness of the fit of v_eq over time | {GABRIELLI}, Table 22", ("threshold",)),
+    *_floats(
+        "s",
+        """
+        tta | | time to the alarm level of RMS | monitor/health/trend
+        tta_lower | | lower end of tta | monitor/health/trend
+        tta_upper | | upper end of tta | monitor/health/trend
+        """,
+        optional=True,
+    ),
+    *_floats(ACCELERATION, "tta_level | | RMS that tta leads to | monitor/health/trend", optional=True),
+    Variable(
+        "tta_level_source",
+        (),
+        None,
+        "what that level is",
+        kind="flag",
+        values=LEVEL_SOURCES,
+        optional=True,
+    ),
+    Variable("tta_status", (), None, "status of tta", kind="flag", values=TTA_STATUSES, optional=True),
     *_floats(
         "m2", f"v_eq_true | V_eq | true damaged volume (simulated rigs only) | {GABRIELLI}, Eq. 90", optional=True
     ),

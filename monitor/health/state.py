@@ -26,6 +26,7 @@ from monitor.health.spectrum.average import RecentSpectra
 from monitor.health.spectrum.bands import BandVotes
 from monitor.health.spectrum.interference import Interference
 from monitor.health.spectrum.transform import Band
+from monitor.health.trend import TrendSettings, TrendState
 from monitor.health.voice import Heard, Voice
 from monitor.health.waterfall import WaterfallSettings, WaterfallState
 
@@ -76,6 +77,7 @@ class ChannelSettings:
     calibration: Calibration | None = None
     map_hash: str | None = None
     alarms: AlarmSettings = field(default_factory=AlarmSettings)
+    trend: TrendSettings = field(default_factory=TrendSettings)
     waterfall: WaterfallSettings = field(default_factory=WaterfallSettings)
 
     @property
@@ -154,6 +156,7 @@ class ChannelState:
         last_time: time of the latest block that was in order, s, or None.
         was_running: whether the machine ran then.
         named: the damaged part, or None.
+        trend: levels since the onset.
     """
 
     detect: DetectState = field(default_factory=DetectState)
@@ -167,6 +170,7 @@ class ChannelState:
     was_running: bool = False
     damage: DamageState = field(default_factory=DamageState)
     named: Named | None = None
+    trend: TrendState = field(default_factory=TrendState)
     version: int = STATE_VERSION
 
     def to_dict(self) -> dict[str, Any]:
@@ -184,6 +188,7 @@ class ChannelState:
             "was_running": self.was_running,
             "damage": self.damage.to_dict(),
             "named": None if self.named is None else asdict(self.named),
+            "trend": self.trend.to_dict(),
         }
 
     @classmethod
@@ -208,6 +213,7 @@ class ChannelState:
             was_running=stored["was_running"],
             damage=DamageState.from_dict(stored["damage"] if version > 1 else _damage_of_version_1(stored)),
             named=None if stored["named"] is None else _named(stored["named"]),
+            trend=TrendState.from_dict(stored["trend"]) if "trend" in stored else TrendState(),
         )
 
 

@@ -1,4 +1,4 @@
-"""The verdict on a channel, and the answers to five questions about it, each with its evidence."""
+"""The verdict on a channel, and the answers to the questions about it, each with its evidence."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ import numpy as np
 
 from monitor.health.schema import HINT, VERDICT
 from monitor.records.archive import of_channel
+from monitor.report.alarm_time import alarm_time
 from monitor.report.calibration import VolumeScale, is_calibrated, unscaled
 from monitor.report.life_marks import LATE, Moment, closed_stages, mark_of, open_stage
 from monitor.report.part import doubt_of, named_fault
@@ -178,10 +179,10 @@ class Finding:
 
 
 def findings(context: ChannelContext) -> tuple[Finding, ...]:
-    """Answer the five questions about a channel after its last block."""
+    """Answer the questions about a channel after its last block."""
     run, channel, verdict = context.run, context.channel, context.verdict
     first = _failing(channel, verdict), _since(verdict, context.clock), _where(channel, verdict)
-    return (*first, _how_large(run, channel), *_how_long(run, channel))
+    return (*first, _how_large(run, channel), *_how_long(run, channel), *_to_alarm(run, channel))
 
 
 def _failing(channel: Channel, verdict: ChannelVerdict) -> Finding:
@@ -368,6 +369,21 @@ def _by_recorded_runs(run: Run, tt: float, ends: str, *, outside: bool) -> Findi
     if outside:
         rests = "This final stage lies beyond the recorded runs: as long again as it has lasted."
     return Finding("How long left?", f"{duration(tt)} to the end.", f"{_ends(run, ends)} {rests}", brief=duration(tt))
+
+
+def _to_alarm(run: Run, channel: Channel) -> list[Finding]:
+    """Return the time to the alarm level; nothing for records of an earlier version."""
+    told = alarm_time(channel)
+    if told is None:
+        return []
+    question = "How long to the alarm level?"
+    if told.refusal:
+        return [Finding(question, "Cannot be said.", _sentence(told.refusal), known=False, brief="")]
+    if told.reached:
+        return [Finding(question, "It is reached.", f"{_capital(told.level)}.", brief="reached")]
+    text = f"RMS reaches {told.level} if it goes on as since the onset, or by a step."
+    ends = interval(told.lower, told.upper, duration)
+    return [Finding(question, f"{duration(told.time)}.", f"{_ends(run, ends)} {text}", brief=duration(told.time))]
 
 
 def _sentence(text: str) -> str:

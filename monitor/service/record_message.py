@@ -8,11 +8,11 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from monitor.words.events import utc_text
-from monitor.words.features import TRENDS
+from monitor.words.features import FEATURES, TRENDS
 
 _WORDS = (
     *("stage", "fault", "fault_basis", "edv_status", "tt_status", "p_no_growth"),
-    *("t_fs_block", "t_fs_known_block", "t_eol_block"),
+    *("t_fs_block", "t_fs_known_block", "t_eol_block", "tta_status", "tta_level_source"),
 )
 
 
@@ -55,6 +55,9 @@ def channel_message(record: StoredRecord, channel: str) -> str:
     for feature in TRENDS:
         value = first(values.get(feature.name))
         message[feature.column] = None if value is None else value * feature.of_si(absolute=absolute)
+    message |= {f"{name}_s": values.get(name) for name in ("tta", "tta_lower", "tta_upper")}
+    level = values.get("tta_level")
+    message["tta_level_g"] = None if level is None else level * FEATURES["rms"].of_si(absolute=absolute)
     return json.dumps(message, allow_nan=False, separators=(",", ":"))
 
 

@@ -32,6 +32,7 @@ from monitor.health.damage.thesis.edv import EdvSettings
 from monitor.health.damage.thesis.level_set import LevelMap
 from monitor.health.damage.tracker import DamageSettings, PartMap
 from monitor.health.state import ChannelSettings, SourceSettings
+from monitor.health.trend import TrendSettings
 from monitor.records.learned_file import LearnedFileError, is_learned, load_learned
 from monitor.records.library_file import LibraryError, load_library
 from monitor.service.calibration import calibration_of
@@ -267,6 +268,7 @@ def _channel_settings(
             absolute_volume=absolute_volume,
             of_threshold=damage is None or not damage.uses_learned,
         ),
+        trend=TrendSettings(interval=config.forecast.interval),
         waterfall=config.machine.to_waterfall(),
     )
 

@@ -14,6 +14,7 @@ from monitor.health.machine import patience_of, weigh
 from monitor.health.output import basis_of
 from monitor.health.state import ChannelSettings, SourceSettings, SourceState, channels_by_bearing
 from monitor.service.calibration import other_models
+from streams.block import STANDARD_GRAVITY
 
 _END_WORDS = {
     "learned": "as recorded runs ended, v_th is not used",
@@ -120,6 +121,20 @@ def channel_summary(state: SourceState, settings: ChannelSettings) -> dict[str, 
         "p_threshold": first(values.get("p_threshold")),
         "p_no_growth": values.get("p_no_growth"),
         "p_crossed": values.get("p_crossed"),
+        **_alarm_time(values, detector.reference_rms),
+    }
+
+
+def _alarm_time(values: Mapping[str, Any], baseline: float | None) -> dict[str, Any]:
+    """Return the time to the alarm level; the level in g where the unit is known, and over the baseline."""
+    level = values.get("tta_level")
+    absolute = values.get("absolute_level") != "no"
+    return {
+        **{f"{name}_s": values.get(name) for name in ("tta", "tta_lower", "tta_upper")},
+        "tta_status": values.get("tta_status"),
+        "tta_level_source": values.get("tta_level_source"),
+        "tta_level_g": level / STANDARD_GRAVITY if level is not None and absolute else None,
+        "tta_level_factor": level / baseline if level is not None and baseline else None,
     }
 
 

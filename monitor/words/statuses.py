@@ -73,6 +73,17 @@ TT_REFUSALS = {
     "episode_closed": "the final stage closed again, and its forecasts with it",
     "no_growth": "the damage more likely than not stands still",
 }
+TTA_REFUSALS = {
+    "no_trend": "the level does not grow towards it: the trend, continued three times as long, does not reach it",
+    "too_few_points": "there are too few blocks since the onset yet to see a trend",
+    "not_final_stage": "the bearing is not in the final stage of its life",
+    "learning": "what healthy means is being learned",
+    "no_level": "the level of the alarm does not apply at the present speed or load",
+    "bad_block": "the quality of the latest block does not allow it, or the machine stands still",
+    "episode_closed": "the final stage closed again",
+}
+ALARM_LEVELS = {"alert": "the alert", "danger": "the danger", "default": "four times the baseline"}
+"""What level the time to the alarm level leads to."""
 BAND_SOURCES = {
     "configured": "as configured",
     "learning": "found on the learning window, then frozen",
@@ -175,6 +186,8 @@ def page_words() -> dict[str, Any]:
         "blocks": STATUS_MEANINGS,
         "edv": EDV_REFUSALS | {"widened": "the interval is wider than usual, as the latest levels jumped"},
         "tt": TT_REFUSALS | {"already_crossed": "the threshold has been reached"},
+        "tta": TTA_REFUSALS,
+        "alarm_levels": ALARM_LEVELS,
         "relative": _CHARTS["v_eq_relative"]["unit"],
         "charts": _CHARTS | {name: chart for name, chart in titles.items() if name not in _CHARTS},
         "features": {

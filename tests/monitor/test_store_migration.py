@@ -28,8 +28,9 @@ EXACT = ("sequence", "elapsed", "x.t_fs", "x.stage", "x.edv_status", "x.tt_statu
 MAP_VERSION = 4
 """Version of the model that the hash of the kept map names."""
 ADDED = (
-    *("v_eq_relative", "envelope_mean", "speed_unverified", "p_no_growth", "rms_baseline", "raised"),
+    *("v_eq_relative", "envelope_mean", "speed_unverified", "p_no_growth", "p_crossed", "rms_baseline", "raised"),
     *("v_eq_filter", "v_eq_filter_lower", "v_eq_filter_upper"),
+    *("tta", "tta_lower", "tta_upper", "tta_level", "tta_level_source", "tta_status"),
 )
 """Values of a block that the baseline did not have."""
 WITHHELD = {

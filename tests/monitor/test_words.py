@@ -5,15 +5,27 @@ from __future__ import annotations
 import itertools
 import math
 
-from monitor.health.schema import EDV_STATUSES, FAULTS, STATUSES, TT_STATUSES
+from monitor.health.schema import EDV_STATUSES, FAULTS, STATUSES, TT_STATUSES, TTA_STATUSES
+from monitor.health.trend import LEVEL_SOURCES
 from monitor.words.numbers import duration, moment, volume
-from monitor.words.statuses import EDV_REFUSALS, STATUS_MEANINGS, TT_REFUSALS, bearing_words, fault_words, named_words
+from monitor.words.statuses import (
+    ALARM_LEVELS,
+    EDV_REFUSALS,
+    STATUS_MEANINGS,
+    TT_REFUSALS,
+    TTA_REFUSALS,
+    bearing_words,
+    fault_words,
+    named_words,
+)
 
 
 def test_every_status_has_words() -> None:
     assert set(STATUS_MEANINGS) == set(STATUSES)
     assert set(EDV_REFUSALS) == set(EDV_STATUSES) - {"ok", "widened"}
     assert set(TT_REFUSALS) == set(TT_STATUSES) - {"ok", "already_crossed"}
+    assert set(TTA_REFUSALS) == set(TTA_STATUSES) - {"ok", "reached", "beyond_horizon"}
+    assert set(ALARM_LEVELS) == set(LEVEL_SOURCES)
     for first, second in itertools.combinations(FAULTS, 2):
         assert " or " in fault_words(f"{first}|{second}")
 

@@ -3,7 +3,9 @@
 import { disagreement, support } from "./bearings.js";
 import { h, symbol } from "./dom.js";
 import * as fmt from "./fmt.js";
-import { RELATIVE, STATES, baseSentence, baseWord, edvSentence, faultWords, featureWord, stageWord, ttSentence } from "./words.js";
+import {
+  RELATIVE, STATES, alarmLevel, baseSentence, baseWord, edvSentence, faultWords, featureWord, stageWord, ttSentence, ttaSentence,
+} from "./words.js";
 
 const answer = (question, value, ...more) =>
   h(
@@ -23,6 +25,7 @@ export function verdict({ row, info, zone, age, machine }) {
     part(status),
     size(status, info),
     left(status, info),
+    alarmTime(status, info),
     latest(status, info, zone, age, machine),
   ]);
 }
@@ -177,6 +180,22 @@ function left(status, info) {
     to,
     probable,
   );
+}
+
+/** Time to the alarm level by the trend of RMS, or null where no final stage makes it a question. */
+function alarmTime(status, info) {
+  if ([undefined, null, "learning", "not_final_stage"].includes(status.tta_status)) return null;
+  const question = "How long to the alarm level?";
+  const factor = fmt.isNumber(status.tta_level_factor) ? `${fmt.number(status.tta_level_factor, 3)} times the baseline` : null;
+  const source = status.tta_level_source;
+  const to = source ? [alarmLevel(source), source === "default" ? null : factor].filter(Boolean).join(", ") : null;
+  if (status.tta_status === "reached") return answer(question, "reached", to);
+  if (!fmt.isNumber(status.tta_s)) return answer(question, "cannot be said", ttaSentence(status.tta_status), to);
+  const range = fmt.isNumber(status.tta_upper_s)
+    ? fmt.interval(status.tta_lower_s, status.tta_upper_s, fmt.duration)
+    : `from ${fmt.duration(status.tta_lower_s)}`;
+  const share = fmt.isNumber(info?.interval) ? fmt.percent(info.interval) : "";
+  return answer(question, fmt.duration(status.tta_s), `${share} interval ${range}`, to && `RMS reaches ${to}, by its trend`);
 }
 
 function latest(status, info, zone, age, machine) {

@@ -94,7 +94,7 @@ def test_replay_prints_one_json_object_and_keeps_its_books(machine):
     assert set(channel) >= {
         "stage", "t_fs_block", "t_fs_known_block", "t_fs_utc", "t_eol_block", "fault", "fault_snr", "v_eq_mm2",
         "v_eq_lower_mm2", "v_eq_upper_mm2", "edv_status", "tt_s", "tt_lower_s", "tt_upper_s", "tt_status",
-        "p_threshold", "fault_basis", "p_no_growth",
+        "p_threshold", "fault_basis", "p_no_growth", "tta_s", "tta_lower_s", "tta_upper_s", "tta_status",
     }  # fmt: skip
     assert all(Path(machine / path).exists() or Path(path).exists() for path in summary["records"])
 

@@ -139,6 +139,9 @@ def test_the_words_of_published_files_keep_their_integers() -> None:
         "episode_closed",
         "no_growth",
     ) == schema.TT_STATUSES
+    tta = "ok reached no_trend too_few_points not_final_stage learning beyond_horizon no_level bad_block episode_closed"
+    assert tuple(tta.split()) == schema.TTA_STATUSES
+    assert schema.VARIABLES["tta_level_source"].values == ("alert", "danger", "default")
 
 
 def test_every_variable_is_described() -> None:
