@@ -33,7 +33,8 @@ def test_the_page_says_time_interval_level_or_why_not(pump: Served, visitor: Vis
         {"stage": "final"},
     ]
     answers = visitor(pump.url).go().evaluate(WRITE, states)
-    said = [found[0].removeprefix("How long to the alarm level?").replace("\u202f", " ").replace("\u2009", " ") for found in answers[:4]]
+    spaces = str.maketrans({"\u202f": " ", "\u2009": " "})
+    said = [found[0].removeprefix("How long to the alarm level?").translate(spaces) for found in answers[:4]]
     assert said == [
         "2 h80 % interval 60 min – 4 hRMS reaches the alert, 2.5 times the baseline, by its trend",
         "2 h80 % interval from 60 minRMS reaches four times the baseline, by its trend",
