@@ -35,7 +35,7 @@ from monitor.health.damage.library.model import FeatureFit, Library
 
 STANDSTILL = "standstill"
 FEATURES = ("rms", "rms+harmonics", "v_eq")
-POOLS = (0.0, 0.1, 0.15, 0.2, 0.25, 0.3, 0.4)
+POOLS = (0.0, 0.05, 0.1, 0.2, 0.3)
 MAX_LIVES = 60
 """Lives of one law that are scored."""
 PROBABILITIES = (0.0, 0.02, 0.1, 0.3, 0.5, 0.7, 0.9, 1.0)

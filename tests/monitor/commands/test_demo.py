@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import pytest
@@ -9,8 +10,11 @@ from click.testing import CliRunner
 
 from models.rigs import IGNORES_DEPTH, RIGS
 from models.rigs.rotor import RotorRig
+from monitor.commands import demo_prior
 from monitor.commands.common import InputError
-from monitor.commands.demo import MODELS, command, demo_config
+from monitor.commands.demo import MODELS, _prior_note, command, demo_config
+from monitor.commands.demo_prior import QUADRATIC, forecast_quadratic
+from monitor.service.libraries import shipped_library
 
 
 def test_the_bench_is_that_of_the_thesis() -> None:
@@ -40,3 +44,27 @@ def test_what_there_is_not_is_refused(options: tuple[str, ...], tmp_path: Path) 
         assert result.exit_code == 2
         assert "'ring_impact' is not one of" in result.output
     assert not (tmp_path / "out").exists()
+
+
+def test_v_eq_as_tracked_is_forecast_once_more_by_block(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert QUADRATIC.laws == (("quadratic", 1.0),)
+    # Another library, since a fit takes seconds: it is about which answer belongs to which block.
+    monkeypatch.setattr(demo_prior, "quadratic_library", shipped_library)
+    history = [(number + 7, 300.0 * number, 0.002e-6 + 5e-12 * number**2) for number in range(60)]
+    whole, half = forecast_quadratic(history), forecast_quadratic(history[:30])
+    assert list(whole) == [block for block, _, _ in history]
+    assert all(repr(whole[block]) == repr(half[block]) for block in half)
+    assert whole[60].status == "ok"
+
+
+@pytest.mark.parametrize(
+    ("tt", "known", "said"),
+    [
+        (3600.0, 7200.0, r"TT at half of the life would be 2 h.* issued is 60 min, true 1 h 30 min"),
+        (None, 7200.0, "issued is none"),
+        (3600.0, None, "grows by a quadratic.$"),
+    ],
+)
+def test_the_report_says_what_the_prior_costs(tt: float | None, known: float | None, said: str) -> None:
+    row = {"share_of_life": 0.5, "tt_s": tt, "tt_quadratic_s": known, "tt_true_s": 5400.0}
+    assert re.search(said, _prior_note([{**row, "share_of_life": 0.25}, row]))

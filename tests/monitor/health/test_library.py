@@ -308,6 +308,30 @@ def test_a_standstill_is_said_and_its_v_eq_does_not_creep_on() -> None:
     assert statuses.count("no_growth") > 0.6 * len(statuses)
 
 
+def test_many_updates_leave_v_eq_where_it_is_and_the_state_as_large() -> None:
+    library = standing_library()
+    # No life lasts so long; it is about arithmetic and memory.
+    fits = {name: replace(fit, longest=math.inf) for name, fit in library.fits.items()}
+    library, blocks = replace(library, fits=fits), blocks_of(standing_life(101, seed=8))[100:]
+    updates, state, found, sizes = effort_count(quick=200, full=100_000), LibraryState(), [], []
+    for number in range(updates):
+        block = replace(blocks[number % len(blocks)], time=number * INTERVAL)
+        asked = [THRESHOLD] if number > updates - 20 else []
+        state, damage, _ = step(state, block, library, thresholds=asked)
+        found.append(damage.v_eq)
+        if number >= updates // 2:
+            sizes.append(len(json.dumps(state.to_dict())) if number % (updates // 20) == 0 else 0)
+    half = np.array(found[updates // 2 :])
+    assert np.isfinite(half).all()
+    assert abs(math.log(np.median(half[-50:]) / np.median(half[:50]))) < 0.1
+    assert max(sizes) < 12_000
+    again = LibraryState.from_dict(json.loads(json.dumps(state.to_dict())))
+    after = replace(blocks[0], time=updates * INTERVAL)
+    assert repr(step(again, after, library, thresholds=[THRESHOLD])) == repr(
+        step(state, after, library, thresholds=[THRESHOLD])
+    )
+
+
 def test_growing_lives_are_not_said_to_stand_still() -> None:
     statuses = [
         str(result.forecasts[0].status)
