@@ -1,13 +1,15 @@
 """Names of seeded faults: 500 machines drawn by seeds that constants may be fitted on, and 500 that were set aside.
 
-Run as ``python -m benchmarks.naming_seeded [--json FILE] [--quick] [--held-out] [--baseline]``. Each record of
-``benchmarks/seeded_faults.py`` goes through the program as one block with its stated speed, up to 6 % wrong, in the
-band that a person would configure. A fault is findable if its comb is ``FINDABLE`` deep at the frequency at which the
-passages really came (``benchmarks/naming_truth.py``). A foreign comb is that of a gear wheel whose first, second or
-third line stands within the reach of a family (slip of 0 to 4 %): then what the name rests on may be the gear.
+Run as ``python -m benchmarks.naming_seeded [--json FILE] [--quick] [--held-out] [--validation] [--baseline]``. Each
+record of ``benchmarks/seeded_faults.py`` goes through the program as one block with its stated speed, up to 6 %
+wrong, in the band that a person would configure. A fault is findable if its comb is ``FINDABLE`` deep at the
+frequency at which the passages really came (``benchmarks/naming_truth.py``). A foreign comb is that of a gear wheel
+whose first, second or third line stands within the reach of a family (slip of 0 to 4 %): then what the name rests on
+may be the gear.
 Tables: all, and by part, bearing, speed, error of the stated speed, length, gears; then what was wrong.
 
-``--held-out`` judges the seeds that were set aside. Every run keeps the tables of the other kinds in its file.
+``--held-out`` judges the seeds that were set aside, ``--validation`` those of the rule before. Every run keeps the
+tables of the other kinds in its file; ``first_rule_held_out`` is what the rule before (5dc111c) said.
 """
 
 from __future__ import annotations
@@ -23,7 +25,7 @@ from typing import Any
 
 from benchmarks.common import Row, circumstances, print_table, write_json
 from benchmarks.naming_truth import FINDABLE, comb_depth, envelope_spectrum
-from benchmarks.seeded_faults import HELD_OUT, TRAINING, Plan, Seeded, kept
+from benchmarks.seeded_faults import HELD_OUT, TRAINING, VALIDATION, Plan, Seeded, kept
 from models.bearing import from_catalogue
 from monitor.config.load import Config
 from monitor.health.state import SourceSettings
@@ -222,16 +224,18 @@ def main() -> None:
     parser.add_argument("--json", type=Path, metavar="FILE", help="write the same figures to this file")
     parser.add_argument("--quick", action="store_true", help="the first 50 seeds only")
     parser.add_argument("--held-out", action="store_true", help="the seeds that were set aside")
+    parser.add_argument("--validation", action="store_true", help="the seeds that were set aside for the rule before")
     parser.add_argument("--baseline", action="store_true", help="keep the figures as those to compare with")
     parser.add_argument("--records", type=Path, metavar="DIR", help="keep the records there between runs")
     options = parser.parse_args()
-    seeds = HELD_OUT if options.held_out else TRAINING
+    kind = "held_out" if options.held_out else "validation" if options.validation else "training"
+    seeds = {"training": TRAINING, "validation": VALIDATION, "held_out": HELD_OUT}[kind]
     found = list(records(seeds[:50] if options.quick else seeds, options.records))
     tables = tables_of(found)
     for name, rows in tables.items():
         if rows:
             print_table(name, rows)
-    kind = ("baseline_" if options.baseline else "") + ("held_out" if options.held_out else "training")
+    kind = f"baseline_{kind}" if options.baseline else kind
     written: dict[str, Any] = {}
     if options.json is not None and options.json.is_file():
         written = json.loads(options.json.read_text(encoding="utf-8"))

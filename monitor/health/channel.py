@@ -25,7 +25,7 @@ from monitor.health.spectrum.bands import BandVotes, candidate_bands
 from monitor.health.spectrum.family import comb_depth
 from monitor.health.spectrum.features import FAULTS, BlockFeatures, FeatureSettings, block_features, fundamentals
 from monitor.health.spectrum.interference import all_combs
-from monitor.health.spectrum.search import family_searches, slip_searches
+from monitor.health.spectrum.search import FamilySearch, family_searches, slip_searches
 from monitor.health.spectrum.transform import Band
 from monitor.health.state import ChannelSettings, ChannelState, Named
 
@@ -138,7 +138,7 @@ def conclude(
     naming: Naming | None = None
     leading = 0
     if verdict.for_baseline:
-        state, naming, leading = _name(state, features, settings)
+        state, naming, leading = _name(state, features, settings, analysed.settings.searches)
     usable = is_for_detector(state, verdict, settings, band_source)
     given = detect_input(features, block, absolute=settings.absolute, usable=usable)
     state, detection = _detect(state, given, settings)
@@ -200,10 +200,15 @@ def _vote(state: ChannelState, block: ChannelBlock, asked: FeatureSettings) -> C
     return replace(state, votes=votes)
 
 
-def _name(state: ChannelState, features: BlockFeatures, settings: ChannelSettings) -> tuple[ChannelState, Naming, int]:
-    """Name the damaged part; the number is the place of the band that shows it, 0 where no part is named."""
+def _name(
+    state: ChannelState, features: BlockFeatures, settings: ChannelSettings, searches: Mapping[str, FamilySearch]
+) -> tuple[ChannelState, Naming, int]:
+    """Name the damaged part; the number is the place of the band that shows it, 0 where no part is named.
+
+    The ranges in which the families were sought count where the geometry is an estimate.
+    """
     tolerance = settings.condition.speed_tolerance
-    searches = {} if settings.uncertainty.known else family_searches(settings.uncertainty, tolerance)
+    searches = {} if settings.uncertainty.known else searches
     assert features.speed is not None
     lines = kinematics(settings.bearing, features.speed)
     namings = [

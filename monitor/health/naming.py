@@ -8,14 +8,16 @@ if
 * it is there: its comb stands clear of the local noise floor (``comb_score``), and its depth of the least depth by
   ``SURE`` errors: the balls of a healthy bearing pass the load zone too, and varying compliance and waviness put weak
   lines at the same frequencies;
-* no other comb explains the spectrum better: none is ``MUCH_DEEPER``, and none that is unrelated to the families has
-  at least its score and ``HALF_AS_DEEP``. A machine with many lines lifts every family at once, and a speed that is
-  stated wrongly leaves the true comb outside all families; and
+* no other comb explains the spectrum better: none is ``MUCH_DEEPER``, none that is unrelated to the families has
+  at least its score and ``HALF_AS_DEEP``, and none of which it would be the sidebands is as deep. A machine with many
+  lines lifts every family at once, and a speed that is stated wrongly leaves the true comb outside all families; and
 * it is not the shaft's own: four times the shaft is within half a percent of the ball frequency of some bearings with
   eight balls; if the harmonics between its lines stand at the same speed, the comb is that of the shaft.
 
 Families that the resolution or the search cannot separate are named together (``inner|ball``); where the geometry of
-the bearing is an estimate, the search of each family is as wide as the estimate is uncertain. A comb at the rate of the
+the bearing is an estimate, the search of each family is as wide as the estimate is uncertain. At a speed that is not
+known the families are sought as far as its tolerance and slip together take them, and the name is undecided where three
+times the tolerance would make it another part. A comb at the rate of the
 cage alone is ``ball|cage``: a damaged ball that hits once a turn of the cage makes it as well.
 """
 
@@ -23,18 +25,20 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
 
 from models.bearing import Kinematics
+from monitor.health.sidebands import own_lines, parent_depth
 from monitor.health.spectrum.comb import LineSpectrum, comb_grid
 from monitor.health.spectrum.family import FaultLines, combs_depth
 from monitor.health.spectrum.features import FAULTS, N_HARMONICS, fundamentals, highest_rival
-from monitor.health.spectrum.lines import SEARCH
-from monitor.health.spectrum.search import SLIP, FamilySearch
+from monitor.health.spectrum.lines import SEARCH, CombQuery, find_lines
+from monitor.health.spectrum.search import UNVERIFIED_SLIP, FamilySearch, stated_searches
+from monitor.health.spectrum.shaft import ACCEPTED
 from monitor.words.statuses import UNDECIDED
 
 _SPEED_ERROR = 0.025
@@ -52,6 +56,8 @@ SURE = 2.0
 """Errors of the depth by which it must exceed the least one."""
 MUCH_DEEPER, HALF_AS_DEEP = 1.5, 0.5
 """Depth of another comb over that of the family at which it takes its place: any comb, or an unrelated one."""
+NEARLY_AS_DEEP = 0.8
+"""The same of a comb of which the family may be sidebands, where the speed is not known."""
 _NEAR = 0.07
 """How far from the family a comb at a multiple of the stated speed may be damage, the speed being wrong."""
 _SHARED_BINS = 2.5
@@ -63,6 +69,11 @@ _SAME_SLIP = 0.01
 MIN_SPACING_BINS = 8.0
 """Bins between the lines of a family that may be named: of closer ones, the five bins of each leave no room between
 them, and a few lines of shaft and gears pass for the cage."""
+_MEASURED_ERROR = 0.005
+"""Relative error up to which a measured speed is right; of 20 turns it is 0.24 % (root mean square)."""
+DOUBT = 3.0
+"""Tolerances of a stated speed within which a comb may be of another part: then the name is undecided."""
+_SUPPLY_HZ, _SUPPLY_ERROR = (50.0, 60.0), 0.002
 _MIN_BINS = 40
 _LONE = {"cage": "ball|cage"}
 _NO_SEARCHES: Mapping[str, FamilySearch] = MappingProxyType({})
@@ -130,17 +141,21 @@ def name_fault(
         spectrum: of the envelope over its mean, prepared at the shaft speed; of several neighbouring blocks their mean
             in power.
         kinematics: kinematic frequencies at that speed.
-        families: lines of each fault family in it.
+        families: lines of each fault family in it; at a speed that is not known they are sought anew, as far as slip
+            takes them besides.
         searches: range in which each family was sought, of those whose frequency is an estimate.
         verified: whether the shaft speed is known.
         tolerance: relative error of a speed that is not.
     """
     threshold = score_threshold(spectrum.n_averages)
+    if not (verified or searches):
+        families = _with_slip(spectrum, fundamentals(kinematics), stated_searches(tolerance))
     least = MIN_SPACING_BINS * spectrum.resolution
     shown = {name: lines for name, lines in families.items() if lines.resolved.all() and lines.fundamental >= least}
     if spectrum.power.size < _MIN_BINS or not spectrum.power.any() or not shown:
         return Naming(None, None, math.nan, threshold, verified=verified)
-    clear = [name for name, lines in shown.items() if lines.comb_score >= threshold]
+    inside = verified or searches
+    clear = [name for name, lines in shown.items() if lines.comb_score >= threshold and (inside or not lines.at_edge)]
     if not clear:
         best = max(shown, key=lambda name: shown[name].comb_score)
         return Naming(None, best, math.nan, threshold, shown, verified)
@@ -149,8 +164,11 @@ def name_fault(
     if found.depth < MIN_DEPTH + SURE * found.depth_error:
         return Naming(None, best, math.nan, threshold, shown, verified)
     rival = _rival_depth(spectrum, kinematics, found, [shown[name].fundamental for name in clear], threshold)
-    of_shaft = not verified and _is_of_shaft(spectrum, kinematics.speed, found.fundamental)
-    if rival > 0.0 or of_shaft:
+    if rival == 0.0:
+        error, share = (_MEASURED_ERROR, 1.0) if verified else (ACCEPTED, NEARLY_AS_DEEP)
+        whole, score = replace(spectrum, beside=None), min(threshold, found.comb_score)
+        rival = parent_depth(whole, kinematics, found, error, score, share * found.depth)
+    if rival > 0.0 or not (verified or _may_be_bearing(spectrum, kinematics.speed, found.fundamental)):
         return Naming(None, best, rival, threshold, shown, verified)
     possible = _Possible(found.fundamental, fundamentals(kinematics), shown, spectrum.resolution)
     if verified:
@@ -158,11 +176,18 @@ def name_fault(
         fault = "|".join(names)
         return Naming(_LONE.get(fault, fault), names[0], rival, threshold, shown, verified)
     joined = possible.joined(best, searches)
-    candidates = possible.at_stated_speed(tolerance)
+    candidates = possible.at_stated_speed(DOUBT * tolerance)
     if not searches and set(candidates) - set(joined):
         return Naming(UNDECIDED, best, rival, threshold, shown, verified, candidates)
     fault = "|".join(joined)
     return Naming(_LONE.get(fault, fault), best, rival, threshold, shown, verified)
+
+
+def _with_slip(
+    spectrum: LineSpectrum, lines: Mapping[str, float], searches: Mapping[str, FamilySearch]
+) -> dict[str, FaultLines]:
+    queries = [CombQuery(line, searches[name].width, centre=searches[name].centre) for name, line in lines.items()]
+    return dict(zip(lines, find_lines(spectrum, queries, N_HARMONICS), strict=True))
 
 
 def _deepest(families: Mapping[str, FaultLines], resolution: float) -> str:
@@ -181,6 +206,13 @@ def _deepest(families: Mapping[str, FaultLines], resolution: float) -> str:
         and lines.depth >= HALF_AS_DEEP * cage.depth
     }
     return max(apart, key=apart.__getitem__, default="cage")
+
+
+def _may_be_bearing(spectrum: LineSpectrum, speed: float, fundamental: float) -> bool:
+    """Tell whether a comb is neither the shaft's, whose speed is not known, nor that of the supply."""
+    width = max(_SUPPLY_ERROR * fundamental, spectrum.resolution / N_HARMONICS)
+    supply = any(abs(fundamental - order * hz) <= width for hz in _SUPPLY_HZ for order in (1, 2))
+    return not (supply or _is_of_shaft(spectrum, speed, fundamental))
 
 
 def _is_of_shaft(spectrum: LineSpectrum, speed: float, fundamental: float) -> bool:
@@ -250,18 +282,12 @@ def _rival_depth(
     explained = _within(grid.lines, reach)[candidates]
     lines, bins = grid.lines[candidates], grid.bins[:, candidates]
     close = np.abs(lines / line - 1.0) <= _NEAR
-    own = _own_lines(lines, line, resolution) | ~related
+    own = own_lines(lines, line, N_HARMONICS, _SHARED_BINS * resolution) | ~related
     strength = _mean_excess(excess, bins, own) * N_HARMONICS
     strong = ~explained & (strength >= found.comb_score)
     least = np.where(strong, HALF_AS_DEEP, np.where(close | ~explained, MUCH_DEEPER, math.inf)) * found.depth
     depths = combs_depth(spectrum, bins, own)
     return float(depths.max(where=depths >= least, initial=0.0))
-
-
-def _own_lines(lines: NDArray[np.float64], other: float, resolution: float) -> NDArray[np.bool_]:
-    """Return which lines of combs are no multiples of another frequency, shape (harmonic, comb)."""
-    places = np.multiply.outer(np.arange(1.0, N_HARMONICS + 1.0), lines) / other
-    return np.abs(places - np.rint(places)) * other > _SHARED_BINS * resolution
 
 
 def _mean_excess(excess: NDArray[np.float64], bins: NDArray[np.intp], own: NDArray[np.bool_]) -> NDArray[np.float64]:
@@ -316,7 +342,9 @@ class _Possible:
             name
             for name in FAULTS
             if name in self.families
-            and SLIP[name][0] - tolerance <= self.fundamental / self.lines[name] - 1.0 <= SLIP[name][1] + tolerance
+            and UNVERIFIED_SLIP[name][0] - tolerance
+            <= self.fundamental / self.lines[name] - 1.0
+            <= UNVERIFIED_SLIP[name][1] + tolerance
         )
 
     def at_known_speed(self, best: str, searches: Mapping[str, FamilySearch]) -> tuple[str, ...]:

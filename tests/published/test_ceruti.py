@@ -151,7 +151,7 @@ def settled(scene: Scene, duration: float = 4.0) -> Response:
 @cache
 def features(scene: Scene, sensor: Sensor, duration: float = 4.0) -> BlockFeatures:
     x = settled(scene, duration).acceleration(RATE, duration, sensor=sensor)
-    settings = FeatureSettings(RATE, ((500.0, 10_000.0),), fundamentals(LINES), speed=SPEED, speed_sd=0.0)
+    settings = FeatureSettings(RATE, ((500.0, 10_000.0),), fundamentals(LINES), speed=SPEED)
     return block_features(x, RATE, settings)
 
 

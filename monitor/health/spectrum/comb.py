@@ -155,3 +155,24 @@ def beside_shaft(spectrum: LineSpectrum, speed: float, sd: float) -> LineSpectru
     reach = np.minimum(2.0 * resolution + sd * nearest, _WIDEST_SHAFT_LINE * speed)
     beside = (distance > reach - 1e-6 * resolution).astype(np.float64)
     return replace(spectrum, sought=spectrum.excess * beside, beside=beside)
+
+
+def over_shaft(spectrum: LineSpectrum, speed: float) -> LineSpectrum:
+    """Return a spectrum without the lines of the shaft in which what exceeds them at their harmonics counts again.
+
+    Each harmonic counts as far as it exceeds the two on either side: few turns do not separate a comb at three times
+    the shaft from it, but only lines of the comb stand above their neighbours. The first two harmonics, where a shaft
+    itself is strongest, never count.
+    """
+    if spectrum.beside is None:
+        raise ValueError("expected a spectrum beside the lines of the shaft, got one in which they count")
+    nearest = np.rint(np.arange(spectrum.power.size) * (spectrum.resolution / speed)).astype(np.intp)
+    at = spectrum.beside == 0.0
+    heights = np.zeros(int(nearest[-1]) + 1)
+    np.maximum.at(heights, nearest[at], spectrum.power[at])
+    padded = np.pad(heights, 2)
+    own = np.max([padded[k : k + heights.size] for k in (0, 1, 3, 4)], axis=0)
+    shares = np.clip(1.0 - own / np.maximum(heights, np.finfo(np.float64).tiny), 0.0, 1.0)
+    shares[:3] = 0.0
+    beside = np.where(at, shares[nearest], 1.0)
+    return replace(spectrum, sought=spectrum.excess * beside, beside=beside)

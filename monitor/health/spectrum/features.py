@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from monitor.health.spectrum.average import RecentSpectra
-from monitor.health.spectrum.comb import LineSpectrum, beside_shaft, line_spectrum
+from monitor.health.spectrum.comb import LineSpectrum, beside_shaft, line_spectrum, over_shaft
 from monitor.health.spectrum.family import FaultLines
 from monitor.health.spectrum.floor import MIN_FLOOR_BINS
 from monitor.health.spectrum.foreign import ForeignComb, beside_combs
@@ -42,13 +42,23 @@ from monitor.health.spectrum.settings import (
 from monitor.health.spectrum.settings import SPECTRUM_LINES as SPECTRUM_LINES
 from monitor.health.spectrum.settings import fundamentals as fundamentals
 from monitor.health.spectrum.settings import highest_rival as highest_rival
-from monitor.health.spectrum.shaft import MIN_TURNS, ShaftSpeed, highest_order, measurable, measure_shaft
+from monitor.health.spectrum.shaft import (
+    MIN_TURNS,
+    SEPARATED_TURNS,
+    ShaftSpeed,
+    highest_order,
+    measurable,
+    measure_shaft,
+)
 from monitor.health.spectrum.transform import (
     AmplitudeSpectrum,
     Band,
     EnvelopeSpectrum,
     get_transform,
 )
+
+_DEEP = 0.75
+"""Depth that impacts have; the four lines a turn of a healthy motor are 0.34 deep (CWRU 97)."""
 
 Value = float | tuple[float | None, ...] | None
 
@@ -188,7 +198,7 @@ def block_features(
         at = settings.at_speed(shaft.speed / settings.speed, shaft.sd)
         if shaft.speed >= MIN_TURNS * spectra.raw.resolution:
             sought = tuple(beside_shaft(spectrum, shaft.speed, shaft.sd) for spectrum in sought)
-    families = tuple(_families(spectrum, at) for spectrum in sought)
+    families = tuple(_families(spectrum, at, shaft) for spectrum in sought)
     lines = tuple(map(partial(_own_lines, at, averaged=recent.count > 1), spectra.envelopes, relative, families))
     amplitude, shown = _raw_lines(spectra.raw, _leader(families, ("outer",)), at)
     found = BlockFeatures(
@@ -232,7 +242,7 @@ def features_beside(
     """
     means = [float(envelope.mean) if absolute else None for envelope in found.envelopes]
     sought = tuple(map(beside_combs, found.sought, means, combs))
-    families = tuple(_families(spectrum, found.sought_at) for spectrum in sought)
+    families = tuple(_families(spectrum, found.sought_at, found.shaft) for spectrum in sought)
     averaged = found.recent.count > 1
     lines = tuple(
         _own_lines(
@@ -280,7 +290,22 @@ def _relative(envelope: EnvelopeSpectrum, settings: FeatureSettings) -> NDArray[
     return np.asarray(envelope.amplitude[:needed], dtype=np.float32) / np.float32(mean)
 
 
-def _families(spectrum: LineSpectrum, settings: FeatureSettings) -> dict[str, FaultLines]:
+def _families(spectrum: LineSpectrum, settings: FeatureSettings, shaft: ShaftSpeed | None) -> dict[str, FaultLines]:
+    """Return the lines of each fault family, beside those of the shaft where these are known.
+
+    In few turns a comb near a multiple of the shaft is not beside it: it counts with what exceeds the shaft if it is as
+    deep as impacts are.
+    """
+    found = _sought(spectrum, settings)
+    if shaft is None or spectrum.beside is None or shaft.speed >= SEPARATED_TURNS * spectrum.resolution:
+        return found
+    over = _sought(over_shaft(spectrum, shaft.speed), settings)
+    return {
+        fault: lines if lines.depth - 2.0 * lines.depth_error > _DEEP else found[fault] for fault, lines in over.items()
+    }
+
+
+def _sought(spectrum: LineSpectrum, settings: FeatureSettings) -> dict[str, FaultLines]:
     """Return the lines of each fault family, each at its own speed factor: the highest comb of the places sought."""
     queries: list[tuple[str, CombQuery]] = []
     for fault, nominal in settings.fundamentals.items():

@@ -47,6 +47,11 @@ SLIP = {"outer": (-0.04, 0.01), "inner": (-0.01, 0.027), "ball": (-0.04, 0.027),
 """Lowest and highest departure of each family from pure rolling, relative, at a known shaft speed."""
 
 
+UNVERIFIED_SLIP = {**SLIP, "ball": (-0.01, 0.01)}
+"""The same at a speed that is not known. Balls that keep to both races by turns depart by less; as far as one race
+takes them, the outer race of the bearing at the other end of a motor would be the ball of the one at this end."""
+
+
 def family_searches(uncertainty: KinematicUncertainty, tolerance: float = SEARCH) -> dict[str, FamilySearch]:
     """Return the range of each fault family at a stated speed; empty where it is ``PLAIN`` for all."""
     if uncertainty.known and tolerance == SEARCH:
@@ -65,6 +70,14 @@ def slip_searches(uncertainty: KinematicUncertainty = KNOWN) -> dict[str, Family
     return {
         fault: FamilySearch(0.5 * (high - low) + plain[fault].width, plain[fault].places, 1.0 + 0.5 * (low + high))
         for fault, (low, high) in SLIP.items()
+    }
+
+
+def stated_searches(tolerance: float) -> dict[str, FamilySearch]:
+    """Return the range of each fault family of a known bearing at a shaft speed that is stated with such an error."""
+    return {
+        fault: FamilySearch(0.5 * (high - low) + tolerance, centre=1.0 + 0.5 * (low + high))
+        for fault, (low, high) in UNVERIFIED_SLIP.items()
     }
 
 

@@ -3,7 +3,8 @@
 Each candidate speed is scored by the excess of both spectra at the first multiples of it. A comb whose every second,
 third or fifth line alone stands high is that of passing elements or of a supply, and the shaft a sub-multiple of its
 fundamental by accident: the score is the least mean over the multiples that are left without those. A speed is given
-only if its score stands clear of noise, and clear of that of every other candidate.
+only if its score stands clear of noise, and clear of that of every other candidate, and if nothing as high stands
+between its multiples.
 """
 
 from __future__ import annotations
@@ -25,10 +26,14 @@ SHAFT_ORDERS = 12
 MIN_SCORE, MIN_RAW, MIN_MARGIN = 3.0, 1.5, 0.5
 """Least score, of which noise reads up to 2 in the search; least part of the raw spectrum in it, for the lines of
 damage and their sidebands can pass for those of a shaft in the envelope; least margin over any other candidate."""
-MIN_TURNS, MANY_TURNS = 45, 70
-"""Turns of the shaft that a block must hold, and from which the margin is ``MIN_MARGIN``. With fewer, the lines of the
-shaft are so broad that the comb of a race near a multiple of the shaft passes for them; the margin rises with the
-sixth power."""
+MIN_TURNS = 16
+"""Turns of the shaft that a block must hold."""
+SEPARATED_TURNS = 70
+"""Turns in which a comb near a multiple of the shaft is apart from it: with half a percent of slip, the first line."""
+_PARTS = (2, 3)
+MOST_BETWEEN = 0.6
+"""Height of the lines between the multiples, at parts of the shaft, over that of the multiples at which they are all
+lines of one comb: that of a cage or of passages, of which the shaft would be a multiple by accident."""
 _BESIDE_PEAK = 0.6
 """Share of the height of a line that counts in the bins beside its top."""
 _LEFT_OUT = (2, 3, 5)
@@ -81,7 +86,8 @@ def measure_shaft(raw: LineSpectrum, envelope: LineSpectrum, stated: float) -> S
     if not measurable(stated, resolution) or shorter * resolution < SHAFT_ORDERS * stated:
         return None
     grid = comb_grid((1.0 - REACH) * stated, (1.0 + REACH) * stated, resolution, SHAFT_ORDERS)
-    heights = [_tops(spectrum).take(np.minimum(grid.bins, spectrum.excess.size - 1)) for spectrum in (raw, envelope)]
+    tops = _tops(raw)[:shorter], _tops(envelope)[:shorter]
+    heights = [each.take(np.minimum(grid.bins, shorter - 1)) for each in tops]
     score = (_kept_orders() @ (heights[0] + heights[1])).min(axis=0)
     best = int(np.argmax(score))
     in_raw = float((_kept_orders() @ heights[0][:, best]).min())
@@ -89,8 +95,9 @@ def measure_shaft(raw: LineSpectrum, envelope: LineSpectrum, stated: float) -> S
     distance = np.abs(grid.lines - speed)
     apart = distance > max(_SAME_SPEED * stated, _SAME_BINS * resolution / SHAFT_ORDERS)
     margin = float(score[best] - np.max(score, where=apart, initial=0.0))
-    least = MIN_MARGIN * max(1.0, MANY_TURNS * resolution / speed) ** 6
-    if score[best] < MIN_SCORE or in_raw < MIN_RAW or margin < least or abs(speed / stated - 1.0) > ACCEPTED:
+    if score[best] < MIN_SCORE or in_raw < MIN_RAW or margin < MIN_MARGIN or abs(speed / stated - 1.0) > ACCEPTED:
+        return None
+    if _is_multiple(tops[0] + tops[1], speed / resolution):
         return None
     level = float(np.median(score))
     weight = np.maximum(score - (score[best] - _PEAK * (score[best] - level)), 0.0) * ~apart
@@ -98,6 +105,23 @@ def measure_shaft(raw: LineSpectrum, envelope: LineSpectrum, stated: float) -> S
     spread = float(np.average((grid.lines - speed) ** 2, weights=weight))
     step = GRID_STEP * resolution / SHAFT_ORDERS
     return ShaftSpeed(speed, math.sqrt(spread + step * step), float(score[best]), margin)
+
+
+def _is_multiple(heights: NDArray[np.float64], spacing: float) -> bool:
+    """Tell whether lines stand between the multiples of a shaft as well, at all its halves or thirds.
+
+    Args:
+        heights: of the tops of lines, shape (bin,).
+        spacing: of the multiples, bins.
+    """
+    for parts in _PARTS:
+        orders = np.arange(1, SHAFT_ORDERS * parts + 1)
+        places = np.rint(orders * (spacing / parts)).astype(np.intp)
+        lines = heights.take(np.minimum(places, heights.size - 1))
+        between = orders % parts != 0
+        if float(lines[between].mean()) > MOST_BETWEEN * float(lines[~between].mean()):
+            return True
+    return False
 
 
 def _tops(spectrum: LineSpectrum) -> NDArray[np.float64]:

@@ -25,6 +25,7 @@ from monitor.health.spectrum.family import comb_depth
 from monitor.health.spectrum.features import FAULTS, N_HARMONICS, FeatureSettings, block_features, fundamentals
 from monitor.health.spectrum.floor import noise_floor
 from monitor.health.spectrum.lines import SEARCH, fault_lines
+from monitor.health.spectrum.search import UNVERIFIED_SLIP
 from tests.effort import effort_count
 from tests.signals import HealthyMachine, bearing_lines, impacts, pulses
 
@@ -123,8 +124,9 @@ def test_at_a_known_speed_a_cage_that_slips_hides_nothing(fault: str, slip: floa
     naming = name(x, lines, speed_sd=0.0)
     assert naming.fault == ("ball|cage" if fault == "cage" else fault)
     assert naming.families[fault].speed_factor == pytest.approx(1.0 - slip, abs=0.004)
-    if slip > 0.025:
-        assert name(x, lines).part is None
+    # At a nominal speed that is right the range is wider still.
+    stated = name(x, lines)
+    assert (stated.fault, stated.verified) == (naming.fault, False)
 
 
 def test_the_deepest_family_is_named_although_another_scores_higher() -> None:
@@ -181,13 +183,40 @@ def test_the_error_of_the_depth_is_its_scatter(n_averages: int, depth: float) ->
     assert float(np.std(depths)) == pytest.approx(float(np.mean(errors)), rel=0.4)
 
 
-@pytest.mark.parametrize("error", [-0.04, 0.04, 0.06])
+@pytest.mark.parametrize("error", [-0.09, -0.04, 0.04, 0.09])
 @pytest.mark.parametrize("fault", FAULTS)
-def test_a_stated_speed_that_is_wrong_gives_no_name(fault: str, error: float) -> None:
+def test_a_stated_speed_that_is_wrong_gives_no_other_name(fault: str, error: float) -> None:
+    """Within slip and tolerance the part is named as it is, further off it is not."""
     _, lines = bearing_lines("6205", 30.0)
     _, stated = bearing_lines("6205", 30.0 * (1.0 + error))
     x = impacts(np.random.default_rng(5), fault, lines, duration=3.0, height=20.0)
-    assert name(x, stated).fault is None
+    right = "ball|cage" if fault == "cage" else fault
+    assert name(x, stated).fault in ((right, None) if abs(error) < 0.05 else (None,))
+
+
+def spectrum_of(lines: dict[float, float], resolution: float = 0.3) -> SAMPLES:
+    """Return noise with lines (Hz) of such depths."""
+    power = 1e-5 * np.random.default_rng(12).exponential(size=5000)
+    for line, depth in lines.items():
+        place = round(line / resolution)
+        power[place - 1 : place + 2] += depth**2 * np.array([0.25, 1.0, 0.25])
+    return np.sqrt(power)
+
+
+def test_sidebands_of_an_inner_race_are_no_outer_race() -> None:
+    """Two turns below BPFI of a 6203 stand 2.95 turns, which a speed stated 6 % low takes for BPFO."""
+    _, lines = bearing_lines("6203", 20.0)
+    _, stated = bearing_lines("6203", 20.0 * 0.94)
+    inner = {
+        lines.bpfi * k + 20.0 * turns: 0.4 / (1.0 + 0.03 * abs(turns)) for k in range(1, 6) for turns in range(-12, 13)
+    }
+    naming = named(spectrum_of({line: depth for line, depth in inner.items() if line > 3.0}), 0.3, stated)
+    assert naming.best == "outer"
+    assert naming.families["outer"].depth > 2.0 * MIN_DEPTH
+    assert naming.rival > 0.8 * naming.families["outer"].depth
+    assert naming.fault is None
+    alone = {k * (lines.bpfi - 40.0): 0.4 for k in range(1, 6)}
+    assert named(spectrum_of(alone), 0.3, stated).fault == "outer"
 
 
 @pytest.mark.parametrize("speed", [24.7, 29.3, 30.0])
@@ -317,10 +346,11 @@ def test_too_short_a_spectrum_says_nothing() -> None:
     assert set(named(np.abs(white(1, 400)), 10.0, lines).families) == {"outer", "inner", "ball"}
 
 
-def test_families_are_sought_within_the_search() -> None:
+def test_families_are_sought_within_tolerance_and_slip() -> None:
     _, lines = bearing_lines("6205", 30.0)
-    for family in name(white(9, 128000), lines).families.values():
-        assert abs(family.speed_factor - 1.0) <= SEARCH * (1.0 + 1e-9)
+    for fault, family in name(white(9, 128000), lines).families.items():
+        low, high = UNVERIFIED_SLIP[fault]
+        assert low - SEARCH - 1e-9 <= family.speed_factor - 1.0 <= high + SEARCH + 1e-9
     assert set(fundamentals(lines)) == set(FAULTS)
 
 

@@ -10,7 +10,7 @@ from models.kinematic_uncertainty import KNOWN, KinematicUncertainty, kinematics
 from monitor.health.naming import Naming, name_fault
 from monitor.health.spectrum.features import FeatureSettings, block_features, fundamentals
 from monitor.health.spectrum.lines import SEARCH
-from monitor.health.spectrum.search import FamilySearch, family_searches, overlapping, slip_searches
+from monitor.health.spectrum.search import FamilySearch, family_searches, overlapping, slip_searches, stated_searches
 from tests.effort import effort_count
 from tests.signals import Samples, impacts
 
@@ -37,7 +37,7 @@ def test_a_known_geometry_has_the_plain_search() -> None:
 
 def test_the_plain_search_and_an_equal_one_give_the_same_bits() -> None:
     lines = kinematics(catalogue()["6205"], SPEED)
-    equal = {fault: FamilySearch() for fault in fundamentals(lines)}
+    equal = stated_searches(SEARCH)
     for seed, fault in enumerate(("outer", "inner", "ball", "cage")):
         x = impacts(np.random.default_rng(seed), fault, lines, height=12.0)
         plain, searched = name(x, lines, {}), name(x, lines, equal)

@@ -37,6 +37,15 @@ def orders_of(speed: float, *orders: int) -> SAMPLES:
     return speed * np.array(orders or range(1, SHAFT_ORDERS + 1), dtype=float)
 
 
+def cage_of(speed: float) -> SAMPLES:
+    """Lines at every third of a speed but each eighth, as passages of eight balls that are not alike make them."""
+    return np.array([k * speed / 3.0 for k in range(1, 37) if k % 8])
+
+
+def half_of(speed: float) -> SAMPLES:
+    return 0.5 * speed * np.arange(1.0, 2.0 * SHAFT_ORDERS + 1.0)
+
+
 @settings(max_examples=effort_count(quick=25, full=200), deadline=None)
 @given(error=st.floats(-0.08, 0.08), speed=st.floats(20.0, 40.0), seed=st.integers(0, 2**16))
 def test_a_shaft_that_both_spectra_show_is_found_wherever_it_is_stated(error: float, speed: float, seed: int) -> None:
@@ -67,9 +76,11 @@ def test_the_stated_error_is_of_the_size_of_the_errors() -> None:
         (orders_of(30.0, 3, 6, 9, 12), orders_of(30.0, 3, 6, 9, 12), 30.5, "an outer race near three times the shaft"),
         (orders_of(30.0, 5, 10), orders_of(30.0, 5, 10), 30.5, "an inner race near five times the shaft"),
         (orders_of(30.0)[:0], orders_of(30.0), 30.5, "only the envelope shows it"),
+        (cage_of(30.0), cage_of(30.0), 30.5, "three turns of a cage whose every turn shows"),
+        (half_of(30.0), half_of(30.0), 30.5, "a shaft that turns at half the speed"),
         (np.concatenate([orders_of(30.0), orders_of(31.4)]), orders_of(30.0)[:0], 30.5, "two shafts"),
         (orders_of(30.0), orders_of(30.0), 30.0 / (1.0 - ACCEPTED) * 1.006, "beyond the range"),
-        (orders_of(5.0), orders_of(5.0), 5.0, "fewer turns than are needed"),
+        (orders_of(3.0), orders_of(3.0), 3.0, "fewer turns than are needed"),
     ],
     ids=lambda value: value if isinstance(value, str) else "",
 )
