@@ -8,8 +8,9 @@ whose first, second or third line stands within the reach of a family (slip of 0
 may be the gear.
 Tables: all, and by part, bearing, speed, error of the stated speed, length, gears; then what was wrong.
 
-``--held-out`` judges the seeds that were set aside, ``--validation`` those of the rule before. Every run keeps the
-tables of the other kinds in its file; ``first_rule_held_out`` is what the rule before (5dc111c) said.
+``--held-out`` judges the seeds that were set aside, ``--validation`` those of the rules before. Every run keeps
+the tables of the other kinds in its file: ``first_rule_held_out`` is what commit 5dc111c said of seeds 10,000 to
+10,499, ``second_rule_held_out`` what the rule said of 20,000 to 20,499 before it was changed by them.
 """
 
 from __future__ import annotations
@@ -224,7 +225,7 @@ def main() -> None:
     parser.add_argument("--json", type=Path, metavar="FILE", help="write the same figures to this file")
     parser.add_argument("--quick", action="store_true", help="the first 50 seeds only")
     parser.add_argument("--held-out", action="store_true", help="the seeds that were set aside")
-    parser.add_argument("--validation", action="store_true", help="the seeds that were set aside for the rule before")
+    parser.add_argument("--validation", action="store_true", help="the seeds that were set aside for earlier rules")
     parser.add_argument("--baseline", action="store_true", help="keep the figures as those to compare with")
     parser.add_argument("--records", type=Path, metavar="DIR", help="keep the records there between runs")
     options = parser.parse_args()

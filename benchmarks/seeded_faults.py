@@ -32,10 +32,10 @@ from models.simulate import simulate
 Samples = NDArray[np.float64]
 
 TRAINING = range(500)
-VALIDATION = range(10_000, 10_500)
-"""Seeds that were held out for the first rule, and looked at while the second was made."""
-HELD_OUT = range(20_000, 20_500)
-"""Seeds that were set aside before any constant of the second rule was fitted; judged once."""
+VALIDATION = (*range(10_000, 10_500), *range(20_000, 20_500))
+"""Seeds that were held out for earlier rules, each judged once, and looked at afterwards."""
+HELD_OUT = range(30_000, 30_500)
+"""Seeds that were set aside before what they judge was changed for the last time; judged once."""
 
 BEARINGS = ("6305", "6203", "6205", "PRONOSTIA")
 """Of 7, 8 (BPFO at 3.05 times the shaft), 9 and 13 balls."""

@@ -32,7 +32,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.bearing import Kinematics
-from monitor.health.sidebands import own_lines, parent_depth
+from monitor.health.sidebands import TURNS, own_lines, parent_depth
 from monitor.health.spectrum.comb import LineSpectrum, comb_grid
 from monitor.health.spectrum.family import FaultLines, combs_depth
 from monitor.health.spectrum.features import FAULTS, N_HARMONICS, fundamentals, highest_rival
@@ -57,11 +57,14 @@ SURE = 2.0
 MUCH_DEEPER, HALF_AS_DEEP = 1.5, 0.5
 """Depth of another comb over that of the family at which it takes its place: any comb, or an unrelated one."""
 NEARLY_AS_DEEP = 0.8
-"""The same of a comb of which the family may be sidebands, where the speed is not known."""
+"""The same of a comb of which the family may be sidebands."""
 _NEAR = 0.07
 """How far from the family a comb at a multiple of the stated speed may be damage, the speed being wrong."""
 _SHARED_BINS = 2.5
 """Bins within which two lines are one."""
+_BESIDE_BINS = 2.0
+"""Bins by which a family may miss the place of the sidebands of another: both are drawn aside by lines of the shaft
+that are left out."""
 _LEAST_LINES = 3
 _SIDEBANDS = (-3, -2, -1, 1, 2, 3)
 _SAME_SLIP = 0.01
@@ -160,6 +163,8 @@ def name_fault(
         best = max(shown, key=lambda name: shown[name].comb_score)
         return Naming(None, best, math.nan, threshold, shown, verified)
     best = _deepest({name: shown[name] for name in clear}, spectrum.resolution)
+    if verified:
+        best = damaged_family(best, {name: shown[name] for name in clear}, kinematics, spectrum.resolution)
     found = shown[best]
     if found.depth < MIN_DEPTH + SURE * found.depth_error:
         return Naming(None, best, math.nan, threshold, shown, verified)
@@ -206,6 +211,29 @@ def _deepest(families: Mapping[str, FaultLines], resolution: float) -> str:
         and lines.depth >= HALF_AS_DEEP * cage.depth
     }
     return max(apart, key=apart.__getitem__, default="cage")
+
+
+def damaged_family(best: str, families: Mapping[str, FaultLines], kinematics: Kinematics, resolution: float) -> str:
+    """Return the family of which the deepest one is sidebands, at a known speed, or else the deepest.
+
+    The lines of the shaft take different shares of the two: the one of the higher score is the damage.
+
+    Args:
+        best: name of the deepest.
+        families: lines of those that stand clear of the noise.
+        kinematics: kinematic frequencies at that speed.
+        resolution: of the spectrum, Hz.
+    """
+    found = families[best]
+    for name, lines in families.items():
+        carrier = kinematics.ftf if name == "ball" else kinematics.speed
+        between = (lines.fundamental - found.fundamental) / carrier
+        turns = round(between)
+        beside = turns != 0 and abs(turns) <= max(TURNS) and abs(between - turns) * carrier <= _BESIDE_BINS * resolution
+        deep = lines.depth >= NEARLY_AS_DEEP * found.depth and lines.comb_score > found.comb_score
+        if name != "cage" and beside and deep:
+            return name
+    return best
 
 
 def _may_be_bearing(spectrum: LineSpectrum, speed: float, fundamental: float) -> bool:

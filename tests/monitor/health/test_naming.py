@@ -16,12 +16,13 @@ from monitor.health.naming import (
     MIN_DEPTH,
     SURE,
     Naming,
+    damaged_family,
     name_fault,
     score_threshold,
 )
 from monitor.health.spectrum.average import RecentSpectra
 from monitor.health.spectrum.comb import line_spectrum
-from monitor.health.spectrum.family import comb_depth
+from monitor.health.spectrum.family import FaultLines, comb_depth
 from monitor.health.spectrum.features import FAULTS, N_HARMONICS, FeatureSettings, block_features, fundamentals
 from monitor.health.spectrum.floor import noise_floor
 from monitor.health.spectrum.lines import SEARCH, fault_lines
@@ -344,6 +345,24 @@ def test_too_short_a_spectrum_says_nothing() -> None:
         assert (naming.fault, naming.best, naming.evidence) == (None, None, None)
     # 12 Hz of the cage is not resolved at 10 Hz.
     assert set(named(np.abs(white(1, 400)), 10.0, lines).families) == {"outer", "inner", "ball"}
+
+
+def test_of_a_comb_and_its_sidebands_at_a_known_speed_the_one_of_the_higher_score_is_the_damage() -> None:
+    """Lines of the shaft hide more of an inner race at five times the shaft than of its sidebands."""
+    _, lines = bearing_lines("6203", 20.0)
+
+    def family(turns: float, depth: float, score: float) -> FaultLines:
+        amplitude = np.full(5, depth / math.sqrt(5.0))
+        return FaultLines(amplitude, np.zeros(5), np.ones(5, dtype=bool), 20.0 * turns, comb_score=score)
+
+    outer = family(3.03, 1.0, 26.0)
+    for inner, expected in (
+        (family(5.035, 0.9, 30.0), "inner"),
+        (family(5.035, 0.9, 25.0), "outer"),
+        (family(5.035, 0.7, 30.0), "outer"),
+        (family(5.1, 0.9, 30.0), "outer"),
+    ):
+        assert damaged_family("outer", {"outer": outer, "inner": inner}, lines, 0.1) == expected
 
 
 def test_families_are_sought_within_tolerance_and_slip() -> None:
