@@ -12,12 +12,24 @@ import click
 import numpy as np
 
 from monitor.commands import option
-from monitor.commands.common import InputError, check_suffix, check_writable, emit, finite, output_errors, say
+from monitor.commands.common import (
+    InputError,
+    check_suffix,
+    check_writable,
+    emit,
+    finite,
+    input_errors,
+    output_errors,
+    say,
+)
 from monitor.commands.feature_files import NAMES, read_features
-from monitor.commands.history_files import is_records
+from monitor.commands.history_files import is_records, library_settings, read_readings
 from monitor.health.damage.learned.fit import MIN_BLOCKS, LearnedRun, fit_runs
 from monitor.health.damage.learned.model import EndLevels, LearnedModel
 from monitor.health.damage.learned.scores import scores_out_of_run
+from monitor.health.damage.learned.weights import PhysicalRun, library_weight
+from monitor.health.damage.library.forecaster import LibraryState
+from monitor.health.damage.library.forecaster import step as ask_library
 from monitor.records.learned_file import SUFFIXES, save_learned
 from monitor.words.numbers import duration
 
@@ -59,6 +71,15 @@ columns = click.option(
 @axis
 @columns
 @option.channel
+@click.option(
+    "--library",
+    "library_path",
+    type=option.FILE,
+    help="Library of simulated lives (.npz) to be combined: its weight is found on the RUNS, which must be records.",
+)
+@click.option(
+    "--threshold-mm2", type=option.POSITIVE, default=0.05, help="Threshold asked of that library, mm3 per mm."
+)
 @click.option("--out", type=option.OUT_FILE, required=True, help="The learned library (.npz or .json).")
 @option.output
 def command(
@@ -68,6 +89,8 @@ def command(
     axes: tuple[str, ...],
     columns: tuple[tuple[str, str], ...],
     channel: str | None,
+    library_path: Path | None,
+    threshold_mm2: float,
     out: Path,
     as_json: bool,
     quiet: bool,
@@ -97,6 +120,8 @@ def command(
         else:
             found.append(run)
     model = learn(found, left_out)
+    if library_path is not None:
+        model = weighed(model, found, channel, library_path, threshold_mm2 * 1e-6)
     with output_errors("--out", out):
         save_learned(model, out)
     say(f"learned library: {out}", quiet=quiet)
@@ -116,6 +141,35 @@ def learn(runs: Sequence[LearnedRun], left_out: Sequence[Mapping[str, str]]) -> 
         raise InputError(f"library learn: no run can be learned from ({reasons})")
     used = [run for run in runs if len(run.t) >= MIN_BLOCKS]
     return replace(model, scores=scores_out_of_run(used)) if len(model.runs) > 1 else model
+
+
+def weighed(
+    model: LearnedModel, runs: Sequence[LearnedRun], channel: str | None, library: Path, threshold: float
+) -> LearnedModel:
+    """Return the model with the weight of a library beside it, found out of run.
+
+    Raises:
+        InputError: a run is no records, or the library cannot be used or has not the threshold.
+    """
+    settings = library_settings("library", library, "rms+harmonics", 0.8)
+    physical: list[PhysicalRun] = []
+    for run in runs:
+        path = Path(run.name)
+        if not is_records(path):
+            raise InputError(f"--library: {path} is CSV; records are needed, which have load, speed and lines")
+        if len(run.t) < MIN_BLOCKS:
+            continue
+        _, readings = read_readings(path, channel, load=None, speed=None)
+        state, forecasts = LibraryState(), []
+        for reading in readings[: len(run.t)]:
+            with input_errors("--library"):
+                state, _, (one,) = ask_library(
+                    state, reading, settings["library"], settings["library_settings"], thresholds=(threshold,)
+                )
+            forecasts.append(one)
+        physical.append(PhysicalRun(run, forecasts))
+    weight = library_weight(physical)
+    return model if weight is None else replace(model, weights={"learned": 1.0 - weight, "library": weight})
 
 
 def run_of_csv(

@@ -146,6 +146,7 @@ def test_options_that_are_refused(runs: list[Path], tmp_path: Path) -> None:
         ((*runs, "--out", tmp_path / "l.txt"), ".npz"),
         ((runs[0], "--end-s", "-5", *out), "lies before the first block"),
         ((tmp_path / "none.csv", *out), "cannot be read"),
+        ((*runs, "--library", tmp_path / "none.npz", *out), "no such library"),
     ):
         assert said in refused(*arguments)
 

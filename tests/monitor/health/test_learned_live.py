@@ -13,11 +13,12 @@ import pytest
 from monitor.commands.check import find_problems
 from monitor.config.load import Config, ConfigError, validate
 from monitor.health.damage import DamageInput, EdvStatus, Remaining, TtStatus
-from monitor.health.damage.learned.fit import fit_runs
-from monitor.health.damage.learned.forecaster import LearnedSettings, LearnedState
+from monitor.health.damage.learned.fit import LearnedRun, fit_runs
+from monitor.health.damage.learned.forecaster import QUANTILES, LearnedSettings, LearnedState
 from monitor.health.damage.learned.forecaster import step as learned_step
 from monitor.health.damage.learned.model import LearnedModel
 from monitor.health.damage.learned.pool import pool
+from monitor.health.damage.learned.weights import PhysicalRun, library_weight
 from monitor.health.damage.library.forecaster import LibrarySettings
 from monitor.health.damage.tracker import DamageGate, DamageSettings, DamageState, step
 from monitor.records.learned_file import save_learned
@@ -229,3 +230,26 @@ def test_what_a_configuration_may_not_say(tmp_path: Path) -> None:
 def test_a_file_changes_the_hash_of_the_configuration(tmp_path: Path) -> None:
     plain = configured(tmp_path, {"method": "learned"})
     assert plain.hash != configured(tmp_path, {"method": "learned", "library": "runs.json"}).hash
+
+
+def physical(one: LearnedRun, factor: float) -> PhysicalRun:
+    """Return a run with forecasts of the true time to its end times a factor, within 10 %."""
+    found: list[Remaining] = []
+    for t in one.t.tolist():
+        quantiles = tuple((p, max(one.life - t, 1.0) * factor * (0.9 + 0.2 * p)) for p in QUANTILES)
+        found.append(Remaining(THRESHOLD, TtStatus.OK, tt=quantiles[5][1], quantiles=quantiles))
+    return PhysicalRun(one, found)
+
+
+def test_a_library_weighs_by_its_errors_on_runs_left_out() -> None:
+    runs = family(4)
+    prior = LearnedModel(runs=({},) * 4).library_weight
+    right, wrong = (library_weight([physical(one, factor) for one in runs]) for factor in (1.0, 50.0))
+    assert right is not None
+    assert wrong is not None
+    assert wrong < prior <= right < 1.0
+    assert library_weight([physical(runs[0], 1.0)]) is None
+    # Without scores it weighs as much as four runs; without runs it is alone.
+    assert prior == 0.5
+    assert LearnedModel().library_weight == 1.0
+    assert replace(LearnedModel(), weights={"learned": 0.7, "library": 0.3}).library_weight == 0.3

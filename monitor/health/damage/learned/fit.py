@@ -112,14 +112,18 @@ def fit_runs(runs: Sequence[LearnedRun]) -> LearnedModel:
         if id(run) not in kept
     )
     return replace(
-        _regression([moments for _, moments in used]),
-        scale=_scale([moments for _, moments in used]),
+        fit_moments([moments for _, moments in used]),
         runs=tuple(_described(run) for run, _ in used),
         left_out=left_out,
         end_levels=end_levels([run.end_level for run, _ in used]),
         end_volumes=end_levels([math.log(run.end_volume) for run, _ in used if run.end_volume > 0.0]),
         settings=_settings(),
     )
+
+
+def fit_moments(runs: Sequence[Moments]) -> LearnedModel:
+    """Return the regression and its scale for moments of runs, each with at least one."""
+    return replace(_regression(runs), scale=_scale(runs))
 
 
 def end_levels(values: Sequence[float]) -> EndLevels:

@@ -21,7 +21,10 @@ from monitor.health.damage.learned.history import INPUTS, Array
 
 MARGIN = math.log(1.5)
 """Distance beyond the runs' elapsed times and levels up to which they are asked."""
-_LIBRARY_RUNS = 4.0
+LIBRARY_RUNS = 4.0
+"""Prior weight of a library in a combination, in equivalent runs."""
+MIN_RUNS = 2
+"""A single run changes nothing: its errors could be told on no other."""
 _LIMITED = 2
 """Inputs, from the first on, of which values beyond the runs are outside: elapsed time and level."""
 
@@ -127,13 +130,15 @@ class LearnedModel:
     @property
     def library_weight(self) -> float:
         """Weight of a library's forecast beside this one: by out-of-run scores, else that of four recorded runs."""
-        return float(self.weights.get("library", _LIBRARY_RUNS / (_LIBRARY_RUNS + len(self.runs))))
+        return float(self.weights.get("library", LIBRARY_RUNS / (LIBRARY_RUNS + len(self.runs))))
 
     @property
     def prior(self) -> str:
         """What the forecasts rest on, as text."""
         if not self.runs:
             return "no recorded run: as long again as it has lasted"
+        if len(self.runs) < MIN_RUNS:
+            return f"{len(self.runs)} recorded run, fewer than {MIN_RUNS}: as long again as it has lasted"
         return (
             f"the time to the end as {len(self.runs)} recorded runs ended (not to a threshold of V_eq), drawn towards "
             "as long again as it has lasted"
@@ -141,7 +146,7 @@ class LearnedModel:
 
     def distribution(self, inputs: Array, elapsed: float) -> Distribution:
         """Return the distribution of TT for the inputs of a history; NaN inputs are not known."""
-        if not self.runs:
+        if len(self.runs) < MIN_RUNS:
             return Distribution(elapsed)
         beyond = np.maximum(inputs - self.highest, 0.0)
         beyond[1] = max(float(beyond[1]), float(self.lowest[1] - inputs[1]))
