@@ -311,7 +311,7 @@ def test_a_standstill_is_said_and_its_v_eq_does_not_creep_on() -> None:
 def test_many_updates_leave_v_eq_where_it_is_and_the_state_as_large() -> None:
     library = standing_library()
     # No life lasts so long; it is about arithmetic and memory.
-    fits = {name: replace(fit, longest=math.inf) for name, fit in library.fits.items()}
+    fits = {name: replace(fit, longest=math.inf, limits=None) for name, fit in library.fits.items()}
     library, blocks = replace(library, fits=fits), blocks_of(standing_life(101, seed=8))[100:]
     updates, state, found, sizes = effort_count(quick=200, full=100_000), LibraryState(), [], []
     for number in range(updates):

@@ -241,7 +241,7 @@ def _answer(
 ) -> tuple[Damage, tuple[Remaining, ...]]:
     """Return the result for the inputs of the regression, after a number of blocks inside the library."""
     predicted, ln_elapsed = fit.regression.predict(x[None])[0].tolist(), float(x[0])
-    sample = fit.sample_v_eq(predicted[0], ln_elapsed, settings.neighbours)
+    sample = fit.sample_v_eq(predicted[0], ln_elapsed, predicted[-1], settings.neighbours)
     lower, median, upper = quantiles_of(sample, _interval_levels(settings)).tolist()
     still = fit.p_no_growth(predicted[-1], settings.neighbours)
     stand = Stand(still, median)

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from monitor.health.damage.library.plausible import Limits
+from monitor.health.damage.library.regression import Regression
 from monitor.health.damage.library.summaries import OFFSET, LevelHistory, extrapolations, summarise
 
 Array = NDArray[np.float64]
@@ -43,38 +44,12 @@ _LIFETIME_POWER = 0.5
 """Weights of lifetimes go with this power of 1 / T: 0 counts each life once, 1 each moment of it."""
 _AGE_OFFSET = 6.0
 """Intervals in the logarithm of the elapsed time (summaries.summarise)."""
+_STAND_WEIGHT = 4.0
+"""The same of a difference in the prediction of a standstill, for V_eq: what stands still is smaller than it seems."""
 _MOMENTS_PER_NEIGHBOUR, _MIN_NEIGHBOURS = 30, 60
 _KNOTS = 12
 _MIN_WIDTH = 1e-3
 _LOAD, _SPEED = 4000.0, 30.0
-
-
-@dataclass(frozen=True, eq=False)
-class Regression:
-    """A ridge regression on inputs and on random Fourier features of them (Rahimi and Recht, 2007).
-
-    Attributes:
-        centre: mean of each input, shape (d,).
-        scale: standard deviation of each input, shape (d,).
-        weights: frequencies of the random features, shape (d, c).
-        phases: their phases, shape (c,).
-        coefficients: shape (1 + d + c, targets).
-    """
-
-    centre: Array
-    scale: Array
-    weights: Array
-    phases: Array
-    coefficients: Array
-
-    def design(self, x: Array) -> Array:
-        """Return the regressors of inputs (n, d), clipped at three SD, shape (n, 1 + d + c)."""
-        z = np.clip((x - self.centre) / self.scale, -3.0, 3.0)
-        return np.concatenate((np.ones((len(z), 1)), z, np.cos(z @ self.weights + self.phases)), axis=1)
-
-    def predict(self, x: Array) -> Array:
-        """Return the targets of inputs (n, d), shape (n, targets)."""
-        return self.design(x) @ self.coefficients
 
 
 @dataclass(frozen=True, eq=False)
@@ -159,7 +134,13 @@ class FeatureFit:
         return np.append(summary, (math.log(load), math.log(speed)))
 
     def nearest_moments(
-        self, target: int, said: float, ln_elapsed: float, count: int, without: int | None = None
+        self,
+        target: int,
+        said: float,
+        ln_elapsed: float,
+        count: int,
+        without: int | None = None,
+        stand: float | None = None,
     ) -> NDArray[np.int64]:
         """Return the ``count`` moments with the nearest predictions and elapsed times.
 
@@ -167,8 +148,9 @@ class FeatureFit:
             target: 0 for V_eq, 1 and up for the thresholds, the last for a standstill.
             count: limited to one in thirty of all moments, but at least 60 (or all), so that the nearest stay similar.
             without: a life to leave out, for scores out of fold.
+            stand: prediction of a standstill that has to be near too.
         """
-        order, column, elapsed, life = self._ascending[target]
+        order, column, elapsed, life, stands = self._ascending[target]
         total = len(order)
         count = min(count, max(total // _MOMENTS_PER_NEIGHBOUR, _MIN_NEIGHBOURS), total)
         place, reach = int(np.searchsorted(column, said)), 4 * count
@@ -177,6 +159,8 @@ class FeatureFit:
             distance = np.abs(column[low:high] - said)
             if 0 < target <= len(self.thresholds):
                 distance += _ELAPSED_WEIGHT * np.abs(elapsed[low:high] - ln_elapsed)
+            if stand is not None:
+                distance += _STAND_WEIGHT * np.abs(stands[low:high] - stand)
             if without is not None:
                 distance[life[low:high] == without] = np.inf
             nearest = np.argpartition(distance, count - 1)[:count] if len(distance) >= count else None
@@ -187,13 +171,13 @@ class FeatureFit:
             reach *= 2
 
     @cached_property
-    def _ascending(self) -> list[tuple[NDArray[np.int64], Array, Array, NDArray[np.int64]]]:
-        """For each target the moments sorted by prediction: order, said, ln_elapsed and life."""
-        found: list[tuple[NDArray[np.int64], Array, Array, NDArray[np.int64]]] = []
+    def _ascending(self) -> list[tuple[NDArray[np.int64], Array, Array, NDArray[np.int64], Array]]:
+        """For each target the moments sorted by prediction: order, said, ln_elapsed, life, said of a standstill."""
+        found: list[tuple[NDArray[np.int64], Array, Array, NDArray[np.int64], Array]] = []
         for said, error in zip(self.said.T, self.error.T, strict=True):
             order = np.argsort(said, kind="stable")
             order = order[np.isfinite(error[order])]
-            found.append((order, said[order], self.ln_elapsed[order], self.life[order]))
+            found.append((order, said[order], self.ln_elapsed[order], self.life[order], self.said[order, -1]))
         return found
 
     @cached_property
@@ -202,9 +186,11 @@ class FeatureFit:
         ascending = [np.sort(times[np.isfinite(times)]) for times in self.lifetimes.T]
         return [(times, np.power(np.maximum(times, self.interval), -_LIFETIME_POWER)) for times in ascending]
 
-    def sample_v_eq(self, said: float, ln_elapsed: float, count: int, without: int | None = None) -> Array:
-        """Return an ascending sample of V_eq, m2."""
-        error = self.error[self.nearest_moments(0, said, ln_elapsed, count, without), 0]
+    def sample_v_eq(
+        self, said: float, ln_elapsed: float, stand: float, count: int, without: int | None = None
+    ) -> Array:
+        """Return an ascending sample of V_eq, m2; ``stand`` is the prediction of a standstill."""
+        error = self.error[self.nearest_moments(0, said, ln_elapsed, count, without, stand), 0]
         return np.sort(np.exp(said + self.shift[0] + self.stretch[0] * error))
 
     def sample_tt(self, target: int, said: float, ln_elapsed: float, count: int, without: int | None = None) -> Array:

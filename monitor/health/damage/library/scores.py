@@ -47,7 +47,7 @@ def score(fit: FeatureFit, table: Moments, predicted: Array, thresholds: tuple[f
         for row in np.flatnonzero(table.trial == trial):
             life, ln_elapsed = int(table.life[row]), float(table.x[row, 0])
             count, target = _SCORED_NEIGHBOURS, index + 1
-            v_eq = fit.sample_v_eq(float(predicted[row, 0]), ln_elapsed, count, life)
+            v_eq = fit.sample_v_eq(float(predicted[row, 0]), ln_elapsed, float(predicted[row, -1]), count, life)
             tt = fit.sample_tt(target, float(predicted[row, target]), ln_elapsed, count, life)
             true_v, true_tt = math.exp(table.y[row, 0]), (math.exp(table.y[row, target]) - OFFSET) * fit.interval
             low_v, median_v, high_v = quantiles_of(v_eq, ends)
