@@ -26,6 +26,7 @@ from monitor.health.damage.learned import forecaster as learned
 from monitor.health.damage.learned.fit import fit_runs
 from monitor.health.damage.library import forecaster
 from monitor.health.damage.thesis import edv, forecast
+from monitor.health.trend import stage as trend
 from tests.effort import effort_count
 from tests.hard.test_tracking import LOAD, METHODS, SPEED, growing, plain_map, settings_of
 from tests.monitor.health.test_alarms import RULE, block
@@ -86,6 +87,11 @@ def take_learned(state: Any, i: int) -> tuple[Any, Any]:
     return learned.step(state, given, model, baseline=RMS[0], final_stage=i > 3)
 
 
+def take_trend(state: Any, i: int) -> tuple[Any, Any]:
+    given = trend.TrendInput(i + 1, TIMES[i], RMS[i], baseline=(0.0, 0.1), elevated=i > 3, final=i > 6)
+    return trend.step(state, given, alarms.AlarmSettings((RULE,)))
+
+
 def take_library(state: Any, i: int) -> tuple[Any, Any]:
     given = DamageInput(TIMES[i], RMS[i], tuple(LINES[i]), LOAD, SPEED)
     state, *outputs = forecaster.step(state, given, toy_library(40), thresholds=(THRESHOLD,))
@@ -115,6 +121,7 @@ TAKE: dict[str, Take] = {
     "damage.tracker": take_damage,
     "detect.onset": take_detect,
     "machine": take_machine,
+    "trend.stage": take_trend,
     "waterfall": take_waterfall,
 }
 STAGES = dict(found_stages())

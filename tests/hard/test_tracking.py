@@ -300,7 +300,7 @@ def test_a_constant_rms_is_a_constant_volume_and_no_crossing_in_the_thesis(libra
 
 
 @pytest.mark.parametrize(
-    ("method", "status"), [("thesis", "above_map"), ("filter", "above_map"), ("library", "outside_library")]
+    ("method", "status"), [("thesis", "above_map"), ("filter", "above_map"), ("library", "implausible")]
 )
 def test_a_step_beyond_the_map_says_so_and_is_left_behind(method: TrackMethod, status: str, library: Library) -> None:
     times, rms, lines = growing()
