@@ -193,6 +193,17 @@ def kept_readers() -> Iterator[None]:
     KeptReader.end()
 
 
+@pytest.fixture(autouse=True, scope="session")
+def forked_children() -> Iterator[None]:
+    """Quick effort forks publisher and page of a daemon in this process; those of a forked daemon: tests.forks."""
+    from tests.forked_children import SUBPROCESS
+
+    with pytest.MonkeyPatch.context() as patch:
+        if effort_count(quick=1, full=0):
+            patch.setattr("monitor.service.child_process.subprocess", SUBPROCESS)
+        yield
+
+
 @pytest.fixture(scope="module")
 def kept_band_choices() -> Iterator[None]:
     """Find the band of a block once, for tests that analyse the same recording several times.

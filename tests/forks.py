@@ -16,10 +16,16 @@ from pathlib import Path
 from signal import SIGKILL, Signals
 from typing import Any
 
+from tests.effort import effort_count
+from tests.forked_children import PRELOADED, address_of_forks, fork_children_too
 from tests.waiting import wait_until
 
 _CONTEXT = multiprocessing.get_context("forkserver")
-_CONTEXT.set_forkserver_preload(["pytest", "monitor.cli", "monitor.commands.run", "monitor.service.daemon"])
+_CONTEXT.set_forkserver_preload(
+    ["pytest", "monitor.cli", "monitor.commands.run", "monitor.service.daemon", *PRELOADED, "tests.forked_children"]
+)
+# Full effort starts the children of daemons as programs.
+_FORKED_CHILDREN = effort_count(quick=1, full=0) == 1
 
 
 class Fork:
@@ -70,7 +76,7 @@ Messages = Connection
 """Where a forked function sends its messages."""
 
 
-def _run_program(words: Sequence[str], folder: Path, environment: Mapping[str, str], errors: str) -> None:
+def _run_program(words: Sequence[str], folder: Path, environment: Mapping[str, str], errors: str, forks: str) -> None:
     """Become the program: its words, folder, environment and standard error; end as it does."""
     from monitor.cli import main
 
@@ -78,6 +84,8 @@ def _run_program(words: Sequence[str], folder: Path, environment: Mapping[str, s
     os.environ.clear()
     os.environ.update(environment)
     time.tzset()
+    if forks:
+        fork_children_too(forks)
     os.dup2(os.open(errors, os.O_WRONLY | os.O_APPEND | os.O_CREAT, 0o600), 2)
     sys.argv = ["spallwatch", *words]
     try:
@@ -91,14 +99,18 @@ def _run_program(words: Sequence[str], folder: Path, environment: Mapping[str, s
 class ForkedProgram:
     """The program spallwatch in a fork, with those methods of a :class:`subprocess.Popen` that tests need."""
 
-    def __init__(self, *words: str, folder: Path, errors: str | None = None) -> None:
-        """Start it with these words after its name; its standard error goes to a file, which is returned at its end."""
+    def __init__(self, *words: str, folder: Path, errors: str | None = None, programs: bool = False) -> None:
+        """Start it with these words after its name; its standard error goes to a file, which is returned at its end.
+
+        ``programs``: its children are started as programs in quick effort too.
+        """
         self._own: Path | None = None
         if errors is None:
             descriptor, errors = tempfile.mkstemp()
             os.close(descriptor)
             self._own = Path(errors)
-        self._process = _CONTEXT.Process(target=_run_program, args=(words, folder, dict(os.environ), errors))
+        forks = address_of_forks() if _FORKED_CHILDREN and not programs else ""
+        self._process = _CONTEXT.Process(target=_run_program, args=(words, folder, dict(os.environ), errors, forks))
         self._process.start()
         assert self._process.pid is not None
         self.pid = self._process.pid

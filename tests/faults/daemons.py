@@ -64,9 +64,13 @@ def free_port() -> int:
         return found.getsockname()[1]
 
 
-def start(config: Path, *options: str, errors: Path | None = None) -> ForkedProgram:
-    """Start a daemon in a fork; its standard error is appended to a file, or returned at its end."""
-    return ForkedProgram("run", "--config", str(config), *options, folder=ROOT, errors=errors and str(errors))
+def start(config: Path, *options: str, errors: Path | None = None, programs: bool = False) -> ForkedProgram:
+    """Start a daemon in a fork; its standard error is appended to a file, or returned at its end.
+
+    Its own children are forks too in quick effort, unless they shall be ``programs``.
+    """
+    words = ("run", "--config", str(config), *options)
+    return ForkedProgram(*words, folder=ROOT, errors=errors and str(errors), programs=programs)
 
 
 def start_program(config: Path, *options: str, prefix: Sequence[str] = (), **more: Any) -> subprocess.Popen[str]:

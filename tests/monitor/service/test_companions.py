@@ -56,7 +56,7 @@ def test_without_a_page_none_is_started(tmp_path: Path) -> None:
 
 def test_the_page_of_a_daemon_answers_is_started_again_and_ends_with_it(tmp_path: Path) -> None:
     config = with_page(tmp_path)
-    daemon = start(config, "--quiet")
+    daemon = start(config, "--quiet", programs=True)
     try:
         wait_until(lambda: status(config).get("page") is not None)
         assert answers(status(config)["page"])
@@ -80,7 +80,7 @@ def test_the_page_of_a_daemon_answers_is_started_again_and_ends_with_it(tmp_path
 
 def test_the_page_does_not_outlive_a_daemon_that_is_killed(tmp_path: Path) -> None:
     config = with_page(tmp_path)
-    daemon = start(config, "--quiet")
+    daemon = start(config, "--quiet", programs=True)
     wait_until(lambda: status(config).get("page") is not None)
     (child,) = pages_of(daemon.pid)
     daemon.kill()
