@@ -8,9 +8,9 @@ that of a curve ``a phi(u)`` over the share ``u`` of the elapsed time, plus a ra
 
 A random walk and not only noise about a curve: errors of neighbouring levels are correlated, and many blocks are no
 proof of the shape. ``phi`` is a power of the time since the onset, or of the time since a later start, scaled to slope
-1 now. ``a`` and ``s^2`` have the conjugate (normal, inverse gamma) prior, so that each shape gives its evidence and a
-Student t distribution of the level at each later time; the shapes are weighted by evidence. The curve goes on from the
-present level.
+1 now; or it has risen in a straight line up to a moment and stands since. ``a`` and ``s^2`` have the conjugate (normal,
+inverse gamma) prior, so that each shape gives its evidence and a Student t distribution of the level at each later
+time; the shapes are weighted by evidence. The curve goes on from the present level.
 
 No smooth growth foresees a step or an acceleration, by which most recorded runs reached high levels. Beside the trend
 the level is therefore reached by one that comes at any time with the chance that has no time scale of its own: within
@@ -60,9 +60,12 @@ SHAPES: tuple[tuple[float, float], ...] = (
     *((start, 1.0) for start in (0.5, 0.75, 0.9)),
 )
 """Start of the growth as a share of the elapsed time, and its power."""
+STOPS: tuple[float, ...] = (0.05, 0.25, 0.5)
+"""Ends of a growth that has stopped, as shares of the elapsed time."""
 _BOUNDARIES = np.array((0.125, 0.25, 0.375, 0.5, 0.625, 0.75, 0.875, 0.9375))
 _MIN_BLOCKS = 2
 _START, _POWER = (np.array(column)[:, None] for column in zip(*SHAPES, strict=True))
+_STOP = np.array(STOPS)[:, None]
 _SCALE = _POWER * (1.0 - _START) ** (_POWER - 1.0)
 MAX_AHEAD = 100.0
 """Longest time ahead, in elapsed times."""
@@ -71,8 +74,8 @@ AHEAD: Array = np.geomspace(1e-3, MAX_AHEAD, 49)
 
 
 def _phi(u: Array) -> Array:
-    """Return the curve of each shape at shares of the elapsed time, shape (shape, u)."""
-    return np.maximum(u - _START, 0.0) ** _POWER / _SCALE
+    """Return the curve of each shape at shares of the elapsed time, shape (shape, u); those that stopped come last."""
+    return np.concatenate((np.maximum(u - _START, 0.0) ** _POWER / _SCALE, np.minimum(u, _STOP)))
 
 
 _GROWN = _phi(1.0 + AHEAD) - _phi(np.ones(1))
@@ -85,7 +88,7 @@ class Crossing:
     Attributes:
         by_trend: probability that the trend reaches it by each of ``AHEAD``, shape (49,); rises.
         reached: the same of the trend, or a step or an acceleration before it.
-        p_no_growth: probability that the level does not grow.
+        p_no_growth: probability that the level does not grow: of the shapes that stand, of ``a <= 0`` in the others.
     """
 
     by_trend: Array
@@ -165,6 +168,7 @@ def crossing(
     sd = np.sqrt(spread[:, None] * (_GROWN**2 / precision[:, None] + prior.ahead * AHEAD + error[-1] / unit))
     by_shape = _student((rate[:, None] * _GROWN - distance) / sd, freedom)
     still = _student(-rate * np.sqrt(precision / spread), freedom)
+    still[len(SHAPES) :] = 1.0
     by_trend = np.maximum.accumulate(weight @ by_shape)
     reached = 1.0 - (1.0 - by_trend) * prior.step / (prior.step + AHEAD)
     return Crossing(by_trend, reached, float(weight @ still))

@@ -30,7 +30,7 @@ MIN_BLOCKS = 6
 """Blocks since the onset below which no trend is told."""
 TREND_AHEAD = 3.0
 """Elapsed times for which a trend is continued: one that does not reach the level by then is none."""
-_MIN_NOISE = 0.03
+MIN_NOISE = 0.03
 """Least standard deviation of ln RMS from block to block."""
 
 
@@ -279,14 +279,14 @@ def _answer(state: TrendState, block: TrendInput, target: _Target, settings: Tre
 def crossing_of(history: StageHistory, baseline: tuple[float, float], level: float) -> Crossing:
     """Return when a level is reached, RMS in the unit of the history; its elapsed time must be positive."""
     ln_baseline, noise = baseline
-    times, levels, blocks = _points(history)
+    times, levels, blocks = points_of(history)
     shares = np.minimum(times / history.elapsed, 1.0)
     now = history.level - ln_baseline
     distance = math.log(level) - history.level
-    return crossing(*segments(shares, levels - ln_baseline, blocks), now, distance, max(noise, _MIN_NOISE))
+    return crossing(*segments(shares, levels - ln_baseline, blocks), now, distance, max(noise, MIN_NOISE))
 
 
-def _points(history: StageHistory) -> NDArray[np.float64]:
+def points_of(history: StageHistory) -> NDArray[np.float64]:
     """Return times since the onset, levels and blocks of the bins of a history, shape (3, n)."""
     time, total, filling = history.filling
     rows = [(at, level, history.bin_blocks) for at, level in history.bins]
