@@ -26,22 +26,22 @@ from tests.monitor.service.test_daemon import last, put, running
 from tests.monitor.service.test_ingest import Queue, block, ingest_of, steps
 from tests.waiting import wait_until
 
-STEP, ALARMS = stages.channel_step, stages.alarm_step
+STEP, ALARMS = stages.conclude, stages.alarm_step
 BAD = 5
 
 
 def raises(error: Exception) -> Callable[..., Any]:
-    def step(state: Any, block: Any, settings: Any) -> Any:
+    def step(state: Any, block: Any, settings: Any, analysed: Any) -> Any:
         if block.sequence == BAD:
             raise error
-        return STEP(state, block, settings)
+        return STEP(state, block, settings, analysed)
 
     return step
 
 
 def gives(change: Callable[[Any, Any], Any]) -> Callable[..., Any]:
-    def step(state: Any, block: Any, settings: Any) -> Any:
-        after = STEP(state, block, settings)
+    def step(state: Any, block: Any, settings: Any, analysed: Any) -> Any:
+        after = STEP(state, block, settings, analysed)
         return change(*after) if block.sequence == BAD else after
 
     return step
@@ -72,7 +72,7 @@ def test_the_block_is_as_one_that_could_not_be_read_and_all_others_as_if_nothing
     store: Store, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, step: Callable[..., Any], said: str
 ) -> None:
     blocks: list[Block | Rejected] = [block(number) for number in range(1, 10)]
-    monkeypatch.setattr(stages, "channel_step", step)
+    monkeypatch.setattr(stages, "conclude", step)
     source = Queue(store, blocks)
     with ingest_of(store, source) as ingest:
         steps(ingest, BAD)
@@ -103,12 +103,12 @@ def test_the_block_is_as_one_that_could_not_be_read_and_all_others_as_if_nothing
 def test_it_is_told_once_how_and_again_when_it_is_over(
     store: Store, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
-    def step(state: Any, block: Any, settings: Any) -> Any:
+    def step(state: Any, block: Any, settings: Any, analysed: Any) -> Any:
         if block.sequence < 4:
             raise RuntimeError("always")
-        return STEP(state, block, settings)
+        return STEP(state, block, settings, analysed)
 
-    monkeypatch.setattr(stages, "channel_step", step)
+    monkeypatch.setattr(stages, "conclude", step)
     caplog.set_level(logging.WARNING)
     with ingest_of(store, Queue(store, [block(number) for number in range(1, 6)])) as ingest:
         steps(ingest, 5)
@@ -241,12 +241,12 @@ def test_a_source_that_fails_is_shown_and_takes_no_other_with_it(
 
 @pytest.mark.process
 def test_a_daemon_goes_on_is_degraded_and_recovers(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def step(state: Any, block: Any, settings: Any) -> Any:
+    def step(state: Any, block: Any, settings: Any, analysed: Any) -> Any:
         if block.sequence in (3, 4):
             raise FloatingPointError("overflow")
-        return STEP(state, block, settings)
+        return STEP(state, block, settings, analysed)
 
-    monkeypatch.setattr(stages, "channel_step", step)
+    monkeypatch.setattr(stages, "conclude", step)
     path = make_machine(tmp_path)
     with running(path):
         put(path, 1)
