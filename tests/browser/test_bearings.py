@@ -62,6 +62,12 @@ def test_verdicts_come_first_and_say_who_disagrees(pump: Served, visitor: Visito
     assert "x says rolling element or cage" in first
 
 
+def test_a_channel_without_a_name_says_whose_damage_it_hears(pump: Served, visitor: Visitor) -> None:
+    assert written(visitor, pump, {"drive": NONE})["answers"][0] == "Bearing driveno part named1 channel"
+    found = written(visitor, pump, {"drive": NONE | {"level_of": "fan"}})
+    assert "its level rises with the damage of fan" in found["answers"][0]
+
+
 def test_a_hint_is_read_as_one(pump: Served, visitor: Visitor) -> None:
     found = written(visitor, pump, {"drive": HINT}, fault="outer", fault_basis="hint")
     assert sum(BASES["hint"][1] in answer for answer in found["answers"]) == 2

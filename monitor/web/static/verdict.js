@@ -4,7 +4,8 @@ import { disagreement, support } from "./bearings.js";
 import { h, symbol } from "./dom.js";
 import * as fmt from "./fmt.js";
 import {
-  RELATIVE, STATES, alarmLevel, baseSentence, baseWord, edvSentence, faultWords, featureWord, stageWord, ttSentence, ttaSentence,
+  RELATIVE, STATES, alarmLevel, baseSentence, baseWord, edvSentence, faultWords, featureWord, levelSentence, stageWord, ttSentence,
+  ttaSentence,
 } from "./words.js";
 
 const answer = (question, value, ...more) =>
