@@ -31,6 +31,8 @@ from benchmarks.regression.trees import ROOT, Tree
 
 LIFE_BLOCKS, LIFE_ONSET, LIFE_CUT = 72, 36, 56
 """Blocks of the life on which trackers are tried, where its damage begins, and where its store is cut."""
+CALIBRATED = {"calibrated": "declared"}
+"""Without the promise there is neither V_eq on an absolute scale nor a forecast."""
 
 
 class SkippedError(Exception):
@@ -259,14 +261,16 @@ def _map(bench: Bench) -> Observation:
     ranges = ("--load-newton", "4000", "--speed-hz", "40", "--dphi-deg", "0:40:6", "--h-d-um", "0:32:5")
     (bench.folder / "maps").mkdir()
     path = bench.folder / "maps" / "map.nc"
-    printed = bench.call("map", "build", *ranges, "--rms-band-hz", "10:1000", "--workers", "1", "--out", path)
+    config = bench.write(machine_text({"url": "folder:in"}, {**CHANNEL, "name": "x"}, rig=CALIBRATED), "map.toml")
+    options = ("--config", config, "--rms-band-hz", "10:1000", "--workers", "1", "--out", path)
+    printed = bench.call("map", "build", *ranges, *options)
     shutil.copy(path, bench.folder)
     return of_json("map build", printed) | of_netcdf("map", path.parent)
 
 
 def _library(bench: Bench) -> Observation:
     path = bench.folder / "library.npz"
-    config = bench.write(machine_text({"url": "folder:in"}, {**CHANNEL, "name": "x"}), "library.toml")
+    config = bench.write(machine_text({"url": "folder:in"}, {**CHANNEL, "name": "x"}, rig=CALIBRATED), "library.toml")
     options = ("--runs", "20", "--rms-band-hz", "10:1000", "--threshold-mm2", "0.05", "--threshold-mm2", "0.1")
     printed = bench.call("library", "build", "--config", config, *options, "--workers", "1", "--out", path)
     return of_json("library build", printed) | of_npz("library", path)
@@ -280,5 +284,6 @@ def _life(bench: Bench, method: str) -> tuple[Path, Path]:
         channel["library"] = "library.npz"
     source = {"block_s": BLOCK / RATE, "rate_hz": RATE, "start_utc": BEGIN.isoformat()}
     forecast = {"method": "library" if method == "library" else "thesis", "threshold_mm2": [0.05, 0.1]}
-    text = machine_text(source, channel, track={"method": method}, forecast=forecast)
+    sections = {"rig": CALIBRATED, "track": {"method": method}, "forecast": forecast}
+    text = machine_text(source, channel, **sections)
     return path, bench.write(text, "m.toml")
