@@ -40,6 +40,7 @@ _MAX_EXPONENT = math.log(sys.float_info.max)
 _WORST_FIRST = (FAILURE, NO_DATA, BAD_DATA, OUT_OF_SPECIFICATION, MAINTENANCE, CHECK, NORMAL)
 _OF_EPISODE = frozenset(
     {"v_eq", "v_eq_lower", "v_eq_upper", "v_eq_relative", "tt", "tt_lower", "tt_upper", "p_threshold"}
+    | {"v_eq_filter", "v_eq_filter_lower", "v_eq_filter_upper"}
 )
 """Features that have values in the final stage only."""
 _REFUSALS = frozenset(

@@ -175,7 +175,8 @@ def levels(**more: Any) -> AlarmsSection:
 
 def test_levels_in_volumes_and_times_are_suspended_and_relative_ones_are_not() -> None:
     names = {name for name, feature in LEVELS.items() if feature.needs_calibration}
-    assert names == {"v_eq", "v_eq_lower", "v_eq_upper", "tt", "tt_lower", "tt_upper", "p_threshold"}
+    volumes = {f"{name}{end}" for name in ("v_eq", "v_eq_filter") for end in ("", "_lower", "_upper")}
+    assert names == volumes | {"tt", "tt_lower", "tt_upper", "p_threshold"}
     settings = levels().to_settings("x", 0, absolute_volume=False)
     assert settings.suspended == ("v_eq", "tt")
     assert levels().to_settings("x", 0).suspended == ()
