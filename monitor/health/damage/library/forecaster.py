@@ -219,8 +219,10 @@ def step(
 
 def _can_follow(fit: FeatureFit, history: LevelHistory, watch: Watch, ln_rms: float) -> bool:
     """Return whether a relative level of the RMS can follow a history after what was seen since."""
+    if fit.limits is None or watch.seen is None:
+        return True
     score = step_score(history.recent[:, 1].tolist(), ln_rms)
-    if fit.limits is None or score is None or watch.seen is None:
+    if score is None:
         return True
     since = watch.seen - watch.closed - (history.t_first + history.elapsed)
     return fit.limits.holds_step(score, watch.lag(since, fit.interval))

@@ -18,7 +18,6 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -123,11 +122,6 @@ class Watch:
     def use(self) -> Watch:
         """Return the watch after its latest block was used."""
         return replace(self, widest=0.0)
-
-    @classmethod
-    def from_dict(cls, stored: dict[str, Any]) -> Watch:
-        """Restore a watch from its fields."""
-        return cls(**stored)
 
 
 def step_score(latest: Sequence[float], level: float) -> float | None:
