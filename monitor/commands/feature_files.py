@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -11,6 +9,7 @@ from itertools import pairwise
 from pathlib import Path
 
 from monitor.commands.common import InputError
+from monitor.commands.history_files import open_csv
 from monitor.health.damage.learned.onset import Onset, find_onset, stated_onset
 from monitor.health.detect import LINES, DetectInput
 from streams.block import STANDARD_GRAVITY
@@ -19,7 +18,6 @@ _LINES = tuple(f"{name}_g" for name in LINES)
 NAMES = ("elapsed_s", "rms_g", *_LINES, "outer_floor_g", "peak_g", "kurtosis", "v_eq_mm2")
 """Columns that are known; the first two are needed."""
 _OF_AXIS = NAMES[1:]
-_MAX_CSV_MIB = 64
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,17 +72,7 @@ def read_features(
 
 def _rows(path: Path) -> tuple[list[str], list[tuple[int, dict[str, str]]]]:
     """Return the header, and each row with the number of its line."""
-    try:
-        if path.stat().st_size > _MAX_CSV_MIB * 2**20:
-            raise InputError(f"{path}: larger than {_MAX_CSV_MIB} MiB; is it a history of features?")
-        text = path.read_text(encoding="utf-8-sig")
-    except UnicodeDecodeError:
-        raise InputError(f"{path}: not a text file; expected CSV with columns elapsed_s, rms_g") from None
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read: {error.strerror or error}") from None
-    reader = csv.DictReader(io.StringIO(text, newline=""), skipinitialspace=True)
-    header = [name.strip() for name in reader.fieldnames or []]
-    reader.fieldnames = header
+    reader, header = open_csv(path, "elapsed_s, rms_g")
     rows = [(reader.line_num, row) for row in reader]
     if not rows:
         raise InputError(f"{path}: no rows below the header")

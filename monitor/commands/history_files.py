@@ -150,27 +150,37 @@ def _says_uncalibrated(path: Path) -> bool:
     return any(row.get("status") == EdvStatus.UNCALIBRATED for row in reader)
 
 
-def read_columns(path: Path, *, required: Sequence[str], optional: Sequence[str] = ()) -> dict[str, list[float]]:
-    """Read named columns of finite numbers from a CSV file with a header row.
+def open_csv(path: Path, expected: str) -> tuple[csv.DictReader[str], list[str]]:
+    """Return a reader of the rows of a CSV file, and the names in its header without spaces around them.
 
     Raises:
-        InputError: naming the file, the row, the column, what was expected and what was found.
+        InputError: naming the file; it is too large, no text (``expected``: its columns), or cannot be read.
     """
     try:
         if path.stat().st_size > _MAX_CSV_MIB * 2**20:
             raise InputError(f"{path}: larger than {_MAX_CSV_MIB} MiB; is it a history of features?")
         text = path.read_text(encoding="utf-8-sig")
     except UnicodeDecodeError:
-        raise InputError(f"{path}: not a text file; expected CSV with columns {', '.join(required)}") from None
+        raise InputError(f"{path}: not a text file; expected CSV with columns {expected}") from None
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror or error}") from None
     reader = csv.DictReader(io.StringIO(text, newline=""), skipinitialspace=True)
     header = [name.strip() for name in reader.fieldnames or []]
+    reader.fieldnames = header
+    return reader, header
+
+
+def read_columns(path: Path, *, required: Sequence[str], optional: Sequence[str] = ()) -> dict[str, list[float]]:
+    """Read named columns of finite numbers from a CSV file with a header row.
+
+    Raises:
+        InputError: naming the file, the row, the column, what was expected and what was found.
+    """
+    reader, header = open_csv(path, ", ".join(required))
     missing = [name for name in required if name not in header]
     if missing:
         found = ", ".join(header) or "nothing"
         raise InputError(f"{path}: column {missing[0]} is missing; expected {', '.join(required)}, found {found}")
-    reader.fieldnames = header
     columns: dict[str, list[float]] = {name: [] for name in (*required, *(n for n in optional if n in header))}
     for row in reader:
         for name, values in columns.items():

@@ -14,12 +14,12 @@ from monitor.commands.check import find_problems
 from monitor.config.load import Config, ConfigError, validate
 from monitor.health.damage import DamageInput, EdvStatus, Remaining, TtStatus
 from monitor.health.damage.learned.fit import LearnedRun, fit_runs
-from monitor.health.damage.learned.forecaster import QUANTILES, LearnedSettings, LearnedState
+from monitor.health.damage.learned.forecaster import LearnedSettings, LearnedState
 from monitor.health.damage.learned.forecaster import step as learned_step
 from monitor.health.damage.learned.model import LearnedModel
 from monitor.health.damage.learned.pool import pool
 from monitor.health.damage.learned.weights import PhysicalRun, library_weight
-from monitor.health.damage.library.forecaster import LibrarySettings
+from monitor.health.damage.library.forecaster import QUANTILES, LibrarySettings
 from monitor.health.damage.tracker import DamageGate, DamageSettings, DamageState, step
 from monitor.records.learned_file import save_learned
 from monitor.service.setup import source_settings

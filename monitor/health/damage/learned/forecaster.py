@@ -14,10 +14,9 @@ from monitor.health.damage import DamageInput, Remaining, TtStatus
 from monitor.health.damage.learned.fit import MIN_POINTS
 from monitor.health.damage.learned.history import StageHistory
 from monitor.health.damage.learned.model import Distribution, LearnedModel
+from monitor.health.damage.library.forecaster import QUANTILES
 
 STATE_VERSION = 1
-QUANTILES = (0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95)
-"""Levels of the quantiles in a result."""
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,8 @@ from dataclasses import replace
 import numpy as np
 
 from monitor.health.damage import Remaining, TtStatus
-from monitor.health.damage.learned.forecaster import QUANTILES, LearnedSettings
+from monitor.health.damage.learned.forecaster import LearnedSettings
+from monitor.health.damage.library.forecaster import QUANTILES
 
 _MIN_TT = 1e-3
 """Shorter times are this, s: a crossed threshold has no logarithm. Nor has one that is never reached."""
