@@ -201,7 +201,7 @@ def _bear(
 
 
 @inlined
-def _rates(z: NDArray[np.float64], plan: Plan, work: Work, out: NDArray[np.float64]) -> float:
+def rates(z: NDArray[np.float64], plan: Plan, work: Work, out: NDArray[np.float64]) -> float:
     """Write the time derivatives of a state; return the speed of the encoder, rad/s."""
     p, lateral, torsion = plan.parameter, plan.lateral, plan.torsion
     n, m = lateral.square.shape[0], torsion.square.shape[0]
@@ -352,7 +352,7 @@ def _carry_over(
 ) -> int:
     """Do what ``trace`` does if ``rows`` has any, else what ``run`` does.
 
-    Both are one kernel, and ``_rates`` is called in one place, because each copy of its code takes seconds to compile.
+    Both are one kernel, and ``rates`` is called in one place, because each copy of its code takes seconds to compile.
     """
     work.state[:] = state
     node = np.zeros((NODES, 1 + SENSORS))
@@ -370,7 +370,7 @@ def _carry_over(
                 at = work.state
             else:
                 to_stage(stage % 4 - 1, length, work)
-            speed = _rates(at, plan, work, slope)
+            speed = rates(at, plan, work, slope)
             inverse = 1.0 / speed
             for k in range(slope.shape[0]):
                 slope[k] *= inverse
