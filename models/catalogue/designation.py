@@ -20,6 +20,7 @@ BALLS: tuple[Family, ...] = ("deep_groove", "angular_contact", "self_aligning")
 ROLLERS: tuple[Family, ...] = ("cylindrical", "tapered", "spherical")
 
 _SEPARATORS = re.compile(r"[\s\-/._,]+")
+_MAKERS = re.compile(r"^(SKF|FAG|INA|NSK|NTN|SNR|KOYO|NACHI|TIMKEN|NKE|ZKL|FBJ|NMB|ZVL)(?=[A-Z]{0,2}\d)")
 _THIN_SECTIONS = re.compile(r"^6([89])(\d\d)")
 """68xx and 69xx, the Japanese numbers of 618xx and 619xx."""
 _PREFIX = re.compile(r"^(NU|NJ)?(\d+)")
@@ -59,8 +60,8 @@ class Designation:
 
 
 def compact(text: str) -> str:
-    """Return a designation in capitals without separators, by which spellings are compared."""
-    return _SEPARATORS.sub("", text.upper())
+    """Return a designation in capitals without separators and maker, by which spellings are compared."""
+    return _MAKERS.sub("", _SEPARATORS.sub("", text.upper()))
 
 
 def parse(text: str, families: Mapping[str, Family]) -> Designation:

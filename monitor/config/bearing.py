@@ -72,7 +72,10 @@ class BearingSection(Section):
         self._check_length(self.element or "ball")
         missing = [key for key in _REQUIRED if getattr(self, key) is None]
         if missing:
-            raise ValueError(f"without a designation it needs {', '.join(missing)}")
+            raise ValueError(
+                f"without a designation it needs {', '.join(_REQUIRED)}; missing are {', '.join(missing)}, "
+                f"found are {', '.join(key for key in _REQUIRED if key not in missing) or 'none of them'}"
+            )
         if (self.element_diameter_mm or 0.0) >= (self.pitch_diameter_mm or 0.0):
             raise ValueError("element_diameter_mm must be smaller than pitch_diameter_mm")
         return self

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any, Self
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field
+
+from models.errors import WrongInputError
 
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
@@ -24,6 +27,15 @@ def _check_scale(value: float) -> float:
 
 
 Scale = Annotated[float, AfterValidator(_check_scale)]
+
+
+class LocatedError(WrongInputError, ValueError):
+    """Several problems of one table: each with its place below the table, and what was expected and what came."""
+
+    def __init__(self, problems: Sequence[tuple[tuple[str | int, ...], str]]) -> None:
+        """Keep the problems; the message has one line for each."""
+        super().__init__("\n".join(text for _, text in problems))
+        self.problems = tuple(problems)
 
 
 class Section(BaseModel):

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-import difflib
 import hashlib
+import re
 import tomllib
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, Self, get_args
+from typing import Any, Self
 
-from pydantic import BaseModel, Field, ValidationError, model_validator
+from pydantic import Field, ValidationError, model_validator
 
 from models.bearing import Bearing, CatalogueEntry
 from models.contact_estimates import estimate_stiffness
@@ -20,13 +21,26 @@ from models.rigs.rotor import RotorRig
 from models.rigs.six_dof import Calibration, Rig
 from monitor.config.alarms import AlarmsSection
 from monitor.config.bearing import BearingSection, RigSection
-from monitor.config.fields import Section
+from monitor.config.connections import find_loose_ends
+from monitor.config.explain import explain_problems, place_words
+from monitor.config.fields import LocatedError, Section
+from monitor.config.hints import syntax_hint
 from monitor.config.interference import InterferenceSection
 from monitor.config.machine import MachineSection, OperatingSection, RetentionSection
 from monitor.config.outputs import NotifySection, PublishSection, WebSection
+from monitor.config.positions import Place, find_lines, line_of
 from monitor.config.shaft import SCENE_KEYS, ShaftSection
 from monitor.config.source import ChannelSection, SourceSection
 from monitor.config.stages import DetectSection, ForecastSection, TrackSection
+
+_CONNECTED: Any = {
+    "bearing": {"__all__": {"name"}},
+    "source": {"__all__": {"name"}},
+    "channel": {"__all__": {"name", "source", "bearing"}},
+    "rig": {"bearing"},
+    "shaft": {"second_bearing"},
+}
+"""The names by which sections refer to each other."""
 
 
 class ConfigError(WrongInputError):
@@ -55,31 +69,17 @@ class Config(Section):
 
     @model_validator(mode="after")
     def _connected(self) -> Self:
-        for key in ("bearing", "source", "channel"):
-            names = [item.name for item in getattr(self, key)]
-            twice = sorted({name for name in names if names.count(name) > 1})
-            if twice:
-                raise ValueError(f"[[{key}]] name {twice[0]!r} is given twice")
-        sources = {source.name: source for source in self.source}
-        bearings = {bearing.name for bearing in self.bearing}
-        for channel in self.channel:
-            if channel.source not in sources:
-                raise ValueError(
-                    f"channel {channel.name!r}: source {channel.source!r} is not one of {', '.join(sorted(sources))}"
-                )
-            if channel.bearing not in bearings:
-                raise ValueError(
-                    f"channel {channel.name!r}: bearing {channel.bearing!r} is not one of {', '.join(sorted(bearings))}"
-                )
-            rate = sources[channel.source].rate_hz
-            if rate is not None:
-                channel.check_rate(rate)
-        if self.rig.bearing is not None and self.rig.bearing not in bearings:
-            raise ValueError(f"[rig] bearing {self.rig.bearing!r} is not one of {', '.join(sorted(bearings))}")
-        if self.shaft.second_bearing is not None and self.shaft.second_bearing not in bearings:
-            raise ValueError(
-                f"[shaft] second_bearing {self.shaft.second_bearing!r} is not one of {', '.join(sorted(bearings))}"
-            )
+        problems = list(find_loose_ends(self.model_dump(include=_CONNECTED)))
+        if problems:
+            raise LocatedError(problems)
+        rates = {source.name: source.rate_hz for source in self.source}
+        for index, channel in enumerate(self.channel):
+            rate = rates[channel.source]
+            reason = None if rate is None else channel.beyond_rate(rate)
+            if reason is not None:
+                problems.append((("channel", index, reason[0]), reason[1]))
+        if problems:
+            raise LocatedError(problems)
         self.alarms.check_channels(tuple(channel.name for channel in self.channel))
         return self
 
@@ -187,21 +187,37 @@ def load_config(path: Path) -> Config:
     """Read and validate a configuration file; relative paths in it are relative to it.
 
     Raises:
-        ConfigError: naming the file, the key, what was found and what is allowed.
+        ConfigError: with one line for each problem: the file, the line, the key, what was found and what is allowed.
     """
     try:
-        text = path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
+        text = path.read_text(encoding="utf-8-sig")
+    except UnicodeDecodeError as error:
+        line = error.object[: error.start].count(b"\n") + 1
+        raise ConfigError(f"{path}:{line}: expected UTF-8, found byte 0x{error.object[error.start]:02x}") from None
+    except OSError as error:
         raise ConfigError(f"{path}: cannot be read: {error}") from None
     try:
         values = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
-        raise ConfigError(f"{path}: not valid TOML: {error}") from None
-    return validate(values, path)
+        raise ConfigError(_syntax_words(path, text, str(error))) from None
+    return validate(values, path, find_lines(text))
 
 
-def validate(values: dict[str, Any], path: Path) -> Config:
+def _syntax_words(path: Path, text: str, message: str) -> str:
+    """Return where a text is no valid TOML, why, and what to write."""
+    found = re.search(r" \(at (?:line (\d+), column \d+|end of document)\)$", message)
+    line = len(text.splitlines()) if found is None or found[1] is None else int(found[1])
+    written = (text.splitlines() or [""])[min(line, len(text.splitlines())) - 1]
+    hint = syntax_hint(written, message)
+    reason = message if found is None else message[: found.start()]
+    return f"{path}:{line}: not valid TOML: {reason}, found {written.strip()[:80]!r}{f'; {hint}' if hint else ''}"
+
+
+def validate(values: dict[str, Any], path: Path, lines: Mapping[Place, int] | None = None) -> Config:
     """Validate the tables of a configuration read from ``path``.
+
+    Args:
+        lines: of the values in the file, as :func:`monitor.config.positions.find_lines` gives them.
 
     Raises:
         ConfigError: with one line for each problem.
@@ -209,62 +225,21 @@ def validate(values: dict[str, Any], path: Path) -> Config:
     try:
         config = Config.model_validate(values)
     except ValidationError as error:
-        raise ConfigError("\n".join(f"{path}: {line}" for line in _explain_all(error, Config))) from None
+        problems = explain_problems(error, Config)
+        places = {place for place, _ in problems}
+        loose = [(place, f"{place_words(place)}: {text}") for place, text in find_loose_ends(values)]
+        problems += [problem for problem in loose if problem[0] not in places]
+        raise ConfigError(_in_order(problems, path, lines or {})) from None
     config = config.with_absolute_paths(path.resolve().parent)
     try:
         config.posterior_of(config.own_bearing.to_entry())
     except ValueError as error:
-        raise ConfigError(f"{path}: rig.posterior: {error}") from None
+        raise ConfigError(_in_order([(("rig", "posterior"), f"rig.posterior: {error}")], path, lines or {})) from None
     return config
 
 
-def _explain_all(error: ValidationError, root: type[BaseModel]) -> list[str]:
-    """Return one line for each problem; "list too short" is left out if wrong entries of the list cause it."""
-    problems = error.errors()
-    return [
-        _explain(problem, root)
-        for problem in problems
-        if problem["type"] != "too_short"
-        or not any(other is not problem and other["loc"][: len(problem["loc"])] == problem["loc"] for other in problems)
-    ]
-
-
-def _explain(problem: Any, root: type[BaseModel]) -> str:
-    """Return a line that names the key, the value found and the values allowed.
-
-    ``problem`` is one of the errors of a pydantic ValidationError, ``root`` the model of the whole configuration.
-    """
-    location = ""
-    for part in problem["loc"]:
-        if isinstance(part, int):
-            location += f"[{part}]"
-        elif (
-            "[" not in part and part not in {"bool", "float", "int", "str", "tuple"} and not part.startswith("literal")
-        ):
-            location += f".{part}" if location else part
-    if problem["type"] == "extra_forbidden":
-        known = _keys_at(problem["loc"][:-1], root)
-        key = str(problem["loc"][-1])
-        near = difflib.get_close_matches(key, known, n=1)
-        hint = f"; did you mean {near[0]!r}?" if near else ""
-        return f"{location}: unknown key{hint} Allowed are {', '.join(sorted(known))}"
-    message = problem["msg"].removeprefix("Value error, ")
-    if problem["type"] == "missing":
-        return f"{location}: is missing"
-    if problem["type"] == "value_error" and isinstance(problem["input"], dict):
-        name = problem["input"].get("name")
-        who = f"{location} ({name})" if name and location else location or "configuration"
-        return f"{who}: {message}"
-    return f"{location} = {problem['input']!r}: {message}"
-
-
-def _keys_at(location: tuple[int | str, ...], root: type[BaseModel]) -> list[str]:
-    """Return the keys that the table at ``location`` may hold."""
-    model = root
-    for part in location:
-        if isinstance(part, int) or part not in model.model_fields:
-            continue
-        annotation = model.model_fields[part].annotation
-        candidates = [annotation, *get_args(annotation)]
-        model = next((c for c in candidates if isinstance(c, type) and issubclass(c, BaseModel)), model)
-    return list(model.model_fields)
+def _in_order(problems: Sequence[tuple[Place, str]], path: Path, lines: Mapping[Place, int]) -> str:
+    """Return one line for each problem, in the order of the file."""
+    located = [(line_of(place, lines), text) for place, text in problems]
+    located.sort(key=lambda pair: pair[0] or 0)
+    return "\n".join(f"{path}: {text}" if line is None else f"{path}:{line}: {text}" for line, text in located)

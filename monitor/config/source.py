@@ -11,7 +11,8 @@ from pydantic import Field, field_validator, model_validator
 
 from monitor.config.fields import Band, Blocks, Name, NotNegative, Positive, Scale, Section
 from monitor.health.quality import bands_above_nyquist
-from streams.spec import NetworkSpec, SourceSpec, dating_problem
+from streams.readers.stated import known_unit
+from streams.spec import UNITS, NetworkSpec, SourceSpec, dating_problem
 
 _DATING_KEYS = ("time_from", "time_name", "interval_s", "date_order")
 _FILE_KEYS = (
@@ -148,6 +149,22 @@ class ChannelSection(Section):
     map: Path | tuple[Path, ...] | None = None
     library: Path | None = None
 
+    @field_validator("unit", mode="before")
+    @classmethod
+    def _spelled(cls, value: object) -> object:
+        known = known_unit(value)
+        return known if known in UNITS else value
+
+    @field_validator("band_hz", mode="before")
+    @classmethod
+    def _one_band(cls, value: object) -> object:
+        """Take ``[lo, hi]`` for ``[[lo, hi]]``."""
+        if not isinstance(value, list | tuple) or not any(isinstance(item, int | float) for item in value):
+            return value
+        if len(value) != 2:
+            raise ValueError('expected [lo, hi], [[lo, hi], ...] or "auto"')
+        return [value]
+
     @model_validator(mode="after")
     def _consistent(self) -> Self:
         if (self.unit == "V") != (self.sensitivity_mv_per_g is not None):
@@ -178,12 +195,10 @@ class ChannelSection(Section):
         """Bands of the envelope that are given as numbers."""
         return () if self.band_hz == "auto" else self.band_hz
 
-    def check_rate(self, rate: float) -> None:
-        """Refuse bands that a sampling rate (Hz) cannot hold.
-
-        Raises:
-            ValueError: naming the key, the band and the Nyquist frequency.
-        """
-        reason = bands_above_nyquist(self.name, self._bands, self.rms_band_hz, rate)
-        if reason is not None:
-            raise ValueError(reason)
+    def beyond_rate(self, rate: float) -> tuple[str, str] | None:
+        """Return the key of a band that a sampling rate (Hz) cannot hold, with the reason; None where all fit."""
+        for key, bands, rms_band in (("band_hz", self._bands, None), ("rms_band_hz", (), self.rms_band_hz)):
+            reason = bands_above_nyquist(self.name, bands, rms_band, rate)
+            if reason is not None:
+                return key, reason
+        return None

@@ -122,6 +122,8 @@ def test_bearings_of_the_file_are_taken_as_they_are() -> None:
         ("6804 ZZ", "61804", 0.0, 13),
         ("2205-2RS1", "2205", 10.6, 12),
         ("1205 EKTN9", "1205", 10.6, 12),
+        ("SKF 6205-2Z", "6205", 0.0, 9),
+        ("FAG 6205.2RSR", "6205", 0.0, 9),
     ],
 )
 def test_spellings(written: str, base: str, angle_deg: float, n_elements: int) -> None:

@@ -13,6 +13,7 @@ from monitor import cli
 
 WRONG_INPUT = {
     "ConfigError",
+    "LocatedError",
     "HistoryError",
     "InputError",
     "LibraryError",

@@ -147,7 +147,7 @@ def test_one_mistake_is_one_line():
 def test_a_file_that_is_no_toml_or_not_there(tmp_path):
     broken = tmp_path / "broken.toml"
     broken.write_text("[machine\nname = 1")
-    with pytest.raises(ConfigError, match=r"broken\.toml: not valid TOML"):
+    with pytest.raises(ConfigError, match=r"broken\.toml:1: not valid TOML"):
         load_config(broken)
     with pytest.raises(ConfigError, match=r"none\.toml: cannot be read"):
         load_config(tmp_path / "none.toml")

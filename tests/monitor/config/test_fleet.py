@@ -78,9 +78,9 @@ def test_invalid_files_are_left_out_on_request(tmp_path: Path) -> None:
     (tmp_path / "b.toml").write_text("[machine\n")
     fleet = load_fleet(tmp_path, strict=False)
     assert [machine.path.name for machine in fleet.machines] == ["a.toml"]
-    assert "b.toml: not valid TOML" in fleet.problems[0]
+    assert "b.toml:1: not valid TOML" in fleet.problems[0]
     (tmp_path / "a.toml").unlink()
-    with pytest.raises(ConfigError, match=r"b\.toml: not valid TOML"):
+    with pytest.raises(ConfigError, match=r"b\.toml:1: not valid TOML"):
         load_fleet(tmp_path, strict=False)
 
 

@@ -153,7 +153,7 @@ def test_every_key_is_taken_by_a_model_or_a_scene() -> None:
 @pytest.mark.parametrize(
     ("shaft", "words"),
     [
-        ({"length_mm": 0}, r"m.toml: shaft.length_mm = 0: Input should be greater than 0"),
+        ({"length_mm": 0}, r"m.toml: shaft.length_mm = 0: expected a number greater than 0"),
         ({"disc_from_a_mm": 100}, "shaft: disc_from_a_mm needs length_mm"),
         ({"disc_from_a_mm": 100, "length_mm": 90}, "disc_from_a_mm must be less than length_mm, 90, got 100"),
         ({"inner_diameter_mm": 10}, "inner_diameter_mm needs outer_diameter_mm"),

@@ -1,0 +1,173 @@
+"""Problems of a configuration in words: where, what came, what was expected, what to write."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any, Literal, get_args, get_origin
+
+from pydantic import BaseModel, ValidationError
+
+from monitor.config.fields import LocatedError
+from monitor.config.hints import shown, unknown_key, wrong_value
+from monitor.config.positions import Place
+
+_SIMPLE = {"bool", "float", "int", "str", "tuple"}
+_WORDS = {
+    "Input should be a valid tuple": "expected a list",
+    "Input should be a valid dictionary": "expected a table",
+    "Input should be a valid string": "expected a text in quotes",
+    "Input should be a valid boolean": "expected true or false",
+    "Input should be a valid number": "expected a number",
+    "Input should be a valid integer": "expected a whole number",
+    "Input should be a valid datetime": "expected a date and time such as 2026-01-31T08:00:00Z",
+    "Input should be a valid path": "expected a path in quotes",
+    "Input is not a valid path": "expected a path in quotes",
+}
+_NAME_PATTERN = "[A-Za-z0-9][A-Za-z0-9_.-]{0,63}"
+_NAME = "expected a name of up to 64 letters, digits, _ . and -, beginning with a letter or digit"
+
+
+def explain_problems(error: ValidationError, root: type[BaseModel]) -> list[tuple[Place, str]]:
+    """Return a line for each problem, with the place that it is about.
+
+    Args:
+        error: of the validation of ``root``, the model of the whole configuration.
+    """
+    problems: dict[Place, list[Any]] = {}
+    for problem in error.errors():
+        problems.setdefault(_place(problem), []).append(problem)
+    found: list[tuple[Place, str]] = []
+    for place, group in problems.items():
+        deeper = any(len(other) > len(place) and other[: len(place)] == place for other in problems)
+        if deeper and all(problem["type"] != "value_error" for problem in group):
+            # The entries of a list say more than "not this list, nor one of these words".
+            continue
+        found += _explained(place, group, root)
+    return found
+
+
+def place_words(place: Place) -> str:
+    """Return a place as ``channel[0].unit``."""
+    return "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in place).removeprefix(".")
+
+
+def _place(problem: Any) -> Place:
+    """Return the place of a problem without the branches of unions that pydantic names in it."""
+    *location, last = problem["loc"] or ("",)
+    kept = [part for part in location if isinstance(part, int) or not _is_branch(part)]
+    if last != "" and (problem["type"] == "extra_forbidden" or isinstance(last, int) or not _is_branch(last)):
+        kept.append(last)
+    return tuple(kept)
+
+
+def _is_branch(part: str) -> bool:
+    return "[" in part or part in _SIMPLE or part.startswith(("literal", "constrained", "lax-or", "function"))
+
+
+def _explained(place: Place, group: Sequence[Any], root: type[BaseModel]) -> Iterator[tuple[Place, str]]:
+    first = group[0]
+    where = place_words(place)
+    section, key = _section_and_key(place)
+    if first["type"] == "extra_forbidden":
+        known = list(_model_at(place[:-1], root).model_fields)
+        hint = unknown_key(section, key, first["input"], known, _all_keys(root))
+        is_table = isinstance(first["input"], dict) or shown(first["input"]).startswith(("{", "[{"))
+        came = "" if is_table else f" = {shown(first['input'])}"
+        advice = f"; {hint}{'' if hint.endswith('?') else '.'}" if hint else "."
+        yield place, f"{where}{came}: unknown key{advice} Allowed are {', '.join(sorted(known))}"
+        return
+    if first["type"] == "missing":
+        yield place, f"{where}: is missing; expected {_expected_at(place, root)}"
+        return
+    if first["type"] == "value_error":
+        for problem in group:
+            yield from _of_section(place, problem)
+        return
+    expected = list(dict.fromkeys(_expectation(problem) for problem in group))
+    words = expected[0] + "".join(f" or {other.removeprefix('expected ')}" for other in expected[1:])
+    hint = wrong_value(section, key, first["input"])
+    came = ", found a table" if isinstance(first["input"], dict) else ""
+    where += "" if came else f" = {first['input']!r}"
+    yield place, f"{where}: {words}{came}" + (f"; {hint}" if hint else "")
+
+
+def _of_section(place: Place, problem: Any) -> Iterator[tuple[Place, str]]:
+    """Yield the problems that the validator of a table or a key has raised."""
+    error, table = problem["ctx"].get("error"), problem["input"]
+    where = place_words(place)
+    if isinstance(error, LocatedError):
+        for inner, text in error.problems:
+            whole = (*place, *inner)
+            yield whole, f"{place_words(whole)}: {text}"
+        return
+    message = problem["msg"].removeprefix("Value error, ")
+    if not isinstance(table, dict):
+        yield place, f"{where} = {table!r}: {message}"
+        return
+    named = [word for word in dict.fromkeys(re.findall(r"[a-z][a-z0-9_]+", message)) if word in table]
+    name = table.get("name")
+    who = f"{where} ({name})" if name and where else where or "configuration"
+    came = "" if "found" in message else ", ".join(f"{key} = {shown(table[key])}" for key in named)
+    yield (*place, named[0]) if named else place, f"{who}: {message}" + (f"; found {came}" if came else "")
+
+
+def _expectation(problem: Any) -> str:
+    message, kind = problem["msg"], problem["type"]
+    if kind == "string_pattern_mismatch" and _NAME_PATTERN in message:
+        return _NAME
+    for words, own in _WORDS.items():
+        if message.startswith(words):
+            return own
+    if kind == "too_short":
+        minimum = problem["ctx"]["min_length"]
+        return f"expected at least {minimum} {'entry' if minimum == 1 else 'entries'}"
+    if kind == "too_long":
+        return f"expected at most {problem['ctx']['max_length']} entries"
+    return (
+        re.sub(r"^Input should be (?=greater|less|finite|a finite)", "expected a number ", message)
+        .replace("Input should be", "expected")
+        .replace("a number a finite number", "a finite number")
+    )
+
+
+def _section_and_key(place: Place) -> tuple[str, str]:
+    """Return the section of a place without indices, and its last key."""
+    keys = [part for part in place if isinstance(part, str)]
+    return ".".join(keys[:-1]), keys[-1] if keys else ""
+
+
+def _model_at(place: Place, root: type[BaseModel]) -> type[BaseModel]:
+    """Return the model of the table at a place."""
+    model = root
+    for part in place:
+        if isinstance(part, int) or part not in model.model_fields:
+            continue
+        candidates = _branches(model.model_fields[part].annotation)
+        model = next((c for c in candidates if isinstance(c, type) and issubclass(c, BaseModel)), model)
+    return model
+
+
+def _branches(annotation: Any) -> list[Any]:
+    """Return an annotation and all within it."""
+    return [annotation, *(inner for item in get_args(annotation) for inner in _branches(item))]
+
+
+def _all_keys(root: type[BaseModel]) -> Mapping[str, Sequence[str]]:
+    """Return the keys of each section."""
+    return {name: list(_model_at((name,), root).model_fields) for name in root.model_fields}
+
+
+def _expected_at(place: Place, root: type[BaseModel]) -> str:
+    """Return in words what a missing key holds."""
+    key = str(place[-1])
+    if len(place) == 1:
+        return f"at least one [[{key}]]"
+    field = _model_at(place[:-1], root).model_fields.get(key)
+    branches = [] if field is None else _branches(field.annotation)
+    choices = [choice for branch in branches if get_origin(branch) is Literal for choice in get_args(branch)]
+    if choices:
+        return " or ".join(shown(choice) for choice in choices)
+    if key in ("source", "bearing"):
+        return f"the name of a [[{key}]]"
+    return "a name of letters and digits" if key == "name" else "a value"

@@ -1,0 +1,41 @@
+"""Every message of the table of wrong configurations names file, line, key, what was expected and what came."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from benchmarks.wrong_configurations import FILE, PAGE, Case, answer, page, read_cases
+from monitor.config.load import load_config
+
+CASES = read_cases()
+
+
+def test_there_are_sixty_cases_and_the_base_is_right(tmp_path: Path) -> None:
+    assert len({case.what for case in CASES}) == len(CASES) >= 60
+    first = CASES[0]
+    path = tmp_path / FILE
+    path.write_text(first.text.replace(first.new, "speed_hz = 29.5"))
+    assert load_config(path).operating.speed_hz == 29.5
+
+
+@pytest.mark.parametrize("case", CASES, ids=lambda case: case.what)
+def test_a_message_names_file_line_key_expectation_and_finding(case: Case, tmp_path: Path) -> None:
+    lines = answer(case, tmp_path)
+    begin = f"{FILE}:{case.line}: "
+    told = [line for line in lines if line.startswith(begin)]
+    assert told, "\n".join(lines)
+    assert [word for word in (case.key, case.expected, case.came) if not any(word in line for line in told)] == [], told
+
+
+def test_the_page_is_what_the_program_answers(tmp_path: Path) -> None:
+    shown, told = PAGE.read_text(encoding="utf-8").splitlines(), page(tmp_path).splitlines()
+    # The words of the TOML parser are those of the Python version.
+    assert [row for row in shown if "not valid TOML" not in row] == [row for row in told if "not valid TOML" not in row]
+
+
+def test_all_problems_of_a_file_come_at_once(tmp_path: Path) -> None:
+    text = CASES[0].text.replace('"6205-2RS"', '"6999"').replace('"logger"\nunit = "g"', '"loger"\nunit = "mV"')
+    lines = answer(Case("", text, "", 0, "", "", ""), tmp_path)
+    assert [line.split(":")[1] for line in lines] == ["6", "9", "19", "20"]
