@@ -11,7 +11,7 @@ from monitor.config.fields import Band, Count, Name, Positive, Section
 from monitor.health.alarms import AlarmSettings, Level, Rule
 from monitor.words.features import LEVELS
 
-_ENDINGS = ("", "_g", "_mm2", "_hours", "_factor", "_sd")
+_ENDINGS = ("", "_g", "_mm_s", "_mm2", "_hours", "_factor", "_sd")
 
 
 class AlarmLevel(Section):
@@ -26,12 +26,14 @@ class AlarmLevel(Section):
     channels: tuple[Name, ...] = ()
     alert: Positive | None = None
     alert_g: Positive | None = None
+    alert_mm_s: Positive | None = None
     alert_mm2: Positive | None = None
     alert_hours: Positive | None = None
     alert_factor: Positive | None = None
     alert_sd: Positive | None = None
     danger: Positive | None = None
     danger_g: Positive | None = None
+    danger_mm_s: Positive | None = None
     danger_mm2: Positive | None = None
     danger_hours: Positive | None = None
     danger_factor: Positive | None = None

@@ -11,6 +11,7 @@ from pydantic import Field, field_validator, model_validator
 from monitor.config.fields import Finite, Name, NotNegative, Positive, Scale, Section
 from monitor.health.condition import ConditionSettings
 from monitor.health.waterfall import WaterfallSettings
+from monitor.words.zones import machine_class
 from streams.spec import ChannelSpec
 
 ColumnName = str | int
@@ -26,6 +27,8 @@ class MachineSection(Section):
     state_dir: Path = Path("state")
     records_dir: Path = Path("records")
     timezone: str = "UTC"
+    iso_class: str | None = None
+    """Part of ISO 20816, group and support, such as "20816-3:1:rigid": by its limits the velocity is given a zone."""
     min_free_mb: NotNegative = 200.0
     """Pause ingestion below this free space on the disk of the state, MB."""
     spectra: Annotated[int, Field(ge=0, le=10000)] = WaterfallSettings.rows
@@ -41,6 +44,11 @@ class MachineSection(Section):
         except (zoneinfo.ZoneInfoNotFoundError, ValueError):
             raise ValueError("not a time zone of the tz database, such as UTC or Europe/Rome") from None
         return value
+
+    @field_validator("iso_class")
+    @classmethod
+    def _known_class(cls, value: str | None) -> str | None:
+        return None if value is None else machine_class(value).name
 
     def to_waterfall(self) -> WaterfallSettings:
         """Return the settings of the kept envelope spectra."""

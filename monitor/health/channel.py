@@ -166,6 +166,7 @@ def conclude(
         damage=found,
         forecasts=forecasts,
         to_alarm=to_alarm,
+        machine_class=settings.machine_class,
     )
 
 

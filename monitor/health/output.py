@@ -29,8 +29,10 @@ from monitor.health.schema import HINT, VERDICT
 from monitor.health.spectrum.family import FaultLines
 from monitor.health.spectrum.features import FAULTS, SPECTRUM_LINES, BlockFeatures, fundamentals
 from monitor.health.spectrum.transform import Band
+from monitor.health.spectrum.velocity import NO_ABSOLUTE_LEVEL
 from monitor.health.trend import TimeToAlarm
 from monitor.health.waterfall import SpectrumRow
+from monitor.words.zones import MAX_SPEED, MIN_SPEED, MachineClass
 from streams.block import Block
 
 Events = list[dict[str, Any]]
@@ -60,6 +62,7 @@ class ChannelOutput:
         damage: equivalent damaged volume, or None where the channel is not tracked.
         forecasts: one for each threshold.
         to_alarm: time to the alarm level.
+        machine_class: by which a zone is given to the velocity.
     """
 
     verdict: Verdict
@@ -76,6 +79,7 @@ class ChannelOutput:
     damage: Damage | None = None
     forecasts: tuple[Remaining, ...] = ()
     to_alarm: TimeToAlarm | None = None
+    machine_class: MachineClass | None = None
 
 
 def record_values(
@@ -161,7 +165,7 @@ def _feature_values(features: BlockFeatures, output: ChannelOutput) -> dict[str,
         found = tuple(value(place) for place in range(len(features.lines)))
         return found[0] if len(found) == 1 else found
 
-    values: dict[str, Any] = dict(features.values)
+    values: dict[str, Any] = {**features.values, **_velocity_values(features, output)}
     values["bpfo_amplitude"] = np.where(features.bpfo_resolved, features.bpfo_amplitude, np.nan)
     values["band_lo"] = over_bands(lambda band: output.bands[band][0])
     values["band_hi"] = over_bands(lambda band: output.bands[band][1])
@@ -173,6 +177,20 @@ def _feature_values(features: BlockFeatures, output: ChannelOutput) -> dict[str,
             lambda band, name=name: [_resolved(features.lines[band][fault], name) for fault in FAULTS]
         )
     return values
+
+
+def _velocity_values(features: BlockFeatures, output: ChannelOutput) -> dict[str, Any]:
+    """Return status and zone of the velocity; without the unit of the sensor, there is no velocity.
+
+    Zones are for steady operation within the speeds that they judge, and for an undisturbed sensor.
+    """
+    if not output.absolute:
+        return {"velocity_rms": None, "velocity_floor": None, "velocity_status": NO_ABSOLUTE_LEVEL}
+    found: dict[str, Any] = {"velocity_status": features.velocity.status}
+    velocity, speed, judged = features.velocity.rms, output.speed.value, output.machine_class
+    if judged is not None and velocity is not None and speed is not None and output.verdict.for_tracker:
+        found["velocity_zone"] = judged.zone(velocity) if MIN_SPEED <= speed <= MAX_SPEED else None
+    return found
 
 
 def _speed_factor_sd(features: BlockFeatures, stated: Quantity) -> float | None:

@@ -13,9 +13,11 @@ from monitor.health.condition import SOURCES as CONDITION_SOURCES
 from monitor.health.damage import EdvStatus, TtStatus
 from monitor.health.detect import STAGES
 from monitor.health.quality import FLAGS, REJECTIONS
+from monitor.health.spectrum.velocity import VELOCITY_STATUSES
 from monitor.health.trend import LEVEL_SOURCES, TtaStatus
 from monitor.words.features import ACCELERATION, FEATURES, GABRIELLI
 from monitor.words.statuses import UNDECIDED
+from monitor.words.zones import ZONES
 
 SCHEMA_VERSION = 1
 """Version of the record schema and of the store; a higher one is refused."""
@@ -225,6 +227,20 @@ _TABLE: list[Variable] = [
     *_floats("N", "load_sd | | standard deviation of load over the block | monitor/health/condition.py", optional=True),
     Variable("speed_source", (), None, "where speed comes from", kind="flag", values=CONDITION_SOURCES, optional=True),
     Variable("load_source", (), None, "where load comes from", kind="flag", values=CONDITION_SOURCES, optional=True),
+    Variable(
+        "velocity_status", (), None, "status of velocity_rms", kind="flag", values=VELOCITY_STATUSES, optional=True
+    ),
+    Variable(
+        "velocity_zone",
+        (),
+        None,
+        "zone of velocity_rms for the class of the machine",
+        "",
+        "ISO 20816-3:2022, Tables A.1 and A.2",
+        "flag",
+        ZONES,
+        optional=True,
+    ),
 ]
 
 VARIABLES: dict[str, Variable] = {variable.name: variable for variable in _TABLE}

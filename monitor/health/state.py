@@ -29,6 +29,7 @@ from monitor.health.spectrum.transform import Band
 from monitor.health.trend import TrendSettings, TrendState
 from monitor.health.voice import Heard, Voice
 from monitor.health.waterfall import WaterfallSettings, WaterfallState
+from monitor.words.zones import MachineClass
 
 STATE_VERSION = 3
 """Of a channel's state; the other parts have theirs."""
@@ -56,6 +57,7 @@ class ChannelSettings:
         calibration: whether V_eq is that of the machine ("declared" where a person vouches), or None where it is not
             tracked.
         map_hash: of the RMS map, or None.
+        machine_class: by which a zone is given to the velocity, or None.
     """
 
     name: str
@@ -79,6 +81,7 @@ class ChannelSettings:
     alarms: AlarmSettings = field(default_factory=AlarmSettings)
     trend: TrendSettings = field(default_factory=TrendSettings)
     waterfall: WaterfallSettings = field(default_factory=WaterfallSettings)
+    machine_class: MachineClass | None = None
 
     @property
     def absolute(self) -> bool:

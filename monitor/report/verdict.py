@@ -13,11 +13,21 @@ from monitor.health.schema import HINT, VERDICT
 from monitor.records.archive import of_channel
 from monitor.report.alarm_time import alarm_time
 from monitor.report.calibration import VolumeScale, is_calibrated, unscaled
+from monitor.report.finding import Finding as Finding
 from monitor.report.life_marks import LATE, Moment, closed_stages, mark_of, open_stage
 from monitor.report.part import doubt_of, named_fault
 from monitor.report.runs import Channel, Run
+from monitor.report.velocity import velocity_findings
 from monitor.words.numbers import Clock, acceleration, count, duration, figure, interval, volume
-from monitor.words.statuses import BAND_SOURCES, EDV_REFUSALS, LEVEL_OF, TT_REFUSALS, fault_words, named_words
+from monitor.words.statuses import (
+    BAND_SOURCES,
+    EDV_REFUSALS,
+    LEVEL_OF,
+    TT_REFUSALS,
+    damage_mode,
+    fault_words,
+    named_words,
+)
 
 Grade = Literal["bad", "watch", "open", "good"]
 GRADE_NAMES: dict[Grade, str] = {
@@ -161,28 +171,17 @@ def _last_block(channel: Channel, clock: Clock) -> str:
     return f"{text}{'' if status == 'ok' else f'; status {status}'}."
 
 
-@dataclass(frozen=True)
-class Finding:
-    """A question and its answer from the records, one sentence at most.
-
-    Attributes:
-        support: evidence and its uncertainty, or the reason of a refusal.
-        known: False for a refusal.
-        brief: for a table, "" for none.
-    """
-
-    question: str
-    answer: str
-    support: str
-    known: bool = True
-    brief: str = ""
-
-
 def findings(context: ChannelContext) -> tuple[Finding, ...]:
     """Answer the questions about a channel after its last block."""
     run, channel, verdict = context.run, context.channel, context.verdict
     first = _failing(channel, verdict), _since(verdict, context.clock), _where(channel, verdict)
-    return (*first, _how_large(run, channel), *_how_long(run, channel), *_to_alarm(run, channel))
+    return (
+        *first,
+        _how_large(run, channel),
+        *_how_long(run, channel),
+        *_to_alarm(run, channel),
+        *velocity_findings(run, channel),
+    )
 
 
 def _failing(channel: Channel, verdict: ChannelVerdict) -> Finding:
@@ -263,7 +262,7 @@ def _where(channel: Channel, verdict: ChannelVerdict) -> Finding:
     evidence = [f"lines {snr:.1f} times the noise floor"] if math.isfinite(snr) else []
     evidence += [f"modulation depth {depth:.2f}"] if math.isfinite(depth) else []
     best = f"At best {', '.join(evidence)} (block {channel.sequence[row]:,})." if evidence else ""
-    texts = (best, _agreement(channel, verdict, fault), doubt_of(channel, row, fault))
+    texts = (best, _agreement(channel, verdict, fault), doubt_of(channel, row, fault), damage_mode(fault))
     part = named_words(fault, VERDICT if verdict.stage in LATE else HINT)
     return Finding(question, _sentence(part), " ".join(text for text in texts if text), brief=part)
 

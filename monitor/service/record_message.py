@@ -13,6 +13,7 @@ from monitor.words.features import FEATURES, TRENDS
 _WORDS = (
     *("stage", "fault", "fault_basis", "edv_status", "tt_status", "p_no_growth"),
     *("t_fs_block", "t_fs_known_block", "t_eol_block", "tta_status", "tta_level_source"),
+    *("velocity_status", "velocity_zone"),
 )
 
 

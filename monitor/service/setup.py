@@ -36,6 +36,7 @@ from monitor.health.trend import TrendSettings
 from monitor.records.learned_file import LearnedFileError, is_learned, load_learned
 from monitor.records.library_file import LibraryError, load_library
 from monitor.service.calibration import calibration_of
+from monitor.words.zones import MACHINE_CLASSES
 from streams.block import STANDARD_GRAVITY
 from streams.dating import Dating
 from streams.open import open_source
@@ -270,6 +271,7 @@ def _channel_settings(
         ),
         trend=TrendSettings(interval=config.forecast.interval),
         waterfall=config.machine.to_waterfall(),
+        machine_class=MACHINE_CLASSES.get(config.machine.iso_class or ""),
     )
 
 

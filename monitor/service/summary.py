@@ -53,6 +53,8 @@ def run_attributes(config: Config, channels: Mapping[str, ChannelSettings]) -> d
     if models:
         # Another model than that of the casing, which older records do not name.
         attributes["model"] = listed(models)
+    if config.machine.iso_class is not None:
+        attributes["iso_class"] = config.machine.iso_class
     if config.interference:
         attributes["interference"] = "; ".join(section.words for section in config.interference)
     if with_prior:
@@ -121,7 +123,18 @@ def channel_summary(state: SourceState, settings: ChannelSettings) -> dict[str, 
         "p_threshold": first(values.get("p_threshold")),
         "p_no_growth": values.get("p_no_growth"),
         "p_crossed": values.get("p_crossed"),
+        **_velocity(values),
         **_alarm_time(values, detector.reference_rms),
+    }
+
+
+def _velocity(values: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the velocity and its continuous part, mm/s, its status and its zone."""
+    found = {name: values.get(name) for name in ("velocity_rms", "velocity_floor")}
+    return {
+        **{f"{name}_mm_s": None if value is None else 1e3 * value for name, value in found.items()},
+        "velocity_status": values.get("velocity_status"),
+        "velocity_zone": values.get("velocity_zone"),
     }
 
 

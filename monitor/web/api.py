@@ -25,6 +25,7 @@ from monitor.web.answers import Query, RequestError, numbers, optional_number, t
 from monitor.web.machines import Machine, Machines
 from monitor.words.features import FEATURES, TRENDS
 from monitor.words.statuses import DAEMON
+from monitor.words.zones import machine_class
 
 MAX_POINTS = 5000
 _POINTS = 1000
@@ -84,6 +85,7 @@ def channel(machine: Machine, name: str) -> dict[str, Any]:
         "thresholds_mm2": [round(threshold * 1e6, 12) for threshold in thresholds],
         "interval": config.forecast.interval,
         "forecast_end": "recorded runs" if learns else "threshold",
+        "iso_class": _machine_class(config.machine.iso_class),
         "window_hours": config.forecast.window_hours,
         "tracked": section.track,
         "method": method if section.track else None,
@@ -92,6 +94,14 @@ def channel(machine: Machine, name: str) -> dict[str, Any]:
         "marks": {f"{key}_s": marks.get(key) for key in ("t_fs", "t_fs_known", "t_eol")},
         "state": state,
     }
+
+
+def _machine_class(name: str | None) -> dict[str, Any] | None:
+    if name is None:
+        return None
+    found = machine_class(name)
+    limits = [round(1e3 * limit, 9) for limit in found.limits]
+    return {"name": found.name, "text": found.text, "table": found.table, "limits_mm_s": limits}
 
 
 def calibration(machine: Machine, section: ChannelSection) -> Calibration:

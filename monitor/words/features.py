@@ -15,7 +15,7 @@ from typing import Literal
 from monitor.words.numbers import duration, times_first, volume
 from streams.block import STANDARD_GRAVITY
 
-ACCELERATION, PURE = "m s-2", "1"
+ACCELERATION, VELOCITY, PURE = "m s-2", "m s-1", "1"
 
 
 @dataclass(frozen=True)
@@ -111,6 +111,7 @@ GABRIELLI = "Gabrielli, doctoral thesis, University of Ferrara, 2022"
 _CERUTI = "Ceruti, Master's thesis, Politecnico di Torino, 2021, section 4.2"
 _SASSI = "Sassi et al., J. Vibration and Control 13, 2007, Eq. 36"
 _EQ_57, _EQ_90, _EQ_92, _EQ_96 = (f"{GABRIELLI}, {place}" for place in ("Eq. 57", "Eqs. 90-91", "Eq. 92", "Eq. 96"))
+_VELOCITY = "ISO 20816-1; monitor/health/spectrum/velocity.py"
 _MAP, _STAGES = f"{GABRIELLI}, section 5.4.1", f"{GABRIELLI}, section 5.2.2"
 
 _LEVEL = Feature("", units=ACCELERATION, unit=Unit("g", "_g", STANDARD_GRAVITY), bad="above", trend=True)
@@ -120,6 +121,8 @@ _KINDS = {
     "level": _LEVEL,
     "level without trend": replace(_LEVEL, trend=False),
     "mean": replace(_LEVEL, trend=False, bad=None),
+    "velocity": Feature("", units=VELOCITY, unit=Unit("mm/s", "_mm_s", 1e-3), bad="above", trend=True),
+    "velocity floor": Feature("", units=VELOCITY, unit=Unit("mm/s", "_mm_s", 1e-3)),
     "lines": replace(_LEVEL, dims=("band",)),
     "number": Feature("", bad="above", trend=True),
     "number without trend": Feature("", bad="above"),
@@ -161,6 +164,10 @@ def row(text: str) -> Feature:
 _TABLE = f"""
 rms | level | rms | RMS | RMS | root mean square of the acceleration in the RMS band, mean removed | {_CERUTI}
 rms_smoothed | level | rms | X_exp | smoothed RMS | trailing mean of RMS that enters the map | {_MAP}
+velocity_rms | velocity | velocity | v_RMS | velocity | \
+    root mean square of the velocity from 10 to 1000 Hz | {_VELOCITY}
+velocity_floor | velocity floor | | | floor of the velocity | \
+    continuous part of velocity_rms, which noise of the sensor gives as well | {_VELOCITY}
 peak | level | peak | peak | | largest absolute acceleration | {_SASSI}
 kurtosis | number | kurtosis | KV | | kurtosis, 3 for Gaussian noise | {_CERUTI}
 crest_factor | number | | Crf | | peak over RMS | {_SASSI}

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from monitor.words.features import FEATURES
+from monitor.words.zones import ZONE_MEANINGS
 
 FAULT_NAMES = {"outer": "outer race", "inner": "inner race", "ball": "rolling element", "cage": "cage"}
 
@@ -84,6 +85,14 @@ TTA_REFUSALS = {
 }
 ALARM_LEVELS = {"alert": "the alert", "danger": "the danger", "default": "four times the baseline"}
 """What level the time to the alarm level leads to."""
+VELOCITY_REFUSALS = {
+    "short": "a block shorter than a second holds too few periods of 10 Hz",
+    "low_rate": "sampled at less than 2,560 Hz, a block does not reach 1,000 Hz",
+    "low_frequency_noise": "most of it would be a continuous part that rises towards low frequencies, where noise or "
+    "drift of the sensor cannot be told from vibration",
+    "no_absolute_level": "the unit of the sensor is not known",
+}
+"""Why no velocity is given."""
 BAND_SOURCES = {
     "configured": "as configured",
     "learning": "found on the learning window, then frozen",
@@ -116,6 +125,7 @@ STATUS_MEANINGS = {
 }
 _CHARTS = {
     "rms": {"title": "Vibration, RMS"},
+    "velocity": {"title": "Velocity, RMS from 10 to 1000 Hz"},
     "lines": {"title": "Lines of the damaged parts in the envelope spectrum"},
     "kurtosis": {"title": "Kurtosis", "unit": "3 for a healthy bearing's noise"},
     "peak": {"title": "Peak"},
@@ -154,6 +164,18 @@ def named_words(fault: str, basis: str | None) -> str:
     return f"{fault_words(fault)} (a hint)" if basis == "hint" else fault_words(fault)
 
 
+def damage_mode(fault: str) -> str:
+    """Return what vibration says of the mode of damage after ISO 15243, "" where no part is named."""
+    if fault == UNDECIDED or not fault:
+        return ""
+    if fault == "cage":
+        return "Lines of the cage: a looser, worn or broken cage, or an uneven load; only inspection tells."
+    return (
+        "Impacts in its rhythm: localised damage of a surface. Rolling contact fatigue (ISO 15243, 5.1) is the usual "
+        "mode; corrosion, electrical erosion and indentations (5.3 to 5.5) sound alike: only inspection tells."
+    )
+
+
 LEVEL_OF = "its level rises with the damage of"
 """Followed by the name of the bearing whose damage a neighbour without a part of its own hears."""
 
@@ -187,6 +209,8 @@ def page_words() -> dict[str, Any]:
         "edv": EDV_REFUSALS | {"widened": "the interval is wider than usual, as the latest levels jumped"},
         "tt": TT_REFUSALS | {"already_crossed": "the threshold has been reached"},
         "tta": TTA_REFUSALS,
+        "velocity": VELOCITY_REFUSALS,
+        "zones": ZONE_MEANINGS,
         "alarm_levels": ALARM_LEVELS,
         "relative": _CHARTS["v_eq_relative"]["unit"],
         "charts": _CHARTS | {name: chart for name, chart in titles.items() if name not in _CHARTS},

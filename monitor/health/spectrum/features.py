@@ -56,6 +56,7 @@ from monitor.health.spectrum.transform import (
     EnvelopeSpectrum,
     get_transform,
 )
+from monitor.health.spectrum.velocity import Velocity
 
 _DEEP = 0.75
 """Depth that impacts have; the four lines a turn of a healthy motor are 0.34 deep (CWRU 97)."""
@@ -68,6 +69,7 @@ class BlockFeatures:
     """The features of one block, SI units.
 
     Attributes:
+        velocity: from 10 to 1000 Hz, as if samples were in m/s2.
         n_used: samples used in the spectra (the end is cut to a fast length); the indicators use all.
         rms: root mean square in the RMS band without the mean, m/s2.
         indicators: the time-domain indicators, full bandwidth.
@@ -88,6 +90,7 @@ class BlockFeatures:
         values: what each of ``FUNCTIONS`` gives, by name.
     """
 
+    velocity: Velocity
     n_used: int
     rms: float
     indicators: TimeIndicators
@@ -126,6 +129,8 @@ def _total(fault: str) -> FeatureFunction:
 
 FUNCTIONS: dict[str, FeatureFunction] = {
     "rms": lambda x, found: found.rms,
+    "velocity_rms": lambda x, found: found.velocity.rms,
+    "velocity_floor": lambda x, found: found.velocity.floor,
     "a_star": lambda x, found: found.a_star,
     "peak": _indicator("peak"),
     "peak_half_range": _indicator("peak_half_range"),
@@ -202,6 +207,7 @@ def block_features(
     lines = tuple(map(partial(_own_lines, at, averaged=recent.count > 1), spectra.envelopes, relative, families))
     amplitude, shown = _raw_lines(spectra.raw, _leader(families, ("outer",)), at)
     found = BlockFeatures(
+        velocity=spectra.velocity,
         n_used=spectra.n_used,
         rms=indicators.rms if spectra.band_rms is None else spectra.band_rms,
         indicators=indicators,

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from monitor.health.spectrum.indicators import MIN_RANGE, sample_range
 from monitor.health.spectrum.interference import Comb, remove_lines
 from monitor.health.spectrum.plans import Effort, FftPlan, Precision, envelope_length, planning, previous_smooth
+from monitor.health.spectrum.velocity import Velocity, velocity_of
 
 Band = tuple[float, float]
 
@@ -79,6 +80,7 @@ class BlockSpectra:
         band_rms: RMS within ``rms_band``, by Parseval's theorem; None without such a band.
         raw: spectrum of the signal up to ``raw_limit``.
         envelopes: one per band.
+        velocity: RMS of the velocity from 10 to 1000 Hz.
     """
 
     n_used: int
@@ -87,6 +89,7 @@ class BlockSpectra:
     band_rms: float | None
     raw: AmplitudeSpectrum
     envelopes: tuple[EnvelopeSpectrum, ...]
+    velocity: Velocity
 
 
 def fast_length(n_samples: int) -> int:
@@ -230,6 +233,7 @@ class BlockTransform:
         spectrum = self._forward.output
         raw = self._raw_amplitude(spectrum)
         band_rms = None if self._rms_bins is None else _rms(spectrum, self._rms_bins, self.n_used) / scale
+        velocity = velocity_of(spectrum, self.n_used, self.rate, scale)
         if interference:
             low, high = min(low for low, _ in self.bands), max(high for _, high in self.bands)
             remove_lines(spectrum, self.resolution, interference, low, high)
@@ -249,6 +253,7 @@ class BlockTransform:
             band_rms=band_rms,
             raw=AmplitudeSpectrum(self.resolution, raw),
             envelopes=tuple(envelopes),
+            velocity=velocity,
         )
 
     def _load(self, x: NDArray[np.number], span: tuple[float, float]) -> tuple[float, float]:

@@ -53,8 +53,14 @@ function specOf(chart, info) {
       .filter(([name]) => !isBound(name))
       .map(([name, feature]) => ({ column: feature.column, label: feature.label, colour: COLOURS[name] ?? "series" })),
     band: bounds.length ? bounds : undefined,
-    lines: chart === "v_eq" ? lines : undefined,
+    lines: chart === "v_eq" ? lines : chart === "velocity" ? zoneLines(info) : undefined,
   };
+}
+
+/** Limits between the zones of the machine's class. */
+function zoneLines(info) {
+  const names = ["A/B", "B/C", "C/D"];
+  return (info.iso_class?.limits_mm_s ?? []).map((value, index) => ({ value, label: `${names[index]} ${fmt.number(value)}`, colour: "axis" }));
 }
 
 /** Alarm levels that belong into a chart; learned ones appear once they are known. */

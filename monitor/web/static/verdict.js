@@ -5,7 +5,7 @@ import { h, symbol } from "./dom.js";
 import * as fmt from "./fmt.js";
 import {
   RELATIVE, STATES, alarmLevel, baseSentence, baseWord, edvSentence, faultWords, featureWord, levelSentence, stageWord, ttSentence,
-  ttaSentence,
+  ttaSentence, velocitySentence, zoneSentence,
 } from "./words.js";
 
 const answer = (question, value, ...more) =>
@@ -27,6 +27,7 @@ export function verdict({ row, info, zone, age, machine }) {
     size(status, info),
     left(status, info),
     alarmTime(status, info),
+    machineVibration(status, info),
     latest(status, info, zone, age, machine),
   ]);
 }
@@ -60,6 +61,7 @@ function alarmText(alarm, info) {
 
 function boundText(value, column, info) {
   if (column?.endsWith("_g")) return fmt.level(value, info.unit);
+  if (column?.endsWith("_mm_s")) return fmt.withUnit(value, "mm/s");
   if (column?.endsWith("_s")) return fmt.duration(value);
   if (column?.endsWith("_mm2")) return fmt.volume(value);
   return fmt.number(value);
@@ -197,6 +199,24 @@ function alarmTime(status, info) {
     : `from ${fmt.duration(status.tta_lower_s)}`;
   const share = fmt.isNumber(info?.interval) ? fmt.percent(info.interval) : "";
   return answer(question, fmt.duration(status.tta_s), `${share} interval ${range}`, to && `RMS reaches ${to}, by its trend`);
+}
+
+/** Velocity and its zone, or why there is none; null where nothing was computed. */
+function machineVibration(status, info) {
+  if (!status.velocity_status) return null;
+  const question = "Vibration of the machine";
+  const judged = info?.iso_class;
+  if (!fmt.isNumber(status.velocity_rms_mm_s)) return judged
+    ? answer(question, "no velocity", velocitySentence(status.velocity_status)) : null;
+  const zone = status.velocity_zone;
+  const floor = status.velocity_floor_mm_s;
+  return answer(
+    question,
+    fmt.withUnit(status.velocity_rms_mm_s, "mm/s"),
+    zone ? `zone ${zone}: ${zoneSentence(zone)}` : judged ? "no zone: at this speed or with this block none is given" : null,
+    zone ? `${judged?.text ?? ""}; it says nothing of the bearings` : "RMS from 10 to 1000 Hz",
+    floor > 0.5 * status.velocity_rms_mm_s ? `${fmt.withUnit(floor, "mm/s")} of it are continuous, as noise of the sensor is` : null,
+  );
 }
 
 function latest(status, info, zone, age, machine) {

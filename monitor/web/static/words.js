@@ -26,6 +26,8 @@ const NONE = "no value was computed yet";
 export const edvSentence = (status) => (status ? WORDS.edv[status] ?? status : NONE);
 export const ttaSentence = (status) => (status ? WORDS.tta[status] ?? status : NONE);
 export const alarmLevel = (source) => WORDS.alarm_levels[source] ?? "the alarm level";
+export const velocitySentence = (status) => WORDS.velocity[status] ?? status;
+export const zoneSentence = (zone) => WORDS.zones[zone] ?? "";
 export const ttSentence = (status) => (status ? WORDS.tt[status] ?? status : NONE);
 
 /** What a relative V_eq is a multiple of. */
