@@ -31,6 +31,7 @@ ADDED = (
     *("v_eq_relative", "envelope_mean", "speed_unverified", "p_no_growth", "p_crossed", "rms_baseline", "raised"),
     *("v_eq_filter", "v_eq_filter_lower", "v_eq_filter_upper"),
     *("tta", "tta_lower", "tta_upper", "tta_level", "tta_level_source", "tta_status"),
+    *("velocity_rms", "velocity_floor", "velocity_status"),
 )
 """Values of a block that the baseline did not have."""
 WITHHELD = {
