@@ -16,6 +16,7 @@ import numpy as np
 from streams.block import STANDARD_GRAVITY
 from streams.limits import max_blocks
 from streams.readers.complete import declared_size
+from streams.readers.stated import multiple_of
 from streams.reblock import MIN_BLOCK_SHARE
 from streams.samples import FRACTIONS, RATE_TOLERANCE, SCALED, VALUES, ReaderError, Samples
 from streams.spec import UNITS, ChannelSpec, SourceSpec
@@ -152,12 +153,16 @@ class Loader:
         """Return in words what states the level of each channel of a file; ReaderError as :meth:`load`."""
         samples, unit = self.read(raw, path, path), self.data_set.unit
         samples = replace(samples, units=tuple(stated or unit for stated in samples.units))
+        written = samples.units
+        samples, _ = in_own_units(samples)
         found = {}
         for channel in self._spec.channels:
             row = _row_of(samples, channel, path)
             found[channel.name] = _level(
                 samples, row, channel, _unit_of(samples, row, channel, path), self._spec.range_g
             )
+            if written[row] != samples.units[row] and channel.scale is None:
+                found[channel.name] += f", from {written[row]}"
         return found
 
     def _check_length(self, samples: Samples, name: str) -> None:
@@ -213,22 +218,34 @@ def choose_channels(
     """
     if unit is not None:
         samples = replace(samples, units=tuple(stated or unit for stated in samples.units))
+    samples, multiples = in_own_units(samples)
     if not channels:
         for row, (name, stated) in enumerate(zip(samples.names, samples.units, strict=True)):
             _check_unit(stated, name, where)
             _factor_of(samples, row, ChannelSpec(name, unit=stated), None, f"{where}: {name}")
-        return samples
+        return _times(samples, multiples)
     rows = [_row_of(samples, channel, where) for channel in channels]
     units = tuple(_unit_of(samples, row, channel, where) for row, channel in zip(rows, channels, strict=True))
     both = zip(rows, channels, units, strict=True)
     factors = [
         _factor_of(samples, row, replace(channel, unit=unit), range_g, f"{where}: channel {channel.name}")
+        * (multiples[row] if channel.scale is None else 1.0)
         for row, channel, unit in both
     ]
-    chosen = samples.select(rows, tuple(channel.name for channel in channels), units)
+    return _times(samples.select(rows, tuple(channel.name for channel in channels), units), factors)
+
+
+def in_own_units(samples: Samples) -> tuple[Samples, tuple[float, ...]]:
+    """Return the samples with our unit for each multiple of it, such as V for mV, and the factors still to apply."""
+    both = [multiple_of(unit) for unit in samples.units]
+    units = tuple(None if unit is None else own for unit, (own, _) in zip(samples.units, both, strict=True))
+    return replace(samples, units=units), tuple(factor for _, factor in both)
+
+
+def _times(samples: Samples, factors: Sequence[float]) -> Samples:
     if all(factor == 1.0 for factor in factors):
-        return chosen
-    return replace(chosen, values=chosen.values * np.array(factors, chosen.values.dtype)[:, np.newaxis])
+        return samples
+    return replace(samples, values=samples.values * np.array(factors, samples.values.dtype)[:, np.newaxis])
 
 
 def _check_unit(stated: str | None, name: str, where: str) -> None:

@@ -37,8 +37,8 @@ FORMATS = {
 """The plain formats and their file endings."""
 
 _ALIASES = {"text": "csv", "lvm": "csv", "flac": "wav", "h5": "hdf5", "uff58": "uff", "unv": "uff", "nc": "netcdf"}
-_STATE_RATE = ("csv", "wav", "tdms", "hdf5", "uff", "netcdf")
-_STATE_UNIT = ("csv", "tdms", "hdf5", "uff", "netcdf")
+_STATE_RATE = ("csv", "wav", "mat", "tdms", "hdf5", "uff", "netcdf")
+_STATE_UNIT = ("csv", "mat", "tdms", "hdf5", "uff", "netcdf")
 _EXTRAS = {"tdms": ("nptdms", "tdms"), "hdf5": ("h5py", "hdf5"), "uff": ("pyuff", "uff")}
 _XJTU_HEADER = "Horizontal_vibration_signals"
 
@@ -66,7 +66,7 @@ def plain(kind: str, spec: SourceSpec, endings: tuple[str, ...]) -> DataSet:
         "csv": isolated(read_layout, zone),
         "npy": read_plain_npy,
         "wav": isolated(read_wav),
-        "mat": isolated(read_mat, keys or ["*"]),
+        "mat": isolated(read_mat, keys or ["*"], zone),
         "tdms": isolated(read_tdms, keys, zone),
         "hdf5": isolated(read_hdf5, keys, zone),
         "uff": isolated(read_uff, keys, zone),

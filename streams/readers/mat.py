@@ -7,6 +7,7 @@ import struct
 import warnings
 import zlib
 from collections.abc import Mapping, Sequence
+from datetime import datetime, timedelta
 from fnmatch import fnmatchcase
 from math import prod
 
@@ -16,9 +17,13 @@ from numpy.typing import NDArray
 
 from streams.limits import max_loaded_bytes
 from streams.readers.hdf5 import SIGNATURE, Budget, attributes, join_arrays, load, open_hdf5, walk
-from streams.readers.stated import STORED
+from streams.readers.stated import KEYS, STORED, plain_key
 from streams.samples import ReaderError, Samples, rows_of, stored_as
 
+_DATENUM_OF_1970 = 719529.0
+_DATENUMS = (693962.0, 767011.0)
+"""Serial dates of MATLAB for 1900 and 2100."""
+_EPOCH = datetime(1970, 1, 1)
 _COMPRESSED = 15
 _MAX_RECORDS = 256
 _ITEM_BYTES = {"int8": 1, "uint8": 1, "logical": 1, "int16": 2, "uint16": 2}
@@ -170,21 +175,64 @@ def text(values: MatValues, key: str) -> str | None:
     return str(array.reshape(-1)[0])
 
 
-def read_mat(data: bytes, name: str, patterns: Sequence[str] = ("*",)) -> Samples:
+def read_mat(data: bytes, name: str, patterns: Sequence[str] = ("*",), zone: str | None = None) -> Samples:
     """Read the numeric vectors of a MAT file that match some patterns.
 
     A matrix gives a row for each vector of it, named ``NAME_1`` and so on.
 
+    Args:
+        zone: IANA name of the zone of stamps that name none. With it, scalars and texts such as ``fs``, ``dt``,
+            ``unit`` and ``t0`` (also a ``datenum``) state rate, unit and start; of a field of a structure its
+            neighbours do so first.
+
     Raises:
-        ReaderError: as :func:`mat_variables`; ``wrong_shape`` where no vector matches or their lengths differ.
+        ReaderError: as :func:`mat_variables`; ``wrong_shape`` where no vector matches or their lengths differ,
+            ``wrong_rate`` where they state contradictory rates.
     """
+    if zone is None:
+        return _joined(load_mat(data, name, patterns), data, name, patterns, {}, "UTC")
+    stating = [key for key in mat_variables(data, name) if plain_key(key) in KEYS]
+    parents = {pattern.rpartition(".")[0] for pattern in patterns if "." in pattern}
+    values = load_mat(data, name, [*patterns, *stating, *(f"{parent}.*" for parent in parents)])
+    wanted = {key: array for key, array in values.items() if any(fnmatchcase(key, pattern) for pattern in patterns)}
+    return _joined(wanted, data, name, patterns, _stated(values), zone)
+
+
+def _stated(values: MatValues) -> dict[str, dict[str, object]]:
+    """Return what scalars and texts state under plain keys, by the structure that holds them, "" for none."""
+    facts: dict[str, dict[str, object]] = {}
+    for key in values:
+        parent, _, last = key.rpartition(".")
+        if plain_key(last) not in KEYS:
+            continue
+        value = text(values, key) or scalar(values, key)
+        if isinstance(value, float) and _DATENUMS[0] < value < _DATENUMS[1]:
+            value = _EPOCH + timedelta(seconds=round((value - _DATENUM_OF_1970) * 86400.0, 3))
+        if value is not None:
+            facts.setdefault(parent, {})[plain_key(last)] = value
+    return facts
+
+
+def _joined(
+    values: MatValues,
+    data: bytes,
+    name: str,
+    patterns: Sequence[str],
+    facts: Mapping[str, Mapping[str, object]],
+    zone: str,
+) -> Samples:
+    """Join the vectors; ``facts`` are stated by the structure of that name, those of "" for all."""
     arrays = [
-        (key, rows_of(array, f"{name}: variable {key}"), {STORED: stored_as(array.dtype)})
-        for key, array in load_mat(data, name, patterns).items()
+        (
+            key,
+            rows_of(array, f"{name}: variable {key}"),
+            {**facts.get("", {}), **facts.get(key.rpartition(".")[0], {}), STORED: stored_as(array.dtype)},
+        )
+        for key, array in values.items()
         if array.dtype.kind in "fiu" and array.size > 1
     ]
     held: list[str] = []
     if not arrays:
         held = [f"{variable} {kind}{list(shape)}" for variable, (shape, kind) in mat_variables(data, name).items()]
     none = f"no vector matches {', '.join(patterns)}; it holds {', '.join(held[:12]) or 'no variable'}"
-    return join_arrays(arrays, name, "UTC", none)
+    return join_arrays(arrays, name, zone, none)

@@ -43,6 +43,15 @@ _DATES = ("startdate", "date", "recordingdate", "acquisitiondate", "measurementd
 _CLOCKS = ("starttime", "time", "recordingtime", "acquisitiontime", "measurementtime", "testtime", "startzeit",
            "uhrzeit", "messzeit", "aufnahmezeit", "zeit", "messbeginn", "timeofday")  # fmt: skip
 _UNIT_KEYS = ("unit", "units", "unitstring", "niunitdescription", "engineeringunits", "einheit")
+KEYS = frozenset((*_RATES, *_STEPS, *_STARTS, *_MOMENTS, *_DATES, *_CLOCKS, *_UNIT_KEYS))
+"""Plain keys that may state rate, unit or start."""
+_MULTIPLES = {
+    "mg": ("g", 1e-3), "µg": ("g", 1e-6), "ug": ("g", 1e-6), "mv": ("V", 1e-3), "µv": ("V", 1e-6), "uv": ("V", 1e-6),
+    "mm/s2": ("m/s2", 1e-3), "mm/s^2": ("m/s2", 1e-3), "mm/s²": ("m/s2", 1e-3), "um/s2": ("m/s2", 1e-6),
+    "µm/s²": ("m/s2", 1e-6), "cm/s2": ("m/s2", 1e-2), "cm/s^2": ("m/s2", 1e-2), "cm/s²": ("m/s2", 1e-2),
+    "gal": ("m/s2", 1e-2), "in/s2": ("m/s2", 0.0254), "in/s^2": ("m/s2", 0.0254), "ft/s2": ("m/s2", 0.3048),
+    "ft/s^2": ("m/s2", 0.3048),
+}  # fmt: skip
 _KILO = {"khz": 1e3, "hz": 1.0, "mhz": 1e6, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "s": 1.0, "s/s": 1.0, "": 1.0}
 
 Facts = Mapping[str, object]
@@ -66,6 +75,14 @@ def known_unit(text: object) -> str | None:
     if not bare or bare.lower() in ("none", "-", "n/a", "1"):
         return None
     return _UNITS.get(bare.lower(), bare[:40])
+
+
+def multiple_of(unit: str | None) -> tuple[str, float]:
+    """Return the unit of ours of which a stated unit is a multiple, and the factor: ("V", 1e-3) for "mV".
+
+    Any other unit is returned as it is, "" for None.
+    """
+    return _MULTIPLES.get((unit or "").lower(), (unit or "", 1.0))
 
 
 def stated_rate(facts: Facts, where: str) -> float | None:

@@ -13,6 +13,7 @@ from streams.readers.stated import (
     Facts,
     is_date,
     known_unit,
+    multiple_of,
     plain_key,
     rate_of_times,
     stated_rate,
@@ -24,7 +25,22 @@ from streams.samples import ReaderError, Samples, check_rows
 _BOM = b"\xef\xbb\xbf"
 _MAX_HEAD_LINES = 200
 _MAX_SNIFFED_CHARACTERS = 1 << 16
-_TIMES = {"time", "times", "timesec", "timeseconds", "timems", "zeit", "zeits", "t", "ts", "tempo", "temps", "xvalue"}
+_TIMES = {
+    "time",
+    "times",
+    "timesec",
+    "timeseconds",
+    "timems",
+    "zeit",
+    "zeits",
+    "zeitins",
+    "timeins",
+    "t",
+    "ts",
+    "tempo",
+    "temps",
+    "xvalue",
+}
 _SECONDS = ("s", "sec", "second", "seconds", "ms")
 _IN_MS = {"timems"}
 _FACT = re.compile(r"\s*[#%\"]*\s*([A-Za-z][^:=;\t,]{0,60}?)\s*[:=;\t,]\s*(.*?)[\"\s;,]*$")
@@ -95,6 +111,14 @@ def read_text(
 def first_characters(data: bytes, name: str) -> str:
     """Return the first 200 characters of a text."""
     return data[:200].decode("latin-1")
+
+
+def decoded(line: bytes) -> str:
+    """Return a line of UTF-8 or, where it is none, of Windows-1252."""
+    try:
+        return line.decode("utf-8")
+    except UnicodeDecodeError:
+        return line.decode("cp1252", "replace")
 
 
 def clean_text(data: bytes, name: str) -> bytes:
@@ -187,7 +211,7 @@ def _numbers(body: bytes, name: str) -> tuple[bytes, list[str]]:
     begin = 0
     while begin < len(body) and len(skipped) <= _MAX_HEAD_LINES:
         line = first_line_of(body, begin)
-        text = line.decode("utf-8", "replace").strip()
+        text = decoded(line).strip()
         if _is_numbers(text):
             return (body[begin:] if begin else body), skipped
         skipped.append(text)
@@ -234,7 +258,7 @@ def _head(lines: list[str]) -> _Head:
 
 def _are_units(fields: list[str]) -> bool:
     bare = [part.strip("[]() ") for part in fields]
-    known = any(known_unit(part) in ("g", "m/s2", "V") for part in bare) or bare[0].lower() in _SECONDS
+    known = any(multiple_of(known_unit(part))[0] in ("g", "m/s2", "V") for part in bare) or bare[0].lower() in _SECONDS
     return known and all(len(part) <= 12 for part in bare)
 
 
@@ -251,13 +275,13 @@ def _is_fact(line: str) -> bool:
 
 def _described(samples: Samples, head: _Head, name: str, zone: str) -> Samples:
     """Add what the head states; a column of times gives the rate and is removed."""
-    names, units = _names_and_units(samples, head)
+    titles, names, units = _names_and_units(samples, head)
     times = [i for i, title in enumerate(names) if plain_key(title) in _TIMES] if head.names is not None else []
     rate = stated_rate(head.facts, name)
     start, stamp = stated_time(head.facts, zone)
     overall = stated_unit(head.facts)
     stated = tuple(unit or overall for unit in units)
-    samples = replace(samples, channels=names, names=names, units=stated)
+    samples = replace(samples, channels=names, names=titles, units=stated)
     if len(times) == 1 and len(names) > 1:
         place = times[0]
         millis = plain_key(names[place]) in _IN_MS or (units[place] or "").lower() == "ms"
@@ -272,21 +296,26 @@ def _described(samples: Samples, head: _Head, name: str, zone: str) -> Samples:
     return replace(samples, rate=rate, start=start, stamp=stamp)
 
 
-def _names_and_units(samples: Samples, head: _Head) -> tuple[tuple[str, ...], tuple[str | None, ...]]:
+def _names_and_units(samples: Samples, head: _Head) -> tuple[tuple[str, ...], tuple[str, ...], tuple[str | None, ...]]:
+    """Return titles, names and units of the columns; a title is its name, or names the unit behind it."""
     if head.names is None:
-        return samples.names, (None,) * len(samples.names)
+        return samples.names, samples.names, (None,) * len(samples.names)
+    titles: list[str] = []
     names: list[str] = []
     units: list[str | None] = list(head.units) if head.units is not None else [None] * len(head.names)
     for index, title in enumerate(head.names):
         match = _UNIT_IN_NAME.match(title)
         unit = known_unit(match[2]) if match is not None else None
         is_time = match is not None and plain_key(match[1]) in _TIMES
-        if match is not None and (unit in ("g", "m/s2", "V") or is_time):
-            names.append(match[1].strip() or title)
+        is_ours = unit in ("g", "m/s2", "V") or is_time
+        name = title
+        if match is not None and (is_ours or multiple_of(unit)[0] in ("g", "m/s2", "V")):
+            name = match[1].strip() or title
             units[index] = units[index] or unit
-        else:
-            names.append(title)
-    return tuple(names), tuple(units)
+        names.append(name)
+        # A column in mV was found by its whole title before its unit was known.
+        titles.append(name if is_ours else title)
+    return tuple(titles), tuple(names), tuple(units)
 
 
 def _moved(error: ReaderError, name: str, lines: int) -> ReaderError:

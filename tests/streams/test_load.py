@@ -87,3 +87,34 @@ def test_units_that_are_wrong() -> None:
 def test_conversion_of_extreme_samples_does_not_warn() -> None:
     converted, _ = to_si(np.array([[3e38, np.nan, np.inf]], dtype=np.float32), "g")
     assert math.isinf(converted[0, 0])
+
+
+@pytest.mark.parametrize(
+    ("stated", "unit", "channel", "factor"),
+    [
+        ("mV", "V", {"sensitivity_mv_per_g": 100.0}, 1e-3),
+        ("mV", "V", {"sensitivity_mv_per_g": 100.0, "scale": 2e-3}, 1.0),
+        ("mg", "g", {}, 1e-3),
+        ("mg", None, {}, 1e-3),
+        ("mm/s²", "m/s2", {}, 1e-3),
+        ("g", "g", {}, 1.0),
+    ],
+)
+def test_multiples_of_a_unit_are_converted_unless_a_scale_is_given(stated, unit, channel, factor):
+    samples = Samples(np.ones((2, 4)), names=("a", "b"), units=(stated, "g"))
+    chosen = choose_channels(samples, [ChannelSpec("a", unit=unit, **channel), ChannelSpec("b", unit="g")], None, "f")
+    assert chosen.units == ({"mV": "V", "mg": "g", "mm/s²": "m/s2"}.get(stated, stated), "g")
+    assert_array_equal(chosen.values, np.array([[factor], [1.0]]) * np.ones((2, 4)))
+
+
+def test_multiples_of_a_unit_are_converted_where_no_channel_is_configured():
+    samples = Samples(np.ones((1, 4), np.float32), units=("mg",))
+    chosen = choose_channels(samples, [], None, "f")
+    assert (chosen.units, chosen.values.dtype) == (("g",), np.float32)
+    assert_array_equal(chosen.values, np.full((1, 4), np.float32(1e-3)))
+
+
+def test_a_multiple_of_another_unit_is_refused():
+    samples = Samples(np.ones((1, 4)), names=("a",), units=("mV",))
+    with pytest.raises(ReaderError, match="the recording is in V, unit = 'g'"):
+        choose_channels(samples, [ChannelSpec("a", unit="g")], None, "f")

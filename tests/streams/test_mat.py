@@ -14,6 +14,9 @@ from streams.readers import mat
 from streams.readers.mat import load_mat, mat_variables, read_mat, scalar
 from streams.samples import ReaderError
 
+EIGHT = 1793520000.0
+"""2026-11-01 08:00 UTC."""
+
 
 def mat_bytes(values: dict[str, Any], compressed: bool = False) -> bytes:
     stream = io.BytesIO()
@@ -114,3 +117,31 @@ def test_random_damage_never_escapes() -> None:
             outcomes.add(error.status)
     assert outcomes <= {"read", "unreadable", "incomplete", "refused", "wrong_shape", "empty"}
     assert len(outcomes) > 1
+
+
+@pytest.mark.parametrize(
+    ("values", "rate", "unit", "start"),
+    [
+        ({"a": np.arange(9.0), "fs": 25600.0, "unit": "m/s^2", "t0": "2026-11-01 08:00:00"}, 25600.0, "m/s2", EIGHT),
+        ({"a": np.arange(9.0), "dt": 1e-3, "t0": 740287 + 1 / 3}, 1000.0, None, EIGHT),
+        (
+            {"day": {"a": np.arange(9.0), "Fs": 2000.0, "Einheit": "mV", "Datum": "01.11.2026 08:00:00"}},
+            2e3,
+            "mV",
+            EIGHT,
+        ),
+        ({"a": np.arange(9.0), "n": 3.0}, None, None, None),
+    ],
+)
+def test_scalars_and_texts_state_rate_unit_and_start(
+    values: dict[str, Any], rate: float | None, unit: str | None, start: float | None
+) -> None:
+    for patterns in (["*"], ["a", "day.a"]):
+        found = read_mat(mat_bytes(values), "x.mat", patterns, "UTC")
+        assert (found.rate, found.units, found.start) == (rate, (unit,), start)
+        assert_array_equal(found.values, [np.arange(9.0)])
+
+
+def test_contradictory_rates_are_refused() -> None:
+    with pytest.raises(ReaderError, match="several sampling rates: fs 1000 Hz, dt 500 Hz"):
+        read_mat(mat_bytes({"a": np.arange(9.0), "fs": 1000.0, "dt": 2e-3}), "x.mat", zone="UTC")

@@ -32,6 +32,18 @@ def read(text: str) -> tuple[tuple[str, ...], tuple[int, ...], float | None, tup
 LINES = "".join(f"{i / 1000:.4f},{i % 7},{i % 5}\n" for i in range(200))
 
 
+def test_headers_of_german_loggers() -> None:
+    text = "Zeit in s;Beschleunigung [m/s²];Spannung [mV]\r\n" + "".join(
+        f"{i / 1000:.4f};{i % 7},5;{i % 5}\r\n" for i in range(200)
+    ).replace(".", ",")
+    for coding in ("utf-8", "cp1252"):
+        found = read_layout(text.encode(coding), "x.csv")
+        assert found.channels == ("Beschleunigung", "Spannung")
+        assert found.names == ("Beschleunigung", "Spannung [mV]")
+        assert (found.units, found.rate) == (("m/s2", "mV"), 1000.0)
+        assert_array_equal(found.values[:, 1], [1.5, 1.0])
+
+
 @pytest.mark.parametrize(
     ("text", "expected"),
     [
