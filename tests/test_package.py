@@ -27,9 +27,9 @@ def wheel(tmp_path_factory) -> zipfile.ZipFile:
     return zipfile.ZipFile(next(out.glob("spallwatch-*.whl")))
 
 
-def test_the_wheel_holds_exactly_the_three_packages(wheel):
+def test_the_wheel_holds_exactly_our_packages(wheel):
     names = [name for name in wheel.namelist() if ".dist-info/" not in name]
-    assert {name.split("/")[0] for name in names} == {"models", "monitor", "streams"}
+    assert {name.split("/")[0] for name in names} == {"models", "monitor", "spallwatch", "streams"}
     parts = [part for name in names for part in name.lower().split("/")]
     assert not [part for part in parts if part.startswith("test") or part.endswith((".pyc", ".nbi", ".nbc"))]
 
@@ -37,7 +37,7 @@ def test_the_wheel_holds_exactly_the_three_packages(wheel):
 def test_the_wheel_holds_the_catalogue_and_every_module(wheel):
     inside = set(wheel.namelist())
     tracked = subprocess.run(
-        ["git", "ls-files", "models", "monitor", "streams"], cwd=ROOT, check=True, capture_output=True, text=True
+        ["git", "ls-files", "models", "monitor", "spallwatch", "streams"], cwd=ROOT, check=True, capture_output=True, text=True
     ).stdout.split()
     assert "models/bearings.toml" in tracked
     assert set(tracked) <= inside

@@ -10,6 +10,8 @@ import subprocess
 import sys
 import threading
 
+from models.installation import child_path
+
 _END_S = 0.5
 _MAX_BYTES = 1 << 16
 # A service manager signals all processes at once; a child goes on until its parent closes its standard input.
@@ -29,7 +31,7 @@ class Child:
 
     def __init__(self, entry: str, *arguments: str) -> None:
         """Start it; may raise OSError."""
-        command = [sys.executable, "-c", _START, entry, *arguments, json.dumps(sys.path)]
+        command = [sys.executable, "-P", "-c", _START, entry, *arguments, json.dumps(child_path())]
         self._process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE)
         assert self._process.stdin is not None
         assert self._process.stdout is not None

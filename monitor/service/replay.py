@@ -17,10 +17,10 @@ from monitor.config.load import Config, ConfigError
 from monitor.health.damage.library.model import Library
 from monitor.health.quality import FLAGS, REJECTIONS
 from monitor.health.record import Record
+from monitor.health.recording_bands import recording_bands
 from monitor.health.spectrum.average import RecentSpectra
-from monitor.health.spectrum.bands import VOTES_NEEDED, find_band
+from monitor.health.spectrum.bands import VOTES_NEEDED
 from monitor.health.spectrum.features import SPECTRUM_LINES, fundamentals
-from monitor.health.spectrum.interference import all_combs
 from monitor.health.spectrum.transform import EnvelopeSpectrum
 from monitor.health.state import ChannelSettings, SourceSettings, SourceState
 from monitor.health.step import SourceOutput, step
@@ -146,30 +146,15 @@ def _open_store(out: Path, config: Config, resume: bool) -> Store:
 
 def _fix_bands(source: Source, state: SourceState, settings: SourceSettings) -> SourceState:
     """Choose the bands of a recording too short to learn them from the recording as a whole; its records say so."""
-    automatic = [channel for channel in settings.channels.values() if channel.bands is None]
+    automatic = any(channel.bands is None for channel in settings.channels.values())
     if not automatic or len(source) >= VOTES_NEEDED:
         return state
-    blocks = [item for item in source if isinstance(item, Block)]
-    for channel in automatic:
-        rows = [
-            (block, block.samples[block.channels.index(channel.name)])
-            for block in blocks
-            if channel.name in block.channels
-        ]
-        usable = [(block, row) for block, row in rows if np.all(np.isfinite(row))]
-        if not usable:
-            continue
-        block = usable[0][0]
-        speed = block.speed if block.speed is not None else channel.condition.speed
-        if speed is None:
-            continue
-        same = [row for _, row in usable if row.size == usable[0][1].size]
-        try:
-            combs = all_combs(channel.interference, speed)
-            band = find_band(same, block.rate, fundamentals(kinematics(channel.bearing, speed)), combs)
-        except ValueError as error:
-            raise ConfigError(f'channel {channel.name!r}: band_hz = "auto": {error}') from None
-        state = state.with_band(channel.name, band)
+    try:
+        found = recording_bands([item for item in source if isinstance(item, Block)], settings)
+    except ValueError as error:
+        raise ConfigError(str(error)) from None
+    for name, band in found.items():
+        state = state.with_band(name, band)
     return state
 
 

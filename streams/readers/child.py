@@ -22,6 +22,7 @@ from typing import Any
 import numpy as np
 
 from models.errors import SpallwatchError
+from models.installation import child_path
 from streams.limits import MAX_BYTES, ChildLimits
 from streams.readers.worker import read_into, write_all
 from streams.samples import ReaderError, Samples
@@ -210,11 +211,11 @@ class ReaderProcess(AbstractContextManager["ReaderProcess"]):
         self._handles = [requests, answers, *memory]
         theirs = [child_reads, child_writes]
         passed = [*theirs, *memory]
-        arguments = [*map(str, passed), json.dumps(sys.path)]
+        arguments = [*map(str, passed), json.dumps(child_path())]
         try:
             # A plain new interpreter: a fork of a process with threads may hang in its first allocation.
             self._process = subprocess.Popen(
-                [sys.executable, "-c", _START, *arguments],
+                [sys.executable, "-P", "-c", _START, *arguments],
                 pass_fds=passed,
                 stdin=subprocess.DEVNULL,
                 stdout=subprocess.DEVNULL,

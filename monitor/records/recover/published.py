@@ -22,6 +22,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from models.installation import child_path
 from monitor.health.schema import VARIABLES
 from monitor.records.archive import insert_forecasts
 from monitor.records.filing import SECONDS_PER_DAY, content_digest, ledger_digest
@@ -74,7 +75,7 @@ def gather(files: Sequence[Path], machine: str, scratch: Path, beat: Beat) -> Ga
 
 
 def _in_child(scratch: Path, files: Sequence[Path], beat: Beat) -> dict[Path, tuple[int, int]]:
-    command = [sys.executable, "-c", _START, str(scratch), *map(str, files), json.dumps(sys.path)]
+    command = [sys.executable, "-P", "-c", _START, str(scratch), *map(str, files), json.dumps(child_path())]
     # The child ends when the other end of its standard input is closed, by this process or by its death.
     theirs, ours = os.pipe()
     try:

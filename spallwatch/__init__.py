@@ -1,0 +1,107 @@
+"""spallwatch for people who program: recordings, features, names of damaged parts, models, maps and records.
+
+    import spallwatch as sw
+
+    signal = sw.read("press.csv", unit="g")
+    sw.name_fault(signal, bearing="6205", speed_hz=24.9).fault
+
+Signals are arrays of xarray in m/s2, records and maps are datasets with units. Parameters have the names of the
+configuration and the command line, units at their end; what the models return is SI. What cannot be used raises a
+``SpallwatchError`` that names it.
+
+The packages ``models``, ``streams`` and ``monitor`` of the program are imported from where it is installed, whatever
+folders of these names are beside a script.
+"""
+
+from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING, Any
+
+from spallwatch._floors import import_own_floors
+
+import_own_floors()
+
+if TYPE_CHECKING:
+    from models.bearing import Bearing as Bearing
+    from models.bearing import Kinematics as Kinematics
+    from models.errors import SpallwatchError as SpallwatchError
+    from models.maps.data import RmsMap as RmsMap
+    from models.response import Response as Response
+    from models.scene import Scene as Scene
+    from models.simulate import simulate as simulate
+    from monitor import __version__ as __version__
+    from monitor.health.naming import Naming as Naming
+    from spallwatch.analysis import SignalError as SignalError
+    from spallwatch.analysis import envelope_spectrum as envelope_spectrum
+    from spallwatch.analysis import features as features
+    from spallwatch.analysis import name_fault as name_fault
+    from spallwatch.analysis import spectrum as spectrum
+    from spallwatch.bearings import bearing as bearing
+    from spallwatch.bearings import fault_frequencies as fault_frequencies
+    from spallwatch.figures import plot_map as plot_map
+    from spallwatch.figures import plot_records as plot_records
+    from spallwatch.figures import plot_scene as plot_scene
+    from spallwatch.figures import plot_signal as plot_signal
+    from spallwatch.figures import plot_spectrum as plot_spectrum
+    from spallwatch.recordings import blocks as blocks
+    from spallwatch.recordings import read as read
+    from spallwatch.recordings import to_signal as to_signal
+    from spallwatch.records import open_records as open_records
+    from spallwatch.records import replay as replay
+    from spallwatch.scenes import acceleration as acceleration
+    from spallwatch.scenes import build_map as build_map
+    from spallwatch.scenes import map_dataset as map_dataset
+    from spallwatch.scenes import open_map as open_map
+    from spallwatch.scenes import save_map as save_map
+    from spallwatch.scenes import scene as scene
+
+# Imported when they are first used: a script that reads a file does not wait for the models, nor the command line for
+# any of it.
+_HOMES = {
+    "Bearing": "models.bearing",
+    "Kinematics": "models.bearing",
+    "Naming": "monitor.health.naming",
+    "Response": "models.response",
+    "RmsMap": "models.maps.data",
+    "Scene": "models.scene",
+    "SignalError": "spallwatch.analysis",
+    "SpallwatchError": "models.errors",
+    "__version__": "monitor",
+    "acceleration": "spallwatch.scenes",
+    "bearing": "spallwatch.bearings",
+    "blocks": "spallwatch.recordings",
+    "build_map": "spallwatch.scenes",
+    "envelope_spectrum": "spallwatch.analysis",
+    "fault_frequencies": "spallwatch.bearings",
+    "features": "spallwatch.analysis",
+    "map_dataset": "spallwatch.scenes",
+    "name_fault": "spallwatch.analysis",
+    "open_map": "spallwatch.scenes",
+    "open_records": "spallwatch.records",
+    "plot_map": "spallwatch.figures",
+    "plot_records": "spallwatch.figures",
+    "plot_scene": "spallwatch.figures",
+    "plot_signal": "spallwatch.figures",
+    "plot_spectrum": "spallwatch.figures",
+    "read": "spallwatch.recordings",
+    "replay": "spallwatch.records",
+    "save_map": "spallwatch.scenes",
+    "scene": "spallwatch.scenes",
+    "simulate": "models.simulate",
+    "spectrum": "spallwatch.analysis",
+    "to_signal": "spallwatch.recordings",
+}
+
+__all__ = sorted(_HOMES)  # pyright: ignore[reportUnsupportedDunderAll]
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOMES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}; it has {', '.join(__all__)}")
+    value = globals()[name] = getattr(importlib.import_module(_HOMES[name]), name)
+    return value
+
+
+def __dir__() -> list[str]:
+    return __all__

@@ -1,0 +1,71 @@
+"""The configuration that the arguments of a call stand for."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from models.bearing import Bearing
+from monitor.config.load import Config, load_config, validate
+
+SOURCE = "signal"
+_NAME = "bearing"
+_WHERE = Path("spallwatch")
+_LENGTHS = (
+    *("element_diameter", "pitch_diameter", "outer_race_radius", "inner_race_radius"),
+    *("inner_groove_radius", "outer_groove_radius"),
+)
+_PLAIN = ("n_elements", "rows", "element", "rotating_ring")
+
+
+def configuration(
+    channels: Sequence[Mapping[str, Any]],
+    *,
+    bearing: Bearing | str,
+    speed_hz: float | None,
+    load_newton: float | None = None,
+    source: Mapping[str, Any] | None = None,
+    operating: Mapping[str, Any] | None = None,
+    machine: Mapping[str, Any] | None = None,
+) -> Config:
+    """Return the configuration of one source.
+
+    Args:
+        channels: keys of each ``[[channel]]`` but its source and bearing.
+        source, operating, machine: further keys of these sections; those that are None are left out.
+
+    Raises:
+        ConfigError: naming the key of each value that is not allowed.
+    """
+    given = {"speed_hz": speed_hz, "load_newton": load_newton, **(operating or {})}
+    section = {"designation": bearing} if isinstance(bearing, str) else _geometry(bearing)
+    return validate(
+        {
+            "bearing": [{"name": _NAME, **section}],
+            "source": [{"name": SOURCE, **_stated(source or {})}],
+            "channel": [{"source": SOURCE, "bearing": _NAME, **_stated(channel)} for channel in channels],
+            "operating": _stated(given),
+            "machine": _stated(machine or {}),
+        },
+        _WHERE,
+    )
+
+
+def given_configuration(config: Path | str | Mapping[str, Any]) -> Config:
+    """Return the configuration in a file, or of its tables; ConfigError as :func:`configuration`."""
+    return validate(dict(config), _WHERE) if isinstance(config, Mapping) else load_config(Path(config))
+
+
+def _stated(values: Mapping[str, Any]) -> dict[str, Any]:
+    return {key: value for key, value in values.items() if value is not None}
+
+
+def _geometry(bearing: Bearing) -> dict[str, Any]:
+    """Return the keys of ``[[bearing]]`` of a geometry."""
+    values: dict[str, Any] = {name: getattr(bearing, name) for name in _PLAIN}
+    values |= {f"{name}_mm": 1e3 * length for name in _LENGTHS if (length := getattr(bearing, name)) is not None}
+    if bearing.effective_length is not None:
+        values["element_length_mm"] = 1e3 * bearing.effective_length
+    return values | {"contact_angle_deg": math.degrees(bearing.contact_angle)}

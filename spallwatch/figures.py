@@ -1,0 +1,169 @@
+"""Figures of signals, spectra, records, scenes and maps, as matplotlib figures that a caller changes or saves."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from functools import wraps
+from typing import ParamSpec
+
+import matplotlib as mpl
+import numpy as np
+import xarray as xr
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from models.bearing import Kinematics
+from models.maps.data import RmsMap
+from models.response import Response, Sensor
+from models.scene import Scene
+from monitor.report.figures.drawing import BLUE, GREY, STYLE, WIDTH, legend_above, log_ticks
+from monitor.report.figures.rms_map import map_sheet
+from monitor.report.figures.scene import fundamental_of, scene_sheet, signal_of
+from monitor.report.figures.sheet import compose
+from monitor.report.figures.spectrum import FAULT_MARKS, ORDERS
+from monitor.words.statuses import FAULT_NAMES
+from spallwatch.analysis import SignalError
+from streams.block import STANDARD_GRAVITY
+
+_P = ParamSpec("_P")
+_LINES = {"outer": "bpfo", "inner": "bpfi", "ball": "bsf", "cage": "ftf"}
+
+
+def _styled(draw: Callable[_P, Figure]) -> Callable[_P, Figure]:
+    """Draw with the program's settings of matplotlib, which stay as they are outside of it."""
+
+    @wraps(draw)
+    def styled(*args: _P.args, **kwargs: _P.kwargs) -> Figure:
+        with mpl.rc_context(STYLE):
+            return draw(*args, **kwargs)
+
+    return styled
+
+
+@_styled
+def plot_signal(signal: xr.DataArray) -> Figure:
+    """Return the waveforms of a signal, one panel a channel; acceleration in g."""
+    made, panels = _panels(signal.sizes["channel"], 1.9)
+    unit = _unit(signal)
+    for axes, (name, row) in zip(panels, _rows(signal), strict=True):
+        axes.plot(signal.time.values, row / _one(signal), color=BLUE, linewidth=0.6)
+        axes.set_ylabel(f"{name} ({unit})")
+    panels[-1].set_xlabel("time (s)")
+    return made
+
+
+@_styled
+def plot_spectrum(spectrum: xr.DataArray, frequencies: Kinematics | None = None, *, log: bool = False) -> Figure:
+    """Return a spectrum, one panel a channel, with the first five fault frequencies of each part where they are given.
+
+    Args:
+        spectrum: of ``spectrum`` or ``envelope_spectrum``.
+        frequencies: of ``fault_frequencies``; the panels then end behind the highest of them.
+        log: logarithmic amplitudes.
+    """
+    made, panels = _panels(spectrum.sizes["channel"], 2.4)
+    unit, x = _unit(spectrum), spectrum.frequency.values
+    marks = {} if frequencies is None else _fundamentals(frequencies)
+    last = float(x[-1]) if not marks else min(float(x[-1]), (ORDERS + 0.3) * max(marks.values()))
+    shown = (x > 0.0) & (x <= last)
+    for axes, (name, row) in zip(panels, _rows(spectrum), strict=True):
+        values = row[shown] / _one(spectrum)
+        axes.plot(x[shown], values, color=GREY, linewidth=0.8)
+        if log:
+            axes.set_yscale("log")
+        _mark(axes, marks, last)
+        axes.set_ylabel(f"{name} ({unit})")
+        axes.set_xlim(0.0, last)
+    if marks:
+        legend_above(panels[0])
+    panels[-1].set_xlabel("frequency (Hz)")
+    return made
+
+
+@_styled
+def plot_records(records: xr.Dataset, variables: Sequence[str] = ("rms", "h_or"), *, log: bool = True) -> Figure:
+    """Return variables of records over time, one panel each, a line a channel, with the start of the final stage.
+
+    Args:
+        records: of ``replay`` or ``open_records``.
+        variables: numbers over (time, channel).
+        log: logarithmic axes where all values are positive.
+
+    Raises:
+        SignalError: a variable is not there, or not a number over time and channel.
+    """
+    made, panels = _panels(len(variables), 2.1)
+    for axes, name in zip(panels, variables, strict=True):
+        if name not in records or records[name].dims != ("time", "channel") or records[name].dtype.kind != "f":
+            raise SignalError(f"records: {name!r} is not a number over time and channel in them")
+        array, one = records[name], _one(records[name])
+        for channel in array.channel.values:
+            axes.plot(records.time.values, array.sel(channel=channel).values / one, linewidth=0.9, label=str(channel))
+        values = array.values[np.isfinite(array.values)]
+        if log and values.size and values.min() > 0.0:
+            axes.set_yscale("log")
+            log_ticks(axes.yaxis)
+        axes.set_ylabel(f"{name} ({_unit(array)})" if _unit(array) else name)
+        _mark_final_stage(axes, records)
+    legend_above(panels[0])
+    dated = records.time.dtype.kind == "M"
+    panels[-1].set_xlabel("time (UTC)" if dated else "time (s)")
+    return made
+
+
+def plot_scene(scene: Scene, response: Response, *, sensor: Sensor | None = None) -> Figure:
+    """Return the waveform, the path of a ball over the defect and the spectrum of a simulated scene."""
+    chosen = sensor or response.accelerometer
+    sensed = signal_of(response, chosen, fundamental_of(scene)[0])
+    return compose(scene_sheet(scene, sensed, sensor=chosen, title=f"Scene of {scene.bearing.designation}"))
+
+
+def plot_map(rms_map: RmsMap) -> Figure:
+    """Return a map with lines of equal volume, cuts through it, and its errors."""
+    return compose(map_sheet(rms_map))
+
+
+def _panels(count: int, height: float) -> tuple[Figure, list[Axes]]:
+    made = Figure(figsize=(WIDTH, 0.5 + height * count), layout="constrained")
+    return made, [axes for row in made.subplots(count, 1, sharex=True, squeeze=False) for axes in row]
+
+
+def _rows(array: xr.DataArray) -> list[tuple[str, np.ndarray]]:
+    return [(str(name), array.sel(channel=name).values) for name in array.channel.values]
+
+
+def _one(array: xr.DataArray) -> float:
+    """Return the value of one unit that is shown."""
+    return STANDARD_GRAVITY if array.attrs.get("units") == "m s-2" else 1.0
+
+
+def _unit(array: xr.DataArray) -> str:
+    stated = str(array.attrs.get("units", ""))
+    return {"m s-2": "g", "unknown": "own unit", "1": ""}.get(stated, stated)
+
+
+def _fundamentals(frequencies: Kinematics) -> dict[str, float]:
+    # A defect of a ball meets both races in one spin.
+    return {part: getattr(frequencies, line) * (2.0 if part == "ball" else 1.0) for part, line in _LINES.items()}
+
+
+def _mark(axes: Axes, fundamentals: Mapping[str, float], last: float) -> None:
+    top = axes.get_ylim()[1]
+    for part, fundamental in fundamentals.items():
+        colour, marker = FAULT_MARKS[part]
+        orders = [k * fundamental for k in range(1, ORDERS + 1) if k * fundamental <= last]
+        axes.plot(
+            orders, [top] * len(orders), marker, color=colour, label=FAULT_NAMES[part], markersize=5, clip_on=False
+        )
+        for at in orders:
+            axes.axvline(at, color=colour, linewidth=0.5, alpha=0.5)
+    axes.set_ylim(top=top)
+
+
+def _mark_final_stage(axes: Axes, records: xr.Dataset) -> None:
+    if "t_fs" not in records:
+        return
+    for channel in records.channel.values:
+        found = records.t_fs.sel(channel=channel).dropna("time").values
+        if found.size:
+            axes.axvline(found[-1], color=GREY, linestyle="--", linewidth=0.9)

@@ -1,0 +1,284 @@
+"""Recordings as arrays of xarray."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from datetime import UTC, datetime
+from os import PathLike, fspath
+from typing import Literal, TypedDict, Unpack
+
+import numpy as np
+import xarray as xr
+from numpy.typing import ArrayLike, NDArray
+
+from models.errors import WrongInputError
+from streams.block import Block, Rejected, to_si
+from streams.files import open_files
+from streams.load import Loader
+from streams.open import open_source
+from streams.recognise import data_set_of
+from streams.samples import ReaderError
+from streams.spec import DEFAULT_BLOCK_SECONDS, ChannelSpec, SourceError, SourceSpec
+
+_NAME = "recording"
+
+
+class RecordingError(WrongInputError):
+    """A recording, or a block of it, that cannot be read; the message names it, what was expected and what came."""
+
+
+class Reading(TypedDict, total=False):
+    """How a recording is read; what it states itself need not be given. Keys as in ``[[source]]`` and ``[[channel]]``.
+
+    Attributes:
+        channels: names of the columns or variables that are taken, by default all.
+        unit: of all channels: "g", "m/s2", "V" or "unknown".
+        sensitivity_mv_per_g: of the sensors, for "V".
+        scale: factor from the stored numbers to ``unit``.
+        rate_hz: sampling rate.
+        start_utc: of the first sample.
+        format: "csv", "wav", "mat", ... or the name of a published data set, by default recognised.
+        range_g: full scale of integer files, g.
+        timezone: of dates without one, such as "Europe/Rome".
+        time_from, time_name: what dates several files, and the strptime pattern of dates in their names.
+        interval_s: from the start of a file to that of the next one, where they are counted.
+    """
+
+    channels: Sequence[str]
+    unit: str
+    sensitivity_mv_per_g: float
+    scale: float
+    rate_hz: float
+    start_utc: datetime
+    format: str
+    range_g: float
+    timezone: str
+    time_from: Literal["header", "name", "count", "mtime"]
+    time_name: str
+    interval_s: float
+
+
+def to_signal(samples: ArrayLike, *, rate_hz: float, unit: str, channels: Sequence[str] | None = None) -> xr.DataArray:
+    """Return samples as a signal that the other functions take.
+
+    Args:
+        samples: shape (sample,) or (channel, sample).
+        rate_hz: sampling rate.
+        unit: "g", "m/s2", or "unknown"; a signal in an unknown unit has names and ratios, but no levels.
+        channels: names of the channels.
+
+    Returns:
+        Dimensions (channel, time), in m/s2; ``time`` in s from the first sample.
+
+    Raises:
+        RecordingError: another shape, number of names, rate or unit.
+    """
+    values = np.atleast_2d(np.asarray(samples))
+    names = tuple(channels) if channels is not None else tuple(f"channel_{i + 1}" for i in range(len(values)))
+    if values.ndim != 2 or values.dtype.kind not in "fiu" or values.shape[1] < 2:
+        raise RecordingError(
+            f"samples: expected real numbers of shape (sample,) or (channel, sample), got {values.dtype} of shape "
+            f"{np.shape(samples)}"
+        )
+    if len(names) != len(values):
+        raise RecordingError(f"channels: expected {len(values)} names, got {len(names)}: {', '.join(names)}")
+    if not (np.isfinite(rate_hz) and rate_hz > 0.0):
+        raise RecordingError(f"rate_hz: expected a positive number, got {rate_hz!r}")
+    if unit not in ("g", "m/s2", "unknown"):
+        raise RecordingError(f"unit: expected g, m/s2 or unknown, got {unit!r}")
+    converted, si_unit = to_si(values if values.dtype.kind == "f" else values.astype(np.float64), unit)
+    return _array(converted, names, rate_hz, si_unit)
+
+
+def read(path: str | PathLike[str], **how: Unpack[Reading]) -> xr.DataArray:
+    """Read one file of any known format.
+
+    Args:
+        path: of the file.
+        how: see ``Reading``.
+
+    Returns:
+        Dimensions (channel, time), in m/s2; ``time`` in s from the first sample; attributes ``rate_hz``, and
+        ``start_utc``, ``speed_hz``, ``load_newton`` where the file states them.
+
+    Raises:
+        RecordingError: it cannot be read, or rate or unit are neither stated nor given.
+    """
+    found = list(itertools.islice(blocks(path, block_s="file", **how), 2))
+    if len(found) != 1:
+        count = "no file that is read" if not found else "several files"
+        raise RecordingError(f"{fspath(path)}: holds {count}; read is for one file, blocks for recordings of several")
+    return found[0]
+
+
+def blocks(
+    path: str | PathLike[str],
+    *,
+    block_s: float | Literal["file"] = DEFAULT_BLOCK_SECONDS,
+    skip_rejected: bool = False,
+    **how: Unpack[Reading],
+) -> Iterator[xr.DataArray]:
+    """Yield the blocks of a recording in order: of a file, a folder, an archive or ``rig:ferrara?seed=1``.
+
+    Args:
+        path: of the recording; also with the name of a data set before it, such as ``dataset:pronostia:PATH``.
+        block_s: length of a block, s; "file": one block a file.
+        skip_rejected: go on after a block that cannot be read, instead of raising.
+        how: see ``Reading``.
+
+    Yields:
+        As ``read``, with the further attributes ``name``, ``sequence`` (from 1) and ``elapsed_s``, from the first
+        sample of the recording, where it is known.
+
+    Raises:
+        RecordingError: the recording cannot be opened, or a block of it not be read.
+    """
+    spec = spec_of(path, block_s, how)
+    try:
+        for item in open_source(spec):
+            if isinstance(item, Block):
+                yield _signal_of(item, how)
+            elif not skip_rejected:
+                raise _rejection(item)
+    except SourceError as error:
+        raise RecordingError(_in_words_of_calls(str(error))) from None
+
+
+def spec_of(path: str | PathLike[str], block_s: float | Literal["file"], how: Reading) -> SourceSpec:
+    """Return the source that arguments stand for; RecordingError or TypeError where they are wrong."""
+    wrong = sorted(set(how) - set(Reading.__annotations__))
+    if wrong:
+        allowed = ", ".join(Reading.__annotations__)
+        raise TypeError(f"{wrong[0]!r} is not an argument of a recording; expected {allowed}")
+    start = how.get("start_utc")
+    if start is not None and start.tzinfo is None:
+        start = start.replace(tzinfo=UTC)
+    spec = SourceSpec(
+        name=_NAME,
+        url=fspath(path),
+        start=None if start is None else start.timestamp(),
+        block_s=block_s,
+        format=how.get("format", "auto"),
+        rate=how.get("rate_hz"),
+        range_g=how.get("range_g"),
+        timezone=how.get("timezone", "UTC"),
+        time_from=how.get("time_from"),
+        time_name=how.get("time_name"),
+        interval=how.get("interval_s"),
+    )
+    return _with_channels(spec, how)
+
+
+def _with_channels(spec: SourceSpec, how: Reading) -> SourceSpec:
+    """Add the channels, all of the first readable file where unit or scale are given without them."""
+    scaling = {key for key in ("unit", "scale", "sensitivity_mv_per_g") if key in how}
+    names = tuple(how["channels"]) if "channels" in how else None
+    if names is None and scaling:
+        names = tuple(first_channels(spec))
+    if names is None:
+        return spec
+    try:
+        channels = tuple(
+            ChannelSpec(
+                name=name,
+                column=name,
+                unit=how.get("unit"),
+                scale=how.get("scale"),
+                sensitivity_mv_per_g=how.get("sensitivity_mv_per_g"),
+            )
+            for name in names
+        )
+    except SourceError as error:
+        raise RecordingError(_in_words_of_calls(str(error))) from None
+    return replace(spec, channels=channels)
+
+
+def first_channels(spec: SourceSpec) -> dict[str, str | None]:
+    """Return the channels of the first file of a source that can be read, with their units where they are stated.
+
+    Raises:
+        RecordingError: there is none.
+    """
+    scheme, colon, rest = spec.url.partition(":")
+    if scheme == "rig" and colon:
+        block = next(item for item in open_source(spec) if isinstance(item, Block))
+        return dict(zip(block.channels, block.units, strict=True))
+    kind, path = spec.format, spec.url
+    if scheme == "folder" and colon:
+        path = rest
+    if scheme == "dataset" and colon:
+        kind, _, path = rest.partition(":")
+    failure: ReaderError | None = None
+    try:
+        files = open_files(spec.name, path)
+        data_set = data_set_of(spec, files, kind)
+        loader = Loader(spec, data_set, files.root, several=files.several)
+        for item in files:
+            if loader.facts(item.path) is None:
+                continue
+            try:
+                found = loader.read(item.read(), item.path, item.path)
+                return {name: unit or data_set.unit for name, unit in zip(found.channels, found.units, strict=True)}
+            except ReaderError as error:
+                failure = failure or error
+    except SourceError as error:
+        raise RecordingError(_in_words_of_calls(str(error))) from None
+    raise RecordingError(f"{path}: no file can be read{'' if failure is None else f': {failure}'}")
+
+
+def _signal_of(block: Block, how: Reading) -> xr.DataArray:
+    rows: list[NDArray[np.floating]] = []
+    units: list[str] = []
+    for row, unit in zip(block.samples, block.units, strict=True):
+        values, si_unit = to_si(row, unit, how.get("scale", 1.0), how.get("sensitivity_mv_per_g"))
+        rows.append(values)
+        units.append(si_unit)
+    if len(set(units)) > 1:
+        both = ", ".join(f"{name}: {unit}" for name, unit in zip(block.channels, block.units, strict=True))
+        raise RecordingError(f"{block.name}: channels of known and unknown units ({both}); choose some with channels=")
+    found = _array(np.stack(rows), block.channels, block.rate, units[0])
+    found.attrs |= {"name": block.name, "sequence": block.sequence}
+    stated = {
+        "start_utc": None if block.start is None else datetime.fromtimestamp(block.start, UTC).isoformat(),
+        "elapsed_s": block.elapsed,
+        "speed_hz": block.speed,
+        "load_newton": block.load,
+    }
+    found.attrs |= {key: value for key, value in stated.items() if value is not None}
+    return found
+
+
+def _array(values: NDArray[np.floating], channels: Sequence[str], rate: float, unit: str) -> xr.DataArray:
+    time = xr.Variable("time", np.arange(values.shape[1]) / rate, {"units": "s", "long_name": "time"})
+    return xr.DataArray(
+        values,
+        dims=("channel", "time"),
+        coords={"channel": list(channels), "time": time},
+        name="acceleration",
+        attrs={
+            "units": "m s-2" if unit == "m/s2" else unit,
+            "long_name": "acceleration" if unit == "m/s2" else "vibration in an unknown unit",
+            "rate_hz": float(rate),
+        },
+    )
+
+
+def _rejection(item: Rejected) -> RecordingError:
+    reason = _in_words_of_calls(item.reason.removeprefix(f"{item.name}: "))
+    return RecordingError(f"{item.name}: {reason} ({item.status})")
+
+
+def _in_words_of_calls(text: str) -> str:
+    """Return a message about a configured source as one about the arguments of a call."""
+    for keys, words in (
+        (f"[[source]] {_NAME}: url: ", ""),
+        (f"[[source]] {_NAME}: ", ""),
+        ("give [[channel]] unit", 'give unit="g", "m/s2", "V" or "unknown"'),
+        ("a [[channel]] with its unit is missing", 'unit is missing (unit="g", "m/s2", "V" or "unknown")'),
+        ("[[channel]] ", ""),
+        ("[[source]] ", ""),
+    ):
+        text = text.replace(keys, words)
+    return text
