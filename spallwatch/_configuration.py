@@ -24,29 +24,27 @@ def configuration(
     channels: Sequence[Mapping[str, Any]],
     *,
     bearing: Bearing | str,
-    speed_hz: float | None,
-    load_newton: float | None = None,
+    operating: Mapping[str, Any],
     source: Mapping[str, Any] | None = None,
-    operating: Mapping[str, Any] | None = None,
     machine: Mapping[str, Any] | None = None,
 ) -> Config:
     """Return the configuration of one source.
 
     Args:
         channels: keys of each ``[[channel]]`` but its source and bearing.
-        source, operating, machine: further keys of these sections; those that are None are left out.
+        bearing: geometry or designation.
+        operating, source, machine: keys of these sections; those that are None are left out.
 
     Raises:
         ConfigError: naming the key of each value that is not allowed.
     """
-    given = {"speed_hz": speed_hz, "load_newton": load_newton, **(operating or {})}
     section = {"designation": bearing} if isinstance(bearing, str) else _geometry(bearing)
     return validate(
         {
             "bearing": [{"name": _NAME, **section}],
             "source": [{"name": SOURCE, **_stated(source or {})}],
             "channel": [{"source": SOURCE, "bearing": _NAME, **_stated(channel)} for channel in channels],
-            "operating": _stated(given),
+            "operating": _stated(operating),
             "machine": _stated(machine or {}),
         },
         _WHERE,

@@ -216,9 +216,7 @@ def _analysed(
             for name in names
         ],
         bearing=bearing,
-        speed_hz=speed,
-        load_newton=load,
-        operating={"speed_exact": speed_exact},
+        operating={"speed_hz": speed, "load_newton": load, "speed_exact": speed_exact},
     )
     settings = source_settings(config, config.source[0])
     block = Block(

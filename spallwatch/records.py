@@ -37,6 +37,7 @@ def replay(
     bearing: Bearing | str | None = None,
     speed_hz: float | None = None,
     load_newton: float | None = None,
+    speed_exact: bool = False,
     out: str | PathLike[str] | None = None,
     limit: int | None = None,
     block_s: float | Literal["file"] = DEFAULT_BLOCK_SECONDS,
@@ -50,6 +51,7 @@ def replay(
         bearing: geometry, or a designation of the catalogue.
         speed_hz: of the shaft, unless the recording states it.
         load_newton: radial load.
+        speed_exact: whether the speed is that of a tacho or a controlled drive; otherwise it is sought around it.
         out: folder that keeps the store and the published records; by default nothing is kept.
         limit: greatest number of blocks.
         block_s: length of a block, s; "file": one block a file.
@@ -61,7 +63,15 @@ def replay(
     Raises:
         RecordingError, ConfigError: the recording cannot be opened, or an argument or key is not allowed.
     """
-    found = _configured(path, config, bearing, speed_hz, load_newton, block_s, how)
+    if config is not None:
+        if how or bearing is not None or speed_hz is not None or load_newton is not None or speed_exact:
+            raise RecordsError("replay: give either config or the machine by bearing, speed_hz and further arguments")
+        found = given_configuration(config if isinstance(config, Mapping) else fspath(config))
+    elif path is None or bearing is None:
+        raise RecordsError("replay: give config, or path and bearing")
+    else:
+        operating = {"speed_hz": speed_hz, "load_newton": load_newton, "speed_exact": speed_exact}
+        found = _configured(path, bearing, operating, block_s, how)
     with tempfile.TemporaryDirectory(prefix="spallwatch-") as scratch:
         folder = Path(scratch) / "replay" if out is None else Path(out)
         replay_recording(found, None if path is None else fspath(path), folder, limit=limit)
@@ -117,20 +127,13 @@ def open_records(
 
 
 def _configured(
-    path: str | PathLike[str] | None,
-    config: str | PathLike[str] | Mapping[str, Any] | None,
-    bearing: Bearing | str | None,
-    speed: float | None,
-    load: float | None,
+    path: str | PathLike[str],
+    bearing: Bearing | str,
+    operating: Mapping[str, Any],
     block_s: float | Literal["file"],
     how: Reading,
 ) -> Config:
-    if config is not None:
-        if how or bearing is not None or speed is not None or load is not None:
-            raise RecordsError("replay: give either config or the machine by bearing, speed_hz and further arguments")
-        return given_configuration(config if isinstance(config, Mapping) else fspath(config))
-    if path is None or bearing is None:
-        raise RecordsError("replay: give config, or path and bearing")
+    """Return the configuration of a machine with one source, whose channels are those of the recording."""
     spec = spec_of(path, block_s, how)
     there = first_channels(spec)
     units = {name: how.get("unit", there.get(name)) for name in ([item.name for item in spec.channels] or there)}
@@ -143,8 +146,7 @@ def _configured(
     return configuration(
         [{"name": name, "column": name, "unit": unit, **scaling} for name, unit in units.items()],
         bearing=bearing,
-        speed_hz=speed,
-        load_newton=load,
+        operating=operating,
         source={"block_s": block_s, **{key: given.get(key) for key in keys}},
         machine={"timezone": how.get("timezone")},
     )
@@ -188,8 +190,11 @@ def _is_dated(day: xr.Dataset) -> bool:
 
 def _joined(days: Sequence[xr.Dataset]) -> xr.Dataset:
     """Join days along time; what a day does not have is filled with what stands for no value."""
-    names = dict.fromkeys(str(name) for day in days for name in day.data_vars)
-    samples = {name: next(day[name] for day in days if name in day) for name in names}
+    # By variables, since "fault" is a coordinate to xarray: there is a dimension of that name.
+    names = dict.fromkeys(
+        str(name) for day in days for name, array in day.variables.items() if "time" in array.dims and name != "time"
+    )
+    samples = {name: next(day.variables[name] for day in days if name in day.variables) for name in names}
     sizes: dict[str, int] = {}
     for day in days:
         for dim, size in day.sizes.items():
@@ -199,22 +204,23 @@ def _joined(days: Sequence[xr.Dataset]) -> xr.Dataset:
     found: dict[str, xr.Variable] = {}
     for name, sample in samples.items():
         # One day may have one band or threshold, another several.
-        dims = max((day[name].dims for day in days if name in day), key=len)
+        dims = tuple(map(str, max((day.variables[name].dims for day in days if name in day.variables), key=len)))
         kind = object if sample.dtype.kind in "OU" else sample.dtype
-        target = np.full([sizes[str(dim)] for dim in dims], _fill_of(sample), dtype=kind)
+        target = np.full([sizes[dim] for dim in dims], _fill_of(sample), dtype=kind)
         begin = 0
         for day in days:
-            end = begin + day.sizes["time"]
-            if name in day:
-                _put(target, begin, day[name], tuple(map(str, dims)), channels)
-            begin = end
+            if name in day.variables:
+                _put(
+                    target, begin, day.variables[name], dims, [channels.index(str(at)) for at in day["channel"].values]
+                )
+            begin += day.sizes["time"]
         found[name] = xr.Variable(dims, target, sample.attrs)
     coords: dict[str, xr.Variable] = {}
     for day in days:
-        for name, array in day.coords.items():
+        for name, array in day.variables.items():
             known = coords.get(str(name))
-            if name not in ("time", "channel") and (known is None or known.size < array.size):
-                coords[str(name)] = array.variable
+            if "time" not in array.dims and name != "channel" and (known is None or known.size < array.size):
+                coords[str(name)] = array
     time = xr.Variable("time", np.concatenate([day["time"].values for day in days]), days[0]["time"].attrs)
     channel = xr.Variable("channel", np.array(channels, dtype=object), days[0]["channel"].attrs)
     last = days[-1].attrs
@@ -222,22 +228,21 @@ def _joined(days: Sequence[xr.Dataset]) -> xr.Dataset:
     return xr.Dataset(found, {**coords, "time": time, "channel": channel}, shared)
 
 
-def _put(target: Any, begin: int, array: xr.DataArray, dims: tuple[str, ...], channels: Sequence[str]) -> None:
-    """Write one day of a variable into its place."""
+def _put(target: Any, begin: int, array: xr.Variable, dims: tuple[str, ...], places: Sequence[int]) -> None:
+    """Write one day of a variable over ``dims`` into its place, its channels into theirs."""
     values = array.values
     for axis, dim in enumerate(dims):
         if dim not in array.dims:
             values = np.expand_dims(values, axis)
     end = begin + values.shape[0]
     if "channel" not in dims:
-        target[(slice(begin, end), *(slice(size) for size in values.shape[1:]))] = values
+        target[begin:end] = values
         return
-    places = [channels.index(str(name)) for name in array["channel"].values]
     for k, place in enumerate(places):
         target[(slice(begin, end), place, *(slice(size) for size in values.shape[2:]))] = values[:, k]
 
 
-def _fill_of(array: xr.DataArray) -> Any:
+def _fill_of(array: xr.Variable) -> Any:
     if array.dtype.kind == "f":
         return np.nan
     if array.dtype.kind in "OU":

@@ -54,7 +54,9 @@ def scene(
         ConfigError, ValueError: a value is not allowed, or the geometry does not give the contact stiffness.
     """
     config = configuration(
-        [{"name": "sensor", "unit": "m/s2"}], bearing=bearing, speed_hz=speed_hz, load_newton=load_newton
+        [{"name": "sensor", "unit": "m/s2"}],
+        bearing=bearing,
+        operating={"speed_hz": speed_hz, "load_newton": load_newton},
     )
     entry = config.bearing[0].to_entry()
     damaged = dphi_deg != 0.0 and h_d_um != 0.0

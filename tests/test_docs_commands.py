@@ -12,9 +12,12 @@ import subprocess
 from dataclasses import dataclass, field
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from streams.block import STANDARD_GRAVITY
 from tests.commands import run_command
+from tests.signals import bearing_lines, impacts
 from tests.test_docs import DOCS, read
 
 PAGES = ["how-to/calibrate-your-machine.md"]
@@ -100,3 +103,19 @@ def test_the_commands_of_a_page_run(page: str, tmp_path: Path) -> None:
     named = re.findall(r"^spallwatch .*$", read(DOCS / page), re.MULTILINE)
     assert [line for line in session.run if line.startswith("spallwatch ")] == named
     assert named
+
+
+PYTHON_PAGES = ["reference/python.md"]
+
+
+@pytest.mark.parametrize("page", PYTHON_PAGES)
+def test_the_python_of_a_page_runs(page: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    _, lines = bearing_lines("6205", 29.95)
+    samples = impacts(np.random.default_rng(1), "outer", lines) / STANDARD_GRAVITY
+    np.savetxt(tmp_path / "press.csv", samples, header="press", comments="")
+    monkeypatch.chdir(tmp_path)
+    namespace: dict[str, object] = {}
+    for kind, _, text in BLOCK.findall(read(DOCS / page)):
+        assert kind == "python"
+        exec(text, namespace)
+    assert (tmp_path / "press.png").stat().st_size > 10_000

@@ -37,7 +37,11 @@ def test_the_wheel_holds_exactly_our_packages(wheel):
 def test_the_wheel_holds_the_catalogue_and_every_module(wheel):
     inside = set(wheel.namelist())
     tracked = subprocess.run(
-        ["git", "ls-files", "models", "monitor", "spallwatch", "streams"], cwd=ROOT, check=True, capture_output=True, text=True
+        ["git", "ls-files", "models", "monitor", "spallwatch", "streams"],
+        cwd=ROOT,
+        check=True,
+        capture_output=True,
+        text=True,
     ).stdout.split()
     assert "models/bearings.toml" in tracked
     assert set(tracked) <= inside

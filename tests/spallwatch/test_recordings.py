@@ -1,0 +1,113 @@
+"""Reading recordings and samples into arrays."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import xarray as xr
+
+import spallwatch as sw
+from streams.block import STANDARD_GRAVITY
+
+RATE = 2000.0
+
+
+@pytest.fixture
+def samples() -> np.ndarray:
+    return np.random.default_rng(5).standard_normal((2, 4000)).astype(np.float32)
+
+
+@pytest.fixture
+def table(tmp_path: Path, samples: np.ndarray) -> Path:
+    lines = ["time (s),east (g),west (g)"]
+    lines += [f"{i / RATE:.6f},{a:.7g},{b:.7g}" for i, (a, b) in enumerate(samples.T)]
+    path = tmp_path / "press.csv"
+    path.write_text("\n".join(lines))
+    return path
+
+
+def test_a_file_that_states_rate_and_unit_needs_nothing(table, samples):
+    found = sw.read(table)
+    assert found.dims == ("channel", "time")
+    assert [str(name).split()[0] for name in found.channel.values] == ["east", "west"]
+    assert found.attrs["units"] == "m s-2"
+    assert found.attrs["rate_hz"] == pytest.approx(RATE)
+    np.testing.assert_allclose(found.values, samples * STANDARD_GRAVITY, rtol=1e-5)
+    np.testing.assert_allclose(found.time.values, np.arange(4000) / RATE)
+
+
+def test_channels_are_chosen_by_name(table):
+    whole = sw.read(table)
+    name = str(whole.channel.values[1])
+    chosen = sw.read(table, channels=[name])
+    xr.testing.assert_equal(chosen.drop_attrs(), whole.sel(channel=[name]).drop_attrs())
+
+
+def test_a_file_without_rate_or_unit_is_refused_and_read_with_them(tmp_path, samples):
+    path = tmp_path / "bare.npy"
+    np.save(path, samples)
+    with pytest.raises(sw.SpallwatchError, match=r"rate_hz"):
+        sw.read(path, unit="g")
+    with pytest.raises(sw.SpallwatchError, match=r"unit"):
+        sw.read(path, rate_hz=RATE)
+    found = sw.read(path, rate_hz=RATE, unit="m/s2")
+    np.testing.assert_array_equal(found.values, samples)
+
+
+def test_volts_are_scaled_by_the_sensitivity(tmp_path, samples):
+    path = tmp_path / "volts.npy"
+    np.save(path, samples)
+    found = sw.read(path, rate_hz=RATE, unit="V", sensitivity_mv_per_g=100.0)
+    np.testing.assert_allclose(found.values, samples * 10.0 * STANDARD_GRAVITY, rtol=1e-6)
+    with pytest.raises(sw.SpallwatchError, match="sensitivity_mv_per_g"):
+        sw.read(path, rate_hz=RATE, unit="V")
+
+
+def test_blocks_join_to_the_file(table):
+    parts = list(sw.blocks(table, block_s=0.5))
+    assert [part.attrs["sequence"] for part in parts] == [1, 2, 3, 4]
+    assert [part.attrs["elapsed_s"] for part in parts] == pytest.approx([0.0, 0.5, 1.0, 1.5])
+    np.testing.assert_array_equal(np.concatenate([part.values for part in parts], axis=1), sw.read(table).values)
+
+
+def test_a_block_that_cannot_be_read_is_raised_or_skipped(tmp_path, table):
+    table.rename(tmp_path / "a.csv")
+    (tmp_path / "b.csv").write_text("time (s),east (g),west (g)\n0,1,nonsense\n")
+    with pytest.raises(sw.SpallwatchError, match=r"b\.csv"):
+        list(sw.blocks(tmp_path, block_s="file"))
+    assert len(list(sw.blocks(tmp_path, block_s="file", skip_rejected=True))) == 1
+
+
+def test_several_files_are_not_one(tmp_path, samples):
+    for name in ("a.npy", "b.npy"):
+        np.save(tmp_path / name, samples + len(name) * (name == "b.npy"))
+    with pytest.raises(sw.SpallwatchError, match="several files"):
+        sw.read(tmp_path, rate_hz=RATE, unit="g")
+
+
+@pytest.mark.parametrize(
+    ("wrong", "message"),
+    [
+        ({"rate_hz": 0.0, "unit": "g"}, "rate_hz"),
+        ({"rate_hz": RATE, "unit": "mm/s"}, "unit"),
+        ({"rate_hz": RATE, "unit": "g", "channels": ["one"]}, "2 names"),
+    ],
+)
+def test_wrong_arguments_of_plain_samples_are_named(samples, wrong, message):
+    with pytest.raises(sw.SpallwatchError, match=message):
+        sw.to_signal(samples, **wrong)
+
+
+@pytest.mark.parametrize("shape", [(), (2, 3, 4), (1,)])
+def test_samples_of_another_shape_are_refused(shape):
+    with pytest.raises(sw.SpallwatchError, match="shape"):
+        sw.to_signal(np.zeros(shape), rate_hz=RATE, unit="g")
+
+
+def test_an_unknown_argument_and_a_missing_file_are_named(table, tmp_path):
+    with pytest.raises(TypeError, match="speed_rpm"):
+        sw.read(table, speed_rpm=1500)  # pyright: ignore[reportCallIssue]
+    with pytest.raises(sw.SpallwatchError, match=r"nothing\.csv"):
+        sw.read(tmp_path / "nothing.csv")
