@@ -121,6 +121,7 @@ def analyse(state: ChannelState, block: ChannelBlock, settings: ChannelSettings)
         searches=family_searches(settings.uncertainty, settings.condition.speed_tolerance),
         slip=slip_searches(settings.uncertainty),
         interference=all_combs(settings.interference, lines.speed),
+        view=settings.waterfall.rows > 0,
     )
     recent = state.spectra if block.verdict.for_baseline else None
     return Analysed(asked, block_features(block.samples, block.rate, asked, recent, block.span), band_source)

@@ -41,6 +41,7 @@ from monitor.health.quality import (
     with_flags,
 )
 from monitor.health.record import Record, storable
+from monitor.health.spectrum.block_view import WAVEFORM_SAMPLES, BlockView
 from monitor.health.spectrum.indicators import span_of
 from monitor.health.spectrum.interference import all_combs
 from monitor.health.spectrum.kurtogram import kurtogram
@@ -279,6 +280,7 @@ def _spectra(
         row = spectrum_row(block, name, channel.bearing, output)
         if row is None:
             continue
+        row = replace(row, view=_view(block, output, channel))
         found = output.detection
         onset = found is not None and found.alarm
         after[name], kind, thin = waterfall_step(
@@ -296,6 +298,17 @@ def _spectra(
         began = states[name].detect.t_fs if onset else None
         changes.append(SpectrumChange(row, kind, thin, None if began is None else began.sequence))
     return after, tuple(changes)
+
+
+def _view(block: Block, output: ChannelOutput, settings: ChannelSettings) -> BlockView | None:
+    """Return what is kept of a block to be looked at."""
+    spectra = None if output.features is None else output.features.view
+    if spectra is None:
+        return None
+    row = block.channels.index(settings.name)
+    beginning = block.samples[row, :WAVEFORM_SAMPLES]
+    waveform, _ = to_si(beginning, block.units[row], settings.scale, settings.sensitivity_mv_per_g)
+    return BlockView(block.rate, block.samples.shape[1], spectra, waveform)
 
 
 def alarm_step(

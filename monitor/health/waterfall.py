@@ -14,6 +14,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from monitor.health.spectrum.block_view import BlockView
 from monitor.health.spectrum.kurtogram import Kurtogram
 
 Kind = Literal["newest", "kept", "pinned"]
@@ -40,6 +41,7 @@ class SpectrumRow:
         lines: frequency of the first line of each family, Hz: outer, inner, ball (it meets both races), cage. As found
             in this spectrum where the family is detected, else the kinematic frequency.
         kurtogram: of the block, or None where it was not computed: only with spectra that are kept for good.
+        view: raw spectrum and waveform; None in rows that were read without.
     """
 
     source: str
@@ -54,6 +56,7 @@ class SpectrumRow:
     amplitude: NDArray[np.floating]
     lines: Mapping[str, float]
     kurtogram: Kurtogram | None = None
+    view: BlockView | None = None
 
     @property
     def frequency(self) -> NDArray[np.float64]:

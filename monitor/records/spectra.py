@@ -9,13 +9,15 @@ from __future__ import annotations
 
 import json
 import sqlite3
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from monitor.health.spectrum.block_view import BlockView, RawSpectra
 from monitor.health.spectrum.kurtogram import Kurtogram
 from monitor.health.waterfall import Kind, SpectrumChange, SpectrumRow
 from monitor.records.database import SharedConnection
@@ -23,6 +25,7 @@ from monitor.records.database import SharedConnection
 _KINDS: dict[Kind, int] = {"newest": 0, "kept": 1, "pinned": 2}
 _HALF_RANGE = 32768.0
 """Stored value of the highest amplitude: half of the range of float16, for the digits of the lowest."""
+_INT16_MAX = 32767.0
 _WEEK_S = 604800.0
 _MAX_THINNED = 64
 """Spectra that one step deletes."""
@@ -76,17 +79,21 @@ def _put(connection: sqlite3.Connection, change: SpectrumChange) -> None:
     }
     if row.kurtogram is not None:
         header["kurtogram"] = row.kurtogram.to_dict()
+    view: bytes | None = None
+    if row.view is not None:
+        header["view"], view = pack_view(row.view)
     text = json.dumps(header, allow_nan=False, separators=(",", ":"))
-    values = (row.sequence, row.time, _KINDS[change.kind], text, packed, row.source, row.channel)
+    values = (row.sequence, row.time, _KINDS[change.kind], text, packed, row.source, row.channel, view)
     replaced = connection.execute(
-        "UPDATE spectra SET sequence = ?1, time = ?2, kind = ?3, header = ?4, amplitude = ?5 WHERE kind = 0 AND rowid ="
+        "UPDATE spectra SET sequence = ?1, time = ?2, kind = ?3, header = ?4, amplitude = ?5, view = ?8"
+        " WHERE kind = 0 AND rowid ="
         " (SELECT rowid FROM spectra WHERE source = ?6 AND channel = ?7 ORDER BY sequence DESC LIMIT 1)",
         values,
     )
     if not replaced.rowcount:
         connection.execute(
-            "INSERT INTO spectra (sequence, time, kind, header, amplitude, source, channel)"
-            " VALUES (?, ?, ?, ?, ?, ?, ?)",
+            "INSERT INTO spectra (sequence, time, kind, header, amplitude, source, channel, view)"
+            " VALUES (?, ?, ?, ?, ?, ?, ?, ?)",
             values,
         )
 
@@ -136,6 +143,69 @@ def read_spectra(
     query = f"SELECT {_ROW} FROM spectra WHERE {conditions} ORDER BY sequence DESC LIMIT ?"
     rows = _read(place, query, (*values, -1 if newest is None else newest))
     return [_row_of(row) for row in reversed(rows)]
+
+
+def read_block_view(
+    place: Path | Queryable, channel: str, *, source: str | None = None, at: int | None = None
+) -> SpectrumRow | None:
+    """Return the spectrum of a block with its view, by default the newest; None without, as of earlier versions.
+
+    Args:
+        place: the store, or its file.
+        channel, source: of the spectrum; None for any source.
+        at: number of the block.
+    """
+    if isinstance(place, Path):
+        with SharedConnection(place) as connection:
+            return read_block_view(connection, channel, source=source, at=at)
+    if not place.rows("SELECT 1 FROM pragma_table_info('spectra') WHERE name = 'view'"):
+        return None
+    conditions, values = _conditions(channel, source, at, None)
+    query = f"SELECT {_ROW}, view FROM spectra WHERE {conditions} AND view NOT NULL ORDER BY sequence DESC LIMIT 1"
+    for *row, blob in place.rows(query, *values):
+        header = json.loads(row[4]).get("view")
+        # An earlier version of the program may have replaced the row and left the column.
+        return None if header is None else replace(_row_of(tuple(row)), view=unpack_view(header, blob))
+    return None
+
+
+def viewed_blocks(place: Queryable, channel: str, *, source: str | None = None) -> list[int]:
+    """Return the numbers of the blocks with a view, in order."""
+    if not place.rows("SELECT 1 FROM pragma_table_info('spectra') WHERE name = 'view'"):
+        return []
+    conditions, values = _conditions(channel, source, None, None)
+    query = f"SELECT sequence FROM spectra WHERE {conditions} AND view NOT NULL AND instr(header, ?) ORDER BY sequence"
+    return [sequence for (sequence,) in place.rows(query, *values, '"view":')]
+
+
+def pack_view(view: BlockView) -> tuple[dict[str, Any], bytes]:
+    """Return a view as a header for JSON and bytes: spectra as float16, the waveform as int16, each over a scale."""
+    fine, fine_scale = pack_amplitude(view.spectra.amplitude)
+    highest, highest_scale = pack_amplitude(view.spectra.highest)
+    peak = float(np.abs(view.waveform).max(initial=0.0))
+    step = peak / _INT16_MAX if peak > np.finfo(np.float32).tiny else 1.0
+    waveform = np.rint(np.asarray(view.waveform, dtype=np.float64) / step).astype("<i2").tobytes()
+    header = {
+        "rate": view.rate,
+        "samples": view.samples,
+        "resolution": view.spectra.resolution,
+        "width": view.spectra.width,
+        "sizes": [len(fine), len(highest), len(waveform)],
+        "scales": [fine_scale, highest_scale, step],
+    }
+    return header, fine + highest + waveform
+
+
+def unpack_view(header: Mapping[str, Any], blob: bytes) -> BlockView:
+    """Return what :func:`pack_view` packed: amplitudes to 0.05 %, samples to 1.5e-5 of the largest."""
+    ends = np.cumsum(header["sizes"])
+    parts = (blob[end - size : end] for end, size in zip(ends, header["sizes"], strict=True))
+    fine, highest, waveform = (
+        np.frombuffer(part, dtype=kind).astype(np.float64) * scale
+        for part, kind, scale in zip(parts, ("<f2", "<f2", "<i2"), header["scales"], strict=True)
+    )
+    spectra = RawSpectra(header["resolution"], fine, header["width"], highest)
+    return BlockView(header["rate"], header["samples"], spectra, waveform)
 
 
 def read_kurtogram(

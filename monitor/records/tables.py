@@ -121,6 +121,9 @@ def migrate_tables(connection: sqlite3.Connection, found: int) -> None:
 
 
 def add_unversioned(connection: sqlite3.Connection) -> None:
-    """Make the tables outside the versions where they are missing."""
+    """Make the tables outside the versions, and their later columns, where they are missing."""
     for statement in _UNVERSIONED.split(";"):
         connection.execute(statement)
+    columns = {name for _, name, *_ in connection.execute("PRAGMA table_info(spectra)")}
+    if "view" not in columns:
+        connection.execute("ALTER TABLE spectra ADD COLUMN view BLOB")

@@ -15,13 +15,11 @@ from monitor.config.source import ChannelSection
 from monitor.config.stages import method_or_best
 from monitor.health.quality import FLAGS, REJECTIONS
 from monitor.health.spectrum.features import fundamentals
-from monitor.health.waterfall import SpectrumRow
 from monitor.records.database import StoreError
 from monitor.records.packing import columns_of, numbers_of, places_of
 from monitor.records.rollup import SeriesKey
-from monitor.records.spectra import binned, kept_blocks, read_kurtogram, read_spectra
 from monitor.records.trends import TrendTable, read_trends
-from monitor.web.answers import Query, RequestError, numbers, optional_number, times, whole_number, without_folders
+from monitor.web.answers import Query, numbers, optional_number, times, whole_number, without_folders
 from monitor.web.machines import Machine, Machines
 from monitor.words.features import FEATURES, TRENDS
 from monitor.words.statuses import DAEMON
@@ -30,7 +28,6 @@ from monitor.words.zones import machine_class
 MAX_POINTS = 5000
 _POINTS = 1000
 _MARKS = ("t_fs", "t_fs_known", "t_eol", "t_fs_block", "speed", "load")
-_BINS = 300
 _RECENT = 200
 _MAX_STATUS_AGE_S = 15.0
 
@@ -209,82 +206,6 @@ def _counted(table: TrendTable, statuses: tuple[str, ...]) -> list[int]:
         if status in table.counts:
             total = total + table.counts[status]
     return total.tolist()
-
-
-def spectrum(machine: Machine, channel: str, query: Query) -> dict[str, Any]:
-    """Return the spectrum of one block, by default the newest, and the blocks with a spectrum; 404 without one."""
-    section = machine.channel(channel)
-    block = whole_number(query, "block", 0, 0, 2**62)
-    found = read_spectra(machine.store, channel, source=section.source, at=block or None, newest=1)
-    if not found:
-        raise RequestError(404, "no spectrum is kept of this block" if block else "no spectrum is kept yet")
-    row = found[0]
-    factor = _in_g(row)
-    return {
-        "block": row.sequence,
-        "time_s": row.time,
-        "resolution_hz": row.resolution,
-        "band_hz": list(row.band),
-        "speed_hz": row.speed,
-        "mean_g": row.mean * factor,
-        "unit": "g" if row.absolute else "unknown",
-        "amplitude_g": numbers(row.amplitude * factor, 4),
-        "lines_hz": dict(row.lines),
-        "blocks": [number for number, _ in kept_blocks(machine.store, channel, source=section.source)],
-    }
-
-
-def kurtogram(machine: Machine, channel: str, query: Query) -> dict[str, Any]:
-    """Return the latest kurtogram, of a block or before it; 404 without one."""
-    section = machine.channel(channel)
-    block = whole_number(query, "block", 0, 0, 2**62)
-    row = read_kurtogram(machine.store, channel, source=section.source, until=block or None)
-    if row is None or row.kurtogram is None:
-        raise RequestError(404, "no kurtogram is kept yet")
-    found = row.kurtogram
-    best = found.best()
-    return {
-        "block": row.sequence,
-        "time_s": row.time,
-        "nyquist_hz": found.nyquist,
-        "kurtosis": [list(level) for level in found.levels],
-        "noise": numbers(np.array([found.noise_limit(level) for level in range(len(found.levels))])),
-        "band_hz": list(row.band),
-        "best_hz": None if best is None else list(found.band(*best)),
-    }
-
-
-def waterfall(machine: Machine, channel: str, query: Query) -> dict[str, Any]:
-    """Return all spectra over common bins: the highest amplitude in each."""
-    section = machine.channel(channel)
-    bins = whole_number(query, "bins", _BINS, 10, 2000)
-    highest = optional_number(query, "to_hz")
-    if highest is not None and highest <= 0.0:
-        raise RequestError(400, "to_hz must be above 0")
-    rows = read_spectra(machine.store, channel, source=section.source)
-    # One scale for all: a sensor whose unit became known begins anew.
-    rows = [row for row in rows if row.absolute == rows[-1].absolute and row.amplitude.size]
-    if not rows:
-        return {"unit": "g", "time_s": [], "blocks": [], "frequency_hz": [], "amplitude_g": []}
-    frequency, amplitude = binned(rows, bins, highest)
-    return {
-        "unit": "g" if rows[-1].absolute else "unknown",
-        "time_s": [row.time for row in rows],
-        "blocks": [row.sequence for row in rows],
-        "frequency_hz": numbers(np.asarray(frequency)),
-        "amplitude_g": [numbers(line * _in_g(rows[-1]), 4) for line in np.asarray(amplitude)],
-    }
-
-
-def newest_block(machine: Machine, channel: str) -> int | None:
-    """Return the number of the newest block of which a spectrum is kept, or None."""
-    section = machine.channel(channel)
-    found = read_spectra(machine.store, channel, source=section.source, newest=1)
-    return found[-1].sequence if found else None
-
-
-def _in_g(row: SpectrumRow) -> float:
-    return FEATURES["rms"].of_si(absolute=row.absolute)
 
 
 def is_dated(machine: Machine, source: str) -> bool | None:

@@ -26,7 +26,7 @@ from starlette.types import ASGIApp, Receive, Scope, Send
 
 from monitor.records.database import StoreError
 from monitor.records.filing import published_name
-from monitor.web import api, event_view, map_view
+from monitor.web import api, event_view, map_view, spectra_view
 from monitor.web.answers import Answer, Query, RequestError, answer_of, json_answer, without_folders
 from monitor.web.auth import Doorkeeper
 from monitor.web.machines import Machine, Machines
@@ -219,9 +219,11 @@ def _api_routes(site: Site) -> list[Route]:
         of_channel(channel, lambda machine, name, _: api.channel(machine, name)),
         of_channel("/api/machines/{machine}/channels/{channel}", lambda machine, name, _: api.channel(machine, name)),
         of_channel(f"{channel}/records", api.records),
-        of_channel(f"{channel}/spectrum", api.spectrum),
-        of_channel(f"{channel}/waterfall", api.waterfall),
-        of_channel(f"{channel}/kurtogram", api.kurtogram),
+        of_channel(f"{channel}/spectrum", spectra_view.spectrum),
+        of_channel(f"{channel}/raw", spectra_view.raw_spectrum),
+        of_channel(f"{channel}/waveform", spectra_view.waveform),
+        of_channel(f"{channel}/waterfall", spectra_view.waterfall),
+        of_channel(f"{channel}/kurtogram", spectra_view.kurtogram),
         of_channel(f"{channel}/map", lambda machine, name, _: map_view.map_of(machine, name)),
         route("/api/events", lambda request: event_view.events(site.machines, request.query_params)),
         route("/api/records", lambda _: published_files(site.machines)),

@@ -14,9 +14,10 @@ from typing import Any
 from monitor.records.database import StoreError
 from monitor.records.rollup import ENTRY_QUERY, BlockEntry, read_points
 from monitor.records.trends import TrendTable
-from monitor.web.api import columns, is_dated, newest_block
+from monitor.web.api import columns, is_dated
 from monitor.web.event_view import marker, unacknowledged
 from monitor.web.machines import Machine, Machines
+from monitor.web.spectra_view import newest_block
 
 _LOG = logging.getLogger(__name__)
 _POLL_S = 0.5

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from monitor.health.spectrum.average import RecentSpectra
+from monitor.health.spectrum.block_view import RawSpectra
 from monitor.health.spectrum.comb import LineSpectrum, beside_shaft, line_spectrum, over_shaft
 from monitor.health.spectrum.family import FaultLines
 from monitor.health.spectrum.floor import MIN_FLOOR_BINS
@@ -50,12 +51,7 @@ from monitor.health.spectrum.shaft import (
     measurable,
     measure_shaft,
 )
-from monitor.health.spectrum.transform import (
-    AmplitudeSpectrum,
-    Band,
-    EnvelopeSpectrum,
-    get_transform,
-)
+from monitor.health.spectrum.transform import AmplitudeSpectrum, Band, EnvelopeSpectrum, get_transform
 from monitor.health.spectrum.velocity import Velocity
 
 _DEEP = 0.75
@@ -69,8 +65,8 @@ class BlockFeatures:
     """The features of one block, SI units.
 
     Attributes:
-        velocity: from 10 to 1000 Hz, as if samples were in m/s2.
-        n_used: samples used in the spectra (the end is cut to a fast length); the indicators use all.
+        velocity: as of samples in m/s2.
+        n_used: samples used in the spectra (cut to a fast length); the indicators use all.
         rms: root mean square in the RMS band without the mean, m/s2.
         indicators: the time-domain indicators, full bandwidth.
         bpfo_amplitude: (6,) BPFO harmonics of the raw spectrum, m/s2; 0 where ``bpfo_resolved`` is False.
@@ -87,6 +83,7 @@ class BlockFeatures:
         speed_factor: that speed over the stated one; where it was not found, that of the detected family that stands
             highest above its threshold, or None where none is detected.
         sought_at: settings at that speed, by which they were.
+        view: raw spectrum to be looked at, where it is asked for.
         values: what each of ``FUNCTIONS`` gives, by name.
     """
 
@@ -106,6 +103,7 @@ class BlockFeatures:
     shaft: ShaftSpeed | None
     speed_factor: float | None
     sought_at: FeatureSettings
+    view: RawSpectra | None = None
     values: Mapping[str, Value] = field(default_factory=dict[str, Value])
 
 
@@ -187,7 +185,7 @@ def block_features(
     )
     span = sample_range(x, span)
     indicators = time_indicators(x, span)
-    spectra = transform(x, span, settings.interference)
+    spectra = transform(x, span, settings.interference, view=settings.view)
     relative = tuple(_relative(envelope, settings) for envelope in spectra.envelopes)
     averages = settings.average_blocks > 1
     recent = (recent or RecentSpectra()).add(relative, settings.average_blocks) if averages else RecentSpectra()
@@ -223,6 +221,7 @@ def block_features(
         shaft=shaft,
         speed_factor=_speed_factor(settings, at, shaft, _leader(families, FAULTS)),
         sought_at=at,
+        view=spectra.view,
     )
     return replace(found, values={name: function(x, found) for name, function in FUNCTIONS.items()})
 
@@ -365,10 +364,9 @@ def _own_lines(
 def _raw_lines(
     raw: AmplitudeSpectrum, found: FaultLines | None, settings: FeatureSettings
 ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-    """Return the BPFO harmonics of the raw spectrum, at the speed of the envelope or the best one, 0 where not shown.
+    """Return the BPFO harmonics of the raw spectrum, (6,), 0 where not shown, and whether the RMS band shows them.
 
-    Returns:
-        Amplitude, and whether the spectrum shows the line inside the RMS band, both (6,).
+    They are at the speed of the envelope or the best one.
     """
     nominal, search = _nominal(settings, "outer", found), settings.searches.get("outer")
     if found is not None:

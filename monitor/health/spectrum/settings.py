@@ -47,6 +47,7 @@ class FeatureSettings:
         searches: range of each family whose nominal frequency is an estimate; the others have ``search``.
         slip: range of each family at a known speed.
         interference: combs that are removed before the envelopes, at the stated speed of the block.
+        view: whether the raw spectrum is kept to be looked at.
         precision: arithmetic of the transforms.
         effort: planning of the transforms; "estimate" gives the same bits everywhere and every time.
     """
@@ -63,6 +64,7 @@ class FeatureSettings:
     searches: Mapping[str, FamilySearch] = field(default_factory=dict[str, FamilySearch])
     slip: Mapping[str, FamilySearch] = field(default_factory=slip_searches)
     interference: tuple[Comb, ...] = ()
+    view: bool = False
     precision: Precision = "float32"
     effort: Effort = "estimate"
 

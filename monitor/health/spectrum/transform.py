@@ -17,6 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from monitor.health.spectrum.block_view import RawSpectra, raw_spectra
 from monitor.health.spectrum.indicators import MIN_RANGE, sample_range
 from monitor.health.spectrum.interference import Comb, remove_lines
 from monitor.health.spectrum.plans import Effort, FftPlan, Precision, envelope_length, planning, previous_smooth
@@ -81,6 +82,7 @@ class BlockSpectra:
         raw: spectrum of the signal up to ``raw_limit``.
         envelopes: one per band.
         velocity: RMS of the velocity from 10 to 1000 Hz.
+        view: raw spectrum to be looked at, where it is asked for.
     """
 
     n_used: int
@@ -90,6 +92,7 @@ class BlockSpectra:
     raw: AmplitudeSpectrum
     envelopes: tuple[EnvelopeSpectrum, ...]
     velocity: Velocity
+    view: RawSpectra | None = None
 
 
 def fast_length(n_samples: int) -> int:
@@ -213,7 +216,12 @@ class BlockTransform:
                 self._envelope_plans.append(plans[length])
 
     def __call__(
-        self, x: NDArray[np.number], span: tuple[float, float] | None = None, interference: Sequence[Comb] = ()
+        self,
+        x: NDArray[np.number],
+        span: tuple[float, float] | None = None,
+        interference: Sequence[Comb] = (),
+        *,
+        view: bool = False,
     ) -> BlockSpectra:
         """Return the spectra of one block.
 
@@ -221,6 +229,7 @@ class BlockTransform:
             x: (n_samples,), any real type.
             span: what ``sample_range`` gives for x, where that is known.
             interference: combs that are removed before the envelopes; raw spectrum and RMS keep them.
+            view: whether the spectrum to be looked at is asked for.
 
         Raises:
             ValueError: another shape, or a sample that is not finite or beyond 1e30.
@@ -234,6 +243,7 @@ class BlockTransform:
         raw = self._raw_amplitude(spectrum)
         band_rms = None if self._rms_bins is None else _rms(spectrum, self._rms_bins, self.n_used) / scale
         velocity = velocity_of(spectrum, self.n_used, self.rate, scale)
+        seen = raw_spectra(spectrum, self.n_used, self.rate, scale) if view else None
         if interference:
             low, high = min(low for low, _ in self.bands), max(high for _, high in self.bands)
             remove_lines(spectrum, self.resolution, interference, low, high)
@@ -254,6 +264,7 @@ class BlockTransform:
             raw=AmplitudeSpectrum(self.resolution, raw),
             envelopes=tuple(envelopes),
             velocity=velocity,
+            view=seen,
         )
 
     def _load(self, x: NDArray[np.number], span: tuple[float, float]) -> tuple[float, float]:

@@ -97,7 +97,7 @@ def test_a_damaged_store_keeps_its_condensed_blocks_and_their_trends(filled: Sto
     condense_all(filled)
     before = trends(filled, points=50)
     with filled.transaction() as connection:
-        connection.execute("INSERT INTO spectra VALUES ('s', 'x', 7, 1.0, 1, '{}', x'')")
+        connection.execute("INSERT INTO spectra VALUES ('s', 'x', 7, 1.0, 1, '{}', x'', NULL)")
     (root,) = filled.rows("SELECT rootpage FROM sqlite_master WHERE name = 'digests'")[0]
     filled.close()
     with filled.path.open("r+b") as file:

@@ -17,7 +17,7 @@ from models.maps.file import save_map
 from models.maps.plan import MapPlan
 from monitor.config.load import load_config
 from monitor.records.events import EventLog
-from monitor.records.spectra import read_spectra
+from monitor.records.spectra import read_block_view, read_spectra
 from monitor.records.store import Store
 from monitor.web.machines import Machine, Status
 from monitor.web.map_view import map_of
@@ -144,6 +144,23 @@ def test_spectra_and_waterfall_are_those_of_the_store(watched: Watched) -> None:
     assert len(water["amplitude_g"]) == len(rows)
     assert len(water["frequency_hz"]) == 10
     assert max(water["amplitude_g"][0]) == pytest.approx(rows[0].amplitude.max() / G, rel=1e-3)
+
+
+def test_raw_spectra_and_waveforms_are_those_of_the_store(watched: Watched) -> None:
+    row = read_block_view(watched.config.parent / "state" / "state.db", "x0")
+    assert row is not None
+    assert row.view is not None
+    raw, wave = (watched.page.get(f"/api/channels/m/x0/{part}") for part in ("raw", "waveform"))
+    for found in (raw, wave):
+        assert (found["block"], found["unit"], found["lines_hz"]) == (row.sequence, "g", dict(row.lines))
+        assert (found["rate_hz"], found["samples"]) == (row.view.rate, row.view.samples)
+        assert found["blocks"][-1] == row.sequence
+    assert raw["amplitude_g"] == pytest.approx(list(row.view.spectra.amplitude / G), rel=1e-3)
+    assert raw["highest_g"] == pytest.approx(list(row.view.spectra.highest / G), rel=1e-3)
+    assert wave["waveform_g"] == pytest.approx(list(row.view.waveform / G), rel=1e-3, abs=1e-6)
+    assert watched.page.get(f"/api/channels/m/x0/raw?block={raw['blocks'][0]}")["block"] == raw["blocks"][0]
+    for part in ("raw", "waveform"):
+        assert watched.page.ask(f"/api/channels/m/x0/{part}?block=9999").status == 404
 
 
 def test_the_kurtogram_is_the_latest_that_is_kept(watched: Watched) -> None:

@@ -1,0 +1,151 @@
+"""Answers of the HTTP API about spectra and waveforms of single blocks; called in threads."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from monitor.health.spectrum.block_view import BlockView
+from monitor.health.spectrum.coincidence import shared_lines
+from monitor.health.waterfall import SpectrumRow
+from monitor.records.spectra import (
+    binned,
+    kept_blocks,
+    read_block_view,
+    read_kurtogram,
+    read_spectra,
+    viewed_blocks,
+)
+from monitor.web.answers import Query, RequestError, numbers, optional_number, whole_number
+from monitor.web.machines import Machine
+from monitor.words.features import FEATURES
+
+_BINS = 300
+
+
+def spectrum(machine: Machine, channel: str, query: Query) -> dict[str, Any]:
+    """Return the spectrum of one block, by default the newest, and the blocks with a spectrum; 404 without one."""
+    section = machine.channel(channel)
+    block = whole_number(query, "block", 0, 0, 2**62)
+    found = read_spectra(machine.store, channel, source=section.source, at=block or None, newest=1)
+    if not found:
+        raise RequestError(404, "no spectrum is kept of this block" if block else "no spectrum is kept yet")
+    row = found[0]
+    factor = _in_g(row)
+    return {
+        "block": row.sequence,
+        "time_s": row.time,
+        "resolution_hz": row.resolution,
+        "band_hz": list(row.band),
+        "speed_hz": row.speed,
+        "mean_g": row.mean * factor,
+        "unit": "g" if row.absolute else "unknown",
+        "amplitude_g": numbers(row.amplitude * factor, 4),
+        "lines_hz": dict(row.lines),
+        "shared_lines": _shared(row, row.resolution),
+        "blocks": [number for number, _ in kept_blocks(machine.store, channel, source=section.source)],
+    }
+
+
+def raw_spectrum(machine: Machine, channel: str, query: Query) -> dict[str, Any]:
+    """Return the raw spectrum of one block, by default the newest with one; 404 without one."""
+    row, view = _view(machine, channel, query)
+    factor, spectra = _in_g(row), view.spectra
+    return {
+        **_about(row, view),
+        "resolution_hz": spectra.resolution,
+        "amplitude_g": numbers(spectra.amplitude * factor, 4),
+        "width_hz": spectra.width,
+        "highest_g": numbers(spectra.highest * factor, 4),
+        "shared_lines": _shared(row, spectra.resolution),
+        "blocks": viewed_blocks(machine.store, channel, source=row.source),
+    }
+
+
+def waveform(machine: Machine, channel: str, query: Query) -> dict[str, Any]:
+    """Return the beginning of the waveform of one block, by default the newest with one; 404 without one."""
+    row, view = _view(machine, channel, query)
+    return {
+        **_about(row, view),
+        "waveform_g": numbers(view.waveform * _in_g(row), 5),
+        "blocks": viewed_blocks(machine.store, channel, source=row.source),
+    }
+
+
+def _view(machine: Machine, channel: str, query: Query) -> tuple[SpectrumRow, BlockView]:
+    section = machine.channel(channel)
+    block = whole_number(query, "block", 0, 0, 2**62)
+    row = read_block_view(machine.store, channel, source=section.source, at=block or None)
+    if row is None or row.view is None:
+        raise RequestError(404, "nothing is kept of the samples of this block" if block else "no samples are kept yet")
+    return row, row.view
+
+
+def _about(row: SpectrumRow, view: BlockView) -> dict[str, Any]:
+    return {
+        "block": row.sequence,
+        "time_s": row.time,
+        "rate_hz": view.rate,
+        "samples": view.samples,
+        "unit": "g" if row.absolute else "unknown",
+        "speed_hz": row.speed,
+        "lines_hz": dict(row.lines),
+    }
+
+
+def _shared(row: SpectrumRow, resolution: float) -> list[list[list[str | int]]]:
+    return [[list(line) for line in group] for group in shared_lines(row.lines, resolution)]
+
+
+def kurtogram(machine: Machine, channel: str, query: Query) -> dict[str, Any]:
+    """Return the latest kurtogram, of a block or before it; 404 without one."""
+    section = machine.channel(channel)
+    block = whole_number(query, "block", 0, 0, 2**62)
+    row = read_kurtogram(machine.store, channel, source=section.source, until=block or None)
+    if row is None or row.kurtogram is None:
+        raise RequestError(404, "no kurtogram is kept yet")
+    found = row.kurtogram
+    best = found.best()
+    return {
+        "block": row.sequence,
+        "time_s": row.time,
+        "nyquist_hz": found.nyquist,
+        "kurtosis": [list(level) for level in found.levels],
+        "noise": numbers(np.array([found.noise_limit(level) for level in range(len(found.levels))])),
+        "band_hz": list(row.band),
+        "best_hz": None if best is None else list(found.band(*best)),
+    }
+
+
+def waterfall(machine: Machine, channel: str, query: Query) -> dict[str, Any]:
+    """Return all spectra over common bins: the highest amplitude in each."""
+    section = machine.channel(channel)
+    bins = whole_number(query, "bins", _BINS, 10, 2000)
+    highest = optional_number(query, "to_hz")
+    if highest is not None and highest <= 0.0:
+        raise RequestError(400, "to_hz must be above 0")
+    rows = read_spectra(machine.store, channel, source=section.source)
+    # One scale for all: a sensor whose unit became known begins anew.
+    rows = [row for row in rows if row.absolute == rows[-1].absolute and row.amplitude.size]
+    if not rows:
+        return {"unit": "g", "time_s": [], "blocks": [], "frequency_hz": [], "amplitude_g": []}
+    frequency, amplitude = binned(rows, bins, highest)
+    return {
+        "unit": "g" if rows[-1].absolute else "unknown",
+        "time_s": [row.time for row in rows],
+        "blocks": [row.sequence for row in rows],
+        "frequency_hz": numbers(np.asarray(frequency)),
+        "amplitude_g": [numbers(line * _in_g(rows[-1]), 4) for line in np.asarray(amplitude)],
+    }
+
+
+def newest_block(machine: Machine, channel: str) -> int | None:
+    """Return the number of the newest block of which a spectrum is kept, or None."""
+    section = machine.channel(channel)
+    found = read_spectra(machine.store, channel, source=section.source, newest=1)
+    return found[-1].sequence if found else None
+
+
+def _in_g(row: SpectrumRow) -> float:
+    return FEATURES["rms"].of_si(absolute=row.absolute)
