@@ -65,6 +65,8 @@ _STIFFER = 1.5
 # Steps of equal angle are taken for the lowest speed, less what the shaft oscillates.
 _LOWEST = 0.999
 _SETTLE_CONSTANTS = 7.0
+_BUILD_UP_CONSTANTS = 2.0
+"""Time constants of the couplings' mode after which the error of the steps is looked at."""
 _SETTLE_MOST = 2.0
 _SAME_CAGE = 1e-9
 # Time of a step, s: of the modes, and of each ball.
@@ -135,6 +137,7 @@ def solve(scene: Scene, request: Request) -> Response:
         block=1.0 / _block_rate(scene, assembly),
         settle=settle,
         repeats=_repeats(scene, assembly),
+        build_up=_build_up(scene),
     )
     return answer(motion, request, longest_step(scene, plan))
 
@@ -205,18 +208,28 @@ def _block_rate(scene: Scene, assembly: Assembly) -> float:
 def settling(scene: Scene) -> float:
     """Return the time to drop at the beginning, s: of the governor, and of the couplings' mode."""
     rig = scene.rig_as(AngularRig)
-    slowest = min(
-        GOVERNOR_RATIO * 2.0 * math.pi * rig.governor * scene.speed,
-        rig.damping * math.sqrt(rig.coupling / rig.end_inertia),
-    )
+    slowest = min(GOVERNOR_RATIO * 2.0 * math.pi * rig.governor * scene.speed, _ringing(scene))
     return min(_SETTLE_CONSTANTS / slowest, _SETTLE_MOST)
+
+
+def _build_up(scene: Scene) -> float:
+    """Return the time after which the modes have gathered most of the error of the steps, s."""
+    return _BUILD_UP_CONSTANTS / _ringing(scene)
+
+
+def _ringing(scene: Scene) -> float:
+    """Return the rate at which the couplings' mode, the slowest of those that ring, dies away, 1/s."""
+    rig = scene.rig_as(AngularRig)
+    return rig.damping * math.sqrt(rig.coupling / rig.end_inertia)
 
 
 def _cost(scene: Scene, request: Request) -> float:
     balls = scene.bearing.n_elements + (scene.second_bearing or scene.bearing).n_elements
     step = min(_STABLE / (4.0 * math.pi * scene.rig_as(AngularRig).mode_limit), 0.5 / request.rate)
     seconds = _SECONDS_A_STEP + _SECONDS_A_BALL * balls
-    return seconds * (1.0 + 3.0 * LOOKED_AT) * (request.duration + settling(scene)) / step
+    whole = request.duration + settling(scene)
+    looked_at = min(whole, LOOKED_AT * whole + _build_up(scene))
+    return seconds * (whole + 3.0 * looked_at) / step
 
 
 SOLVER = Solver(

@@ -3,8 +3,9 @@
 A model gives a ``Motion``: the accelerations of its sensors from the beginning, with any number of steps a sample. The
 first sensor is the one whose errors are stated.
 
-Error of the steps: a span from the beginning is simulated again with half the steps; the estimate is that of
-``models.kernels.settled`` for one halving, over the settled RMS where that is fainter. Where an accuracy is asked for,
+Error of the steps: a span is simulated again with half the steps; the estimate is that of ``models.kernels.settled``
+for one halving, over the settled RMS where that is fainter. The span is at the beginning, or after the time that modes
+need to ring with the error (``Motion.build_up``). Where an accuracy is asked for,
 steps are halved until it is met together with the standard error of the mean, or until halving no longer helps, as
 where the motion is chaotic.
 """
@@ -79,6 +80,8 @@ class Motion:
         settle: time that is simulated before and dropped, s.
         repeats: whether nothing but the passages of the balls drives the motion.
         passages: rate at which balls pass the defect, Hz, whose lines a request may ask for; None is BPFO.
+        build_up: time from the beginning, s, before which the error of the steps is not looked at: modes that ring
+            have not gathered theirs yet.
     """
 
     from_rest: FromRest
@@ -90,6 +93,7 @@ class Motion:
     settle: float
     repeats: bool
     passages: float | None = None
+    build_up: float = 0.0
 
     def led_by(self, sensor: Sensor | None) -> Motion:
         """Return the motion with a sensor as the first, None for the first as it is."""
@@ -217,14 +221,16 @@ class _Run:
     def look(self, oversampling: int, accuracy: float | None) -> tuple[int, _StepError]:
         """Return steps a sample that meet an accuracy, or those given where it is None, and the error they leave."""
         from_rest = self.motion.from_rest
-        whole = self.settled + self.samples
-        span = min(whole, math.ceil(max(LOOKED_AT * whole, _BLOCKS_LOOKED_AT * self.motion.block * self.rate)))
+        whole, skipped = self.settled + self.samples, math.ceil(self.motion.build_up * self.rate)
+        looked_at = math.ceil(max(LOOKED_AT * whole, _BLOCKS_LOOKED_AT * self.motion.block * self.rate))
+        span = min(whole, skipped + looked_at)
+        begin = span - min(span, looked_at)
         wave, _ = from_rest(span * oversampling, oversampling)
         finer, _ = from_rest(2 * span * oversampling, 2 * oversampling)
-        error = _step_error(wave, finer, oversampling, self.motion, self._request)
+        error = _step_error(wave, finer, oversampling, begin, self.motion, self._request)
         while accuracy is not None and error.of(self._request) > accuracy and self.fits(2 * oversampling):
             wave, (finer, _) = finer, from_rest(4 * span * oversampling, 4 * oversampling)
-            better = _step_error(wave, finer, 2 * oversampling, self.motion, self._request)
+            better = _step_error(wave, finer, 2 * oversampling, begin, self.motion, self._request)
             if not better.wave < _HELPS * error.wave:
                 break
             oversampling, error = 2 * oversampling, better
@@ -236,13 +242,19 @@ def _rms(signal: NDArray[np.float64]) -> float:
 
 
 def _step_error(
-    wave: NDArray[np.float64], finer: NDArray[np.float64], oversampling: int, motion: Motion, request: Request
+    wave: NDArray[np.float64],
+    finer: NDArray[np.float64],
+    oversampling: int,
+    begin: int,
+    motion: Motion,
+    request: Request,
 ) -> _StepError:
-    """Return the errors of the first sensor's waveform from one with half the steps.
+    """Return the errors of the first sensor's waveform from one with half the steps, both from a sample on.
 
     That of the waveform is of the sampled signal: where the force jumps between steps, it is larger than at the steps.
     So is that of the RMS in a band.
     """
+    wave, finer = wave[begin * oversampling :], finer[2 * begin * oversampling :]
     coarse, fine = wave[:, 0], finer[::2, 0]
     level = _rms(fine)
     if not math.isfinite(level):
