@@ -8,7 +8,8 @@ well a name is supported is always a matter of the recent blocks: lines that spr
 the verdict stays.
 
 A name also stays until another has half as much evidence again, so that it does not change from block to block. All
-follows from the values of records: a restart, a replay and a report over the same records say the same.
+follows from the values of records: a restart, a replay and a report over the same records say the same. A verdict that
+has held and gives way to another part is an event (``monitor/health/held.py``).
 
 A level that rose may come from a neighbour. Where a bearing has an onset and no part is named in it, while a verdict
 names a part of another whose level has risen by twice the power and more, in most blocks, the onset is said to be
@@ -21,10 +22,12 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
+from monitor.health.detect import DetectSettings
+from monitor.health.held import HeldName
 from monitor.health.schema import FAULTS, HINT, VERDICT
 from monitor.health.voice import SILENCE, Ballot, Heard, Voice, louder_bearings, parts_of
 
-MACHINE_STATE_VERSION = 2
+MACHINE_STATE_VERSION = 3
 _ENTER = {HINT: 0.5, VERDICT: 0.1}
 _HOLD = {HINT: 0.25, VERDICT: 0.0}
 """Share of the recent evidence, silence included, that names a part at all: to begin to name one, and to go on."""
@@ -39,10 +42,11 @@ seconds, beside one of another source."""
 
 @dataclass(frozen=True)
 class MachineState:
-    """What the channels of one source said, and what is said of its bearings."""
+    """What the channels of one source said, and what is said of its bearings: by block, and held."""
 
     voices: Mapping[str, Voice] = field(default_factory=dict[str, Voice])
     named: Mapping[str, str] = field(default_factory=dict[str, str])
+    held: Mapping[str, HeldName] = field(default_factory=dict[str, HeldName])
     version: int = MACHINE_STATE_VERSION
 
     def to_dict(self) -> dict[str, Any]:
@@ -50,13 +54,14 @@ class MachineState:
         return {
             "voices": {name: voice.to_dict() for name, voice in self.voices.items()},
             "named": dict(self.named),
+            "held": {name: held.to_dict() for name, held in self.held.items()},
             "version": self.version,
         }
 
     @classmethod
     def from_dict(cls, stored: Mapping[str, Any]) -> MachineState:
-        """Return the state that :meth:`to_dict` gave, or version 1; raise ValueError for another version."""
-        if stored.get("version") not in (1, MACHINE_STATE_VERSION):
+        """Return the state that :meth:`to_dict` gave, or version 1 or 2; raise ValueError for another version."""
+        if stored.get("version") not in (1, 2, MACHINE_STATE_VERSION):
             raise ValueError(f"machine state: version {MACHINE_STATE_VERSION} expected, got {stored.get('version')!r}")
         voices = {
             name: Voice(
@@ -68,7 +73,8 @@ class MachineState:
             )
             for name, voice in stored["voices"].items()
         }
-        return cls(voices, stored["named"])
+        held = {name: HeldName.from_dict(values) for name, values in stored.get("held", {}).items()}
+        return cls(voices, stored["named"], held)
 
 
 @dataclass(frozen=True)
@@ -83,6 +89,7 @@ class BearingVerdict:
         disagreement: by channel, the name of those that name another part.
         channels: that listen to it.
         level_of: the bearing with whose damage the level has risen, where an onset shows no part of its own.
+        replaced: the part of the verdict that held before and gave way with this block.
     """
 
     fault: str | None = None
@@ -91,6 +98,7 @@ class BearingVerdict:
     disagreement: Mapping[str, str] = field(default_factory=dict[str, str])
     channels: tuple[str, ...] = ()
     level_of: str | None = None
+    replaced: str | None = None
 
     def to_dict(self) -> dict[str, Any]:
         """Return the keys of the interface."""
@@ -105,11 +113,17 @@ class BearingVerdict:
 
 
 def step(
-    state: MachineState, heard: Mapping[str, Heard], bearings: Mapping[str, Sequence[str]]
+    state: MachineState,
+    heard: Mapping[str, Heard],
+    bearings: Mapping[str, Sequence[str]],
+    persist_blocks: int = DetectSettings.persist_blocks,
 ) -> tuple[MachineState, dict[str, BearingVerdict]]:
-    """Take one block of a source; ``bearings`` are its channels by the bearing that they listen to.
+    """Take one block of a source.
 
-    A channel that is not in ``heard`` gave nothing usable.
+    Args:
+        heard: by channel; one that is not in it gave nothing usable.
+        bearings: channels of the source by the bearing that they listen to.
+        persist_blocks: usable blocks in a row after which the name of a verdict is held.
     """
     channels = [name for names in bearings.values() for name in names]
     louder = louder_bearings(heard, bearings)
@@ -118,7 +132,17 @@ def step(
     }
     said = weigh([replace(state, voices=voices)], bearings)
     named = {bearing: found.fault for bearing, found in said.items() if found.fault is not None}
-    return replace(state, voices=voices, named=named), said
+    held: dict[str, HeldName] = {}
+    for bearing, found in said.items():
+        final = [heard.get(name) for name in bearings[bearing] if voices[name].since_onset is not None]
+        if not final:
+            continue
+        held[bearing] = before = state.held.get(bearing, HeldName())
+        if any(one is not None and one.usable for one in final):
+            held[bearing] = before.after(found.fault if found.basis == VERDICT else None, persist_blocks)
+        if before.fault not in (None, held[bearing].fault):
+            said[bearing] = replace(found, replaced=before.fault)
+    return replace(state, voices=voices, named=named, held=held), said
 
 
 def weigh(

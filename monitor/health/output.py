@@ -22,6 +22,7 @@ from monitor.health.alarms import (
 from monitor.health.condition import Quantity
 from monitor.health.damage import Damage, Remaining
 from monitor.health.detect import LINES, DetectOutput, DetectState
+from monitor.health.machine import BearingVerdict
 from monitor.health.naming import Naming
 from monitor.health.quality import Verdict
 from monitor.health.record import plain
@@ -277,6 +278,23 @@ def baseline_events(channel: str, sequence: int, output: ChannelOutput) -> Event
         return []
     levels = {"rms_before_si": found.rms_before, "rms_after_si": found.rms_after}
     return [{"kind": "baseline_relearned", "channel": channel, "block": sequence, **levels}]
+
+
+def name_events(sequence: int, bearings: Mapping[str, BearingVerdict]) -> Events:
+    """Return the events of the bearings whose verdict names another part from this block on."""
+    return [
+        {
+            "kind": "fault_changed",
+            "channel": verdict.channels[0],
+            "block": sequence,
+            "bearing": bearing,
+            "from": verdict.replaced,
+            "to": verdict.fault,
+            "support": None if verdict.support is None else round(verdict.support, 4),
+        }
+        for bearing, verdict in bearings.items()
+        if verdict.replaced is not None
+    ]
 
 
 def release_events(

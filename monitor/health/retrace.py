@@ -104,7 +104,8 @@ def _retrace_one(state: SourceState, record: Record, settings: SourceSettings, a
             )
     state = replace(state, channels=channels, waterfalls=waterfalls)
     alarms, _ = alarm_step(state, record, verdicts, settings, _acknowledgements(record))
-    machine, _ = machine_step(state.machine, heard_in(record.channels, record.time), settings.bearings)
+    heard = heard_in(record.channels, record.time)
+    machine, _ = machine_step(state.machine, heard, settings.bearings, settings.persist_blocks)
     latest = record if record.channels else state.latest
     return replace(state, alarms=alarms, machine=machine, latest=latest)
 

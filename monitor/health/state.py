@@ -103,6 +103,11 @@ class SourceSettings:
         return channels_by_bearing(self.channels.values())
 
     @property
+    def persist_blocks(self) -> int:
+        """Blocks in a row that an onset needs, of the channel that needs most."""
+        return max((channel.detect.persist_blocks for channel in self.channels.values()), default=1)
+
+    @property
     def thresholds(self) -> tuple[float, ...]:
         """Thresholds of V_eq that the tracked channels are forecast to, m2; () where none is tracked."""
         tracked = (channel.damage for channel in self.channels.values())

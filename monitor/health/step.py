@@ -26,6 +26,7 @@ from monitor.health.output import (
     alarm_events,
     baseline_events,
     issued_forecasts,
+    name_events,
     record_values,
     release_events,
     spectrum_row,
@@ -110,11 +111,13 @@ def step(
         state, output = _analyse(replace(state, order=order), item, flags, settings, truth)
     verdicts = {name: channel.verdict for name, channel in output.channels.items()}
     alarms, events = alarm_step(state, output.record, verdicts, settings, acknowledgements)
+    heard = heard_in(output.record.channels, output.record.time)
+    machine, bearings = machine_step(state.machine, heard, settings.bearings, settings.persist_blocks)
+    events += name_events(output.record.sequence, bearings)
     record = output.record
     if events:
         record = replace(record, events=(*record.events, *events))
     latest = record if output.channels else state.latest
-    machine, bearings = machine_step(state.machine, heard_in(record.channels, record.time), settings.bearings)
     after = replace(state, alarms=alarms, machine=machine, latest=latest)
     return after, replace(output, record=record, bearings=bearings)
 

@@ -39,6 +39,7 @@ _MAX_EVENTS = 200
 _EVENT_NAMES = {
     "final_stage": "start of the final stage known",
     "final_stage_closed": "final stage closed again",
+    "fault_changed": "another part named",
     "baseline_relearned": "baseline learned anew",
     "end_of_life": "end of life reached",
     "alarm_raised": "alarm",

@@ -9,7 +9,7 @@ from datetime import UTC, datetime, timedelta
 from typing import Any
 
 from monitor.words.features import FEATURES, Feature
-from monitor.words.statuses import STATES
+from monitor.words.statuses import STATES, fault_words
 
 SEVERITIES = ("danger", "alert")
 """From the worst."""
@@ -47,6 +47,9 @@ def event_text(body: Mapping[str, Any], *, absolute: bool = True) -> str:
         text += f"baseline since block {body.get('quiet_since_block')}, and what was said of its damage is withdrawn"
     elif kind == "baseline_relearned":
         text = f"the baseline was learned anew, as the machine stayed well below it: {_relearned(body, absolute)}"
+    elif kind == "fault_changed":
+        before, after = (fault_words(str(body.get(key))) for key in ("from", "to"))
+        text = f"the verdict on {body.get('bearing')} names the {after} now, before the {before}"
     elif kind == "end_of_life":
         text = "the end of its life is reached"
     else:

@@ -234,7 +234,7 @@ def test_a_store_that_is_older_begins_with_the_names_of_its_channels() -> None:
     stored = {f"channel:s:{name}": state.to_dict() for name, state in channels.items()}
     found = weigh([SourceState.begin(settings, stored).machine], settings.bearings)["bearing"]
     assert (found.fault, found.basis, found.channels) == ("outer", "verdict", ("x", "y", "z"))
-    with pytest.raises(ValueError, match="machine state: version 2 expected, got 9"):
+    with pytest.raises(ValueError, match="machine state: version 3 expected, got 9"):
         SourceState.begin(settings, stored | {"machine:s": {"version": 9}})
 
 
