@@ -6,7 +6,7 @@ INTERPRETED := tests/contracts/test_models.py tests/models/test_response.py test
 BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 
-.PHONY: help setup demo test coverage check bench lock clean install-service uninstall-service
+.PHONY: help setup demo test coverage check site bench lock clean install-service uninstall-service
 
 help:
 	@echo "make demo   a simulated bearing wears out and is monitored; the report is in demo-out/report.html"
@@ -14,6 +14,7 @@ help:
 	@echo "make test   the test suite"
 	@echo "make coverage  the tests that start no process, and the share of lines that they run"
 	@echo "make check  lint, types and import rules"
+	@echo "make site   the documentation as pages in build/site; a wrong link is an error"
 	@echo "make bench  the benchmarks, short form"
 	@echo "make install-service    as root: a service for each configuration and the page, under systemd (docs/how-to/deployment.md)"
 	@echo "make uninstall-service  takes it away; configurations, state and records stay"
@@ -47,6 +48,9 @@ check: $(READY)
 	$(BIN)/basedpyright
 	$(BIN)/lint-imports
 
+site: $(READY)
+	$(BIN)/python -m sphinx --builder html --conf-dir docs/site --fail-on-warning --keep-going --quiet . build/site
+
 bench: $(READY)
 	$(BIN)/python -m benchmarks.features --quick
 
@@ -67,4 +71,4 @@ uninstall-service:
 	@$(PLACES) deploy/install.sh uninstall
 
 clean:
-	rm -rf $(VENV) .cache .coverage .pytest_cache .ruff_cache .hypothesis demo-out
+	rm -rf $(VENV) build .cache .coverage .pytest_cache .ruff_cache .hypothesis demo-out

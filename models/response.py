@@ -118,8 +118,9 @@ class Response:
             "not_converged" (unusable).
         rms_band: the band (lo, hi), Hz, to which RMS and peak refer, or None for the full bandwidth.
         coefficients: complex Fourier coefficients c_k of exp(2 pi i k bpfo t), k = 0..K, m/s2, shape
-            (sensors, K + 1). The amplitude of line k is 2 |c_k|. Where the motion does not repeat, their amplitudes are
-            those of the mean power and their phases those of the last period; over time, those of ``record``.
+            (sensors, K + 1). The amplitude of line k is twice that of c_k. Where the motion does not repeat, their
+            amplitudes are those of the mean power and their phases those of the last period; over time, those of
+            ``record``.
         record: the signal where the motion was simulated over time, else None.
         why: why this model and solver answered, or None where the scene names its model.
         sensors: of the rows of ``coefficients``.
