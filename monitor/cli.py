@@ -16,6 +16,7 @@ DONE, FAILED, WRONG = 0, 1, 2
 
 _COMMANDS = {
     "demo": ("demo:command", "Monitor a simulated bearing that wears out, and write a report."),
+    "init": ("init:command", "Look at files, ask what they do not state, write a configuration."),
     "run": ("run:command", "The daemon: follows the configured sources until it is stopped."),
     "page": ("run:page", "One page over all machines of a folder."),
     "status": ("run:status", "What the daemon of a machine is doing now."),

@@ -129,6 +129,13 @@ class Recording:
                 return self._loader.levels(item.read(), item.path)
         return {}
 
+    def ends(self) -> list[Loaded]:
+        """Load the first and the last file, one where there is no other or an archive has to be read in its order."""
+        if self._files.sequential:
+            return [self._load(item, facts) for facts, item in itertools.islice(self._known(), 1)]
+        known = sorted(self._known(), key=lambda pair: (pair[0].order, pair[1].path))
+        return [self._load(item, facts) for facts, item in (known if len(known) < 2 else (known[0], known[-1]))]
+
     def files(self) -> Backlog:
         """Return the counts of files: those that the latest iteration has not given are pending."""
         met, given = self._met_files(), self._given

@@ -121,7 +121,8 @@ def find_problems(config: Config) -> Iterator[str]:
             if channel.track:
                 yield f"{name}: track = true, but its unit is unknown: V_eq will answer no_absolute_level"
             yield f"{name}: its unit is unknown: no end of life by peak acceleration"
-    if config.operating.speed_hz is None:
+    operating = config.operating
+    if operating.speed_hz is None and operating.speed is None and operating.speed_channel is None:
         yield "operating.speed_hz is not given: only recordings that state their speed can be monitored"
     yield from taken_families(config)
     yield from _unlearned_levels(config)
@@ -339,6 +340,8 @@ def _dating_lines(found: DatingPreview) -> Iterator[str]:
     if found.file is None:
         yield f"  dates: {found.text}"
         return
+    for place, words in zip(("first", "last"), found.ends, strict=False):
+        yield f"  {place} file: {words}"
     when = found.time_utc or ("no date" if found.elapsed_s is None else f"{found.elapsed_s:g} s from the first block")
     yield f"  dates: {found.text}; {found.file}: {when}"
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
 from itertools import islice
@@ -18,6 +18,7 @@ from monitor.config.source import SourceSection
 
 if TYPE_CHECKING:
     from streams.dating import Dating
+    from streams.given import Loaded
 
 _MAX_OPENED = 100
 """Waiting files that ``check`` looks at."""
@@ -52,8 +53,8 @@ def command(source: str, config_path: Path | None, as_json: bool, quiet: bool) -
 class DatingPreview:
     """What would date the blocks of a watched folder: ``text`` in words, and the first block as an example.
 
-    ``levels`` says in words what states the level of each channel, ``choice`` is the choice as it would be kept, and
-    ``kept`` whether it is.
+    ``levels`` says in words what states the level of each channel, ``ends`` what the first and the last file hold,
+    ``choice`` is the choice as it would be kept, and ``kept`` whether it is.
     """
 
     by: str | None
@@ -63,6 +64,7 @@ class DatingPreview:
     elapsed_s: float | None = None
     problems: tuple[str, ...] = ()
     levels: Mapping[str, str] = field(default_factory=dict)
+    ends: tuple[str, ...] = ()
     choice: Dating | None = None
     kept: bool = False
 
@@ -104,6 +106,7 @@ def preview_dating(config: Config, section: SourceSection) -> DatingPreview | No
             return DatingPreview(None, "not known", problems=closed) if closed else None
         recording = Recording(spec, files, data_set_of(spec, files, spec.format), kept)
         levels, first, refused = recording.levels(), *_first_items(recording)
+        ends, doubtful = _looked_at(recording.ends(), config)
     except (SourceError, OSError) as error:
         return DatingPreview(None, "not known", problems=(f"nothing dates its blocks yet: {error}",))
     choice = recording.dating
@@ -113,13 +116,14 @@ def preview_dating(config: Config, section: SourceSection) -> DatingPreview | No
         choice = replace(choice, step=None)
     found = DatingPreview(
         *(by, text),
-        problems=(*closed, *recording.remarks),
+        problems=(*closed, *recording.remarks, *doubtful),
         levels=levels,
+        ends=ends,
         choice=choice,
         kept=kept is not None and kept.by is not None,
     )
     if first is None:
-        if refused is None:
+        if refused is None or any(refused.reason in problem for problem in found.problems):
             return found
         return replace(
             found, problems=(f"no block comes of its first files: {refused.status}: {refused.reason}", *found.problems)
@@ -153,6 +157,36 @@ def keep_previews(config: Config, previews: Mapping[str, DatingPreview]) -> dict
         for name, choice in todo.items():
             keep_dating(store, name, choice.to_dict())
     return {name: replace(found, kept=found.kept or name in todo) for name, found in previews.items()}
+
+
+def _looked_at(loaded: Sequence[Loaded], config: Config) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Return what files hold in words, and what is wrong or doubtful with them."""
+    from streams.plausible import doubts, level_of, of_one_g
+    from streams.samples import Samples
+    from streams.stamps import utc_text
+
+    words: list[str] = []
+    problems: list[str] = []
+    doubtful: dict[str, list[str]] = {}
+    channels = {channel.name: channel for channel in config.channel}
+    for file in loaded:
+        if not isinstance(file.result, Samples):
+            problems.append(f"would be rejected, {file.result.status}: {file.result}")
+            continue
+        samples, levels = file.result, []
+        for name, row in zip(samples.channels, samples.values, strict=True):
+            channel = channels.get(name)
+            if channel is None:
+                continue
+            level = level_of(row).times(channel.scale or 1.0)
+            one_g = of_one_g(channel.unit, channel.sensitivity_mv_per_g)
+            levels.append(f"{name} RMS " + (f"{level.rms:.3g}" if one_g is None else f"{level.rms / one_g:.3g} g"))
+            found = doubts(level, channel.unit, channel.sensitivity_mv_per_g)
+            doubtful.setdefault(name, [f"channel {name!r} of {file.name}: {text}" for text in found])
+        when = "no date" if samples.start is None else utc_text(samples.start)
+        length = samples.values.shape[1] / samples.known_rate
+        words.append(f"{file.name}: {samples.known_rate:g} Hz, {length:.4g} s, {when}, {', '.join(levels)}")
+    return tuple(words), (*problems, *(text for found in doubtful.values() for text in found))
 
 
 def _first_items(recording: Any) -> tuple[Any, Any]:

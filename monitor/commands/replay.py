@@ -43,7 +43,10 @@ def command(
     as_json: bool,
     quiet: bool,
 ) -> None:
-    """Replay a recording: PATH is a file, a folder, an archive or a source URL such as rig:ferrara?seed=1."""
+    """Replay a recording: PATH is a file, a folder, an archive or a source URL such as rig:ferrara?seed=1.
+
+    Exit code 1 where every block is rejected.
+    """
     from monitor.service.replay import replay
 
     config = read_config(config_path)
@@ -60,6 +63,13 @@ def command(
         page = write_report(result, out / "report.html", f"{config.machine.name}: {shown(Path(path or '').name)}")
         say(f"report: {page}", quiet=quiet)
     emit(result.summary, summary_lines(result.summary), as_json=as_json)
+    if is_all_rejected(result.summary):
+        click.get_current_context().exit(1)
+
+
+def is_all_rejected(summary: Mapping[str, Any]) -> bool:
+    """Return whether a replay has accepted nothing, although files were there that it had not met before."""
+    return not summary["accepted"] and any(status != "duplicate" for status in summary["rejected"])
 
 
 def write_report(result: Replay, out: Path, title: str, notes: tuple[str, ...] = ()) -> Path:

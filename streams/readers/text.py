@@ -175,6 +175,7 @@ class _Head:
     names: tuple[str, ...] | None = None
     units: tuple[str | None, ...] | None = None
     lines: int = 0
+    title: str = ""
 
 
 def read_layout(data: bytes, name: str, zone: str = "UTC") -> Samples:
@@ -198,6 +199,8 @@ def read_layout(data: bytes, name: str, zone: str = "UTC") -> Samples:
     width = len(samples.names)
     if head.names is not None and len(head.names) == width + 1 and plain_key(head.names[-1]) == "comment":
         head.names = head.names[:-1]
+    if head.title and head.names is not None and len(head.names) != width:
+        head.names = _titles_with_blanks(head.title, width) or head.names
     if head.names is not None and len(head.names) != width:
         raise ReaderError(
             "wrong_shape", f"{name}: {len(head.names)} names in the header, {width} columns in line {head.lines + 1}"
@@ -245,7 +248,7 @@ def _head(lines: list[str]) -> _Head:
         head.units = tuple(known_unit(unit) for unit in _fields(titles[1]))
         kept = kept[:-2]
     elif titles and titles[-1] == kept[-1] and not _is_fact(titles[-1]):
-        head.names = tuple(_fields(titles[-1]))
+        head.names, head.title = tuple(_fields(titles[-1])), titles[-1]
         kept = kept[:-1]
     for line in kept:
         match = _FACT.match(line)
@@ -254,6 +257,14 @@ def _head(lines: list[str]) -> _Head:
             value = match[2] if whole else re.split(r"[;\t,]", match[2])[0]
             head.facts.setdefault(plain_key(match[1]), value.strip().strip('"'))
     return head
+
+
+def _titles_with_blanks(line: str, width: int) -> tuple[str, ...] | None:
+    """Return names that hold blanks, such as ``acc [g]``, of a line without separators; None where they do not fit."""
+    if width == 1:
+        return None if any(separator in line for separator in ";\t,") else (line.strip().strip('"'),)
+    names = re.findall(r"\S+(?:\s+[\[(][^\])]*[\])])?", line)
+    return tuple(name.strip('"') for name in names) if len(names) == width else None
 
 
 def _are_units(fields: list[str]) -> bool:

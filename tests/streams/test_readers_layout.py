@@ -64,6 +64,8 @@ def test_headers_of_german_loggers() -> None:
             (("A",), (2,), 1000.0, (), None),
         ),
         ("Zeit;a\n0,0;1,5\n0,001;2,5\n0,002;3,5\n", (("a",), (2,), 1000.0, (), None)),
+        ("Acceleration axial [m/s2]\n1\n2\n", (("Acceleration axial",), (1,), None, ("m/s2",), None)),
+        ("x (g)  y (g)\n1 2\n3 4\n", (("x", "y"), (1, 2), None, ("g", "g"), None)),
         ("\ufeffa;b\r\n1,5;2\r\n2,5;3\r\n", (("a", "b"), (1, 2), None, (), None)),
     ],
 )

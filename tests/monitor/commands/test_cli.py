@@ -9,7 +9,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from click.shell_completion import BashComplete, get_completion_class
 
+from monitor import cli
 from tests.commands import run_command
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -146,6 +148,31 @@ def test_bad_blocks_are_rejected_with_their_reason_and_the_rest_goes_on(machine)
     assert summary["rejected"] == {"nan": 1}
     assert summary["flagged"] == {"flat": 1}
     assert summary["accepted"] == 3
+
+
+def test_a_replay_that_rejects_everything_prints_its_summary_and_fails(machine):
+    np.save(machine / "nothing.npy", np.full((1, 100), np.nan))
+    result = run("replay", "nothing.npy", "--config", "machine.toml", "--out", "out", "--no-report", cwd=machine)
+    assert result.returncode == 1
+    assert "0 accepted, 1 rejected" in result.stdout
+    assert "first " in result.stdout
+
+
+@pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
+@pytest.mark.parametrize(
+    ("arguments", "begun", "expected"),
+    [
+        ([], "re", {"release", "redate", "replay", "report", "restore"}),
+        (["init"], "--ra", {"--rate-hz", "--range-g"}),
+        (["map"], "b", {"build"}),
+    ],
+)
+def test_shells_complete_commands_and_options(shell, arguments, begun, expected, monkeypatch):
+    monkeypatch.setattr(BashComplete, "_check_version", lambda *_: None)
+    kind = get_completion_class(shell)
+    completion = kind(cli.spallwatch, {}, "spallwatch", "_SPALLWATCH_COMPLETE")
+    assert f"_SPALLWATCH_COMPLETE={shell}_complete" in completion.source()
+    assert {item.value for item in completion.get_completions(arguments, begun)} == expected
 
 
 def test_check_says_what_would_be_monitored(machine):

@@ -1,0 +1,332 @@
+"""``spallwatch init``: look at files, ask what they do not state, write a configuration."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+import click
+
+from models.bearing import kinematics
+from monitor.commands import init_answers as read
+from monitor.commands import option
+from monitor.commands.common import InputError, emit, output_errors, say
+from monitor.commands.init_answers import Answers
+from monitor.commands.init_questions import (
+    Question,
+    interval_question,
+    name_readings,
+    needs_interval,
+    open_questions,
+    period_of,
+    unit_of,
+)
+from monitor.commands.init_text import Draft, channel_names, configuration_text, level_in_g, machine_name
+from monitor.config.load import Config, load_config
+from monitor.words.numbers import duration
+from streams.listing import shown
+from streams.plausible import doubts
+from streams.samples import ReaderError
+from streams.stamps import utc_text
+from streams.survey import Survey, survey
+
+
+def _words(reader: Callable[[str], dict[str, Any]]) -> Callable[[Any, Any, str | None], dict[str, Any]]:
+    """Return a callback of an option whose words a reader understands."""
+
+    def convert(ctx: click.Context, param: click.Parameter, value: str | None) -> dict[str, Any]:
+        if value is None:
+            return {}
+        try:
+            return reader(value)
+        except ValueError as error:
+            raise click.BadParameter(str(error), ctx, param) from None
+
+    return convert
+
+
+@click.command("init")
+@click.argument("path", default=".")
+@click.option(
+    "--bearing", callback=_words(read.read_bearing), help="Designation (6205-2RS), or geometry: 9 7.94 39.04."
+)
+@click.option("--speed-hz", callback=_words(read.read_speed), help='29.5, "1770 rpm" or "estimate".')
+@click.option("--load-newton", callback=_words(read.read_load), help='400, "0.4 kN" or "unknown".')
+@click.option("--unit", callback=_words(read.read_unit), help="Of the vibration: g, m/s2, V, mV or unknown.")
+@click.option(
+    "--sensitivity-mv-per-g", callback=_words(read.read_sensitivity), help="Of the sensor, where the unit is V."
+)
+@click.option("--scale", type=click.FloatRange(), help="The unit of one count, or at full scale (WAV).")
+@click.option("--range-g", type=option.POSITIVE, help="The g at full scale (WAV).")
+@click.option("--rate-hz", callback=_words(read.read_rate), help="Sampling rate, where the files state none.")
+@click.option("--start-utc", callback=_words(read.read_start), help="Start of the first file, mtime, or none.")
+@click.option("--interval-s", callback=_words(read.read_interval), help="Between the starts of files that are counted.")
+@click.option("--time-name", callback=_words(read.read_pattern), help="strptime pattern of the dates in names.")
+@click.option("--date-order", callback=_words(read.read_order), help="day_first or month_first.")
+@click.option("--timezone", default="UTC", help="Zone of dates that state none.")
+@click.option("--format", "kind", default="auto", help="Format or data set, where it is not recognised.")
+@click.option("--name", help="Of the machine. Default: the folder's.")
+@click.option("--out", type=option.OUT_FILE, default="config.toml", help="The configuration to write.")
+@click.option("--force", is_flag=True, help="Replace the file that is there.")
+@click.option(
+    "--yes", is_flag=True, help="Ask nothing: take defaults, or list the answers that are missing (exit code 2)."
+)
+@option.output
+def command(
+    path: str, scale: float | None, range_g: float | None, timezone: str, kind: str, name: str | None, out: Path,
+    force: bool, yes: bool, as_json: bool, quiet: bool, **given: dict[str, Any],
+) -> None:  # fmt: skip
+    """Look at the files of PATH, ask what they do not state, and write a configuration that `check` accepts.
+
+    PATH is a folder into which a logger writes, or one recording. Options answer questions in advance.
+    """
+    answers = Answers(scale=scale, range_g=range_g)
+    for found in given.values():
+        answers = replace(answers, **found)
+    _check_out(out, force=force, ask=not yes, to_stderr=as_json)
+    try:
+        seen = survey(path, kind, timezone)
+    except ReaderError as error:
+        raise InputError(f"{shown(path)}: {error}") from None
+    talk = _Talk(ask=not yes, to_stderr=as_json, quiet=quiet)
+    for line in survey_lines(seen):
+        talk.say(line)
+    conversation = _Conversation(seen, answers, talk, timezone, name or machine_name(seen.place.resolve()), out)
+    config, problems = conversation.settle()
+    conversation.write(out)
+    values = {"out": str(out), "problems": problems, "machine": config.machine.name, "hash": config.hash}
+    lines = [f"wrote {out}", *(f"problem: {problem}" for problem in problems), *_next_steps(seen, out)]
+    emit(values, lines, as_json=as_json)
+
+
+def _check_out(out: Path, *, force: bool, ask: bool, to_stderr: bool) -> None:
+    """Refuse to replace a file without being told."""
+    if not out.exists() or force:
+        return
+    if ask and click.confirm(f"{out} is there already. Replace it?", default=False, err=to_stderr):
+        return
+    raise InputError(f"--out {out}: is there already; give another --out FILE, or --force to replace it")
+
+
+def _next_steps(seen: Survey, out: Path) -> Iterator[str]:
+    config = "" if out == Path("config.toml") else f" --config {out}"
+    yield f"next: spallwatch check{config}"
+    yield f"then: spallwatch {'run' if seen.is_folder else 'replay'}{config}"
+
+
+@dataclass
+class _Talk:
+    """How questions are asked and what was found is said."""
+
+    ask: bool
+    to_stderr: bool
+    quiet: bool
+
+    def say(self, line: str) -> None:
+        if self.to_stderr or self.quiet:
+            say(line, quiet=self.quiet)
+        else:
+            click.echo(line)
+
+    def answer(self, question: Question) -> dict[str, Any]:
+        """Ask until the words are an answer.
+
+        Raises:
+            click.Abort: the input ends.
+        """
+        self.say(f"\n{question.why}")
+        while True:
+            words = click.prompt(
+                question.words, default=question.default or "", show_default=question.default is not None,
+                err=self.to_stderr,
+            )  # fmt: skip
+            try:
+                if not words.strip():
+                    raise ValueError("an answer is needed")
+                return question.read(words)
+            except ValueError as error:
+                click.echo(f"  {error}", err=True)
+
+
+@dataclass
+class _Conversation:
+    """Questions and answers about one recording, until a configuration can be written."""
+
+    seen: Survey
+    answers: Answers
+    talk: _Talk
+    timezone: str
+    machine: str
+    out: Path
+    text: str = ""
+
+    def settle(self) -> tuple[Config, list[str]]:
+        """Return the configuration, and the problems that remain.
+
+        Raises:
+            InputError: answers are missing; it lists all of them with their options.
+        """
+        last_problem = ""
+        while True:
+            self._answer_all(last_problem)
+            config, dates = self._drafted()
+            if "date_order" not in dates or self.answers.date_order is not None:
+                return config, self._problems(config, dates)
+            last_problem = dates
+
+    def _answer_all(self, last_problem: str) -> None:
+        missing: list[Question] = []
+        asked: set[str] = set()
+        while True:
+            questions = open_questions(self.seen, self.answers, self.timezone, time.time(), last_problem)
+            question = next((found for found in (*questions, *self._interval()) if found.option not in asked), None)
+            if question is None:
+                break
+            asked.add(question.option)
+            if self.talk.ask:
+                try:
+                    self.answers = replace(self.answers, **self.talk.answer(question))
+                except click.Abort:
+                    self.talk.ask = False
+                    asked.discard(question.option)
+            elif question.default is not None:
+                self.answers = replace(self.answers, **question.read(question.default))
+            else:
+                missing.append(question)
+        if missing:
+            listed = "\n".join(f"  {question.option}: {question.words}. {question.why}" for question in missing)
+            raise InputError(f"these answers are missing; give them as options:\n{listed}")
+
+    def _interval(self) -> Iterator[Question]:
+        rate = self.seen.rate or self.answers.rate_hz
+        if rate is not None and needs_interval(self.seen, self.answers):
+            yield interval_question(self.seen, rate)
+
+    def _drafted(self) -> tuple[Config, str]:
+        """Write the text, and return its configuration with what keeps its blocks from being dated, or ""."""
+        self.text = configuration_text(self.draft())
+        config = self._read_back()
+        if not self.seen.is_folder:
+            return config, ""
+        from monitor.commands.redate import preview_dating
+
+        found = preview_dating(config, config.source[0])
+        return config, "" if found is None else "; ".join(found.problems)
+
+    def draft(self) -> Draft:
+        """Return what the configuration is written of."""
+        answers, seen = self.answers, self.seen
+        pattern = answers.time_name
+        if pattern is None and answers.start_utc is None:
+            readings = name_readings(seen, self.timezone, time.time())
+            pattern = readings[0].pattern if len(readings) == 1 else None
+        draft = Draft(
+            seen, answers, self.machine, self.out, answers.rate_hz or seen.rate or 1.0, self.timezone, pattern
+        )
+        return replace(
+            draft, bands=tuple(_proposed_bands(draft)), period=period_of(seen, answers, pattern, self.timezone)
+        )
+
+    def _read_back(self) -> Config:
+        """Return the configuration of the text, read where it will stand, so that paths are right."""
+        place = self.out.with_name(f".{self.out.name}.draft")
+        with output_errors("--out", self.out):
+            self.out.parent.mkdir(parents=True, exist_ok=True)
+            place.write_text(self.text, encoding="utf-8")
+        try:
+            return load_config(place)
+        finally:
+            place.unlink()
+
+    def write(self, out: Path) -> None:
+        """Write the configuration."""
+        with output_errors("--out", out):
+            out.write_text(self.text, encoding="utf-8")
+
+    def _problems(self, config: Config, dates: str) -> list[str]:
+        from monitor.commands.check import find_problems
+
+        found = [*find_problems(config), *([dates] if dates else [])]
+        draft = self.draft()
+        for row, name in zip(self.seen.vibration, channel_names(self.seen.vibration), strict=True):
+            level, unit = level_in_g(row, draft), unit_of(row, self.answers)
+            words = doubts(row.level, "unknown") if level is None else doubts(level, "g")
+            if level is None or unit in ("V", "m/s2"):
+                words = doubts(row.level, unit or "unknown", self.answers.sensitivity_mv_per_g)
+            found += [f"channel {name!r}: {text}" for text in words]
+        return found
+
+
+def _proposed_bands(draft: Draft) -> Iterator[tuple[str, tuple[float, float]]]:
+    """Yield the band that the first file alone shows for each channel, where it is long enough to tell."""
+    from monitor.health.spectrum.bands import find_band
+    from monitor.health.spectrum.settings import fundamentals
+
+    speed = draft.answers.speed_hz or draft.survey.speed
+    if speed is None or draft.answers.bearing is None:
+        return
+    lines = fundamentals(kinematics(draft.answers.bearing.geometry(), speed))
+    rows = draft.survey.vibration
+    for row, name in zip(rows, channel_names(rows), strict=True):
+        try:
+            low, high = find_band([draft.survey.values.values[draft.survey.rows.index(row)]], draft.rate, lines)
+        except ValueError:
+            continue
+        yield name, (low, high)
+
+
+def survey_lines(seen: Survey) -> Iterator[str]:
+    """Yield what the files state."""
+    count = f"{len(seen.paths)} {'file' if len(seen.paths) == 1 else 'files'} of {seen.data_set.name}"
+    ends = seen.first if seen.first == seen.last else f"{seen.first} to {seen.last}"
+    yield f"{shown(str(seen.place))}: {count}, {ends}"
+    if seen.ignored:
+        more = f" and {len(seen.ignored) - 3} more" if len(seen.ignored) > 3 else ""
+        yield f"  left out, of another format: {', '.join(map(shown, seen.ignored[:3]))}{more}"
+    yield from (f"  cannot be read: {reason}" for reason in seen.refused[:3])
+    if seen.rate is None:
+        yield f"  rate: not stated; {seen.samples[0]} samples in a row"
+    else:
+        lengths = " and ".join(dict.fromkeys(duration_words(length) for length in seen.seconds(seen.rate)))
+        by = "" if seen.rate_from is None else f" by the row {seen.rate_from}"
+        yield f"  rate: {seen.rate:g} Hz{by}; first and last file of {lengths}"
+    for row in seen.rows:
+        yield f"  row {row.column}, {row.title}: {_row_words(row)}"
+    yield f"  date: {_date_words(seen)}"
+
+
+def duration_words(seconds: float) -> str:
+    """Return a length of a file, s."""
+    return f"{seconds:.3g} s" if seconds < 90.0 else duration(seconds)
+
+
+def _row_words(row: Any) -> str:
+    if row.kind != "vibration":
+        return {"time": "times, no channel", "other": "no vibration, left out"}.get(row.kind, f"the {row.kind}")
+    unit = "" if row.unit in (None, "unknown") else f" {row.unit}"
+    spelled = f"unit {row.written}" if row.written else "no unit"
+    stored = "" if row.stored == "values" else f", stored as {row.stored}"
+    mean = row.level.mean if abs(row.level.mean) > 1e-3 * row.level.rms else 0.0
+    return f"{spelled}{stored}, RMS {row.level.rms:.3g}{unit}, mean {mean:.3g}{unit}"
+
+
+def _date_words(seen: Survey) -> str:
+    if not seen.data_set.plain:
+        return f"as {seen.data_set.name} states it"
+    if seen.start is not None:
+        return f"{utc_text(seen.start)} in the header of {seen.first}"
+    if seen.stamp is not None:
+        return f"{seen.stamp!r} in the header of {seen.first}"
+    from streams.stamps import stamp_in_name
+
+    stamp = stamp_in_name(seen.first, "UTC")
+    if stamp is not None:
+        return f"{stamp.text!r} in the name of {seen.first}"
+    readings = name_readings(seen, "UTC", datetime.now().timestamp())
+    if readings:
+        return f"{readings[0].pattern} in the names ({utc_text(readings[0].first)})"
+    return "none in headers or names"

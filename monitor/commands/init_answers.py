@@ -1,0 +1,225 @@
+"""What ``init`` has to know beyond the files: each answer, and how it is read from words."""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from typing import Any
+
+from models import bearing as bearings
+from streams.spec import UNITS
+from streams.stamps import Order
+
+_NUMBER = r"([-+]?\d+(?:[.,]\d+)?(?:[eE][-+]?\d+)?)"
+_SPEED = re.compile(rf"\s*{_NUMBER}\s*(hz|1/s|rps|rpm|upm|1/min|u/min|/min)?\s*", re.IGNORECASE)
+_LOAD = re.compile(rf"\s*{_NUMBER}\s*(n|kn|newton)?\s*", re.IGNORECASE)
+_GEOMETRY = re.compile(r"[;,]\s*|\s+")
+_VOLTS = re.compile(
+    rf"\s*{_NUMBER}\s*(mv|v)\b[\s,;at@]*(?:{_NUMBER}\s*(mv|v)\s*(?:/|per)\s*(g|\(?m/s\^?[2²]\)?))?\s*", re.IGNORECASE
+)
+_LEVEL = re.compile(rf"\s*{_NUMBER}\s*(g|m/s\^?[2²])\s*", re.IGNORECASE)
+_RATE = re.compile(rf"\s*{_NUMBER}\s*(hz|khz|1/s|s/s)?\s*", re.IGNORECASE)
+_MAX_SPEED_HZ = 500.0
+_STANDARD_GRAVITY = 9.80665
+
+
+@dataclass(frozen=True)
+class AnsweredBearing:
+    """A designation of the catalogue, or a geometry."""
+
+    designation: str | None
+    n_elements: int = 0
+    element_diameter_mm: float = 0.0
+    pitch_diameter_mm: float = 0.0
+    contact_angle_deg: float = 0.0
+
+    def geometry(self) -> bearings.Bearing:
+        """Return the geometry in SI."""
+        if self.designation is not None:
+            return bearings.catalogue_entry(self.designation).bearing
+        return bearings.Bearing(
+            designation="bearing",
+            source="answer",
+            n_elements=self.n_elements,
+            element_diameter=self.element_diameter_mm * 1e-3,
+            pitch_diameter=self.pitch_diameter_mm * 1e-3,
+            contact_angle=math.radians(self.contact_angle_deg),
+        )
+
+
+@dataclass(frozen=True)
+class Answers:
+    """What was answered; None where it was not asked or needs no answer.
+
+    Attributes:
+        speed_hz: of the shaft; ``estimate`` where it is to be estimated instead.
+        unit: of the vibration where the files state none.
+        scale: the unit of one count, or at full scale.
+        range_g: g at full scale.
+        start_utc: of the first file, or "mtime" where the times of change date the files, or "none".
+        time_name: pattern of the dates in names.
+        date_order: of day and month.
+    """
+
+    bearing: AnsweredBearing | None = None
+    speed_hz: float | None = None
+    estimate: bool = False
+    load_newton: float | None = None
+    no_load: bool = False
+    rate_hz: float | None = None
+    unit: str | None = None
+    sensitivity_mv_per_g: float | None = None
+    scale: float | None = None
+    range_g: float | None = None
+    start_utc: datetime | str | None = None
+    interval_s: float | None = None
+    time_name: str | None = None
+    date_order: Order | None = None
+
+
+def _number(text: str) -> float:
+    return float(text.replace(",", "."))
+
+
+def read_bearing(text: str) -> dict[str, Any]:
+    """Return a designation, or number of elements, their diameter, pitch diameter (mm) and contact angle (degrees).
+
+    Raises:
+        ValueError: it is neither; the message says what is known.
+    """
+    words = [word for word in _GEOMETRY.split(text.strip()) if word]
+    if len(words) in (3, 4) and all(re.fullmatch(r"\d+(?:\.\d+)?", word) for word in words):
+        count, diameter, pitch, *angle = map(float, words)
+        if count != int(count) or not 3 <= count <= 200 or not 0.0 < diameter < pitch:
+            raise ValueError(
+                "a geometry is the number of elements, their diameter and the larger pitch diameter in mm, such as "
+                f"9 7.94 39.04; got {text!r}"
+            )
+        return {"bearing": AnsweredBearing(None, int(count), diameter, pitch, *angle)}
+    try:
+        bearings.catalogue_entry(text.strip())
+    except KeyError as error:
+        reason = re.split(r"; (?:known|and)", str(error.args[0]))[0]
+        raise ValueError(
+            f"{reason}; give a designation such as 6205-2RS, or a geometry: number of elements, their diameter and the "
+            "pitch diameter in mm, such as 9 7.94 39.04"
+        ) from None
+    return {"bearing": AnsweredBearing(text.strip())}
+
+
+def read_speed(text: str) -> dict[str, Any]:
+    """Return the speed of ``29.5``, ``29.5 Hz`` or ``1770 rpm``; "estimate" leaves it to the signal."""
+    if text.strip().lower() in ("estimate", "unknown", ""):
+        return {"estimate": True}
+    match = _SPEED.fullmatch(text)
+    if match is None:
+        raise ValueError(f'expected a speed such as 29.5 Hz or 1770 rpm, or "estimate"; got {text!r}')
+    per_minute = (match[2] or "hz").lower() in ("rpm", "upm", "1/min", "u/min", "/min")
+    speed = _number(match[1]) / (60.0 if per_minute else 1.0)
+    if not 0.0 < speed <= _MAX_SPEED_HZ:
+        raise ValueError(
+            f"expected a speed above 0 and up to {_MAX_SPEED_HZ:g} Hz, the turns per second; got {text!r}"
+            + (f", did you mean {match[1]} rpm?" if speed > _MAX_SPEED_HZ and match[2] is None else "")
+        )
+    return {"speed_hz": speed}
+
+
+def read_load(text: str) -> dict[str, Any]:
+    """Return the load of ``400``, ``400 N`` or ``0.4 kN``; "unknown" is none."""
+    if text.strip().lower() in ("unknown", "none", ""):
+        return {"no_load": True}
+    match = _LOAD.fullmatch(text)
+    load = -1.0 if match is None else _number(match[1]) * (1e3 if (match[2] or "n").lower() == "kn" else 1.0)
+    if load < 0.0:
+        raise ValueError(f"expected a load such as 400 N or 0.4 kN, or unknown; got {text!r}")
+    return {"load_newton": load}
+
+
+def read_rate(text: str) -> dict[str, Any]:
+    """Return the rate of ``25600``, ``25600 Hz`` or ``25.6 kHz``."""
+    match = _RATE.fullmatch(text)
+    rate = 0.0 if match is None else _number(match[1]) * (1e3 if (match[2] or "").lower() == "khz" else 1.0)
+    if rate <= 0.0:
+        raise ValueError(f"expected a sampling rate such as 25600 Hz or 25.6 kHz; got {text!r}")
+    return {"rate_hz": rate}
+
+
+def read_unit(text: str) -> dict[str, Any]:
+    """Return one of the units."""
+    from streams.readers.stated import multiple_of
+
+    unit, factor = multiple_of(text.strip())
+    known = {name.lower(): name for name in UNITS} | {"m/s^2": "m/s2", "m/s²": "m/s2"}
+    if unit.lower() not in known:
+        raise ValueError(f"expected one of {', '.join(UNITS)}, mV, mg; got {text!r}")
+    return {"unit": known[unit.lower()]} | ({} if factor == 1.0 else {"scale": factor})
+
+
+def read_sensitivity(text: str) -> dict[str, Any]:
+    """Return the sensitivity of ``100``, ``100 mV/g`` or ``10.2 mV/(m/s2)`` in mV per g."""
+    match = re.fullmatch(rf"\s*{_NUMBER}\s*(?:(mv|v)\s*(?:/|per)\s*(g|\(?m/s\^?[2²]\)?))?\s*", text, re.IGNORECASE)
+    if match is None or _number(match[1]) <= 0.0:
+        raise ValueError(f"expected a sensitivity such as 100 mV/g or 10.2 mV/(m/s2); got {text!r}")
+    return {"sensitivity_mv_per_g": _sensitivity(match[1], match[2], match[3])}
+
+
+def _sensitivity(number: str, volts: str | None, per: str | None) -> float:
+    factor = 1e3 if (volts or "mv").lower() == "v" else 1.0
+    return round(_number(number) * factor * (1.0 if (per or "g").lower() == "g" else _STANDARD_GRAVITY), 9)
+
+
+def read_full_scale(text: str) -> dict[str, Any]:
+    """Return what full scale or one count is: ``50 g``, ``100 m/s2``, ``10 V`` or ``10 V at 100 mV/g``."""
+    if text.strip().lower() == "unknown":
+        return {"unit": "unknown"}
+    match = _VOLTS.fullmatch(text)
+    if match is not None:
+        found: dict[str, Any] = {"unit": "V", "scale": _number(match[1]) * (1e-3 if match[2].lower() == "mv" else 1.0)}
+        if match[3] is not None:
+            found["sensitivity_mv_per_g"] = _sensitivity(match[3], match[4], match[5])
+        return found
+    match = _LEVEL.fullmatch(text)
+    if match is None or _number(match[1]) <= 0.0:
+        raise ValueError(f"expected a level such as 50 g, 500 m/s2 or 10 V at 100 mV/g, or unknown; got {text!r}")
+    return {"unit": "g" if match[2].lower() == "g" else "m/s2", "scale": _number(match[1])}
+
+
+def read_start(text: str) -> dict[str, Any]:
+    """Return the time of the first file, or "mtime" or "none"."""
+    word = text.strip().lower()
+    if word in ("mtime", "none", ""):
+        return {"start_utc": word or "none"}
+    try:
+        moment = datetime.fromisoformat(text.strip())
+    except ValueError:
+        raise ValueError(f"expected a time such as 2026-01-31T08:00:00Z, mtime or none; got {text!r}") from None
+    return {"start_utc": (moment if moment.tzinfo else moment.replace(tzinfo=UTC)).astimezone(UTC)}
+
+
+def read_order(text: str) -> dict[str, Any]:
+    """Return the order of day and month."""
+    word = text.strip().lower().replace(" ", "_").replace("-", "_")
+    if word not in ("day_first", "month_first"):
+        raise ValueError(f"expected day_first or month_first; got {text!r}")
+    return {"date_order": word}
+
+
+def read_interval(text: str) -> dict[str, Any]:
+    """Return the time between the starts of files of ``600``, ``600 s``, ``10 min`` or ``1 h``, s."""
+    match = re.fullmatch(rf"\s*{_NUMBER}\s*(s|min|h)?\s*", text, re.IGNORECASE)
+    seconds = (
+        0.0 if match is None else _number(match[1]) * {"min": 60.0, "h": 3600.0}.get((match[2] or "s").lower(), 1.0)
+    )
+    if seconds <= 0.0:
+        raise ValueError(f"expected a time such as 600 s or 10 min; got {text!r}")
+    return {"interval_s": seconds}
+
+
+def read_pattern(text: str) -> dict[str, Any]:
+    """Return a strptime pattern of dates in names."""
+    from streams.stamps import compiled
+
+    compiled(text.strip())
+    return {"time_name": text.strip()}

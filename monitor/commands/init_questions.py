@@ -1,0 +1,274 @@
+"""Which questions a recording leaves open: what was found, why it is asked, what the answer may be."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from monitor.commands import init_answers as read
+from monitor.commands.init_answers import Answers
+from monitor.words.numbers import duration
+from streams.date_patterns import NameReading, find_readings, nearest_change
+from streams.plausible import doubts
+from streams.samples import COUNTS, FRACTIONS
+from streams.stamps import ORDERS, Stamp, evidence, stamp_in_name, utc_text
+from streams.survey import Survey, SurveyedRow
+
+_DAY = 86400.0
+
+
+@dataclass(frozen=True)
+class Question:
+    """A question that the files leave open.
+
+    Attributes:
+        option: of the command, which answers it too.
+        words: the question.
+        why: what was found, and what the answer is for.
+        default: taken where nothing is answered, None where an answer is needed.
+        read: returns fields of :class:`Answers`; ValueError where the words are no answer.
+    """
+
+    option: str
+    words: str
+    why: str
+    default: str | None
+    read: Callable[[str], dict[str, Any]]
+
+
+def open_questions(
+    survey: Survey, answers: Answers, zone: str, now: float, last_problem: str = ""
+) -> Iterator[Question]:
+    """Yield the questions that answers leave open.
+
+    Args:
+        zone: IANA name of the zone of dates that name none.
+        now: s since 1970 UTC; later dates in names are other numbers.
+        last_problem: why the dates could not be told by the answers so far, "" where they could.
+    """
+    if answers.bearing is None:
+        yield Question(
+            "--bearing",
+            "Bearing",
+            "The fault frequencies follow from it. As printed on the ring (6205-2RS), or number of elements, their "
+            "diameter and pitch diameter in mm (9 7.94 39.04).",
+            None,
+            read.read_bearing,
+        )
+    if answers.rate_hz is None and survey.rate is None:
+        yield Question(
+            "--rate-hz",
+            "Sampling rate",
+            f"{survey.first} has {survey.samples[0]} samples in a row and states no rate.",
+            None,
+            read.read_rate,
+        )
+    yield from _level_questions(survey, answers)
+    yield from _date_questions(survey, answers, zone, now, last_problem)
+    if answers.speed_hz is None and not answers.estimate and not _states_speed(survey):
+        stated = f"{survey.speed:.8g} Hz" if survey.speed is not None else None
+        found = f"{stated} {survey.speed_from}. " if stated else "The files do not state it. "
+        yield Question(
+            "--speed-hz",
+            "Speed of the shaft",
+            f'{found}The fault frequencies are multiples of it: 29.5 Hz, 1770 rpm, or "estimate" it in every block.',
+            stated or "estimate",
+            read.read_speed,
+        )
+    if answers.load_newton is None and not answers.no_load and survey.load is None and not _has(survey, "load"):
+        yield Question(
+            "--load-newton",
+            "Radial load of the bearing",
+            "Only the size of damage (V_eq) needs it: 400 N, or unknown.",
+            "unknown",
+            read.read_load,
+        )
+
+
+def _states_speed(survey: Survey) -> bool:
+    """Return whether every file states its speed, or has a row of it."""
+    return _has(survey, "speed") or (survey.speed is not None and survey.speed_from == "stated by the files")
+
+
+def _has(survey: Survey, kind: str) -> bool:
+    return sum(row.kind == kind for row in survey.rows) == 1
+
+
+def unit_of(row: SurveyedRow, answers: Answers) -> str | None:
+    """Return the unit of a row as stated or answered, None where neither says."""
+    return row.unit if row.unit not in (None, "unknown") else answers.unit or row.unit
+
+
+def needs_scale(row: SurveyedRow, survey: Survey) -> bool:
+    """Return whether a row holds integers whose level nothing states."""
+    return row.stored in (COUNTS, FRACTIONS) and not survey.scaled
+
+
+def _level_questions(survey: Survey, answers: Answers) -> Iterator[Question]:
+    integers = [row for row in survey.vibration if needs_scale(row, survey)]
+    scaled = answers.scale is not None or answers.range_g is not None or answers.unit == "unknown"
+    if integers and not scaled:
+        meant = "full scale" if integers[0].stored == FRACTIONS else "one count"
+        yield Question(
+            "--range-g, or --unit V --scale VOLTS --sensitivity-mv-per-g"
+            if integers[0].stored == FRACTIONS
+            else "--scale",
+            f"Level of {meant}",
+            f"{_names(integers)} holds integers, and nothing states what {meant} is: 50 g, or 10 V at 100 mV/g, or "
+            "unknown for naming and relative trends only.",
+            None,
+            read.read_full_scale if integers[0].unit is None else _scale_in(integers[0].unit),
+        )
+        return
+    bare = [row for row in survey.vibration if unit_of(row, answers) is None]
+    if bare and answers.range_g is None:
+        yield Question("--unit", "Unit of the vibration", _unit_words(bare), None, read.read_unit)
+    volts = [row for row in survey.vibration if unit_of(row, answers) == "V"]
+    if volts and answers.sensitivity_mv_per_g is None:
+        yield Question(
+            "--sensitivity-mv-per-g",
+            "Sensitivity of the sensor",
+            f"{_names(volts)} is in V, with an RMS of {1e3 * volts[0].level.rms:.3g} mV: 100 mV/g, 10.2 mV/(m/s2).",
+            None,
+            read.read_sensitivity,
+        )
+
+
+def _scale_in(unit: str) -> Callable[[str], dict[str, Any]]:
+    """Return a reader of levels that must be in the unit that the file states."""
+
+    def parse(text: str) -> dict[str, Any]:
+        found = read.read_full_scale(text)
+        if found["unit"] not in (unit, "unknown"):
+            raise ValueError(f"the file states {unit}, got {text!r}")
+        return found
+
+    return parse
+
+
+def _names(rows: Sequence[SurveyedRow]) -> str:
+    return ", ".join(row.title for row in rows[:4]) + (f" and {len(rows) - 4} more" if len(rows) > 4 else "")
+
+
+def _unit_words(rows: Sequence[SurveyedRow]) -> str:
+    """Return the levels of rows without a unit, and what each unit would make of them."""
+    row = rows[0]
+    level = row.level
+    text = (
+        f"{_names(rows)}: no unit is stated; {row.title} has an RMS of {level.rms:.3g} and a mean of {level.mean:.3g}."
+    )
+    unlikely = [f"{unit}: {found[0]}" for unit in ("g", "m/s2") if (found := doubts(level, unit))]
+    return " ".join([text, *(f"If {words}." for words in unlikely), "g, m/s2, mV, V, or unknown."])
+
+
+def name_readings(survey: Survey, zone: str, now: float) -> list[NameReading]:
+    """Return the ways to read a date in all names where none of the usual ones is there."""
+    if not survey.data_set.plain or survey.start is not None or survey.stamp is not None:
+        return []
+    if all(stamp_in_name(path, zone) is not None for path in survey.paths[:50]):
+        return []
+    return nearest_change(find_readings(survey.paths, zone, now + _DAY), survey.changed[0])
+
+
+def _date_questions(survey: Survey, answers: Answers, zone: str, now: float, last_problem: str) -> Iterator[Question]:
+    if not survey.data_set.plain or survey.start is not None or answers.start_utc is not None:
+        return
+    if "date_order" in last_problem and answers.date_order is None:
+        yield _order_question(survey, zone)
+        return
+    if survey.stamp is not None or answers.time_name is not None:
+        return
+    stamps = [stamp_in_name(path, zone) for path in survey.paths[:50]]
+    if all(stamp is not None for stamp in stamps):
+        decided = evidence(
+            (path, stamp) for path, stamp in zip(survey.paths, stamps, strict=False) if stamp is not None
+        )
+        is_open = any(stamp is not None and stamp.fixed is None for stamp in stamps)
+        if is_open and not decided and answers.date_order is None:
+            yield _order_question(survey, zone)
+        return
+    readings = name_readings(survey, zone, now)
+    if len(readings) > 1:
+        yield _reading_question(survey, readings)
+    elif not readings:
+        yield _start_question(survey)
+
+
+def _order_question(survey: Survey, zone: str) -> Question:
+    stamp: Stamp | None = None
+    if survey.stamp is not None:
+        from streams.stamps import read_stamp
+
+        stamp = read_stamp(survey.stamp, zone)
+    else:
+        stamp = stamp_in_name(survey.first, zone)
+    ways = (
+        ""
+        if stamp is None
+        else "; ".join(f"{order}: {utc_text(time)}" for order in ORDERS if (time := stamp.at(order)) is not None)
+    )
+    text = "the dates" if stamp is None else f"{stamp.text!r}"
+    return Question(
+        "--date-order",
+        "Order of day and month",
+        f"{text} of {survey.first} can be read in two ways, and no file decides: {ways}.",
+        None,
+        read.read_order,
+    )
+
+
+def _reading_question(survey: Survey, readings: Sequence[NameReading]) -> Question:
+    ways = "; ".join(f"{reading.pattern} is {utc_text(reading.first)}" for reading in readings[:6])
+    return Question(
+        "--time-name",
+        "Pattern of the dates in names",
+        f"{survey.paths[0]} can be read in several ways: {ways}.",
+        None,
+        read.read_pattern,
+    )
+
+
+def _start_question(survey: Survey) -> Question:
+    changed = survey.changed[0]
+    was = "" if changed is None else f" (it was last changed at {utc_text(changed)})"
+    return Question(
+        "--start-utc",
+        "Start of the first file",
+        f"Neither headers nor names state a date. 2026-01-31T08:00:00Z; mtime: the times of the last change date all "
+        f"files, {survey.first}{was}; none: times count from the first block.",
+        "none",
+        read.read_start,
+    )
+
+
+def needs_interval(survey: Survey, answers: Answers) -> bool:
+    """Return whether files are counted, so that the time between them has to be told."""
+    return answers.start_utc not in (None, "mtime", "none") and len(survey.paths) > 1 and answers.interval_s is None
+
+
+def interval_question(survey: Survey, rate: float) -> Question:
+    """Return the question for the time between the starts of counted files; the times of change give a default."""
+    length = survey.seconds(rate)[0]
+    begin, end = survey.changed
+    usual = 0.0 if begin is None or end is None else (end - begin) / (len(survey.paths) - 1)
+    return Question(
+        "--interval-s",
+        "Time between the starts of files",
+        f"Files are counted from the start; one is {duration(length)} long.",
+        f"{usual if usual > 1.01 * length else length:.6g} s",
+        read.read_interval,
+    )
+
+
+def period_of(survey: Survey, answers: Answers, pattern: str | None, zone: str) -> float | None:
+    """Return the mean time between the starts of files by headers, names or answers, s; None where it is not known."""
+    if answers.interval_s is not None:
+        return answers.interval_s
+    begin, end = survey.starts
+    if begin is None or end is None:
+        stamps = [stamp_in_name(path, zone, pattern) for path in (survey.paths[0], survey.paths[-1])]
+        begin, end = (None if stamp is None else stamp.day_first for stamp in stamps)
+    if begin is None or end is None or end <= begin or len(survey.paths) < 2:
+        return None
+    return (end - begin) / (len(survey.paths) - 1)
