@@ -9,27 +9,54 @@ from __future__ import annotations
 import re
 import shlex
 import subprocess
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+import spallwatch as sw
+from monitor.health.record import Record
 from streams.block import STANDARD_GRAVITY
 from tests.commands import run_command
+from tests.effort import effort_count
+from tests.monitor.commands.test_library_learn import features
+from tests.monitor.report.test_score import DAY, record, run, stored
 from tests.signals import bearing_lines, impacts
 from tests.test_docs import DOCS, read
 
-PAGES = ["how-to/calibrate-your-machine.md"]
 TOLERANCE = 0.02
+BENCH = """
+[machine]
+name = "press"
+[[bearing]]
+name = "b"
+designation = "1205 ETN9"
+[operating]
+speed_hz = 40.0
+load_newton = 4000.0
+[[source]]
+name = "s"
+rate_hz = 25600.0
+[[channel]]
+name = "x"
+source = "s"
+unit = "g"
+bearing = "b"
+"""
 BLOCK = re.compile(r"^```(\w*) ?(\S*)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 
 
 @dataclass
 class Session:
-    """The commands of a page, run one after the other in a folder; ``printed`` is the output of the last one."""
+    """The commands of a page, run one after the other in a folder; ``printed`` is the output of the last one.
+
+    ``changes``: by the beginning of a command, what is added to it in quick effort, or None: it is not run then.
+    """
 
     folder: Path
+    changes: Mapping[str, str | None] = field(default_factory=dict[str, str | None])
     printed: str = ""
     run: list[str] = field(default_factory=list[str])
 
@@ -43,19 +70,91 @@ class Session:
         elif kind == "text":
             compare(text, self.printed)
         else:
-            raise AssertionError(f"neither a file, commands nor output: {text}")
+            # A part of a configuration: test_docs_blocks validates it.
+            assert kind == "toml", text
 
     def command(self, line: str) -> None:
         """Run one command; those of the program within this process."""
-        if line.startswith("spallwatch "):
-            done = run_command(*shlex.split(line)[1:], cwd=self.folder)
+        words = shlex.split(line, comments=True)
+        if words[0] == "make":
+            return
+        self.run.append(line)
+        if words[0].rpartition("/")[2] == "spallwatch":
+            begun = next((begin for begin in self.changes if " ".join(words[1:]).startswith(begin)), None)
+            added = "" if begun is None else self.changes[begun]
+            if added is None:
+                return
+            done = run_command(*words[1:], *added.split(), cwd=self.folder)
         else:
             done = subprocess.run(
                 ["bash", "-c", line], cwd=self.folder, capture_output=True, text=True, check=False, timeout=60.0
             )
         assert done.returncode == 0, f"{line}\n{done.stdout}{done.stderr}"
         self.printed = done.stdout
-        self.run.append(line)
+
+
+def recording_of_a_fan(folder: Path) -> None:
+    """Write 60 files of a second; a spall of the outer race grows from the 45th on."""
+    rate = 12800
+    _, lines = bearing_lines("6205", 24.5)
+    (folder / "recording").mkdir()
+    for number in range(1, 61):
+        height = 0.4 * 1.25 ** max(0, number - 44)
+        samples = impacts(
+            np.random.default_rng(number), "outer", lines, rate=float(rate), duration=1.0, height=height, slip=0.003
+        )
+        text = "\n".join(f"{value:.5g}" for value in samples / STANDARD_GRAVITY)
+        (folder / "recording" / f"{number:03d}.csv").write_text(text)
+
+
+def scored_runs(folder: Path) -> None:
+    """Write stores of runs with forecasts."""
+    stored(make(folder / "OUT"), run())
+    stored(make(folder / "A"), run(start=DAY), "a")
+    stored(make(folder / "B"), run(start=DAY), "b")
+    truth = {
+        sequence: {"tt_true": 100.0 * (11 - sequence), "v_eq_true": 0.005e-6 * sequence} for sequence in range(4, 12)
+    }
+    stored(make(folder / "demo-out"), run(more=truth), "rig")
+
+
+def runs_to_report(folder: Path) -> None:
+    """Write stores of runs, a folder of them, and a map."""
+    for place in ("OUT", "A", "B", "C", "DIR/one", "DIR/two"):
+        stored(make(folder / place), run(start=DAY), place.replace("/", "-"))
+    rms_map = sw.build_map(
+        load_newton=4000.0, speed_hz=40.0, dphi_deg=[0, 5, 10], h_d_um=[0, 10, 20], interpolation_tolerance=0.0
+    )
+    sw.save_map(rms_map, folder / "map.nc")
+
+
+def bench_and_runs(folder: Path) -> None:
+    """Write the configuration of the bench of the thesis, and three runs to failure."""
+    (folder / "machine.toml").write_text(BENCH)
+    for number, name in enumerate(("run1/records", "run2.csv", "run3.csv")):
+        path = folder / name
+        if path.suffix:
+            features(path, seed=number)
+        else:
+            stored(make(path.parent), recorded_run(), published=True)
+
+
+def recorded_run() -> list[Record]:
+    """Return records of 200 blocks, the final stage from the 150th on."""
+    final = {"stage": "final", "t_fs": 14900.0, "t_fs_known": 15500.0}
+    return [
+        record(
+            number,
+            {"rms": 1.0 + 0.05 * max(0, number - 150), **(final if number > 155 else {"stage": "healthy"})},
+            start=None,
+        )
+        for number in range(1, 201)
+    ]
+
+
+def make(folder: Path) -> Path:
+    folder.mkdir(parents=True)
+    return folder
 
 
 def compare(shown: str, printed: str) -> None:
@@ -94,14 +193,29 @@ def test_lines_of_output_are_in_order() -> None:
         compare("c 3\na 1\n", "a 1\nb 2\nc 3\n")
 
 
+SMALL_MAP = "--dphi-deg 0:20:5 --h-d-um 0:20:3 --interpolation-tolerance 0"
+PAGES: dict[str, tuple[Callable[[Path], None] | None, dict[str, str | None]]] = {
+    "how-to/calibrate-your-machine.md": (None, {}),
+    "how-to/maps-and-libraries.md": (bench_and_runs, {"map build": SMALL_MAP, "library build": None}),
+    "how-to/reports.md": (runs_to_report, {"report OUT --out press4.pdf": None, "report --batch": None}),
+    "how-to/score.md": (scored_runs, {}),
+    "tutorials/first-recording.md": (recording_of_a_fan, {}),
+}
+"""What each page finds in its folder, and what of it is made smaller or left out in quick effort: a library of lives
+takes minutes; PDF and batch have tests of their own."""
+
+
 @pytest.mark.process
 @pytest.mark.parametrize("page", PAGES)
 def test_the_commands_of_a_page_run(page: str, tmp_path: Path) -> None:
-    session = Session(tmp_path)
+    prepare, changes = PAGES[page]
+    if prepare is not None:
+        prepare(tmp_path)
+    session = Session(tmp_path, changes if effort_count(quick=1, full=0) else {})
     for kind, name, text in BLOCK.findall(read(DOCS / page)):
         session.take(kind, name, text)
-    named = re.findall(r"^spallwatch .*$", read(DOCS / page), re.MULTILINE)
-    assert [line for line in session.run if line.startswith("spallwatch ")] == named
+    named = re.findall(r"^(?:\.venv/bin/)?spallwatch .*$", read(DOCS / page), re.MULTILINE)
+    assert [line for line in session.run if re.match(r"(\.venv/bin/)?spallwatch ", line)] == named
     assert named
 
 

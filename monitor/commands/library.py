@@ -77,7 +77,7 @@ command.add_command(library_learn.command)
     metavar="NAME=WEIGHT",
     help=f"Growth law and its weight, repeatable; then no other. Laws: {', '.join(LAWS)}.",
 )
-@click.option("--rms-band-hz", type=option.Range(positive=True), help="Band of the RMS. Default: 0 to 9500 Hz.")
+@click.option("--rms-band-hz", type=option.Range(), help="Band of the RMS. Default: 0 to 9500 Hz.")
 @click.option(
     "--calibrate",
     type=option.FILE,
