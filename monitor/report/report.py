@@ -19,6 +19,7 @@ from monitor.report.run_section import RunPart, part_of_run
 from monitor.report.runs import Records, ReportError, Run, read_runs
 from monitor.report.summary import RunSummary, summarise
 from monitor.report.tables import Table, write_tables, write_whole
+from monitor.report.trend_files import write_trends
 
 _FILE_ATTRIBUTES = {"product_version": f"spallwatch {__version__}"}
 
@@ -45,7 +46,7 @@ def build_report(
         pending: blocks offered but not yet accepted or rejected, where there is one run.
         notes: sentences at the top, after those of the options.
         options: None for all sections, in UTC.
-        tables: folder for every table of the page as CSV and netCDF, None for none.
+        tables: folder for every table of the page and the trends of each channel, as CSV and netCDF; None for none.
         pdf: write a PDF beside ``out`` too.
 
     Raises:
@@ -100,6 +101,7 @@ def report_runs(
         write_tables(
             [*(alone if compared is None else compared.tables), *_tables_of_runs(parts)], tables, _FILE_ATTRIBUTES
         )
+        write_trends(runs, tables, _FILE_ATTRIBUTES)
     return Path(out), summaries
 
 
