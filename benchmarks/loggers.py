@@ -145,7 +145,7 @@ def write_mat(folder: Path, count: int, seconds: float) -> list[Truth]:
         start = FIRST + timedelta(days=index)
         x = np.stack([vibration(rng, seconds, rate, 16.6, level) * GRAVITY for level in (0.9, 0.7)], axis=1)
         datenum = start.toordinal() + 366 + (start - start.replace(hour=0)).total_seconds() / 86400.0
-        name = f"fan_{start:%Y%m%d}.mat"
+        name = f"day_{start:%Y%m%d}.mat"
         values = {"acc": x, "fs": rate, "unit": "m/s^2", "t0": datenum, "operator": "HK"}
         scipy.io.savemat(str(folder / name), values)
         found.append(Truth(name, start, rate, {f"acc_{i + 1}": rms(x[:, i]) / GRAVITY for i in range(2)}))

@@ -93,7 +93,7 @@ def command(
     except ReaderError as error:
         raise InputError(f"{shown(path)}: {error}") from None
     talk = _Talk(ask=not yes, to_stderr=as_json, quiet=quiet)
-    for line in survey_lines(seen):
+    for line in survey_lines(seen, path):
         talk.say(line)
     conversation = _Conversation(seen, answers, talk, timezone, name or machine_name(seen.place.resolve()), out)
     config, problems = conversation.settle()
@@ -279,11 +279,11 @@ def _proposed_bands(draft: Draft) -> Iterator[tuple[str, tuple[float, float]]]:
         yield name, (low, high)
 
 
-def survey_lines(seen: Survey) -> Iterator[str]:
-    """Yield what the files state."""
+def survey_lines(seen: Survey, path: str) -> Iterator[str]:
+    """Yield what the files of a path state."""
     count = f"{len(seen.paths)} {'file' if len(seen.paths) == 1 else 'files'} of {seen.data_set.name}"
     ends = seen.first if seen.first == seen.last else f"{seen.first} to {seen.last}"
-    yield f"{shown(str(seen.place))}: {count}, {ends}"
+    yield f"{shown(path)}: {count}, {ends}"
     if seen.ignored:
         more = f" and {len(seen.ignored) - 3} more" if len(seen.ignored) > 3 else ""
         yield f"  left out, of another format: {', '.join(map(shown, seen.ignored[:3]))}{more}"

@@ -51,8 +51,8 @@ def open_questions(
         yield Question(
             "--bearing",
             "Bearing",
-            "The fault frequencies follow from it. As printed on the ring (6205-2RS), or number of elements, their "
-            "diameter and pitch diameter in mm (9 7.94 39.04).",
+            "Its geometry gives the fault frequencies. What is printed on its ring, such as 6205-2RS,\n"
+            "or number of elements, their diameter and pitch diameter in mm: 9 7.94 39.04.",
             None,
             read.read_bearing,
         )
@@ -68,11 +68,11 @@ def open_questions(
     yield from _date_questions(survey, answers, zone, now, last_problem)
     if answers.speed_hz is None and not answers.estimate and not _states_speed(survey):
         stated = f"{survey.speed:.8g} Hz" if survey.speed is not None else None
-        found = f"{stated} {survey.speed_from}. " if stated else "The files do not state it. "
+        found = f"{stated} {survey.speed_from}. " if stated else "The fault frequencies are multiples of it. "
         yield Question(
             "--speed-hz",
             "Speed of the shaft",
-            f'{found}The fault frequencies are multiples of it: 29.5 Hz, 1770 rpm, or "estimate" it in every block.',
+            f"{found}29.5 Hz, 1770 rpm, or estimate: of every block by its signal, less sure.",
             stated or "estimate",
             read.read_speed,
         )
@@ -80,7 +80,7 @@ def open_questions(
         yield Question(
             "--load-newton",
             "Radial load of the bearing",
-            "Only the size of damage (V_eq) needs it: 400 N, or unknown.",
+            "Only the size of damage (V_eq) needs it. 400 N, 0.4 kN, or unknown.",
             "unknown",
             read.read_load,
         )

@@ -180,9 +180,7 @@ def _source(draft: Draft) -> Iterator[str]:
     place = _relative(survey.place.resolve(), draft.out.resolve().parent)
     url = f"folder:{place}" if survey.is_folder else place
     yield from ("", "[[source]]", _pair("name", _SOURCE))
-    yield _pair(
-        "url", url, f"{len(survey.paths)} {'file' if len(survey.paths) == 1 else 'files'} of {survey.data_set.name}"
-    )
+    yield _pair("url", url)
     yield _pair("format", survey.data_set.name)
     if survey.rate is None or survey.rate_from is not None:
         where = "answered" if survey.rate is None else f"by the row {survey.rate_from}"
