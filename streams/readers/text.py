@@ -311,7 +311,6 @@ def _names_and_units(samples: Samples, head: _Head) -> tuple[tuple[str, ...], tu
     """Return titles, names and units of the columns; a title is its name, or names the unit behind it."""
     if head.names is None:
         return samples.names, samples.names, (None,) * len(samples.names)
-    titles: list[str] = []
     names: list[str] = []
     units: list[str | None] = list(head.units) if head.units is not None else [None] * len(head.names)
     for index, title in enumerate(head.names):
@@ -324,9 +323,8 @@ def _names_and_units(samples: Samples, head: _Head) -> tuple[tuple[str, ...], tu
             name = match[1].strip() or title
             units[index] = units[index] or unit
         names.append(name)
-        # A column in mV was found by its whole title before its unit was known.
-        titles.append(name if is_ours else title)
-    return tuple(titles), tuple(names), tuple(units)
+    # A configuration may name a column with its unit, as it stands in the file, or without.
+    return tuple(head.names), tuple(names), tuple(units)
 
 
 def _moved(error: ReaderError, name: str, lines: int) -> ReaderError:

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
 from streams.block import Block, Rejected
+from streams.load import choose_channels
 from streams.open import open_source
 from streams.readers.stated import known_unit, number_of, rate_of_times, seconds_utc, stated_rate
 from streams.readers.text import read_layout
@@ -39,7 +40,7 @@ def test_headers_of_german_loggers() -> None:
     for coding in ("utf-8", "cp1252"):
         found = read_layout(text.encode(coding), "x.csv")
         assert found.channels == ("Beschleunigung", "Spannung")
-        assert found.names == ("Beschleunigung", "Spannung [mV]")
+        assert found.names == ("Beschleunigung [m/s²]", "Spannung [mV]")
         assert (found.units, found.rate) == (("m/s2", "mV"), 1000.0)
         assert_array_equal(found.values[:, 1], [1.5, 1.0])
 
@@ -50,7 +51,7 @@ def test_headers_of_german_loggers() -> None:
         ("1,2\n3,4\n", (("column_1", "column_2"), (1, 2), None, (), None)),
         ("a,b\n1,2\n3,4\n", (("a", "b"), (1, 2), None, (), None)),
         ("time,a,b\n" + LINES, (("a", "b"), (2, 3), 1000.0, (), None)),
-        ("Time [s],a [g],b (m/s^2)\n" + LINES, (("a", "b"), (2, 3), 1000.0, ("g", "m/s2"), None)),
+        ("Time [s],a [g],b (m/s^2)\n" + LINES, (("a [g]", "b (m/s^2)"), (2, 3), 1000.0, ("g", "m/s2"), None)),
         ("t,a,b\ns,g,g\n" + LINES, (("a", "b"), (2, 3), 1000.0, ("g", "g"), None)),
         (
             "# Sampling rate: 1 kHz\n# Unit = g\n1,2\n3,4\n",
@@ -64,13 +65,20 @@ def test_headers_of_german_loggers() -> None:
             (("A",), (2,), 1000.0, (), None),
         ),
         ("Zeit;a\n0,0;1,5\n0,001;2,5\n0,002;3,5\n", (("a",), (2,), 1000.0, (), None)),
-        ("Acceleration axial [m/s2]\n1\n2\n", (("Acceleration axial",), (1,), None, ("m/s2",), None)),
-        ("x (g)  y (g)\n1 2\n3 4\n", (("x", "y"), (1, 2), None, ("g", "g"), None)),
+        ("Acceleration axial [m/s2]\n1\n2\n", (("Acceleration axial [m/s2]",), (1,), None, ("m/s2",), None)),
+        ("x (g)  y (g)\n1 2\n3 4\n", (("x (g)", "y (g)"), (1, 2), None, ("g", "g"), None)),
         ("\ufeffa;b\r\n1,5;2\r\n2,5;3\r\n", (("a", "b"), (1, 2), None, (), None)),
     ],
 )
 def test_layouts(text: str, expected: object) -> None:
     assert read(text) == expected
+
+
+@pytest.mark.parametrize("column", ["Accel X [g]", "Accel X"])
+def test_a_column_is_found_with_its_unit_or_without(column: str) -> None:
+    found = read_layout(b"Accel X [g],Accel Y [g]\n1,2\n3,4\n", "x.csv")
+    chosen = choose_channels(found, (ChannelSpec("drive_end", column=column, unit="g"),), None, "x.csv")
+    assert_array_equal(chosen.values, [[1.0, 3.0]])
 
 
 def test_decimal_commas_and_columns_are_kept() -> None:
