@@ -17,8 +17,8 @@ _DAY = 86400.0
 _NEAR = 32 * _DAY
 _WIDTHS = {"Y": r"(?:19|20)\d\d", "y": r"\d\d", "m": r"[01]\d", "d": r"[0-3]\d", "j": r"[0-3]\d\d", "b": r"[A-Za-z]{3}"}
 _ORDERS = ("Ymd", "dmY", "mdY", "ymd", "dmy", "mdy", "dbY", "bdY", "dby", "Yj")
-_SEPARATORS = ("", "-", "_", ".", " ")
-_CLOCK = re.compile(r"([-_. T]{0,2})([0-2]\d)([-_.:h ]?)([0-5]\d)(?:\3([0-5]\d))?(?!\d)")
+_SEPARATORS = ("", "-", "_", ".", " ", "/")
+_CLOCK = re.compile(r"([-_. T/]{0,2})([0-2]\d)([-_.:h ]?)([0-5]\d)(?:\3([0-5]\d))?(?!\d)")
 
 
 @dataclass(frozen=True)
@@ -89,15 +89,15 @@ def _dates() -> tuple[tuple[str, re.Pattern[str]], ...]:
         )
         for order in _ORDERS
         for separator in _SEPARATORS
+        if separator != "/" or "Y" in order
     )
 
 
 def _patterns(path: str) -> Iterator[tuple[str, bool]]:
-    """Yield the patterns that the name of a file may follow, and whether each has a time of day."""
-    name = path.rpartition("/")[2]
+    """Yield the patterns that a path may follow, and whether each has a time of day."""
     for date, expression in _dates():
-        for match in expression.finditer(name):
-            rest = name[match.end() :]
+        for match in expression.finditer(path):
+            rest = path[match.end() :]
             clock = _CLOCK.match(rest)
             if clock is not None:
                 joint, separator = clock[1].replace("%", "%%"), clock[3]

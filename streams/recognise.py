@@ -40,6 +40,7 @@ _ALIASES = {"text": "csv", "lvm": "csv", "flac": "wav", "h5": "hdf5", "uff58": "
 _STATE_RATE = ("csv", "wav", "mat", "tdms", "hdf5", "uff", "netcdf")
 _STATE_UNIT = ("csv", "mat", "tdms", "hdf5", "uff", "netcdf")
 _EXTRAS = {"tdms": ("nptdms", "tdms"), "hdf5": ("h5py", "hdf5"), "uff": ("pyuff", "uff")}
+_MATRICES = ("mat", "hdf5", "netcdf")
 _XJTU_HEADER = "Horizontal_vibration_signals"
 
 
@@ -58,7 +59,9 @@ def plain(kind: str, spec: SourceSpec, endings: tuple[str, ...]) -> DataSet:
             f'pip install "spallwatch[{extra}]"'
         )
     keys = [channel.key for channel in spec.channels if channel.key is not None]
-    if len(keys) < len(spec.channels):
+    # A matrix gives rows NAME_1, NAME_2, ...
+    keys += [key[: match.start()] for key in keys if (match := re.search(r"_\d+$", key)) and kind in _MATRICES]
+    if len(spec.channels) > sum(channel.key is not None for channel in spec.channels):
         # A channel that is found by its column or name may be any variable.
         keys = []
     zone = spec.timezone

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Literal
 
 from streams.datasets import DataSet
-from streams.files import Item, natural_key, open_files
+from streams.files import Files, Item, natural_key, open_files
 from streams.listing import shown
 from streams.load import Loader, in_own_units
 from streams.plausible import Level, level_of
@@ -17,7 +17,7 @@ from streams.readers.sidecar import is_sidecar
 from streams.readers.stated import multiple_of, nice_rate, plain_key, rate_of_times
 from streams.recognise import data_set_of
 from streams.samples import ReaderError, Samples
-from streams.spec import UNITS, SourceSpec
+from streams.spec import UNITS, ChannelSpec, SourceSpec
 
 Kind = Literal["vibration", "speed", "load", "time", "other"]
 
@@ -82,6 +82,7 @@ class Survey:
         changed: times of the last change of the first and the last file, s since 1970 UTC.
         refused: files that cannot be read, with the reason.
         values: samples of the first file, shape (row, sample).
+        chosen: whether only the longest rows are read, of files whose rows differ in length.
     """
 
     place: Path
@@ -103,6 +104,7 @@ class Survey:
     changed: tuple[float | None, float | None]
     refused: tuple[str, ...]
     values: Samples
+    chosen: bool = False
 
     @property
     def is_folder(self) -> bool:
@@ -139,6 +141,31 @@ def survey(path: str, kind: str = "auto", zone: str = "UTC") -> Survey:
     spec = SourceSpec("survey", path, format=kind, timezone=zone)
     files = open_files("survey", path)
     data_set = data_set_of(spec, files, kind)
+    try:
+        return _surveyed(spec, path, files, data_set)
+    except ReaderError as error:
+        longest = _longest_rows(str(error))
+        if not longest:
+            raise
+    channels = tuple(ChannelSpec(title, key=as_pattern(title)) for title in longest)
+    spec = replace(spec, channels=channels)
+    return replace(_surveyed(spec, path, files, data_set_of(spec, files, data_set.name)), chosen=True)
+
+
+def as_pattern(title: str) -> str:
+    """Return the key that matches a title and nothing else."""
+    return re.sub(r"([*?\[])", r"[\1]", title)
+
+
+def _longest_rows(reason: str) -> list[str]:
+    """Return the names of the longest rows of a file whose rows differ in length, by the reason why it was refused."""
+    listed = re.search(r"of different lengths: (.*)", reason)
+    rows = [] if listed is None else re.findall(r"([^,]+?) (\d+)(?:, |; |$)", listed[1])
+    longest = max((int(size) for _, size in rows), default=0)
+    return [name.strip() for name, size in rows if int(size) == longest]
+
+
+def _surveyed(spec: SourceSpec, path: str, files: Files, data_set: DataSet) -> Survey:
     loader = Loader(spec, data_set, files.root)
     known: list[tuple[Item, float | None, float | None]] = []
     others: list[str] = []

@@ -49,6 +49,10 @@ def _words(reader: Callable[[str], dict[str, Any]]) -> Callable[[Any, Any, str |
     return convert
 
 
+_LEAST_RATE_HZ = 200.0
+"""Sampling rate below which no shaft of usual speed shows its bearing."""
+
+
 @click.command("init")
 @click.argument("path", default=".")
 @click.option(
@@ -252,6 +256,8 @@ class _Conversation:
 
         found = [*find_problems(config), *([dates] if dates else [])]
         draft = self.draft()
+        if draft.rate < _LEAST_RATE_HZ:
+            found.append(f"a rate of {draft.rate:g} Hz is that of a trend: fault lines need the waveform of a sensor")
         for row, name in zip(self.seen.vibration, channel_names(self.seen.vibration), strict=True):
             level, unit = level_in_g(row, draft), unit_of(row, self.answers)
             words = doubts(row.level, "unknown") if level is None else doubts(level, "g")

@@ -158,8 +158,8 @@ def _unit_words(rows: Sequence[SurveyedRow]) -> str:
     text = (
         f"{_names(rows)}: no unit is stated; {row.title} has an RMS of {level.rms:.3g} and a mean of {level.mean:.3g}."
     )
-    unlikely = [f"{unit}: {found[0]}" for unit in ("g", "m/s2") if (found := doubts(level, unit))]
-    return " ".join([text, *(f"If {words}." for words in unlikely), "g, m/s2, mV, V, or unknown."])
+    unlikely = [f"{unit}: {found[0].partition(': ')[0]}." for unit in ("g", "m/s2") if (found := doubts(level, unit))]
+    return " ".join([text, *(f"If {words}" for words in unlikely), "Answer g, m/s2, mV, V, or unknown."])
 
 
 def name_readings(survey: Survey, zone: str, now: float) -> list[NameReading]:

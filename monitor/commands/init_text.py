@@ -14,7 +14,7 @@ from monitor.commands.init_questions import needs_scale, unit_of
 from monitor.health.detect.state import DetectSettings
 from streams.plausible import Level, of_one_g
 from streams.samples import COUNTS, FRACTIONS
-from streams.survey import Survey, SurveyedRow
+from streams.survey import Survey, SurveyedRow, as_pattern
 
 _MAX_WHOLE_S = 30.0
 """Length of a file, s, up to which it is one block."""
@@ -182,7 +182,9 @@ def _source(draft: Draft) -> Iterator[str]:
     yield from ("", "[[source]]", _pair("name", _SOURCE))
     yield _pair("url", url)
     yield _pair("format", survey.data_set.name)
-    if survey.rate is None or survey.rate_from is not None:
+    if not survey.data_set.plain and survey.rate is not None:
+        yield _pair("rate_hz", survey.rate, "of the first file; each file states its own", off=True)
+    elif survey.rate is None or survey.rate_from is not None:
         where = "answered" if survey.rate is None else f"by the row {survey.rate_from}"
         yield _pair("rate_hz", draft.rate, where)
     else:
@@ -243,19 +245,14 @@ def _channels(draft: Draft) -> Iterator[str]:
 
 def _place(row: SurveyedRow, survey: Survey) -> Iterator[str]:
     """Yield the key that finds a row in its file."""
-    if len(survey.rows) == 1:
+    if len(survey.rows) == 1 and not survey.chosen:
         return
-    if survey.data_set.name in ("mat", "tdms", "hdf5", "uff", "netcdf") and not _is_numbered(row, survey):
-        yield _pair("key", re.sub(r"([*?\[])", r"[\1]", row.title))
+    if survey.data_set.name in ("mat", "tdms", "hdf5", "uff", "netcdf"):
+        yield _pair("key", as_pattern(row.title))
     elif survey.data_set.name == "csv" and row.title != f"column_{row.column}":
         yield _pair("column", row.title)
     else:
         yield _pair("column", row.column)
-
-
-def _is_numbered(row: SurveyedRow, survey: Survey) -> bool:
-    """Return whether rows are named by a matrix that holds them, which is no key of its own."""
-    return survey.data_set.name in ("mat", "hdf5", "netcdf") and re.search(r"_\d+$", row.title) is not None
 
 
 def _further(draft: Draft) -> Iterator[str]:

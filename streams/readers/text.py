@@ -9,6 +9,7 @@ import numpy as np
 
 from streams.limits import MIN_COLUMNS_OF_A_ROW
 from streams.readers.numbers import Dialect, first_line_of, is_number, located, parse_columns, parse_row
+from streams.readers.stamped import StampedRows, split_stamps
 from streams.readers.stated import (
     Facts,
     is_date,
@@ -127,8 +128,12 @@ def clean_text(data: bytes, name: str) -> bytes:
     Raises:
         ReaderError: ``unreadable`` for binary data, ``empty`` where there is nothing but blanks.
     """
+    if data.startswith((b"\xff\xfe", b"\xfe\xff")):
+        data = data[: len(data) // 2 * 2].decode("utf-16", "replace").encode("utf-8")
     if b"\0" in data:
-        raise ReaderError("unreadable", f"{name}: expected text, found binary data (or UTF-16)")
+        raise ReaderError(
+            "unreadable", f"{name}: expected text, found binary data (or UTF-16 without a byte order mark)"
+        )
     body = data.removeprefix(_BOM)
     if b"\n" not in body and b"\r" in body:
         body = body.replace(b"\r", b"\n")
@@ -190,17 +195,47 @@ def read_layout(data: bytes, name: str, zone: str = "UTC") -> Samples:
     Raises:
         ReaderError: as :func:`read_text`; ``wrong_rate`` for uneven times or contradictory rates.
     """
-    body, skipped = _numbers(clean_text(data, name), name)
+    text = clean_text(data, name)
+    stamped = split_stamps(text, name, zone)
+    body, skipped = _numbers(text, name) if stamped is None else (stamped.body, stamped.head)
     head = _head(skipped)
+    if stamped is not None:
+        del text
+        return _with_times(_read_rows(body, head, name, zone, stamped.columns), stamped, name)
+    return _read_rows(body, head, name, zone)
+
+
+def _with_times(samples: Samples, stamped: StampedRows, name: str) -> Samples:
+    """Add what the stamps of the rows state."""
+    times = np.where(stamped.times < -43200.0, stamped.times + 86400.0, stamped.times)
+    by_times = rate_of_times(times, name)
+    if by_times is not None and samples.rate is not None and abs(by_times - samples.rate) > 1e-4 * samples.rate:
+        raise ReaderError("wrong_rate", f"{name}: the header states {samples.rate:g} Hz, the times {by_times:g} Hz")
+    samples = replace(samples, rate=samples.rate if samples.rate is not None else by_times)
+    if stamped.start is None:
+        return samples
+    is_open = stamped.start.open
+    return replace(
+        samples, start=None if is_open else stamped.start.fixed, stamp=stamped.start.text if is_open else None
+    )
+
+
+def _read_rows(body: bytes, head: _Head, name: str, zone: str, removed: int = 0) -> Samples:
+    """Read the numbers below a head, of whose names the first ones are ``removed`` columns."""
     try:
         samples = read_text(body, name, header=False, as_row=head.names is None or len(head.names) == 1)
     except ReaderError as error:
-        raise _moved(error, name, head.lines) from error
+        raise _moved(error, name, head.lines, removed) from error
     width = len(samples.names)
+    if removed:
+        samples = Samples(samples.values, columns=tuple(column + removed for column in samples.columns))
+    if head.title and head.names is not None and len(head.names) != width + removed:
+        head.names = _titles_with_blanks(head.title, width + removed) or head.names
+    if head.names is not None and len(head.names) > removed:
+        head.names = head.names[removed:]
+        head.units = None if head.units is None else head.units[removed:]
     if head.names is not None and len(head.names) == width + 1 and plain_key(head.names[-1]) == "comment":
         head.names = head.names[:-1]
-    if head.title and head.names is not None and len(head.names) != width:
-        head.names = _titles_with_blanks(head.title, width) or head.names
     if head.names is not None and len(head.names) != width:
         raise ReaderError(
             "wrong_shape", f"{name}: {len(head.names)} names in the header, {width} columns in line {head.lines + 1}"
@@ -327,7 +362,12 @@ def _names_and_units(samples: Samples, head: _Head) -> tuple[tuple[str, ...], tu
     return tuple(head.names), tuple(names), tuple(units)
 
 
-def _moved(error: ReaderError, name: str, lines: int) -> ReaderError:
-    """Return the error with its line counted from the top of the file."""
-    line = re.compile(rf"^{re.escape(name)}: line (\d+)")
-    return ReaderError(error.status, line.sub(lambda match: f"{name}: line {int(match[1]) + lines}", str(error)))
+def _moved(error: ReaderError, name: str, lines: int, columns: int) -> ReaderError:
+    """Return the error with its line counted from the top of the file, its column from the left."""
+    line = re.compile(rf"^{re.escape(name)}: line (\d+)(?:, column (\d+))?")
+
+    def place(match: re.Match[str]) -> str:
+        column = "" if match[2] is None else f", column {int(match[2]) + columns}"
+        return f"{name}: line {int(match[1]) + lines}{column}"
+
+    return ReaderError(error.status, line.sub(place, str(error)))
