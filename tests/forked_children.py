@@ -55,7 +55,7 @@ def _become(command: Sequence[str], handles: Mapping[str, int], environment: Map
         if name in handles:
             os.close(handles[name])
     # Numbers of descriptors among the words are those of this process.
-    _, _, code, *words = command
+    code, *words = command[command.index("-c") + 1 :]
     sys.argv = ["-c", *(str(handles.get(word, word)) for word in words)]
     exec(code, {"__name__": "__main__"})
 

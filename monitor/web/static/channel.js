@@ -6,6 +6,7 @@ import { figure, loadUplot, sayInstead } from "./chart.js";
 import { fill, h, setText, symbol, table } from "./dom.js";
 import * as fmt from "./fmt.js";
 import { Kurtogram } from "./kurtogram.js";
+import { RawBlock } from "./raw_block.js";
 import { Spectrum } from "./spectrum.js";
 import { TrackMap } from "./track_map.js";
 import { TrendData } from "./trend_data.js";
@@ -35,6 +36,7 @@ export class Channel {
     this.waterfall = new Waterfall(
       { ...options, lines: () => this.spectrum.spectrum?.lines_hz, onBlock: (block) => this.spectrum.load(block) },
     );
+    this.raw = new RawBlock(options);
     this.kurtogram = new Kurtogram(options);
     this.map = new TrackMap(options);
     this.blocks = new Blocks({ ...options, onBlocks: (blocks) => this.trends.setBlocks(blocks) });
@@ -42,7 +44,7 @@ export class Channel {
     this.values = h("details", null, h("summary", null, "Values as a table"), h("div"));
     this.values.addEventListener("toggle", () => this.fillValues());
     this.note = h("p", { class: "note" });
-    const left = h("div", { class: "column" }, this.trendBox.element, this.blocks.element);
+    const left = h("div", { class: "column" }, this.trendBox.element, this.raw.element, this.blocks.element);
     const right = h("div", { class: "column" }, this.spectrum.element, this.waterfall.element, this.kurtogram.element, this.map.element);
     this.element = h(
       "div",
@@ -60,6 +62,7 @@ export class Channel {
     const chosen = this.spectrum.following ? null : block;
     this.waterfall.choose(chosen);
     this.kurtogram.load(chosen);
+    this.raw.load(chosen);
   }
 
   get title() {
@@ -365,6 +368,7 @@ export class Channel {
     if (this.data) this.drawTrends(this.trends.range ?? [this.extent.first_s, this.extent.last_s]);
     this.spectrum.draw();
     this.waterfall.redraw();
+    this.raw.draw();
     this.kurtogram.redraw();
     this.map.redraw();
     this.blocks.draw();
@@ -376,6 +380,6 @@ export class Channel {
     clearTimeout(this.falling);
     clearTimeout(this.again);
     this.turn += 1;
-    for (const part of [this.trends, this.spectrum, this.waterfall, this.kurtogram, this.map]) part.close();
+    for (const part of [this.trends, this.spectrum, this.waterfall, this.raw, this.kurtogram, this.map]) part.close();
   }
 }

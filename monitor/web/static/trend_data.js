@@ -77,6 +77,24 @@ export class TrendData {
     return { time, places };
   }
 
+  /** Least and greatest value of some columns; (infinite, 0) without any. */
+  span(names) {
+    let least = Infinity;
+    let most = 0;
+    for (const name of names) {
+      const { low, high } = this.column(name) ?? { low: [], high: [] };
+      for (const value of low) if (isNumber(value) && value < least) least = value;
+      for (const value of high) if (value > most) most = value;
+    }
+    return [least, most];
+  }
+
+  /** Whether positive values span more than a factor of five, as in the report: their axis is logarithmic. */
+  isWide(names) {
+    const [least, most] = this.span(names);
+    return least > 0 && most > 5 * least;
+  }
+
   /** Constant value of a column, or null where it changes by more than a share. */
   constant(name, share = 0.005) {
     const found = this.column(name);

@@ -5,7 +5,7 @@ import { CHARTS, FEATURES } from "./words.js";
 
 const LAYOUT = {
   rms: { height: 150, marks: true },
-  lines: { height: 150 },
+  lines: { height: 150, wide: true },
   v_eq: { height: 150 },
   v_eq_relative: { height: 150 },
   tt: { height: 150, duration: true },

@@ -2,9 +2,11 @@
 
 import { Legend, axis, horizontalLine, loadUplot, onWidth, translucent, valueAxis, verticalLine } from "./chart.js";
 import { fill, h, setText } from "./dom.js";
+import { exportButtons } from "./exporting.js";
 import * as fmt from "./fmt.js";
 import { colour } from "./prefs.js";
 import { placed } from "./trend_data.js";
+import { columnsOf, trendFile } from "./trend_file.js";
 import { trendSpecs } from "./trend_specs.js";
 
 const SYNC = "spallwatch-trends";
@@ -61,7 +63,7 @@ export class Trends {
     }
     const specs = trendSpecs(info, data);
     const signature = JSON.stringify(
-      [specs.map((spec) => [spec.name, spec.levels, spec.series.length]), colour("surface"), this.options.zone(), data.dated, info.marks],
+      [specs.map((spec) => [spec.name, spec.levels, spec.series.length, spec.wide && this.data.isWide(columnsOf(spec))]), colour("surface"), this.options.zone(), data.dated, info.marks],
     );
     const { time, places } = data.broken();
     this.places = places;
@@ -88,19 +90,12 @@ export class Trends {
     const element = h(
       "div",
       { class: "trend", "data-chart": spec.name },
-      h("div", { class: "trend-head" }, h("h3", null, spec.title), unit, legend.element),
+      h("div", { class: "trend-head" }, h("h3", null, spec.title), unit, legend.element, exportButtons(() => trendFile(this, spec))),
       holder,
     );
-    const [name, divisor] = spec.duration ? fmt.durationUnit(this.mostOf(spec)) : [spec.unit, 1];
+    const [name, divisor] = spec.duration ? fmt.durationUnit(this.data.span(columnsOf(spec))[1]) : [spec.unit, 1];
     setText(unit, name);
-    return { spec, legend, holder, element, factor: 1 / divisor };
-  }
-
-  mostOf(spec) {
-    let most = 0;
-    for (const name of [...spec.series.map((s) => s.column), ...(spec.band ?? [])])
-      for (const value of this.data.column(name)?.high ?? []) if (value > most) most = value;
-    return most;
+    return { spec, legend, holder, element, factor: 1 / divisor, log: spec.wide && this.data.isWide(columnsOf(spec)) };
   }
 
   mount(Uplot, chart) {
@@ -127,8 +122,8 @@ export class Trends {
       {
         width: this.width ?? 600, height: spec.height, series, bands, legend: { show: false },
         padding: [6, 14, 0, 0], tzDate: this.tzDate(Uplot),
-        scales: { x: this.xScale(), y: { range: (u, low, high) => this.yRange(chart, low, high) } },
-        axes: [this.timeAxis(), valueAxis()],
+        scales: { x: this.xScale(), y: { ...(chart.log ? { distr: 3 } : {}), range: (u, low, high) => this.yRange(chart, low, high) } },
+        axes: [this.timeAxis(), valueAxis((u, splits) => splits.map((v) => (v === null ? "" : fmt.number(v, 4))))],
         cursor: this.cursor(), select: { show: true },
         hooks: {
           draw: [(u) => this.drawOver(u, chart)],
@@ -178,6 +173,7 @@ export class Trends {
 
   /** From nought, high enough for a level that is near; a level far above is an arrow. */
   yRange(chart, low, high) {
+    if (chart.log) return fmt.isNumber(high) && high > 0 ? [Math.max(low, high * 1e-6) / 1.3, high * 1.3] : [0.1, 1];
     if (!fmt.isNumber(high)) return [0, 1];
     if (chart.spec.free) {
       const room = Math.max((high - low) * 0.15, Math.abs(high) * 0.01, 1e-9);
