@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from models.bearing import Bearing
+from monitor.config.fields import plain_name
 from monitor.config.load import Config, load_config, validate
 
 SOURCE = "signal"
@@ -49,6 +50,15 @@ def configuration(
         },
         _WHERE,
     )
+
+
+def plain_names(titles: Sequence[str]) -> list[str]:
+    """Return a name that the configuration takes for each title, all different."""
+    names: list[str] = []
+    for number, title in enumerate(titles, start=1):
+        name = plain_name(title) or f"channel_{number}"
+        names.append(name if name not in names else f"{name}_{number}")
+    return names
 
 
 def given_configuration(config: Path | str | Mapping[str, Any]) -> Config:

@@ -20,7 +20,7 @@ from monitor.records.dataset import to_dataset
 from monitor.records.filing import Filing, Stored
 from monitor.records.packing import pack
 from monitor.service.setup import source_settings
-from spallwatch._configuration import SOURCE, configuration
+from spallwatch._configuration import SOURCE, configuration, plain_names
 from spallwatch._readable import readable
 from spallwatch.recordings import to_signal
 from streams.block import Block
@@ -124,7 +124,7 @@ def features(
     record = _analysed(given, bearing, speed_hz, load_newton, band_hz, rms_band_hz, speed_exact).record
     dataset = readable(to_dataset([_stored(record)], dated=False, attributes={})).isel(time=0, drop=True)
     unused = [name for name, array in dataset.data_vars.items() if name in _OF_A_LIFE or _is_empty(array)]
-    found = dataset.drop_vars([*_LEDGER, *unused, "coefficient_name"])
+    found = dataset.drop_vars([*_LEDGER, *unused, "coefficient_name"]).assign_coords(channel=given.channel.values)
     found.attrs = {"flags": " ".join(record.flags)}
     return found
 
@@ -209,7 +209,7 @@ def _analysed(
 ) -> SourceOutput:
     """Take a signal through the stages as the only block of a source."""
     unit = "m/s2" if signal.attrs["units"] == "m s-2" else "unknown"
-    names = [str(name) for name in signal.channel.values]
+    names = plain_names([str(name) for name in signal.channel.values])
     config = configuration(
         [
             {"name": name, "unit": unit, "band_hz": None if band is None else [list(band)], "rms_band_hz": rms_band}

@@ -15,12 +15,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from models.errors import WrongInputError
 from streams.block import Block, Rejected, to_si
-from streams.files import open_files
-from streams.load import Loader
 from streams.open import open_source
-from streams.recognise import data_set_of
 from streams.samples import ReaderError
 from streams.spec import DEFAULT_BLOCK_SECONDS, ChannelSpec, SourceError, SourceSpec
+from streams.survey import survey
 
 _NAME = "recording"
 
@@ -135,7 +133,7 @@ def blocks(
     Raises:
         RecordingError: the recording cannot be opened, or a block of it not be read.
     """
-    spec = spec_of(path, block_s, how)
+    spec = _with_channels(source_of(path, block_s, how), how)
     try:
         for item in open_source(spec):
             if isinstance(item, Block):
@@ -146,8 +144,8 @@ def blocks(
         raise RecordingError(_in_words_of_calls(str(error))) from None
 
 
-def spec_of(path: str | PathLike[str], block_s: float | Literal["file"], how: Reading) -> SourceSpec:
-    """Return the source that arguments stand for; RecordingError or TypeError where they are wrong."""
+def source_of(path: str | PathLike[str], block_s: float | Literal["file"], how: Reading) -> SourceSpec:
+    """Return the source that arguments stand for, without its channels; TypeError for an unknown argument."""
     wrong = sorted(set(how) - set(Reading.__annotations__))
     if wrong:
         allowed = ", ".join(Reading.__annotations__)
@@ -155,7 +153,7 @@ def spec_of(path: str | PathLike[str], block_s: float | Literal["file"], how: Re
     start = how.get("start_utc")
     if start is not None and start.tzinfo is None:
         start = start.replace(tzinfo=UTC)
-    spec = SourceSpec(
+    return SourceSpec(
         name=_NAME,
         url=fspath(path),
         start=None if start is None else start.timestamp(),
@@ -168,7 +166,6 @@ def spec_of(path: str | PathLike[str], block_s: float | Literal["file"], how: Re
         time_name=how.get("time_name"),
         interval=how.get("interval_s"),
     )
-    return _with_channels(spec, how)
 
 
 def _with_channels(spec: SourceSpec, how: Reading) -> SourceSpec:
@@ -195,8 +192,10 @@ def _with_channels(spec: SourceSpec, how: Reading) -> SourceSpec:
     return replace(spec, channels=channels)
 
 
-def first_channels(spec: SourceSpec) -> dict[str, str | None]:
+def first_channels(spec: SourceSpec, *, vibration: bool = False) -> dict[str, str | None]:
     """Return the channels of the first file of a source that can be read, with their units where they are stated.
+
+    ``vibration``: only those that seem to be vibration, not a temperature or a speed.
 
     Raises:
         RecordingError: there is none.
@@ -210,22 +209,12 @@ def first_channels(spec: SourceSpec) -> dict[str, str | None]:
         path = rest
     if scheme == "dataset" and colon:
         kind, _, path = rest.partition(":")
-    failure: ReaderError | None = None
     try:
-        files = open_files(spec.name, path)
-        data_set = data_set_of(spec, files, kind)
-        loader = Loader(spec, data_set, files.root, several=files.several)
-        for item in files:
-            if loader.facts(item.path) is None:
-                continue
-            try:
-                found = loader.read(item.read(), item.path, item.path)
-                return {name: unit or data_set.unit for name, unit in zip(found.channels, found.units, strict=True)}
-            except ReaderError as error:
-                failure = failure or error
-    except SourceError as error:
-        raise RecordingError(_in_words_of_calls(str(error))) from None
-    raise RecordingError(f"{path}: no file can be read{'' if failure is None else f': {failure}'}")
+        found = survey(path, kind, spec.timezone)
+    except (SourceError, ReaderError) as error:
+        raise RecordingError(_in_words_of_calls(str(error)).replace("[[source]] survey: url: ", "")) from None
+    rows = found.vibration if vibration else found.rows
+    return {row.name: row.unit or found.data_set.unit for row in rows}
 
 
 def _signal_of(block: Block, how: Reading) -> xr.DataArray:

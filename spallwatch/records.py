@@ -17,9 +17,9 @@ from monitor.config.load import Config
 from monitor.health.schema import SCHEMA_VERSION, VARIABLES
 from monitor.records.dataset import INT_FILL, NO_VALUE
 from monitor.service.replay import replay as replay_recording
-from spallwatch._configuration import configuration, given_configuration
+from spallwatch._configuration import configuration, given_configuration, plain_names
 from spallwatch._readable import readable
-from spallwatch.recordings import Reading, first_channels, spec_of
+from spallwatch.recordings import Reading, first_channels, source_of
 from streams.spec import DEFAULT_BLOCK_SECONDS
 
 _LEDGER = ("source", "name", "status", "reason", "sequence")
@@ -55,10 +55,10 @@ def replay(
         out: folder that keeps the store and the published records; by default nothing is kept.
         limit: greatest number of blocks.
         block_s: length of a block, s; "file": one block a file.
-        how: see ``spallwatch.recordings.Reading``.
+        how: see ``spallwatch.recordings.Reading``; without ``channels``, all that seem to be vibration are monitored.
 
     Returns:
-        As ``open_records``.
+        As ``open_records``. Channels have the names of the file, in letters that a configuration takes.
 
     Raises:
         RecordingError, ConfigError: the recording cannot be opened, or an argument or key is not allowed.
@@ -134,17 +134,20 @@ def _configured(
     how: Reading,
 ) -> Config:
     """Return the configuration of a machine with one source, whose channels are those of the recording."""
-    spec = spec_of(path, block_s, how)
-    there = first_channels(spec)
-    units = {name: how.get("unit", there.get(name)) for name in ([item.name for item in spec.channels] or there)}
-    if missing := [name for name, unit in units.items() if unit is None]:
+    there = first_channels(source_of(path, block_s, how), vibration="channels" not in how)
+    titles = list(how.get("channels", there))
+    units = [how.get("unit", there.get(title)) for title in titles]
+    if missing := [title for title, unit in zip(titles, units, strict=True) if unit is None]:
         expected = 'expected unit="g", "m/s2", "V" or "unknown"'
         raise RecordsError(f"{fspath(path)}: states no unit of {', '.join(missing)}; {expected}")
     given: Mapping[str, Any] = {**how}
     scaling = {key: given.get(key) for key in ("scale", "sensitivity_mv_per_g")}
     keys = ("rate_hz", "start_utc", "format", "range_g", "time_from", "time_name", "interval_s")
     return configuration(
-        [{"name": name, "column": name, "unit": unit, **scaling} for name, unit in units.items()],
+        [
+            {"name": name, "column": title, "unit": unit, **scaling}
+            for name, title, unit in zip(plain_names(titles), titles, units, strict=True)
+        ],
         bearing=bearing,
         operating=operating,
         source={"block_s": block_s, **{key: given.get(key) for key in keys}},

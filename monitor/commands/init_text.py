@@ -11,6 +11,7 @@ from pathlib import Path
 
 from monitor.commands.init_answers import AnsweredBearing, Answers
 from monitor.commands.init_questions import needs_scale, unit_of
+from monitor.config.fields import plain_name
 from monitor.health.detect.state import DetectSettings
 from streams.plausible import Level, of_one_g
 from streams.samples import COUNTS, FRACTIONS
@@ -58,15 +59,9 @@ def channel_names(rows: Sequence[SurveyedRow]) -> list[str]:
     names: list[str] = []
     for row in rows:
         title = "sensor" if len(rows) == 1 and row.name == f"column_{row.column}" else row.name
-        name = re.sub(r"[^A-Za-z0-9_.-]+", "_", _plain_letters(title)).strip("_.-")[:56] or f"channel_{row.column}"
+        name = plain_name(title) or f"channel_{row.column}"
         names.append(name if name not in names else f"{name}_{row.column}")
     return names
-
-
-def _plain_letters(text: str) -> str:
-    for letter, plain in {"ä": "ae", "ö": "oe", "ü": "ue", "ß": "ss", "Ä": "Ae", "Ö": "Oe", "Ü": "Ue"}.items():
-        text = text.replace(letter, plain)
-    return text
 
 
 def level_in_g(row: SurveyedRow, draft: Draft) -> Level | None:

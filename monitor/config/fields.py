@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any, Self
@@ -18,6 +19,7 @@ Count = Annotated[int, Field(ge=1, le=100000)]
 Blocks = Annotated[int, Field(ge=1, le=1000)]
 Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,63}$")]
 Band = tuple[NotNegative, Positive]
+_LETTERS = {"ä": "ae", "ö": "oe", "ü": "ue", "ß": "ss", "Ä": "Ae", "Ö": "Oe", "Ü": "Ue"}
 
 
 def _check_scale(value: float) -> float:
@@ -59,3 +61,10 @@ def _absolute(value: Any, folder: Path) -> Any:
     if isinstance(value, Section):
         return value.with_absolute_paths(folder)
     return tuple(_absolute(item, folder) for item in value) if isinstance(value, tuple) else value
+
+
+def plain_name(title: str) -> str:
+    """Return a name that the configuration takes for what a file calls it, "" where nothing is left of it."""
+    for letter, plain in _LETTERS.items():
+        title = title.replace(letter, plain)
+    return re.sub(r"[^A-Za-z0-9_.-]+", "_", title).strip("_.-")[:56]

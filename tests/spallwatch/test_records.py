@@ -119,3 +119,13 @@ def test_wrong_questions_are_named(recording, tmp_path):
         sw.open_records(tmp_path / "other.nc")
     with pytest.raises(sw.SpallwatchError, match="rsm"):
         sw.open_records(tmp_path, variables=["rsm"])
+
+
+def test_what_is_no_vibration_is_not_monitored(tmp_path):
+    rng = np.random.default_rng(3)
+    rows = "\n".join(f"{a:.4f};{20 + 0.001 * b:.4f}" for a, b in rng.standard_normal((8000, 2)))
+    (tmp_path / "x.csv").write_text(f"Accel X [g];Temperature [°C]\n{rows}\n")
+    found = sw.replay(tmp_path / "x.csv", bearing="6205", speed_hz=10.0, rate_hz=RATE, block_s=1.0)
+    assert list(found.channel.values) == ["Accel_X"]
+    signal = sw.read(tmp_path / "x.csv", rate_hz=RATE, channels=["Accel X [g]"])
+    assert list(sw.features(signal, bearing="6205", speed_hz=10.0).channel.values) == ["Accel X [g]"]
