@@ -11,6 +11,7 @@ import shlex
 import subprocess
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
@@ -219,17 +220,36 @@ def test_the_commands_of_a_page_run(page: str, tmp_path: Path) -> None:
     assert named
 
 
-PYTHON_PAGES = ["reference/python.md"]
+def press_csv(folder: Path) -> None:
+    """Write a recording of a damaged bearing."""
+    _, lines = bearing_lines("6205", 29.95)
+    samples = impacts(np.random.default_rng(1), "outer", lines) / STANDARD_GRAVITY
+    np.savetxt(folder / "press.csv", samples, header="press", comments="")
+
+
+def records_and_store(folder: Path) -> None:
+    """Write records and the store of a machine with the channel ``mo``."""
+    np.save(folder / "x.npy", np.random.default_rng(1).standard_normal(12000))
+    source = {"name": "s", "url": str(folder / "x.npy"), "rate_hz": 4000.0, "block_s": 1.0}
+    tables = {
+        "machine": {"name": "ferrara"},
+        "bearing": [{"name": "b", "designation": "6205"}],
+        "operating": {"speed_hz": 10.0},
+        "source": [{**source, "start_utc": datetime(2026, 11, 20, tzinfo=UTC)}],
+        "channel": [{"name": "mo", "source": "s", "unit": "g", "bearing": "b", "band_hz": [500, 1500]}],
+    }
+    sw.replay(config=tables, out=folder / "state")
+    (folder / "state" / "records").rename(folder / "records")
+
+
+PYTHON_PAGES = {"reference/python.md": press_csv, "how-to/records.md": records_and_store}
 
 
 @pytest.mark.parametrize("page", PYTHON_PAGES)
 def test_the_python_of_a_page_runs(page: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    _, lines = bearing_lines("6205", 29.95)
-    samples = impacts(np.random.default_rng(1), "outer", lines) / STANDARD_GRAVITY
-    np.savetxt(tmp_path / "press.csv", samples, header="press", comments="")
+    PYTHON_PAGES[page](tmp_path)
     monkeypatch.chdir(tmp_path)
     namespace: dict[str, object] = {}
     for kind, _, text in BLOCK.findall(read(DOCS / page)):
         assert kind == "python"
         exec(text, namespace)
-    assert (tmp_path / "press.png").stat().st_size > 10_000
