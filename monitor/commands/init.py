@@ -31,6 +31,7 @@ from monitor.words.numbers import duration
 from streams.listing import shown
 from streams.plausible import doubts
 from streams.samples import ReaderError
+from streams.spec import SourceError
 from streams.stamps import utc_text
 from streams.survey import Survey, survey
 
@@ -96,6 +97,10 @@ def command(
         seen = survey(path, kind, timezone)
     except ReaderError as error:
         raise InputError(f"{shown(path)}: {error}") from None
+    except SourceError as error:
+        raise InputError(
+            str(error).replace("[[source]] survey: url: ", "").replace("[[source]] survey: ", "")
+        ) from None
     talk = _Talk(ask=not yes, to_stderr=as_json, quiet=quiet)
     for line in survey_lines(seen, path):
         talk.say(line)
@@ -254,7 +259,8 @@ class _Conversation:
     def _problems(self, config: Config, dates: str) -> list[str]:
         from monitor.commands.check import find_problems
 
-        found = [*find_problems(config), *([dates] if dates else [])]
+        found = [text for text in find_problems(config) if self.seen.is_folder or "is a recording" not in text]
+        found += [dates] if dates else []
         draft = self.draft()
         if draft.rate < _LEAST_RATE_HZ:
             found.append(f"a rate of {draft.rate:g} Hz is that of a trend: fault lines need the waveform of a sensor")

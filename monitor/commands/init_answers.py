@@ -111,7 +111,7 @@ def read_bearing(text: str) -> dict[str, Any]:
 
 def read_speed(text: str) -> dict[str, Any]:
     """Return the speed of ``29.5``, ``29.5 Hz`` or ``1770 rpm``; "estimate" leaves it to the signal."""
-    if text.strip().lower() in ("estimate", "unknown", ""):
+    if text.strip().lower() == "estimate":
         return {"estimate": True}
     match = _SPEED.fullmatch(text)
     if match is None:

@@ -67,13 +67,14 @@ def open_questions(
     yield from _level_questions(survey, answers)
     yield from _date_questions(survey, answers, zone, now, last_problem)
     if answers.speed_hz is None and not answers.estimate and not _states_speed(survey):
-        stated = f"{survey.speed:.8g} Hz" if survey.speed is not None else None
-        found = f"{stated} {survey.speed_from}. " if stated else "The fault frequencies are multiples of it. "
+        stated = None if survey.speed is None else f"{survey.speed:.8g} Hz"
+        found = "The fault frequencies are multiples of it." if stated is None else f"{stated} {survey.speed_from}."
         yield Question(
             "--speed-hz",
             "Speed of the shaft",
-            f"{found}29.5 Hz, 1770 rpm, or estimate: of every block by its signal, less sure.",
-            stated or "estimate",
+            f"{found} 29.5 Hz, 1770 rpm, or estimate: by the signal of each block, which is rejected if it does not "
+            "show the shaft.",
+            stated,
             read.read_speed,
         )
     if answers.load_newton is None and not answers.no_load and survey.load is None and not _has(survey, "load"):

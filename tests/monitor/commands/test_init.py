@@ -164,6 +164,9 @@ def test_what_cannot_be_true_is_said(here: Path) -> None:
 def test_a_folder_that_holds_the_configuration_stays_clean(here: Path) -> None:
     write_named(here / "log", "2024-01-02_10-00-00.csv")
     done = run_command("init", "--yes", "--bearing", "6205", cwd=here / "log")
+    assert done.returncode == 2
+    assert "--speed-hz" in done.stderr
+    done = run_command("init", "--yes", "--bearing", "6205", "--speed-hz", "estimate", cwd=here / "log")
     assert done.returncode == 0, done.stderr
     config = load_config(here / "log" / "config.toml")
     assert config.machine.state_dir == here / "log" / ".log" / "state"
