@@ -10,7 +10,7 @@ import multiprocessing.forkserver
 import os
 import subprocess
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from multiprocessing import process, reduction
 from types import SimpleNamespace
 from typing import Any, cast
@@ -60,8 +60,35 @@ def _become(command: Sequence[str], handles: Mapping[str, int], environment: Map
     exec(code, {"__name__": "__main__"})
 
 
-class ForkedChild:
-    """A child with those methods of a :class:`subprocess.Popen` that the product uses for its own."""
+class ForkedProcess:
+    """A forked process with those methods of a :class:`subprocess.Popen` that ask for its end."""
+
+    def __init__(self, target: Callable[..., None], arguments: Sequence[Any]) -> None:
+        """Start ``target(*arguments)``."""
+        self._process = _CONTEXT.Process(target=target, args=arguments)
+        self._process.start()
+        assert self._process.pid is not None
+        self.pid = self._process.pid
+
+    @property
+    def returncode(self) -> int | None:
+        """Exit code, negative for a signal, or None while it runs."""
+        return self._process.exitcode
+
+    def poll(self) -> int | None:
+        """Return the exit code, or None while it runs."""
+        return self.returncode
+
+    def wait(self, timeout: float | None = None) -> int | None:
+        """Wait for its end; return its exit code."""
+        self._process.join(timeout)
+        if self.returncode is None:
+            raise subprocess.TimeoutExpired(str(self.pid), timeout or 0.0)
+        return self.returncode
+
+
+class ForkedChild(ForkedProcess):
+    """A child of the product, which starts it as a :class:`subprocess.Popen`."""
 
     def __init__(
         self,
@@ -82,34 +109,15 @@ class ForkedChild:
             own["stdout"], given["stdout"] = os.pipe()
         handles = {name: _Handle(number) for name, number in given.items()}
         environment = dict(os.environ if env is None else env)
-        self._process = _CONTEXT.Process(target=_become, args=(command, handles, environment, start_new_session))
         try:
-            self._process.start()
+            super().__init__(_become, (command, handles, environment, start_new_session))
         finally:
             for name in own:
                 os.close(given[name])
         # The end of this process waits for no child, as of a program.
         cast("Any", process)._children.discard(self._process)
-        assert self._process.pid is not None
-        self.pid = self._process.pid
         self.stdin = os.fdopen(own["stdin"], "wb") if "stdin" in own else None
         self.stdout = os.fdopen(own["stdout"], "rb") if "stdout" in own else None
-
-    @property
-    def returncode(self) -> int | None:
-        """Exit code, negative for a signal, or None while it runs."""
-        return self._process.exitcode
-
-    def poll(self) -> int | None:
-        """Return the exit code, or None while it runs."""
-        return self.returncode
-
-    def wait(self, timeout: float | None = None) -> int | None:
-        """Wait for its end; return its exit code."""
-        self._process.join(timeout)
-        if self.returncode is None:
-            raise subprocess.TimeoutExpired("child", timeout or 0.0)
-        return self.returncode
 
     def kill(self) -> None:
         """Kill it, unless it has ended."""

@@ -6,7 +6,6 @@ import atexit
 import logging
 import multiprocessing
 import os
-import subprocess
 import sys
 import tempfile
 import time
@@ -17,7 +16,7 @@ from signal import SIGKILL, Signals
 from typing import Any
 
 from tests.effort import effort_count
-from tests.forked_children import PRELOADED, address_of_forks, fork_children_too
+from tests.forked_children import PRELOADED, ForkedProcess, address_of_forks, fork_children_too
 from tests.waiting import wait_until
 
 _CONTEXT = multiprocessing.get_context("forkserver")
@@ -96,7 +95,7 @@ def _run_program(words: Sequence[str], folder: Path, environment: Mapping[str, s
         logging.shutdown()
 
 
-class ForkedProgram:
+class ForkedProgram(ForkedProcess):
     """The program spallwatch in a fork, with those methods of a :class:`subprocess.Popen` that tests need."""
 
     def __init__(self, *words: str, folder: Path, errors: str | None = None, programs: bool = False) -> None:
@@ -110,26 +109,7 @@ class ForkedProgram:
             os.close(descriptor)
             self._own = Path(errors)
         forks = address_of_forks() if _FORKED_CHILDREN and not programs else ""
-        self._process = _CONTEXT.Process(target=_run_program, args=(words, folder, dict(os.environ), errors, forks))
-        self._process.start()
-        assert self._process.pid is not None
-        self.pid = self._process.pid
-
-    @property
-    def returncode(self) -> int | None:
-        """Exit code, negative for a signal, or None while it runs."""
-        return self._process.exitcode
-
-    def poll(self) -> int | None:
-        """Return the exit code, or None while it runs."""
-        return self.returncode
-
-    def wait(self, timeout: float | None = None) -> int | None:
-        """Wait for its end; return its exit code."""
-        self._process.join(timeout)
-        if self.returncode is None:
-            raise subprocess.TimeoutExpired("spallwatch", timeout or 0.0)
-        return self.returncode
+        super().__init__(_run_program, (words, folder, dict(os.environ), errors, forks))
 
     def communicate(self, *, timeout: float | None = None) -> tuple[str, str]:
         """Wait for its end; return "" and its standard error."""

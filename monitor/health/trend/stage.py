@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from monitor.health.alarms import SEVERITIES, AlarmSettings, Level, LevelState, Rule, applies, limit_of, move_level
 from monitor.health.damage.learned.history import StageHistory
+from monitor.health.forecast_settings import check_forecast
 from monitor.health.trend.growth import Crossing, crossing, segments
 
 STATE_VERSION = 1
@@ -70,10 +71,7 @@ class TrendSettings:
 
     def __post_init__(self) -> None:
         """Raise ValueError naming the setting that is out of range."""
-        if not 0.0 < self.interval < 1.0:
-            raise ValueError(f"interval must lie between 0 and 1, got {self.interval}")
-        if not self.horizon > 0.0:
-            raise ValueError(f"horizon must be positive, got {self.horizon}")
+        check_forecast(self.interval, self.horizon)
 
 
 @dataclass(frozen=True)

@@ -15,6 +15,7 @@ from monitor.health.damage.learned.fit import MIN_POINTS
 from monitor.health.damage.learned.history import StageHistory
 from monitor.health.damage.learned.model import Distribution, LearnedModel
 from monitor.health.damage.library.forecaster import QUANTILES
+from monitor.health.forecast_settings import check_forecast
 
 STATE_VERSION = 1
 
@@ -35,12 +36,7 @@ class LearnedSettings:
 
     def __post_init__(self) -> None:
         """Raise ValueError naming the setting that is out of range."""
-        if not 0.0 < self.interval < 1.0:
-            raise ValueError(f"interval must lie between 0 and 1, got {self.interval}")
-        if self.window is not None and not self.window > 0.0:
-            raise ValueError(f"window must be positive, or None, got {self.window}")
-        if not self.horizon > 0.0:
-            raise ValueError(f"horizon must be positive, got {self.horizon}")
+        check_forecast(self.interval, self.horizon, self.window)
 
 
 @dataclass(frozen=True)

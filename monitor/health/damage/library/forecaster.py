@@ -31,6 +31,7 @@ from monitor.health.damage.library.model import (
 )
 from monitor.health.damage.library.plausible import Watch, step_score
 from monitor.health.damage.library.summaries import LevelHistory
+from monitor.health.forecast_settings import check_forecast
 
 STATE_VERSION = 2
 QUANTILES = (0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95)
@@ -59,12 +60,7 @@ class LibrarySettings:
 
     def __post_init__(self) -> None:
         """Raise ValueError naming the setting that is out of range."""
-        if not 0.0 < self.interval < 1.0:
-            raise ValueError(f"interval must lie between 0 and 1, got {self.interval}")
-        if self.window is not None and not self.window > 0.0:
-            raise ValueError(f"window must be positive, or None, got {self.window}")
-        if not self.horizon > 0.0:
-            raise ValueError(f"horizon must be positive, got {self.horizon}")
+        check_forecast(self.interval, self.horizon, self.window)
         if self.min_points < 1 or self.neighbours < 10:
             raise ValueError(
                 f"min_points must be 1 or more and neighbours 10 or more, got {self.min_points} and {self.neighbours}"
