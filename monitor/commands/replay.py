@@ -11,8 +11,9 @@ import click
 
 from monitor.commands import option
 from monitor.commands.common import emit, progress_bar, read_config, say
+from monitor.words.advice import status_line
 from monitor.words.numbers import duration, interval
-from monitor.words.statuses import bearing_words, speed_doubt
+from monitor.words.statuses import bearing_words, named_words, speed_doubt
 from streams.listing import shown
 
 if TYPE_CHECKING:
@@ -105,12 +106,13 @@ def summary_lines(summary: Mapping[str, Any]) -> Iterator[str]:
     for name, found in summary["bearings"].items():
         yield f"bearing {name}: {bearing_words(found)}"
     for name, channel in summary["channels"].items():
-        yield f"{name}: {', '.join(_channel_words(channel))}"
+        yield f"{name}: {status_line(name, channel)}"
+        if figures := ", ".join(_channel_words(channel)):
+            yield f"{name}, in figures: {figures}"
     yield from summary["uncalibrated"]
 
 
 def _channel_words(channel: Mapping[str, Any]) -> Iterator[str]:
-    yield f"stage {channel['stage'].replace('_', ' ')}"
     if channel["t_fs_block"] is not None:
         yield f"final stage since block {channel['t_fs_block']} (known at {channel['t_fs_known_block']})"
     for closed in channel["closed_episodes"]:
@@ -118,14 +120,11 @@ def _channel_words(channel: Mapping[str, Any]) -> Iterator[str]:
     if channel["t_eol_block"] is not None:
         yield f"end of life at block {channel['t_eol_block']}"
     if channel["fault"] is not None:
-        hint = "a hint of " if channel["fault_basis"] == "hint" else ""
-        part = channel["fault"].replace("|", " or ").replace("undecided", "an undecided part")
-        yield f"{hint}{part} damaged (lines {channel['fault_snr']:.3g} times the floor)"
+        part = named_words(channel["fault"], channel["fault_basis"])
+        yield f"{part}, lines {channel['fault_snr']:.3g} times the floor"
         doubt = speed_doubt(channel["fault"], channel["fault_candidates"] or (), channel["speed_unverified"])
         if doubt is not None:
             yield doubt
-    else:
-        yield "no part named"
     if channel["edv_status"] is not None:
         yield f"V_eq {''.join(_volume_words(channel))}{channel['edv_status']}"
     if channel["tt_status"] is not None:

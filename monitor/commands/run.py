@@ -20,6 +20,7 @@ from monitor.config.fleet import load_fleet
 from monitor.health.alarms import FAILURE, NO_DATA
 from monitor.service.status_file import present_status
 from monitor.service.systemd import set_up_log
+from monitor.words.advice import status_line
 from monitor.words.numbers import duration, times_first
 from monitor.words.statuses import STATES, bearing_words
 
@@ -167,7 +168,9 @@ def _lines(status: Mapping[str, Any]) -> Iterator[str]:
     for name, found in status.get("bearings", {}).items():
         yield f"bearing {name}: {bearing_words(found)}"
     for name, channel in status["channels"].items():
-        yield f"channel {name}: {', '.join(_channel(channel))}"
+        yield f"channel {name}: {_words(channel['state'])} ({channel['reason']}); {status_line(name, channel)}"
+        if figures := ", ".join(_channel(channel)):
+            yield f"channel {name}, in figures: {figures}"
 
 
 def _beside(status: Mapping[str, Any]) -> Iterator[str]:
@@ -179,15 +182,9 @@ def _beside(status: Mapping[str, Any]) -> Iterator[str]:
 
 
 def _channel(channel: Mapping[str, Any]) -> Iterator[str]:
-    yield f"{_words(channel['state'])} ({channel['reason']})"
-    yield f"stage {_words(channel['stage'])}"
     for alarm in channel.get("alarms", ()):
         over = "" if alarm["active"] else ", over but not acknowledged"
         yield f"{alarm['severity']} of {alarm['rule']} since block {alarm['since_block']}{over}"
-    if channel["fault"] is not None:
-        hint = "a hint of " if channel.get("fault_basis") == "hint" else ""
-        part = channel["fault"].replace("|", " or ").replace("undecided", "an undecided part")
-        yield f"{hint}{part} damaged"
     # A file that an older version wrote lacks the relative value.
     if channel.get("calibrated") is False and channel.get("v_eq_relative") is not None:
         yield f"V_eq {times_first(channel['v_eq_relative'])} (rig not calibrated)"

@@ -19,6 +19,7 @@ from models.rigs import AnyRig
 from models.rigs.draws import PosteriorError, RigDraws, read_posterior
 from models.rigs.rotor import RotorRig
 from models.rigs.six_dof import Calibration, Rig
+from monitor.config.advice import AdviceSection
 from monitor.config.alarms import AlarmsSection
 from monitor.config.bearing import BearingSection, RigSection
 from monitor.config.connections import find_loose_ends
@@ -64,6 +65,7 @@ class Config(Section):
     publish: PublishSection = PublishSection()
     retention: RetentionSection = RetentionSection()
     alarms: AlarmsSection = AlarmsSection()
+    advice: AdviceSection = AdviceSection()
     notify: NotifySection = NotifySection()
     web: WebSection = WebSection()
 
@@ -169,6 +171,7 @@ class Config(Section):
         left_out = {
             "web": True,
             "notify": True,
+            "advice": True,
             "publish": True,
             "retention": True,
             "shaft": True,

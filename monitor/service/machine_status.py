@@ -28,7 +28,7 @@ from monitor.records.database import StoreError
 from monitor.records.store import Store
 from monitor.service.ingest import Ingest
 from monitor.service.silence import DataFlow, LatestBlock, silence_limit
-from monitor.service.summary import bearing_summaries, channel_summary
+from monitor.service.summary import bearing_summaries, channel_summary, with_words
 from monitor.words.events import utc_text
 from monitor.words.statuses import STATES, suspended_words
 
@@ -111,6 +111,9 @@ class MachineStatus:
             for source, settings in self._ingest.settings.items()
             for name in settings.channels
         }
+        bearings = bearing_summaries(
+            (self._ingest.state(name), settings) for name, settings in self._ingest.settings.items()
+        )
         return {
             "status": "degraded" if problems and status == "running" else status,
             "machine": self._config.machine.name,
@@ -130,10 +133,8 @@ class MachineStatus:
             "ignored": self._ingest.ignored(),
             "problems": dict(problems),
             "recovered": self._recovered,
-            "bearings": bearing_summaries(
-                (self._ingest.state(name), settings) for name, settings in self._ingest.settings.items()
-            ),
-            "channels": channels,
+            "bearings": bearings,
+            "channels": with_words(self._config, channels, bearings),
         }
 
     def _poisoned(self) -> dict[str, str]:

@@ -74,6 +74,7 @@ def state_message(machine: str, status: Mapping[str, Any] | None) -> str:
             "state": status.get("state"),
             "problems": sorted(status.get("problems", {})),
             "channels": channels,
+            "headlines": {name: channel.get("headline") for name, channel in status.get("channels", {}).items()},
         }
     return json.dumps(values, allow_nan=False, separators=(",", ":"))
 

@@ -34,7 +34,7 @@ from monitor.records.store import Store
 from monitor.service.calibration import uncalibrated_lines
 from monitor.service.resume import resumed_state
 from monitor.service.setup import open_configured, source_settings
-from monitor.service.summary import bearing_summaries, channel_summary, run_attributes
+from monitor.service.summary import bearing_summaries, channel_summary, run_attributes, with_words
 from streams.block import STANDARD_GRAVITY, Block, Rejected
 from streams.dating import Dating
 from streams.source import FileSource, Source
@@ -102,6 +102,7 @@ def replay(
         seconds = time.perf_counter() - began
         files = publish(store, out / "records")
         summary = run.summary(seconds, files)
+        summary["channels"] = with_words(config, summary["channels"], summary["bearings"])
         summary["uncalibrated"] = list(uncalibrated_lines(config, settings.channels))
     spectra = {name: drawn.spectrum(settings.channels[name]) for name, drawn in run.drawn.items()}
     return Replay(summary, out / "state.db", spectra)

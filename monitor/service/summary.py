@@ -14,6 +14,8 @@ from monitor.health.machine import patience_of, weigh
 from monitor.health.output import basis_of
 from monitor.health.state import ChannelSettings, SourceSettings, SourceState, channels_by_bearing
 from monitor.service.calibration import other_models
+from monitor.words.advice import state_of
+from monitor.words.situation import Situation
 from streams.block import STANDARD_GRAVITY
 
 _END_WORDS = {
@@ -105,6 +107,7 @@ def channel_summary(state: SourceState, settings: ChannelSettings) -> dict[str, 
         "t_fs_utc": _utc(detector.t_fs) if dated else None,
         "closed_episodes": [_episode(episode) for episode in detector.episodes],
         "t_eol_block": detector.t_eol and detector.t_eol.sequence,
+        "rms_over_baseline": _over_baseline(values, detector.reference_rms),
         "fault": named and named.fault,
         "fault_basis": basis_of(named and named.fault, detector),
         "fault_candidates": list(named.candidates) if named and named.candidates else None,
@@ -126,6 +129,29 @@ def channel_summary(state: SourceState, settings: ChannelSettings) -> dict[str, 
         **_velocity(values),
         **_alarm_time(values, detector.reference_rms),
     }
+
+
+def with_words(
+    config: Config, channels: Mapping[str, Mapping[str, Any]], bearings: Mapping[str, Mapping[str, Any]]
+) -> dict[str, dict[str, Any]]:
+    """Return the channels of a status or of a replay, each with what is said of it.
+
+    Keys are ``headline``, ``sureness``, ``level`` and ``action``.
+    """
+    heard = {section.name: section.bearing for section in config.channel}
+    advice = config.advice.texts
+
+    def said(name: str, channel: Mapping[str, Any]) -> dict[str, str]:
+        bearing = heard.get(name, "")
+        situation = Situation.of_status(name, channel, bearing).with_bearing(bearings.get(bearing))
+        return state_of(situation, advice).to_dict()
+
+    return {name: {**channel, **said(name, channel)} for name, channel in channels.items()}
+
+
+def _over_baseline(values: Mapping[str, Any], baseline: float | None) -> float | None:
+    rms = values.get("rms")
+    return rms / baseline if rms is not None and baseline else None
 
 
 def _velocity(values: Mapping[str, Any]) -> dict[str, Any]:

@@ -4,17 +4,19 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from monitor.config.load import Config
 from monitor.records.events import LoggedEvent
 from monitor.service.notify.channels import Message
 from monitor.service.record_message import first
+from monitor.words.advice import ADVICE, Statement, state_of
 from monitor.words.events import badness, event_text, local_moment, utc_text
 from monitor.words.features import FEATURES
 from monitor.words.numbers import count, duration, interval, moment, times_first, volume
-from monitor.words.statuses import STAGES, named_words
+from monitor.words.situation import Situation
+from monitor.words.statuses import STAGES
 
 MAX_LISTED = 20
 """Events that a message lists; of more, the worst are listed and all are counted."""
@@ -27,11 +29,20 @@ _VALUES = (
 
 @dataclass(frozen=True)
 class Sender:
-    """Name of the machine, its time zone, and the address of its page, or None."""
+    """What messages say of the machine.
+
+    Attributes:
+        zone: its time zone.
+        page: address of its page, or None.
+        bearings: name of the bearing of each channel.
+        advice: what to do by state.
+    """
 
     name: str
     zone: str = "UTC"
     page: str | None = None
+    bearings: Mapping[str, str] = field(default_factory=dict[str, str])
+    advice: Mapping[str, str] = field(default_factory=lambda: dict(ADVICE))
 
     @classmethod
     def of_config(cls, config: Config) -> Sender:
@@ -39,7 +50,26 @@ class Sender:
         web, page = config.web, config.notify.page_url
         if page is None and web.enabled and web.port:
             page = web.url(web.port)
-        return cls(config.machine.name, config.machine.timezone, page)
+        bearings = {section.name: section.bearing for section in config.channel}
+        return cls(config.machine.name, config.machine.timezone, page, bearings, config.advice.texts)
+
+    def said(self, item: Item) -> Statement | None:
+        """Return what is said of the channel of an event after its block; None where nothing is known of it."""
+        body, channel = item.event.body, str(item.event.body.get("channel") or "")
+        if body.get("kind") == "no_data":
+            silent = state_of(Situation(channel=item.where, state="no_data"), self.advice)
+            return Statement(silent.key, item.text, "", "", clean(silent.action))
+        if not item.values.get("stage"):
+            return None
+        severity = body.get("severity") if body.get("kind") == "alarm_raised" else None
+        found = Situation.of_record(channel, item.values, item.event.block, self.bearings.get(channel, ""), severity)
+        if body.get("kind") == "condition" and body.get("to") == "bad_data":
+            found = replace(found, state="bad_data")
+        verdict = item.bearing or {}
+        # What all channels say is of the present; it is added where it is about the same name.
+        if (verdict.get("fault"), verdict.get("fault_basis")) == (found.fault, found.basis) or not found.fault:
+            found = found.with_bearing(verdict)
+        return state_of(found, self.advice)
 
 
 @dataclass(frozen=True)
@@ -50,6 +80,8 @@ class Item:
     values: Mapping[str, Any] = field(default_factory=dict)
     found: float | None = None
     """Time of detection, UTC s, shown where the block has no date."""
+    bearing: Mapping[str, Any] | None = None
+    """What all channels of its bearing say together, by the keys of the interface."""
 
     def when(self, zone: str) -> str:
         """Return its time in a time zone and in UTC; the time of detection if its block has no date."""
@@ -89,14 +121,16 @@ def compose(machine: Sender, items: Sequence[Item], left_out: int = 0) -> Messag
         if left_out:
             lines.append(f"- and {count(left_out, 'event')} not listed here; the event log has them all")
         lines.append("")
+    said = None if worst is None else machine.said(worst)
     if worst is not None:
-        lines += _details(machine, worst)
+        lines += _details(machine, worst, said)
     if machine.page is not None:
         lines.append(f"Page     {machine.page}")
     values = {
         "machine": machine.name,
         "page": machine.page,
-        "events": [_plain(item) for item in items],
+        **({} if said is None else said.to_dict()),
+        "events": [_plain(machine, item) for item in items],
         "left_out": left_out,
     }
     return Message(title, "\n".join((*lines, "")), values)
@@ -111,11 +145,13 @@ def _line(machine: Sender, item: Item) -> str:
     return "- " + ", ".join(part for part in (item.when(machine.zone), item.where, item.text) if part)
 
 
-def _details(machine: Sender, item: Item) -> list[str]:
-    """Return the lines of a single event: what, where, since when, and the state of its bearing."""
+def _details(machine: Sender, item: Item, said: Statement | None) -> list[str]:
+    """Return the lines of a single event: how it stands and what to do; then what, where and since when."""
     event, values = item.event, item.values
     block = None if event.block is None else f"block {event.block}"
-    rows = [("What", item.text), ("Machine", clean(machine.name))]
+    rows = [] if said is None else [("State", said.headline), ("How sure", said.sureness), ("Level", said.level)]
+    rows += [] if said is None else [("To do", said.action)]
+    rows += [("What", item.text), ("Machine", clean(machine.name))]
     channel = clean(event.body.get("channel", ""))
     source = clean(event.source or event.body.get("source") or "")
     rows.append(("Channel", channel + (f" (source {source})" if source else "")) if channel else ("Source", source))
@@ -136,7 +172,7 @@ def _stage(machine: Sender, event: LoggedEvent, values: Mapping[str, Any]) -> st
         text += f", final since {since}" if stage != "final" else f" since {since}"
     if values.get("t_fs_block") is not None:
         text += f" (block {values['t_fs_block']})"
-    return text + (f"; {named_words(values['fault'], values.get('fault_basis'))}" if values.get("fault") else "")
+    return text
 
 
 def _volume(values: Mapping[str, Any]) -> str:
@@ -160,8 +196,8 @@ def _remaining(values: Mapping[str, Any]) -> str:
     return text + (f", until {volume(threshold)}" if threshold else "")
 
 
-def _plain(item: Item) -> dict[str, Any]:
-    """Return an event for programs: its log entry, its sentence, and the state of its channel."""
+def _plain(machine: Sender, item: Item) -> dict[str, Any]:
+    """Return an event for programs: its log entry, its sentence, what is said of its channel, and its state."""
     event, values = item.event, item.values
     absolute = values.get("absolute_level") != "no"
     state: dict[str, Any] = {name: values.get(name) for name in ("stage", "fault", "fault_basis", "t_fs_block")}
@@ -174,4 +210,5 @@ def _plain(item: Item) -> dict[str, Any]:
         found["source"] = event.source
     if values:
         found["state"] = {**state, "unit": "g" if absolute else "unknown"}
-    return found
+    said = machine.said(item)
+    return found if said is None else {**found, **said.to_dict()}

@@ -19,6 +19,7 @@ from monitor.records.events import Delivered, Deliveries, EventLog, LoggedEvent
 from monitor.records.store import Store
 from monitor.service.notify.channels import NotificationChannel, NotifyError, configured_channels
 from monitor.service.notify.message import MAX_LISTED, Item, Sender, compose
+from monitor.service.status_file import read_status
 from monitor.words.events import badness
 from monitor.words.numbers import count
 
@@ -283,6 +284,9 @@ class _Follower:
         # Without a readable record the message lacks its values only.
         with contextlib.suppress(StoreError, ValueError), Store.open(self._reader.path, read_only=True) as store:
             items = [replace(item, values=_values(store, item.event)) for item in items]
+        verdicts = read_status(self._reader.path.parent).get("bearings", {})
+        heard = self._machine.bearings
+        items = [replace(item, bearing=verdicts.get(heard.get(item.event.body.get("channel") or ""))) for item in items]
         message = compose(self._machine, items, left_out + len(events) - len(items))
         warning = self._channel.send(message)
         _LOG.info("delivered by %s: %s", self.name, message.title)

@@ -13,7 +13,9 @@ class Row {
   constructor(row) {
     this.symbol = symbol(row.state);
     this.said = h("span", { class: "unseen" });
-    this.why = h("span", { class: "why" });
+    this.reason = h("span", { class: "reason" });
+    this.todo = h("span", { class: "todo" });
+    this.why = h("span", { class: "why" }, this.reason, this.todo);
     this.stage = h("span", { class: "stage" });
     this.size = h("span", { class: "size" });
     this.left = h("span", { class: "left" });
@@ -36,9 +38,13 @@ class Row {
     setAttribute(this.element, "data-stale", row.stale ? "" : null);
     setSymbol(this.symbol, row.state);
     setText(this.said, `, ${STATES[row.state][0]}`);
-    setText(this.why, row.reason);
+    setText(this.reason, row.reason);
+    const known = !row.stale && row.state !== "normal" && row.state !== "check_function";
+    setText(this.todo, known ? status.action ?? "" : "");
     const before = row.stale || row.state === "no_data" || row.state === "bad_data" ? "was " : "";
-    setText(this.stage, [status.stage ? before + stageWord(status.stage) : "", partWords(status)].filter(Boolean).join(", "));
+    const part = partWords(status);
+    const stage = part && status.stage === "healthy" ? "healthy so far" : stageWord(status.stage);
+    setText(this.stage, [stage ? before + stage : "", part].filter(Boolean).join("; "));
     const size = fmt.sizeOf(status, status.calibrated !== false);
     const shown = (value) => (size.absolute ? fmt.number(value) : `× ${fmt.number(value)}`);
     ranged(
@@ -65,7 +71,11 @@ class Row {
   }
 }
 
-const partWords = (status) => faultWords(status.fault) + (status.fault_basis === "hint" ? ` (a ${baseWord("hint")})` : "");
+/** The named part; before an onset it is a pattern that hints at it, never damage. */
+const partWords = (status) => {
+  const part = faultWords(status.fault_candidates?.join("|") ?? status.fault);
+  return part && status.fault_basis === "hint" ? `a pattern of the ${part} (${baseWord("hint")})` : part;
+};
 const QUIETLY = new Set([undefined, null, "not_final_stage", "no_map", "no_library", "ok", "widened"]);
 const refusal = (status, sentence) => (QUIETLY.has(status) ? "" : sentence(status));
 

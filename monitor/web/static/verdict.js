@@ -20,6 +20,7 @@ const answer = (question, value, ...more) =>
 export function verdict({ row, info, zone, age, machine }) {
   const status = row?.status ?? info?.state ?? {};
   return h("dl", { class: "answers" }, [
+    inWords(row, status),
     together(machine, info),
     standing(row, status, info),
     since(status, info, zone, row),
@@ -30,6 +31,16 @@ export function verdict({ row, info, zone, age, machine }) {
     machineVibration(status, info),
     latest(status, info, zone, age, machine),
   ]);
+}
+
+/** What is wrong, how sure that is, and what to do next; null where a daemon of an older version does not say it. */
+function inWords(row, status) {
+  if (!status.headline) return null;
+  const before = row?.stale && row.state !== "no_data" ? "when it was last heard: " : "";
+  const element = answer("In words", `${before}${status.headline}`, status.sureness, status.level);
+  element.lastChild.append(h("span", { class: "todo" }, h("b", null, "What to do: "), status.action));
+  element.classList.add("whole", "words");
+  return element;
 }
 
 function standing(row, status, info) {

@@ -289,7 +289,8 @@ def test_the_status_of_a_running_daemon_shows_alarms_levels_and_what_is_open(tmp
         ]
         printed = call("status", "--config", str(path)).stdout
         assert "1 event waits to be acknowledged\n" in printed
-        assert "stage learning, alert of loud since block 3, last block" in printed
+        assert "; alert, still learning what healthy is; look at the trends of channel x0 at the" in printed
+        assert "channel x0, in figures: alert of loud since block 3, last block" in printed
         put(path, 3, 1.0)
         wait_until(lambda: "waits to be acknowledged" in status(path)["channels"]["x0"]["reason"])
         assert status(path)["state"] == "maintenance_required"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import string
+from dataclasses import replace
 from typing import Any
 
 import pytest
@@ -21,7 +22,7 @@ from streams.block import STANDARD_GRAVITY
 from tests.receivers import Mail
 
 UTC = 1795269845.0  # 2026-11-21 14:04:05 UTC
-ROME = Sender("press", "Europe/Rome", "http://127.0.0.1:8710/")
+ROME = Sender("press", "Europe/Rome", "http://127.0.0.1:8710/", {"horizontal": "drive"})
 ALARM = {
     "kind": "alarm_raised",
     "channel": "horizontal",
@@ -46,6 +47,7 @@ VALUES = {
     "tt": (12.1 * 86400.0, 20.0 * 86400.0),
     "tt_lower": (8.0 * 86400.0, None),
     "tt_upper": (19.5 * 86400.0, None),
+    "tt_status": ("ok", "ok"),
 }
 
 
@@ -63,11 +65,16 @@ def test_an_alarm_says_all_that_somebody_on_the_way_wants_to_know() -> None:
     assert message.text.splitlines() == [
         "press: horizontal: danger: RMS is 3.21 g, above the level of 3 g",
         "",
+        "State    danger, final stage of its life: inner race or rolling element of bearing drive",
+        "How sure likely: named since the onset",
+        "Level    the threshold of damage in 12 d 2 h (8 d to 19 d 12 h)",
+        "To do    inspect bearing drive as soon as it can be reached, and exchange it within 8 d, the earliest that "
+        "the threshold of damage may be reached",
         "What     danger: RMS is 3.21 g, above the level of 3 g",
         "Machine  press",
         "Channel  horizontal (source acq)",
         "Since    2026-11-21 15:04:05 CET (14:04:05 UTC), block 1234",
-        "Stage    final stage since 2026-11-20 15:04:05 CET (14:04:05 UTC) (block 900); inner race or rolling element",
+        "Stage    final stage since 2026-11-20 15:04:05 CET (14:04:05 UTC) (block 900)",
         "V_eq     0.0123 mm³/mm (0.0101 to 0.0151)",
         "TT       12 d 2 h (8 d to 19 d 12 h), until 0.05 mm³/mm",
         "Event    17",
@@ -90,7 +97,9 @@ def test_v_eq_of_an_uncalibrated_rig_is_sent_relative(status: dict[str, Any]) ->
 
 def test_a_name_without_an_onset_is_told_as_a_hint() -> None:
     told = [compose(ROME, [item(ALARM, VALUES | {"fault_basis": basis})]) for basis in ("hint", "verdict")]
-    assert [f"{fault_words(VALUES['fault'])} (a hint)" in message.text for message in told] == [True, False]
+    part = f"a pattern of the {fault_words(VALUES['fault'])} of bearing drive (hint)"
+    assert [part in message.text for message in told] == [True, False]
+    assert ["only a hint" in message.values["sureness"] for message in told] == [True, False]
     assert json.loads(told[0].to_json())["events"][0]["state"]["fault_basis"] == "hint"
 
 
@@ -283,3 +292,29 @@ def test_who_is_told_is_no_part_of_what_records_are_made_under() -> None:
     told = Config.model_validate({**CONFIG, "notify": mqtt, "publish": mqtt, "web": {"port": 1}})
     other = Config.model_validate({**CONFIG, "detect": {"learn_blocks": 11}})
     assert plain.hash == told.hash != other.hash
+
+
+def test_programs_get_what_people_read() -> None:
+    verdict = {"fault": "inner|ball", "fault_basis": "verdict", "support": 0.9, "channels": ["horizontal", "vertical"]}
+    values = VALUES | {"fault_basis": "verdict", "speed_unverified": "no", "rms_baseline": STANDARD_GRAVITY}
+    told = json.loads(compose(ROME, [replace(item(ALARM, values), bearing=verdict)]).to_json())
+    assert told["headline"] == "danger, final stage of its life: inner race or rolling element of bearing drive"
+    assert told["sureness"].startswith("sure: ")
+    assert told["level"].startswith("level 3.2 times the baseline")
+    assert told["action"].startswith("inspect bearing drive as soon as it can be reached")
+    assert all(told["events"][0][key] == told[key] for key in ("headline", "sureness", "level", "action"))
+    # A verdict of the present on another part does not vouch for this one.
+    other = compose(ROME, [replace(item(ALARM, values), bearing=verdict | {"fault": "outer"})])
+    assert other.values["headline"] == told["headline"]
+    assert other.values["sureness"].startswith("likely: ")
+
+
+def test_a_silent_source_is_told_with_what_to_do() -> None:
+    told = compose(ROME, [item({"kind": "no_data", "source": "acq", "text": "no block for 90 s"})])
+    assert "State    no data: no block for 90 s" in told.text
+    assert "To do    check the logger and its connection: no data come from channel acq" in told.text
+    own = replace(ROME, advice=dict(ROME.advice) | {"no_data": "call the electrician"})
+    assert "To do    call the electrician" in compose(own, [item({"kind": "no_data", "source": "acq"})]).text
+    nothing = compose(ROME, [item({"kind": "disk_low", "text": "x"})])
+    assert "To do" not in nothing.text
+    assert "action" not in nothing.values
