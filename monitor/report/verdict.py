@@ -38,7 +38,7 @@ GRADE_NAMES: dict[Grade, str] = {
 }
 """For tables, the worst first."""
 GRADES = tuple(GRADE_NAMES)
-_WITHOUT = ("without an onset", "without a baseline")
+_WITHOUT = ("No onset so far", "No baseline yet")
 LATEST = 20
 """Blocks over which scores above the threshold are counted."""
 
@@ -117,7 +117,7 @@ def _headline(stage: str, fault: str, marks: dict[str, Moment | None], channel: 
     if stage == "final":
         return "watch", f"In the final stage of its life{part}"
     if fault:
-        return "open", f"A hint of damage of the {fault_words(fault)}, {_WITHOUT[stage == 'learning']}"
+        return "open", f"{_WITHOUT[stage == 'learning']}; a pattern of the {fault_words(fault)} (hint)"
     if stage == "healthy":
         return "good", "No sign of damage"
     if stage == "learning":
@@ -198,13 +198,13 @@ def _failing(channel: Channel, verdict: ChannelVerdict) -> Finding:
         return Finding(question, answer, f"No block could be judged{f'; {unused}' if unused else ''}.", known=False)
     if verdict.stage == "learning":
         if verdict.fault:
-            answer = f"Not known yet; a hint of damage of the {fault_words(verdict.fault)}."
+            answer = f"Not known yet; a pattern of the {fault_words(verdict.fault)} (hint)."
         why = "The baseline is not complete, so that no change can be judged yet."
         return Finding(question, answer, why, known=False)
     if verdict.level_of is not None:
         answer = f"Not known: {LEVEL_OF} {verdict.level_of}."
     if verdict.stage == "healthy" and verdict.fault:
-        answer = f"No onset so far; a hint of damage of the {fault_words(verdict.fault)}."
+        answer = f"No onset so far; a pattern of the {fault_words(verdict.fault)} (hint)."
     return Finding(question, answer, " ".join(text for text in (_scores(channel), _growth(channel)) if text))
 
 

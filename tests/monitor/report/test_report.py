@@ -206,10 +206,10 @@ def test_a_crossing_that_is_only_likely_is_said_to_be_so(tmp_path: Path) -> None
         (
             {"stage": "learning", "fault": "inner|ball"},
             "open",
-            "A hint of damage of the inner race or rolling element, without a baseline",
+            "No baseline yet; a pattern of the inner race or rolling element (hint)",
         ),
         ({"stage": "healthy"}, "good", "No sign of damage"),
-        ({"stage": "healthy", "fault": "cage"}, "open", "A hint of damage of the cage, without an onset"),
+        ({"stage": "healthy", "fault": "cage"}, "open", "No onset so far; a pattern of the cage (hint)"),
         ({"stage": "final"}, "watch", "In the final stage of its life, but no part named"),
         ({"stage": "end_of_life", "t_eol": 0.0, "t_eol_block": 1}, "bad", "End of life reached"),
         ({}, "open", "No verdict"),
