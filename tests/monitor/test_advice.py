@@ -257,13 +257,13 @@ def test_every_situation_has_an_advice() -> None:
 
 
 def test_texts_of_the_plant_replace_those_of_the_program() -> None:
-    own = ADVICE | {"warning": "call 112: {part} of {bearing}, {when}, see {{manual}}"}
+    own = dict(ADVICE) | {"warning": "call 112: {part} of {bearing}, {when}, see {{manual}}"}
     assert state_of(FINAL, own).action.startswith("call 112: outer race of bearing drive, within 3 d")
     assert state_of(FINAL, own).action.endswith("see {manual}")
     for wrong in ("{name}", "{bearing.channel}", "{bearing!r}", "{when:>9}", "{", "{}", "{0}"):
         with pytest.raises(ValueError, match="no other braces"):
             check_advice(wrong)
-    assert load(advice={"normal": "sleep"}).advice.texts == ADVICE | {"normal": "sleep"}
+    assert load(advice={"normal": "sleep"}).advice.texts == dict(ADVICE) | {"normal": "sleep"}
     assert load(advice={"normal": "sleep"}).hash == load().hash
     with pytest.raises(ConfigError, match=r"advice\.danger.*braces than \{bearing\}"):
         load(advice={"danger": "stop {machine}"})
