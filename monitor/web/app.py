@@ -29,6 +29,7 @@ from monitor.records.filing import published_name
 from monitor.web import api, event_view, map_view, spectra_view
 from monitor.web.answers import Answer, Query, RequestError, answer_of, json_answer, without_folders
 from monitor.web.auth import Doorkeeper
+from monitor.web.levels_view import levels
 from monitor.web.machines import Machine, Machines
 from monitor.web.metrics import METRICS_TYPE, Measures, metrics
 from monitor.web.security import MAX_BODY_BYTES, Doors, Guard, login_routes
@@ -216,6 +217,7 @@ def _api_routes(site: Site) -> list[Route]:
     return [
         route("/api/machines", lambda _: api.machines(site.machines)),
         route("/api/machines/{machine}/blocks", lambda request: api.blocks(machine(request), request.query_params)),
+        route("/api/machines/{machine}/levels", lambda request: levels(machine(request), request.query_params)),
         of_channel(channel, lambda machine, name, _: api.channel(machine, name)),
         of_channel("/api/machines/{machine}/channels/{channel}", lambda machine, name, _: api.channel(machine, name)),
         of_channel(f"{channel}/records", api.records),

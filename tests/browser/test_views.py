@@ -44,6 +44,14 @@ def test_the_overview_shows_the_worst_first_in_words_and_symbols(pump: Served, v
     expect(page.locator(".row:visible")).to_have_count(1)
 
 
+def test_the_overview_has_levels_and_their_course(pump: Served, visitor: Visitor) -> None:
+    page = visitor(pump.url).go()
+    row = page.locator(".row").filter(has_text="x0")
+    expect(row.get_by_role("img", name=re.compile("^RMS from .* over the life"))).to_be_visible()
+    expect(row.locator(".level")).to_contain_text(re.compile(r"\d\sg"))
+    assert len((row.locator("polyline").get_attribute("points") or "").split()) > 20
+
+
 def test_a_channel_answers_how_it_stands(pump: Served, visitor: Visitor) -> None:
     page = visitor(pump.url).go()
     page.get_by_role("link", name=re.compile("x0")).click()

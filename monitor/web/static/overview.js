@@ -4,9 +4,10 @@ import { channelHref } from "./api.js";
 import { Bearings } from "./bearings.js";
 import { arrange, fill, h, setAttribute, setSymbol, setText, symbol } from "./dom.js";
 import * as fmt from "./fmt.js";
+import { Sparks } from "./sparks.js";
 import { STATES, STATE_ORDER, baseWord, edvSentence, faultWords, stageWord, ttSentence } from "./words.js";
 
-const HEADS = ["", "Channel", "How it stands", "Stage, part", "V_eq, mm³/mm (interval)", "Time left (interval)", "Last block"];
+const HEADS = ["", "Channel", "How it stands", "Stage, part", "RMS, zone", "V_eq, mm³/mm (interval)", "Time left (interval)", "Last block"];
 const REFRESH = 5000;
 
 class Row {
@@ -17,12 +18,15 @@ class Row {
     this.todo = h("span", { class: "todo" });
     this.why = h("span", { class: "why" }, this.reason, this.todo);
     this.stage = h("span", { class: "stage" });
+    this.course = h("span", { class: "course" });
+    this.zone = h("span", { class: "small" });
+    this.level = h("span", { class: "level" }, this.course, this.zone);
     this.size = h("span", { class: "size" });
     this.left = h("span", { class: "left" });
     this.when = h("span", { class: "when" });
     const name = row.channel === null ? row.machine : [h("span", { class: "of" }, `${row.machine} / `), row.channel];
     const link = row.channel === null ? h("span", null, name) : h("a", { href: channelHref(row.machine, row.channel) }, name, this.said);
-    this.element = h("li", { class: "row" }, this.symbol, link, this.why, this.stage, this.size, this.left, this.when);
+    this.element = h("li", { class: "row" }, this.symbol, link, this.why, this.stage, this.level, this.size, this.left, this.when);
     this.state = row.state;
   }
 
@@ -45,6 +49,7 @@ class Row {
     const part = partWords(status);
     const stage = part && status.stage === "healthy" ? "healthy so far" : stageWord(status.stage);
     setText(this.stage, [stage ? before + stage : "", part].filter(Boolean).join("; "));
+    setText(this.zone, status.velocity_zone ? ` ${fmt.number(status.velocity_rms_mm_s, 2)} mm/s, ${status.velocity_zone}` : "");
     const size = fmt.sizeOf(status, status.calibrated !== false);
     const shown = (value) => (size.absolute ? fmt.number(value) : `× ${fmt.number(value)}`);
     ranged(
@@ -110,6 +115,7 @@ export class Overview {
     this.body = h("div", null, this.heads(), [...this.groups.values()].map((group) => group.element));
     this.nothing = h("div", { class: "empty" });
     this.bearings = new Bearings(compare);
+    this.sparks = new Sparks();
     this.element = h(
       "div",
       null,
@@ -160,10 +166,16 @@ export class Overview {
       const key = JSON.stringify([row.machine, row.channel]);
       seen.add(key);
       let shown = this.rows.get(key);
-      if (!shown) this.rows.set(key, (shown = new Row(row)));
+      if (!shown) {
+        this.rows.set(key, (shown = new Row(row)));
+        this.sparks.watch(shown.element, shown.course, row.machine, row.channel);
+      }
       shown.update(row, model.age(row), this.app.zone(row.machine));
     }
-    for (const key of this.rows.keys()) if (!seen.has(key)) this.rows.delete(key);
+    for (const [key, shown] of this.rows) if (!seen.has(key)) {
+      this.sparks.forget(shown.element);
+      this.rows.delete(key);
+    }
     this.bearings.update(model);
     this.sort();
     this.filter();
@@ -246,5 +258,6 @@ export class Overview {
 
   close() {
     clearInterval(this.timer);
+    this.sparks.close();
   }
 }

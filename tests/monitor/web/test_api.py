@@ -163,6 +163,18 @@ def test_raw_spectra_and_waveforms_are_those_of_the_store(watched: Watched) -> N
         assert watched.page.ask(f"/api/channels/m/x0/{part}?block=9999").status == 404
 
 
+def test_levels_of_many_channels_are_those_of_their_trends(watched: Watched) -> None:
+    found = watched.page.get("/api/machines/m/levels?channels=x0,nobody")["channels"]
+    assert list(found) == ["x0"]
+    trend = watched.page.get("/api/channels/m/x0/records?points=60")["columns"]
+    expected = [value for value in trend["rms_g_max"] if value is not None]
+    assert found["x0"]["rms_g"] == pytest.approx(expected, rel=1e-3)
+    assert found["x0"]["latest_g"] == pytest.approx(expected[-1], rel=1e-3)
+    assert len(found["x0"]["time_s"]) == len(expected) <= 60
+    for wrong in ("", ",".join(f"c{n}" for n in range(41))):
+        assert watched.page.ask(f"/api/machines/m/levels?channels={wrong}").status == 400
+
+
 def test_the_kurtogram_is_the_latest_that_is_kept(watched: Watched) -> None:
     rows = [
         row for row in read_spectra(watched.config.parent / "state" / "state.db", "x0") if row.kurtogram is not None
