@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, Literal, get_args, get_origin
@@ -25,6 +26,8 @@ _WORDS = {
     "Input is not a valid path": "expected a path in quotes",
 }
 _NAME_PATTERN = "[A-Za-z0-9][A-Za-z0-9_.-]{0,63}"
+_REPLACED = {"unit": "unknown"}
+"""Required keys that are replaced, so that the rest of their table can be checked."""
 _NAME = "expected a name of up to 64 letters, digits, _ . and -, beginning with a letter or digit"
 
 
@@ -45,6 +48,57 @@ def explain_problems(error: ValidationError, root: type[BaseModel]) -> list[tupl
             continue
         found += _explained(place, group, root)
     return found
+
+
+def further_problems(
+    error: ValidationError, values: Mapping[str, Any], root: type[BaseModel]
+) -> list[tuple[Place, str]]:
+    """Return the problems that show once the wrong keys of a first validation are left out.
+
+    A table with a wrong key is not checked as a whole, nor are bands against rates; what follows from a key that was
+    left out is not a problem of its own, and an unknown key may be any key of its table.
+    """
+    left = copy.deepcopy(dict(values))
+    unclear = [_place(problem)[:-1] for problem in error.errors() if problem["type"] == "extra_forbidden"]
+    removed = {key for problem in error.errors() if (key := _leave_out(left, _place(problem))) is not None}
+    try:
+        root.model_validate(left)
+    except ValidationError as second:
+        known = {text for _, text in explain_problems(error, root)}
+        return [
+            (place, text)
+            for place, text in explain_problems(second, root)
+            if text not in known
+            and "is missing" not in text
+            and not any(key in text for key in removed)
+            and not any(table and place[: len(table)] == table for table in unclear)
+        ]
+    return []
+
+
+def _leave_out(values: dict[str, Any], place: Place) -> str | None:
+    """Remove the key that a place is about from its table; return its name, None where there is none such."""
+    table: Any = values
+    chosen: tuple[dict[str, Any], str] | None = None
+    for part in place:
+        if isinstance(table, dict) and isinstance(part, str) and part in table:
+            chosen = (table, part)
+            table = table[part]
+        elif isinstance(table, list) and isinstance(part, int) and part < len(table):
+            table = table[part]
+        else:
+            break
+    if chosen is None:
+        return None
+    container, key = chosen
+    value = container[key]
+    if isinstance(value, dict) or (isinstance(value, list) and value and isinstance(value[0], dict)):
+        return None
+    if key in _REPLACED:
+        container[key] = _REPLACED[key]
+    else:
+        del container[key]
+    return key
 
 
 def place_words(place: Place) -> str:

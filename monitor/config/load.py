@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import re
 import tomllib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -23,9 +22,8 @@ from monitor.config.advice import AdviceSection
 from monitor.config.alarms import AlarmsSection
 from monitor.config.bearing import BearingSection, RigSection
 from monitor.config.connections import find_loose_ends
-from monitor.config.explain import explain_problems, place_words
+from monitor.config.explain import explain_problems, further_problems, place_words
 from monitor.config.fields import LocatedError, Section
-from monitor.config.hints import syntax_hint
 from monitor.config.interference import InterferenceSection
 from monitor.config.machine import MachineSection, OperatingSection, RetentionSection
 from monitor.config.outputs import NotifySection, PublishSection, WebSection
@@ -33,6 +31,7 @@ from monitor.config.positions import Place, find_lines, line_of
 from monitor.config.shaft import SCENE_KEYS, ShaftSection
 from monitor.config.source import ChannelSection, SourceSection
 from monitor.config.stages import DetectSection, ForecastSection, TrackSection
+from monitor.config.syntax import syntax_problems
 
 _CONNECTED: Any = {
     "bearing": {"__all__": {"name"}},
@@ -202,18 +201,8 @@ def load_config(path: Path) -> Config:
     try:
         values = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
-        raise ConfigError(_syntax_words(path, text, str(error))) from None
+        raise ConfigError("\n".join(f"{path}:{line}" for line in syntax_problems(text, str(error)))) from None
     return validate(values, path, find_lines(text))
-
-
-def _syntax_words(path: Path, text: str, message: str) -> str:
-    """Return where a text is no valid TOML, why, and what to write."""
-    found = re.search(r" \(at (?:line (\d+), column \d+|end of document)\)$", message)
-    line = len(text.splitlines()) if found is None or found[1] is None else int(found[1])
-    written = (text.splitlines() or [""])[min(line, len(text.splitlines())) - 1]
-    hint = syntax_hint(written, message)
-    reason = message if found is None else message[: found.start()]
-    return f"{path}:{line}: not valid TOML: {reason}, found {written.strip()[:80]!r}{f'; {hint}' if hint else ''}"
 
 
 def validate(values: dict[str, Any], path: Path, lines: Mapping[Place, int] | None = None) -> Config:
@@ -228,7 +217,7 @@ def validate(values: dict[str, Any], path: Path, lines: Mapping[Place, int] | No
     try:
         config = Config.model_validate(values)
     except ValidationError as error:
-        problems = explain_problems(error, Config)
+        problems = [*explain_problems(error, Config), *further_problems(error, values, Config)]
         places = {place for place, _ in problems}
         loose = [(place, f"{place_words(place)}: {text}") for place, text in find_loose_ends(values)]
         problems += [problem for problem in loose if problem[0] not in places]

@@ -39,3 +39,33 @@ def test_all_problems_of_a_file_come_at_once(tmp_path: Path) -> None:
     text = CASES[0].text.replace('"6205-2RS"', '"6999"').replace('"logger"\nunit = "g"', '"loger"\nunit = "mV"')
     lines = answer(Case("", text, "", 0, "", "", ""), tmp_path)
     assert [line.split(":")[1] for line in lines] == ["6", "9", "19", "20"]
+
+
+def test_what_is_wrong_with_a_section_as_a_whole_comes_with_its_wrong_keys(tmp_path: Path) -> None:
+    text = (
+        CASES[0]
+        .text.replace("speed_rpm = 1770", "speed_hz = 1")
+        .replace('unit = "g"', 'unit = "mm/s"\ntrack = 3\ncolumn = 1\nkey = "a"')
+    )
+    lines = answer(Case("", text, "", 0, "", "", ""), tmp_path)
+    assert [line.split(":")[1] for line in lines] == ["20", "21", "22"]
+    assert "give column or key, not both" in lines[2]
+
+
+def test_bands_are_compared_with_the_rate_whatever_else_is_wrong(tmp_path: Path) -> None:
+    text = CASES[0].text.replace('unit = "g"', 'unit = "g"\nband_hz = [5000, 20000]\nscale = 0')
+    lines = answer(Case("", text, "", 0, "", "", ""), tmp_path)
+    assert [line.split(":")[1] for line in lines] == ["9", "21", "22"]
+    assert "Nyquist" in lines[1]
+
+
+def test_every_line_that_is_no_toml_comes_at_once(tmp_path: Path) -> None:
+    text = (
+        CASES[0]
+        .text.replace("speed_rpm = 1770", "speed_hz = 29,5")
+        .replace('"fan"', "fan")
+        .replace("[[source]]", "[[source]")
+    )
+    lines = answer(Case("", text, "", 0, "", "", ""), tmp_path)
+    assert [line.split(":")[1] for line in lines] == ["2", "9", "12"]
+    assert all("not valid TOML" in line for line in lines)
