@@ -290,7 +290,8 @@ def _unit_of(samples: Samples, row: int, channel: ChannelSpec, where: str) -> st
     if stated is None and configured is None:
         raise ReaderError("wrong_unit", f"{where}: no unit is stated; give [[channel]] unit")
     if configured is not None and stated not in (None, "unknown", configured):
-        raise ReaderError("wrong_unit", f"{where}: the recording is in {stated}, unit = {configured!r}")
+        hint = f'; write unit = "{stated}"' if stated in UNITS else ""
+        raise ReaderError("wrong_unit", f"{where}: the recording is in {stated}, unit = {configured!r}{hint}")
     if configured is None and (stated not in UNITS or stated == "V"):
         raise ReaderError("wrong_unit", f"{where}: the recording is in {stated}; give [[channel]] unit")
     return configured or stated or "unknown"
@@ -352,5 +353,7 @@ def agreed_rate(stated: Sequence[float | None], configured: float | None, where:
         raise ReaderError("wrong_rate", f"{where}: no sampling rate is stated; give [[source]] rate_hz")
     if any(abs(rate - rates[0]) > RATE_TOLERANCE * rates[0] for rate in rates):
         said = " and ".join(f"{rate:g} Hz" for rate in dict.fromkeys(rates))
-        raise ReaderError("wrong_rate", f"{where}: the recording and rate_hz do not agree: {said}")
+        own = [rate for rate in stated if rate is not None]
+        hint = f"; write rate_hz = {own[0]:.10g}" if own and all(rate == own[0] for rate in own) else ""
+        raise ReaderError("wrong_rate", f"{where}: the recording and rate_hz do not agree: {said}{hint}")
     return rates[0]

@@ -5,7 +5,6 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from datetime import datetime
 from pathlib import Path
 from typing import Any
 
@@ -32,7 +31,7 @@ from streams.listing import shown
 from streams.plausible import doubts
 from streams.samples import ReaderError
 from streams.spec import SourceError
-from streams.stamps import utc_text
+from streams.stamps import stamp_in_name, utc_text
 from streams.survey import Survey, survey
 
 
@@ -102,7 +101,7 @@ def command(
             str(error).replace("[[source]] survey: url: ", "").replace("[[source]] survey: ", "")
         ) from None
     talk = _Talk(ask=not yes, to_stderr=as_json, quiet=quiet)
-    for line in survey_lines(seen, path):
+    for line in survey_lines(seen, path, timezone):
         talk.say(line)
     conversation = _Conversation(seen, answers, talk, timezone, name or machine_name(seen.place.resolve()), out)
     config, problems = conversation.settle()
@@ -291,7 +290,7 @@ def _proposed_bands(draft: Draft) -> Iterator[tuple[str, tuple[float, float]]]:
         yield name, (low, high)
 
 
-def survey_lines(seen: Survey, path: str) -> Iterator[str]:
+def survey_lines(seen: Survey, path: str, timezone: str) -> Iterator[str]:
     """Yield what the files of a path state."""
     count = f"{len(seen.paths)} {'file' if len(seen.paths) == 1 else 'files'} of {seen.data_set.name}"
     ends = seen.first if seen.first == seen.last else f"{seen.first} to {seen.last}"
@@ -308,7 +307,7 @@ def survey_lines(seen: Survey, path: str) -> Iterator[str]:
         yield f"  rate: {seen.rate:g} Hz{by}; first and last file of {lengths}"
     for row in seen.rows:
         yield f"  row {row.column}, {row.title}: {_row_words(row)}"
-    yield f"  date: {_date_words(seen)}"
+    yield f"  date: {_date_words(seen, timezone)}"
 
 
 def duration_words(seconds: float) -> str:
@@ -326,19 +325,18 @@ def _row_words(row: Any) -> str:
     return f"{spelled}{stored}, RMS {row.level.rms:.3g}{unit}, mean {mean:.3g}{unit}"
 
 
-def _date_words(seen: Survey) -> str:
+def _date_words(seen: Survey, timezone: str) -> str:
+    zone = f"; in {timezone} where no zone is stated (--timezone)"
     if not seen.data_set.plain:
         return f"as {seen.data_set.name} states it"
     if seen.start is not None:
-        return f"{utc_text(seen.start)} in the header of {seen.first}"
+        return f"{utc_text(seen.start)} in the header of {shown(seen.first)}{zone}"
     if seen.stamp is not None:
-        return f"{seen.stamp!r} in the header of {seen.first}"
-    from streams.stamps import stamp_in_name
-
-    stamp = stamp_in_name(seen.first, "UTC")
+        return f"{seen.stamp!r} in the header of {shown(seen.first)}{zone}"
+    stamp = stamp_in_name(seen.first, timezone)
     if stamp is not None:
-        return f"{stamp.text!r} in the name of {seen.first}"
-    readings = name_readings(seen, "UTC", datetime.now().timestamp())
+        return f"{stamp.text!r} in the name of {shown(seen.first)}{zone}"
+    readings = name_readings(seen, timezone, time.time())
     if readings:
-        return f"{readings[0].pattern} in the names ({utc_text(readings[0].first)})"
+        return f"{readings[0].pattern} in the names ({utc_text(readings[0].first)}){zone}"
     return "none in headers or names"

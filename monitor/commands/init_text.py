@@ -13,6 +13,7 @@ from monitor.commands.init_answers import AnsweredBearing, Answers
 from monitor.commands.init_questions import needs_scale, unit_of
 from monitor.config.fields import plain_name
 from monitor.health.detect.state import DetectSettings
+from streams.listing import shown
 from streams.plausible import Level, of_one_g
 from streams.samples import COUNTS, FRACTIONS
 from streams.survey import Survey, SurveyedRow, as_pattern
@@ -97,9 +98,13 @@ def configuration_text(draft: Draft) -> str:
 
 def _pair(key: str, value: object, comment: str = "", *, off: bool = False) -> str:
     """Return a line of a key, commented out where it is ``off``."""
-    written = json.dumps(value, ensure_ascii=False) if isinstance(value, str | bool | list) else f"{value:.10g}"
+    if isinstance(value, str | bool | list):
+        # JSON leaves the one control character as it is that TOML does not allow.
+        written = json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
+    else:
+        written = f"{value:.10g}"
     line = f"{'# ' if off else ''}{key} = {written}"
-    return f"{line:<{_COLUMN}} # {comment}" if comment else line
+    return f"{line:<{_COLUMN}} # {shown(comment)}" if comment else line
 
 
 def _relative(path: Path, base: Path) -> str:
@@ -113,7 +118,8 @@ def _relative(path: Path, base: Path) -> str:
 
 
 def _head(draft: Draft) -> Iterator[str]:
-    yield f"# Written by spallwatch init of {_relative(draft.survey.place.resolve(), draft.out.resolve().parent)}."
+    place = shown(_relative(draft.survey.place.resolve(), draft.out.resolve().parent))
+    yield f"# Written by spallwatch init of {place}."
     yield f"# Look at it:  spallwatch check --config {draft.out.name}"
     yield f"# Start it:    spallwatch {'run' if draft.survey.is_folder else 'replay'} --config {draft.out.name}"
 
@@ -231,7 +237,7 @@ def _channels(draft: Draft) -> Iterator[str]:
         if scale is not None and unit != "unknown":
             meant = {FRACTIONS: "at full scale", COUNTS: "of one count"}.get(row.stored, "of one in the file")
             yield _pair("scale", scale, f"{unit} {meant}")
-        yield _pair("bearing", _BEARING)
+        yield _pair("bearing", _BEARING, "add a [[bearing]] for another place" if len(rows) > 1 else "")
         yield _pair("band_hz", "auto", "chosen on the first blocks")
         if name in bands:
             low, high = bands[name]

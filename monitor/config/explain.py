@@ -221,7 +221,8 @@ def _expected_at(place: Place, root: type[BaseModel]) -> str:
     branches = [] if field is None else _branches(field.annotation)
     choices = [choice for branch in branches if get_origin(branch) is Literal for choice in get_args(branch)]
     if choices:
-        return " or ".join(shown(choice) for choice in choices)
+        words = "; spallwatch init FOLDER says what the files state" if key == "unit" else ""
+        return " or ".join(shown(choice) for choice in choices) + words
     if key in ("source", "bearing"):
         return f"the name of a [[{key}]]"
     return "a name of letters and digits" if key == "name" else "a value"

@@ -51,7 +51,7 @@ def test_channel_that_does_not_fit(channel: ChannelSpec, words: str) -> None:
 
 
 def test_unit_that_contradicts_the_recording() -> None:
-    with pytest.raises(ReaderError, match="the recording is in g, unit = 'm/s2'") as caught:
+    with pytest.raises(ReaderError, match=r"the recording is in g, unit = 'm/s2'; write unit = .g.") as caught:
         choose_channels(SAMPLES, (ChannelSpec("rpm", unit="m/s2"),), "g", "x.mat")
     assert caught.value.status == "wrong_unit"
 

@@ -4,16 +4,22 @@ from __future__ import annotations
 
 import ast
 import json
+import os
 import shutil
+import tomllib
 from pathlib import Path
 
+import h5py
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from hypothesis import given
+from hypothesis import strategies as st
 
 from benchmarks import loggers
 from benchmarks.loggers import LOGGERS, Truth
 from monitor.commands.init import command
+from monitor.commands.init_text import _pair
 from monitor.config.load import Config, load_config
 from monitor.service.setup import open_configured
 from streams.block import STANDARD_GRAVITY, Block, to_si
@@ -120,6 +126,8 @@ def write_named(folder: Path, *names: str) -> None:
     for index, name in enumerate(names):
         rows = "".join(f"{np.sin(i + index):.4f}\n" for i in range(2000))
         (folder / name).write_text(f"# rate: 1000 Hz\nacc [g]\n{rows}")
+        closed = 1704189602.0 + 86400.0 * 500 + 600.0 * index if name[0].isdecimal() else 1704189602.0 + 600.0 * index
+        os.utime(folder / name, (closed, closed))
 
 
 @pytest.mark.parametrize(
@@ -130,6 +138,7 @@ def write_named(folder: Path, *names: str) -> None:
         (("01-02-2024_10-00-00.csv", "13-02-2024_10-00-00.csv"), [], 1706781600.0),
         (("240102_1000.csv", "240102_1100.csv"), ["%y%m%d_%H%M"], 1704189600.0),
         (("a.csv", "b.csv"), ["2024-01-02T10:00", "1 h"], 1704189600.0),
+        (("a.csv", "b.csv"), ["mtime"], 1704189600.0),
         (("2024-01-02.csv", "2024-01-03.csv"), [], 1704153600.0),
     ],
 )
@@ -200,3 +209,32 @@ def test_wrong_input_is_answered_in_words(arguments: list[str], words: str, here
     assert done.returncode == 2, done.stdout
     assert words in done.stderr
     assert not (here / "config.toml").exists()
+
+
+@given(st.text(st.characters(exclude_categories=("Cs",)), max_size=20), st.text(max_size=20))
+def test_a_line_of_any_text_is_read_back(value: str, comment: str) -> None:
+    assert tomllib.loads(_pair("key", value, comment)) == {"key": value}
+    assert tomllib.loads(_pair("key", value, comment, off=True)) == {}
+
+
+def test_titles_of_any_letters_find_their_rows(here: Path) -> None:
+    folder = here / "log"
+    folder.mkdir()
+    titles = ['a"b [g]', "x*y [g]", "Ölpumpe é\\ [g]", "[0] (g)"]
+    for kind in ("csv", "h5"):
+        rows = np.random.default_rng(1).normal(size=(4, 3000))
+        path = folder / f"2024-01-02_10-00-00.{kind}"
+        if kind == "csv":
+            lines = "".join(";".join(f"{value:.6f}" for value in row) + "\n" for row in rows.T)
+            path.write_text(f"# rate: 3000 Hz\n{';'.join(titles)}\n{lines}", encoding="utf-8")
+        else:
+            with h5py.File(path, "w") as file:
+                file.attrs.update(rate_hz=3000.0, unit="g")
+                for title, row in zip(titles, rows, strict=True):
+                    file[title.rpartition(" ")[0]] = row
+        done = run_command("init", "log", "--yes", "--bearing", "6205", "--speed-hz", "9", "--force", cwd=here)
+        assert done.returncode == 0, done.stderr
+        (block,) = blocks(load_config(here / "config.toml"))
+        order = range(4) if kind == "csv" else np.argsort([title.rpartition(" ")[0] for title in titles])
+        np.testing.assert_allclose(block.samples, rows[list(order)], atol=1e-6)
+        path.unlink()
