@@ -50,14 +50,17 @@ def level_of(row: NDArray[np.floating]) -> Level:
     finite = values[np.isfinite(values)]
     if finite.size == 0:
         return Level(0.0, 0.0, 0.0, finite=False)
-    mean = float(np.mean(finite))
+    # Damaged files hold any number.
+    with np.errstate(over="ignore", invalid="ignore"):
+        mean = float(np.mean(finite))
+        rms = float(np.sqrt(np.mean((finite - mean) ** 2)))
     low, high = float(np.min(finite)), float(np.max(finite))
     at_ends = np.count_nonzero(finite == low) + np.count_nonzero(finite == high)
     clipped = at_ends / finite.size
     enough = at_ends >= _MIN_CLIPPED and clipped >= _CLIPPED_SHARE and high > low
     return Level(
         mean=mean,
-        rms=float(np.sqrt(np.mean((finite - mean) ** 2))),
+        rms=rms,
         peak=max(abs(low), abs(high)),
         constant=low == high,
         clipped=clipped if enough else 0.0,

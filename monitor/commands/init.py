@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import textwrap
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
@@ -49,6 +50,7 @@ def _words(reader: Callable[[str], dict[str, Any]]) -> Callable[[Any, Any, str |
     return convert
 
 
+_WIDTH = 100
 _LEAST_RATE_HZ = 200.0
 """Sampling rate below which no shaft of usual speed shows its bearing."""
 
@@ -146,7 +148,7 @@ class _Talk:
         Raises:
             click.Abort: the input ends.
         """
-        self.say(f"\n{question.why}")
+        self.say(f"\n{wrapped(question.why)}")
         while True:
             words = click.prompt(
                 question.words, default=question.default or "", show_default=question.default is not None,
@@ -206,8 +208,9 @@ class _Conversation:
             else:
                 missing.append(question)
         if missing:
-            listed = "\n".join(f"  {question.option}: {question.words}. {question.why}" for question in missing)
-            raise InputError(f"these answers are missing; give them as options:\n{listed}")
+            listed = (f"  {question.option}: {question.words}. {question.why}" for question in missing)
+            lines = "\n".join(wrapped(line, "    ") for line in listed)
+            raise InputError(f"these answers are missing; give them as options:\n{lines}")
 
     def _interval(self) -> Iterator[Question]:
         rate = self.seen.rate or self.answers.rate_hz
@@ -288,6 +291,13 @@ def _proposed_bands(draft: Draft) -> Iterator[tuple[str, tuple[float, float]]]:
         except ValueError:
             continue
         yield name, (low, high)
+
+
+def wrapped(text: str, indent: str = "") -> str:
+    """Return a text in lines for a terminal, with an indent of all lines but the first."""
+    return textwrap.fill(
+        text, _WIDTH, subsequent_indent=indent, break_long_words=False, break_on_hyphens=False, drop_whitespace=True
+    )
 
 
 def survey_lines(seen: Survey, path: str, timezone: str) -> Iterator[str]:

@@ -10,7 +10,7 @@ from typing import Any
 
 from models import bearing as bearings
 from streams.spec import UNITS
-from streams.stamps import Order
+from streams.stamps import ORDERS, Order
 
 _NUMBER = r"([-+]?\d+(?:[.,]\d+)?(?:[eE][-+]?\d+)?)"
 _SPEED = re.compile(rf"\s*{_NUMBER}\s*(hz|1/s|rps|rpm|upm|1/min|u/min|/min)?\s*", re.IGNORECASE)
@@ -200,10 +200,13 @@ def read_start(text: str) -> dict[str, Any]:
 
 def read_order(text: str) -> dict[str, Any]:
     """Return the order of day and month."""
-    word = text.strip().lower().replace(" ", "_").replace("-", "_")
-    if word not in ("day_first", "month_first"):
+    word = text.strip().lower()
+    order = next(
+        (order for order in ORDERS if word and order.startswith(word.replace(" ", "_").replace("-", "_"))), None
+    )
+    if order is None:
         raise ValueError(f"expected day_first or month_first; got {text!r}")
-    return {"date_order": word}
+    return {"date_order": order}
 
 
 def read_interval(text: str) -> dict[str, Any]:

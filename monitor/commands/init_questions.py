@@ -51,7 +51,7 @@ def open_questions(
         yield Question(
             "--bearing",
             "Bearing",
-            "Its geometry gives the fault frequencies. What is printed on its ring, such as 6205-2RS,\n"
+            "Its geometry gives the fault frequencies. What is printed on its ring, such as 6205-2RS, "
             "or number of elements, their diameter and pitch diameter in mm: 9 7.94 39.04.",
             None,
             read.read_bearing,

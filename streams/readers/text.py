@@ -198,9 +198,10 @@ def read_layout(data: bytes, name: str, zone: str = "UTC") -> Samples:
     text = clean_text(data, name)
     stamped = split_stamps(text, name, zone)
     body, skipped = _numbers(text, name) if stamped is None else (stamped.body, stamped.head)
+    # The text is not held while its numbers are parsed.
+    del text
     head = _head(skipped)
     if stamped is not None:
-        del text
         return _with_times(_read_rows(body, head, name, zone, stamped.columns), stamped, name)
     return _read_rows(body, head, name, zone)
 

@@ -70,6 +70,7 @@ NOISE = np.random.default_rng(1).normal(size=4000)
         (np.clip(NOISE, -1.0, 1.0), "g", None, "range of the input"),
         (np.zeros(100), "g", None, "dead sensor"),
         (np.append(NOISE, np.nan), "g", None, "no numbers"),
+        (NOISE * 1e300, "g", None, "more than machines have"),
         (NOISE * 1e9, "unknown", None, ""),
     ],
 )
