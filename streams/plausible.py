@@ -15,7 +15,7 @@ _LEAST_RMS_G = 1e-4
 _BIAS = (7.0, 14.0)
 """Bias voltage of IEPE sensors, V."""
 _CLIPPED_SHARE = 1e-3
-_MIN_CLIPPED = 10
+_MIN_CLIPPED, _MIN_STEPS = 10, 64
 
 
 @dataclass(frozen=True)
@@ -27,7 +27,7 @@ class Level:
         rms: without the mean.
         peak: largest magnitude.
         constant: all samples are equal.
-        clipped: share of the samples that are equal to the largest or the smallest one, where it is more than chance.
+        clipped: share of the samples at one end of the range, where runs of them show a limit.
         finite: whether all samples are numbers.
     """
 
@@ -55,17 +55,26 @@ def level_of(row: NDArray[np.floating]) -> Level:
         mean = float(np.mean(finite))
         rms = float(np.sqrt(np.mean((finite - mean) ** 2)))
     low, high = float(np.min(finite)), float(np.max(finite))
-    at_ends = np.count_nonzero(finite == low) + np.count_nonzero(finite == high)
-    clipped = at_ends / finite.size
-    enough = at_ends >= _MIN_CLIPPED and clipped >= _CLIPPED_SHARE and high > low
+    clipped = max(_share_at(finite, finite == low), _share_at(finite, finite == high)) if high > low else 0.0
     return Level(
         mean=mean,
         rms=rms,
         peak=max(abs(low), abs(high)),
         constant=low == high,
-        clipped=clipped if enough else 0.0,
+        clipped=clipped,
         finite=finite.size == values.size,
     )
+
+
+def _share_at(values: NDArray[np.float64], at_end: NDArray[np.bool_]) -> float:
+    """Return the share of samples at an end of the range, 0 unless some follow each other there, as clipped ones do."""
+    count = int(np.count_nonzero(at_end))
+    if count < max(_MIN_CLIPPED, _CLIPPED_SHARE * values.size):
+        return 0.0
+    runs = bool(np.any(at_end[2:] & at_end[1:-1] & at_end[:-2]))
+    # A coarsely quantised small signal meets its ends often.
+    fine = np.unique(values[:: max(1, values.size // 4096)]).size > _MIN_STEPS
+    return count / values.size if runs and fine else 0.0
 
 
 def of_one_g(unit: str, sensitivity_mv_per_g: float | None) -> float | None:
@@ -83,7 +92,7 @@ def doubts(level: Level, unit: str, sensitivity_mv_per_g: float | None = None) -
     if not level.finite:
         found.append("it holds values that are no numbers")
     if level.clipped:
-        found.append(f"{level.clipped:.1%} of the samples are at its end: the range of the input is too small")
+        found.append(f"{level.clipped:.1%} of the samples are at one end: the range of the input is too small")
     one_g = of_one_g(unit, sensitivity_mv_per_g)
     if unit == "V" and _BIAS[0] <= abs(level.mean) <= _BIAS[1]:
         found.append(f"its mean is {level.mean:.3g} V, the bias of an IEPE sensor: only the alternating part counts")

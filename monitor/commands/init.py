@@ -221,8 +221,6 @@ class _Conversation:
         """Write the text, and return its configuration with what keeps its blocks from being dated, or ""."""
         self.text = configuration_text(self.draft())
         config = self._read_back()
-        if not self.seen.is_folder:
-            return config, ""
         from monitor.commands.redate import preview_dating
 
         found = preview_dating(config, config.source[0])

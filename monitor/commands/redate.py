@@ -22,6 +22,8 @@ if TYPE_CHECKING:
 
 _MAX_OPENED = 100
 """Waiting files that ``check`` looks at."""
+_MAX_LAST = 20
+"""Files at the end of the folder that it looks at besides."""
 
 
 @click.command("redate")
@@ -70,7 +72,7 @@ class DatingPreview:
 
 
 def preview_dating(config: Config, section: SourceSection) -> DatingPreview | None:
-    """Open waiting files of a folder source; None where it is no folder, or one without files.
+    """Open waiting files of a folder, or those of a recording; None for other sources, and folders without files.
 
     Raises:
         ConfigError: the configuration contradicts the kept choice.
@@ -78,13 +80,14 @@ def preview_dating(config: Config, section: SourceSection) -> DatingPreview | No
     from monitor.records.database import StoreError
     from monitor.service.setup import source_spec
     from streams.dating import kept_dating
-    from streams.files import Folder, natural_key
+    from streams.files import Folder, natural_key, open_files
     from streams.listing import CLOSED, list_files, shown
     from streams.recognise import data_set_of
     from streams.recording import Recording
     from streams.spec import SourceError
 
-    if section.url is None or not section.url.startswith("folder:"):
+    watched = section.url is not None and section.url.startswith("folder:")
+    if section.url is None or not (watched or _is_path(section.url)):
         return None
     spec = source_spec(config, section)
     root = Path(section.url.removeprefix("folder:"))
@@ -99,9 +102,13 @@ def preview_dating(config: Config, section: SourceSection) -> DatingPreview | No
             kept = None
     folders: list[str] = []
     try:
-        paths = sorted(list_files(str(root), folders), key=natural_key)[:_MAX_OPENED]
+        if watched or root.is_dir():
+            paths = sorted(list_files(str(root), folders), key=natural_key)
+            paths = paths[:_MAX_OPENED] + paths[_MAX_OPENED:][-_MAX_LAST:]
+            files = Folder(root, paths)
+        else:
+            paths, files = [root.name], open_files(spec.name, str(root))
         closed = tuple(f"folder {shown(str(root / folder))} {CLOSED}" for folder in sorted(folders))
-        files = Folder(root, paths)
         if not paths:
             return DatingPreview(None, "not known", problems=closed) if closed else None
         recording = Recording(spec, files, data_set_of(spec, files, spec.format), kept)
@@ -119,7 +126,7 @@ def preview_dating(config: Config, section: SourceSection) -> DatingPreview | No
         problems=(*closed, *recording.remarks, *doubtful),
         levels=levels,
         ends=ends,
-        choice=choice,
+        choice=choice if watched else None,
         kept=kept is not None and kept.by is not None,
     )
     if first is None:
@@ -132,6 +139,14 @@ def preview_dating(config: Config, section: SourceSection) -> DatingPreview | No
         found = replace(found, problems=("nothing dates its blocks; give start_utc",))
     time = None if first.start is None else _utc_text(first.start)
     return replace(found, file=first.name, time_utc=time, elapsed_s=first.elapsed)
+
+
+def _is_path(url: str) -> bool:
+    """Return whether a URL is the path of a recording that is there."""
+    kind, colon, _ = url.partition(":")
+    if "://" in url or (colon and kind in ("rig", "dataset", "tcp", "mqtt")):
+        return False
+    return Path(url).exists()
 
 
 def keep_previews(config: Config, previews: Mapping[str, DatingPreview]) -> dict[str, DatingPreview]:

@@ -68,6 +68,8 @@ NOISE = np.random.default_rng(1).normal(size=4000)
         (NOISE * 200.0, "g", None, "more than machines have"),
         (NOISE * 1e-6, "g", None, "less than the noise"),
         (np.clip(NOISE, -1.0, 1.0), "g", None, "range of the input"),
+        (np.round(np.sin(np.arange(4000.0)), 4), "g", None, ""),
+        (np.round(NOISE), "g", None, ""),
         (np.zeros(100), "g", None, "dead sensor"),
         (np.append(NOISE, np.nan), "g", None, "no numbers"),
         (NOISE * 1e300, "g", None, "more than machines have"),

@@ -238,3 +238,27 @@ def test_titles_of_any_letters_find_their_rows(here: Path) -> None:
         order = range(4) if kind == "csv" else np.argsort([title.rpartition(" ")[0] for title in titles])
         np.testing.assert_allclose(block.samples, rows[list(order)], atol=1e-6)
         path.unlink()
+
+
+def test_check_opens_the_last_file_of_many_and_a_recording(here: Path) -> None:
+    names = [f"2024-01-02_{minute // 60:02d}-{minute % 60:02d}-00.csv" for minute in range(105)]
+    write_named(here / "log", *names[:2])
+    for name in names[2:]:
+        shutil.copy(here / "log" / names[0], here / "log" / name)
+    (here / "log" / names[-1]).write_text("# rate: 500 Hz\nacc [g]\n" + "1\n-1\n" * 600)
+    options = ("--yes", "--bearing", "6205", "--speed-hz", "9")
+    assert run_command("init", "log", *options, cwd=here).returncode == 0
+    checked = json.loads(run_command("check", "--json", cwd=here).stdout)
+    assert f"{names[0]}: 1000 Hz, 2 s, 2024-01-02T00:00:00Z" in checked["dating"]["logger"]["ends"][0]
+    (problem,) = checked["problems"]
+    assert f"would be rejected, wrong_rate: {names[-1]}" in problem
+    assert "write rate_hz = 500" in problem
+    path = here / "03-04-2024_10-00-00.csv"
+    path.write_text("# rate: 1000 Hz\n# Start: 03/04/2024 10:00:00\nacc [g]\n" + "1\n-1\n" * 1000)
+    done = run_command("init", path.name, *options, "--out", "one.toml", cwd=here)
+    assert done.returncode == 2
+    assert "--date-order" in done.stderr
+    done = run_command("init", path.name, *options, "--date-order", "month", "--out", "one.toml", cwd=here)
+    assert done.returncode == 0, done.stderr
+    (ends,) = json.loads(run_command("check", "--config", "one.toml", "--json", cwd=here).stdout)["dating"].values()
+    assert "2024-03-04T10:00:00Z" in ends["ends"][0]
