@@ -141,17 +141,23 @@ class EventLog(SharedConnection):
 
     def acknowledge(self, name: str, who: str, note: str, utc: float) -> LoggedEvent:
         """Add an acknowledgement and return its event; ValueError for no event, no name, or too long a text."""
-        who = who.strip()
-        if not 0 < len(who) <= _MAX_NAME_CHARACTERS or len(note) > _MAX_NOTE_CHARACTERS:
-            raise ValueError(
-                f"who must have 1 to {_MAX_NAME_CHARACTERS} characters, a note at most {_MAX_NOTE_CHARACTERS}"
-            )
+        who = self.check_words(who, note)
         found = self.event(name)
         if found is None:
             raise ValueError(f"there is no event {name!r}")
         query = "INSERT INTO acknowledgements (event, utc, who, note) VALUES (?, ?, ?, ?)"
         self.rows(query, found.id, utc, who, note)
         return self.event(name) or found
+
+    @staticmethod
+    def check_words(who: str, note: str) -> str:
+        """Return a name without blanks around it; raise ValueError where it is none, or a text is too long."""
+        who = who.strip()
+        if not 0 < len(who) <= _MAX_NAME_CHARACTERS or len(note) > _MAX_NOTE_CHARACTERS:
+            raise ValueError(
+                f"who must have 1 to {_MAX_NAME_CHARACTERS} characters, a note at most {_MAX_NOTE_CHARACTERS}"
+            )
+        return who
 
     def unacknowledged(self) -> int:
         """Return how many events and notices still need an acknowledgement."""

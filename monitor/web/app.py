@@ -26,7 +26,7 @@ from starlette.types import ASGIApp, Receive, Scope, Send
 
 from monitor.records.database import StoreError
 from monitor.records.filing import published_name
-from monitor.web import api, event_view, map_view, spectra_view
+from monitor.web import acknowledging, api, event_view, map_view, spectra_view
 from monitor.web.answers import Answer, Query, RequestError, answer_of, json_answer, without_folders
 from monitor.web.auth import Doorkeeper
 from monitor.web.levels_view import levels
@@ -230,6 +230,7 @@ def _api_routes(site: Site) -> list[Route]:
         route("/api/events", lambda request: event_view.events(site.machines, request.query_params)),
         route("/api/records", lambda _: published_files(site.machines)),
         Route("/api/events/{event}/acknowledge", partial(_acknowledge, site), methods=["POST"]),
+        Route("/api/acknowledge", partial(_acknowledge, site), methods=["POST"]),
         Route(STREAM, partial(_stream, site), methods=["GET"]),
     ]
 
@@ -245,8 +246,14 @@ async def _acknowledge(site: Site, request: Request) -> Response:
     body = await request.body()
     if len(body) > MAX_BODY_BYTES:
         return _response(request, json_answer({"error": "the body is too long"}, 413))
-    name = request.path_params["event"]
-    found = await site.answer(request, lambda: json_answer(event_view.acknowledge(site.machines, name, body)))
+    name = request.path_params.get("event")
+
+    def make() -> Answer:
+        if name is None:
+            return json_answer(acknowledging.acknowledge_many(site.machines, body))
+        return json_answer(acknowledging.acknowledge(site.machines, name, body))
+
+    found = await site.answer(request, make)
     site.hub.wake()
     return found
 

@@ -1,18 +1,16 @@
-"""The event logs of all machines as one, newest first, and the acknowledgement of an event."""
+"""The event logs of all machines as one, newest first."""
 
 from __future__ import annotations
 
 import json
 import re
 import sqlite3
-import time
 from collections.abc import Mapping
-from contextlib import closing
 from typing import Any, NamedTuple
 
 from monitor.records.database import StoreError
-from monitor.records.events import Acknowledgement, EventLog, LoggedEvent, count_unacknowledged, tables_of
-from monitor.web.answers import Query, RequestError, json_object, whole_number, without_folders
+from monitor.records.events import Acknowledgement, LoggedEvent, count_unacknowledged, tables_of
+from monitor.web.answers import Query, RequestError, whole_number, without_folders
 from monitor.web.machines import Machine, Machines
 from monitor.words.events import event_text
 
@@ -74,30 +72,17 @@ def marker(machine: Machine) -> tuple[int, ...]:
         )
 
 
-def acknowledge(site: Machines, name: str, body: bytes) -> dict[str, Any]:
-    """Acknowledge an event, by its name with the machine, and return it; ``body`` is JSON with ``who`` and ``note``.
-
-    Raises:
-        RequestError: there is no such event, ``who`` is empty, or a text is too long.
-    """
-    machine, event = _split(site, name)
-    given = json_object(body)
-    if given is None or not all(isinstance(given.get(key, ""), str) for key in ("who", "note")):
-        raise RequestError(400, "the body must be a JSON object with who and note")
-    who, note = given.get("who", ""), given.get("note", "")
-    if any(not character.isprintable() for character in who):
-        raise RequestError(400, "who must be one line of text")
-    with closing(EventLog(machine.store.path)) as log:
-        if log.event(event) is None:
-            raise RequestError(404, "there is no such event")
-        try:
-            log.acknowledge(event, who, note, time.time())
-        except ValueError as error:
-            raise RequestError(400, str(error)) from None
-    return _find(machine, event)[0][1]
+def find_event(site: Machines, name: str) -> dict[str, Any]:
+    """Return an event by its name with the machine; :class:`RequestError` 404 where there is none."""
+    machine, event = split_name(site, name)
+    found = _find(machine, event)
+    if not found:
+        raise RequestError(404, "there is no such event")
+    return found[0][1]
 
 
-def _split(site: Machines, name: str) -> tuple[Machine, str]:
+def split_name(site: Machines, name: str) -> tuple[Machine, str]:
+    """Return machine and name in its log of an event; :class:`RequestError` 404 where the name is none."""
     found = _NAME.match(name)
     if found is None:
         raise RequestError(404, "there is no such event")
@@ -105,7 +90,7 @@ def _split(site: Machines, name: str) -> tuple[Machine, str]:
 
 
 def _place_of(site: Machines, name: str) -> Place:
-    machine, event = _split(site, name)
+    machine, event = split_name(site, name)
     found = _find(machine, event)
     if not found:
         raise RequestError(404, "there is no such event to begin before")

@@ -6,6 +6,7 @@ import re
 import socket
 import subprocess
 import sys
+import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -108,6 +109,46 @@ def test_an_alarm_is_acknowledged_with_a_name_and_a_note(fixed: Served, visitor:
     expect(page.locator(".event[data-open]")).to_have_count(before - 2)
     assert page.evaluate("window.trapped") is None
     visit.trouble = [text for text in visit.trouble if not text.startswith(("401", "403"))]
+
+
+def test_many_are_acknowledged_with_one_note_by_keyboard(fixed: Served, visitor: Visitor) -> None:
+    with EventLog(fixed.folder / "state" / "state.db") as log:
+        names = [log.notice(time.time(), {"kind": "test", "text": f"many {number}"}) for number in range(3)]
+    visit = visitor(fixed.url)
+    page = visit.go("#/events")
+    page.get_by_label("Filter events").fill("many")
+    drawn = page.locator(".event")
+    expect(drawn).to_have_count(3)
+    button = page.locator(".choice button")
+    expect(button).to_be_disabled()
+    drawn.nth(2).get_by_role("checkbox").press("Space")
+    expect(button).to_have_text("Acknowledge 1 event")
+    page.get_by_label("all open ones shown").press("Space")
+    expect(button).to_have_text("Acknowledge 3 events")
+    drawn.nth(0).get_by_role("checkbox").press("Space")
+    # What the filter hides is not acknowledged.
+    page.get_by_label("Filter events").fill("many 0")
+    expect(button).to_be_hidden()
+    page.get_by_label("Filter events").fill("many")
+    expect(button).to_have_text("Acknowledge 1 event")
+    page.get_by_label("all open ones shown").press("Space")
+    expect(button).to_have_text("Acknowledge 3 events")
+    button.press("Enter")
+    dialog = page.get_by_role("dialog", name="Acknowledge 3 events")
+    expect(dialog.get_by_role("listitem")).to_have_count(3)
+    dialog.get_by_label("Token").fill(fixed.token)
+    dialog.get_by_label("Token").press("Enter")
+    dialog.get_by_label("Your name").fill("Anna")
+    dialog.get_by_label("Note").fill(NOTE)
+    dialog.get_by_role("button", name="Acknowledge").press("Enter")
+    expect(dialog).to_have_count(0)
+    expect(drawn.filter(has_text=NOTE)).to_have_count(3)
+    expect(button).to_be_hidden()
+    with EventLog(fixed.folder / "state" / "state.db") as log:
+        given = [log.event(name) for name in names]
+    assert [[(one.who, one.note) for one in event.acknowledgements] for event in given if event] == [
+        [("Anna", NOTE)]
+    ] * 3
 
 
 @pytest.fixture

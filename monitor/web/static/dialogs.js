@@ -87,9 +87,39 @@ function remember(who) {
 
 /** Ask who acknowledges an event, with which words; calls back with the event as the server has it then. */
 export function acknowledge(app, event, onDone) {
+  const send = async (given) => {
+    onDone(await post(`${eventPath(event.id)}/acknowledge`, given));
+    return "Acknowledged";
+  };
+  askWho(app, "Acknowledge", h("p", { class: "note" }, event.text), send);
+}
+
+const AT_ONCE = 100;
+const LISTED = 8;
+
+/** The same of several events with one note; calls back with those that the server has changed. */
+export function acknowledgeMany(app, events, onDone) {
+  const lines = events.slice(0, LISTED).map((event) => h("li", null, `${event.machine}: ${event.text}`));
+  if (events.length > LISTED) lines.push(h("li", null, `and ${events.length - LISTED} more`));
+  const send = async (given) => {
+    const results = [];
+    for (let at = 0; at < events.length; at += AT_ONCE) {
+      const names = events.slice(at, at + AT_ONCE).map((event) => event.id);
+      results.push(...(await post("api/acknowledge", { ...given, events: names })).results);
+    }
+    onDone(results.map((result) => result.event).filter(Boolean));
+    const failed = results.filter((result) => result.error);
+    if (failed.length) throw new Error(`${failed.length} of ${events.length} could not be acknowledged: ${failed[0].error}`);
+    return `Acknowledged ${events.length} events`;
+  };
+  askWho(app, `Acknowledge ${events.length} events`, h("ul", { class: "note" }, lines), send);
+}
+
+/** Ask for name and note, before that for a login where there is none; `send` returns what is then said. */
+function askWho(app, title, about, send) {
   const body = h("div");
-  const dialog = show("Acknowledge", h("p", { class: "note" }, event.text), body);
-  const form = () => fill(body, acknowledgeForm(app, event, dialog, ask, onDone));
+  const dialog = show(title, about, body);
+  const form = () => fill(body, acknowledgeForm(app, dialog, ask, send));
   const ask = () => fill(body, h("p", { class: "note" }, "Acknowledging needs the token of this page, once a session."), tokenForm(async () => {
     await app.readSession();
     form();
@@ -99,7 +129,7 @@ export function acknowledge(app, event, onDone) {
   body.querySelector("input")?.focus();
 }
 
-function acknowledgeForm(app, event, dialog, ask, onDone) {
+function acknowledgeForm(app, dialog, ask, send) {
   const who = h("input", { name: "who", required: true, maxlength: "100", autocomplete: "name" });
   who.value = remembered();
   const note = h("textarea", { name: "note", rows: "3", maxlength: "2000" });
@@ -108,11 +138,10 @@ function acknowledgeForm(app, event, dialog, ask, onDone) {
     press.preventDefault();
     fill(wrong);
     try {
-      const answer = await post(`${eventPath(event.id)}/acknowledge`, { who: who.value.trim(), note: note.value });
+      const said = await send({ who: who.value.trim(), note: note.value });
       remember(who.value.trim());
       dialog.close();
-      app.say("Acknowledged");
-      onDone(answer);
+      app.say(said);
     } catch (error) {
       if (error.status === 401) ask();
       else fill(wrong, error.message);

@@ -1,7 +1,7 @@
 // The event log: open events first, each with who acknowledged it and how.
 
 import { channelHref, get, query } from "./api.js";
-import { acknowledge } from "./dialogs.js";
+import { acknowledge, acknowledgeMany } from "./dialogs.js";
 import { fill, h, symbol } from "./dom.js";
 import * as fmt from "./fmt.js";
 import { STATES } from "./words.js";
@@ -27,8 +27,8 @@ function stateOf(event) {
   return Object.hasOwn(STATES, found ?? "") ? found : event.open ? "maintenance_required" : "normal";
 }
 
-/** One event as a list item. */
-export function eventItem(app, event, onChange) {
+/** One event as a list item; `pick` has whether it is chosen, and is called with that when it changes. */
+export function eventItem(app, event, onChange, pick = null) {
   const state = stateOf(event);
   const dated = event.dated ?? (event.time_s === null || event.time_s > 1e8);
   const place = [event.machine, event.channel].filter(Boolean).join(" / ");
@@ -36,7 +36,15 @@ export function eventItem(app, event, onChange) {
   const when = fmt.moment(event.time_s, { dated, zone: app.zone(event.machine) });
   return h(
     "li",
-    { class: "event", "data-state": state, "data-open": event.open, "data-id": event.id },
+    { class: pick ? "event picked" : "event", "data-state": state, "data-open": event.open, "data-id": event.id },
+    pick && (event.open
+      ? h("input", {
+        type: "checkbox",
+        "aria-label": `Choose: ${event.text}, ${place}`,
+        checked: pick.chosen,
+        onchange: (press) => pick.choose(press.target.checked),
+      })
+      : h("span")),
     symbol(state),
     h("span", { class: "text" }, event.text),
     h("span", { class: "meta" }, event.time_s === null ? "" : `${when} · `, link, event.block ? ` · block ${event.block}` : ""),
@@ -71,6 +79,16 @@ export class Events {
       h("option", { value: "open" }, "open only"),
       h("option", { value: "time" }, "all, by time"),
     );
+    this.standing = h(
+      "select",
+      { "aria-label": "State", onchange: () => this.draw() },
+      h("option", { value: "" }, "all states"),
+      Object.entries(STATES).map(([state, [name]]) => h("option", { value: state }, name)),
+    );
+    this.chosen = new Set();
+    this.all = h("input", { type: "checkbox", id: "all-events", onchange: () => this.chooseAll() });
+    this.many = h("button", { type: "button", class: "main", onclick: () => this.acknowledgeChosen() });
+    this.choice = h("div", { class: "bar choice" }, h("label", { for: "all-events" }, this.all, "all open ones shown"), this.many);
     this.machine = h("select", { "aria-label": "Machine", onchange: () => this.load() }, h("option", { value: "" }, "all machines"));
     for (const name of app.model.machines.keys()) this.machine.append(h("option", { value: name }, name));
     if (parameters.machine) this.machine.value = parameters.machine;
@@ -81,7 +99,8 @@ export class Events {
     this.element = h(
       "div",
       null,
-      h("div", { class: "bar" }, h("h1", null, "Events"), this.which, this.machine, this.search, this.shown),
+      h("div", { class: "bar" }, h("h1", null, "Events"), this.which, this.machine, this.standing, this.search, this.shown),
+      this.choice,
       this.state,
       this.list,
       this.older,
@@ -112,11 +131,20 @@ export class Events {
     const which = this.which.value;
     const fits = (event) => {
       const text = `${event.text} ${event.machine} ${event.channel ?? ""} ${event.kind}`.toLowerCase();
-      return words.every((word) => text.includes(word)) && (which !== "open" || event.open);
+      const state = this.standing.value;
+      return words.every((word) => text.includes(word)) && (which !== "open" || event.open) && (!state || stateOf(event) === state);
     };
     const events = this.events.filter(fits);
     if (which === "all") events.sort((a, b) => Number(b.open) - Number(a.open));
-    fill(this.list, events.map((event) => eventItem(this.app, event, (answer) => this.replace(answer))));
+    this.drawn = events;
+    // What is not shown is not chosen: nothing unseen is acknowledged.
+    const open = new Set(this.openDrawn().map((event) => event.id));
+    for (const id of this.chosen) if (!open.has(id)) this.chosen.delete(id);
+    fill(this.list, events.map((event) => eventItem(this.app, event, (answer) => this.replace([answer]), {
+      chosen: this.chosen.has(event.id),
+      choose: (on) => this.choose(event.id, on),
+    })));
+    this.drawChoice();
     this.list.hidden = !events.length;
     this.shown.textContent = this.events.length ? fmt.counted(events.length, "event") : "";
     this.state.hidden = events.length > 0 && !this.failure;
@@ -135,8 +163,42 @@ export class Events {
     else fill(this.state, "No event fits the filter.");
   }
 
-  replace(answer) {
-    this.events = this.events.map((event) => (event.id === answer.id ? answer : event));
+  /** The open events that are shown. */
+  openDrawn() {
+    return this.drawn.filter((event) => event.open);
+  }
+
+  choose(id, on) {
+    if (on) this.chosen.add(id);
+    else this.chosen.delete(id);
+    this.drawChoice();
+  }
+
+  chooseAll() {
+    this.chosen = new Set(this.all.checked ? this.openDrawn().map((event) => event.id) : []);
+    for (const box of this.list.querySelectorAll('input[type="checkbox"]')) box.checked = this.all.checked;
+    this.drawChoice();
+  }
+
+  drawChoice() {
+    const open = this.openDrawn().length;
+    const chosen = this.chosen.size;
+    this.choice.hidden = open < 2;
+    this.all.checked = chosen > 0 && chosen === open;
+    this.all.indeterminate = chosen > 0 && chosen < open;
+    this.many.disabled = !chosen;
+    this.many.textContent = chosen ? `Acknowledge ${fmt.counted(chosen, "event")}` : "Acknowledge the chosen ones";
+  }
+
+  acknowledgeChosen() {
+    const events = this.openDrawn().filter((event) => this.chosen.has(event.id));
+    acknowledgeMany(this.app, events, (answers) => this.replace(answers));
+  }
+
+  replace(answers) {
+    const changed = new Map(answers.map((answer) => [answer.id, answer]));
+    for (const answer of answers) this.chosen.delete(answer.id);
+    this.events = this.events.map((event) => changed.get(event.id) ?? event);
     this.draw();
     this.app.countEvents();
   }

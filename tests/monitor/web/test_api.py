@@ -7,7 +7,7 @@ import sqlite3
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
@@ -24,7 +24,7 @@ from monitor.web.map_view import map_of
 from tests.faults.daemons import status
 from tests.fleet import add_machine
 from tests.monitor.service.test_daemon import running
-from tests.pages import Page, alarmed_machine, page_of, put_blocks
+from tests.pages import Page, Reply, alarmed_machine, page_of, put_blocks
 from tests.streams.folders import csv_bytes
 from tests.waiting import wait_until
 
@@ -387,3 +387,50 @@ def test_a_store_that_fails_hides_no_other_machine(tmp_path: Path) -> None:
                 log.notice(2e9, {"kind": "test", "text": "more"})
             kind, data = next(item for item in events if item[0] == "events")
             assert (kind, data) == ("events", {"unacknowledged": 2, "newest": "b:n2"})
+
+
+def many(page: Page, events: Any, **more: Any) -> Reply:
+    body = {"events": events, "who": "Ada", "note": "seen", **more}
+    return page.post("/api/acknowledge", body, authorization=page.bearer)
+
+
+def test_many_events_are_acknowledged_each_by_itself(tmp_path: Path) -> None:
+    configs = [add_machine(tmp_path, name) for name in ("a", "b")]
+    stores = [load_config(config).machine.state_dir / "state.db" for config in configs]
+    for store, name in zip(stores, "ab", strict=True):
+        with Store.open(store, machine=name), EventLog(store) as log:
+            for number in range(3):
+                log.notice(1e9, {"kind": "test", "text": str(number)})
+            log.notice(1e9, {"kind": "data_again"})
+            log.acknowledge("n3", "Ben", "mine", 1e9)
+    with page_of(*configs) as page:
+        reply = many(page, ["a:n1", "b:n1", "b:n3", "a:n4", "a:n9", "c:n1", "nonsense", "a:n1"])
+        assert reply.status == 200
+        found = reply.json
+        assert [(item["id"], item["result"]) for item in found["results"]] == [
+            *(("a:n1", "acknowledged"), ("b:n1", "acknowledged"), ("b:n3", "not_open"), ("a:n4", "not_open")),
+            *(("a:n9", "unknown"), ("c:n1", "unknown"), ("nonsense", "unknown")),
+        ]
+        assert (found["acknowledged"], found["unacknowledged"]) == (2, 2)
+        given = found["results"][0]["event"]["acknowledgements"]
+        assert [(item["who"], item["note"]) for item in given] == [("Ada", "seen")]
+        # Ben was faster, and stays the only one.
+        assert [item["who"] for item in found["results"][2]["event"]["acknowledgements"]] == ["Ben"]
+        # The store of one is damaged: the other's events are acknowledged all the same.
+        stores[1].write_bytes(b"no store")
+        results = many(page, ["b:n2", "a:n2"]).json["results"]
+        assert [item["result"] for item in results] == ["failed", "acknowledged"]
+        assert str(tmp_path) not in results[0]["error"]
+
+
+def test_a_wrong_request_for_many_acknowledges_nothing(watched: Watched) -> None:
+    page = watched.page
+    before = page.get("/api/events")["unacknowledged"]
+    for events, more in (
+        *(([], {}), ("m:n1", {}), ([1], {}), (None, {}), ([f"m:{number}" for number in range(1, 202)], {})),
+        *((["m:1"], {"who": " "}), (["m:1"], {"who": "a\nb"}), (["m:1"], {"note": "x" * 2001}), (["m:1"], {"note": 1})),
+    ):
+        reply = many(page, events, **more)
+        assert (reply.status, set(reply.json)) == (400, {"error"}), (events, more)
+    assert page.post("/api/acknowledge", {"events": ["m:1"], "who": "Ada"}).status == 401
+    assert page.get("/api/events")["unacknowledged"] == before
