@@ -16,7 +16,19 @@ from monitor.report.runs import ReportError
 from monitor.words.numbers import time_zone
 
 SECTIONS = (
-    *("trends", "final_stage", "envelope", "waterfall", "kurtogram", "path", "posterior", "damage", "law", "forecast"),
+    *(
+        "trends",
+        "final_stage",
+        "envelope",
+        "raw",
+        "waterfall",
+        "kurtogram",
+        "path",
+        "posterior",
+        "damage",
+        "law",
+        "forecast",
+    ),
     *("quality", "events", "provenance", "guide", "comparison", "score"),
 )
 """Sections of a report by their names in a configuration, see docs/how-to/reports.md."""

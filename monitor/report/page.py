@@ -63,9 +63,10 @@ def write_page(out: Path, template: str, *, pdf: bool = False, **values: Any) ->
 def render(template: str, *, bare: bool = False, zoomed: bool = False, **values: Any) -> str:
     """Return a template as HTML, with every value escaped.
 
-    ``bare``: without scripts and data of figures, for PDF. ``zoomed``: with the script for charts that can be zoomed.
+    ``bare``: without scripts and data of figures, for PDF. ``zoomed``: with the scripts for charts
+    that can be zoomed and figures that can be saved.
     """
-    script = zoom_script() if zoomed and not bare else ""
+    script = zoom_script() + _file("save.js") if zoomed and not bare else ""
     return (
         _environment()
         .get_template(template)

@@ -16,6 +16,7 @@ from monitor.report.figures.damage import damaged_volume, fitted_law, forecasts
 from monitor.report.figures.drawing import Picture, sparkline
 from monitor.report.figures.kurtogram import kurtograms
 from monitor.report.figures.map_path import hash_of, kept_map, map_path, posterior
+from monitor.report.figures.raw_block import raw_block
 from monitor.report.figures.spectrum import SpectrumView, recorded_lines, spectra, views_of, waterfall
 from monitor.report.figures.trends import final_stage, trends
 from monitor.report.options import Options
@@ -217,6 +218,8 @@ def _spectra(context: ChannelContext, options: Options, view: SpectrumView | Non
         row, _ = named_fault(channel)
         if not any(found) and row is not None:
             found.append(recorded_lines(channel, row, numbers))
+    if options.holds("raw"):
+        found.append(raw_block(context.run.views.get(channel.name, ()), context))
     if options.holds("waterfall"):
         found.append(waterfall(rows, context))
     if options.holds("kurtogram"):

@@ -23,7 +23,7 @@ from monitor.records.database import StoreError
 from monitor.records.dataset import words
 from monitor.records.moved_days import absence_text, moved_days
 from monitor.records.publish import PublishError, day_dataset, days
-from monitor.records.spectra import read_spectra
+from monitor.records.spectra import read_block_view, read_spectra, viewed_blocks
 from monitor.records.store import Store
 from monitor.records.tables import CONDENSED_VERSION
 from monitor.words.numbers import count
@@ -100,6 +100,7 @@ class Run:
         events: in order, each with its ``source`` and ``block``.
         attributes: provenance of the records; values joined by "; " where parts differ.
         spectra: kept envelope spectra by channel; empty unless read from a store.
+        views: the newest spectrum with raw spectrum and waveform by channel, after one from before the onset.
         particles: of the physical tracker after the last block, by channel; empty unless read from a store.
         label: unique among the runs of a report: the machine, with the folder where several have its name.
     """
@@ -113,6 +114,7 @@ class Run:
     events: Sequence[Mapping[str, Any]]
     attributes: Mapping[str, str] = field(default_factory=dict)
     spectra: Mapping[str, Sequence[SpectrumRow]] = field(default_factory=dict)
+    views: Mapping[str, Sequence[SpectrumRow]] = field(default_factory=dict)
     particles: Mapping[str, Particles] = field(default_factory=dict)
     label: str = ""
 
@@ -123,6 +125,7 @@ class _Store:
 
     counts: Mapping[str, int]
     spectra: Mapping[str, Sequence[SpectrumRow]]
+    views: Mapping[str, Sequence[SpectrumRow]]
     particles: Mapping[str, Particles]
 
 
@@ -233,7 +236,18 @@ def _beside(store: Store) -> _Store:
         if stored:
             with suppress(KeyError, ValueError, TypeError):
                 particles[name] = Particles.from_dict(stored)
-    return _Store(store.counts(), {name: read_spectra(store, name) for name in states}, particles)
+    spectra = {name: read_spectra(store, name) for name in states}
+    return _Store(
+        store.counts(), spectra, {name: _views(store, name, state) for name, state in states.items()}, particles
+    )
+
+
+def _views(store: Store, name: str, state: Mapping[str, Any]) -> list[SpectrumRow]:
+    """Return the newest block with a view, after the middle one of those before the final stage."""
+    onset = ((state.get("detect") or {}).get("t_fs") or {}).get("sequence")
+    before = [] if onset is None else [number for number in viewed_blocks(store, name) if number < onset]
+    at = [before[len(before) // 2], None] if before else [None]
+    return [row for block in at if (row := read_block_view(store, name, at=block)) is not None]
 
 
 def _files(path: Path) -> list[Path]:
@@ -381,4 +395,4 @@ def _complete(runs: dict[_Key, Run], machine: str, place: str, store: _Store) ->
     if len(keys) == 1:
         found = runs[keys[0]]
         mine = {name: rows for name, rows in store.spectra.items() if rows and name in found.channels}
-        runs[keys[0]] = replace(found, counts=store.counts, spectra=mine, particles=store.particles)
+        runs[keys[0]] = replace(found, counts=store.counts, spectra=mine, views=store.views, particles=store.particles)

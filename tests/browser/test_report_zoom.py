@@ -115,6 +115,19 @@ def test_charts_fit_a_phone_and_the_dark(report: Path, visitor: Visitor) -> None
     page.wait_for_function("document.querySelector('.zoom canvas').getBoundingClientRect().width > 700")
 
 
+def test_figures_can_be_saved_as_picture_and_data(report: Path, visitor: Visitor) -> None:
+    page = visitor(report.as_uri()).go("")
+    figure = page.locator('figure[data-name="trends"]').first
+    starts = {"SVG": b"<svg ", "PNG": b"\x89PNG", "CSV": b"time_s,"}
+    for kind, start in starts.items():
+        with page.expect_download() as download:
+            figure.get_by_role("button", name=f"as {kind}").click()
+        assert download.value.suggested_filename == f"trends-1.{kind.lower()}"
+        found = download.value.path().read_bytes()
+        assert found.startswith(start)
+        assert kind != "SVG" or b"var(--" not in found
+
+
 def test_without_scripts_the_pictures_stand(report: Path, visitor: Visitor) -> None:
     page = visitor(report.as_uri(), script=False).go("")
     figures = page.locator("figure")
