@@ -18,7 +18,7 @@ from packaging.utils import canonicalize_name
 ROOT = Path(__file__).resolve().parents[1]
 LOCK = ROOT / "requirements.lock"
 RUNTIME_LOCK = ROOT / "deploy" / "requirements.lock"
-EXTRAS = ("hdf5", "tdms", "uff", "mqtt", "pdf")
+EXTRAS = ("hdf5", "tdms", "uff", "mqtt", "opcua", "sparkplug", "pdf")
 
 
 def locked(path: Path) -> dict[str, str]:

@@ -36,6 +36,7 @@ PAGES = [
 ]
 # Programs of others that the pages use.
 OTHERS = {
+    "openssl",
     "git",
     "cd",
     "sudo",

@@ -103,12 +103,15 @@ def header(section: str) -> str:
     return f"[[{section}]]" if section in _TABLES else f"[{section}]"
 
 
+_CREDENTIALS = re.compile(r"://\S*@")
+
+
 def shown(value: Any, limit: int = 60) -> str:
-    """Return a value as it is written in TOML, shortened."""
+    """Return a value as it is written in TOML, shortened; of a URL, without the name and password in it."""
     if isinstance(value, bool):
         text = str(value).lower()
     elif isinstance(value, str):
-        text = '"' + value.replace("\\", "\\\\").replace('"', '\\"') + '"'
+        text = '"' + _CREDENTIALS.sub("://***@", value).replace("\\", "\\\\").replace('"', '\\"') + '"'
     elif isinstance(value, float):
         text = f"{value:.6g}"
     elif isinstance(value, list | tuple):

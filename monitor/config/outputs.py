@@ -109,11 +109,57 @@ class RecordMqttSection(BrokerSection):
     """Limit of messages a second while records of an outage are sent."""
 
 
+class OpcUaSection(Section):
+    """An OPC UA server of the daemon, for reading alone; other computers need a password or ``anonymous = true``."""
+
+    url: Annotated[str, Field(pattern=r"^opc\.tcp://[^\s/]+(/\S*)?$")] = "opc.tcp://127.0.0.1:4840/spallwatch"
+    """Address on which the server listens; 0.0.0.0: on all of this computer."""
+    cert_file: Path | None = None
+    """Certificate of the server, PEM or DER; with it, only signed and encrypted connections are accepted."""
+    key_file: Path | None = None
+    username_file: Path | None = None
+    password_file: Path | None = None
+    trusted_dir: Path | None = None
+    """Folder of the certificates of the clients, or of their authorities, that may connect; by default any."""
+    anonymous: bool = False
+    """Whether other computers may read without a password."""
+
+    @model_validator(mode="after")
+    def _safe(self) -> Self:
+        check_address(self.url)
+        if (self.cert_file is None) != (self.key_file is None):
+            raise ValueError("cert_file and key_file come together")
+        if (self.username_file is None) != (self.password_file is None):
+            raise ValueError("username_file and password_file come together")
+        for key in ("password_file", "trusted_dir"):
+            if getattr(self, key) is not None and self.cert_file is None:
+                raise ValueError(f"{key} needs cert_file and key_file, for without them nothing is encrypted")
+        if self.anonymous and self.username_file is not None:
+            raise ValueError("anonymous = true and username_file: give one of them")
+        if not is_loopback(self.host) and not self.anonymous and self.username_file is None:
+            raise ValueError(
+                f"url: {self.host} lets other computers in, which needs username_file and password_file, "
+                "or anonymous = true where each of them may read"
+            )
+        return self
+
+    @property
+    def host(self) -> str:
+        """Name or address on which the server listens."""
+        return urlsplit(self.url).hostname or ""
+
+    @property
+    def port(self) -> int:
+        """Port of the server."""
+        return urlsplit(self.url).port or 4840
+
+
 class PublishSection(Section):
-    """How often the daemon writes the files of records, and the broker that records are published to."""
+    """How often the daemon writes the files of records, and the control systems that records are published to."""
 
     interval_s: Annotated[float, Field(ge=0.1, le=86400.0)] = 60.0
     mqtt: RecordMqttSection | None = None
+    opcua: OpcUaSection | None = None
 
 
 class SmtpSection(Section):

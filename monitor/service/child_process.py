@@ -26,6 +26,17 @@ getattr(importlib.import_module(module), function)()
 """
 
 
+def end_with_parent() -> None:
+    """In a child: end it as soon as its standard input ends, because the parent closed it or has ended."""
+    threading.Thread(target=_end_with_parent, name="parent", daemon=True).start()
+
+
+def _end_with_parent() -> None:
+    while os.read(0, 4096):
+        pass
+    os._exit(0)
+
+
 class Child:
     """A child process with pipes that runs the function ``module:function`` with ``sys.argv[1:]``."""
 

@@ -1,4 +1,4 @@
-"""Outputs beside the thread that commits: files, page, notifications, records over MQTT."""
+"""Outputs beside the thread that commits: files, page, notifications, records over MQTT and OPC UA."""
 
 from __future__ import annotations
 
@@ -17,10 +17,12 @@ from monitor.service.notify.notifier import Notifier
 from monitor.service.page import PageProcess
 from monitor.service.publisher import PublishedFiles, Publisher
 from monitor.service.record_mqtt import RecordMqtt
+from monitor.service.server_process import ServerProcess
 
 _LOG = logging.getLogger(__name__)
 _LAST_PUBLICATION_S = 3.0
 _LAST_MESSAGE_S = 0.5
+_OPCUA = "monitor.service.neighbours.opcua_server:child"
 
 
 class Companions:
@@ -38,7 +40,7 @@ class Companions:
     ) -> None:
         """Start notifications and records over MQTT for a store that is open for writing.
 
-        The page reads the configuration from the file ``path``; without one there is no page.
+        The page and the OPC UA server read the configuration from the file ``path``; without one there are none.
 
         Raises:
             ConfigError: a notification channel cannot be set up as configured.
@@ -59,6 +61,11 @@ class Companions:
             if path is not None and config.web.enabled:
                 self._page = PageProcess(path, config.web, machine.state_dir, monotonic)
                 self._ending.append(self._page.close)
+            self._opcua: ServerProcess | None = None
+            if path is not None and config.publish.opcua is not None:
+                request = {"config": str(path.absolute())}
+                self._opcua = ServerProcess("the OPC UA server", _OPCUA, request, monotonic)
+                self._ending.append(self._opcua.close)
             opened.pop_all()
 
     @property
@@ -89,6 +96,8 @@ class Companions:
             self._publisher.tick()
         if self._page is not None:
             self._page.tick()
+        if self._opcua is not None:
+            self._opcua.tick()
 
     def beat(self, healthy: Callable[[], bool]) -> None:
         """Send the dead-man signal if it is due and ``healthy``."""
@@ -100,6 +109,7 @@ class Companions:
             "publisher": self._publisher.problem,
             "records": "; ".join(self._publisher.kept.values()) or None,
             "publish.mqtt": self._records.problem,
+            "publish.opcua": None if self._opcua is None else self._opcua.problem,
             "notify.heartbeat": self._heartbeat.problem,
             "page": None if self._page is None else self._page.problem,
         }

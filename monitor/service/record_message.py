@@ -33,7 +33,12 @@ class StoredRecord:
 
 
 def channel_message(record: StoredRecord, channel: str) -> str:
-    """Return the values of a channel in a record; null is no value."""
+    """Return the values of a channel in a record as a JSON object; null is no value."""
+    return json.dumps(channel_values(record, channel), allow_nan=False, separators=(",", ":"))
+
+
+def channel_values(record: StoredRecord, channel: str) -> dict[str, Any]:
+    """Return the values of a channel in a record, units in their names; the same keys whatever the record holds."""
     values = record.channels.get(channel, {})
     absolute = values.get("absolute_level") != "no"
     threshold, t_fs = first(values.get("v_th")), values.get("t_fs")
@@ -59,7 +64,7 @@ def channel_message(record: StoredRecord, channel: str) -> str:
     message |= {f"{name}_s": values.get(name) for name in ("tta", "tta_lower", "tta_upper")}
     level = values.get("tta_level")
     message["tta_level_g"] = None if level is None else level * FEATURES["rms"].of_si(absolute=absolute)
-    return json.dumps(message, allow_nan=False, separators=(",", ":"))
+    return message
 
 
 def state_message(machine: str, status: Mapping[str, Any] | None) -> str:

@@ -9,7 +9,6 @@ import os
 import signal
 import socket
 import sys
-import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing, contextmanager, suppress
@@ -23,6 +22,7 @@ from uvicorn.protocols.http.h11_impl import H11Protocol
 from models.errors import WrongInputError
 from monitor.config.load import Config, ConfigError, load_config
 from monitor.config.outputs import WebSection
+from monitor.service.child_process import end_with_parent
 from monitor.service.systemd import ServiceManager
 from monitor.web.app import STREAM, Site, application
 from monitor.web.auth import Doorkeeper, TokenError, load_token
@@ -233,7 +233,7 @@ def child() -> None:
     given = json.loads(sys.argv[1])
     # The thread that commits has priority.
     os.nice(5)
-    threading.Thread(target=_end_with_parent, name="parent", daemon=True).start()
+    end_with_parent()
     logging.basicConfig(stream=sys.stderr, level=logging.WARNING, format="%(asctime)s %(levelname)s page: %(message)s")
 
     def report(values: dict[str, Any]) -> None:
@@ -248,13 +248,6 @@ def child() -> None:
     except (PageError, ConfigError) as error:
         report({"problem": str(error)})
         sys.exit(1)
-
-
-def _end_with_parent() -> None:
-    """End at once when standard input ends: the parent closed it, or has ended."""
-    while os.read(0, 4096):
-        pass
-    os._exit(0)
 
 
 def serve_until_signal(configs: Sequence[Config], web: WebSection, state_dir: Path, port: int | None = None) -> None:

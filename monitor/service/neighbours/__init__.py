@@ -1,0 +1,1 @@
+"""Control systems beside the monitor: an OPC UA server, and MQTT Sparkplug B."""
