@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import matplotlib as mpl
@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 
 from monitor.health.schema import FAULTS
 from monitor.health.spectrum.block_view import BlockView
-from monitor.health.spectrum.coincidence import shared_lines
 from monitor.health.spectrum.velocity import VELOCITY_BAND
 from monitor.health.waterfall import SpectrumRow
 from monitor.report.figures.drawing import (
@@ -29,6 +28,7 @@ from monitor.report.figures.drawing import (
     thin,
     to_svg,
 )
+from monitor.report.figures.shared_peaks import shared_words
 from monitor.report.figures.spectrum import FAULT_MARKS, ORDERS
 from monitor.report.verdict import ChannelContext
 from monitor.words.numbers import figure
@@ -170,12 +170,3 @@ def _caption(row: SpectrumRow, view: BlockView, shown: Sequence[SpectrumRow]) ->
     texts.append(shared_words(row.lines, view.spectra.resolution))
     texts.append(f"The waveform shows {_TURNS:g} turns of the shaft at most.")
     return " ".join(text for text in texts if text)
-
-
-def shared_words(lines: Mapping[str, float], resolution: float) -> str:
-    """Return which lines of the parts stand on one peak, "" for none."""
-    groups = [
-        " = ".join(f"{order} × {LINE_NAMES[family]}" for family, order in group)
-        for group in shared_lines(lines, resolution)
-    ]
-    return f"One peak each, which counts for neither part alone: {'; '.join(groups)}." if groups else ""

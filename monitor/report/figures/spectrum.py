@@ -39,6 +39,7 @@ from monitor.report.figures.drawing import (
     to_svg,
     usual_step,
 )
+from monitor.report.figures.shared_peaks import shared_words
 from monitor.report.figures.trends import draw_marks
 from monitor.report.runs import Channel
 from monitor.report.verdict import ChannelContext, named_fault
@@ -104,7 +105,10 @@ def spectra(views: Sequence[SpectrumView], channel: str, fault: str, numbers: it
     shown = f"{len(views)} envelope spectra" if len(views) > 1 else "Envelope spectrum"
     label = f"{shown} of channel {channel} with the fault lines of the bearing."
     svg = to_svg(made, label, numbers)
-    return Picture(heading, svg, _caption(views, tops, fault, alike), {"spectra": data}, "envelope")
+    last = views[-1]
+    spacing = float(last.frequency_hz[1] - last.frequency_hz[0])
+    caption = f"{_caption(views, tops, fault, alike)} {shared_words(last.fundamentals_hz, spacing)}".rstrip()
+    return Picture(heading, svg, caption, {"spectra": data}, "envelope")
 
 
 def _draw(axes: Axes, view: SpectrumView, fault: str) -> tuple[float, dict[str, Any]]:

@@ -7,6 +7,7 @@ import { fill, h, setText, symbol, table } from "./dom.js";
 import * as fmt from "./fmt.js";
 import { Kurtogram } from "./kurtogram.js";
 import { RawBlock } from "./raw_block.js";
+import { sharedWords } from "./spectral.js";
 import { Spectrum } from "./spectrum.js";
 import { TrackMap } from "./track_map.js";
 import { TrendData } from "./trend_data.js";
@@ -61,6 +62,7 @@ export class Channel {
   shown(block) {
     const chosen = this.spectrum.following ? null : block;
     this.waterfall.choose(chosen);
+    if (this.data) this.sayMissing();
     this.kurtogram.load(chosen);
     this.raw.load(chosen);
   }
@@ -210,6 +212,8 @@ export class Channel {
     const load = this.data.constant("load_newton");
     if (speed !== null) notes.push(`Shaft speed ${fmt.hertz(speed)} (${fmt.number(speed * 60, 4)} rpm) throughout.`);
     if (load !== null) notes.push(`Load ${fmt.withUnit(load, "N")} throughout.`);
+    const shared = sharedWords(this.spectrum.spectrum);
+    if (shared) notes.push(`On one peak, which both sums hold: ${shared}.`);
     if (!this.data.column("v_eq_mm2")) notes.push(
       this.info.tracked ? "No V_eq in this stretch: it is tracked from the start of the final stage on." : "V_eq and time to threshold are not asked for on this channel.",
     );

@@ -61,6 +61,10 @@ function sharedWith(spectrum, part, order) {
   return (group ?? []).filter(([family]) => family !== part).map(([family, n]) => `${n} × ${LINE_NAMES[family]}`);
 }
 
+/** Lines of several parts that stand on one peak, "" for none. */
+export const sharedWords = (spectrum) =>
+  (spectrum?.shared_lines ?? []).map((lines) => lines.map(([family, n]) => `${n} × ${LINE_NAMES[family]}`).join(" = ")).join("; ");
+
 /** Index of the first frequency that is not below a value. */
 export function placeOf(frequency, value) {
   let low = 0;

@@ -10,7 +10,8 @@ from benchmarks.velocity import RATE, tone
 from monitor.health.spectrum.block_view import BlockView
 from monitor.health.spectrum.transform import BlockTransform
 from monitor.health.waterfall import SpectrumRow
-from monitor.report.figures.raw_block import raw_block, shared_words
+from monitor.report.figures.raw_block import raw_block
+from monitor.report.figures.shared_peaks import shared_words
 from monitor.report.runs import Channel, Run
 from tests.monitor.report.figures.drawing import START, context_of, drawn
 from tests.monitor.report.figures.test_spectra import KINEMATIC, row_of
