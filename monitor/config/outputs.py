@@ -109,6 +109,19 @@ class RecordMqttSection(BrokerSection):
     """Limit of messages a second while records of an outage are sent."""
 
 
+class SparkplugSection(BrokerSection):
+    """MQTT Sparkplug B, ``mqtt://HOST[:PORT]/GROUP``: the machine is an edge node, its channels are devices."""
+
+    most_per_s: Count = 1000
+    """Limit of records a second while those of an outage are sent."""
+
+    @model_validator(mode="after")
+    def _one_group(self) -> Self:
+        if "/" in self.topic:
+            raise ValueError(f"url: expected one group after the host, mqtt://HOST/GROUP, found {self.topic!r}")
+        return self
+
+
 class OpcUaSection(Section):
     """An OPC UA server of the daemon, for reading alone; other computers need a password or ``anonymous = true``."""
 
@@ -159,6 +172,7 @@ class PublishSection(Section):
 
     interval_s: Annotated[float, Field(ge=0.1, le=86400.0)] = 60.0
     mqtt: RecordMqttSection | None = None
+    sparkplug: SparkplugSection | None = None
     opcua: OpcUaSection | None = None
 
 

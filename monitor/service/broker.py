@@ -1,4 +1,4 @@
-"""A connection to an MQTT broker for publishing; each message is confirmed."""
+"""A connection to an MQTT broker: messages with and without confirmation, a will, and what was subscribed."""
 
 from __future__ import annotations
 
@@ -17,6 +17,7 @@ TIMEOUT_S = 10.0
 """Seconds that a connection may take."""
 _KEEPALIVE = 15
 _IN_FLIGHT = 100
+_MAX_MESSAGES = 100
 
 
 class BrokerError(SpallwatchError):
@@ -24,7 +25,7 @@ class BrokerError(SpallwatchError):
 
 
 class BrokerLink:
-    """One connection; after its loss, a new link is needed. Messages are sent with QoS 1.
+    """One connection; after its loss, a new link is needed. Messages are sent with QoS 1 by default.
 
     All methods but :meth:`close` raise :class:`BrokerError` where the connection is lost.
     """
@@ -34,13 +35,14 @@ class BrokerLink:
         section: BrokerSection,
         read_secret: Callable[[Path], str],
         *,
-        will: tuple[str, str] | None = None,
+        will: tuple[str, str | bytes] | None = None,
+        keep_will: bool = True,
         wake: Callable[[], None] = lambda: None,
     ) -> None:
         """Read the credentials; nothing is connected yet.
 
-        The broker publishes ``will`` (topic and text), retained, when the connection breaks; ``wake`` is called from
-        another thread when a message is confirmed or the connection is lost.
+        The broker publishes ``will`` (topic and payload), retained if ``keep_will``, when the connection breaks;
+        ``wake`` is called from another thread when a message is confirmed or came, or the connection is lost.
 
         Raises:
             BrokerError: paho-mqtt is missing, or a certificate cannot be read.
@@ -56,6 +58,7 @@ class BrokerLink:
         self._accepted = False
         self._lost: str | None = None
         self._confirmed: set[int] = set()
+        self._messages: list[tuple[str, bytes]] = []
         client = Client(CallbackAPIVersion.VERSION2, reconnect_on_failure=False)
         client.connect_timeout = TIMEOUT_S
         client.max_inflight_messages_set(_IN_FLIGHT)
@@ -69,9 +72,9 @@ class BrokerLink:
             except OSError as error:
                 raise BrokerError(f"{self._where}: {section.ca_file} cannot be used: {error}") from None
         if will is not None:
-            client.will_set(*will, qos=1, retain=True)
+            client.will_set(*will, qos=1, retain=keep_will)
         client.on_connect, client.on_disconnect = self._on_connect, self._on_disconnect
-        client.on_publish = self._on_publish
+        client.on_publish, client.on_message = self._on_publish, self._on_message
         self._client: Any = client
 
     def connect(self) -> None:
@@ -93,13 +96,27 @@ class BrokerLink:
             if self._lost is not None:
                 raise BrokerError(f"{self._where}: {self._lost}")
 
-    def publish(self, topic: str, text: str, *, retain: bool = False) -> int:
-        """Send a message; return the number of its confirmation."""
+    def publish(self, topic: str, payload: str | bytes, *, retain: bool = False, qos: int = 1) -> int:
+        """Send a message; return the number of its confirmation, which with ``qos`` 0 says only that it was sent."""
         self.check()
         try:
-            return self._client.publish(topic, text, qos=1, retain=retain).mid
+            return self._client.publish(topic, payload, qos=qos, retain=retain).mid
         except (OSError, ValueError, RuntimeError) as error:
             raise BrokerError(f"{self._where}: {error}") from None
+
+    def subscribe(self, topic: str) -> None:
+        """Ask for the messages of a topic, with QoS 1."""
+        self.check()
+        try:
+            self._client.subscribe(topic, qos=1)
+        except (OSError, ValueError, RuntimeError) as error:
+            raise BrokerError(f"{self._where}: {error}") from None
+
+    def take_messages(self) -> list[tuple[str, bytes]]:
+        """Return topic and payload of the messages that came since the last call, at most the latest hundred."""
+        with self._state:
+            found, self._messages = self._messages, []
+        return found
 
     def take_confirmed(self) -> set[int]:
         """Return the numbers of the messages confirmed since the last call."""
@@ -136,6 +153,11 @@ class BrokerLink:
         with self._state:
             self._lost = self._lost or f"connection to the broker lost: {reason}"
             self._state.notify_all()
+        self._wake()
+
+    def _on_message(self, client: Any, userdata: Any, message: Any) -> None:
+        with self._state:
+            self._messages = [*self._messages[1 - _MAX_MESSAGES :], (message.topic, message.payload)]
         self._wake()
 
     def _on_publish(self, client: Any, userdata: Any, number: int, reason: Any, properties: Any) -> None:

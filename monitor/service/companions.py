@@ -1,4 +1,4 @@
-"""Outputs beside the thread that commits: files, page, notifications, records over MQTT and OPC UA."""
+"""Outputs beside the thread that commits: files, page, notifications, records over MQTT, Sparkplug B and OPC UA."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from pathlib import Path
 
 from monitor.config.load import Config
 from monitor.records.store import Store
+from monitor.service.neighbours.sparkplug import Sparkplug
 from monitor.service.notify.heartbeat import Heartbeat
 from monitor.service.notify.notifier import Notifier
 from monitor.service.page import PageProcess
@@ -57,6 +58,8 @@ class Companions:
             self._ending.append(self._heartbeat.close)
             self._records = RecordMqtt.open(config)
             self._ending.append(partial(self._records.close, _LAST_MESSAGE_S))
+            self._sparkplug = Sparkplug.open(config)
+            self._ending.append(partial(self._sparkplug.close, _LAST_MESSAGE_S))
             self._page: PageProcess | None = None
             if path is not None and config.web.enabled:
                 self._page = PageProcess(path, config.web, machine.state_dir, monotonic)
@@ -77,6 +80,7 @@ class Companions:
         """Note that a block was committed, and whether the event log has something new."""
         self._publisher.changed()
         self._records.changed()
+        self._sparkplug.changed()
         if events:
             self.notify()
 
@@ -109,6 +113,7 @@ class Companions:
             "publisher": self._publisher.problem,
             "records": "; ".join(self._publisher.kept.values()) or None,
             "publish.mqtt": self._records.problem,
+            "publish.sparkplug": self._sparkplug.problem,
             "publish.opcua": None if self._opcua is None else self._opcua.problem,
             "notify.heartbeat": self._heartbeat.problem,
             "page": None if self._page is None else self._page.problem,

@@ -1,0 +1,308 @@
+"""MQTT Sparkplug B: the machine as an edge node, its channels as devices.
+
+Each connection begins with the births, which hold every metric with its latest value; changes follow by their aliases.
+A worker thread reads store and status; an unreachable broker delays nothing else. Records that were committed while it
+was away follow after the births, marked as historical.
+"""
+
+from __future__ import annotations
+
+import json
+import logging
+import threading
+import time
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
+from pathlib import Path
+
+from monitor.config.load import Config
+from monitor.config.outputs import SparkplugSection
+from monitor.records.database import SharedConnection, StoreError, replacing
+from monitor.service.broker import BrokerError, BrokerLink
+from monitor.service.neighbours.points import Channel, Point, Snapshot, channels_of, points_of
+from monitor.service.neighbours.points import Path as PointPath
+from monitor.service.neighbours.snapshots import FIELDS, JOINED, Snapshots, stored_record
+from monitor.service.neighbours.sparkplug_payload import BD_SEQ, REBIRTH, Metric, Payloads, SparkplugError
+from monitor.service.notify.channels import NotifyError, read_secret
+from monitor.service.record_message import StoredRecord
+
+_LOG = logging.getLogger(__name__)
+STATE = "sparkplug.json"
+"""File in the state folder: the number of the last connection."""
+_NAMESPACE = "spBv1.0"
+_AFTER = f"SELECT blocks.id, {FIELDS} FROM {JOINED} WHERE blocks.id > ? ORDER BY blocks.id LIMIT ?"
+_MAX_ROWS = 100
+_POLL_S = 1.0
+_CONFIRM_S = 5.0
+_MIN_PAUSE_S, _MAX_PAUSE_S = 1.0, 60.0
+_LEFT_OUT = ("updated_utc",)
+"""Points that change at each look."""
+
+
+class Sparkplug:
+    """Publishes a machine; a failure is a :attr:`problem`, never an exception."""
+
+    def __init__(
+        self, section: SparkplugSection | None, machine: str, channels: tuple[Channel, ...], state_dir: Path
+    ) -> None:
+        """Begin to publish; nothing without a section. ``state_dir`` holds store and status file."""
+        self.problem: str | None = None
+        """Why nothing is published, or None."""
+        self._thread: threading.Thread | None = None
+        if section is None:
+            return
+        self._section, self._machine, self._channels = section, machine, channels
+        self._state_dir, self._store = state_dir, state_dir / "state.db"
+        self._snapshots = Snapshots(machine, (channel.source for channel in channels), state_dir)
+        self._place: int | None = None
+        self._connected = False
+        self._wake = threading.Condition()
+        self._news, self._ending, self._until = True, False, float("inf")
+        self._thread = threading.Thread(target=self._work, name="publish-sparkplug", daemon=True)
+        self._thread.start()
+
+    @classmethod
+    def open(cls, config: Config) -> Sparkplug:
+        """Return what publishes a machine as ``[publish.sparkplug]`` says."""
+        return cls(config.publish.sparkplug, config.machine.name, channels_of(config), config.machine.state_dir)
+
+    def changed(self) -> None:
+        """Note that there is more to publish; returns at once."""
+        if self._thread is None:
+            return
+        with self._wake:
+            self._news = True
+            self._wake.notify()
+
+    def close(self, seconds: float = 0.5) -> None:
+        """Publish what is new and the death of the node within so many seconds, then end."""
+        if self._thread is None:
+            return
+        with self._wake:
+            self._ending, self._until = True, time.monotonic() + seconds
+            self._wake.notify()
+        self._thread.join(seconds)
+
+    def _work(self) -> None:
+        pause = _MIN_PAUSE_S
+        while not self._ending:
+            try:
+                self._session()
+            except (BrokerError, NotifyError, StoreError, SparkplugError) as error:
+                self._fail(str(error))
+            except Exception as error:  # A fault must not end the thread unnoticed.
+                _LOG.exception("publishing by Sparkplug fails")
+                self._fail(type(error).__name__)
+            else:
+                return
+            with self._wake:
+                if self._wake.wait_for(lambda: self._ending, pause):
+                    return
+            pause = _MIN_PAUSE_S if self._connected else min(2.0 * pause, _MAX_PAUSE_S)
+
+    def _fail(self, problem: str) -> None:
+        if self.problem is None and not self._ending:
+            _LOG.error("publishing by Sparkplug fails, it is tried again: %s", problem)
+        self.problem = problem
+
+    def _session(self) -> None:
+        """Publish over one connection, until the end or its loss."""
+        self._connected = False
+        payloads = Payloads()
+        with SharedConnection(self._store) as store:
+            if self._place is None:
+                self._place = store.rows("SELECT coalesce(max(id), 0) FROM blocks")[0][0]
+            number = self._next_connection()
+            death = payloads.encode([Metric(BD_SEQ, None, "int", number, _now())], _now())
+            node = _Node(f"{_NAMESPACE}/{self._section.topic}", self._machine, self._channels, payloads, number)
+            will = (node.topic("NDEATH"), death)
+            link = BrokerLink(self._section, read_secret, will=will, keep_will=False, wake=self.changed)
+            try:
+                link.connect()
+                link.subscribe(node.topic("NCMD"))
+                if self.problem is not None:
+                    _LOG.warning("publishing by Sparkplug works again")
+                self._connected, self.problem = True, None
+                self._follow(link, node, store)
+                # A broker that is told goodbye keeps the will to itself.
+                link.wait_confirmed({link.publish(node.topic("NDEATH"), death)}, min(_CONFIRM_S, self._left()))
+            finally:
+                link.close()
+
+    def _follow(self, link: BrokerLink, node: _Node, store: SharedConnection) -> None:
+        assert self._place is not None
+        newest = store.rows("SELECT coalesce(max(id), 0) FROM blocks")[0][0]
+        snapshot = self._snapshots.read()
+        _send(link, node.births(snapshot))
+        self._send_history(link, node, store, newest)
+        while True:
+            with self._wake:
+                self._news, ending = False, self._ending
+            link.check()
+            if any(node.asks_rebirth(content) for _, content in link.take_messages()):
+                _send(link, node.births(snapshot))
+            rows = store.rows(_AFTER, self._place, _MAX_ROWS)
+            for number, *row in rows:
+                record = stored_record(self._machine, tuple(row))
+                snapshot = replace(snapshot, records={**snapshot.records, record.source: record})
+                _send(link, node.changes(snapshot))
+                self._place = number
+            if rows:
+                continue
+            snapshot = self._snapshots.read()
+            _send(link, node.changes(snapshot))
+            if ending:
+                return
+            with self._wake:
+                self._wake.wait_for(lambda: self._news or self._ending, _POLL_S)
+
+    def _send_history(self, link: BrokerLink, node: _Node, store: SharedConnection, newest: int) -> None:
+        """Send the records after the position that came before the births, at the configured rate."""
+        while (place := self._place or 0) < newest:
+            began = time.monotonic()
+            rows = [row for row in store.rows(_AFTER, place, _MAX_ROWS) if row[0] <= newest]
+            for number, *row in rows:
+                link.check()
+                _send(link, node.history(stored_record(self._machine, tuple(row))))
+                self._place = number
+            if not rows:
+                self._place = newest
+            pause = len(rows) / self._section.most_per_s - (time.monotonic() - began)
+            with self._wake:
+                if self._wake.wait_for(lambda: self._ending, max(0.0, pause)):
+                    return
+
+    def _left(self) -> float:
+        return max(0.0, self._until - time.monotonic())
+
+    def _next_connection(self) -> int:
+        """Return the number of a new connection, 0 to 255; after a full disk, numbers repeat after a restart."""
+        path = self._state_dir / STATE
+        try:
+            last = int(json.loads(path.read_text(encoding="utf-8"))["bd_seq"])
+        except (OSError, ValueError, KeyError, TypeError):
+            last = -1
+        number = (last + 1) % 256
+        try:
+            with replacing(path) as temporary:
+                temporary.write_text(json.dumps({"bd_seq": number}), encoding="utf-8")
+        except OSError as error:
+            _LOG.debug("%s cannot be written: %s", path, error)
+        return number
+
+
+Message = tuple[str, bytes]
+
+
+class _Node:
+    """The messages of an edge node over one connection: their numbers, aliases and what was sent."""
+
+    def __init__(
+        self, group: str, machine: str, channels: tuple[Channel, ...], payloads: Payloads, connection: int
+    ) -> None:
+        self._group, self._machine, self._payloads = group, machine, payloads
+        self._channels, self._connection = channels, connection
+        self._seq = 0
+        self._sent: dict[PointPath, Point] = {}
+        self._alias = {path: number for number, path in enumerate(self._points(Snapshot()), start=1)}
+
+    def topic(self, kind: str, device: str | None = None) -> str:
+        """Return the topic of a kind of message."""
+        return "/".join((self._group, kind, self._machine, *([] if device is None else [device])))
+
+    def asks_rebirth(self, content: bytes) -> bool:
+        """Return whether a command asks for the births."""
+        return self._payloads.asks_rebirth(content)
+
+    def births(self, snapshot: Snapshot) -> list[Message]:
+        """Return the births of node and devices, which hold all metrics."""
+        self._seq = 0
+        self._sent = self._points(snapshot)
+        now = _now()
+        own = [
+            Metric(BD_SEQ, None, "int", self._connection, now),
+            Metric(REBIRTH, None, "flag", False, now),
+        ]
+        found = [self._message("NBIRTH", None, [*own, *self._metrics(self._of(None, self._sent), named=True)])]
+        for channel in self._channels:
+            metrics = self._metrics(self._of(channel, self._sent), named=True)
+            found.append(self._message("DBIRTH", channel.name, metrics))
+        return found
+
+    def changes(self, snapshot: Snapshot) -> list[Message]:
+        """Return what differs in value or quality from what was sent; an equal value of a later block is not news."""
+        points = self._points(snapshot)
+        new = {
+            path: point
+            for path, point in points.items()
+            if replace(point, time=None) != replace(self._sent[path], time=None)
+        }
+        self._sent = points
+        found = []
+        for channel in (None, *self._channels):
+            metrics = self._metrics(self._of(channel, new))
+            if metrics:
+                kind = "NDATA" if channel is None else "DDATA"
+                found.append(self._message(kind, None if channel is None else channel.name, metrics))
+        return found
+
+    def history(self, record: StoredRecord) -> list[Message]:
+        """Return the values of an earlier record."""
+        # With the state of a channel that runs: its values were not old then.
+        status = {"running": True, "channels": {channel.name: {} for channel in self._channels}}
+        points = points_of(self._channels, Snapshot(status, {record.source: record}))
+        found = []
+        for channel in self._channels:
+            if channel.source == record.source:
+                # What the status file says is of the present.
+                of_block = {
+                    path: point
+                    for path, point in self._of(channel, points).items()
+                    if path[-1] not in ("state", "state_reason", "headline", "action", "device_health", "alarms")
+                }
+                found.append(self._message("DDATA", channel.name, self._metrics(of_block, historical=True)))
+        return found
+
+    def _points(self, snapshot: Snapshot) -> dict[PointPath, Point]:
+        found = points_of(self._channels, snapshot)
+        return {path: point for path, point in found.items() if path[-1] not in _LEFT_OUT}
+
+    def _of(self, channel: Channel | None, points: Mapping[PointPath, Point]) -> dict[PointPath, Point]:
+        """Return the points of a channel, or those of machine and bearings."""
+        if channel is None:
+            return {path: point for path, point in points.items() if len(path) < 3}
+        return {path: point for path, point in points.items() if path[1:-1] == (channel.name,)}
+
+    def _metrics(
+        self, points: Mapping[PointPath, Point], *, named: bool = False, historical: bool = False
+    ) -> list[Metric]:
+        now = _now()
+        return [
+            Metric(
+                # A device has one channel; the node has machine and bearings.
+                ("/".join(path) if len(path) < 3 else path[-1]) if named else None,
+                self._alias[path],
+                point.kind,
+                point.value,
+                now if point.time is None else round(1e3 * max(0.0, point.time)),
+                typed=named,
+                historical=historical,
+                quality=point.quality,
+            )
+            for path, point in points.items()
+        ]
+
+    def _message(self, kind: str, device: str | None, metrics: Iterable[Metric]) -> Message:
+        content = self._payloads.encode(metrics, _now(), self._seq)
+        self._seq = (self._seq + 1) % 256
+        return self.topic(kind, device), content
+
+
+def _send(link: BrokerLink, messages: Iterable[Message]) -> None:
+    """Send births and data, for which the specification asks QoS 0."""
+    for topic, content in messages:
+        link.publish(topic, content, qos=0)
+
+
+def _now() -> int:
+    return time.time_ns() // 1_000_000
