@@ -6,7 +6,8 @@ Run as ``python -m benchmarks.velocity [--quick] [--json FILE]``. Three tables:
    between them, with an offset, with strong acceleration outside the band, at the edges of the band; drift;
 2. noise of the sensor: how often it is refused, the velocity that stands otherwise, and its continuous part, over many
    seeds. Flicker noise, a step and a slow ramp are noise; white noise and lines are not refused;
-3. milliseconds of one block of 128,000 samples.
+3. milliseconds of one block of 128,000 samples: the velocity, and the raw spectrum that is kept to be looked at; bytes
+   of what is kept with the beginning of the waveform.
 """
 
 from __future__ import annotations
@@ -25,8 +26,10 @@ from benchmarks.common import (
     print_table,
     write_json,
 )
+from monitor.health.spectrum.block_view import WAVEFORM_SAMPLES, BlockView, raw_spectra
 from monitor.health.spectrum.transform import BlockTransform
 from monitor.health.spectrum.velocity import Velocity, velocity_of
+from monitor.records.spectra import pack_view
 
 RATE = 25_600.0
 BAND = (2000.0, 4000.0)
@@ -130,17 +133,26 @@ def noises(seeds: int) -> list[Row]:
 
 
 def cost(rounds: int) -> list[Row]:
-    """Return milliseconds of the velocity of a block of 128,000 samples, beside the calibration kernel."""
+    """Return milliseconds for a block of 128,000 samples, beside the calibration kernel, and bytes of its view."""
     x = np.random.default_rng(1).normal(size=128_000).astype(np.float32)
     spectrum = np.asarray(np.fft.rfft(x), dtype=np.complex64)
     times = interleaved_ms(
-        {"kernel": calibration_kernel(), "velocity": lambda: velocity_of(spectrum, x.size, RATE)}, rounds
+        {
+            "kernel": calibration_kernel(),
+            "velocity": lambda: velocity_of(spectrum, x.size, RATE),
+            "raw": lambda: raw_spectra(spectrum, x.size, RATE),
+        },
+        rounds,
     )
+    _, packed = pack_view(BlockView(RATE, x.size, raw_spectra(spectrum, x.size, RATE), x[:WAVEFORM_SAMPLES]))
     return [
         {
             "kernel_ms": times["kernel"],
             "velocity_ms": times["velocity"],
             "velocity_ms_at_reference": times["velocity"] * REFERENCE_MS / times["kernel"],
+            "raw_spectrum_ms": times["raw"],
+            "raw_spectrum_ms_at_reference": times["raw"] * REFERENCE_MS / times["kernel"],
+            "view_bytes": len(packed),
         }
     ]
 

@@ -14,6 +14,7 @@ from monitor.commands.common import emit, progress_bar, read_config, say
 from monitor.words.advice import status_line
 from monitor.words.numbers import duration, interval
 from monitor.words.statuses import bearing_words, named_words, speed_doubt
+from monitor.words.zones import zone_words
 from streams.listing import shown
 
 if TYPE_CHECKING:
@@ -129,6 +130,8 @@ def _channel_words(channel: Mapping[str, Any]) -> Iterator[str]:
         yield f"V_eq {''.join(_volume_words(channel))}{channel['edv_status']}"
     if channel["tt_status"] is not None:
         yield "TT " + "".join(_forecast_words(channel)) + channel["tt_status"]
+    if channel["velocity_zone"] is not None:
+        yield f"velocity {channel['velocity_rms_mm_s']:.3g} mm/s, {zone_words(channel['velocity_zone'])}"
     if channel["tta_status"] not in (None, "learning", "not_final_stage"):
         yield "time to the alarm level " + "".join(_alarm_time_words(channel)) + channel["tta_status"]
 
