@@ -47,6 +47,9 @@ class ConfigError(WrongInputError):
     """The configuration cannot be used; the message names the file, the key, what was found and what is allowed."""
 
 
+_VELOCITY = {"alert_mm_s", "danger_mm_s"}
+
+
 class Config(Section):
     """A whole configuration, one machine."""
 
@@ -167,7 +170,7 @@ class Config(Section):
     def hash(self) -> str:
         """Digest of the settings on which records depend; it is stored with each record."""
         # The hash of the identification stands for the file of its posterior; a map names the shaft that it is of.
-        left_out = {
+        left_out: dict[str, Any] = {
             "web": True,
             "notify": True,
             "advice": True,
@@ -181,6 +184,14 @@ class Config(Section):
             left_out["interference"] = True
         if self.forecast.library is None:
             left_out["forecast"] = {"library"}
+        # Keys that are newer than the hash, where they are not given: that of an older configuration stays.
+        if self.machine.iso_class is None:
+            left_out["machine"] = {"iso_class"}
+        without = {
+            at: _VELOCITY for at, level in enumerate(self.alarms.level) if not _VELOCITY & level.model_fields_set
+        }
+        if without:
+            left_out["alarms"] = {"level": without}
         text = self.model_dump_json(exclude=left_out)
         return hashlib.blake2b(text.encode(), digest_size=16).hexdigest()
 

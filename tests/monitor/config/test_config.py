@@ -202,6 +202,27 @@ def test_the_hash_follows_the_meaning():
     one, two = validate(MINIMAL, Path("a.toml")), validate(MINIMAL, Path("a.toml"))
     other = validate(changed("operating", speed_hz=31.0), Path("a.toml"))
     assert one.hash == two.hash != other.hash
+    judged = validate(changed("machine", iso_class="20816-3:2:rigid"), Path("a.toml"))
+    assert judged.hash != one.hash
+
+
+def test_the_hash_of_an_older_configuration_stays():
+    """Keys that are newer than a configuration do not change its hash where they are not given."""
+    level = {"feature": "rms", "alert_g": 1.0}
+    config = validate({**MINIMAL, "alarms": {"level": [level]}}, Path("a.toml"))
+    dumped = []
+    whole = type(config).model_dump_json
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(type(config), "model_dump_json", lambda *a, **k: dumped.append(whole(*a, **k)) or dumped[-1])
+        assert config.hash
+    assert not any(key in dumped[0] for key in ("iso_class", "alert_mm_s", "danger_mm_s"))
+    slow = {"feature": "velocity_rms", "alert_mm_s": 4.5}
+    given = validate({**MINIMAL, "alarms": {"level": [slow]}}, Path("a.toml"))
+    other = validate({**MINIMAL, "alarms": {"level": [slow | {"alert_mm_s": 7.1}]}}, Path("a.toml"))
+    assert given.hash != other.hash
+    alert = given.alarms.level[0].to_rule().alert
+    assert alert is not None
+    assert alert.value == pytest.approx(4.5e-3)
 
 
 def test_geometry_given_in_the_configuration_takes_precedence():
