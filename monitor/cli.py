@@ -37,6 +37,7 @@ _COMMANDS = {
     "archive-days": ("archive_days:command", "Move the oldest published days to another folder."),
     "backup": ("backup:command", "Back the state of a machine up while its daemon runs."),
     "restore": ("backup:restore_command", "Put a backup in the place of the state of a machine."),
+    "user": ("user:group", "Who may sign in to the page: add, invite, list, remove."),
     "send": ("send:command", "Send a recording to a receiver over TCP or MQTT."),
     "stream": ("stream:group", "Streams over TCP or MQTT: let one begin anew."),
 }

@@ -251,6 +251,8 @@ class WebSection(Section):
     """0: any free port."""
     token_file: Path | None = None
     """File whose first line is the token; by default ``web.token`` in the state folder, created when missing."""
+    users_file: Path | None = None
+    """File of names, roles and passwords; by default ``web.users`` in the state folder, where it exists."""
     allow_remote: bool = False
     allowed_hosts: tuple[HostName, ...] = ()
     """Further names under which browsers reach the page, such as bearings.plant.example or the same with :443."""

@@ -32,7 +32,8 @@ from monitor.web.auth import Doorkeeper
 from monitor.web.levels_view import levels
 from monitor.web.machines import Machine, Machines
 from monitor.web.metrics import METRICS_TYPE, Measures, metrics
-from monitor.web.security import MAX_BODY_BYTES, Doors, Guard, login_routes
+from monitor.web.security import MAX_BODY_BYTES, Doors, Guard
+from monitor.web.sign_in import sign_in_routes
 from monitor.web.stream import Hub
 from monitor.words.statuses import page_words
 
@@ -140,7 +141,7 @@ def _response(request: Request, answer: Answer) -> Response:
 
 def application(site: Site) -> ASGIApp:
     """Return the guarded ASGI application of a site."""
-    routes = [*_page_routes(site), *_api_routes(site), *login_routes(site.doors, site.keeper)]
+    routes = [*_page_routes(site), *_api_routes(site), *sign_in_routes(site.doors, site.keeper)]
     app = Starlette(routes=routes, exception_handlers={HTTPException: _unknown})
     app.router.redirect_slashes = False
     return Guard(app, site.doors, site.keeper, site.measures.answered)
@@ -246,12 +247,12 @@ async def _acknowledge(site: Site, request: Request) -> Response:
     body = await request.body()
     if len(body) > MAX_BODY_BYTES:
         return _response(request, json_answer({"error": "the body is too long"}, 413))
-    name = request.path_params.get("event")
+    name, user = request.path_params.get("event"), request.state.visitor.name
 
     def make() -> Answer:
         if name is None:
-            return json_answer(acknowledging.acknowledge_many(site.machines, body))
-        return json_answer(acknowledging.acknowledge(site.machines, name, body))
+            return json_answer(acknowledging.acknowledge_many(site.machines, body, user))
+        return json_answer(acknowledging.acknowledge(site.machines, name, body, user))
 
     found = await site.answer(request, make)
     site.hub.wake()

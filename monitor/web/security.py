@@ -1,4 +1,4 @@
-"""Access: checks on every request and headers of every answer, as ASGI middleware; logging in and out."""
+"""Access: checks on every request and headers of every answer, as ASGI middleware."""
 
 from __future__ import annotations
 
@@ -10,23 +10,22 @@ from dataclasses import dataclass, field
 from urllib.parse import urlsplit
 
 from starlette.datastructures import Headers, MutableHeaders
-from starlette.requests import HTTPConnection, Request
-from starlette.responses import JSONResponse, Response
-from starlette.routing import Route
+from starlette.requests import HTTPConnection
+from starlette.responses import JSONResponse
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from monitor.config.outputs import WebSection
-from monitor.web.answers import json_object
-from monitor.web.auth import Doorkeeper
+from monitor.web.auth import Doorkeeper, Visitor
 
 MAX_BODY_BYTES = 8192
 _MAX_HEAD_BYTES, _MAX_TARGET_BYTES = 8192, 2048
 _MAX_ANSWER_S, _MAX_SEND_S = 30.0, 20.0
 _OPEN = ("/", "/login", "/logout", "/api/session", "/readyz")
 """Answered without a token: the empty page, which asks for one, and whether the page is served."""
+_FOR_ADMINS = "/api/users"
 _UNBOUNDED = ("/api/stream", "/records/")
 """Answers without a limit on their whole duration; the client must take each part in time."""
-_NOT_KEPT = {"cache-control": "no-store"}
+NOT_KEPT = {"cache-control": "no-store"}
 _HEADERS = {
     "content-security-policy": "default-src 'self'; img-src 'self' data:; object-src 'none'; base-uri 'none'; "
     "form-action 'self'; frame-ancestors 'none'",
@@ -142,11 +141,11 @@ class Guard:
             await _refuse(scope, receive, send, refusal)
             return
         secret = request.cookies.get(self._doors.cookie)
-        session = secret is not None and self._keeper.has_session(secret)
+        visitor = None if secret is None else self._keeper.visitor(secret)
         bearer = self._bearer(request.headers)
-        scope["state"]["authorized"] = bearer is True or session
-        scope["state"]["session"] = secret if session else None
-        refusal = self._check_rights(scope, request.headers, by_cookie=session and bearer is not True)
+        scope["state"]["session"] = None if visitor is None else secret
+        scope["state"]["visitor"] = Visitor() if bearer is True else visitor
+        refusal = self._check_rights(scope, request.headers, by_cookie=visitor is not None and bearer is not True)
         if bearer is False:
             refusal = _Refusal(429, "too many wrong tokens; try again later")
             if await self._keeper.delay_wrong_token():
@@ -194,8 +193,14 @@ class Guard:
     def _check_rights(self, scope: Scope, headers: Headers, *, by_cookie: bool) -> _Refusal | None:
         path, posting = scope["path"], scope["method"] == "POST"
         free = path in _OPEN or path.startswith("/static/")
-        if not scope["state"]["authorized"] and not free and (posting or self._doors.reading):
-            return _Refusal(401, "this needs the token of the page", {"www-authenticate": "Bearer"})
+        visitor: Visitor | None = scope["state"]["visitor"]
+        for_admins = path.startswith(_FOR_ADMINS)
+        if visitor is None and not free and (posting or for_admins or self._doors.reading):
+            return _Refusal(401, "this needs a sign-in, or the token of the page", {"www-authenticate": "Bearer"})
+        if visitor is not None and not free and posting and not visitor.may_acknowledge:
+            return _Refusal(403, f"{visitor.name} is a {visitor.role}, and may only read")
+        if visitor is not None and for_admins and visitor.role != "admin":
+            return _Refusal(403, f"{visitor.name} is no admin")
         if not posting:
             return None
         kind = headers.get("content-type", "").partition(";")[0].strip().lower()
@@ -223,47 +228,5 @@ def _closing(status: int, sentence: str) -> _Refusal:
 
 
 async def _refuse(scope: Scope, receive: Receive, send: Send, refusal: _Refusal) -> None:
-    headers = {**_NOT_KEPT, **refusal.headers}
+    headers = {**NOT_KEPT, **refusal.headers}
     await JSONResponse({"error": refusal.sentence}, refusal.status, headers)(scope, receive, send)
-
-
-def login_routes(doors: Doors, keeper: Doorkeeper) -> list[Route]:
-    """Return the addresses for logging in and out: a cookie that scripts cannot read replaces the token."""
-
-    async def login(request: Request) -> Response:
-        body = await request.body()
-        token = (json_object(body[:MAX_BODY_BYTES]) or {}).get("token")
-        if not isinstance(token, str):
-            return _login_error(400, "the body must be a JSON object with the token")
-        if not keeper.is_token(token.strip()):
-            if await keeper.delay_wrong_token():
-                return _login_error(401, "the token is wrong")
-            return _login_error(429, "too many wrong tokens; try later")
-        response = Response(status_code=204, headers=_NOT_KEPT)
-        response.set_cookie(
-            doors.cookie, keeper.open_session(), httponly=True, samesite="strict", secure=doors.secure, path="/"
-        )
-        return response
-
-    async def logout(request: Request) -> Response:
-        await request.body()
-        if request.state.session is not None:
-            keeper.close_session(request.state.session)
-        response = Response(status_code=204, headers=_NOT_KEPT)
-        response.delete_cookie(doors.cookie, httponly=True, samesite="strict", secure=doors.secure, path="/")
-        return response
-
-    async def session(request: Request) -> Response:
-        authorized = bool(request.state.authorized)
-        found = {"authorized": authorized, "needs_token": doors.reading, "can_acknowledge": authorized}
-        return JSONResponse(found, headers=_NOT_KEPT)
-
-    return [
-        Route("/login", login, methods=["POST"]),
-        Route("/logout", logout, methods=["POST"]),
-        Route("/api/session", session, methods=["GET"]),
-    ]
-
-
-def _login_error(status: int, sentence: str) -> Response:
-    return JSONResponse({"error": sentence}, status, headers=_NOT_KEPT)

@@ -28,6 +28,7 @@ from monitor.web.app import STREAM, Site, application
 from monitor.web.auth import Doorkeeper, TokenError, load_token
 from monitor.web.machines import Machines
 from monitor.web.security import Doors
+from monitor.web.users import USERS_FILE, Users
 from monitor.words.numbers import count
 
 Report = Callable[[dict[str, Any]], object]
@@ -161,7 +162,8 @@ async def serve(machines: Machines, web: WebSection, state_dir: Path, report: Re
         except TokenError as error:
             raise PageError(str(error)) from None
         doors = Doors.of(web, listening.getsockname()[1])
-        site = Site(machines, doors, Doorkeeper(token), web.max_streams)
+        users = Users(web.users_file or state_dir / USERS_FILE)
+        site = Site(machines, doors, Doorkeeper(token, users), web.max_streams)
         server = _Server(_settings(site, web))
         with site:
             beside = [asyncio.create_task(_beat(report, web.url(doors.port))), asyncio.create_task(site.hub.run())]

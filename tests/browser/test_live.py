@@ -14,6 +14,7 @@ import pytest
 from playwright.sync_api import expect
 
 from monitor.records.events import EventLog
+from monitor.web.users import User, changed_users, invite
 from tests.browser.conftest import Visitor
 from tests.browser.machine import Served, channel_name
 from tests.effort import effort_count
@@ -87,7 +88,7 @@ def test_an_alarm_is_acknowledged_with_a_name_and_a_note(fixed: Served, visitor:
     dialog = page.get_by_role("dialog")
     dialog.get_by_label("Token").fill("not the token")
     dialog.get_by_role("button", name="Log in").click()
-    expect(dialog).to_contain_text("The token was not accepted")
+    expect(dialog).to_contain_text("Not accepted: the token is wrong")
     dialog.get_by_label("Token").fill(fixed.token)
     dialog.get_by_role("button", name="Log in").click()
     dialog.get_by_label("Your name").fill("Anna <i>B.</i>")
@@ -190,12 +191,49 @@ def restricted(tmp_path: Path) -> Iterator[Served]:
 def test_where_reading_needs_the_token_nothing_is_shown_before(restricted: Served, visitor: Visitor) -> None:
     visit = visitor(restricted.url)
     page = visit.go()
-    expect(page.get_by_text("This page needs its token")).to_be_visible()
+    expect(page.get_by_text("Sign in to this page")).to_be_visible()
     assert page.locator(".row").count() == 0
     page.get_by_label("Token").fill(restricted.token)
     page.get_by_role("button", name="Log in").click()
     expect(page.locator(".row")).to_have_count(2)
     visit.trouble = [text for text in visit.trouble if not text.startswith("401")]
+
+
+def test_an_operator_signs_in_without_a_file_of_the_server(restricted: Served, visitor: Visitor) -> None:
+    state = restricted.folder / "state"
+    with changed_users(state / "web.users") as users:
+        users.update({name: User(name, role) for name, role in (("Ada", "operator"), ("Ben", "viewer"))})
+    codes = {name: invite(state / "web.users", name)[0] for name in ("Ada", "Ben")}
+    with EventLog(state / "state.db") as log:
+        log.notice(time.time(), {"kind": "test", "text": "to be known"})
+    visit = visitor(restricted.url)
+    page = visit.go(f"#/invite/{codes['Ada']}")
+    expect(page.get_by_label("Code")).to_have_value(codes["Ada"])
+    page.get_by_label("New password").fill("short")
+    page.get_by_label("New password").press("Enter")
+    expect(page.get_by_role("alert").filter(has_text="10 to 200 characters")).to_be_visible()
+    page.get_by_label("New password").fill("correct horse")
+    page.get_by_label("New password").press("Enter")
+    expect(page.locator(".row")).to_have_count(2)
+    assert codes["Ada"] not in page.url
+    page.keyboard.press("?")
+    page.get_by_role("button", name="Log out").click()
+    page.get_by_label("Name").fill("Ada")
+    page.get_by_label("Password").fill("correct horse")
+    page.get_by_label("Password").press("Enter")
+    page.locator("#nav-events").click()
+    page.locator(".event").get_by_role("button").click()
+    expect(page.get_by_label("Your name")).to_have_value("Ada")
+    expect(page.get_by_label("Your name")).not_to_be_editable()
+    page.get_by_role("dialog").get_by_role("button", name="Cancel").click()
+    page.context.clear_cookies()
+    page = visit.go(f"#/invite/{codes['Ben']}")
+    page.get_by_label("New password").fill("a staple of the battery")
+    page.get_by_role("button", name="Log in").click()
+    page.locator("#nav-events").click()
+    page.locator(".event").get_by_role("button").click()
+    expect(page.get_by_role("dialog")).to_contain_text("Ben is a viewer, and may only read.")
+    visit.trouble = [text for text in visit.trouble if not text.startswith(("400", "401"))]
 
 
 @pytest.fixture

@@ -1,4 +1,4 @@
-// Dialogs: help, the token, an acknowledgement.
+// Dialogs: help, signing in, an acknowledgement.
 
 import { post, eventPath } from "./api.js";
 import { fill, h, symbol } from "./dom.js";
@@ -38,35 +38,84 @@ export function showHelp(app) {
       "div",
       { class: "buttons" },
       h("span", { class: "note" }, version ? `spallwatch ${version}` : ""),
+      app.session?.user && h("span", { class: "note" }, `${app.session.user}, ${app.session.role}`),
       app.session?.authorized && h("button", { type: "button", onclick: () => app.logOut() }, "Log out"),
       h("button", { type: "button", class: "main", onclick: () => dialog.close() }, "Close"),
     ),
   );
 }
 
-/** A form that asks for the token; calls back when the server took it. */
-export function tokenForm(onDone) {
-  const token = h("input", { type: "password", autocomplete: "current-password", required: true, name: "token" });
+const WAYS = {
+  name: {
+    label: "Name and password",
+    note: "Whoever looks after this monitor adds users: spallwatch user add NAME.",
+    fields: () => [field("Name", "name", "text", "username"), field("Password", "password", "password", "current-password")],
+  },
+  code: {
+    label: "A code of an invitation",
+    note: "It is valid once, for a day; it comes from spallwatch user invite NAME, or from an admin.",
+    fields: () => [
+      field("Code", "code", "text", "one-time-code"),
+      field("New password, 10 characters or more", "password", "password", "new-password"),
+    ],
+  },
+  token: {
+    label: "The token",
+    note: "It stands in the file web.token in the machine's state folder, unless token_file names another.",
+    fields: () => [field("Token", "token", "password", "current-password")],
+  },
+};
+
+function field(label, name, type, autocomplete) {
+  return h("label", null, label, h("input", { type, name, autocomplete, required: true }));
+}
+
+/** The code of an invitation in the address, or null. */
+export const invitation = () => /^#\/invite\/([\w-]+)$/.exec(location.hash)?.[1] ?? null;
+
+/** A form to sign in: by name, by an invitation or by the token; calls back when the server took it. */
+export function signInForm(app, onDone) {
+  const code = invitation();
+  const box = h("div");
+  const show = (way) => fill(box, wayForm(way, code, onDone), others(way, show));
+  show(code ? "code" : app.session?.users ? "name" : "token");
+  return box;
+}
+
+function others(way, show) {
+  const rest = Object.keys(WAYS).filter((name) => name !== way);
+  return h("p", { class: "note ways" }, "Or with: ", rest.map((name) =>
+    h("button", { type: "button", class: "quiet", onclick: () => show(name) }, WAYS[name].label.toLowerCase())));
+}
+
+function wayForm(way, code, onDone) {
   const wrong = h("p", { class: "wrong", role: "alert" });
   const submit = async (event) => {
     event.preventDefault();
     fill(wrong);
+    const { form } = event.submitter ?? { form: event.target };
+    const given = Object.fromEntries(new FormData(form));
+    for (const name of ["name", "code", "token"]) if (name in given) given[name] = given[name].trim();
     try {
-      await post("login", { token: token.value.trim() });
+      await post("login", given);
+      // The address keeps no code that is used up.
+      if (invitation()) history.replaceState(null, "", "#/");
       onDone();
     } catch (error) {
-      fill(wrong, error.status === 401 || error.status === 403 ? `The token was not accepted: ${error.message}` : error.message);
-      token.select();
+      fill(wrong, error.status === 401 || error.status === 403 ? `Not accepted: ${error.message}` : error.message);
+      form.querySelector("input").select();
     }
   };
-  return h(
+  const form = h(
     "form",
     { class: "form", onsubmit: submit },
-    h("label", null, "Token", token),
-    h("p", { class: "note" }, "It stands in the file web.token in the machine's state folder, unless token_file names another."),
+    WAYS[way].fields(),
+    h("p", { class: "note" }, WAYS[way].note),
     wrong,
     h("div", { class: "buttons" }, h("button", { class: "main" }, "Log in")),
   );
+  if (way === "code" && code) form.elements.code.value = code;
+  return form;
 }
 
 function remembered() {
@@ -120,18 +169,21 @@ function askWho(app, title, about, send) {
   const body = h("div");
   const dialog = show(title, about, body);
   const form = () => fill(body, acknowledgeForm(app, dialog, ask, send));
-  const ask = () => fill(body, h("p", { class: "note" }, "Acknowledging needs the token of this page, once a session."), tokenForm(async () => {
+  const ask = () => fill(body, h("p", { class: "note" }, "Acknowledging needs a sign-in, once a session."), signInForm(app, async () => {
     await app.readSession();
-    form();
+    next();
   }));
-  if (app.session?.authorized) form();
-  else ask();
+  const refused = () => fill(body, h("p", { class: "wrong" }, `${app.session.user} is a ${app.session.role}, and may only read.`));
+  const next = () => (app.session?.can_acknowledge ? form() : app.session?.authorized ? refused() : ask());
+  next();
   body.querySelector("input")?.focus();
 }
 
 function acknowledgeForm(app, dialog, ask, send) {
   const who = h("input", { name: "who", required: true, maxlength: "100", autocomplete: "name" });
-  who.value = remembered();
+  // Who has signed in by name acknowledges under it.
+  who.value = app.session?.user ?? remembered();
+  who.readOnly = Boolean(app.session?.user);
   const note = h("textarea", { name: "note", rows: "3", maxlength: "2000" });
   const wrong = h("p", { class: "wrong", role: "alert" });
   const submit = async (press) => {

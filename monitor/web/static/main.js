@@ -1,7 +1,7 @@
 // Starts the page: which view is shown, what is live, what the header says.
 
 import { get, post } from "./api.js";
-import { tokenForm } from "./dialogs.js";
+import { invitation, signInForm } from "./dialogs.js";
 import { fill, h, setText } from "./dom.js";
 import * as fmt from "./fmt.js";
 import { Live } from "./live.js";
@@ -44,7 +44,7 @@ class App {
     // What the view needs comes while the machines are read.
     this.module(this.parts()[0]).catch(() => null);
     const [session] = await Promise.all([this.readSession(), this.readMachines()]);
-    if (session?.needs_token && !session.authorized) this.login();
+    if (session && !session.authorized && (session.needs_token || invitation())) this.login();
     else await this.begin();
   }
 
@@ -85,11 +85,11 @@ class App {
   }
 
   login() {
-    const form = tokenForm(async () => {
+    const form = signInForm(this, async () => {
       await Promise.all([this.readSession(), this.readMachines()]);
       await this.begin();
     });
-    fill(at("content"), h("div", { class: "empty" }, h("strong", null, "This page needs its token"), form));
+    fill(at("content"), h("div", { class: "empty" }, h("strong", null, invitation() ? "Choose a password" : "Sign in to this page"), form));
     document.title = "Log in – spallwatch";
   }
 

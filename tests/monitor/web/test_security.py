@@ -23,6 +23,14 @@ from tests.faults.daemons import make_machine
 from tests.pages import Page, page_of
 from tests.waiting import wait_until
 
+STRANGER = {
+    "authorized": False,
+    "needs_token": False,
+    "can_acknowledge": False,
+    "user": None,
+    "role": None,
+    "users": False,
+}
 EVIL = "<img src=x onerror=alert(1)>\"'&"
 
 
@@ -133,7 +141,7 @@ def test_acknowledging_needs_the_token(page: Page) -> None:
     assert acknowledge(page, authorization=page.bearer, content_type="text/plain") == 415
     assert acknowledge(page, authorization=page.bearer, origin="http://evil.example") == 403
     assert page.get("/api/events")["unacknowledged"] == waiting
-    assert page.get("/api/session") == {"authorized": False, "needs_token": False, "can_acknowledge": False}
+    assert page.get("/api/session") == STRANGER
     assert acknowledge(page, authorization=page.bearer) == 200
 
 
@@ -150,7 +158,7 @@ def log_in(page: Page) -> str:
 def test_a_session_stands_for_the_token_until_it_is_closed(page: Page) -> None:
     cookie, own = log_in(page), f"http://localhost:{page.port}"
     session = page.ask("/api/session", headers={"cookie": cookie}).json
-    assert session == {"authorized": True, "needs_token": False, "can_acknowledge": True}
+    assert session == STRANGER | {"authorized": True, "can_acknowledge": True, "role": "admin"}
     host = {"host": f"localhost:{page.port}"}
     assert acknowledge(page, cookie=cookie, origin=own, **host) == 200
     # A form or a script of another port of this computer sends the cookie, too.
@@ -176,7 +184,7 @@ def test_where_others_can_come_in_everything_needs_the_token(guarded: Page) -> N
         reply = guarded.ask(path)
         assert (reply.status, list(reply.json)) == (401, ["error"]), path
     assert guarded.ask("/healthz").status == 401
-    assert guarded.get("/api/session") == {"authorized": False, "needs_token": True, "can_acknowledge": False}
+    assert guarded.get("/api/session") == STRANGER | {"needs_token": True}
     assert guarded.ask("/static/main.js").status in (200, 404)
     assert guarded.ask("/readyz").status == 200
     assert guarded.ask("/api/machines", headers={"authorization": guarded.bearer}).status == 200
@@ -320,14 +328,14 @@ def test_what_is_no_token_is_refused(tmp_path: Path, content: bytes) -> None:
 
 def test_sessions_end_by_themselves_and_are_not_too_many() -> None:
     now = [0.0]
-    keeper = Doorkeeper("a secret of some length", lambda: now[0])
+    keeper = Doorkeeper("a secret of some length", monotonic=lambda: now[0])
     first = keeper.open_session()
     now[0] = 3600.0
     sessions = [keeper.open_session() for _ in range(1000)]
-    assert not keeper.has_session(first)
-    assert keeper.has_session(sessions[0])
+    assert not keeper.visitor(first)
+    assert keeper.visitor(sessions[0])
     now[0] = 3600.0 + 12 * 3600.0
-    assert not keeper.has_session(sessions[-1])
+    assert not keeper.visitor(sessions[-1])
 
 
 @pytest.mark.parametrize(
