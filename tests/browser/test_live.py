@@ -202,7 +202,7 @@ def test_where_reading_needs_the_token_nothing_is_shown_before(restricted: Serve
 def test_an_operator_signs_in_without_a_file_of_the_server(restricted: Served, visitor: Visitor) -> None:
     state = restricted.folder / "state"
     with changed_users(state / "web.users") as users:
-        users.update({name: User(name, role) for name, role in (("Ada", "operator"), ("Ben", "viewer"))})
+        users |= {"Ada": User("Ada", "operator"), "Ben": User("Ben", "viewer")}
     codes = {name: invite(state / "web.users", name)[0] for name in ("Ada", "Ben")}
     with EventLog(state / "state.db") as log:
         log.notice(time.time(), {"kind": "test", "text": "to be known"})
