@@ -10,6 +10,7 @@ from urllib.parse import unquote, urlsplit
 from pydantic import Field, model_validator
 
 from monitor.config.fields import Count, Positive, Section
+from monitor.config.webhook import WebhookTemplate
 
 HttpUrl = Annotated[str, Field(pattern=r"^https?://[^\s/]+")]
 SecretUrl = Annotated[str, Field(pattern=r"^https?://[^\s/]+(/\S*)?$")]
@@ -200,18 +201,37 @@ class SmtpSection(Section):
 class WebhookSection(Section):
     """A JSON object is posted; the content of ``token_file`` is sent as ``Authorization: Bearer``."""
 
-    url: HttpUrl
+    url: HttpUrl | None = None
+    url_file: Path | None = None
+    """File whose first line is the address, where the address itself is the secret."""
     token_file: Path | None = None
     ca_file: Path | None = None
+    template: str | None = None
+    """Name of a ready template (slack, mattermost, teams, apprise), or Jinja that renders the JSON to post."""
 
     @model_validator(mode="after")
     def _safe(self) -> Self:
-        check_address(self.url)
-        if self.token_file is not None:
-            refuse_clear(self.url, "https", "token_file")
-        if self.ca_file is not None and not self.url.startswith("https"):
-            raise ValueError("ca_file belongs to https://")
+        if (self.url is None) == (self.url_file is None):
+            raise ValueError("expected one of url and url_file")
+        if self.url is not None:
+            self.check_url(self.url)
+        if self.template is not None:
+            WebhookTemplate(self.template)
         return self
+
+    def check_url(self, url: str) -> None:
+        """Refuse an address that would send a secret in the clear, as that in ``url_file`` itself is.
+
+        Raises:
+            ValueError: saying what to do instead.
+        """
+        check_address(url)
+        if self.token_file is not None:
+            refuse_clear(url, "https", "token_file")
+        if self.url_file is not None:
+            refuse_clear(url, "https", "url_file")
+        if self.ca_file is not None and not url.startswith("https"):
+            raise ValueError("ca_file belongs to https://")
 
 
 class MqttSection(BrokerSection):

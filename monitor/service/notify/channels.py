@@ -9,7 +9,7 @@ import http.client
 import json
 import smtplib
 import ssl
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from email.message import EmailMessage
 from email.utils import formatdate, make_msgid
@@ -19,6 +19,7 @@ from urllib.parse import SplitResult, urlsplit
 
 from models.errors import SpallwatchError
 from monitor.config.outputs import MqttSection, NotifySection, SmtpSection, WebhookSection
+from monitor.config.webhook import TEXTS, WebhookTemplate
 from monitor.service.broker import BrokerError, BrokerLink
 
 _TIMEOUT_S = 10.0
@@ -37,9 +38,26 @@ class Message:
     text: str
     values: Mapping[str, Any] = field(default_factory=dict)
 
+    @property
+    def fields(self) -> dict[str, Any]:
+        """The fields of a template: texts, "" where there is nothing to say, ``events`` and ``left_out``."""
+        known = {"title": self.title, "text": self.text, "events": [], "left_out": 0, **self.values}
+        known["severity"] = _severity(known["events"])
+        return known | {name: known.get(name) or "" for name in TEXTS}
+
     def to_json(self) -> str:
         """Return it as one JSON object."""
         return json.dumps({"title": self.title, "text": self.text, **self.values}, allow_nan=False)
+
+
+def _severity(events: Iterable[Mapping[str, Any]]) -> str:
+    """Return ``danger``, ``alert`` or ``info``, of the worst event."""
+    found = {"info"}
+    for event in events:
+        kind = event.get("kind")
+        found |= {str(event.get("severity"))} if kind == "alarm_raised" else set()
+        found |= {"danger"} if kind == "end_of_life" else {"alert"} if kind == "final_stage" else set()
+    return next(severity for severity in ("danger", "alert", "info") if severity in found)
 
 
 class NotificationChannel(Protocol):
@@ -118,19 +136,42 @@ class WebhookChannel:
     def __init__(self, section: WebhookSection) -> None:
         """Keep the configured section."""
         self._section = section
-        self._url = urlsplit(section.url)
+        self._template = None if section.template is None else WebhookTemplate(section.template)
 
     def check(self) -> None:
         """Read the configured files; raise :class:`NotifyError` where one cannot be used."""
         _check_files(self._section.ca_file, self._section.token_file)
+        self._url()
 
-    def send(self, message: Message) -> None:
-        """Post a message; raise :class:`NotifyError` if the answer is not 2xx."""
+    def send(self, message: Message) -> str | None:
+        """Post a message; raise :class:`NotifyError` if the answer is not 2xx.
+
+        A message that the template cannot render is posted without it, and the problem returned.
+        """
         headers = {"Content-Type": "application/json"}
         if self._section.token_file is not None:
             headers["Authorization"] = f"Bearer {read_secret(self._section.token_file)}"
-        body = message.to_json().encode()
-        request("webhook", "POST", self._url, body=body, headers=headers, ca_file=self._section.ca_file)
+        body, problem = message.to_json(), None
+        if self._template is not None:
+            try:
+                body = self._template.render(message.fields)
+            except ValueError as error:
+                problem = f"webhook: {error}; it was posted without the template"
+        request("webhook", "POST", self._url(), body=body.encode(), headers=headers, ca_file=self._section.ca_file)
+        return problem
+
+    def _url(self) -> SplitResult:
+        section = self._section
+        if section.url_file is None:
+            return urlsplit(section.url or "")
+        url = read_secret(section.url_file)
+        try:
+            section.check_url(url)
+        except ValueError as error:
+            raise NotifyError(f"{section.url_file}: {error}") from None
+        if not url.startswith(("https://", "http://")):
+            raise NotifyError(f"{section.url_file}: expected an address that begins with https://")
+        return urlsplit(url)
 
 
 class MqttChannel:
