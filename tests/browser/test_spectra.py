@@ -103,6 +103,13 @@ def test_picture_and_data_can_be_saved(pump: Served, visitor: Visitor) -> None:
     rows = saved(page, box, "CSV").decode().splitlines()
     assert rows[1] == '"frequency, Hz","block 43, g"'
     assert next(float(cell) for cell in rows[2].split(",")) == 0.0
+    for name, head in (
+        ("Spectra over the life", '"frequency, Hz","block'),
+        ("Kurtogram", '"from, Hz","to, Hz",kurtosis'),
+    ):
+        table = saved(page, page.get_by_role("region", name=name), "CSV").decode().splitlines()
+        assert table[1].startswith(head)
+        assert len(table) > 20
     trend = page.locator('[data-chart="rms"]')
     trend.hover()
     table = saved(page, trend, "CSV").decode().splitlines()

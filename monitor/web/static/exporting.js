@@ -17,7 +17,7 @@ export function save(name, blob) {
 }
 
 /** The buttons; `chart()` gives {name, title, x, y, columns, canvas, log} or null, where columns are [heading, values]. */
-export function exportButtons(chart) {
+export function exportButtons(chart, kinds = ["PNG", "SVG", "CSV"]) {
   const button = (kind, make, what) => h(
     "button",
     {
@@ -30,13 +30,12 @@ export function exportButtons(chart) {
     },
     kind,
   );
-  return h(
-    "span",
-    { class: "buttons export", role: "group", "aria-label": "Save" },
-    button("PNG", png, "the picture"),
-    button("SVG", async (found) => new Blob([svg(found)], { type: "image/svg+xml" }), "the picture"),
-    button("CSV", async (found) => new Blob([csv(found)], { type: "text/csv" }), "the data"),
-  );
+  const all = {
+    PNG: () => button("PNG", png, "the picture"),
+    SVG: () => button("SVG", async (found) => new Blob([svg(found)], { type: "image/svg+xml" }), "the picture"),
+    CSV: () => button("CSV", async (found) => new Blob([csv(found)], { type: "text/csv" }), "the data"),
+  };
+  return h("span", { class: "export", role: "group", "aria-label": "Save" }, kinds.map((kind) => all[kind]()));
 }
 
 /** Data as CSV: a comment with the title, the headings with units, a row for each point. */

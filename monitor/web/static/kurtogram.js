@@ -4,6 +4,7 @@ import { channelPath, get, query } from "./api.js";
 import { Board, colourLegend, picture, ticks } from "./canvas.js";
 import { figure, onWidth, sayInstead } from "./chart.js";
 import { fill, h, setText } from "./dom.js";
+import { exportButtons } from "./exporting.js";
 import * as fmt from "./fmt.js";
 import { colour } from "./prefs.js";
 
@@ -27,7 +28,11 @@ export class Kurtogram {
     const { canvas } = this.board;
     canvas.addEventListener("pointermove", (event) => this.moved(event));
     canvas.addEventListener("pointerleave", () => this.describe());
-    this.content = [h("div", { class: "under-head" }, this.legend, this.readout), canvas];
+    this.content = [
+      h("div", { class: "under-head" }, this.legend, this.readout),
+      canvas,
+      h("div", { class: "controls" }, exportButtons(() => this.file(), ["PNG", "CSV"])),
+    ];
     this.stop = onWidth(this.body, (width) => {
       this.width = width;
       this.draw();
@@ -54,6 +59,23 @@ export class Kurtogram {
     this.image = null;
     fill(this.body, this.content);
     this.draw();
+  }
+
+  /** What the files hold: the kurtosis of each band. */
+  file() {
+    if (!this.data) return null;
+    const { machine, channel } = this.options;
+    const bands = this.data.kurtosis.flatMap((level) => {
+      const wide = this.data.nyquist_hz / level.length;
+      return level.map((value, place) => [place * wide, (place + 1) * wide, value]);
+    });
+    const column = (place) => bands.map((band) => band[place]);
+    return {
+      name: `${machine}-${channel}-kurtogram-${this.data.block}`,
+      title: `Kurtogram of block ${this.data.block}; ${machine}, ${channel}`,
+      canvas: this.board.canvas,
+      columns: [["from, Hz", column(0)], ["to, Hz", column(1)], ["kurtosis", column(2)]],
+    };
   }
 
   draw() {

@@ -134,7 +134,7 @@ class Waveform {
       h(
         "div",
         { class: "controls", role: "group", "aria-label": "Marks, files" },
-        h("label", { class: "choice" }, "marks every period of ", this.select),
+        h("label", { class: "pick" }, "marks every period of ", this.select),
         exportButtons(() => this.file()),
       ),
       h("p", { class: "note" }, "A click sets the first mark; drag to zoom, double click for all."),

@@ -14,7 +14,7 @@ const DECIBELS = 100;
 
 const choice = (label, options, change) => {
   const select = h("select", { onchange: () => change(select.value) }, options.map(([value, text]) => h("option", { value }, text)));
-  return { select, element: h("label", { class: "choice" }, `${label} `, select) };
+  return { select, element: h("label", { class: "pick" }, `${label} `, select) };
 };
 
 export class SpectrumPlot {
@@ -71,7 +71,7 @@ export class SpectrumPlot {
           this.sayCursor();
         },
       });
-      return { input, element: h("label", { class: "choice" }, `${label} `, input, " Hz") };
+      return { input, element: h("label", { class: "pick" }, `${label} `, input, " Hz") };
     };
     this.at = number("cursor at", "at");
     this.spacing = number("spacing", "spacing");

@@ -4,6 +4,7 @@ import { channelPath, get } from "./api.js";
 import { Board, colourLegend, picture, ticks } from "./canvas.js";
 import { figure, onWidth, sayInstead, translucent } from "./chart.js";
 import { fill, h, setText } from "./dom.js";
+import { exportButtons } from "./exporting.js";
 import * as fmt from "./fmt.js";
 import { colour } from "./prefs.js";
 
@@ -51,11 +52,34 @@ export class TrackMap {
     this.board = new Board("RMS map");
     this.board.canvas.addEventListener("pointermove", (event) => this.moved(event));
     this.board.canvas.addEventListener("pointerleave", () => setText(this.readout, ""));
-    this.content = [h("div", { class: "under-head" }, this.legend, this.readout), this.board.canvas, this.caption];
+    this.content = [
+      h("div", { class: "under-head" }, this.legend, this.readout),
+      this.board.canvas,
+      h("div", { class: "controls" }, exportButtons(() => this.file(), ["PNG", "CSV"])),
+      this.caption,
+    ];
     this.stop = onWidth(this.body, (width) => {
       this.width = width;
       this.draw();
     });
+  }
+
+  /** What the files hold: the picture, and the track. */
+  file() {
+    const track = this.data?.track;
+    if (!this.data) return null;
+    const { machine, channel } = this.options;
+    return {
+      name: `${machine}-${channel}-map`,
+      title: `Track on the RMS map; ${machine}, ${channel}`,
+      canvas: this.board.canvas,
+      columns: [
+        ["time, s", track?.time_s ?? []],
+        ["extent, degrees", track?.dphi_deg ?? []],
+        ["depth, µm", track?.h_d_um ?? []],
+        ["V_eq, mm³/mm", track?.v_eq_mm2 ?? []],
+      ],
+    };
   }
 
   async load() {

@@ -4,6 +4,7 @@ import { channelPath, get } from "./api.js";
 import { Board, colourLegend, picture, ticks } from "./canvas.js";
 import { figure, onWidth, sayInstead } from "./chart.js";
 import { fill, h, setText } from "./dom.js";
+import { exportButtons } from "./exporting.js";
 import * as fmt from "./fmt.js";
 import { colour } from "./prefs.js";
 import { LINE_NAMES, PARTS } from "./words.js";
@@ -34,7 +35,11 @@ export class Waterfall {
     canvas.addEventListener("pointermove", (event) => this.moved(event));
     canvas.addEventListener("pointerleave", () => setText(this.readout, ""));
     canvas.addEventListener("keydown", (event) => this.key(event));
-    this.content = [h("div", { class: "under-head" }, this.legend, this.readout), canvas];
+    this.content = [
+      h("div", { class: "under-head" }, this.legend, this.readout),
+      canvas,
+      h("div", { class: "controls" }, exportButtons(() => this.file(), ["PNG", "CSV"])),
+    ];
     this.stop = onWidth(this.body, (width) => {
       this.width = width;
       this.draw();
@@ -59,6 +64,20 @@ export class Waterfall {
     this.image = null;
     fill(this.body, this.content);
     this.draw();
+  }
+
+  /** What the files hold: the highest amplitude in each bin, a column for each block. */
+  file() {
+    if (!this.data) return null;
+    const { machine, channel } = this.options;
+    const unit = this.data.unit === "g" ? "g" : "unit of the sensor";
+    const columns = this.data.blocks.map((block, row) => [`block ${block}, ${unit}`, this.data.amplitude_g[row]]);
+    return {
+      name: `${machine}-${channel}-spectra`,
+      title: `Envelope spectra over the life; ${machine}, ${channel}`,
+      canvas: this.board.canvas,
+      columns: [["frequency, Hz", this.data.frequency_hz], ...columns],
+    };
   }
 
   scale() {
