@@ -6,13 +6,14 @@ INTERPRETED := tests/contracts/test_models.py tests/models/test_response.py test
 BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 
-.PHONY: help setup demo test coverage check site bench lock clean install-service uninstall-service
+.PHONY: help setup demo test without-posix coverage check site bench lock clean install-service uninstall-service
 
 help:
 	@echo "make demo   a simulated bearing wears out and is monitored; the report is in demo-out/report.html"
 	@echo "            (make demo MODEL=rotor: by another model)"
 	@echo "make test   the test suite"
 	@echo "make coverage  the tests that start no process, and the share of lines that they run"
+	@echo "make without-posix  tests of what runs, without what only POSIX has; types as on Windows"
 	@echo "make check  lint, types and import rules"
 	@echo "make site   the documentation as pages in build/site; a wrong link is an error"
 	@echo "make bench  the benchmarks, short form"
@@ -36,6 +37,18 @@ test: $(READY)
 	@# Kernels are compiled once, not by each of the workers at the same time.
 	$(BIN)/spallwatch warmup --quiet
 	$(BIN)/python -m pytest --numprocesses auto --dist worksteal
+
+# Tests of replay, run, page and demo whose own code needs nothing that only POSIX has.
+PORTABLE := tests/monitor/commands/test_demo.py \
+	tests/monitor/service/test_replay.py tests/monitor/service/test_daemon.py tests/monitor/service/test_child_process.py \
+	tests/monitor/service/test_publisher_life.py tests/monitor/service/test_present_status.py tests/monitor/web/test_api.py \
+	tests/streams/test_folder.py
+
+without-posix: $(READY)
+	@# In processes from which tests/without_posix takes what only POSIX has.
+	PYTHONPATH=tests/without_posix:. $(BIN)/python -m pytest $(PORTABLE)
+	$(BIN)/python -m pytest tests/test_without_posix.py tests/models/test_portable.py
+	$(BIN)/basedpyright --pythonplatform Windows models streams monitor
 
 coverage: $(READY)
 	@# The second run reads the lines of the kernels, which are interpreted in it: a few small tests of each.

@@ -18,6 +18,7 @@ from functools import lru_cache
 from pathlib import Path, PurePosixPath
 from typing import Literal, Protocol
 
+from models.portable import NO_LINK, NO_WAIT, open_folder
 from streams.limits import MAX_BYTES, max_loaded_bytes
 from streams.listing import Stat, is_skipped, list_files, shown, stat_file
 from streams.samples import ReaderError
@@ -207,8 +208,8 @@ def read_guarded(root: Path, path: str, *, may_grow: bool = False, max_bytes: in
     """
     real = path_within(root, path)
     try:
-        # O_NONBLOCK: a FIFO must not block. O_NOFOLLOW: a link may have replaced the file meanwhile.
-        handle = os.open(real, os.O_RDONLY | os.O_NONBLOCK | os.O_NOFOLLOW | os.O_CLOEXEC)
+        # A FIFO must not block; a link may have replaced the file meanwhile.
+        handle = os.open(real, os.O_RDONLY | NO_WAIT | NO_LINK)
     except OSError as error:
         status = "refused" if error.errno in (errno.ELOOP, errno.ENXIO) else "unreadable"
         raise ReaderError(status, f"{path}: cannot be opened ({error.strerror})") from error
@@ -282,7 +283,7 @@ def check_readable(folder: Path, where: str) -> None:
         OSError: it does not exist, or is no folder.
     """
     try:
-        os.close(os.open(f"{folder}/.", os.O_RDONLY | os.O_DIRECTORY))
+        open_folder(str(folder))
     except PermissionError as error:
         raise SourceError(f"{where}: {str(folder)!r} may not be read ({error.strerror})") from error
 

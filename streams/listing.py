@@ -9,6 +9,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
 
+from models.portable import device_number
+
 NETWORK_FILE_SYSTEMS = frozenset(
     {"9p", "afs", "ceph", "cifs", "fuse.ceph", "fuse.glusterfs", "fuse.sshfs", "glusterfs", "lustre", "ncpfs", "nfs"}
     | {"nfs4", "smb3", "smbfs", "virtiofs", "vboxsf"}
@@ -81,7 +83,9 @@ def _walk_one(root: str, folder: str, folders: list[str]) -> Iterator[tuple[str,
                 if entry.is_dir(follow_symlinks=False):
                     folders.append(path)
                     continue
-                status = stat_of(entry.stat(follow_symlinks=False))
+                found = entry.stat(follow_symlinks=False)
+                # Windows lists folders without the numbers of the files.
+                status = stat_of(found if found.st_ino else os.lstat(f"{root}/{path}"))
             except PermissionError:
                 # The folder may be listed, but not searched.
                 raise
@@ -146,8 +150,7 @@ def file_system_type(path: Path, mountinfo: str | None = None) -> str | None:
             mountinfo = _MOUNTS.read_text(encoding="utf-8", errors="replace")
         except OSError:
             return None
-    device = path.stat().st_dev
-    wanted = f"{os.major(device)}:{os.minor(device)}"
+    wanted = device_number(path.stat().st_dev)
     for line in mountinfo.splitlines():
         fields, separator, tail = line.partition(" - ")
         parts = fields.split()

@@ -103,7 +103,8 @@ class _ProcessGuard:
         self.allowed = True
         self._watch(subprocess.Popen, "__init__")
         self._watch(multiprocessing.process.BaseProcess, "start")
-        self._watch(os, "fork")
+        if hasattr(os, "fork"):
+            self._watch(os, "fork")
 
     def _watch(self, owner: Any, name: str) -> None:
         original = getattr(owner, name)
@@ -196,10 +197,10 @@ def kept_readers() -> Iterator[None]:
 @pytest.fixture(autouse=True, scope="session")
 def forked_children() -> Iterator[None]:
     """Quick effort forks publisher and page of a daemon in this process; those of a forked daemon: tests.forks."""
-    from tests.forked_children import SUBPROCESS
-
     with pytest.MonkeyPatch.context() as patch:
-        if effort_count(quick=1, full=0):
+        if effort_count(quick=1, full=0) and hasattr(os, "fork"):
+            from tests.forked_children import SUBPROCESS
+
             patch.setattr("monitor.service.child_process.subprocess", SUBPROCESS)
         yield
 

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import os
 from typing import ClassVar
 
-from streams.readers.child import ReaderProcess
+from models.portable import after_fork
+from streams.readers.child import ReaderProcess, _Pipes
 
 
 class KeptReader(ReaderProcess):
@@ -31,15 +31,15 @@ class KeptReader(ReaderProcess):
         finally:
             self._lock.release()
 
-    def _start(self) -> None:
+    def _start(self) -> _Pipes:
         while self._spare and not self._closed:
             other = self._spare.pop()
-            if other._process is not None and other._process.poll() is None:
-                self._process, self._handles, self._files = other._process, other._handles, other._files
-                other._process, other._handles = None, []
-                return
+            if other._pipes is not None and other._process is not None and other._process.poll() is None:
+                self._process, self._pipes, self._files = other._process, other._pipes, other._files
+                other._process, other._pipes = None, None
+                return self._pipes
             other._stop()
-        super()._start()
+        return super()._start()
 
     @classmethod
     def end(cls) -> None:
@@ -49,4 +49,4 @@ class KeptReader(ReaderProcess):
 
 
 # The children belong to the parent of a forked process.
-os.register_at_fork(after_in_child=KeptReader._spare.clear)
+after_fork(KeptReader._spare.clear)

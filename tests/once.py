@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-import fcntl
 import pickle
 from collections.abc import Callable
+from contextlib import closing
 from pathlib import Path
 from typing import TypeVar
+
+from models.portable import FileLock
 
 T = TypeVar("T")
 
@@ -23,8 +25,8 @@ def made_once(name: str, make: Callable[[], T]) -> T:
     if not _folder:
         return make()
     path = _folder[0] / f"{name}.pickle"
-    with path.with_suffix(".lock").open("w") as lock:
-        fcntl.flock(lock, fcntl.LOCK_EX)
+    with closing(FileLock(path.with_suffix(".lock"))) as lock:
+        lock.wait()
         if path.exists():
             return pickle.loads(path.read_bytes())
         made = make()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-import resource
+import os
 import sys
 import time
 from collections.abc import Callable, Iterator, Mapping
@@ -168,8 +168,7 @@ def _nodes(rms_map: RmsMap, status: Status) -> int:
 
 def _cpu_seconds() -> float:
     """Return the CPU time of this process and of the workers that have ended."""
-    own, children = resource.getrusage(resource.RUSAGE_SELF), resource.getrusage(resource.RUSAGE_CHILDREN)
-    return own.ru_utime + own.ru_stime + children.ru_utime + children.ru_stime
+    return sum(os.times()[:4])
 
 
 def _plan(config_path: Path | None, name: str | None, options: Mapping[str, Any]) -> tuple[MapPlan, list[str]]:

@@ -21,6 +21,7 @@ from pathlib import Path
 from typing import Any
 
 from models.errors import SpallwatchError, WrongInputError
+from models.portable import forget_cached
 from monitor import __version__
 from monitor.records.database import free_bytes, release_lock, replacing, sync_file, sync_folder, take_lock
 from monitor.records.filing import published_files
@@ -319,7 +320,7 @@ def _settle(path: Path) -> None:
     """Make a file durable, and have what is read next come from the disk."""
     sync_file(path)
     with path.open("rb") as file:
-        os.posix_fadvise(file.fileno(), 0, 0, os.POSIX_FADV_DONTNEED)
+        forget_cached(file.fileno())
 
 
 def _is_unchanged(source: Path, known: Mapping[str, Any]) -> bool:

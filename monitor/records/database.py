@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import fcntl
 import os
 import shutil
 import sqlite3
@@ -14,6 +13,7 @@ from pathlib import Path
 from typing import Any, Literal, Self
 
 from models.errors import WrongInputError
+from models.portable import FileLock, sync_file, sync_folder
 from monitor.records.tables import APPLICATION_ID, STORE_VERSION, add_unversioned, create_tables, migrate_tables
 from streams.listing import NETWORK_FILE_SYSTEMS, file_system_type
 
@@ -247,65 +247,44 @@ class SharedConnection(Closing):
             self._connection.close()
 
 
-def take_lock(path: Path) -> int | None:
-    """Take the lock beside a file; return its descriptor, or None where another process holds it.
+def take_lock(path: Path) -> FileLock | None:
+    """Take the lock beside a file; return it, or None where another process holds it.
 
     The kernel releases it when the process ends. A child that was being started when the process was killed holds it
     until it has become another program, which is waited for. OSError where the lock file cannot be made.
     """
-    descriptor = os.open(path.with_name(f"{path.name}.lock"), os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
+    lock = FileLock(path.with_name(f"{path.name}.lock"))
     until = time.monotonic() + _LOCK_WAIT_S
     while True:
-        try:
-            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError:
-            if time.monotonic() < until:
-                time.sleep(_LOCK_POLL_S)
-                continue
-            os.close(descriptor)
+        with suppress(OSError):
+            if lock.take():
+                return lock
+        if time.monotonic() >= until:
+            lock.close()
             return None
-        return descriptor
+        time.sleep(_LOCK_POLL_S)
 
 
 @contextmanager
 def locked(path: Path) -> Iterator[None]:
     """Hold a lock file, which is made where it is not there; another process that holds it is waited for."""
-    descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
+    lock = FileLock(path)
     try:
-        fcntl.flock(descriptor, fcntl.LOCK_EX)
+        lock.wait()
         yield
     finally:
-        os.close(descriptor)
+        lock.close()
 
 
-def release_lock(descriptor: int | None) -> None:
+def release_lock(lock: FileLock | None) -> None:
     """Release a lock; None is ignored."""
-    if descriptor is not None:
-        os.close(descriptor)
+    if lock is not None:
+        lock.close()
 
 
 def free_bytes(folder: Path) -> int:
     """Return the bytes that are free for users other than root; OSError where the folder cannot be reached."""
-    found = os.statvfs(folder)
-    return found.f_bavail * found.f_frsize
-
-
-def sync_folder(folder: Path) -> None:
-    """Make the names in a folder durable: a rename survives a power cut only after this."""
-    descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
-    try:
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)
-
-
-def sync_file(path: Path) -> None:
-    """Make the content of a file durable."""
-    descriptor = os.open(path, os.O_RDONLY)
-    try:
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)
+    return shutil.disk_usage(folder).free
 
 
 @contextmanager

@@ -18,6 +18,7 @@ from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
 
+from models.portable import BINARY, read_at, write_at
 from monitor.records.database import Closing
 
 TABLE = """CREATE TABLE IF NOT EXISTS deaths (
@@ -48,8 +49,8 @@ class HandlingNotes(Closing):
         self._handle: int | None = None
         self.left: list[Handled] = []
         with suppress(OSError):
-            self._handle = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
-            self.left = _blamed(os.pread(self._handle, _SLOT_BYTES * _MAX_SLOTS, 0))
+            self._handle = os.open(path, os.O_RDWR | os.O_CREAT | BINARY, 0o600)
+            self.left = _blamed(read_at(self._handle, _SLOT_BYTES * _MAX_SLOTS, 0))
 
     def write(self, source: str, paths: Sequence[str], deaths: float = SLOW, *, analysed: bool = False) -> None:
         """Note the files of a source that are read, or analysed, from now on; none: the handling is over."""
@@ -57,7 +58,7 @@ class HandlingNotes(Closing):
         with self._lock, suppress(OSError):
             slot = self._slots.setdefault((source, analysed), len(self._slots))
             if self._handle is not None and slot < _MAX_SLOTS:
-                os.pwrite(self._handle, note if len(note) <= _SLOT_BYTES else _EMPTY, slot * _SLOT_BYTES)
+                write_at(self._handle, note if len(note) <= _SLOT_BYTES else _EMPTY, slot * _SLOT_BYTES)
 
     def clear(self) -> None:
         """Remove all notes."""

@@ -14,6 +14,7 @@ from contextlib import ExitStack, closing, contextmanager, suppress
 from pathlib import Path
 from typing import Any, NamedTuple, Self
 
+from models.portable import FileLock
 from monitor.health.record import Record
 from monitor.health.waterfall import SpectrumChange
 from monitor.records.archive import ARCHIVE_QUERY, FULL_ARCHIVE_QUERY, Archived, archived_of
@@ -61,7 +62,7 @@ class Store(Closing):
     a transaction that fails is rolled back.
     """
 
-    def __init__(self, path: Path, connection: sqlite3.Connection, lock: int | None) -> None:
+    def __init__(self, path: Path, connection: sqlite3.Connection, lock: FileLock | None) -> None:
         """Own an open connection and the writer's lock, None for a reader."""
         self.path = path
         self._connection = connection

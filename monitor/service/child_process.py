@@ -5,20 +5,21 @@ from __future__ import annotations
 import contextlib
 import json
 import os
-import select
 import subprocess
 import sys
 import threading
 
 from models.installation import child_path
+from models.portable import PipeReader
 
 _END_S = 0.5
 _MAX_BYTES = 1 << 16
 # A service manager signals all processes at once; a child goes on until its parent closes its standard input.
 _START = """
 import signal, sys
-for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
-    signal.signal(number, signal.SIG_IGN)
+for name in ("SIGINT", "SIGTERM", "SIGHUP"):
+    if hasattr(signal, name):
+        signal.signal(getattr(signal, name), signal.SIG_IGN)
 import importlib, json
 sys.path[:] = json.loads(sys.argv.pop())
 module, _, function = sys.argv.pop(1).partition(":")
@@ -46,8 +47,9 @@ class Child:
         self._process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE)
         assert self._process.stdin is not None
         assert self._process.stdout is not None
-        self._input, self._output = self._process.stdin, self._process.stdout
-        os.set_blocking(self._output.fileno(), False)
+        self._input = self._process.stdin
+        with self._process.stdout as output:
+            self._output = PipeReader(os.dup(output.fileno()))
         self._buffer = b""
         self.pid = self._process.pid
 
@@ -63,9 +65,9 @@ class Child:
 
     def read_lines(self, timeout: float = 0.0) -> list[bytes] | None:
         """Return the new complete lines of its output, waiting at most ``timeout`` (s); None if it has ended."""
-        if not select.select([self._output], [], [], max(timeout, 0.0))[0]:
+        if not self._output.wait(timeout):
             return []
-        part = os.read(self._output.fileno(), _MAX_BYTES)
+        part = self._output.read(_MAX_BYTES)
         *lines, self._buffer = (self._buffer + part).split(b"\n")
         return lines if part else None
 

@@ -15,6 +15,7 @@ from contextlib import AbstractContextManager, suppress
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from models.portable import lower_priority
 from monitor.records.database import StoreError, locked
 from monitor.records.events import EventLog
 from monitor.records.store import Published, Store
@@ -206,7 +207,7 @@ def child() -> None:
     """
     store, records_dir = Path(sys.argv[1]), Path(sys.argv[2])
     # The thread that commits has priority.
-    os.nice(5)
+    lower_priority()
     # A broken pipe means that the daemon has ended.
     with _alone(store), suppress(BrokenPipeError):
         for line in sys.stdin:

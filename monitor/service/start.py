@@ -8,6 +8,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from models.portable import is_read_only, may_write
 from monitor.config.load import Config, ConfigError
 from monitor.config.source import SourceSection
 from monitor.health.state import SourceSettings
@@ -101,8 +102,8 @@ def _unwritable(key: str, folder: Path) -> Iterator[str]:
     if not place.is_dir():
         found = "is no folder" if place == folder else f"{str(place)!r} is no folder"
         yield f"{where}: {found}; expected one, or a place where it can be made"
-    elif not os.access(place, os.W_OK | os.X_OK, effective_ids=True):
-        reason = os.strerror(errno.EROFS if os.statvfs(place).f_flag & os.ST_RDONLY else errno.EACCES)
+    elif not may_write(place):
+        reason = os.strerror(errno.EROFS if is_read_only(place) else errno.EACCES)
         yield f"{where}: {'' if place == folder else f'{str(place)!r} '}cannot be written ({reason})"
 
 

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import fcntl
 import json
-import os
 import time
 from collections.abc import Callable, Mapping
 from datetime import datetime
 from pathlib import Path
 from typing import Any, Self
 
+from models.portable import FileLock
 from monitor.config.load import Config
 from monitor.records.backup import read_note
 from monitor.records.compact import free_bytes_in, shrinks
@@ -28,10 +27,9 @@ _COMMIT_BYTES = 1_000_000
 class StatusFile(Closing):
     """Written by the one daemon of a state folder, replaced atomically; use :meth:`open`."""
 
-    def __init__(self, path: Path, lock: int) -> None:
-        """Own an open lock; see :meth:`open`."""
-        self.path = path
-        self._lock: int | None = lock
+    def __init__(self, path: Path, lock: FileLock) -> None:
+        """Own a lock that is held; see :meth:`open`."""
+        self.path, self._lock = path, lock
 
     @classmethod
     def open(cls, state_dir: Path) -> Self:
@@ -42,14 +40,14 @@ class StatusFile(Closing):
         """
         try:
             state_dir.mkdir(parents=True, exist_ok=True)
-            lock = os.open(state_dir / _LOCK, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
+            lock = FileLock(state_dir / _LOCK)
         except OSError as error:
             raise StoreError(f"{state_dir}: {error.strerror or error}") from None
         until = time.monotonic() + _LOCK_S
         # A reader of the status holds the lock for a moment.
-        while not _try_lock(lock, fcntl.LOCK_EX):
+        while not lock.take():
             if time.monotonic() >= until:
-                os.close(lock)
+                lock.close()
                 raise StoreError(f"{state_dir}: another daemon is running for this machine; there can be only one")
             time.sleep(0.02)
         return cls(state_dir / _NAME, lock)
@@ -62,9 +60,7 @@ class StatusFile(Closing):
 
     def close(self) -> None:
         """Release the lock; closing twice does nothing."""
-        if self._lock is not None:
-            os.close(self._lock)
-            self._lock = None
+        self._lock.close()
 
 
 def read_status(state_dir: Path) -> dict[str, Any]:
@@ -137,18 +133,10 @@ def _read(path: Path) -> dict[str, Any]:
 def is_running(state_dir: Path) -> bool:
     """Return whether a daemon has the lock of a state folder."""
     try:
-        lock = os.open(state_dir / _LOCK, os.O_RDONLY | os.O_CLOEXEC)
+        lock = FileLock(state_dir / _LOCK, read_only=True)
     except OSError:
         return False
     try:
-        return not _try_lock(lock, fcntl.LOCK_SH)
+        return not lock.take(shared=True)
     finally:
-        os.close(lock)
-
-
-def _try_lock(lock: int, kind: int) -> bool:
-    try:
-        fcntl.flock(lock, kind | fcntl.LOCK_NB)
-    except BlockingIOError:
-        return False
-    return True
+        lock.close()

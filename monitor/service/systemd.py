@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import logging
 import os
-import socket
 import sys
 from collections.abc import Mapping
 from contextlib import suppress
+
+from models.portable import local_datagrams
 
 _PRIORITIES = ((logging.CRITICAL, 2), (logging.ERROR, 3), (logging.WARNING, 4), (logging.INFO, 6))
 
@@ -28,7 +29,7 @@ class ServiceManager:
         """Send lines such as ``READY=1``; errors of the connection are ignored."""
         if not self._address:
             return
-        with suppress(OSError), socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_CLOEXEC) as link:
+        with suppress(OSError), local_datagrams() as link:
             link.setblocking(False)
             link.sendto("\n".join(lines).encode(), self._address)
 

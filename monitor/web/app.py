@@ -24,6 +24,7 @@ from starlette.responses import Response, StreamingResponse
 from starlette.routing import Route
 from starlette.types import ASGIApp, Receive, Scope, Send
 
+from models.portable import NO_LINK
 from monitor.records.database import StoreError
 from monitor.records.filing import published_name
 from monitor.web import acknowledging, api, event_view, map_view, spectra_view
@@ -339,7 +340,7 @@ def open_published(site: Machines, name: str) -> tuple[BinaryIO, int]:
     for machine in site:
         if name in _published(machine):
             try:
-                descriptor = os.open(machine.records_dir / name, os.O_RDONLY | os.O_CLOEXEC | os.O_NOFOLLOW)
+                descriptor = os.open(machine.records_dir / name, os.O_RDONLY | NO_LINK)
             except OSError:
                 continue
             file = os.fdopen(descriptor, "rb")

@@ -15,6 +15,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from models.errors import SpallwatchError
+from models.portable import NO_LINK, NO_WAIT, others_may
 from monitor.web.users import Role, User, Users
 
 _MIN_TOKEN_CHARACTERS = 16
@@ -43,7 +44,7 @@ def load_token(path: Path, *, make: bool) -> str:
     try:
         if make and not path.exists():
             _make(path)
-        descriptor = os.open(path, os.O_RDONLY | os.O_CLOEXEC | os.O_NONBLOCK)
+        descriptor = os.open(path, os.O_RDONLY | NO_WAIT)
         try:
             _check_mode(path, os.fstat(descriptor).st_mode)
             token = os.read(descriptor, 4096).partition(b"\n")[0].decode("utf-8").strip()
@@ -61,7 +62,7 @@ def load_token(path: Path, *, make: bool) -> str:
 def _check_mode(path: Path, mode: int) -> None:
     if not stat.S_ISREG(mode):
         raise TokenError(f"{path}: is not a file")
-    if mode & 0o026:
+    if others_may(mode, 0o026):
         raise TokenError(f"{path}: others may read or change it; make it safe with: chmod 600 {path}")
 
 
@@ -71,7 +72,7 @@ def _make(path: Path) -> None:
     temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
     with suppress(FileNotFoundError):
         temporary.unlink()
-    descriptor = os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC | os.O_NOFOLLOW, 0o600)
+    descriptor = os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL | NO_LINK, 0o600)
     try:
         with os.fdopen(descriptor, "w", encoding="ascii") as file:
             file.write(secrets.token_urlsafe(32) + "\n")

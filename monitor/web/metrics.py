@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import os
 import re
 import time
 from collections.abc import Callable, Iterator, Mapping
 from datetime import datetime
-from pathlib import Path
 from typing import Any
 
 from prometheus_client import (
@@ -21,6 +19,7 @@ from prometheus_client import (
 from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, InfoMetricFamily
 from prometheus_client.metrics_core import Metric
 
+from models.portable import process_memory, processor_time
 from monitor import __version__
 from monitor.health.alarms import SEVERITIES
 from monitor.health.detect import STAGES
@@ -145,11 +144,11 @@ def _daemons(site: Machines) -> Iterator[Metric]:
             "unacknowledged_events": _or_none(lambda found=machine: unacknowledged(found)),
             "last_backup_age_seconds": _age(values["last_backup_utc"]),
             "daemon_start_time_seconds": _seconds(values.get("since_utc")) if running else None,
-            "daemon_resident_memory_bytes": _memory(values.get("pid")) if running else None,
+            "daemon_resident_memory_bytes": process_memory(values.get("pid")) if running else None,
         }.items():
             if value is not None:
                 gauges[name].add_metric(label, value)
-        used = _processor_time(values.get("pid")) if running else None
+        used = processor_time(values.get("pid")) if running else None
         if used is not None:
             cpu.add_metric(label, used)
     return iter((*gauges.values(), state, problem, cpu))
@@ -245,18 +244,3 @@ def _seconds(utc: str | None) -> float | None:
 def _age(utc: str | None) -> float | None:
     moment = _seconds(utc)
     return None if moment is None else max(0.0, time.time() - moment)
-
-
-def _memory(pid: int | None) -> float | None:
-    try:
-        return int(Path(f"/proc/{pid}/statm").read_text(encoding="ascii").split()[1]) * os.sysconf("SC_PAGE_SIZE")
-    except (OSError, ValueError, IndexError):
-        return None
-
-
-def _processor_time(pid: int | None) -> float | None:
-    try:
-        fields = Path(f"/proc/{pid}/stat").read_text(encoding="utf-8").rpartition(")")[2].split()
-        return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
-    except (OSError, ValueError, IndexError):
-        return None

@@ -20,6 +20,7 @@ import uvicorn
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
 from models.errors import WrongInputError
+from models.portable import lower_priority, on_signals
 from monitor.config.load import Config, ConfigError, load_config
 from monitor.config.outputs import WebSection
 from monitor.service.child_process import end_with_parent
@@ -234,7 +235,7 @@ def child() -> None:
     """
     given = json.loads(sys.argv[1])
     # The thread that commits has priority.
-    os.nice(5)
+    lower_priority()
     end_with_parent()
     logging.basicConfig(stream=sys.stderr, level=logging.WARNING, format="%(asctime)s %(levelname)s page: %(message)s")
 
@@ -268,8 +269,7 @@ def serve_until_signal(configs: Sequence[Config], web: WebSection, state_dir: Pa
 
     async def run() -> None:
         serving = asyncio.create_task(serve(Machines(configs), web, state_dir, report, port))
-        for number in (signal.SIGTERM, signal.SIGINT):
-            asyncio.get_running_loop().add_signal_handler(number, serving.cancel)
+        on_signals((signal.SIGTERM, signal.SIGINT), serving.cancel)
         with suppress(asyncio.CancelledError):
             await serving
 

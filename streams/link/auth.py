@@ -11,6 +11,7 @@ import ssl
 import stat
 from pathlib import Path
 
+from models.portable import others_may
 from streams.link.wire import HELLO_MAGIC
 from streams.spec import SourceError
 
@@ -42,7 +43,7 @@ def key_weakness(path: Path, key: bytes) -> str | None:
     """Return in one sentence why a key is weak, or None."""
     if len(key) < MIN_KEY_CHARACTERS:
         return f"the key in {path} has {len(key)} characters; make it at least {MIN_KEY_CHARACTERS}"
-    if path.stat().st_mode & (stat.S_IROTH | stat.S_IWOTH):
+    if others_may(path.stat().st_mode, stat.S_IROTH | stat.S_IWOTH):
         return f"others may read or change {path}; make it safe with: chmod 600 {path}"
     return None
 

@@ -8,7 +8,6 @@ from __future__ import annotations
 import atexit
 import json
 import os
-import select
 import signal
 import subprocess
 import sys
@@ -16,13 +15,15 @@ import threading
 import time
 import weakref
 from collections.abc import Callable
-from contextlib import AbstractContextManager
+from contextlib import AbstractContextManager, ExitStack
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from models.errors import SpallwatchError
 from models.installation import child_path
+from models.portable import MemoryFile, PipeReader, after_fork, handed_down
 from streams.limits import MAX_BYTES, ChildLimits
 from streams.readers.worker import read_into, write_all
 from streams.samples import ReaderError, Samples
@@ -34,8 +35,9 @@ SLOW_S = 0.25
 # A service manager signals all processes at once; the child ends with its parent, so that no file counts as crashed.
 _START = """
 import signal, sys
-for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
-    signal.signal(number, signal.SIG_IGN)
+for name in ("SIGINT", "SIGTERM", "SIGHUP"):
+    if hasattr(signal, name):
+        signal.signal(getattr(signal, name), signal.SIG_IGN)
 import json
 sys.path[:] = json.loads(sys.argv.pop())
 from streams.readers.worker import main
@@ -56,6 +58,26 @@ _ENVIRONMENT = {
 }
 
 
+@dataclass(frozen=True)
+class _Pipes:
+    """What this process shares with a child: pipes to it and from it, and two files."""
+
+    requests: int
+    answers: PipeReader
+    input: MemoryFile
+    output: MemoryFile
+
+    def hang_up(self) -> None:
+        """Close the pipes; the child ends by that."""
+        os.close(self.requests)
+        self.answers.close()
+
+    def close_files(self) -> None:
+        """Close the files."""
+        self.input.close()
+        self.output.close()
+
+
 class ReaderProcess(AbstractContextManager["ReaderProcess"]):
     """A child process that parses files, one at a time; started at the first call."""
 
@@ -69,7 +91,7 @@ class ReaderProcess(AbstractContextManager["ReaderProcess"]):
         _all.add(self)
         self._lock = threading.Lock()
         self._process: subprocess.Popen[bytes] | None = None
-        self._handles: list[int] = []
+        self._pipes: _Pipes | None = None
         self._files = 0
         self._closed = False
 
@@ -134,38 +156,38 @@ class ReaderProcess(AbstractContextManager["ReaderProcess"]):
 
     def forget(self) -> None:
         """Close the handles of a child that belongs to the parent of a forked process."""
-        for handle in self._handles:
-            os.close(handle)
-        self._handles = []
+        pipes, self._pipes = self._pipes, None
+        if pipes is not None:
+            pipes.hang_up()
+            pipes.close_files()
 
     def _ask(self, request: dict[str, Any], data: bytes) -> dict[str, Any]:
         if self._process is not None and (self._files >= self._limits.files or self._process.poll() is not None):
             # Used up, or dead since the last file: not the fault of this one.
             self._stop()
-        if self._process is None:
-            self._start()
+        pipes = self._start() if self._process is None or self._pipes is None else self._pipes
         self._files += 1
-        requests, answers, inputs, _ = self._handles
-        write_all(inputs, data)
+        answers = pipes.answers
+        write_all(pipes.input.handle, data)
         try:
             view = memoryview(json.dumps(request).encode() + b"\n")
             while view:
-                view = view[os.write(requests, view) :]
+                view = view[os.write(pipes.requests, view) :]
         except BrokenPipeError as error:
             raise _DiedError(self._cause(request)) from error
         self._line(answers, self._limits.start_s, request, one=True)
-        if not _readable(answers, SLOW_S):
+        if not answers.wait(SLOW_S):
             self._slow()
         return json.loads(self._line(answers, self._limits.wall_s_for(len(data)), request))
 
-    def _line(self, answers: int, seconds: float, request: dict[str, Any], one: bool = False) -> bytes:
+    def _line(self, answers: PipeReader, seconds: float, request: dict[str, Any], one: bool = False) -> bytes:
         """Wait for one line of the child, of ``one`` byte where only its end is due."""
         deadline = time.monotonic() + seconds
         line = b""
         while not line.endswith(b"\n"):
-            if not _readable(answers, deadline - time.monotonic()):
+            if not answers.wait(deadline - time.monotonic()):
                 raise _DiedError(f"gave no answer within {seconds:g} s and was stopped")
-            part = os.read(answers, 1 if one else 1 << 16)
+            part = answers.read(1 if one else 1 << 16)
             if not part:
                 raise _DiedError(self._cause(request))
             line += part
@@ -180,7 +202,9 @@ class ReaderProcess(AbstractContextManager["ReaderProcess"]):
             return answer["value"]
         rows, length = answer["shape"]
         dtype = {4: np.float32, 8: np.float64}[answer["itemsize"]]
-        output = self._handles[3]
+        if self._pipes is None:
+            raise ValueError("the reader process is closed")
+        output = self._pipes.output.handle
         if min(rows, length) < 0 or rows * length * answer["itemsize"] != os.fstat(output).st_size:
             raise ValueError("the samples do not fit their shape")
         samples = np.empty((rows, length), dtype=dtype)
@@ -191,44 +215,39 @@ class ReaderProcess(AbstractContextManager["ReaderProcess"]):
 
     def _shrink(self) -> None:
         """Give back the memory of a large file; that of a usual one is kept for the next."""
-        for handle in self._handles[2:]:
-            if os.fstat(handle).st_size > _KEPT_BYTES:
-                os.ftruncate(handle, 0)
+        for file in () if self._pipes is None else (self._pipes.input, self._pipes.output):
+            if os.fstat(file.handle).st_size > _KEPT_BYTES:
+                os.ftruncate(file.handle, 0)
 
-    def _start(self) -> None:
+    def _start(self) -> _Pipes:
         if self._closed:
             raise _DiedError("was closed")
-        opened: list[int] = []
-        try:
-            opened += os.pipe()
-            opened += os.pipe()
-            opened += [os.memfd_create(name, os.MFD_CLOEXEC) for name in ("input", "output")]
-        except OSError:
-            for handle in opened:
-                os.close(handle)
-            raise
-        child_reads, requests, answers, child_writes, *memory = opened
-        self._handles = [requests, answers, *memory]
-        theirs = [child_reads, child_writes]
-        passed = [*theirs, *memory]
-        arguments = [*map(str, passed), json.dumps(child_path())]
-        try:
+        with ExitStack() as undo:
+            ends: list[int] = []
+            for _ in range(2):
+                ends += os.pipe()
+            child_reads, requests, answers, child_writes = ends
+            for handle in ends:
+                undo.callback(os.close, handle)
+            files = [MemoryFile("input")]
+            undo.callback(files[0].close)
+            files.append(MemoryFile("output"))
+            undo.callback(files[1].close)
+            words, given = handed_down((child_reads, child_writes), files)
             # A plain new interpreter: a fork of a process with threads may hang in its first allocation.
-            self._process = subprocess.Popen(
-                [sys.executable, "-P", "-c", _START, *arguments],
-                pass_fds=passed,
-                stdin=subprocess.DEVNULL,
-                stdout=subprocess.DEVNULL,
+            process: subprocess.Popen[Any] = subprocess.Popen(
+                [sys.executable, "-P", "-c", _START, *words, json.dumps(child_path())],
                 stderr=subprocess.DEVNULL,
-                start_new_session=True,
                 env={**os.environ, **_ENVIRONMENT},
+                **given,
             )
-        finally:
-            for handle in theirs:
-                os.close(handle)
-            if self._process is None:
-                self.forget()
+            self._process = process
+            undo.pop_all()
+        for handle in (child_reads, child_writes):
+            os.close(handle)
+        self._pipes = pipes = _Pipes(requests, PipeReader(answers), *files)
         self._files = 0
+        return pipes
 
     def _cause(self, request: dict[str, Any]) -> str:
         """Say why the child is gone."""
@@ -239,22 +258,24 @@ class ReaderProcess(AbstractContextManager["ReaderProcess"]):
             code = process.wait(timeout=2.0)
         except subprocess.TimeoutExpired:
             return "closed its end"
-        if code == -signal.SIGXCPU:
+        name = signal.Signals(-code).name if code < 0 else ""
+        if name == "SIGXCPU":
             return f"used more than {request['cpu_s']} s of processor time"
-        return f"died of {signal.Signals(-code).name}" if code < 0 else f"ended with code {code}"
+        return f"died of {name}" if name else f"ended with code {code}"
 
     def _stop(self) -> None:
         """Close the pipes of the child and wait for its end."""
-        process = self._process
-        for handle in self._handles:
-            os.close(handle)
-        self._handles = []
+        process, pipes, self._pipes = self._process, self._pipes, None
+        if pipes is not None:
+            pipes.hang_up()
         if process is not None:
             try:
                 process.wait(timeout=1.0)
             except subprocess.TimeoutExpired:
                 process.kill()
                 process.wait()
+        if pipes is not None:
+            pipes.close_files()
         self._process = None
 
     def _kill(self) -> None:
@@ -265,13 +286,6 @@ class ReaderProcess(AbstractContextManager["ReaderProcess"]):
 
 class _DiedError(SpallwatchError):
     """The child has died or must be killed."""
-
-
-def _readable(handle: int, seconds: float) -> bool:
-    """Wait until a pipe can be read; return whether it can."""
-    poll = select.poll()
-    poll.register(handle, select.POLLIN)
-    return bool(poll.poll(1e3 * max(seconds, 0.0)))
 
 
 _all: weakref.WeakSet[ReaderProcess] = weakref.WeakSet()
@@ -289,7 +303,7 @@ def _after_fork() -> None:
     _shared = ReaderProcess()
 
 
-os.register_at_fork(after_in_child=_after_fork)
+after_fork(_after_fork)
 atexit.register(lambda: _shared.close())
 
 

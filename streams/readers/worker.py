@@ -10,15 +10,15 @@ import json
 import logging
 import math
 import os
-import resource
 import sys
 import warnings
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import closing, contextmanager, suppress
 from typing import Any
 
 import numpy as np
 
+from models.portable import MemoryFile, limit, read_at, read_into_at, taken_over, write_at
 from streams.files import unpack
 from streams.limits import MAX_BYTES
 from streams.samples import ReaderError, Samples
@@ -38,12 +38,12 @@ _FIELDS = ("channels", "names", "columns", "units", "rate", "start", "speed", "l
 def main() -> None:
     """Answer requests until the parent closes its end.
 
-    The arguments are four file descriptors.
+    The arguments are those of :func:`models.portable.handed_down`.
     """
-    requests_fd, answers_fd, input_fd, output_fd = map(int, sys.argv[1:5])
+    requests_fd, answers_fd, input_fd, output_fd = taken_over(sys.argv[1:5])
     # No core dump, no large file; memory and processor time are limited for each file.
-    _limit(resource.RLIMIT_CORE, 0)
-    _limit(resource.RLIMIT_FSIZE, MAX_BYTES)
+    limit("CORE", 0)
+    limit("FSIZE", MAX_BYTES)
     # nptdms logs the bytes of the files that it cannot read.
     logging.disable(logging.CRITICAL)
     warnings.simplefilter("ignore")
@@ -52,8 +52,8 @@ def main() -> None:
             request = json.loads(line)
             _load_libraries(request["module"])
             # The limit counts all that the process has used, so it moves on with each file.
-            _limit(resource.RLIMIT_CPU, math.ceil(sum(os.times()[:2])) + request["cpu_s"])
-            _limit(resource.RLIMIT_AS, request["memory"])
+            limit("CPU", math.ceil(sum(os.times()[:2])) + request["cpu_s"])
+            limit("AS", request["memory"])
             # From here on the time is that of the file.
             answers.write(b"\n")
             answers.flush()
@@ -68,12 +68,6 @@ def _load_libraries(module: str) -> None:
     for library in _LIBRARIES.get(module, ()):
         with suppress(ImportError):
             importlib.import_module(library)
-
-
-def _limit(kind: int, value: int) -> None:
-    """Set a soft limit, within the hard one that the process was given."""
-    _, hard = resource.getrlimit(kind)
-    resource.setrlimit(kind, (value if hard == resource.RLIM_INFINITY else min(value, hard), hard))
 
 
 def _answer(request: dict[str, Any], input_fd: int, output_fd: int) -> dict[str, Any]:
@@ -109,15 +103,15 @@ def write_all(handle: int, data: bytes | memoryview) -> None:
     """Make ``data`` the content of an open file; OSError where there is no room."""
     view, place = memoryview(data).cast("B"), 0
     while place < len(view):
-        place += os.pwrite(handle, view[place:], place)
+        place += write_at(handle, view[place:], place)
     os.ftruncate(handle, len(view))
 
 
 def read_all(handle: int, size: int) -> bytes:
     """Return the first ``size`` bytes of an open file; EOFError where it is shorter."""
-    data = os.pread(handle, size, 0)
+    data = read_at(handle, size, 0)
     while len(data) < size:
-        more = os.pread(handle, size - len(data), len(data))
+        more = read_at(handle, size - len(data), len(data))
         if not more:
             raise EOFError(f"{len(data)} bytes instead of {size}")
         data += more
@@ -128,7 +122,7 @@ def read_into(handle: int, target: memoryview) -> None:
     """Fill ``target`` from an open file; EOFError where it is shorter."""
     view, place = target.cast("B"), 0
     while place < len(view):
-        got = os.preadv(handle, [view[place:]], place)
+        got = read_into_at(handle, view[place:], place)
         if not got:
             raise EOFError(f"{place} bytes instead of {len(view)}")
         place += got
@@ -136,10 +130,7 @@ def read_into(handle: int, target: memoryview) -> None:
 
 @contextmanager
 def memory_file(data: bytes) -> Iterator[str]:
-    """Give a path by which this process can open the bytes, in memory only."""
-    handle = os.memfd_create("recording", os.MFD_CLOEXEC)
-    try:
-        write_all(handle, data)
-        yield f"/proc/self/fd/{handle}"
-    finally:
-        os.close(handle)
+    """Give a path by which this process can open the bytes, in memory only where the system has that."""
+    with closing(MemoryFile("recording")) as file:
+        write_all(file.handle, data)
+        yield file.path

@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from models.errors import WrongInputError
+from models.portable import lower_priority
 from monitor import __version__
 from monitor.config.load import Config, ConfigError, load_config
 from monitor.config.outputs import OpcUaSection
@@ -232,7 +233,7 @@ def child() -> None:
     """
     given: Mapping[str, str] = json.loads(sys.argv[1])
     # The thread that commits has priority.
-    os.nice(5)
+    lower_priority()
     end_with_parent()
     logging.basicConfig(stream=sys.stderr, level=logging.WARNING, format="%(asctime)s %(levelname)s opcua: %(message)s")
     # A client that is refused or goes away is none of our failures.

@@ -95,7 +95,7 @@ def test_one_page_follows_the_daemons_of_all_machines(tmp_path: Path) -> None:
 
         log = stop(process)
         assert process.returncode == 0, log
-        assert f"left out: {tmp_path}/c.toml: not valid TOML" in log
+        assert f"left out: {tmp_path}/c.toml:1: not valid TOML" in log
 
 
 def test_the_service_manager_learns_that_the_page_answers_and_is_alive(tmp_path: Path) -> None:
