@@ -79,7 +79,7 @@ def table(folder: Path) -> str:
     rows = ["| mistake | written | answer |", "|---|---|---|"]
     for case in read_cases():
         written = "<br>".join(f"`{line}`" for line in case.new.splitlines() if line) or "(left out)"
-        lines = "<br>".join(_shortened(line) for line in answer(case, folder))
+        lines = "<br>".join(f"`{_shortened(line)}`" for line in answer(case, folder))
         rows.append(f"| {case.what} | {written} | {lines} |")
     return "\n".join(rows)
 
@@ -91,8 +91,8 @@ def page(folder: Path) -> str:
 
 {len(cases)} wrong configurations and what `spallwatch check` prints of each. `python -m benchmarks.wrong_configurations
 --write` makes this page of `benchmarks/wrong_configurations.toml`. A test asserts that every answer names the file, the
-line, the key, what was expected or is to be written, and what came. All problems of a file are answered at once; only
-a file that is not valid TOML has one. Lists of allowed keys are shortened here.
+line, the key, what was expected or is to be written, and what came. All problems of a file are answered at once; of a
+file that is not valid TOML, first the lines that are not. Lists of allowed keys are shortened here.
 
 {table(folder)}
 """

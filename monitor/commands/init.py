@@ -50,7 +50,7 @@ def _words(reader: Callable[[str], dict[str, Any]]) -> Callable[[Any, Any, str |
     return convert
 
 
-_WIDTH = 100
+_WIDTH = 88
 _LEAST_RATE_HZ = 200.0
 """Sampling rate below which no shaft of usual speed shows its bearing."""
 
@@ -334,7 +334,7 @@ def _row_words(row: Any) -> str:
 
 
 def _date_words(seen: Survey, timezone: str) -> str:
-    zone = f"; in {timezone} where no zone is stated (--timezone)"
+    zone = f", {timezone} unless it states a zone"
     if not seen.data_set.plain:
         return f"as {seen.data_set.name} states it"
     if seen.start is not None:
