@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 from monitor import cli
+from monitor.commands import examples
 
 pytestmark = pytest.mark.process
 
@@ -28,7 +29,7 @@ def wheel(tmp_path_factory) -> zipfile.ZipFile:
 
 
 def test_the_wheel_holds_exactly_our_packages(wheel):
-    names = [name for name in wheel.namelist() if ".dist-info/" not in name]
+    names = [name for name in wheel.namelist() if ".dist-info/" not in name and ".data/" not in name]
     assert {name.split("/")[0] for name in names} == {"models", "monitor", "spallwatch", "streams"}
     parts = [part for name in names for part in name.lower().split("/")]
     assert not [part for part in parts if part.startswith("test") or part.endswith((".pyc", ".nbi", ".nbc"))]
@@ -45,6 +46,39 @@ def test_the_wheel_holds_the_catalogue_and_every_module(wheel):
     ).stdout.split()
     assert "models/bearings.toml" in tracked
     assert set(tracked) <= inside
+
+
+def test_the_wheel_brings_the_examples(wheel, tmp_path, monkeypatch):
+    listed = ["git", "ls-files", "examples"]
+    tracked = subprocess.run(listed, cwd=ROOT, check=True, capture_output=True, text=True).stdout.split()
+    inside = {name.partition("/share/spallwatch/")[2]: name for name in wheel.namelist() if ".data/data/" in name}
+    assert set(tracked) <= set(inside)
+    # As pip unpacks them.
+    for name in tracked:
+        place = tmp_path / "share" / "spallwatch" / name
+        place.parent.mkdir(parents=True, exist_ok=True)
+        place.write_bytes(wheel.read(inside[name]))
+    site = tmp_path / "lib" / "site-packages"
+    files = [site / "../../share/spallwatch" / name for name in tracked]
+    installed = [_Installed(f"../../share/spallwatch/{name}", path) for name, path in zip(tracked, files, strict=True)]
+    monkeypatch.setattr(examples.importlib.metadata, "files", lambda _: installed)
+    site.mkdir(parents=True)
+    found = examples.example_files(site)
+    assert list(found) == sorted(name.removeprefix("examples/") for name in tracked)
+    assert all(path.read_bytes() == (ROOT / "examples" / name).read_bytes() for name, path in found.items())
+
+
+class _Installed:
+    """A file of an installed distribution, as importlib.metadata has it."""
+
+    def __init__(self, name, path):
+        self._name, self._path = name, path
+
+    def as_posix(self):
+        return self._name
+
+    def locate(self):
+        return self._path
 
 
 def test_the_installation_is_whole():

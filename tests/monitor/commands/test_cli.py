@@ -55,6 +55,16 @@ def machine(tmp_path):
     return tmp_path
 
 
+def test_examples_are_listed_and_copied(tmp_path):
+    tracked = ["cwru_drive_end.toml", "notebooks/name_a_recording.ipynb", "sender.py"]
+    assert set(tracked) <= set(json.loads(run("examples", "--json").stdout)["examples"])
+    assert run("examples", *tracked, "--out", tmp_path / "new").returncode == 0
+    for name in tracked:
+        assert (tmp_path / "new" / Path(name).name).read_bytes() == (ROOT / "examples" / name).read_bytes()
+    refused(run("examples", "sender.py", "--out", tmp_path / "new"), "sender.py is there already")
+    refused(run("examples", "nothing.toml"), "no example 'nothing.toml'", "cwru_drive_end.toml")
+
+
 def refused(result, *words):
     assert result.returncode == 2, result.stderr
     assert "Traceback" not in result.stderr
