@@ -30,6 +30,13 @@ export function axis(options) {
 
 export const valueAxis = (values = (u, splits) => splits.map((v) => fmt.number(v, 4))) => axis({ size: AXIS_SIZE, values, space: 28 });
 
+/** Labels of a logarithmic axis: powers of ten, or where there is but one of them, ones, twos and fives. */
+export function logLabels(splits) {
+  const mantissa = (value) => Number((value / 10 ** Math.floor(Math.log10(value) + 1e-9)).toPrecision(6));
+  const shown = splits.filter((value) => value > 0 && mantissa(value) === 1).length > 1 ? [1] : [1, 2, 5];
+  return splits.map((value) => (value > 0 && shown.includes(mantissa(value)) ? fmt.number(value, 1) : ""));
+}
+
 /** A colour with another opacity. */
 export function translucent(name, share) {
   const canvas = (translucent.canvas ??= document.createElement("canvas").getContext("2d"));

@@ -1,6 +1,6 @@
 // A spectrum with axes in Hz, orders and decibels, cursors, peaks, a second spectrum to compare with, and files.
 
-import { axis, loadUplot, onWidth, translucent, valueAxis, verticalLine } from "./chart.js";
+import { axis, loadUplot, logLabels, onWidth, translucent, valueAxis, verticalLine } from "./chart.js";
 import { fill, h, setText, table } from "./dom.js";
 import { exportButtons } from "./exporting.js";
 import * as fmt from "./fmt.js";
@@ -146,7 +146,7 @@ export class SpectrumPlot {
         scales: { x: { time: false }, y: this.yScale() },
         axes: [
           axis({ size: 26, label: this.xLabel(), ...labels }),
-          { ...valueAxis((u, splits) => splits.map((v) => (v === null ? "" : fmt.number(v, 3)))), label: this.yLabel(), ...labels },
+          { ...this.valueAxis(), label: this.yLabel(), ...labels },
         ],
         cursor: { y: false, drag: { x: true, y: false, dist: 6 }, points: { size: 6 } },
         hooks: { draw: [(u) => this.drawOver(u)], setCursor: [(u) => this.moved(u)], setScale: [() => this.fillPeaks()] },
@@ -160,6 +160,11 @@ export class SpectrumPlot {
     this.showCursor();
     this.fillTable();
     this.fillPeaks();
+  }
+
+  valueAxis() {
+    if (this.view.scale === "log") return { ...valueAxis((u, splits) => logLabels(splits)), filter: (u, splits) => splits };
+    return valueAxis((u, splits) => splits.map((value) => fmt.number(value, 3)));
   }
 
   xLabel() {

@@ -1,6 +1,6 @@
 // Trends on one time axis: one cursor for all, zoom by drag, wheel and keys, finer data on the way.
 
-import { Legend, axis, horizontalLine, loadUplot, onWidth, translucent, valueAxis, verticalLine } from "./chart.js";
+import { Legend, axis, horizontalLine, loadUplot, logLabels, onWidth, translucent, valueAxis, verticalLine } from "./chart.js";
 import { fill, h, setText } from "./dom.js";
 import { exportButtons } from "./exporting.js";
 import * as fmt from "./fmt.js";
@@ -123,7 +123,7 @@ export class Trends {
         width: this.width ?? 600, height: spec.height, series, bands, legend: { show: false },
         padding: [6, 14, 0, 0], tzDate: this.tzDate(Uplot),
         scales: { x: this.xScale(), y: { ...(chart.log ? { distr: 3 } : {}), range: (u, low, high) => this.yRange(chart, low, high) } },
-        axes: [this.timeAxis(), valueAxis((u, splits) => splits.map((v) => (v === null ? "" : fmt.number(v, 4))))],
+        axes: [this.timeAxis(), chart.log ? { ...valueAxis((u, splits) => logLabels(splits)), filter: (u, splits) => splits } : valueAxis()],
         cursor: this.cursor(), select: { show: true },
         hooks: {
           draw: [(u) => this.drawOver(u, chart)],
