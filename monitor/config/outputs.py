@@ -184,6 +184,8 @@ class SmtpSection(Section):
     port: Annotated[int, Field(ge=1, le=65535)] = 587
     security: Literal["none", "starttls", "tls"] = "starttls"
     sender: MailAddress
+    picture: bool = True
+    """Whether a mail has a picture of the trends and the spectrum."""
     to: Annotated[tuple[MailAddress, ...], Field(min_length=1)]
     username_file: Path | None = None
     password_file: Path | None = None

@@ -29,6 +29,9 @@ off_delay_blocks = 1
 """
 
 
+PLAIN = "picture = false\n"
+
+
 def put(config: Path, number: int, *, loud: bool) -> None:
     """Give the source a file of two blocks, of about 1 g or 10 g."""
     path = config.parent / "in0" / f"f{number:04d}.csv"
@@ -117,7 +120,11 @@ def test_an_alarm_is_told_by_mail_webhook_and_mqtt_and_records_are_published(
         finally:
             said = end(daemon)
         wait_until(lambda: states(heard)[-1][0] == "stopped")
-    text = mail.received[0].get_content()
+    body = mail.received[0].get_body(("plain",))
+    assert body is not None
+    text = body.get_content()
+    (image,) = [part for part in mail.received[0].walk() if part.get_content_type() == "image/png"]
+    assert image.get_content().startswith(b"\x89PNG\r\n")
     assert mail.received[0]["Subject"].startswith("m: x0: danger: RMS is ")
     assert "above the level of 5 g" in text
     assert "Channel  x0 (source s0)" in text
@@ -141,7 +148,7 @@ def test_an_alarm_is_told_by_mail_webhook_and_mqtt_and_records_are_published(
 def test_killed_between_commit_and_delivery_it_is_delivered_after_the_restart(tmp_path: Path) -> None:
     first, second = Mail(hang=True), Mail()
     with first.serving(), second.serving():
-        config = machine(tmp_path, mail_section(first.port))
+        config = machine(tmp_path, mail_section(first.port, more=PLAIN))
         daemon = start(config)
         wait_until(lambda: status(config).get("status") == "running")
         put(config, 1, loud=True)
@@ -168,7 +175,7 @@ def test_killed_between_commit_and_delivery_it_is_delivered_after_the_restart(tm
 
 def test_a_server_that_is_away_for_a_while_is_a_problem_and_delays_nothing(tmp_path: Path) -> None:
     port = free_port()
-    config = machine(tmp_path, mail_section(port))
+    config = machine(tmp_path, mail_section(port, more=PLAIN))
     daemon = start(config)
     try:
         wait_until(lambda: status(config).get("status") == "running")
@@ -184,7 +191,9 @@ def test_a_server_that_is_away_for_a_while_is_a_problem_and_delays_nothing(tmp_p
     finally:
         said = end(daemon)
     # What came meanwhile is in the same message, in order.
-    lines = [line for line in mail.received[0].get_content().splitlines() if line.startswith("- ")]
+    body = mail.received[0].get_body(("plain",))
+    assert body is not None
+    lines = [line for line in body.get_content().splitlines() if line.startswith("- ")]
     assert len(lines) == 2
     assert "danger: RMS" in lines[0]
     assert "danger over: RMS" in lines[1]

@@ -5,6 +5,7 @@ Each channel serves the section of its name in ``[notify]``. The text of no erro
 
 from __future__ import annotations
 
+import html
 import http.client
 import json
 import smtplib
@@ -37,6 +38,8 @@ class Message:
     title: str
     text: str
     values: Mapping[str, Any] = field(default_factory=dict)
+    picture: bytes | None = None
+    """A PNG for channels that show one."""
 
     @property
     def fields(self) -> dict[str, Any]:
@@ -61,9 +64,10 @@ def _severity(events: Iterable[Mapping[str, Any]]) -> str:
 
 
 class NotificationChannel(Protocol):
-    """One channel of delivery, such as e-mail."""
+    """One channel of delivery, such as e-mail; ``pictures``: whether it shows the picture of a message."""
 
     name: str
+    pictures: bool
 
     def check(self) -> None:
         """Read the configured files; raise :class:`NotifyError` where one cannot be used."""
@@ -82,6 +86,7 @@ class SmtpChannel:
     def __init__(self, section: SmtpSection) -> None:
         """Keep the configured section."""
         self._section = section
+        self.pictures = section.picture
 
     def check(self) -> None:
         """Read the configured files; raise :class:`NotifyError` where one cannot be used."""
@@ -98,6 +103,7 @@ class SmtpChannel:
         mail["Auto-Submitted"] = "auto-generated"
         # Seven bits, which every server accepts.
         mail.set_content(message.text, cte="quoted-printable")
+        _add_html(mail, message)
         try:
             with self._connect() as server:
                 if section.username_file is not None and section.password_file is not None:
@@ -128,10 +134,35 @@ class SmtpChannel:
         return server
 
 
+_SAID = (("headline", "font-size:17px;font-weight:600"), ("sureness", "color:#4a5058"), ("level", ""), ("action", ""))
+
+
+def _add_html(mail: EmailMessage, message: Message) -> None:
+    """Add the message as HTML: what is said of the channel, the picture, and the text as it stands."""
+    said = [(name, style, message.values.get(name)) for name, style in _SAID]
+    lines = [
+        f'<p style="margin:0 0 4px;{style}">{"<b>To do:</b> " if name == "action" else ""}{html.escape(str(text))}</p>'
+        for name, style, text in said
+        if text
+    ]
+    name = make_msgid(domain="picture.invalid")
+    if message.picture is not None:
+        shown = "Level and lines over time, and the envelope spectrum"
+        lines.append(f'<p><img src="cid:{name[1:-1]}" alt="{shown}" style="max-width:100%"></p>')
+    lines.append(f'<pre style="white-space:pre-wrap">{html.escape(message.text)}</pre>')
+    head = '<html><body style="font-family:sans-serif;font-size:14px;color:#22262b">'
+    mail.add_alternative(f"{head}{''.join(lines)}</body></html>", subtype="html", cte="quoted-printable")
+    if message.picture is not None:
+        page = list(mail.iter_parts())[1]
+        assert isinstance(page, EmailMessage)
+        page.add_related(message.picture, "image", "png", cid=name, filename="bearing.png", disposition="inline")
+
+
 class WebhookChannel:
     """Posts one request a message; redirections are not followed, as they would send the token elsewhere."""
 
     name = "webhook"
+    pictures = False
 
     def __init__(self, section: WebhookSection) -> None:
         """Keep the configured section."""
@@ -178,6 +209,7 @@ class MqttChannel:
     """Publishes with QoS 1, over one connection a message: alarms are too rare to stay connected."""
 
     name = "mqtt"
+    pictures = False
 
     def __init__(self, section: MqttSection) -> None:
         """Keep the configured section."""

@@ -102,9 +102,14 @@ class Item:
         return clean(event_text(self.event.body, absolute=self.values.get("absolute_level") != "no"))
 
 
+def worst_of(items: Sequence[Item]) -> Item | None:
+    """Return the worst of the events of a message, which gives it its title, what is said, and its picture."""
+    return max(items, key=lambda item: badness(item.event.body), default=None)
+
+
 def compose(machine: Sender, items: Sequence[Item], left_out: int = 0) -> Message:
     """Return the message of events in the order of detection, at most :data:`MAX_LISTED`, and the number left out."""
-    worst = max(items, key=lambda item: badness(item.event.body), default=None)
+    worst = worst_of(items)
     many = len(items) + left_out
     name = clean(machine.name) or "machine"
     if worst is None:

@@ -18,7 +18,8 @@ from monitor.records.database import StoreError
 from monitor.records.events import Delivered, Deliveries, EventLog, LoggedEvent
 from monitor.records.store import Store
 from monitor.service.notify.channels import NotificationChannel, NotifyError, configured_channels
-from monitor.service.notify.message import MAX_LISTED, Item, Sender, compose
+from monitor.service.notify.message import MAX_LISTED, Item, Sender, compose, worst_of
+from monitor.service.notify.picture import draw_picture, picture_request
 from monitor.service.status_file import read_status
 from monitor.words.events import badness
 from monitor.words.numbers import count
@@ -284,15 +285,31 @@ class _Follower:
         # Without a readable record the message lacks its values only.
         with contextlib.suppress(StoreError, ValueError), Store.open(self._reader.path, read_only=True) as store:
             items = [replace(item, values=_values(store, item.event)) for item in items]
-        verdicts = read_status(self._reader.path.parent).get("bearings", {})
+        status = read_status(self._reader.path.parent)
+        verdicts = status.get("bearings", {})
         heard = self._machine.bearings
         items = [replace(item, bearing=verdicts.get(heard.get(item.event.body.get("channel") or ""))) for item in items]
         message = compose(self._machine, items, left_out + len(events) - len(items))
+        if self._channel.pictures:
+            message = replace(message, picture=self._picture(items, status))
         warning = self._channel.send(message)
         _LOG.info("delivered by %s: %s", self.name, message.title)
         if warning is not None:
             _LOG.error("delivered by %s, but %s", self.name, warning)
         return warning
+
+    def _picture(self, items: Sequence[Item], status: Mapping[str, Any]) -> bytes | None:
+        """Return the picture of the worst event, None where there is none, or the daemon ends."""
+        worst = worst_of(items)
+        if worst is None or self._ending:
+            return None
+        event, channel = worst.event, worst.event.body.get("channel")
+        known = status.get("channels", {}).get(channel, {})
+        request = picture_request(self._reader.path, event.source, event.block, event.utc, channel, worst.values, known)
+        if request is None:
+            return None
+        title = f"{self._machine.name}: {channel}: {worst.text}"
+        return draw_picture({**request, "title": title[:100], "zone": self._machine.zone}, lambda: self._ending)
 
     def _give_up(self, deliveries: Deliveries, progress: Delivered, waiting: list[tuple[int, LoggedEvent]]) -> None:
         """Skip what has been waiting for too long; the next message counts it."""

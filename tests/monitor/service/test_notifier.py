@@ -42,6 +42,7 @@ class Recorder:
 
     def __init__(self, name: str = "channel") -> None:
         self.name = name
+        self.pictures = False
         self.messages: list[Message] = []
         self.attempts = 0
         self.failing = False

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import re
 import subprocess
+from dataclasses import replace
+from email.message import EmailMessage
 from pathlib import Path
 from typing import Any
 
@@ -56,6 +59,34 @@ def hook(port: int, scheme: str = "http", **more: Any) -> WebhookChannel:
     return WebhookChannel(WebhookSection(url=f"{scheme}://127.0.0.1:{port}/hook?a=1", **more))
 
 
+def part(mail: EmailMessage, kind: str) -> EmailMessage:
+    found = mail.get_body((kind,))
+    assert isinstance(found, EmailMessage)
+    return found
+
+
+def plain(mail: EmailMessage) -> str:
+    return str(part(mail, "plain").get_content()).replace("\r\n", "\n")
+
+
+def test_a_mail_shows_what_is_said_with_its_picture() -> None:
+    said = {"headline": "danger <b>", "sureness": "sure: x", "level": "level 3 times", "action": 'call "Ben" & Co'}
+    png = b"\x89PNG\r\n\x1a\n" + bytes(range(256)) * 20
+    with Mail().serving() as server:
+        smtp(server.port).send(replace(MESSAGE, values=said, picture=png))
+    mail = server.received[0]
+    assert plain(mail) == MESSAGE.text
+    page = str(part(mail, "html").get_content())
+    assert page.index("danger &lt;b&gt;") < page.index("sure: x") < page.index("level 3 times") < page.index("To do:")
+    assert "call &quot;Ben&quot; &amp; Co" in page
+    (image,) = [one for one in mail.walk() if one.get_content_type() == "image/png"]
+    assert image.get_payload(decode=True) == png
+    assert image.get_content_disposition() == "inline"
+    (name,) = re.findall(r'<img src="cid:([^"]+)"', page)
+    assert image["Content-ID"] == f"<{name}>"
+    assert "http" not in page
+
+
 def test_an_email_arrives_whole() -> None:
     with Mail().serving() as server:
         smtp(server.port).send(MESSAGE)
@@ -63,8 +94,11 @@ def test_an_email_arrives_whole() -> None:
     assert len(server.recipients) == 2
     assert mail["Subject"] == MESSAGE.title
     assert (mail["From"], mail["To"]) == ("watch@plant.example", "anna@plant.example, ben@plant.example")
-    assert mail.get_content_type() == "text/plain"
-    assert mail.get_content().replace("\r\n", "\n") == MESSAGE.text
+    assert mail.get_content_type() == "multipart/alternative"
+    assert plain(mail) == MESSAGE.text
+    page = part(mail, "html").get_content()
+    assert "V_eq 0.01 mm³/mm" in page
+    assert "<img" not in page
 
 
 @pytest.mark.process
