@@ -24,6 +24,8 @@ class Block:
         start: seconds since 1970-01-01 UTC of the first sample, None without a date.
         elapsed: seconds from the first sample of the source to that of this block, None where unknown.
         speed: of the shaft in Hz, None where the source does not state it; likewise the radial load in N.
+        speed_source: "block", or another word of the record where something besides the recording gave the speed;
+            likewise of the load.
         content_hash: hexadecimal digest of the raw bytes the block was read from, or of its samples.
     """
 
@@ -39,6 +41,8 @@ class Block:
     speed: float | None = None
     load: float | None = None
     content_hash: str = ""
+    speed_source: str = "block"
+    load_source: str = "block"
 
     def __post_init__(self) -> None:
         """Raise ValueError where the parts do not fit together."""

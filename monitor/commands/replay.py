@@ -102,6 +102,8 @@ def summary_lines(summary: Mapping[str, Any]) -> Iterator[str]:
         reason = next(iter(summary["ignored"].values()))
         yield f"{number} {'file' if number == 1 else 'files'} ignored, {reason}: {', '.join(names)}{more}"
     yield from (f"folder {name} {reason}: its files are in no count" for name, reason in summary["closed"].items())
+    if summary["condition"] is not None:
+        yield summary["condition"]
     yield from (f"dates: {line}" for line in summary["dating"])
     yield from (f"first {status}, {reason}" for status, reason in summary["reasons"].items())
     for name, found in summary["bearings"].items():

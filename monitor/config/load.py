@@ -178,8 +178,10 @@ class Config(Section):
             "retention": True,
             "shaft": True,
             "rig": {"posterior"},
-            "operating": {"axial_load_newton"},
+            "operating": {"axial_load_newton", "opcua"},
         }
+        if self.operating.opcua is not None:
+            left_out["operating"] = {"axial_load_newton": True, "opcua": self.operating.opcua.ways}
         if not self.interference:
             left_out["interference"] = True
         if self.forecast.library is None:

@@ -9,6 +9,7 @@ from typing import Annotated, Literal, Self
 from pydantic import Field, field_validator, model_validator
 
 from monitor.config.fields import Finite, Name, NotNegative, Positive, Scale, Section
+from monitor.config.opcua import OpcUaCondition
 from monitor.health.condition import ConditionSettings
 from monitor.health.waterfall import WaterfallSettings
 from monitor.words.zones import machine_class
@@ -77,6 +78,7 @@ class OperatingSection(Section):
     speed_channel_scale: Scale = 1.0
     load_channel: ColumnName | None = None
     load_channel_scale: Scale = 1.0
+    opcua: OpcUaCondition | None = None
 
     @model_validator(mode="after")
     def _consistent(self) -> Self:
@@ -106,6 +108,7 @@ class OperatingSection(Section):
             speed_limits=limits,
             speed_exact=self.speed_exact,
             speed_tolerance=self.speed_tolerance,
+            speed_read=self.opcua is not None and self.opcua.speed_node is not None,
         )
 
     def channel_specs(self) -> tuple[ChannelSpec, ...]:

@@ -15,7 +15,7 @@ from monitor.health.spectrum.speed import SpeedStatus, estimate_speed
 
 _KNOWN = 0.003
 """Largest relative standard deviation of an estimate that rests on lines of the shaft."""
-SOURCES = ("block", "channel", "estimate", "configured")
+SOURCES = ("block", "channel", "estimate", "configured", "opcua")
 
 
 @dataclass(frozen=True)
@@ -32,6 +32,7 @@ class ConditionSettings:
         speed_limits: range of the estimate from the signal, Hz, or None: it is not estimated.
         speed_exact: whether a constant or stated speed is that of the shaft, and not a nominal one.
         speed_tolerance: relative error of a nominal speed that the signal does not show.
+        speed_read: whether a control system gives the speed of a block; where it does not, it is unknown.
     """
 
     speed: float | None = None
@@ -43,6 +44,7 @@ class ConditionSettings:
     speed_limits: tuple[float, float] | None = None
     speed_exact: bool = False
     speed_tolerance: float = SEARCH
+    speed_read: bool = False
 
     @property
     def channels(self) -> tuple[str, ...]:
@@ -52,7 +54,7 @@ class ConditionSettings:
     @property
     def varies(self) -> bool:
         """Whether more than constants is configured."""
-        return bool(self.channels) or self.speed_limits is not None
+        return bool(self.channels) or self.speed_limits is not None or self.speed_read
 
 
 @dataclass(frozen=True)
@@ -77,6 +79,7 @@ def speed_of(
     rate: float,
     bearing: Bearing,
     settings: ConditionSettings,
+    stated_source: str = "block",
 ) -> Quantity:
     """Return the shaft speed: what the block states, else its channel, the estimate, or the constant.
 
@@ -84,9 +87,10 @@ def speed_of(
         stated: by the block, Hz, or None.
         rows: samples of the channels that are not vibration, each (sample,).
         samples: of the vibration channel, (sample,), or None where unusable.
+        stated_source: where ``stated`` comes from, one of ``SOURCES``.
     """
     if stated is not None:
-        return Quantity(stated, "block")
+        return Quantity(stated, stated_source)
     found = _mean(rows, settings.speed_channel, settings.speed_scale, least=0.0)
     if found is not None:
         return found
@@ -102,16 +106,21 @@ def known_sd(speed: Quantity, settings: ConditionSettings) -> float | None:
 
     A speed channel is a measurement; an estimate is one where it rests on lines of the shaft.
     """
-    if speed.value is None or speed.source in ("block", "configured"):
+    if speed.value is None or speed.source in ("block", "configured", "opcua"):
         return 0.0 if settings.speed_exact else None
     sd = speed.sd or 0.0
     return None if speed.source == "estimate" and sd > _KNOWN * speed.value else sd
 
 
-def load_of(stated: float | None, rows: Mapping[str, NDArray[np.floating]], settings: ConditionSettings) -> Quantity:
+def load_of(
+    stated: float | None,
+    rows: Mapping[str, NDArray[np.floating]],
+    settings: ConditionSettings,
+    stated_source: str = "block",
+) -> Quantity:
     """Return the load of a block as :func:`speed_of` does; it is never estimated."""
     if stated is not None:
-        return Quantity(stated, "block")
+        return Quantity(stated, stated_source)
     found = _mean(rows, settings.load_channel, settings.load_scale, least=-math.inf)
     if found is not None:
         return found

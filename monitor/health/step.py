@@ -237,9 +237,11 @@ def _channel_block(
     condition = settings.condition
     others = {name: block.samples[block.channels.index(name)] for name in condition.channels if name in block.channels}
     usable = samples if verdict.accepted else None
-    speed = speed_of(block.speed, others, usable, block.rate, settings.bearing, condition)
+    speed = speed_of(block.speed, others, usable, block.rate, settings.bearing, condition, block.speed_source)
     if verdict.accepted and speed.value is None:
-        verdict = rejected("incomplete", "the shaft speed is not known: neither stated nor found in the signal")
+        read = ", and not read over OPC UA at the time of the block" if condition.speed_read else ""
+        reason = f"the shaft speed is not known: neither stated nor found in the signal{read}"
+        verdict = rejected("incomplete", reason)
     return ChannelBlock(
         samples=samples,
         rate=block.rate,
@@ -247,7 +249,7 @@ def _channel_block(
         time=_time_of(block),
         verdict=with_flags(verdict, flags),
         speed=speed,
-        load=load_of(block.load, others, condition),
+        load=load_of(block.load, others, condition, block.load_source),
         span=span,
     )
 

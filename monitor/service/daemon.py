@@ -22,6 +22,7 @@ from monitor.service.calibration import uncalibrated_lines
 from monitor.service.companions import Companions
 from monitor.service.ingest import Ingest
 from monitor.service.machine_status import MachineStatus
+from monitor.service.neighbours.condition import ConditionProcess
 from monitor.service.retention import Retention
 from monitor.service.silence import SilenceLog
 from monitor.service.start import inspect
@@ -187,7 +188,13 @@ class Daemon:
             )
             least = round(1e6 * machine.min_free_mb)
             self._disk = DiskGuard(machine.state_dir, self._free, least, self._retention.reusable_bytes)
-            ingest = Ingest.open(self._config, self._store, self._clock, self._stuck, found.settings)
+            section = self._config.operating.opcua
+            self._condition = None if section is None else ConditionProcess(section, self._monotonic)
+            if self._condition is not None:
+                opened.callback(self._condition.close)
+            ingest = Ingest.open(
+                self._config, self._store, self._clock, self._stuck, found.settings, condition=self._condition
+            )
             self._ingest = opened.enter_context(ingest)
             settings = self._ingest.settings
             channels = {name: channel for source in settings.values() for name, channel in source.channels.items()}
@@ -270,6 +277,8 @@ class Daemon:
         elif room and before is not None:
             _LOG.warning("there is room on the disk again; going on")
         self._companions.tick(room=room, to_delete=self._retention.to_delete)
+        if self._condition is not None:
+            self._condition.tick()
         self._retention.tick(self._companions.files, idle=self._idle, disk=self._disk.shortage)
         if self._retention.take_news():
             self._companions.notify()
@@ -327,6 +336,7 @@ class Daemon:
             "disk": self._disk.problem,
             "retention": self._retention.problem,
             "events": self._log_problem or self._silences.problem,
+            "operating.opcua": None if self._condition is None else self._condition.problem,
         }
         failing = self._ingest.problems() | self._companions.problems()
         return failing | {name: problem for name, problem in others.items() if problem is not None}

@@ -20,6 +20,7 @@ from monitor.records.database import Closing, StoreError, UnstorableError
 from monitor.records.filing import MAX_BLOCK
 from monitor.records.ledger import StoreLedger, write_progress
 from monitor.records.store import Store
+from monitor.service.neighbours.condition import ConditionOf
 from monitor.service.resume import resumed_state
 from monitor.service.setup import source_settings, source_spec
 from monitor.service.turns import Turns
@@ -53,12 +54,14 @@ class Ingest(Closing):
         clock: Callable[[], float] = time.time,
         idle: Callable[[], object] = lambda: None,
         timer: Callable[[], float] = time.monotonic,
+        condition: ConditionOf | None = None,
     ) -> None:
         """Continue with the states at which the store ends; own the ledger and the sources, opened with it.
 
         ``settings`` are by the name of the source in blocks, ``clock`` gives UTC seconds since 1970, ``idle`` is called
         after each failed attempt to use the store, which is open for writing in this thread. ``timer`` measures, in s,
-        what a block takes, by which the sources get their turns.
+        what a block takes, by which the sources get their turns. ``condition`` gives blocks the speed and load that
+        they do not state themselves.
 
         Raises:
             StoreError: the store cannot be read, or its states are of another version.
@@ -68,7 +71,7 @@ class Ingest(Closing):
         self._states = {name: stored_state(store, found) for name, found in self.settings.items()}
         self._acknowledgements: dict[str, tuple[AlarmAcknowledgement, ...]] = {}
         self._store, self._ledger, self._clock, self._idle = store, ledger, clock, idle
-        self._timer = timer
+        self._timer, self._condition = timer, condition
         self._store_error: str | None = None
         self._analysis_errors: dict[str, str] = {}
         self._source_errors: dict[str, str] = {}
@@ -83,6 +86,7 @@ class Ingest(Closing):
         clock: Callable[[], float] = time.time,
         idle: Callable[[], object] = lambda: None,
         settings: Mapping[str, SourceSettings] | None = None,
+        condition: ConditionOf | None = None,
     ) -> Self:
         """Open all sources of a configuration where the store ends; arguments as in :class:`Ingest`.
 
@@ -99,7 +103,7 @@ class Ingest(Closing):
                     settings = {section.name: source_settings(config, section) for section in config.source}
                 specs = [source_spec(config, section) for section in config.source]
                 sources = [opened.enter_context(source) for source in open_live(specs, ledger)]
-                ingest = cls(store, ledger, sources, settings, clock, idle)
+                ingest = cls(store, ledger, sources, settings, clock, idle, condition=condition)
                 # From here on the ingest closes ledger and sources.
                 opened.pop_all()
         except SourceError as error:
@@ -197,6 +201,8 @@ class Ingest(Closing):
     def _analyse(self, item: Block | Rejected, delivery: Delivery, stop: threading.Event) -> Record | None:
         """Analyse and commit one block; return its record, or None where ``stop`` came before the commit."""
         try:
+            if self._condition is not None and isinstance(item, Block):
+                item = self._condition(item)
             files = [progress.path for progress in delivery.progress]
             state, output = result = self._step(item, files)
             done = self._commit(result, delivery, stop)

@@ -32,6 +32,7 @@ from monitor.records.publish import publish
 from monitor.records.recover.salvage import open_or_salvage
 from monitor.records.store import Store
 from monitor.service.calibration import uncalibrated_lines
+from monitor.service.neighbours.condition import RecordedCondition
 from monitor.service.resume import resumed_state
 from monitor.service.setup import open_configured, source_settings
 from monitor.service.summary import bearing_summaries, channel_summary, run_attributes, with_words
@@ -92,7 +93,10 @@ def replay(
         store.describe(run_attributes(config, settings.channels))
         last = store.last(section.name)
         state = resumed_state(store, settings)
-        run = _Run(source, store, settings, _fix_bands(source, state, settings))
+        condition = None
+        if config.operating.opcua is not None:
+            condition = RecordedCondition(config.machine.state_dir / "state.db", section.name)
+        run = _Run(source, store, settings, _fix_bands(source, state, settings, condition), condition=condition)
         items: Iterable[Block | Rejected] = run.unrepeated(last, limit)
         if progress is not None:
             items = progress(items, len(source) if limit is None else min(len(source), limit))
@@ -103,6 +107,7 @@ def replay(
         files = publish(store, out / "records")
         summary = run.summary(seconds, files)
         summary["channels"] = with_words(config, summary["channels"], summary["bearings"])
+        summary["condition"] = None if condition is None else condition.sentence
         summary["uncalibrated"] = list(uncalibrated_lines(config, settings.channels))
     spectra = {name: drawn.spectrum(settings.channels[name]) for name, drawn in run.drawn.items()}
     return Replay(summary, out / "state.db", spectra)
@@ -145,13 +150,16 @@ def _open_store(out: Path, config: Config, resume: bool) -> Store:
         raise ConfigError(f"--out {out}: {error}") from None
 
 
-def _fix_bands(source: Source, state: SourceState, settings: SourceSettings) -> SourceState:
+def _fix_bands(
+    source: Source, state: SourceState, settings: SourceSettings, condition: RecordedCondition | None
+) -> SourceState:
     """Choose the bands of a recording too short to learn them from the recording as a whole; its records say so."""
     automatic = any(channel.bands is None for channel in settings.channels.values())
     if not automatic or len(source) >= VOTES_NEEDED:
         return state
     try:
-        found = recording_bands([item for item in source if isinstance(item, Block)], settings)
+        blocks = [item for item in source if isinstance(item, Block)]
+        found = recording_bands([condition(block) for block in blocks] if condition else blocks, settings)
     except ValueError as error:
         raise ConfigError(str(error)) from None
     for name, band in found.items():
@@ -202,6 +210,7 @@ class _Run:
     taken: int = 0
     reasons: dict[str, str] = field(default_factory=dict)
     drawn: dict[str, _Drawn] = field(default_factory=dict)
+    condition: RecordedCondition | None = None
     _repetitions: list[Rejected] = field(default_factory=list)
     _records: list[Record] = field(default_factory=list)
     _changes: list[SpectrumChange] = field(default_factory=list)
@@ -234,6 +243,8 @@ class _Run:
         self.store.recount_refusals(self.settings.name, self._repetitions)
 
     def _take(self, item: Block | Rejected) -> None:
+        if self.condition is not None and isinstance(item, Block):
+            item = self.condition(item)
         truth_of = getattr(self.source, "truth", None)
         truth = None if truth_of is None else truth_of(item.sequence, self.settings.thresholds)
         self.state, output = step(self.state, item, self.settings, truth=truth)
