@@ -14,6 +14,7 @@ import click
 from models.bearing import kinematics
 from models.registry import MODULES
 from monitor.commands import option
+from monitor.commands.check_extras import missing_extras
 from monitor.commands.check_interference import interference_lines, proposal_words, propose_interference, taken_families
 from monitor.commands.common import emit, read_config
 from monitor.commands.model_parameters import effects_of
@@ -122,8 +123,9 @@ def find_problems(config: Config) -> Iterator[str]:
                 yield f"{name}: track = true, but its unit is unknown: V_eq will answer no_absolute_level"
             yield f"{name}: its unit is unknown: no end of life by peak acceleration"
     operating = config.operating
-    if operating.speed_hz is None and operating.speed is None and operating.speed_channel is None:
+    if operating.speed_hz is None and not operating.to_condition().varies:
         yield "operating.speed_hz is not given: only recordings that state their speed can be monitored"
+    yield from missing_extras(config)
     yield from taken_families(config)
     yield from _unlearned_levels(config)
     for source in config.source:

@@ -26,6 +26,7 @@ from cryptography import x509
 from cryptography.hazmat.primitives.serialization import Encoding
 from cryptography.x509.oid import ExtendedKeyUsageOID
 
+from monitor.commands.check import find_problems
 from monitor.config.load import ConfigError
 from monitor.service.companions import Companions
 from monitor.service.neighbours.opcua_server import MachineServer, OpcUaError
@@ -276,6 +277,23 @@ def test_a_daemon_serves_it_beside_its_own_thread(tmp_path: Path) -> None:
         companions.end(room=False)
         companions.close()
         machine.close()
+
+
+def test_check_says_what_to_install_and_that_the_speed_is_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    more = '[publish.opcua]\n[publish.sparkplug]\nurl = "mqtt://127.0.0.1/plant"\n'
+    more += '[operating.opcua]\nurl = "opc.tcp://127.0.0.1"\nspeed_node = "i=5"\n'
+    machine = Machine(tmp_path, more)
+    machine.close()
+    assert list(find_problems(machine.config)) == []
+    missing = {"asyncua", "google.protobuf"}
+    monkeypatch.setattr("monitor.commands.check_extras._is_installed", lambda name: name not in missing)
+    problems = list(find_problems(machine.config))
+    assert [text.partition(" needs")[0] for text in problems] == [
+        "[publish.sparkplug]",
+        "[publish.opcua]",
+        "[operating.opcua]",
+    ]
+    assert problems[0].endswith('pip install "spallwatch[sparkplug]"')
 
 
 def test_what_cannot_be_served_is_a_sentence_without_secrets(tmp_path: Path) -> None:
