@@ -31,18 +31,26 @@ from monitor.words.features import FEATURES, Feature
 from monitor.words.statuses import STATES
 
 METRICS_TYPE = "text/plain; version=0.0.4; charset=utf-8"
-_SUFFIXES = {"m2": "square_meters", "s": "seconds", "Hz": "hertz", "N": "newtons", "1": "ratio"}
+_SUFFIXES = {
+    "m s-1": "meters_per_second",
+    "m2": "square_meters",
+    "s": "seconds",
+    "Hz": "hertz",
+    "N": "newtons",
+    "1": "ratio",
+}
 _ACCELERATION = {True: "meters_per_second_squared", False: "sensor_units"}
 _CHANNEL = ("machine", "channel")
 _ADDRESSES = (
     (re.compile(r"^/static/.*"), "/static"),
     (re.compile(r"^/records/.*"), "/records"),
     (
-        re.compile(r"^/api/(machines|channels)/[^/]+/[^/]+/(records|spectrum|waterfall|kurtogram|map)$"),
+        re.compile(r"^/api/(machines|channels)/[^/]+/[^/]+/(records|spectrum|raw|waveform|waterfall|kurtogram|map)$"),
         r"/api/channels/\2",
     ),
     (re.compile(r"^/api/(channels/[^/]+|machines/[^/]+/channels)/[^/]+$"), "/api/channels"),
     (re.compile(r"^/api/machines/[^/]+/blocks$"), "/api/blocks"),
+    (re.compile(r"^/api/machines/[^/]+/levels$"), "/api/levels"),
     (re.compile(r"^/api/events/.*"), "/api/events/acknowledge"),
 )
 _PLAIN = (

@@ -23,7 +23,7 @@ _MAX_IDLE = 4
 _MAX_LOAN_S = 10.0
 _INSTRUCTIONS = 10_000
 NAMES = (
-    *("rms", "h_or", "v_eq", "v_eq_lower", "v_eq_upper", "v_eq_relative"),
+    *("rms", "velocity_rms", "h_or", "v_eq", "v_eq_lower", "v_eq_upper", "v_eq_relative"),
     *("tt", "tt_lower", "tt_upper", "p_threshold", "speed"),
 )
 _LATEST = """

@@ -131,6 +131,8 @@ def test_metrics_follow_the_conventions_of_prometheus(tmp_path: Path) -> None:
         ("/api/channels/a/b", "/api/channels"),
         ("/api/machines/a/channels/b", "/api/channels"),
         ("/api/machines/a/blocks", "/api/blocks"),
+        ("/api/machines/a/levels", "/api/levels"),
+        ("/api/channels/a/b/waveform", "/api/channels/waveform"),
         ("/api/events/m:1/acknowledge", "/api/events/acknowledge"),
         ("/static/vendor/x.js", "/static"),
         ("/records/m.nc", "/records"),
