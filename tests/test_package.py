@@ -61,6 +61,8 @@ def test_the_wheel_brings_the_examples(wheel, tmp_path, monkeypatch):
     site = tmp_path / "lib" / "site-packages"
     files = [site / "../../share/spallwatch" / name for name in tracked]
     installed = [_Installed(f"../../share/spallwatch/{name}", path) for name, path in zip(tracked, files, strict=True)]
+    # pip compiles what is a module.
+    installed.append(_Installed("../../share/spallwatch/examples/__pycache__/sender.cpython-311.pyc", files[0]))
     monkeypatch.setattr(examples.importlib.metadata, "files", lambda _: installed)
     site.mkdir(parents=True)
     found = examples.example_files(site)

@@ -23,13 +23,18 @@ def example_files(root: Path = ROOT) -> dict[str, Path]:
     """
     if (root / "examples").is_dir():
         paths = {path.relative_to(root / "examples").as_posix(): path for path in (root / "examples").rglob("*.*")}
-        return {name: path for name, path in sorted(paths.items()) if path.is_file() and "/." not in f"/{name}"}
+        return {name: path for name, path in sorted(paths.items()) if path.is_file() and _is_example(name)}
     try:
         files = importlib.metadata.files("spallwatch") or []
     except importlib.metadata.PackageNotFoundError:
         files = []
     found = {file.as_posix().partition(f"{_FOLDER}/")[2]: Path(str(file.locate())) for file in files}
-    return {name: path.resolve() for name, path in sorted(found.items()) if name}
+    return {name: path.resolve() for name, path in sorted(found.items()) if _is_example(name)}
+
+
+def _is_example(name: str) -> bool:
+    """Return whether a name is that of an example, not of what Python or an editor put beside it."""
+    return bool(name) and "__pycache__" not in name and "/." not in f"/{name}"
 
 
 @click.command("examples")

@@ -16,7 +16,6 @@ from monitor.health.damage.beside import beside
 from monitor.health.damage.calibration import mark_forecast, mark_volume, relate
 from monitor.health.damage.filter.particle_filter import FilterSettings, FilterState
 from monitor.health.damage.filter.particle_filter import step as filter_step
-from monitor.health.damage.filter.prior import GrowthPrior
 from monitor.health.damage.learned.forecaster import LearnedSettings, LearnedState
 from monitor.health.damage.learned.forecaster import step as learned_step
 from monitor.health.damage.learned.history import StageHistory
@@ -116,7 +115,7 @@ class DamageSettings:
         parts: list[str] = []
         filters = [one.filter for one in self.maps.values() if one.filter is not None]
         if self.track_method == "filter" and filters:
-            parts.append(f"for V_eq, {_describe_growth(filters[0].growth)}")
+            parts.append(f"for V_eq, {filters[0].growth.prior}")
         if self.uses_library and self.library is not None:
             parts.append(f"for TT, {self.library.prior}" if parts else self.library.prior)
         if self.uses_learned:
@@ -216,13 +215,6 @@ def part_of(fault: str | None, parts: Collection[Part]) -> Part | None:
     else:
         candidates = [part for part in parts if part in fault.split("|")]
     return candidates[0] if len(candidates) == 1 else None
-
-
-def _describe_growth(growth: GrowthPrior) -> str:
-    hours = " to ".join(f"{value / 3600.0:.3g}" for value in growth.durations)
-    depth = " to ".join(f"{value * 1e6:g}" for value in growth.h_threshold)
-    reached = f"{hours} h to {growth.threshold * 1e6:g} mm2, where it is {depth} um deep"
-    return f"a growth that takes {reached}, and may stall or jump"
 
 
 def step(

@@ -82,6 +82,14 @@ class GrowthPrior:
     starts: float = 0.01
     interval: float = 300.0
 
+    @property
+    def prior(self) -> str:
+        """Growth and depth, as text."""
+        hours = " to ".join(f"{value / 3600.0:.3g}" for value in self.durations)
+        depth = " to ".join(f"{value * 1e6:g}" for value in self.h_threshold)
+        reached = f"{hours} h to {self.threshold * 1e6:g} mm2, where it is {depth} um deep"
+        return f"a growth that takes {reached}, and may stall or jump"
+
 
 @dataclass(frozen=True)
 class ErrorModel:
