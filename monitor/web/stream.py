@@ -8,6 +8,7 @@ import logging
 import time
 from collections.abc import AsyncGenerator, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -92,10 +93,9 @@ class Hub:
                 # The next subscriber gets everything, and from then on changes.
                 self._seen.clear()
             self._wake.clear()
-            try:
-                await asyncio.wait_for(self._wake.wait(), _POLL_S)
-            except TimeoutError:
-                continue
+            with suppress(TimeoutError):
+                async with asyncio.timeout(_POLL_S):
+                    await self._wake.wait()
 
     def subscribe(self, subject: Subject | None) -> Subscriber:
         """Add a subscriber; it counts from now on until :meth:`unsubscribe`."""
@@ -113,10 +113,11 @@ class Hub:
         try:
             yield await loop.run_in_executor(self._thread, self._everything, subscriber.subject)
             while not subscriber.dropped:
-                try:
-                    yield await asyncio.wait_for(subscriber.waiting.get(), _COMMENT_S)
-                except TimeoutError:
-                    yield b": still here\n\n"
+                message = b": still here\n\n"
+                with suppress(TimeoutError):
+                    async with asyncio.timeout(_COMMENT_S):
+                        message = await subscriber.waiting.get()
+                yield message
         finally:
             self.unsubscribe(subscriber)
 

@@ -131,3 +131,23 @@ def test_a_listener_that_takes_nothing_is_dropped_and_holds_nothing_up(
     hub.close()
     assert taken == 200
     assert waiting <= 1
+
+
+@pytest.mark.parametrize("turns", range(4))
+def test_the_polling_ends_though_it_is_woken_in_the_same_moment(turns: int) -> None:
+    """``asyncio.wait_for`` of Python 3.11 may swallow the cancellation."""
+
+    async def cancel_when_woken() -> bool:
+        hub = Hub(Machines([]))
+        task = asyncio.create_task(hub.run())
+        await asyncio.sleep(0.01)
+        hub.wake()
+        for _ in range(turns):
+            await asyncio.sleep(0.0)
+        task.cancel()
+        _, waiting = await asyncio.wait([task], timeout=1.0)
+        task.cancel()
+        hub.close()
+        return not waiting
+
+    assert asyncio.run(cancel_when_woken())
