@@ -55,11 +55,10 @@ export class RawBlock {
       ), this.kind),
     });
     this.wave = new Waveform(options, (answer) => this.describe(answer));
+    this.stale = true;
     this.seen = new IntersectionObserver((entries) => {
-      if (!entries.some((entry) => entry.isIntersecting)) return;
-      this.seen.disconnect();
-      this.visible = true;
-      this.load(this.block);
+      this.visible = entries.at(-1).isIntersecting;
+      if (this.visible && this.stale) this.load(this.block);
     }, { rootMargin: "200px" });
     this.seen.observe(this.element);
   }
@@ -82,10 +81,11 @@ export class RawBlock {
     return `${when}, block ${answer.block}${seconds}${beyond}`;
   }
 
-  /** Show a block, the newest where none is named; nothing is read before the figure comes into view. */
+  /** Show a block, the newest where none is named; nothing is read while the figure is out of view. */
   async load(block = null) {
     this.block = block;
-    if (!this.visible) return;
+    this.stale = !this.visible;
+    if (this.stale) return;
     const turn = (this.turn = (this.turn ?? 0) + 1);
     const part = this.kind === "waveform" ? "waveform" : "raw";
     try {
