@@ -11,6 +11,7 @@ from playwright.sync_api import Locator, Page, Route, expect
 from tests.browser.conftest import Visitor
 from tests.browser.machine import Served
 from tests.browser.test_views import BAD, drawn
+from tests.waiting import wait_until
 
 pytestmark = pytest.mark.browser
 
@@ -62,6 +63,31 @@ def test_cursors_mark_all_harmonics_and_sidebands(pump: Served, visitor: Visitor
     assert size is not None
     plot.click(position={"x": size["width"] * 0.5, "y": 60})
     expect(box.get_by_label("cursor at")).not_to_have_value("180")
+
+
+def test_what_is_zoomed_into_stays_for_the_next_block(pump: Served, visitor: Visitor) -> None:
+    page = visitor(pump.url).go(BAD)
+    box = page.get_by_role("region", name="Envelope spectrum")
+    label = box.get_by_role("img").get_attribute("aria-label") or ""
+    found = re.search(r"up to ([\d,.]+) Hz", label)
+    assert found is not None
+    end = float(found[1].replace(",", ""))
+    box.get_by_text("Highest peaks").click()
+    size = box.locator(".u-over").bounding_box()
+    assert size is not None
+    page.mouse.move(size["x"] + 0.2 * size["width"], size["y"] + 60)
+    page.mouse.down()
+    page.mouse.move(size["x"] + 0.4 * size["width"], size["y"] + 60, steps=4)
+    page.mouse.up()
+
+    def inside() -> bool:
+        rows = box.get_by_role("table", name="Highest peaks").locator("tbody tr td:nth-child(2)").all_inner_texts()
+        return bool(rows) and all(0.18 * end < float(row.split("\u202f")[0]) < 0.42 * end for row in rows)
+
+    wait_until(inside)
+    box.get_by_role("button", name="Earlier spectrum").click()
+    expect(box).to_contain_text("block 42")
+    wait_until(inside)
 
 
 def test_the_samples_of_a_block_are_shown_as_acceleration_velocity_and_waveform(pump: Served, visitor: Visitor) -> None:

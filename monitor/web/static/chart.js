@@ -74,6 +74,18 @@ export function verticalLine(u, x, { stroke, dash = [], label = "", width = 1, r
   ctx.restore();
 }
 
+/** Write numbers from one above points [x, y]. */
+export function numberPoints(u, points) {
+  const { ctx } = u;
+  const scale = devicePixelRatio;
+  ctx.save();
+  ctx.fillStyle = colour("text");
+  ctx.font = FONT.replace("12px", `${10 * scale}px`);
+  ctx.textAlign = "center";
+  points.forEach(([x, y], index) => ctx.fillText(String(index + 1), u.valToPos(x, "x", true), u.valToPos(y, "y", true) - 4 * scale));
+  ctx.restore();
+}
+
 /** Draw a horizontal line with a label; beyond the chart an arrow says where it lies. */
 export function horizontalLine(u, y, { stroke, dash = [6, 4], label = "", taken = [], atLeft = false }) {
   const { ctx, bbox } = u;

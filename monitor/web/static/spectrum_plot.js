@@ -1,6 +1,6 @@
 // A spectrum with axes in Hz, orders and decibels, cursors, peaks, a second spectrum to compare with, and files.
 
-import { axis, loadUplot, logLabels, onWidth, translucent, valueAxis, verticalLine } from "./chart.js";
+import { axis, loadUplot, logLabels, numberPoints, onWidth, translucent, valueAxis, verticalLine } from "./chart.js";
 import { fill, h, setText, table } from "./dom.js";
 import { exportButtons } from "./exporting.js";
 import * as fmt from "./fmt.js";
@@ -130,6 +130,7 @@ export class SpectrumPlot {
     if (!trace) return;
     const Uplot = await loadUplot();
     if (trace !== this.trace) return;
+    const { zoom } = this;
     this.destroy();
     const orders = this.view.axis === "orders";
     this.x = orders ? trace.frequency.map((f) => f / trace.speed_hz) : trace.frequency;
@@ -149,12 +150,13 @@ export class SpectrumPlot {
           { ...this.valueAxis(), label: this.yLabel(), ...labels },
         ],
         cursor: { y: false, drag: { x: true, y: false, dist: 6 }, points: { size: 6 } },
-        hooks: { draw: [(u) => this.drawOver(u)], setCursor: [(u) => this.moved(u)], setScale: [() => this.fillPeaks()] },
+        hooks: { draw: [(u) => this.drawOver(u)], setCursor: [(u) => this.moved(u)], setScale: [(u, key) => key === "x" && this.zoomed(u)] },
       },
       [this.x, ...(this.overlay ? [this.up(this.overlay)] : []), this.up(trace.amplitude)],
       this.holder,
     );
     this.plot.over.addEventListener("click", () => this.placeCursor());
+    if (zoom) this.plot.setScale("x", { min: this.across(zoom[0]), max: this.across(zoom[1]) });
     this.holder.setAttribute("role", "img");
     this.holder.setAttribute("aria-label", `${this.options.title(trace)} up to ${fmt.number(trace.frequency.at(-1))} Hz; the tables below give peaks and lines.`);
     this.showCursor();
@@ -165,6 +167,14 @@ export class SpectrumPlot {
   valueAxis() {
     if (this.view.scale === "log") return { ...valueAxis((u, splits) => logLabels(splits)), filter: (u, splits) => splits };
     return valueAxis((u, splits) => splits.map((value) => fmt.number(value, 3)));
+  }
+
+  /** What is zoomed into, Hz, stays for the next block; null for all. */
+  zoomed(u) {
+    const { min, max } = u.scales.x;
+    const factor = this.view.axis === "orders" ? this.trace.speed_hz : 1;
+    this.zoom = min <= this.x[0] && max >= this.x.at(-1) ? null : [min * factor, max * factor];
+    this.fillPeaks();
   }
 
   xLabel() {
@@ -250,17 +260,8 @@ export class SpectrumPlot {
   }
 
   drawPeaks(u) {
-    const { ctx } = u;
-    const scale = devicePixelRatio;
-    ctx.save();
-    ctx.fillStyle = colour("text");
-    ctx.font = `${10 * scale}px system-ui, sans-serif`;
-    ctx.textAlign = "center";
-    this.shownPeaks().forEach((peak, index) => {
-      const value = this.view.scale === "db" ? decibel(peak.amplitude, this.trace) : peak.amplitude;
-      ctx.fillText(String(index + 1), u.valToPos(this.across(peak.frequency), "x", true), u.valToPos(value, "y", true) - 4 * scale);
-    });
-    ctx.restore();
+    const height = (value) => (this.view.scale === "db" ? decibel(value, this.trace) : value);
+    numberPoints(u, this.shownPeaks().map(({ frequency, amplitude }) => [this.across(frequency), height(amplitude)]));
   }
 
   cursorLines() {
