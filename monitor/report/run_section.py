@@ -5,11 +5,12 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from monitor.report import data_quality as quality
+from monitor.report.advice import part_of, said_of, what_to_do
 from monitor.report.bearings import BearingPart, bearing_parts
 from monitor.report.calibration import is_calibrated
 from monitor.report.figures.damage import damaged_volume, fitted_law, forecasts
@@ -134,7 +135,9 @@ def part_of_run(
     channels = []
     for place, channel in enumerate(run.channels.values(), start=1):
         context = ChannelContext(run, channel, judge(run, channel, clock, level_of.get(channel.name)), clock, numbers)
-        channels.append(_channel(context, options, views.get(channel.name), f"{anchor}c{place}"))
+        part = _channel(context, options, views.get(channel.name), f"{anchor}c{place}")
+        said = said_of(run, channel, part_of(bearings, channel.name))
+        channels.append(replace(part, findings=(what_to_do(said), *part.findings)))
     apart = {name for bearing in bearings for name in bearing.verdict.disagreement}
     channels.sort(key=lambda part: (GRADES.index(part.verdict.grade), part.verdict.channel in apart))
     tables = {"blocks": quality.statuses(run), "gaps": quality.gaps(run, clock), "events": _events(run, clock)}

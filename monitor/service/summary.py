@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterable, Mapping
 from datetime import UTC, datetime
 from typing import Any
@@ -14,7 +15,7 @@ from monitor.health.machine import patience_of, weigh
 from monitor.health.output import basis_of
 from monitor.health.state import ChannelSettings, SourceSettings, SourceState, channels_by_bearing
 from monitor.service.calibration import other_models
-from monitor.words.advice import state_of
+from monitor.words.advice import ADVICE, state_of
 from monitor.words.situation import Situation
 from streams.block import STANDARD_GRAVITY
 
@@ -55,6 +56,9 @@ def run_attributes(config: Config, channels: Mapping[str, ChannelSettings]) -> d
     if models:
         # Another model than that of the casing, which older records do not name.
         attributes["model"] = listed(models)
+    own = {key: text for key, text in config.advice.texts.items() if text != ADVICE[key]}
+    if own:
+        attributes["advice"] = json.dumps(own, ensure_ascii=False)
     if config.machine.iso_class is not None:
         attributes["iso_class"] = config.machine.iso_class
     if config.interference:

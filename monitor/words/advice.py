@@ -139,8 +139,15 @@ def _undecided(found: Situation) -> bool:
     return found.fault == UNDECIDED and found.bearing_fault in (None, UNDECIDED)
 
 
+def bearing_name(name: str) -> str:
+    """Return a bearing in a sentence: "bearing drive", and no "bearing" twice where its name has it."""
+    if name.lower() in ("", "bearing"):
+        return "the bearing"
+    return name if "bearing" in name.lower() else f"bearing {name}"
+
+
 def _of_bearing(found: Situation) -> str:
-    return f" of bearing {found.bearing}" if found.bearing else ""
+    return f" of {bearing_name(found.bearing)}" if found.bearing else ""
 
 
 def _part_words(found: Situation) -> str:
@@ -258,7 +265,7 @@ def _supported(found: Situation) -> bool:
 def _action(text: str, found: Situation) -> str:
     part = _part(found)
     places: dict[str, Any] = {
-        "bearing": f"bearing {found.bearing}" if found.bearing else "the bearing",
+        "bearing": bearing_name(found.bearing),
         "channel": f"channel {found.channel}" if found.channel else "the channel",
         "part": "no part named" if part is None or part == UNDECIDED else fault_words(part),
         "when": _when(found),

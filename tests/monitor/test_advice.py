@@ -269,6 +269,14 @@ def test_texts_of_the_plant_replace_those_of_the_program() -> None:
         load(advice={"danger": "stop {machine}"})
 
 
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [("", "the bearing"), ("Bearing", "the bearing"), ("test_bearing", "test_bearing"), ("fan", "bearing fan")],
+)
+def test_a_bearing_is_called_so_once(name: str, words: str) -> None:
+    assert f"inspect {words} and plan" in state_of(replace(FINAL, bearing=name)).action
+
+
 def test_a_status_of_an_older_version_is_said_too() -> None:
     old = {"stage": "healthy", "state": "normal", "fault": "cage", "fault_basis": "hint"}
     assert status_line("x", old).startswith("healthy so far; a pattern of the cage (hint); only a hint")

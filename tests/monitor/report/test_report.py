@@ -1,8 +1,10 @@
 from __future__ import annotations
 
+import json
 import math
 import re
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -16,11 +18,13 @@ from monitor.health.record import Record
 from monitor.health.schema import EDV_STATUSES, TT_STATUSES
 from monitor.records.publish import day_dataset, publish
 from monitor.records.store import Store
+from monitor.report.advice import advice_of
 from monitor.report.figures.spectrum import SpectrumView
 from monitor.report.options import Options
 from monitor.report.report import build_report
 from monitor.report.runs import ReportError, read_runs
 from monitor.report.verdict import judge, named_fault
+from monitor.words.advice import ADVICE
 from monitor.words.statuses import EDV_REFUSALS, TT_REFUSALS
 from tests.effort import effort_count
 from tests.oracles.lives import life
@@ -219,6 +223,24 @@ def test_headlines(tmp_path: Path, values: dict[str, Any], severity: str, headli
     page = page_of_records(tmp_path, [one({"rms": 1.0, **values})])
     assert headline in page.text
     assert f'class="card {severity}"' in (tmp_path / "report.html").read_text(encoding="utf-8")
+
+
+def test_what_to_do_is_said_in_the_words_of_the_configuration(tmp_path: Path) -> None:
+    values = {"rms": 1.0, "stage": "final", "fault": "outer", "fault_basis": "verdict", "t_fs_known_block": 1}
+    page = page_of_records(tmp_path / "default", [one(values)])
+    assert "What to do? Inspect the bearing and plan its exchange at the next planned stop." in page.text
+    assert "Final stage of its life: outer race." in page.text
+    (tmp_path / "own").mkdir()
+    with Store.open(tmp_path / "own" / "state.db", machine="m") as store:
+        store.describe({"bearing": "x: drive", "advice": json.dumps({"warning": "call 4711 about {bearing}"})})
+        store.commit_many([(one(values), {})])
+        page = page_of(tmp_path / "own", store)
+        (run,) = read_runs(store)
+    assert "What to do? Call 4711 about bearing drive." in page.text
+    for broken in ('{"warning": "{machine}"}', "[1]", '{"warning": "a"}; {"warning": "b"}'):
+        assert advice_of(replace(run, attributes={"advice": broken})) == ADVICE
+    healthy = page_of_records(tmp_path / "healthy", [one({"rms": 1.0, "stage": "healthy"})])
+    assert "What to do? Nothing to do. Healthy so far." in healthy.text
 
 
 def test_in_the_final_stage_the_strongest_name_since_it_was_known_stands(tmp_path: Path) -> None:
