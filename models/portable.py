@@ -298,10 +298,10 @@ def limit(kind: str, value: int) -> None:
     _resource.setrlimit(number, (value if hard == _resource.RLIM_INFINITY else min(value, hard), hard))
 
 
-def lower_priority() -> None:
-    """Let threads of other processes go first, where the system can be told."""
+def lower_priority(steps: int = 5) -> None:
+    """Let threads of other processes go first, where the system can be told; ``steps`` are those of nice(2)."""
     if hasattr(os, "nice"):
-        _os.nice(5)
+        _os.nice(steps)
 
 
 def after_fork(function: Callable[[], None]) -> None:

@@ -7,11 +7,12 @@ import os
 import sys
 from pathlib import Path
 
+from models.portable import lower_priority
+
 
 def child() -> None:
     """Draw the picture of the JSON argument, :class:`monitor.report.mail_picture.Wanted`; print it in base64."""
-    if hasattr(os, "nice"):
-        os.nice(10)
+    lower_priority(10)
     cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
     if "MPLCONFIGDIR" not in os.environ and not os.access(cache, os.W_OK):
         # A service without a home would search all fonts anew for each mail.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import subprocess
 import sys
 import threading
@@ -18,6 +19,23 @@ _CALLS = (
     *("pread", "preadv", "pwrite", "memfd_create", "posix_fadvise", "O_DIRECTORY", "nice", "ST_RDONLY", "major"),
     "geteuid",
 )
+
+
+def test_no_other_module_makes_such_calls() -> None:
+    """Names are those that tests/without_posix takes away, and some that it has to leave."""
+    root = Path(__file__).resolve().parents[2]
+    taken = re.findall(r'"(\w+)"', (root / "tests" / "without_posix" / "sitecustomize.py").read_text())
+    assert {"fcntl", "fork", "poll", "SIGHUP"} <= set(taken)
+    names = "|".join([*taken, "getuid", "statvfs", "sysconf", "SIGKILL", "AF_UNIX", "SOCK_CLOEXEC"])
+    call = re.compile(rf"\b(?:os|select|signal|socket)\.(?:{names})\b|^\s*(?:import|from) (?:{names})\b", re.MULTILINE)
+    folders = ("models", "monitor", "spallwatch", "streams")
+    found = {
+        f"{path.relative_to(root)}: {made}"
+        for folder in folders
+        for path in (root / folder).rglob("*.py")
+        for made in call.findall(path.read_text(encoding="utf-8"))
+    }
+    assert {name for name in found if not name.startswith("models/portable.py")} == set()
 
 
 @pytest.fixture(params=["posix", "portable"])
