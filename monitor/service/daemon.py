@@ -189,7 +189,7 @@ class Daemon:
             least = round(1e6 * machine.min_free_mb)
             self._disk = DiskGuard(machine.state_dir, self._free, least, self._retention.reusable_bytes)
             section = self._config.operating.opcua
-            self._condition = None if section is None else ConditionProcess(section, self._monotonic)
+            self._condition = None if section is None else ConditionProcess(section, machine.state_dir, self._monotonic)
             if self._condition is not None:
                 opened.callback(self._condition.close)
             ingest = Ingest.open(

@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+import json
 import math
 import time
 from bisect import bisect_right
 from collections import deque
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Protocol
 
 from monitor.config.opcua import OpcUaCondition
-from monitor.records.database import SharedConnection
+from monitor.records.database import SharedConnection, replacing
 from monitor.records.packing import unpack
 from monitor.service.server_process import ServerProcess
 from monitor.words.numbers import count
@@ -21,7 +23,14 @@ from streams.block import Block
 OPCUA = "opcua"
 """``speed_source`` and ``load_source`` of what was read."""
 _ENTRY = "monitor.service.neighbours.opcua_client:child"
+READINGS = "readings-opcua.jsonl"
+"""File in the state folder: the latest readings."""
 _MAX_READINGS = 50_000
+_MAX_BYTES = 1_000_000
+
+
+Reading = tuple[float, float | None, float | None]
+"""UTC s since 1970, Hz, N."""
 
 
 class ConditionOf(Protocol):
@@ -33,17 +42,49 @@ class ConditionOf(Protocol):
 
 
 class Readings:
-    """Readings of speed and load over time, and the one that holds at a block."""
+    """Readings of speed and load over time, and the one that holds at a block.
 
-    def __init__(self, max_age: float) -> None:
-        """Keep the greatest age of a reading at the middle of a block, s."""
-        self._max_age = max_age
-        self._read: deque[tuple[float, float | None, float | None]] = deque(maxlen=_MAX_READINGS)
+    A file keeps the latest, so that after a restart blocks of before it find theirs.
+    """
+
+    def __init__(self, max_age: float, path: Path | None = None) -> None:
+        """Keep the greatest age of a reading at the middle of a block, s, and load what the file has."""
+        self._max_age, self._path = max_age, path
+        self._read: deque[Reading] = deque(maxlen=_MAX_READINGS)
+        if path is not None and path.exists():
+            self._load(path)
 
     def add(self, utc: float, speed: float | None, load: float | None) -> None:
-        """Add a reading: UTC s since 1970, Hz, N; None for what could not be read. One from the past is ignored."""
-        if not self._read or utc >= self._read[-1][0]:
-            self._read.append((utc, speed, load))
+        """Add a reading: UTC s since 1970, Hz, N; None for what could not be read.
+
+        Readings of a later time are dropped: the clock was ahead, and has been set.
+        """
+        self._keep((utc, speed, load))
+        if self._path is None:
+            return
+        # On a full disk, a restart knows less.
+        with suppress(OSError):
+            with self._path.open("a", encoding="ascii") as file:
+                file.write(json.dumps(self._read[-1]) + "\n")
+                size = file.tell()
+            if size > _MAX_BYTES:
+                lines = self._path.read_text(encoding="ascii").splitlines(keepends=True)
+                with replacing(self._path) as temporary:
+                    temporary.write_text("".join(lines[len(lines) // 2 :]), encoding="ascii")
+
+    def _load(self, path: Path) -> None:
+        """Take the readings of the file; a line that is cut off or not ours is left out."""
+        with suppress(OSError):
+            for line in path.read_bytes().splitlines():
+                with suppress(ValueError, TypeError):
+                    utc, speed, load = (None if part is None else float(part) for part in json.loads(line))
+                    if utc is not None and math.isfinite(utc):
+                        self._keep((utc, speed, load))
+
+    def _keep(self, reading: Reading) -> None:
+        while self._read and self._read[-1][0] > reading[0]:
+            self._read.pop()
+        self._read.append(reading)
 
     def __call__(self, block: Block) -> Block:
         """Return the block with the latest reading not after its middle; an older or undated one gives nothing."""
@@ -69,11 +110,13 @@ def with_condition(block: Block, speed: float | None, load: float | None) -> Blo
 class ConditionProcess(ServerProcess):
     """The companion that reads the nodes; its failure is a :attr:`problem`, and speed and load are then unknown."""
 
-    def __init__(self, section: OpcUaCondition, monotonic: Callable[[], float] = time.monotonic) -> None:
-        """Keep the section; :meth:`tick` starts the child and takes its readings."""
+    def __init__(
+        self, section: OpcUaCondition, state_dir: Path, monotonic: Callable[[], float] = time.monotonic
+    ) -> None:
+        """Keep the section, and readings in the state folder; :meth:`tick` starts the child and takes its readings."""
         request = {"section": section.model_dump(mode="json")}
         super().__init__("speed and load by OPC UA", _ENTRY, request, monotonic)
-        self.readings = Readings(section.max_age_s)
+        self.readings = Readings(section.max_age_s, state_dir / READINGS)
 
     def __call__(self, block: Block) -> Block:
         """Return the block with the speed and load that held, of what has been read by now."""

@@ -42,9 +42,9 @@ def block(start: float | None, duration: float = 2.0, **more: Any) -> Block:
 def test_the_latest_reading_not_after_the_middle_holds() -> None:
     readings = Readings(max_age=5.0)
     assert readings(block(0.0)).speed is None
+    readings.add(2e9, 99.0, 99.0)  # A clock that was ahead, and is set.
     for utc, speed, load in ((10.0, 20.0, 500.0), (11.0, 25.0, None), (12.0, None, 700.0), (13.0, 0.0, math.inf)):
         readings.add(utc, speed, load)
-    readings.add(2.0, 99.0, 99.0)  # The clock went back.
 
     def found(start: float | None, **more: Any) -> tuple[float | None, str, float | None, str]:
         after = readings(block(start, **more))
@@ -58,6 +58,25 @@ def test_the_latest_reading_not_after_the_middle_holds() -> None:
     assert found(12.0) == found(17.1) == found(None) == (None, "block", None, "block")
     # What the block itself states comes first.
     assert found(9.0, speed=7.0) == (7.0, "block", 500.0, "opcua")
+
+
+def test_after_a_restart_blocks_of_before_find_their_reading(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "readings"
+    first = Readings(5.0, path)
+    first.add(10.0, 20.0, None)
+    first.add(11.0, 21.0, 3.0)
+    with path.open("a") as file:
+        file.write('[12.0, 99\n{"a": 1}\n[NaN, 1, 1]\n["x", 1, 1]\n\n[13.0, 23')
+    again = Readings(5.0, path)
+    assert [again(block(start)).speed for start in (8.0, 9.5, 14.9, 15.1)] == [None, 20.0, 21.0, None]
+    # The file stays small, and keeps the latest.
+    monkeypatch.setattr("monitor.service.neighbours.condition._MAX_BYTES", 2000)
+    for at in range(400):
+        again.add(20.0 + at, float(at), 1.0)
+    assert path.stat().st_size <= 2000
+    assert Readings(5.0, path)(block(418.0)).speed == 399.0
+    # A place that cannot be written to is no failure.
+    Readings(5.0, tmp_path / "absent" / "readings").add(1.0, 2.0, 3.0)
 
 
 @settings(max_examples=40, deadline=None)
@@ -165,9 +184,9 @@ def test_without_the_library_it_says_what_to_install(monkeypatch: pytest.MonkeyP
 
 @pytest.mark.process
 @pytest.mark.skipif(effort_count(quick=0, full=1) == 0, reason="starts for seconds: SPALLWATCH_EFFORT=full")
-def test_the_companion_reads_beside_the_daemon() -> None:
+def test_the_companion_reads_beside_the_daemon(tmp_path: Path) -> None:
     with plc() as (url, _, _):
-        companion = ConditionProcess(section_of(url))
+        companion = ConditionProcess(section_of(url), tmp_path)
         try:
             now = datetime.now(UTC).timestamp()
             wait_until(lambda: companion(block(now + 5.0, duration=0.01)).speed is not None)
