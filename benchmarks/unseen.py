@@ -1,6 +1,6 @@
 """How V_eq and TT hold on lives that nobody simulated for them: other laws, other machines, other noise.
 
-Run as ``python -m benchmarks.unseen [--judged] [--runs-per-law N] [--library FILE | --library-runs N] [--json FILE]
+Run as ``python -m benchmarks.unseen [--judged | --development] [--runs-per-law N] [--library FILE | --library-runs N] [--json FILE]
 [--quick]``. The lives are those of ``unseen_lives`` with the laws of ``unseen_laws``; the library is that of
 ``library build`` with its default settings over all loads and speeds, or that of a file. At 1/4, 1/2 and 3/4 of the
 time from the onset to the threshold each method is asked with the blocks up to then. Means are over lives; a missing
@@ -16,7 +16,8 @@ of the lives the filter, alone and beside the library as in the daemon; climatol
 library's population), the clock (the same weighted by what the elapsed time says, ``baselines.elapsed_alone``), "as
 long again as it has lasted" (whose median is exact at 1/2 by the choice of the moments), and the constant.
 
-``--judged`` takes the range of seeds that is scored once; without it, the lives are those for trying the code.
+``--judged`` takes the range of seeds that is scored once; without it, the lives are those on which choices are made
+(``--development``), or for trying the code (``unseen_seeds``).
 """
 
 from __future__ import annotations
@@ -44,7 +45,8 @@ from benchmarks.unseen_ask import (
 )
 from benchmarks.unseen_cache import lives_of
 from benchmarks.unseen_laws import LAWS, Floats
-from benchmarks.unseen_lives import JUDGED_FIRST_SEED, TEST_FIRST_SEED, UnseenLife
+from benchmarks.unseen_lives import UnseenLife
+from benchmarks.unseen_seeds import seed_of
 from monitor.health.damage.library.model import Library
 from monitor.report.score import baselines
 
@@ -238,13 +240,14 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--json", type=Path, metavar="FILE", help="write the same figures to this file")
     parser.add_argument("--quick", action="store_true", help="three lives a law: shows that all works")
-    parser.add_argument("--judged", action="store_true", help="the lives of the one judged score")
+    parser.add_argument("--judged", action="store_true", help="the lives of the judged score")
+    parser.add_argument("--development", action="store_true", help="lives on which choices are made")
     parser.add_argument("--runs-per-law", type=int, default=100, metavar="N")
     parser.add_argument("--filter-runs-per-law", type=int, default=10, metavar="N")
     parser.add_argument("--library", type=Path, metavar="FILE")
     parser.add_argument("--library-runs", type=int, default=1000, metavar="N", help="of the library that is built")
     options = parser.parse_args()
-    first_seed = JUDGED_FIRST_SEED if options.judged else TEST_FIRST_SEED
+    first_seed = seed_of(judged=options.judged, development=options.development)
     count = 3 if options.quick else options.runs_per_law
     few = min(1 if options.quick else options.filter_runs_per_law, count)
     lives = {law: lives_of(law, count, first_seed) for law in LAWS}

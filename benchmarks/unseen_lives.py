@@ -29,11 +29,6 @@ from models.response import HARMONICS
 from models.rigs.six_dof import Rig
 from models.scene import Defect, Floor, Scene, Slip
 
-JUDGED_FIRST_SEED = 1_808_000
-"""Lives of the one judged score: nobody who works on the library uses them, and nothing is fitted on them."""
-TEST_FIRST_SEED = 1_908_000
-"""Lives with which this code is tried, and on which a baseline is scored."""
-
 BAND = (0.0, 9500.0)
 """Band of the RMS, Hz: the default of ``library build``."""
 INTERVAL = 300.0
@@ -185,7 +180,7 @@ def simulate_life(law: str, number: int, first_seed: int, options: LifeOptions |
     Args:
         law: a name in ``unseen_laws.LAWS`` or ``OTHER_LAWS``.
         number: of the life among those of its law.
-        first_seed: ``JUDGED_FIRST_SEED`` or ``TEST_FIRST_SEED``.
+        first_seed: of a range in ``unseen_seeds``.
         options: of its group.
     """
     options = options or LifeOptions()

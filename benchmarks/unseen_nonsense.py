@@ -1,6 +1,6 @@
 """Is nonsense flagged: stalls, noise, a gain, a dead sensor, another part, steps of the load, a law of its own, a gap.
 
-Run as ``python -m benchmarks.unseen_nonsense [--judged] [--lives N] [--filter-lives N] [--sound N] [--causes NAME...]
+Run as ``python -m benchmarks.unseen_nonsense [--judged | --development] [--lives N] [--filter-lives N] [--sound N] [--causes NAME...]
 [--library FILE | --library-runs N] [--features rms|rms+harmonics] [--json FILE] [--quick]``. The lives are those of
 ``unseen_causes``. Blocks go through ``monitor.health.damage.tracker``, as in the daemon, on a calibrated channel with a
 map of the outer race; V_eq is by the library or by the filter, TT by the library.
@@ -30,7 +30,7 @@ from benchmarks.common import Row, print_table, write_json
 from benchmarks.unseen_ask import follow, library_for, map_for, settings_for
 from benchmarks.unseen_causes import WATCHED, Case
 from benchmarks.unseen_laws import STAND_STILL
-from benchmarks.unseen_lives import JUDGED_FIRST_SEED, TEST_FIRST_SEED
+from benchmarks.unseen_seeds import seed_of
 from monitor.health.damage.tracker import DamageGate, DamageSettings, TrackMethod
 
 PASSING = frozenset(
@@ -146,7 +146,8 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--json", type=Path, metavar="FILE", help="write the same figures to this file")
     parser.add_argument("--quick", action="store_true", help="two lives of each: shows that all works")
-    parser.add_argument("--judged", action="store_true", help="the lives of the one judged score")
+    parser.add_argument("--judged", action="store_true", help="the lives of the judged score")
+    parser.add_argument("--development", action="store_true", help="lives on which choices are made")
     parser.add_argument("--lives", type=int, default=200, metavar="N", help="of each cause")
     parser.add_argument("--filter-lives", type=int, default=60, metavar="N", help="of them by the filter")
     parser.add_argument("--sound", type=int, default=200, metavar="N", help="lives without a cause")
@@ -155,7 +156,7 @@ def main() -> None:
     parser.add_argument("--library", type=Path, metavar="FILE")
     parser.add_argument("--library-runs", type=int, default=1000, metavar="N", help="of the library that is built")
     options = parser.parse_args()
-    seed = JUDGED_FIRST_SEED if options.judged else TEST_FIRST_SEED
+    seed = seed_of(judged=options.judged, development=options.development)
     count, count_sound = (2, 2) if options.quick else (options.lives, options.sound)
     library, rms_map = library_for(options.library, 60 if options.quick else options.library_runs), map_for()
     by_method = {method: settings_for(library, options.features, method, rms_map) for method in METHODS}

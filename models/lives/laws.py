@@ -35,7 +35,7 @@ _MAX_LIVES = 8.0
 # Length of a path over the time that its law takes: blocks are simulated beyond the crossing.
 _BEYOND = 2.0
 # Length of a path whose law does not get there, in nominal lives.
-_STANDSTILL_LIVES = 2.0
+_STANDSTILL_LIVES = 4.0
 # Share of the law's mean rate at which a stalled damage still grows.
 _STALLED = 0.03
 
@@ -207,7 +207,7 @@ def grow(
         v_0: V_eq at the onset, m2.
         threshold: V_eq at u = 1, m2.
         until: V_eq that the path must reach, m2; it lasts twice as long as its law takes to get there, at most eight
-            nominal lives; two of them where the law never gets there.
+            nominal lives; four of them where the law never gets there.
         roughness: standard deviation of the factor on the growth within ``ROUGHNESS_STEP``; 0 is a smooth path.
     """
     steps = int(np.ceil(_MAX_LIVES * duration / PATH_STEP))

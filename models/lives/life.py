@@ -165,9 +165,12 @@ def simulate_life(population: Population, number: int) -> LifeHistory:
     # All draws are made before any block is left out, so that one setting does not move another's draws.
     known = 1.0 + np.array([population.load_variation, population.speed_variation]) * rng.uniform(-1.0, 1.0, (count, 2))
     jitter = 1.0 + np.array([population.load_jitter, population.speed_jitter]) * rng.standard_normal((count, 2))
-    scatter = np.exp(population.scatter * rng.standard_normal((count, 1 + HARMONICS)))
+    noise = rng.standard_normal((count, 1 + HARMONICS))
     there = np.flatnonzero(rng.uniform(size=count) >= population.missing)
     loads, drift = _slow_changes(population, plan, count)
+    unknown = _unknown(population, number)
+    jitter *= unknown.errors
+    scatter = np.exp(unknown.scatter * noise)
     slip = Slip(plan.slip, seed=plan.floor.seed) if plan.slip > 0.0 else None
     if slip is not None:
         jitter[there, 1] = _grouped(jitter[there, 1])
@@ -212,6 +215,34 @@ def _slow_changes(
     for at in np.sort(rng.uniform(size=rng.poisson(population.load_steps))):
         load[int(at * count) :] = rng.uniform(*population.load)
     return load, np.exp(population.gain_drift * walk)
+
+
+@dataclass(frozen=True, eq=False)
+class _Unknown:
+    """What the monitor of a life does not know and what stays for the whole life.
+
+    Attributes:
+        errors: factors on load and speed, shape (2,).
+        scatter: standard deviation of each figure of a block, RMS first, shape (7,).
+    """
+
+    errors: NDArray[np.float64]
+    scatter: NDArray[np.float64]
+
+
+def _unknown(population: Population, number: int) -> _Unknown:
+    # A stream of its own, as in ``_slow_changes``.
+    rng = np.random.default_rng([population.seed, number, 4])
+    errors = 1.0 + np.array([population.load_error, population.speed_error]) * rng.standard_normal(2)
+    rms, lines = (_spread(rng, limits) for limits in (population.scatter, population.line_scatter))
+    return _Unknown(errors, np.array([rms] + [lines] * HARMONICS))
+
+
+def _spread(rng: np.random.Generator, limits: Range) -> float:
+    """Return a standard deviation from a range, drawn in the logarithm; one from 0 is 0 to its upper end."""
+    share = rng.uniform()
+    low, high = limits
+    return low * (high / low) ** share if low > 0.0 else high * share
 
 
 def _grouped(factors: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -18,7 +18,7 @@ from models.rigs.six_dof import Rig
 Range = tuple[float, float]
 
 # Increment when the same population would give other lives.
-LIVES_VERSION = 2
+LIVES_VERSION = 3
 _GRAVITY = 9.80665
 _RIG_SPREAD = (*((name, 0.035) for name in ("m_r", "k_c", "c_i", "c_r", "alpha_c", "beta_c")), ("k_r", 0.014))
 _RANGES = (
@@ -32,14 +32,19 @@ _RANGES = (
     "slip",
     "background_rms",
     "background_harmonic",
+    "scatter",
+    "line_scatter",
 )
+# Ranges that may be (0, 0).
+_MAY_BE_NONE = ("slip", "floor_sd", "scatter", "line_scatter")
 _SHARES = (
     "gain_sd",
     "harmonic_gain_sd",
-    "scatter",
     "roughness",
     "gain_drift",
     "load_steps",
+    "load_error",
+    "speed_error",
     "load_jitter",
     "speed_jitter",
     "load_variation",
@@ -64,14 +69,17 @@ class Population:
         load, speed: ranges of radial loads, N, and shaft speeds, Hz; one of each per life.
         load_steps: mean number of known steps of the load within a life, each to another load of the range.
         load_variation, speed_variation: known change from block to block: each has a factor of 1 +- this.
+        load_error, speed_error: standard deviation of a factor on the load and on the speed, one per life, unknown to
+            the monitor.
         load_jitter: standard deviation of the factor on the load of a block, unknown to the monitor.
         speed_jitter: the same of the speed. (A few tenths of a per cent move the RMS by some per cent.) Blocks of
             lives with slip are simulated side by side in groups of nearly the same speed, at the mean of each group.
         laws: (growth law, weight) pairs; see ``models.lives.laws``.
-        durations: range of nominal lives, s, drawn in the logarithm.
+        durations: range of nominal lives, s, drawn in the logarithm; the 95 % prediction interval of a further life after
+            the six of Table 22 of the thesis is 1.9 to 20 h.
         threshold: V_eq at the end of a nominal life, m2.
         until: largest V_eq of interest, m2; blocks continue for 1.35 times the time to reach it.
-        v_0: range of V_eq at the onset, m2, drawn in the logarithm.
+        v_0: range of V_eq at the onset, m2, drawn in the logarithm; Table 22 of the thesis has 0.63 to 3.5e-9 m2.
         roughness: standard deviation of the factor on the growth within five minutes.
         h_threshold: range of the depth where V_eq is ``threshold``, m, drawn in the logarithm.
         depth_share: range of the share of ln V_eq that ln h_d takes; the rest is extent.
@@ -81,7 +89,8 @@ class Population:
         gain_sd: standard deviation of the gain of the sensor, one per life.
         gain_drift: standard deviation of a further factor at the end of the life: a random walk from the onset.
         harmonic_gain_sd: standard deviation of a further factor on each harmonic, constant over a life.
-        scatter: standard deviation of the factor on each figure of each block.
+        scatter, line_scatter: ranges of the standard deviation of the factor on the RMS, and on each harmonic, of each
+            block, drawn in the logarithm, one per life (``benchmarks.block_scatter`` has those of recorded runs).
         background_rms, background_harmonic: ranges of the RMS of background vibration and of its amplitude at each
             harmonic, m/s2, drawn in the logarithm, one per life; they add as power.
         missing: probability that a block is lost.
@@ -97,14 +106,16 @@ class Population:
     speed: Range = (20.0, 45.0)
     load_variation: float = 0.0
     speed_variation: float = 0.0
+    load_error: float = 0.02
+    speed_error: float = 0.003
     load_jitter: float = 0.005
     speed_jitter: float = 0.004
     load_steps: float = 0.3
     laws: tuple[tuple[str, float], ...] = tuple(WEIGHTS.items())
-    durations: Range = (150.0 * 60.0, 900.0 * 60.0)
+    durations: Range = (120.0 * 60.0, 1200.0 * 60.0)
     threshold: float = 0.05e-6
     until: float = 0.05e-6
-    v_0: Range = (0.0008e-6, 0.006e-6)
+    v_0: Range = (0.0004e-6, 0.006e-6)
     roughness: float = 0.5
     h_threshold: Range = (4e-6, 20e-6)
     depth_share: Range = (0.2, 0.7)
@@ -112,9 +123,10 @@ class Population:
     slip: Range = (0.0, 0.0)
     rms_band: Range | None = (0.0, 9500.0)
     gain_sd: float = 0.12
-    gain_drift: float = 0.04
+    gain_drift: float = 0.06
     harmonic_gain_sd: float = 0.15
-    scatter: float = 0.02
+    scatter: Range = (0.01, 0.08)
+    line_scatter: Range = (0.02, 0.2)
     background_rms: Range = (0.02 * _GRAVITY, 0.1 * _GRAVITY)
     background_harmonic: Range = (0.001 * _GRAVITY, 0.03 * _GRAVITY)
     missing: float = 0.03
@@ -125,9 +137,7 @@ class Population:
         """Raise a ValueError that names the field of an unusable value, the value and the expected one."""
         for name in _RANGES:
             low, high = getattr(self, name)
-            if not (
-                math.isfinite(high) and low <= high and (low > 0.0 or (name in ("slip", "floor_sd") and low == 0.0))
-            ):
+            if not (math.isfinite(high) and low <= high and (low > 0.0 or (name in _MAY_BE_NONE and low == 0.0))):
                 raise ValueError(f"population {name} needs a finite range 0 < lo <= hi, got {(low, high)!r}")
         for name in _SHARES:
             value = getattr(self, name)
@@ -188,8 +198,10 @@ class Population:
             data: dict[str, Any] = json.loads(text)
             kind = RIGS[data.pop("model", Rig.model)]
             data |= {"bearing": Bearing(**data["bearing"]), "rig": kind(**data["rig"])}
-            # Populations of version 1 had neither.
-            data = {"gain_drift": 0.0, "load_steps": 0.0} | data
+            # Populations of version 1 had neither drift nor steps, those of version 2 one scatter of all figures.
+            data = {"gain_drift": 0.0, "load_steps": 0.0, "load_error": 0.0, "speed_error": 0.0} | data
+            if isinstance(data["scatter"], float):
+                data |= dict.fromkeys(("scatter", "line_scatter"), (data["scatter"], data["scatter"]))
             data["rig_posterior"] = RigDraws.from_dict(data.get("rig_posterior"))
             for name in _RANGES:
                 data[name] = tuple(data[name])

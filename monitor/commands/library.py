@@ -68,7 +68,7 @@ command.add_command(library_learn.command)
 @click.option("--speed-hz", type=option.Range(positive=True), help="Default: 10 % around the configured speed.")
 @_variation("load", "Known change of the load from block to block, either way.")
 @_variation("speed", "Known change of the speed from block to block, either way; needed from 1 %.")
-@click.option("--duration-min", type=option.Range(positive=True), default="150:900", help="Onset to threshold.")
+@click.option("--duration-min", type=option.Range(positive=True), default="120:1200", help="Onset to threshold.")
 @click.option("--interval-s", type=option.POSITIVE, default=300.0, help="Time between blocks.")
 @click.option(
     "--law",

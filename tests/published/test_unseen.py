@@ -10,15 +10,9 @@ from hypothesis import strategies as st
 from benchmarks import unseen, unseen_ask, unseen_causes, unseen_nonsense
 from benchmarks.forecast_cases import LEVELS, Answers, score
 from benchmarks.unseen_laws import DURATIONS, LAWS, OTHER_LAWS, START, THRESHOLD, draw_growth
-from benchmarks.unseen_lives import (
-    INTERVAL,
-    JUDGED_FIRST_SEED,
-    TEST_FIRST_SEED,
-    LifeOptions,
-    UnseenLife,
-    simulate_life,
-)
+from benchmarks.unseen_lives import INTERVAL, LifeOptions, UnseenLife, simulate_life
 from benchmarks.unseen_nonsense import Flags
+from benchmarks.unseen_seeds import DEVELOPMENT_FIRST_SEED, JUDGED_FIRST_SEED, TEST_FIRST_SEED
 from models.lives import laws as library_laws
 
 
@@ -54,7 +48,8 @@ def test_depth_comes_after_extent() -> None:
 
 def test_the_judge_shares_no_law_with_the_library() -> None:
     assert not {law.__module__ for law in LAWS.values()} & {library_laws.__name__}
-    assert abs(JUDGED_FIRST_SEED - TEST_FIRST_SEED) > 10_000
+    seeds = sorted((JUDGED_FIRST_SEED, DEVELOPMENT_FIRST_SEED, TEST_FIRST_SEED))
+    assert np.all(np.diff(seeds) > 10_000)
 
 
 @pytest.fixture(scope="module")

@@ -354,7 +354,8 @@ def test_a_library_of_an_uncalibrated_rig_issues_no_tt_unless_asked_to(
     assert sum(row["status"] == "ok" for row in found["yes"]) > 10
     for known, withheld, asked in zip(found["yes"], found["no"], found["asked"], strict=True):
         assert withheld["tt_s"] is None
-        assert withheld["status"] in ("uncalibrated", "too_few_points")
+        assert withheld["status"] in ("uncalibrated", "too_few_points", "cannot_tell")
+        assert withheld["status"] in ("uncalibrated", known["status"])
         assert asked["tt_s"] == known["tt_s"]
         assert asked["status"] == ("uncalibrated" if known["status"] == "ok" else known["status"])
 

@@ -18,13 +18,14 @@ from monitor.health.damage import Damage, DamageInput, EdvStatus, Remaining, TtS
 from monitor.health.damage.library.fit import FitSettings, fit_library, fit_regression, stands_still
 from monitor.health.damage.library.forecaster import (
     QUANTILES,
+    STANDING_BLOCKS,
     LibrarySettings,
     LibraryState,
-    Stand,
+    Moment,
     _forecast,
     step,
 )
-from monitor.health.damage.library.model import LINES, Library, quantiles_of
+from monitor.health.damage.library.model import ACCELERATION, LINES, Library, _accelerated, quantiles_of
 from monitor.health.damage.library.scores import SHARES, crps
 from monitor.records.library_file import LibraryError, load_library, save_library
 from tests.effort import effort_count
@@ -173,7 +174,7 @@ def test_history_of_another_library_is_refused() -> None:
     state, _ = follow(blocks[:3], toy_library())
     with pytest.raises(ValueError, match="start anew"):
         step(state, blocks[3], toy_library(), LibrarySettings(features="rms"), thresholds=[THRESHOLD])
-    with pytest.raises(ValueError, match="library state: version 2 expected, got 9"):
+    with pytest.raises(ValueError, match="library state: version 3 expected, got 9"):
         LibraryState.from_dict({"version": 9})
 
 
@@ -353,16 +354,49 @@ def test_the_probability_of_no_growth_is_the_share_of_standing_moments() -> None
     assert stood[p > 0.9].mean() > 0.8
 
 
+def test_no_growth_is_claimed_only_after_blocks_in_succession_that_say_so() -> None:
+    library, state, standing, early = standing_library(), LibraryState(), 0, 0
+    for block in blocks_of(standing_life(102, seed=8)):
+        state, _, (forecast,) = step(state, block, library, thresholds=[THRESHOLD])
+        standing = standing + 1 if forecast.p_no_growth >= 0.5 else 0
+        assert state.standing == standing
+        assert (forecast.status == TtStatus.NO_GROWTH) == (standing >= STANDING_BLOCKS)
+        early += 0 < standing < STANDING_BLOCKS and forecast.status == TtStatus.OK
+    assert standing > STANDING_BLOCKS
+    assert early
+
+
+def test_a_state_before_the_count_of_standing_blocks_is_read() -> None:
+    state, _ = follow(blocks_of(toy_life(2000))[:8], toy_library())
+    stored = state.to_dict() | {"version": 2}
+    del stored["standing"]
+    assert LibraryState.from_dict(stored) == replace(state, standing=0)
+
+
+def moment(still: float) -> Moment:
+    """Return a moment with a probability that V_eq stands still."""
+    return Moment(predicted=(), ln_elapsed=0.0, blocks=20, t=0.0, p_no_growth=still, stands=still >= 0.5)
+
+
 def test_no_growth_lowers_the_probability_of_reaching_the_threshold() -> None:
     sample, window = np.linspace(1e3, 2e4, 200), LibrarySettings(window=1e4)
-    small = 0.2 * THRESHOLD
-    grows, may_stand = (_forecast(sample, 0.0, THRESHOLD, Stand(still, small), window) for still in (0.0, 0.3))
+    grows, may_stand = (_forecast(sample, THRESHOLD, moment(still), window, below=False) for still in (0.0, 0.3))
     assert may_stand.p_threshold == pytest.approx(0.7 * grows.p_threshold)
     assert may_stand.tt == grows.tt
     assert (math.isinf(may_stand.tt_upper), math.isinf(grows.tt_upper)) == (True, False)
-    stands, beyond = (_forecast(0.0 * sample, 0.0, THRESHOLD, Stand(0.9, v), window) for v in (small, 2.0 * THRESHOLD))
+    stands, beyond = (_forecast(0.0 * sample, THRESHOLD, moment(0.9), window, below=below) for below in (True, False))
     assert (stands.status, beyond.status) == (TtStatus.NO_GROWTH, TtStatus.ALREADY_CROSSED)
     assert math.isnan(stands.p_threshold)
+
+
+@given(st.lists(st.floats(0.0, 1e6), min_size=2, max_size=400))
+def test_growth_that_accelerates_leaves_less_and_has_its_share(times: list[float]) -> None:
+    left = np.sort(times)
+    found = _accelerated(left)
+    assert len(found) == round(ACCELERATION / (1.0 - ACCELERATION) * len(left))
+    assert np.all((found >= 0.0) & (found <= left[-1]))
+    if len(found) >= 20 and left[0] == left[-1]:
+        assert np.mean(found) == pytest.approx(0.5 * left[0], abs=1e-9)
 
 
 @pytest.mark.parametrize(("tail", "expected"), [(1.0, True), (1.002, False)])
@@ -381,8 +415,11 @@ def test_lifetimes_mixed_in_are_those_of_longer_lives() -> None:
     without = replace(fit, pool=np.zeros_like(fit.pool))
     said, age = float(fit.said[5, 2]), math.log(40.0 + 6.0)
     alone, pooled = without.sample_tt(2, said, age, 60), fit.sample_tt(2, said, age, 60)
-    grown = np.count_nonzero(alone > 0.0)
-    assert len(pooled) - len(alone) == round(fit.pool[1] / (1.0 - fit.pool[1]) * grown)
+    near = fit.nearest_moments(2, said, age, 60)
+    grown = np.count_nonzero(~fit.crossed[near, 1])
+    left = grown + round(fit.pool[1] / (1.0 - fit.pool[1]) * grown)
+    accelerated = round(ACCELERATION / (1.0 - ACCELERATION) * left)
+    assert len(pooled) == len(near) - grown + left + accelerated
     longer = np.sort(fit.lifetimes[:, 1][fit.lifetimes[:, 1] > 40 * INTERVAL]) - 40 * INTERVAL
     added = sorted(pooled)[-1]
     assert added <= max(longer.max(), alone.max())

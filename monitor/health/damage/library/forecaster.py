@@ -4,8 +4,9 @@ The history of a bearing's levels is summarised (``summaries.py``); a regression
 and the time to threshold (``fit.py``), and its errors on similar moments of lives outside its training folds give the
 interval. The result depends on the library's growth laws, depths and rigs, and names it.
 
-The share of similar moments at which V_eq stood still is the probability of no growth. From one half on there is no TT;
-below, TT is that of damage that grows, and its upper end is open where the probability is larger than the upper tail.
+The share of similar moments at which V_eq stood still is the probability of no growth. Once it has been one half or more
+in ``STANDING_BLOCKS`` blocks in succession, there is no TT; before, TT is that of damage that grows, and its upper end is
+open where the probability is larger than the upper tail.
 
 Times are damage time: standstill does not count.
 """
@@ -14,7 +15,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -33,9 +34,13 @@ from monitor.health.damage.library.plausible import Watch, step_score
 from monitor.health.damage.library.summaries import LevelHistory
 from monitor.health.forecast_settings import check_forecast
 
-STATE_VERSION = 2
+STATE_VERSION = 3
 QUANTILES = (0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95)
 """Levels of the quantiles in a result."""
+STANDING_BLOCKS = 12
+"""Blocks in succession at which V_eq probably stands still before this is claimed: a probability is judged at every block,
+and over a life one of them is wrong far more often than each. Found on the development lives of
+``benchmarks.unseen_seeds``."""
 
 
 @dataclass(frozen=True)
@@ -106,6 +111,7 @@ class LibraryState:
         features: the set of features in use.
         history: None before the first block; its times are damage time less the excess of long gaps.
         watch: what was seen of the blocks.
+        standing: latest answered blocks in succession at which V_eq probably stands still.
     """
 
     library: str = ""
@@ -113,6 +119,7 @@ class LibraryState:
     history: LevelHistory | None = None
     conditions: Conditions = Conditions()
     watch: Watch = field(default_factory=Watch)
+    standing: int = 0
     version: int = STATE_VERSION
 
     def to_dict(self) -> dict[str, Any]:
@@ -123,6 +130,7 @@ class LibraryState:
             "history": None if self.history is None else self.history.to_dict(),
             "conditions": asdict(self.conditions),
             "watch": asdict(self.watch),
+            "standing": self.standing,
             "version": self.version,
         }
 
@@ -130,12 +138,12 @@ class LibraryState:
     def from_dict(cls, stored: Mapping[str, Any]) -> LibraryState:
         """Restore a state written by :meth:`to_dict`.
 
-        One of version 1 has seen no blocks but those of its history.
+        One of version 1 has seen no blocks but those of its history; before version 3 no standstill was counted.
 
         Raises:
             ValueError: the state has another version.
         """
-        if stored.get("version") not in (1, STATE_VERSION):
+        if stored.get("version") not in (1, 2, STATE_VERSION):
             raise ValueError(f"library state: version {STATE_VERSION} expected, got {stored.get('version')!r}")
         history = None if stored["history"] is None else LevelHistory.from_dict(stored["history"])
         watch = Watch() if history is None else Watch(history.t_first + history.elapsed)
@@ -145,6 +153,7 @@ class LibraryState:
             history=history,
             conditions=Conditions(**stored["conditions"]),
             watch=Watch(**stored["watch"]) if "watch" in stored else watch,
+            standing=stored.get("standing", 0),
         )
 
 
@@ -197,12 +206,12 @@ def step(
     watch = state.watch.see(float(block.time), fit.interval)
     history = state.history or LevelHistory.empty(fit.channels)
     if not _can_follow(fit, history, watch, float(relative[0, 0])):
-        state = LibraryState(library.hash, settings.features, history, state.conditions, watch)
+        state = LibraryState(library.hash, settings.features, history, state.conditions, watch, state.standing)
         return state, *_without_values(thresholds, EdvStatus.IMPLAUSIBLE, TtStatus.CANNOT_TELL)
     bounded, known = fit.bounded(relative[0])
     history = history.add(float(block.time) - watch.closed, bounded)
     changes = state.conditions if own_levels else state.conditions.add(load, speed)
-    state = LibraryState(library.hash, settings.features, history, changes, watch.use())
+    state = LibraryState(library.hash, settings.features, history, changes, watch.use(), state.standing)
     if not library.covers_changes(*changes.spreads):
         return state, *_without_values(thresholds, EdvStatus.OUTSIDE_CONDITIONS, TtStatus.OUTSIDE_LIBRARY)
     if not known or not fit.covers_pace(history):
@@ -210,7 +219,11 @@ def step(
     x = fit.inputs(history, load, speed)
     if fit.limits is not None and history.count >= settings.min_points and not fit.limits.holds_summary(x):
         return state, *_without_values(thresholds, EdvStatus.IMPLAUSIBLE, TtStatus.CANNOT_TELL)
-    return state, *_answer(library, fit, x, history.count, block.time, settings, thresholds)
+    predicted = fit.regression.predict(x[None])[0].tolist()
+    still = fit.p_no_growth(predicted[-1], settings.neighbours)
+    state = replace(state, standing=state.standing + 1 if still >= NO_GROWTH else 0)
+    moment = Moment(predicted, float(x[0]), history.count, float(block.time), still, state.standing >= STANDING_BLOCKS)
+    return state, *_answer(library, fit, moment, settings, thresholds)
 
 
 def _can_follow(fit: FeatureFit, history: LevelHistory, watch: Watch, ln_rms: float) -> bool:
@@ -228,29 +241,43 @@ def _without_values(thresholds: Sequence[float], edv: EdvStatus, tt: TtStatus) -
     return Damage(edv), tuple(Remaining(float(threshold), tt) for threshold in thresholds)
 
 
+@dataclass(frozen=True)
+class Moment:
+    """What is answered at a block.
+
+    Attributes:
+        predicted: by the regression, one number a target.
+        ln_elapsed: logarithm of the elapsed time plus six intervals, in intervals.
+        blocks: in the history.
+        t: time of the block, s.
+        p_no_growth: probability that V_eq stands still.
+        stands: whether this is claimed.
+    """
+
+    predicted: Sequence[float]
+    ln_elapsed: float
+    blocks: int
+    t: float
+    p_no_growth: float
+    stands: bool
+
+
 def _answer(
-    library: Library,
-    fit: FeatureFit,
-    x: Array,
-    blocks: int,
-    t: float,
-    settings: LibrarySettings,
-    thresholds: Sequence[float],
+    library: Library, fit: FeatureFit, moment: Moment, settings: LibrarySettings, thresholds: Sequence[float]
 ) -> tuple[Damage, tuple[Remaining, ...]]:
-    """Return the result for the inputs of the regression, after a number of blocks inside the library."""
-    predicted, ln_elapsed = fit.regression.predict(x[None])[0].tolist(), float(x[0])
-    sample = fit.sample_v_eq(predicted[0], ln_elapsed, predicted[-1], settings.neighbours)
+    """Return the result at a moment inside the library."""
+    predicted, still = moment.predicted, moment.p_no_growth
+    sample = fit.sample_v_eq(predicted[0], moment.ln_elapsed, predicted[-1], settings.neighbours)
     lower, median, upper = quantiles_of(sample, _interval_levels(settings)).tolist()
-    still = fit.p_no_growth(predicted[-1], settings.neighbours)
-    stand = Stand(still, median)
     forecasts: list[Remaining] = []
     for threshold in thresholds:
-        if blocks < settings.min_points:
+        if moment.blocks < settings.min_points:
             forecasts.append(Remaining(float(threshold), TtStatus.TOO_FEW_POINTS, p_no_growth=still))
             continue
         target = library.target(threshold)
-        left = fit.sample_tt(target, predicted[target], ln_elapsed, settings.neighbours)
-        forecasts.append(_forecast(left, t, threshold, stand, settings))
+        left = fit.sample_tt(target, predicted[target], moment.ln_elapsed, settings.neighbours)
+        below = moment.stands and median < threshold
+        forecasts.append(_forecast(left, threshold, moment, settings, below=below))
     return Damage(EdvStatus.OK, median, lower, upper, p_no_growth=still), tuple(forecasts)
 
 
@@ -280,21 +307,16 @@ def _interval_levels(settings: LibrarySettings) -> tuple[float, float, float]:
     return 0.5 - half, 0.5, 0.5 + half
 
 
-@dataclass(frozen=True)
-class Stand:
-    """The probability that V_eq stands still, and the median of V_eq, m2, at which it would."""
+def _forecast(sample: Array, threshold: float, moment: Moment, settings: LibrarySettings, *, below: bool) -> Remaining:
+    """Return the forecast from an ascending sample of the time to a threshold, s, if V_eq grows.
 
-    probability: float
-    v_eq: float
-
-
-def _forecast(sample: Array, t: float, threshold: float, stand: Stand, settings: LibrarySettings) -> Remaining:
-    """Return the forecast from an ascending sample of the time to a threshold, s, if V_eq grows."""
-    still = stand.probability
+    ``below`` is whether V_eq stands still below the threshold.
+    """
+    still = moment.p_no_growth
     lower, median, upper, *quantiles = quantiles_of(sample, (*_interval_levels(settings), *QUANTILES)).tolist()
     reached = float(np.mean(np.equal(sample, 0.0)))
     crossed = reached >= 0.5
-    if still >= NO_GROWTH and stand.v_eq < threshold:
+    if below:
         return Remaining(float(threshold), TtStatus.NO_GROWTH, p_no_growth=still)
     if still > 0.5 * (1.0 - settings.interval) and not crossed:
         upper = math.inf
@@ -308,7 +330,7 @@ def _forecast(sample: Array, t: float, threshold: float, stand: Stand, settings:
         tt=median,
         tt_lower=lower,
         tt_upper=upper,
-        t_threshold=math.nan if crossed else t + median,
+        t_threshold=math.nan if crossed else moment.t + median,
         p_threshold=reached + (1.0 - still) * (within - reached),
         p_no_growth=still,
         quantiles=tuple(zip(QUANTILES, quantiles, strict=True)),

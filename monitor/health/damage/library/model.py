@@ -42,6 +42,9 @@ _ELAPSED_WEIGHT = 0.15
 _MIN_SURVIVORS = 5
 _LIFETIME_POWER = 0.5
 """Weights of lifetimes go with this power of 1 / T: 0 counts each life once, 1 each moment of it."""
+ACCELERATION = 0.1
+"""Probability that growth accelerates at once beyond what the past tells: then what is left of TT is any share of it."""
+_GOLDEN = 0.5 * (math.sqrt(5.0) - 1.0)
 _AGE_OFFSET = 6.0
 """Intervals in the logarithm of the elapsed time (summaries.summarise)."""
 _STAND_WEIGHT = 4.0
@@ -200,7 +203,8 @@ class FeatureFit:
         tt = np.maximum(np.exp(ln_tt) - OFFSET, 0.0) * self.interval
         crossed = self.crossed[moments, target - 1]
         pooled = self._survivors(target, ln_elapsed, len(moments) - int(np.count_nonzero(crossed)))
-        return np.sort(np.concatenate((np.where(crossed, 0.0, tt), pooled)))
+        left = np.sort(np.concatenate((tt[~crossed], pooled)))
+        return np.sort(np.concatenate((np.zeros(int(np.count_nonzero(crossed))), left, _accelerated(left))))
 
     def _survivors(self, target: int, ln_elapsed: float, beside: int) -> Array:
         """Return what is left of the longer lifetimes, s: so many quantiles that ``pool`` is their share.
@@ -305,6 +309,20 @@ class Library:
         return self.fits[features]
 
 
+def _accelerated(left: Array) -> Array:
+    """Return what is left where growth accelerates, s: so many that ``ACCELERATION`` is their share.
+
+    Args:
+        left: ascending sample of the time to a threshold, s.
+    """
+    count = round(ACCELERATION / (1.0 - ACCELERATION) * len(left))
+    if count == 0:
+        return np.zeros(0)
+    # Shares and times are paired by a sequence that fills the square evenly.
+    place = np.arange(count)
+    return (place + 0.5) / count * quantiles_of(left, ((place + 1.0) * _GOLDEN) % 1.0)
+
+
 def knots_between(lowest: float, highest: float) -> Array:
     """Return the knots of a range of speeds (Hz): logarithms, shape (12,)."""
     return np.linspace(math.log(lowest), math.log(highest), _KNOTS)
@@ -336,7 +354,7 @@ def levels_of(features: str, rms: Array, harmonics: Array, v_eq: Array) -> Array
     return np.log(np.maximum(levels, MIN_LEVEL))
 
 
-def quantiles_of(sample: Array, levels: Sequence[float]) -> Array:
+def quantiles_of(sample: Array, levels: Sequence[float] | Array) -> Array:
     """Return quantiles of an ascending sample, linear between its values."""
     return np.interp(levels, np.linspace(0.0, 1.0, len(sample)), sample)
 
