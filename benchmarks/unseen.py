@@ -1,8 +1,8 @@
 """How V_eq and TT hold on lives that nobody simulated for them: other laws, other machines, other noise.
 
-Run as ``python -m benchmarks.unseen [--judged | --development] [--runs-per-law N] [--library FILE | --library-runs N] [--json FILE]
-[--quick]``. The lives are those of ``unseen_lives`` with the laws of ``unseen_laws``; the library is that of
-``library build`` with its default settings over all loads and speeds, or that of a file. At 1/4, 1/2 and 3/4 of the
+Run as ``python -m benchmarks.unseen [--judged | --development] [--runs-per-law N] [--library FILE | --library-runs N]
+[--json FILE] [--quick]``. The lives are those of ``unseen_lives`` with the laws of ``unseen_laws``; the library is that
+of ``library build`` with its default settings over all loads and speeds, or that of a file. At 1/4, 1/2 and 3/4 of the
 time from the onset to the threshold each method is asked with the blocks up to then. Means are over lives; a missing
 answer is scored as the constant guess. Tables:
 

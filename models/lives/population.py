@@ -75,8 +75,8 @@ class Population:
         speed_jitter: the same of the speed. (A few tenths of a per cent move the RMS by some per cent.) Blocks of
             lives with slip are simulated side by side in groups of nearly the same speed, at the mean of each group.
         laws: (growth law, weight) pairs; see ``models.lives.laws``.
-        durations: range of nominal lives, s, drawn in the logarithm; the 95 % prediction interval of a further life after
-            the six of Table 22 of the thesis is 1.9 to 20 h.
+        durations: range of nominal lives, s, drawn in the logarithm; the 95 % prediction interval of a further life
+            after the six of Table 22 of the thesis is 1.9 to 20 h.
         threshold: V_eq at the end of a nominal life, m2.
         until: largest V_eq of interest, m2; blocks continue for 1.35 times the time to reach it.
         v_0: range of V_eq at the onset, m2, drawn in the logarithm; Table 22 of the thesis has 0.63 to 3.5e-9 m2.

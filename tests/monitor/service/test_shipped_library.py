@@ -20,7 +20,7 @@ from monitor.health.damage.library.forecaster import LibrarySettings, LibrarySta
 from monitor.service.libraries import SHIPPED, shipped_library
 from tests.effort import effort_count
 
-HASH = "40d6eaee88470a2c45cc773a2f203e8c761c7ed281290a04f766ee40b5747cd0"
+HASH = "5073b1e35a66a8e100238ac8028acbb507998fdf88af0fe4be4d5257b93e81d8"
 MAX_BYTES = 300_000
 
 

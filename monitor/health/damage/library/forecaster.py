@@ -4,9 +4,9 @@ The history of a bearing's levels is summarised (``summaries.py``); a regression
 and the time to threshold (``fit.py``), and its errors on similar moments of lives outside its training folds give the
 interval. The result depends on the library's growth laws, depths and rigs, and names it.
 
-The share of similar moments at which V_eq stood still is the probability of no growth. Once it has been one half or more
-in ``STANDING_BLOCKS`` blocks in succession, there is no TT; before, TT is that of damage that grows, and its upper end is
-open where the probability is larger than the upper tail.
+The share of similar moments at which V_eq stood still is the probability of no growth. Once it has been one half or
+more in ``STANDING_BLOCKS`` blocks in succession, there is no TT; before, TT is that of damage that grows, and its upper
+end is open where the probability is larger than the upper tail.
 
 Times are damage time: standstill does not count.
 """
@@ -38,8 +38,8 @@ STATE_VERSION = 3
 QUANTILES = (0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95)
 """Levels of the quantiles in a result."""
 STANDING_BLOCKS = 12
-"""Blocks in succession at which V_eq probably stands still before this is claimed: a probability is judged at every block,
-and over a life one of them is wrong far more often than each. Found on the development lives of
+"""Blocks in succession at which V_eq probably stands still before this is claimed: a probability is judged at every
+block, and over a life one of them is wrong far more often than each. Found on the development lives of
 ``benchmarks.unseen_seeds``."""
 
 

@@ -43,7 +43,8 @@ _MIN_SURVIVORS = 5
 _LIFETIME_POWER = 0.5
 """Weights of lifetimes go with this power of 1 / T: 0 counts each life once, 1 each moment of it."""
 ACCELERATION = 0.1
-"""Probability that growth accelerates at once beyond what the past tells: then what is left of TT is any share of it."""
+"""Probability that growth accelerates at once, whatever the past tells: then what is left of TT is any share of it.
+Found on the development lives of ``benchmarks.unseen_seeds``."""
 _GOLDEN = 0.5 * (math.sqrt(5.0) - 1.0)
 _AGE_OFFSET = 6.0
 """Intervals in the logarithm of the elapsed time (summaries.summarise)."""

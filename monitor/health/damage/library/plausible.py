@@ -31,8 +31,8 @@ LAGS = (1, 2, 4, 8, 16, 32, 64)
 MAX_GAP = 12.0
 """Intervals. A longer gap counts as this in the age of a history, and refused blocks widen the limit this far."""
 _RISE_EXCEEDED, _FALL_EXCEEDED, _DISTANCE_EXCEEDED = 0.015, 0.005, 0.01
-"""Shares of lives that exceed a limit in any block. Found on the development lives of ``benchmarks.unseen_seeds``: sound
-lives are flagged as seldom as asked, and a gain and a fault of the inner race as often as that allows."""
+"""Shares of lives that exceed a limit in any block. Found on the development lives of ``benchmarks.unseen_seeds``:
+sound lives are flagged as seldom as asked, and a gain and a fault of the inner race as often as that allows."""
 _FEW = 10.0
 """What is added to the limits of the distances, relative, over the number of lives that they are measured on: the
 largest of twenty is exceeded by one life in twenty."""
