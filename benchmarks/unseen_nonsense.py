@@ -2,8 +2,8 @@
 
 Run as ``python -m benchmarks.unseen_nonsense [--judged | --development] [--lives N] [--filter-lives N] [--sound N]
 [--causes NAME...] [--library FILE | --library-runs N] [--features rms|rms+harmonics] [--json FILE] [--quick]``. The
-lives are those of ``unseen_causes``. Blocks go through ``monitor.health.damage.tracker``, as in the daemon, on a calibrated channel with a
-map of the outer race; V_eq is by the library or by the filter, TT by the library.
+lives are those of ``unseen_causes``. Blocks go through ``monitor.health.damage.tracker``, as in the daemon, on a
+calibrated channel with a map of the outer race; V_eq is by the library or by the filter, TT by the library.
 
 A flag is any status other than those with which values are issued as usual (``PASSING``), of V_eq or TT; the first
 blocks, too few for a TT, are none. Tables: by cause and method, the share of lives flagged within ``WATCHED`` blocks of

@@ -51,8 +51,8 @@ class TtStatus(StrEnum):
     with the values of the elapsed time alone); ``uncalibrated``: the rig is not calibrated, so
     that V_eq is not compared with the threshold. Where that is asked for, it replaces ``ok`` alone, with values;
     ``episode_closed``: with this block the final stage closed again, and what was forecast in it is void;
-    ``no_growth``: V_eq stands still with a probability (``p_no_growth``) of at least a half, and the threshold is not
-    reached while it does.
+    ``no_growth``: V_eq stands still with a probability (``p_no_growth``) of at least a half for some blocks, and the
+    threshold is not reached while it does.
     """
 
     OK = "ok"
