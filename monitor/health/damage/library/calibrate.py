@@ -117,7 +117,7 @@ def _differences(library: Library, fit: FeatureFit, run: RecordedRun, target: in
         x = fit.inputs(history, load, speed)
         predicted = float(fit.regression.predict(x[None])[0, target])
         errors = fit.error[fit.nearest_moments(target, predicted, float(x[0]), _NEIGHBOURS), target]
-        low, middle, high = np.quantile(errors, (0.1, 0.5, 0.9))
+        low, middle, high = fit.spread(target) * np.quantile(errors, (0.1, 0.5, 0.9))
         truth = math.log((run.end - float(run.t[block])) / fit.interval + OFFSET)
         found.append((truth - predicted - float(middle), max(float(high - low), 1e-3) / _SD_PER_80_PERCENT))
     return found

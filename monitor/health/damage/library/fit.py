@@ -31,8 +31,8 @@ from monitor.health.damage.library.scores import SHARES, Moments, score, score_c
 from monitor.health.damage.library.summaries import LevelHistory
 
 _REFERENCE_RIDGE = 1e-2
-POOL = {"rms": 0.2, "rms+harmonics": 0.1, "v_eq": 0.05}
-"""Share of lifetimes in a sample of TT: on lives of laws left out of the library (``benchmarks.library_unseen``)."""
+POOL = {"rms": 0.1, "rms+harmonics": 0.05, "v_eq": 0.05}
+"""Share of lifetimes in a sample of TT, found beside ``model.ACCELERATION``."""
 STANDSTILL_BLOCKS, STANDSTILL_GROWTH = 12, 1e-3
 """V_eq stands still where it grows by less than this share within so many blocks to come."""
 _MIN_AHEAD = 6

@@ -43,8 +43,10 @@ _MIN_SURVIVORS = 5
 _LIFETIME_POWER = 0.5
 """Weights of lifetimes go with this power of 1 / T: 0 counts each life once, 1 each moment of it."""
 ACCELERATION = 0.1
-"""Probability that growth accelerates at once, whatever the past tells: then what is left of TT is any share of it.
-Found on the development lives of ``benchmarks.unseen_seeds``."""
+"""Probability that growth accelerates at once, whatever the past tells: then what is left of TT is any share of it."""
+SPREAD = 0.8
+"""Factor on the errors of ln TT: with accelerations and lifetimes beside them, the intervals would be too wide. Both
+were found on the development lives of ``benchmarks.unseen_seeds``."""
 _GOLDEN = 0.5 * (math.sqrt(5.0) - 1.0)
 _AGE_OFFSET = 6.0
 """Intervals in the logarithm of the elapsed time (summaries.summarise)."""
@@ -200,12 +202,16 @@ class FeatureFit:
     def sample_tt(self, target: int, said: float, ln_elapsed: float, count: int, without: int | None = None) -> Array:
         """Return an ascending sample of the time to a target's threshold, s, if V_eq grows; zero where reached."""
         moments = self.nearest_moments(target, said, ln_elapsed, count, without)
-        ln_tt = said + self.shift[target] + self.stretch[target] * self.error[moments, target]
+        ln_tt = said + self.shift[target] + self.spread(target) * self.error[moments, target]
         tt = np.maximum(np.exp(ln_tt) - OFFSET, 0.0) * self.interval
         crossed = self.crossed[moments, target - 1]
         pooled = self._survivors(target, ln_elapsed, len(moments) - int(np.count_nonzero(crossed)))
         left = np.sort(np.concatenate((tt[~crossed], pooled)))
         return np.sort(np.concatenate((np.zeros(int(np.count_nonzero(crossed))), left, _accelerated(left))))
+
+    def spread(self, target: int) -> float:
+        """Return the factor on the errors of a target's ln TT."""
+        return SPREAD * float(self.stretch[target])
 
     def _survivors(self, target: int, ln_elapsed: float, beside: int) -> Array:
         """Return what is left of the longer lifetimes, s: so many quantiles that ``pool`` is their share.
