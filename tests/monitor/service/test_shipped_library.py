@@ -20,7 +20,7 @@ from monitor.health.damage.library.forecaster import LibrarySettings, LibrarySta
 from monitor.service.libraries import SHIPPED, shipped_library
 from tests.effort import effort_count
 
-HASH = "5073b1e35a66a8e100238ac8028acbb507998fdf88af0fe4be4d5257b93e81d8"
+HASH = "a9ff1c91423a2fc001c9602bf4d664ceaeb78a1a01e09f845c776628d1292617"
 MAX_BYTES = 300_000
 
 
