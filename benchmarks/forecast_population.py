@@ -26,6 +26,12 @@ FIVE_LAWS = ("quadratic", "exponential", "power", "linear_then_fast", "stall_the
 LIBRARY = Population(slip=(0.0, 0.01), seed=1850)
 TEST = Population(
     laws=tuple((law, 1.0) for law in FIVE_LAWS),
+    durations=(150.0 * 60.0, 900.0 * 60.0),
+    v_0=(0.0008e-6, 0.006e-6),
+    scatter=(0.02, 0.02),
+    line_scatter=(0.02, 0.02),
+    load_error=0.0,
+    speed_error=0.0,
     speed_jitter=0.0,
     load_steps=0.0,
     gain_drift=0.0,

@@ -5,11 +5,10 @@ Run as ``python -m benchmarks.library_unseen [--quick] [--json FILE]``. Lives ar
 
 1. each law left out of the library in turn, scored on the lives of that law at 1/4, 1/2 and 3/4 of the time to the
    threshold: CRPS over that of climatology and over that of the elapsed time alone, coverage, by the share of plain
-   lifetimes in the sample of TT (``fit.POOL`` was chosen here);
+   lifetimes in the sample of TT;
 2. the same by law, with the share that is used;
 3. the probability of no growth out of fold: how many of the moments with each probability stood still, and how often it
-   is one half or more on growing lives of each law;
-4. damage that grows to a level and is then held for 200 blocks: V_eq over the true one, and what is said of TT.
+   is one half or more on growing lives of each law.
 """
 
 from __future__ import annotations
@@ -22,15 +21,13 @@ import numpy as np
 
 from benchmarks.common import Row, arguments, print_table, write_json
 from benchmarks.forecast_cases import LEVELS, Answers, Cases, cases_of, crps
-from benchmarks.forecast_library import ask, block_of, fitted, without_law
+from benchmarks.forecast_library import ask, fitted, without_law
 from benchmarks.forecast_lives import cached_lives
 from benchmarks.forecast_naive import lifetimes, of_elapsed_time
 from benchmarks.forecast_population import FRACTIONS, LIBRARY, LIBRARY_RUNS, THRESHOLD
 from models.lives.laws import LAWS
 from models.lives.life import LifeHistory
-from monitor.health.damage import TtStatus
-from monitor.health.damage.library.fit import POOL, stands_still
-from monitor.health.damage.library.forecaster import LibrarySettings, LibraryState, step
+from monitor.health.damage.library.fit import POOL
 from monitor.health.damage.library.model import FeatureFit, Library
 
 STANDSTILL = "standstill"
@@ -39,7 +36,6 @@ POOLS = (0.0, 0.05, 0.1, 0.2, 0.3)
 MAX_LIVES = 60
 """Lives of one law that are scored."""
 PROBABILITIES = (0.0, 0.02, 0.1, 0.3, 0.5, 0.7, 0.9, 1.0)
-HELD_BLOCKS = (25, 50, 100, 200)
 
 
 def with_pool(library: Library, features: str, share: float) -> Library:
@@ -142,41 +138,6 @@ def no_growth(lives: Sequence[LifeHistory], fit: FeatureFit) -> tuple[list[Row],
     return rows, by_law
 
 
-def held(lives: Sequence[LifeHistory], features: str) -> list[Row]:
-    """Score, by a library without them, standing lives so many blocks after they came to a stand."""
-    still = [life for life in lives if life.law == STANDSTILL]
-    tested = [life for life in still[::2] if np.count_nonzero(stands_still(life.v_eq)) > HELD_BLOCKS[-1] + 1]
-    library = fitted([life for life in lives if life.number not in {one.number for one in still[::2]}])
-    settings = LibrarySettings(features=features)
-    found: dict[int, list[tuple[float, bool, bool, float]]] = {blocks: [] for blocks in HELD_BLOCKS}
-    for life in tested:
-        began = int(np.argmax(stands_still(life.v_eq)))
-        state = LibraryState()
-        for k in range(began + HELD_BLOCKS[-1] + 1):
-            state, damage, (forecast,) = step(state, block_of(life, k), library, settings, thresholds=[THRESHOLD])
-            if k - began in found and math.isfinite(damage.v_eq):
-                inside = damage.v_eq_lower <= life.v_eq[k] <= damage.v_eq_upper
-                said = forecast.status == TtStatus.NO_GROWTH
-                found[k - began].append((math.log(damage.v_eq / life.v_eq[k]), inside, said, damage.p_no_growth))
-    rows: list[Row] = []
-    for blocks, answers in found.items():
-        error, inside, said, p = np.array(answers, dtype=float).T
-        rows.append(
-            {
-                "features": features,
-                "blocks_held": blocks,
-                "lives": len(error),
-                "asked": len(tested),
-                "v_over_true": math.exp(float(error.mean())),
-                "v_rms_ln": float(np.sqrt(np.mean(error**2))),
-                "v_coverage": float(inside.mean()),
-                "no_growth": float(said.mean()),
-                "mean_p": float(p.mean()),
-            }
-        )
-    return rows
-
-
 def main() -> None:
     """Print the tables and write them."""
     options = arguments(__doc__ or "")
@@ -196,8 +157,6 @@ def main() -> None:
         tables["no_growth_by_law"] += by_law
     print_table("probability of no growth", tables["no_growth"])
     print_table("probability of no growth on growing lives", tables["no_growth_by_law"])
-    tables["held"] = [] if options.quick else [row for features in FEATURES for row in held(lives, features)]
-    print_table("damage that is held", tables["held"])
     tables["runs"] = [{"lives": len(lives), "laws": len(laws), "lifetimes": len(lifetimes(lives))}]
     write_json(options.json, tables)
 
