@@ -24,6 +24,7 @@ from benchmarks.common import Row, print_table, write_json
 Floats = NDArray[np.float64]
 
 _SD_PER_MAD, _BLOCKS, _PARTS = 1.4826, 10, 30
+_LEVELS = (0.0, 0.1, 0.5, 0.9, 1.0)
 
 
 def scatter_of(ln_level: Floats) -> float:
@@ -67,14 +68,12 @@ def main() -> None:
     folder = Path(os.environ["SPALLWATCH_DATA"]) / "femto_histories"
     rows = [row for path in sorted(folder.glob("*.csv")) for row in rows_of(path)]
     figures = ("scatter_rms", "scatter_rms_1s", "scatter_line", "drift")
-    shares = {
-        name: [float(q) for q in np.quantile([float(row[name] or 0.0) for row in rows], (0.0, 0.1, 0.5, 0.9, 1.0))]
-        for name in figures
-    }
-    spread = [
-        {"figure": name, **dict(zip(("least", "10 %", "median", "90 %", "most"), found, strict=True))}
-        for name, found in shares.items()
-    ]
+    spread: list[Row] = []
+    for figure in ("scatter_rms", "scatter_rms_1s", "scatter_line", "drift"):
+        least, tenth, median, most_of, most = np.quantile([float(row[figure] or 0.0) for row in rows], _LEVELS).tolist()
+        spread.append(
+            {"figure": figure, "least": least, "10 %": tenth, "median": median, "90 %": most_of, "most": most}
+        )
     print_table("runs", rows)
     print_table("over runs and channels", spread)
     write_json(options.json, {"runs": rows, "spread": spread})

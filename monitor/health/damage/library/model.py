@@ -326,8 +326,8 @@ def _accelerated(left: Array) -> Array:
     if count == 0:
         return np.zeros(0)
     # Shares and times are paired by a sequence that fills the square evenly.
-    place = np.arange(count)
-    return (place + 0.5) / count * quantiles_of(left, ((place + 1.0) * _GOLDEN) % 1.0)
+    levels = [(k * _GOLDEN) % 1.0 for k in range(1, count + 1)]
+    return (np.arange(count) + 0.5) / count * quantiles_of(left, levels)
 
 
 def knots_between(lowest: float, highest: float) -> Array:
@@ -361,7 +361,7 @@ def levels_of(features: str, rms: Array, harmonics: Array, v_eq: Array) -> Array
     return np.log(np.maximum(levels, MIN_LEVEL))
 
 
-def quantiles_of(sample: Array, levels: Sequence[float] | Array) -> Array:
+def quantiles_of(sample: Array, levels: Sequence[float]) -> Array:
     """Return quantiles of an ascending sample, linear between its values."""
     return np.interp(levels, np.linspace(0.0, 1.0, len(sample)), sample)
 
