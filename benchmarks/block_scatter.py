@@ -67,7 +67,6 @@ def main() -> None:
     options = parser.parse_args()
     folder = Path(os.environ["SPALLWATCH_DATA"]) / "femto_histories"
     rows = [row for path in sorted(folder.glob("*.csv")) for row in rows_of(path)]
-    figures = ("scatter_rms", "scatter_rms_1s", "scatter_line", "drift")
     spread: list[Row] = []
     for figure in ("scatter_rms", "scatter_rms_1s", "scatter_line", "drift"):
         least, tenth, median, most_of, most = np.quantile([float(row[figure] or 0.0) for row in rows], _LEVELS).tolist()
