@@ -68,7 +68,7 @@ def main() -> None:
     long = [life for life in still if np.count_nonzero(stands_still(life.v_eq)) > HELD_BLOCKS[-1] + 1]
     rows = [row for features in FEATURES for row in held(long[:MAX_LIVES], library, features)]
     print_table("damage that is held", rows)
-    write_json(options.json, {"held": rows, "library": library.hash})
+    write_json(options.json, {"held": rows, "made": {"library": library.hash}})
 
 
 if __name__ == "__main__":
