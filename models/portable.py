@@ -4,28 +4,29 @@ Where a call is missing, as on Windows, the portable way is taken. What is lost 
 time of a parser (its time stays limited), the durability of a name in a folder by a call of its own, the check of a
 file's permissions, and the measures of another process. None of this was tried on Windows itself; a test takes the
 calls away on Linux (tests/without_posix).
+
+Every process imports this; what few calls need is imported by them.
 """
 
 from __future__ import annotations
 
-import asyncio
 import errno
 import importlib
 import os
 import queue
 import select
 import signal
-import socket
-import sqlite3
 import stat
-import subprocess
-import tempfile
 import threading
 import time
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    import socket
+    import sqlite3
 
 
 def _optional(name: str) -> Any:
@@ -62,6 +63,8 @@ class FileLock:
         self._handle: int | None = os.open(path, flags | BINARY, 0o644)
         self._database: sqlite3.Connection | None = None
         if _fcntl is None:
+            import sqlite3
+
             os.close(self._handle)
             self._handle = None
             uri = f"{path.absolute().as_uri()}?mode={'ro' if read_only else 'rw'}"
@@ -95,6 +98,8 @@ class FileLock:
 
 
 def _begin(database: sqlite3.Connection, *, shared: bool) -> bool:
+    import sqlite3
+
     try:
         database.execute("BEGIN" if shared else "BEGIN EXCLUSIVE")
         database.execute("SELECT 1 FROM sqlite_master").fetchall()
@@ -204,6 +209,8 @@ class MemoryFile:
             self.handle: int = _os.memfd_create(name, _os.MFD_CLOEXEC)
             self.path = f"/proc/self/fd/{self.handle}"
         else:
+            import tempfile
+
             self.handle, self.path = tempfile.mkstemp(prefix=f"spallwatch-{name}-")
             self._own = Path(self.path)
 
@@ -270,6 +277,8 @@ def handed_down(ends: Sequence[int], files: Sequence[MemoryFile]) -> tuple[list[
 
     The words are for :func:`taken_over`. A child that cannot inherit descriptors gets its standard ones, and paths.
     """
+    import subprocess
+
     nothing = subprocess.DEVNULL
     if _fcntl is not None:
         passed = [*ends, *(file.handle for file in files)]
@@ -312,6 +321,8 @@ def after_fork(function: Callable[[], None]) -> None:
 
 def on_signals(numbers: Iterable[signal.Signals], function: Callable[[], Any]) -> None:
     """Call a function in the running event loop when a signal comes."""
+    import asyncio
+
     loop = asyncio.get_running_loop()
 
     def wake(*_: object) -> None:
@@ -344,6 +355,8 @@ def processor_time(pid: int | None) -> float | None:
 
 def local_datagrams() -> socket.socket:
     """Return a socket for datagrams within this machine; OSError where the system has none."""
+    import socket
+
     family: Any = getattr(socket, "AF_UNIX", None)
     if family is None:
         raise OSError(errno.EAFNOSUPPORT, "no local sockets")
