@@ -36,7 +36,7 @@ MACHINES = {"csv": "fan", "tdms": "spindle", "wav": "pump", "hdf5": "mill", "mat
 """Folder of each logger."""
 ANSWERS: Mapping[str, tuple[str, str]] = {
     "csv": ("6205-2RS", "1488 rpm"),
-    "tdms": ("SKF 6206", "29.5"),
+    "tdms": ("DE=SKF 6206; NDE=6205", "29.5"),
     "wav": ("6205-2RS", "10 V at 100 mV/g"),
     "hdf5": ("9 7.94 39.04", "33,2 Hz"),
     "mat": ("22207", "996 rpm"),

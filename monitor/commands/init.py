@@ -14,8 +14,9 @@ import click
 from models.bearing import kinematics
 from monitor.commands import init_answers as read
 from monitor.commands import option
-from monitor.commands.common import InputError, emit, output_errors, say
+from monitor.commands.common import InputError, emit, input_errors, output_errors, say
 from monitor.commands.init_answers import Answers
+from monitor.commands.init_channels import bearing_of, channel_names, check_bearings
 from monitor.commands.init_questions import (
     Question,
     interval_question,
@@ -25,7 +26,7 @@ from monitor.commands.init_questions import (
     period_of,
     unit_of,
 )
-from monitor.commands.init_text import Draft, channel_names, configuration_text, level_in_g, machine_name
+from monitor.commands.init_text import Draft, configuration_text, level_in_g, machine_name
 from monitor.config.load import Config, load_config
 from monitor.words.numbers import duration
 from streams.listing import shown
@@ -102,6 +103,8 @@ def command(
         raise InputError(
             str(error).replace("[[source]] survey: url: ", "").replace("[[source]] survey: ", "")
         ) from None
+    with input_errors("--bearing"):
+        check_bearings(seen, answers.bearings)
     talk = _Talk(ask=not yes, to_stderr=as_json, quiet=quiet)
     for line in survey_lines(seen, path, timezone):
         talk.say(line)
@@ -279,11 +282,14 @@ def _proposed_bands(draft: Draft) -> Iterator[tuple[str, tuple[float, float]]]:
     from monitor.health.spectrum.settings import fundamentals
 
     speed = draft.answers.speed_hz or draft.survey.speed
-    if speed is None or draft.answers.bearing is None:
+    if speed is None:
         return
-    lines = fundamentals(kinematics(draft.answers.bearing.geometry(), speed))
     rows = draft.survey.vibration
     for row, name in zip(rows, channel_names(rows), strict=True):
+        bearing = bearing_of(row, name, draft.answers)[1]
+        if bearing is None:
+            continue
+        lines = fundamentals(kinematics(bearing.geometry(), speed))
         try:
             low, high = find_band([draft.survey.values.values[draft.survey.rows.index(row)]], draft.rate, lines)
         except ValueError:

@@ -54,6 +54,7 @@ class Answers:
     """What was answered; None where it was not asked or needs no answer.
 
     Attributes:
+        bearing: of all channels but those of ``bearings``, by the name of the channel.
         speed_hz: of the shaft; ``estimate`` where it is to be estimated instead.
         unit: of the vibration where the files state none.
         scale: the unit of one count, or at full scale.
@@ -64,6 +65,7 @@ class Answers:
     """
 
     bearing: AnsweredBearing | None = None
+    bearings: tuple[tuple[str, AnsweredBearing], ...] = ()
     speed_hz: float | None = None
     estimate: bool = False
     load_newton: float | None = None
@@ -84,11 +86,26 @@ def _number(text: str) -> float:
 
 
 def read_bearing(text: str) -> dict[str, Any]:
-    """Return a designation, or number of elements, their diameter, pitch diameter (mm) and contact angle (degrees).
+    """Return the bearing of all channels, or those of some by name: ``6206; NDE=6205``.
+
+    A bearing is a designation, or number of elements, their diameter, pitch diameter (mm) and contact angle (degrees).
 
     Raises:
         ValueError: it is neither; the message says what is known.
     """
+    if "=" not in text:
+        return {"bearing": _one_bearing(text)}
+    found: dict[str, Any] = {"bearings": ()}
+    for part in filter(str.strip, text.split(";")):
+        name, equals, words = part.partition("=")
+        if equals:
+            found["bearings"] += ((name.strip(), _one_bearing(words)),)
+        else:
+            found["bearing"] = _one_bearing(part)
+    return found
+
+
+def _one_bearing(text: str) -> AnsweredBearing:
     words = [word for word in _GEOMETRY.split(text.strip()) if word]
     if len(words) in (3, 4) and all(re.fullmatch(r"\d+(?:\.\d+)?", word) for word in words):
         count, diameter, pitch, *angle = map(float, words)
@@ -97,7 +114,7 @@ def read_bearing(text: str) -> dict[str, Any]:
                 "a geometry is the number of elements, their diameter and the larger pitch diameter in mm, such as "
                 f"9 7.94 39.04; got {text!r}"
             )
-        return {"bearing": AnsweredBearing(None, int(count), diameter, pitch, *angle)}
+        return AnsweredBearing(None, int(count), diameter, pitch, *angle)
     try:
         bearings.catalogue_entry(text.strip())
     except KeyError as error:
@@ -106,7 +123,7 @@ def read_bearing(text: str) -> dict[str, Any]:
             f"{reason}; give a designation such as 6205-2RS, or a geometry: number of elements, their diameter and the "
             "pitch diameter in mm, such as 9 7.94 39.04"
         ) from None
-    return {"bearing": AnsweredBearing(text.strip())}
+    return AnsweredBearing(text.strip())
 
 
 def read_speed(text: str) -> dict[str, Any]:

@@ -8,6 +8,7 @@ from typing import Any
 
 from monitor.commands import init_answers as read
 from monitor.commands.init_answers import Answers
+from monitor.commands.init_channels import channel_names, check_bearings, has_all_bearings
 from monitor.words.numbers import duration
 from streams.date_patterns import NameReading, find_readings, nearest_change
 from streams.plausible import doubts
@@ -47,15 +48,8 @@ def open_questions(
         now: s since 1970 UTC; later dates in names are other numbers.
         last_problem: why the dates could not be told by the answers so far, "" where they could.
     """
-    if answers.bearing is None:
-        yield Question(
-            "--bearing",
-            "Bearing",
-            "Its geometry gives the fault frequencies. What is printed on its ring, such as 6205-2RS, "
-            "or number of elements, their diameter and pitch diameter in mm: 9 7.94 39.04.",
-            None,
-            read.read_bearing,
-        )
+    if not has_all_bearings(survey, answers):
+        yield _bearing_question(survey)
     if answers.rate_hz is None and survey.rate is None:
         yield Question(
             "--rate-hz",
@@ -85,6 +79,25 @@ def open_questions(
             "unknown",
             read.read_load,
         )
+
+
+def _bearing_question(survey: Survey) -> Question:
+    names = channel_names(survey.vibration)
+    each = f" One for all channels, or {names[0]}=6206; {names[-1]}=6205." if len(names) > 1 else ""
+
+    def parse(text: str) -> dict[str, Any]:
+        found = read.read_bearing(text)
+        check_bearings(survey, found.get("bearings", ()))
+        return found
+
+    return Question(
+        "--bearing",
+        "Bearing",
+        "Its geometry gives the fault frequencies. What is printed on its ring, such as 6205-2RS, or number of "
+        f"elements, their diameter and pitch diameter in mm: 9 7.94 39.04.{each}",
+        None,
+        parse,
+    )
 
 
 def _states_speed(survey: Survey) -> bool:

@@ -5,13 +5,13 @@ from __future__ import annotations
 import json
 import os
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from monitor.commands.init_answers import AnsweredBearing, Answers
+from monitor.commands.init_answers import Answers
+from monitor.commands.init_channels import bearing_of, bearing_sections, channel_names
 from monitor.commands.init_questions import needs_scale, unit_of
-from monitor.config.fields import plain_name
 from monitor.health.detect.state import DetectSettings
 from streams.listing import shown
 from streams.plausible import Level, of_one_g
@@ -23,7 +23,7 @@ _MAX_WHOLE_S = 30.0
 _MAX_LEARNING_S, _MIN_LEARN_BLOCKS = 14 * 86400.0, 20
 """Time for which a baseline is learned by default, s, and the blocks that it needs in any case."""
 _COLUMN = 44
-_BEARING, _SOURCE = "bearing", "logger"
+_SOURCE = "logger"
 
 
 @dataclass(frozen=True)
@@ -55,16 +55,6 @@ def machine_name(place: Path) -> str:
     return cleaned[:64] or "machine"
 
 
-def channel_names(rows: Sequence[SurveyedRow]) -> list[str]:
-    """Return a name for each row that the configuration takes, all different."""
-    names: list[str] = []
-    for row in rows:
-        title = "sensor" if len(rows) == 1 and row.name == f"column_{row.column}" else row.name
-        name = plain_name(title) or f"channel_{row.column}"
-        names.append(name if name not in names else f"{name}_{row.column}")
-    return names
-
-
 def level_in_g(row: SurveyedRow, draft: Draft) -> Level | None:
     """Return the level of a row in g, None where its unit does not give it."""
     answers, unit = draft.answers, unit_of(row, draft.answers)
@@ -86,7 +76,7 @@ def configuration_text(draft: Draft) -> str:
         [
             *_head(draft),
             *_machine(draft),
-            *_bearing(draft.answers.bearing),
+            *_bearings(draft),
             *_operating(draft),
             *_source(draft),
             *_channels(draft),
@@ -135,17 +125,16 @@ def _machine(draft: Draft) -> Iterator[str]:
     yield _pair("timezone", draft.timezone, "of dates in files and names that state no zone")
 
 
-def _bearing(bearing: AnsweredBearing | None) -> Iterator[str]:
-    yield from ("", "[[bearing]]", _pair("name", _BEARING))
-    if bearing is None:
-        return
-    if bearing.designation is not None:
-        yield _pair("designation", bearing.designation)
-        return
-    yield _pair("n_elements", bearing.n_elements)
-    yield _pair("element_diameter_mm", bearing.element_diameter_mm)
-    yield _pair("pitch_diameter_mm", bearing.pitch_diameter_mm)
-    yield _pair("contact_angle_deg", bearing.contact_angle_deg)
+def _bearings(draft: Draft) -> Iterator[str]:
+    for name, bearing in bearing_sections(draft.survey, draft.answers).items():
+        yield from ("", "[[bearing]]", _pair("name", name))
+        if bearing.designation is not None:
+            yield _pair("designation", bearing.designation)
+            continue
+        yield _pair("n_elements", bearing.n_elements)
+        yield _pair("element_diameter_mm", bearing.element_diameter_mm)
+        yield _pair("pitch_diameter_mm", bearing.pitch_diameter_mm)
+        yield _pair("contact_angle_deg", bearing.contact_angle_deg)
 
 
 def _operating(draft: Draft) -> Iterator[str]:
@@ -237,7 +226,8 @@ def _channels(draft: Draft) -> Iterator[str]:
         if scale is not None and unit != "unknown":
             meant = {FRACTIONS: "at full scale", COUNTS: "of one count"}.get(row.stored, "of one in the file")
             yield _pair("scale", scale, f"{unit} {meant}")
-        yield _pair("bearing", _BEARING, "add a [[bearing]] for another place" if len(rows) > 1 else "")
+        several = len(rows) > 1 and not draft.answers.bearings
+        yield _pair("bearing", bearing_of(row, name, draft.answers)[0], "of all channels" if several else "")
         yield _pair("band_hz", "auto", "chosen on the first blocks")
         if name in bands:
             low, high = bands[name]

@@ -170,6 +170,32 @@ def test_what_cannot_be_true_is_said(here: Path) -> None:
     assert block.samples[2][0] * config.operating.speed_channel_scale == pytest.approx(25.0)
 
 
+@pytest.mark.parametrize(
+    ("words", "expected"),
+    [
+        ("6206", {"DE": "6206", "NDE": "6206"}),
+        ("de=6206; NDE = 9 7.94 39.04", {"DE": "6206", "NDE": "NDE"}),
+        ("6206; NDE=6205", {"DE": "6206", "NDE": "6205"}),
+    ],
+)
+def test_each_channel_may_have_its_bearing(
+    words: str, expected: dict[str, str], written: tuple[Path, dict[str, list[Truth]]], here: Path
+) -> None:
+    shutil.copytree(written[0] / "tdms", here / "tdms")
+    done = run_command("init", "tdms", "--yes", "--bearing", words, "--speed-hz", "30", cwd=here)
+    assert done.returncode == 0, done.stderr
+    config = load_config(here / "config.toml")
+    assert {channel.name: config.bearing_of(channel).designation for channel in config.channel} == expected
+
+
+def test_a_bearing_of_no_channel_is_refused(written: tuple[Path, dict[str, list[Truth]]], here: Path) -> None:
+    shutil.copytree(written[0] / "tdms", here / "tdms")
+    for words, answer in (("XX=6205; 6206", "'XX' is no channel; expected one of DE, NDE"), ("DE=6205", "--bearing: ")):
+        done = run_command("init", "tdms", "--yes", "--bearing", words, "--speed-hz", "30", cwd=here)
+        assert done.returncode == 2
+        assert answer in done.stderr
+
+
 def test_a_folder_that_holds_the_configuration_stays_clean(here: Path) -> None:
     write_named(here / "log", "2024-01-02_10-00-00.csv")
     done = run_command("init", "--yes", "--bearing", "6205", cwd=here / "log")
