@@ -9,6 +9,7 @@ import os
 import sys
 import time
 from collections.abc import Callable
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from monitor.config.opcua import OpcUaCondition
@@ -18,6 +19,7 @@ from monitor.service.notify.channels import NotifyError, read_secret
 
 if TYPE_CHECKING:
     from asyncua.client.client import Client
+    from asyncua.crypto.uacrypto import CertProperties
 
 Report = Callable[[dict[str, Any]], object]
 
@@ -56,6 +58,8 @@ async def follow(section: OpcUaCondition, report: Report) -> None:
 
 async def _secure(client: Client, section: OpcUaCondition) -> None:
     from asyncua.crypto.security_policies import SecurityPolicyBasic256Sha256
+    from asyncua.crypto.uacrypto import load_certificate
+    from cryptography.x509 import ExtensionNotFound, SubjectAlternativeName, UniformResourceIdentifier
 
     if section.username_file is not None and section.password_file is not None:
         client.set_user(read_secret(section.username_file))
@@ -63,14 +67,27 @@ async def _secure(client: Client, section: OpcUaCondition) -> None:
     if section.cert_file is None or section.key_file is None or section.server_cert_file is None:
         return
     try:
-        await client.set_security(
-            SecurityPolicyBasic256Sha256,
-            str(section.cert_file),
-            str(section.key_file),
-            server_certificate=str(section.server_cert_file),
-        )
+        cert, key, theirs = map(_content, (section.cert_file, section.key_file, section.server_cert_file))
+        # Servers compare the name of an application with the one in its certificate.
+        extensions = (await load_certificate(cert.path_or_content, cert.extension)).extensions
+        names = extensions.get_extension_for_class(SubjectAlternativeName).value
+        uris = names.get_values_for_type(UniformResourceIdentifier)
+        if not uris:
+            raise ValueError("the certificate has no URI among its names")
+        client.application_uri = uris[0]
+        await client.set_security(SecurityPolicyBasic256Sha256, cert, key, server_certificate=theirs)
+    except ExtensionNotFound:
+        raise OpcUaError(f"{section.cert_file}: the certificate has no names; expected a URI among them") from None
     except (OSError, ValueError, TypeError) as error:
-        raise OpcUaError(f"[operating.opcua] cert_file, key_file: cannot be used ({type(error).__name__})") from None
+        raise OpcUaError(f"[operating.opcua] cert_file, key_file, server_cert_file: cannot be used ({error})") from None
+
+
+def _content(path: Path) -> CertProperties:
+    """Return the content of a certificate or a key, PEM or DER whatever the name of the file."""
+    from asyncua.crypto.uacrypto import CertProperties
+
+    content = path.read_bytes()
+    return CertProperties(content, "pem" if content.startswith(b"-----BEGIN") else "der")
 
 
 async def _read(client: Client, section: OpcUaCondition, report: Report) -> None:

@@ -28,7 +28,9 @@ from cryptography.x509.oid import ExtendedKeyUsageOID
 
 from monitor.commands.check import find_problems
 from monitor.config.load import ConfigError
+from monitor.config.opcua import OpcUaCondition
 from monitor.service.companions import Companions
+from monitor.service.neighbours.opcua_client import follow
 from monitor.service.neighbours.opcua_server import MachineServer, OpcUaError
 from monitor.service.neighbours.points import Snapshot, channels_of, points_of
 from monitor.service.neighbours.snapshots import Snapshots
@@ -233,6 +235,47 @@ def test_who_is_not_known_is_refused(
             await connect(url, folder, **given)
 
     asyncio.run(run())
+
+
+def test_the_client_for_speed_and_load_reads_over_an_encrypted_connection(
+    encrypted: tuple[Machine, str, Path],
+) -> None:
+    machine, url, folder = encrypted
+    keys: dict[str, Any] = {
+        "url": url,
+        "speed_node": "ns=2;s=pump/de/x:t_fs_block",
+        "speed_scale": 25.0,
+        "username_file": folder / "user",
+        "password_file": folder / "password",
+        "cert_file": folder / "trusted" / "client.pem",
+        # PEM or DER whatever the name.
+        "key_file": (folder / "client-key.pem").rename(folder / "client.secret"),
+        "server_cert_file": folder / "pump.pem",
+    }
+    heard: list[dict[str, Any]] = []
+
+    async def first(**more: Any) -> dict[str, Any]:
+        heard.clear()
+        task = asyncio.create_task(follow(OpcUaCondition(**keys | more), heard.append))
+        async with asyncio.timeout(PATIENCE_S):
+            while not heard and not task.done():
+                await asyncio.sleep(0.01)
+        task.cancel()
+        with contextlib.suppress(asyncio.CancelledError):
+            await task
+        return heard[0]
+
+    try:
+        assert asyncio.run(first())["reading"][1:] == [25.0, None]
+        (folder / "wrong").write_text("wrong\n")
+        refused = asyncio.run(first(password_file=folder / "wrong"))["problem"]
+        assert "BadUserAccessDenied" in refused
+        assert "wrong" not in refused
+        with pytest.raises(OpcUaError, match="cannot be used"):
+            asyncio.run(first(key_file=folder / "user"))
+    finally:
+        (folder / "client.secret").rename(folder / "client-key.pem")
+    assert machine.last >= 1
 
 
 def test_without_encryption_there_is_no_way_in(encrypted: tuple[Machine, str, Path]) -> None:
