@@ -89,38 +89,9 @@ def command(
     method = method or "library"
     thresholds = tuple(value * 1e-6 for value in threshold_mm2)
     window = None if window_hours is None else window_hours * 3600.0
-    more: dict[str, Any] = {}
-    if method in METHODS:
-        if len(thresholds) > 1:
-            raise InputError(f"--threshold-mm2: --method {method} forecasts one end, got {len(thresholds)} thresholds")
-        asked = Asked(
-            method, library_path, LearnedSettings(interval, window), channel, axes, dict(columns), t_fs_s, *thresholds
-        )
-        times, running, issued, more = forecast_learned(input_path, asked)
-        prior = more.pop("prior")
-    elif axes or columns or t_fs_s is not None:
-        raise InputError(f"--axis, --column and --t-fs-s belong to --method learned, not to {method}")
-    elif len(library_path) > 1:
-        raise InputError("--library: may be given twice with --method combined only")
-    elif method == "library" and not library_path:
-        history = read_volumes(input_path, channel)
-        settings = LibrarySettings(features="v_eq", interval=interval, window=window)
-        with input_errors(str(input_path)):
-            issued = forecast_shipped(history, thresholds, settings)
-        times, running = history.times, history.running
-        issued = _marked(issued, history, asked=uncalibrated_threshold)
-        prior, more = prior_of(shipped_library()), {"library": SHIPPED_NAME}
-    elif method == "library":
-        features = "rms+harmonics" if is_records(input_path) else "v_eq"
-        asked = library_settings(method, next(iter(library_path), None), features, interval, window)
-        asked["uncalibrated_threshold"] = uncalibrated_threshold
-        issue = _library_on_records if is_records(input_path) else _library_on_volumes
-        times, running, issued = issue(input_path, channel, thresholds, asked)
-        prior, more = prior_of(asked["library"]), {"library": str(next(iter(library_path)))}
-    else:
-        library_settings(method, next(iter(library_path), None), "v_eq", interval)
-        times, running, issued = _thesis(input_path, channel, thresholds, asked=uncalibrated_threshold)
-        prior = None
+    settings = LearnedSettings(interval, window)
+    asked = Asked(method, library_path, settings, channel, axes, dict(columns), t_fs_s, *thresholds[:1])
+    (times, running, issued), more = _forecast(input_path, asked, thresholds, uncalibrated=uncalibrated_threshold)
     # On the axis of the input, not in damage time.
     issued = [
         tuple(replace(one, t_threshold=one.t_threshold + time - t) for one in results)
@@ -136,7 +107,7 @@ def command(
     values = {
         "method": method,
         "interval": None if method == "thesis" else interval,
-        "prior": prior,
+        "prior": None,
         "library": None,
         "rows": rows,
         "by_threshold": _by_threshold(named, issued),
@@ -145,6 +116,47 @@ def command(
     if out is not None:
         write_out(out, values, {"time": times, "columns": _columns(issued), "thresholds": thresholds})
     emit(values, _lines(values), as_json=as_json)
+
+
+def _forecast(
+    path: Path, asked: Asked, thresholds: tuple[float, ...], *, uncalibrated: bool
+) -> tuple[Forecasts, dict[str, Any]]:
+    """Return the forecasts by a method, and what the answer says beside them: prior, library.
+
+    Args:
+        path: the input.
+        asked: the method and what it takes.
+        thresholds: m2.
+        uncalibrated: whether TT is issued for a rig that is not calibrated.
+    """
+    method, libraries, interval, window = asked.method, asked.libraries, asked.settings.interval, asked.settings.window
+    if method in METHODS:
+        if len(thresholds) > 1:
+            raise InputError(f"--threshold-mm2: --method {method} forecasts one end, got {len(thresholds)} thresholds")
+        answer = forecast_learned(path, asked)
+        return (answer.times, answer.running, answer.issued), answer.values
+    if asked.axes or asked.columns or asked.t_fs is not None:
+        raise InputError(f"--axis, --column and --t-fs-s belong to --method learned, not to {method}")
+    if len(libraries) > 1:
+        raise InputError("--library: may be given twice with --method combined only")
+    library = next(iter(libraries), None)
+    if method != "library":
+        library_settings(method, library, "v_eq", interval)
+        return _thesis(path, asked.channel, thresholds, asked=uncalibrated), {}
+    if library is None:
+        history = read_volumes(path, asked.channel)
+        with input_errors(str(path)):
+            settings = LibrarySettings(features="v_eq", interval=interval, window=window)
+            issued = forecast_shipped(history, thresholds, settings)
+        issued = _marked(issued, history, asked=uncalibrated)
+        more = {"prior": prior_of(shipped_library()), "library": SHIPPED_NAME}
+        return (history.times, history.running, issued), more
+    features = "rms+harmonics" if is_records(path) else "v_eq"
+    given = library_settings(method, library, features, interval, window)
+    given["uncalibrated_threshold"] = uncalibrated
+    issue = _library_on_records if is_records(path) else _library_on_volumes
+    found = issue(path, asked.channel, thresholds, given)
+    return found, {"prior": prior_of(given["library"]), "library": str(library)}
 
 
 def _thesis(path: Path, channel: str | None, thresholds: Sequence[float], *, asked: bool) -> Forecasts:

@@ -27,7 +27,7 @@ class Asked:
     """What is asked of an input.
 
     Attributes:
-        method: "learned" or "combined".
+        method: the other methods than "learned" and "combined" take no axes, columns and t_fs.
         libraries: files: a learned one or none, and for "combined" one of simulated lives.
         settings: of the learned forecasts.
         channel: of records, or None.

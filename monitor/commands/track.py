@@ -101,11 +101,7 @@ def command(
     other = _Other(other_load_newton, other_speed_hz, direct)
     if not input_path.exists():
         raise InputError(f"{input_path}: no such file or folder")
-    rms_map = None if map_path is None else load_map(map_path)
-    if rms_map is None and (method != "library" or other.given):
-        raise InputError("--map FILE is missing: only --method library works without a map")
-    if direct and not other.given:
-        raise InputError("--direct belongs to --other-load-newton or --other-speed-hz")
+    rms_map = _map_for(map_path, method, other)
     times, readings = read_readings(input_path, channel, load=_only(rms_map, "load"), speed=_only(rms_map, "speed"))
     chosen = features or ("rms" if any(reading.harmonics is None for reading in readings) else "rms+harmonics")
     given = library_settings(method, library_path, chosen, interval)
@@ -120,21 +116,7 @@ def command(
     settings = replace(settings, calibrated=calibrated is not False)
     found = _track(readings, settings)
     others = _others(rms_map, found, readings, other) if rms_map is not None and other.given else {}
-    rows = [
-        {
-            "time_s": time,
-            "v_eq_mm2": finite(one.v_eq * 1e6),
-            "v_eq_lower_mm2": finite(one.v_eq_lower * 1e6),
-            "v_eq_upper_mm2": finite(one.v_eq_upper * 1e6),
-            "v_eq_relative": finite(one.v_eq_relative),
-            "p_no_growth": finite(one.p_no_growth),
-            "dphi_deg": finite(math.degrees(one.dphi_d)),
-            "h_d_um": finite(one.h_d * 1e6),
-            "status": one.status,
-            **{name: finite(rms[i] / STANDARD_GRAVITY) for name, rms in others.items()},
-        }
-        for i, (time, one) in enumerate(zip(times, found, strict=True))
-    ]
+    rows = _rows(times, found, others)
     values = {
         "method": method,
         "interval": None if method == "thesis" else interval,
@@ -151,6 +133,16 @@ def command(
     lines = _lines(rows, _COLUMNS if calibrated is not False else _RELATIVE, tuple(others))
     head = [] if calibrated is not False else [uncalibrated_sentence(rig, issued=True)]
     emit(values, itertools.chain(head, lines), as_json=as_json)
+
+
+def _map_for(path: Path | None, method: damage.TrackMethod, other: _Other) -> RmsMap | None:
+    """Return the map of a file, None without one; InputError where the method or another condition needs one."""
+    rms_map = None if path is None else load_map(path)
+    if rms_map is None and (method != "library" or other.given):
+        raise InputError("--map FILE is missing: only --method library works without a map")
+    if other.direct and not other.given:
+        raise InputError("--direct belongs to --other-load-newton or --other-speed-hz")
+    return rms_map
 
 
 def _calibration(rms_map: RmsMap | None, library: Library | None) -> tuple[Calibration, AnyRig | str]:
@@ -197,6 +189,24 @@ def _others(rms_map: RmsMap, found: Sequence[Damage], readings: Sequence[DamageI
         with input_errors("--direct"):
             histories["other_rms_direct_g"] = rms_history(*sizes, rms_from_model(rms_map.plan, load, speed))
     return histories
+
+
+def _rows(times: Sequence[float], found: Sequence[Damage], others: dict[str, Any]) -> list[dict[str, Any]]:
+    return [
+        {
+            "time_s": time,
+            "v_eq_mm2": finite(one.v_eq * 1e6),
+            "v_eq_lower_mm2": finite(one.v_eq_lower * 1e6),
+            "v_eq_upper_mm2": finite(one.v_eq_upper * 1e6),
+            "v_eq_relative": finite(one.v_eq_relative),
+            "p_no_growth": finite(one.p_no_growth),
+            "dphi_deg": finite(math.degrees(one.dphi_d)),
+            "h_d_um": finite(one.h_d * 1e6),
+            "status": one.status,
+            **{name: finite(rms[i] / STANDARD_GRAVITY) for name, rms in others.items()},
+        }
+        for i, (time, one) in enumerate(zip(times, found, strict=True))
+    ]
 
 
 def _columns(found: Sequence[Damage], others: dict[str, Any]) -> dict[str, Any]:
