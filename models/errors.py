@@ -1,4 +1,4 @@
-"""The base exceptions of the three floors; the only module that all of them share."""
+"""The base exceptions of the three floors."""
 
 from __future__ import annotations
 
