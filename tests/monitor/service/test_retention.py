@@ -131,7 +131,7 @@ def test_lost_files_of_condensed_days_are_said_once(machine: Machine) -> None:
 def test_of_old_spectra_one_a_week_stays_with_the_pinned_ones(machine: Machine) -> None:
     rows = [("s", "x", day + 1, day * DAY, 2 if day == 3 else 1, "{}", b"") for day in range(60)]
     with machine.store.transaction() as connection:
-        connection.executemany("INSERT INTO spectra VALUES (?, ?, ?, ?, ?, ?, ?)", rows)
+        connection.executemany("INSERT INTO spectra VALUES (?, ?, ?, ?, ?, ?, ?, NULL)", rows)
     machine.run(machine.retention(spectra_days=20), 60.0)
     left = [number - 1 for number, _ in kept_blocks(machine.store, "x")]
     assert left == [0, 3, 7, 14, 21, 28, 35, *range(39, 60)]
