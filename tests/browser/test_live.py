@@ -14,7 +14,7 @@ import pytest
 from playwright.sync_api import expect
 
 from monitor.records.events import EventLog
-from monitor.web.users import User, changed_users, invite
+from monitor.web.users import User, changed_users, hash_password, invite
 from tests.browser.conftest import Visitor
 from tests.browser.machine import Served, channel_name
 from tests.effort import effort_count
@@ -203,6 +203,7 @@ def test_an_operator_signs_in_without_a_file_of_the_server(restricted: Served, v
     state = restricted.folder / "state"
     with changed_users(state / "web.users") as users:
         users |= {"Ada": User("Ada", "operator"), "Ben": User("Ben", "viewer")}
+        users["Cleo"] = User("Cleo", "admin", hash_password("not the batteries"))
     codes = {name: invite(state / "web.users", name)[0] for name in ("Ada", "Ben")}
     with EventLog(state / "state.db") as log:
         log.notice(time.time(), {"kind": "test", "text": "to be known"})
@@ -233,6 +234,19 @@ def test_an_operator_signs_in_without_a_file_of_the_server(restricted: Served, v
     page.locator("#nav-events").click()
     page.locator(".event").get_by_role("button").click()
     expect(page.get_by_role("dialog")).to_contain_text("Ben is a viewer, and may only read.")
+    # An admin invites from the page; the link leads to the form with the code.
+    page.context.clear_cookies()
+    page = visit.go()
+    page.get_by_label("Name").fill("Cleo")
+    page.get_by_label("Password").fill("not the batteries")
+    page.get_by_role("button", name="Log in").click()
+    expect(page.locator(".row")).to_have_count(2)
+    page.keyboard.press("?")
+    page.get_by_role("button", name="Invite Ben").click()
+    link = page.locator(".users code").text_content() or ""
+    page.context.clear_cookies()
+    page = visit.go(link.removeprefix(visit.url))
+    expect(page.get_by_label("Code")).to_have_value(link.rpartition("/")[2])
     visit.trouble = [text for text in visit.trouble if not text.startswith(("400", "401"))]
 
 

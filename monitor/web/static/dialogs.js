@@ -1,6 +1,6 @@
 // Dialogs: help, signing in, an acknowledgement.
 
-import { post, eventPath } from "./api.js";
+import { eventPath, get, post } from "./api.js";
 import { fill, h, symbol } from "./dom.js";
 import { STATES, STATE_ORDER } from "./words.js";
 
@@ -21,6 +21,31 @@ const SHORTCUTS = [
   ["0", "the whole time (on the trends)"], ["Esc", "close a dialog"],
 ];
 
+/** For admins: each user, and a link that lets the user choose a password. */
+async function invitations(box) {
+  try {
+    const { users } = await get("api/users");
+    if (users.length) fill(box, h("h3", null, "Users"), h("ul", { class: "users" }, users.map((user) => userItem(user))));
+  } catch (error) {
+    fill(box, h("p", { class: "wrong" }, error.message));
+  }
+}
+
+function userItem(user) {
+  const said = h("span", { class: "note", role: "status" });
+  const ask = async () => {
+    try {
+      const { code, until_utc: until } = await post("api/users/invite", { name: user.name });
+      const link = `${location.href.split("#")[0]}#/invite/${code}`;
+      fill(said, `Send this link; it is valid once, until ${until}: `, h("code", null, link));
+    } catch (error) {
+      fill(said, error.message);
+    }
+  };
+  const button = h("button", { type: "button", "aria-label": `Invite ${user.name}`, onclick: ask }, "Invite");
+  return h("li", null, `${user.name}, ${user.role} `, button, said);
+}
+
 /** Shortcuts, and what the symbols mean. */
 export function showHelp(app) {
   const { version } = app.model;
@@ -29,11 +54,14 @@ export function showHelp(app) {
     h("dt", { "data-state": state }, symbol(state)),
     h("dd", null, h("b", null, STATES[state][0]), `: ${STATES[state][1]}`),
   ]);
+  const users = h("div");
+  if (app.session?.role === "admin") invitations(users);
   const dialog = show(
     "Help",
     h("dl", { class: "keys" }, states),
     h("p", { class: "note" }, "In charts: drag to zoom, Ctrl and wheel to zoom where the pointer is, double click for the whole time."),
     h("dl", { class: "keys" }, keys),
+    users,
     h(
       "div",
       { class: "buttons" },
