@@ -166,7 +166,7 @@ def test_the_daemon_loads_no_compiler_no_plotting_and_no_netcdf(tmp_path: Path) 
     (tmp_path / "in0" / "f.csv").write_bytes(csv_bytes(noise(512, 1)))
     code = """
 import sys, threading
-for name in ("numba", "dask", "pymoo", "matplotlib", "xarray", "netCDF4"):
+for name in ("numba", "dask", "pymoo", "matplotlib", "xarray", "netCDF4", "paho", "asyncua", "google.protobuf"):
     sys.modules[name] = None
 from pathlib import Path
 from monitor.config.load import load_config
