@@ -6,7 +6,8 @@ from contextlib import suppress
 from importlib.machinery import ModuleSpec, PathFinder
 from pathlib import Path
 
-PACKAGES = ("models", "monitor", "streams")
+# Where there is a spallwatch, it imports the others itself, from beside it.
+PACKAGES = ("models", "monitor", "streams", "spallwatch")
 
 
 class Witness:
