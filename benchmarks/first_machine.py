@@ -21,11 +21,11 @@ import time
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import xarray as xr
 from click.testing import CliRunner
 
+from benchmarks.common import write_json
 from benchmarks.loggers import GRAVITY, LOGGERS, Truth
 from monitor.cli import spallwatch
 
@@ -202,17 +202,18 @@ def table(outcomes: Mapping[str, Outcome]) -> str:
     return "\n".join(rows)
 
 
-def figures(outcomes: Mapping[str, Outcome]) -> dict[str, Any]:
-    """Return the figures as plain values."""
-    return {
-        kind: {
-            "answers": list(ANSWERS[kind]),
+def figures(outcomes: Mapping[str, Outcome]) -> list[dict[str, float | int | str]]:
+    """Return the figures as plain values, one row a logger."""
+    return [
+        {
+            "logger": kind,
+            "answers": ", ".join(ANSWERS[kind]),
             "records": outcome.records,
             "start_error_s": outcome.start_error_s,
             "rms_error": outcome.rms_error,
         }
         for kind, outcome in outcomes.items()
-    }
+    ]
 
 
 def main() -> None:
@@ -227,8 +228,7 @@ def main() -> None:
         print(table(outcomes))
         if options.write:
             PAGE.write_text(page(outcomes, watched(folder)), encoding="utf-8")
-    if options.json is not None:
-        options.json.write_text(json.dumps(figures(outcomes), indent=1) + "\n", encoding="utf-8")
+    write_json(options.json, {"loggers": figures(outcomes)})
 
 
 if __name__ == "__main__":
