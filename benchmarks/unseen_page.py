@@ -19,10 +19,10 @@ from benchmarks.unseen_causes import WATCHED
 _FOLDER = Path(__file__).parent / "results"
 _PAGE = Path(__file__).parents[1] / "docs" / "evidence" / "unseen.md"
 Rows = Sequence[Mapping[str, Any]]
-_FLAGS = """By the library, TT at a stall becomes `no_growth` once V_eq has probably stood still for twelve blocks; by a
-prior in which damage takes up to 20 h that is late: most stalls are not known within 50 blocks. Sound lives are flagged by
-steps of the RMS that growth can make too, and by slow stretches. A step of the load that the monitor does not know
-looks like growth or wear, and is not told.
+_FLAGS = """By the library, TT at a stall becomes `no_growth` once V_eq has probably stood still for twelve blocks; by
+a prior in which damage takes up to 20 h that is late: most stalls are not known within 50 blocks. Sound lives are
+flagged by steps of the RMS that growth can make too, and by slow stretches. A step of the load that the monitor does
+not know looks like growth or wear, and is not told.
 """
 
 _BY_LAW = (("tt_inside", 2, RMS), ("tt_inside", 2, LINES), ("crps_min", 0, LINES), ("v_inside", 2, LINES))
