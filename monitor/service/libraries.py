@@ -18,9 +18,9 @@ from models.lives.growth import TrackingError
 from models.lives.life import simulate_lives
 from models.lives.population import Population
 from models.rigs.six_dof import Rig
+from monitor.health.damage.library import acceleration, plausible, regression, summaries
 from monitor.health.damage.library import fit as library_fit
 from monitor.health.damage.library import model as library_model
-from monitor.health.damage.library import plausible, regression, summaries
 from monitor.health.damage.library.fit import FitSettings, fit_library
 from monitor.health.damage.library.model import Library
 from monitor.records.library_file import SCHEMA_VERSION, LibraryError, load_library, save_library
@@ -122,7 +122,7 @@ def library_path(
     folder = Path(cache_dir) if cache_dir is not None else Path(user_cache_dir("spallwatch")) / "libraries"
     made_by = json.dumps([SCHEMA_VERSION, population.hash(), runs, list(thresholds)])
     digest = hashlib.sha256(made_by.encode())
-    for module in (library_fit, library_model, plausible, regression, summaries):
+    for module in (library_fit, library_model, acceleration, plausible, regression, summaries):
         digest.update(Path(str(module.__file__)).read_bytes())
     return folder / f"library-{digest.hexdigest()[:16]}.npz"
 

@@ -15,6 +15,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from monitor.health.damage import Damage, DamageInput, EdvStatus, Remaining, TtStatus
+from monitor.health.damage.library.acceleration import ACCELERATION, accelerated
 from monitor.health.damage.library.fit import FitSettings, fit_library, fit_regression, stands_still
 from monitor.health.damage.library.forecaster import (
     QUANTILES,
@@ -25,7 +26,7 @@ from monitor.health.damage.library.forecaster import (
     _forecast,
     step,
 )
-from monitor.health.damage.library.model import ACCELERATION, LINES, Library, _accelerated, quantiles_of
+from monitor.health.damage.library.model import LINES, Library, quantiles_of
 from monitor.health.damage.library.scores import SHARES, crps
 from monitor.records.library_file import LibraryError, load_library, save_library
 from tests.effort import effort_count
@@ -392,7 +393,7 @@ def test_no_growth_lowers_the_probability_of_reaching_the_threshold() -> None:
 @given(st.lists(st.floats(0.0, 1e6), min_size=2, max_size=400))
 def test_growth_that_accelerates_leaves_less_and_has_its_share(times: list[float]) -> None:
     left = np.sort(times)
-    found = _accelerated(left)
+    found = accelerated(left)
     assert len(found) == round(ACCELERATION / (1.0 - ACCELERATION) * len(left))
     assert np.all((found >= 0.0) & (found <= left[-1]))
     if len(found) >= 20 and left[0] == left[-1]:

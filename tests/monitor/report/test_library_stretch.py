@@ -19,7 +19,7 @@ from benchmarks.library_stretch import (
     moments_of,
 )
 from monitor.health.damage.library.fit import FitSettings, fit_library
-from monitor.health.damage.library.model import FeatureFit
+from monitor.health.damage.library.model import SPREAD, FeatureFit
 from monitor.health.damage.library.scores import crps
 from tests.effort import effort_count
 from tests.oracles.toy_lives import INTERVAL, THRESHOLD, toy_lives
@@ -63,8 +63,9 @@ def test_without_a_factor_samples_are_those_of_the_regression(monkeypatch: pytes
     monkeypatch.setattr("monitor.health.damage.library.model.ACCELERATION", 0.0)
     monkeypatch.setattr("monitor.health.damage.library.model.SPREAD", 1.0)
     monkeypatch.setattr("benchmarks.library_stretch.NEIGHBOURS", NEIGHBOURS)
+    monkeypatch.setattr("monitor.health.damage.library.acceleration.ACCELERATION", 0.0)
     moments = moments_of(fit())
-    samples = moments.samples(np.ones(len(moments.said)))
+    samples = moments.samples(np.full(len(moments.said), SPREAD))
     rows = np.flatnonzero(~fit().crossed[:, 0])
     assert samples.shape == (len(rows), NEIGHBOURS)
     scores = moments.crps(samples)

@@ -32,7 +32,7 @@ from monitor.health.damage.library.summaries import LevelHistory
 
 _REFERENCE_RIDGE = 1e-2
 POOL = {"rms": 0.1, "rms+harmonics": 0.05, "v_eq": 0.05}
-"""Share of lifetimes in a sample of TT, found beside ``model.ACCELERATION``."""
+"""Share of lifetimes in a sample of TT, found beside ``acceleration.ACCELERATION``."""
 STANDSTILL_BLOCKS, STANDSTILL_GROWTH = 12, 1e-3
 """V_eq stands still where it grows by less than this share within so many blocks to come."""
 _MIN_AHEAD = 6

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from monitor.health.damage.library.acceleration import accelerated
 from monitor.health.damage.library.plausible import Limits
 from monitor.health.damage.library.regression import Regression
 from monitor.health.damage.library.summaries import OFFSET, LevelHistory, extrapolations, summarise
@@ -42,12 +43,9 @@ _ELAPSED_WEIGHT = 0.15
 _MIN_SURVIVORS = 5
 _LIFETIME_POWER = 0.5
 """Weights of lifetimes go with this power of 1 / T: 0 counts each life once, 1 each moment of it."""
-ACCELERATION = 0.1
-"""Probability that growth accelerates at once, whatever the past tells: then what is left of TT is any share of it."""
 SPREAD = 0.8
 """Factor on the errors of ln TT: with accelerations and lifetimes beside them, the intervals would be too wide. Both
 were found on the development lives of ``benchmarks.unseen_seeds``."""
-_GOLDEN = 0.5 * (math.sqrt(5.0) - 1.0)
 _AGE_OFFSET = 6.0
 """Intervals in the logarithm of the elapsed time (summaries.summarise)."""
 _STAND_WEIGHT = 4.0
@@ -207,7 +205,7 @@ class FeatureFit:
         crossed = self.crossed[moments, target - 1]
         pooled = self._survivors(target, ln_elapsed, len(moments) - int(np.count_nonzero(crossed)))
         left = np.sort(np.concatenate((tt[~crossed], pooled)))
-        return np.sort(np.concatenate((np.zeros(int(np.count_nonzero(crossed))), left, _accelerated(left))))
+        return np.sort(np.concatenate((np.zeros(int(np.count_nonzero(crossed))), left, accelerated(left))))
 
     def spread(self, target: int) -> float:
         """Return the factor on the errors of a target's ln TT."""
@@ -314,20 +312,6 @@ class Library:
         if features not in self.fits:
             raise ValueError(f"features must be one of {', '.join(self.fits)} in this library, got {features!r}")
         return self.fits[features]
-
-
-def _accelerated(left: Array) -> Array:
-    """Return what is left where growth accelerates, s: so many that ``ACCELERATION`` is their share.
-
-    Args:
-        left: ascending sample of the time to a threshold, s.
-    """
-    count = round(ACCELERATION / (1.0 - ACCELERATION) * len(left))
-    if count == 0:
-        return np.zeros(0)
-    # Shares and times are paired by a sequence that fills the square evenly.
-    levels = [(k * _GOLDEN) % 1.0 for k in range(1, count + 1)]
-    return (np.arange(count) + 0.5) / count * quantiles_of(left, levels)
 
 
 def knots_between(lowest: float, highest: float) -> Array:
