@@ -6,8 +6,10 @@ printed: its words, and its numbers within 2 %.
 
 from __future__ import annotations
 
+import json
 import re
 import shlex
+import shutil
 import subprocess
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -21,13 +23,44 @@ import spallwatch as sw
 from monitor.health.record import Record
 from streams.block import STANDARD_GRAVITY
 from tests.commands import run_command
+from tests.committing import committing
 from tests.effort import effort_count
+from tests.memory_ledger import MemoryLedger
 from tests.monitor.commands.test_library_learn import features
 from tests.monitor.report.test_score import DAY, record, run, stored
+from tests.pages import page_of
 from tests.signals import bearing_lines, impacts
+from tests.streams.tcp_peers import receiving
 from tests.test_docs import DOCS, read
 
 TOLERANCE = 0.02
+PRESS = """
+[machine]
+name = "press"
+state_dir = "state"
+records_dir = "state/records"
+[[bearing]]
+name = "b"
+designation = "6205"
+[operating]
+speed_hz = 10.0
+[[source]]
+name = "s"
+url = "x.npy"
+rate_hz = 4000.0
+block_s = 1.0
+[[channel]]
+name = "horizontal"
+source = "s"
+unit = "g"
+bearing = "b"
+band_hz = [500, 1500]
+[[alarms.level]]
+feature = "rms"
+alert_g = 0.001
+on_delay_blocks = 1
+latch = true
+"""
 BENCH = """
 [machine]
 name = "press"
@@ -253,3 +286,46 @@ def test_the_python_of_a_page_runs(page: str, tmp_path: Path, monkeypatch: pytes
     for kind, _, text in BLOCK.findall(read(DOCS / page)):
         assert kind == "python"
         exec(text, namespace)
+
+
+@pytest.mark.skipif(shutil.which("curl") is None, reason="curl is not installed")
+@pytest.mark.process
+def test_the_addresses_of_the_http_interface_answer(tmp_path: Path) -> None:
+    """The calls of the page, to a page over a machine that has an alarm."""
+    config = tmp_path / "press.toml"
+    config.write_text(PRESS)
+    np.save(tmp_path / "x.npy", np.random.default_rng(1).standard_normal(12000))
+    sw.replay(tmp_path / "x.npy", config=config, out=tmp_path / "state")
+    calls = next(text for kind, _, text in BLOCK.findall(read(DOCS / "reference" / "api.md")) if kind == "sh")
+    with page_of(config) as page:
+        event = page.get("/api/events")["events"][0]["id"]
+        text = calls.replace("http://127.0.0.1:8710", page.url.rstrip("/")).replace("press:17", event)
+        commands = text.replace("\\\n", " ").splitlines()
+        assert len(commands) == 3
+        for command in commands:
+            done = subprocess.run(
+                ["bash", "-c", command.replace("curl ", "curl --silent --fail-with-body ", 1)],
+                cwd=tmp_path, capture_output=True, text=True, check=False, timeout=60.0,
+            )  # fmt: skip
+            assert done.returncode == 0, f"{command}\n{done.stdout}{done.stderr}"
+            assert json.loads(done.stdout)
+        assert page.get("/api/events")["events"][0]["acknowledgements"][0]["who"] == "Ada"
+
+
+def test_the_command_that_sends_a_recording_reaches_a_receiver(tmp_path: Path) -> None:
+    """The call over TCP; that over MQTT needs a broker, and has tests of its own."""
+    np.savetxt(
+        tmp_path / "recording.csv",
+        np.random.default_rng(1).standard_normal(128000),
+        fmt="%.5f",
+        header="x (g)",
+        comments="",
+    )
+    calls = next(text for kind, _, text in BLOCK.findall(read(DOCS / "how-to" / "stream.md")) if kind == "sh")
+    line = next(line for line in calls.splitlines() if "tcp://receiver:5777" in line)
+    ledger = MemoryLedger()
+    with receiving(ledger) as receiver, committing(receiver, ledger) as items:
+        words = line.replace("receiver:5777", f"127.0.0.1:{receiver.port}").replace("--pace 1", "--pace 100")
+        done = run_command(*shlex.split(words)[1:], cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert len(items) == 1
