@@ -21,6 +21,7 @@ WRONG_INPUT = {
     "LearnedFileError",
     "MovedDaysError",
     "NoFinalStageError",
+    "OpcUaError",
     "SpaceError",
     "OutsideMapError",
     "PageError",
@@ -30,6 +31,7 @@ WRONG_INPUT = {
     "SourceError",
     "StoreError",
     "UnstorableError",
+    "UsersError",
     "PosteriorError",
     "WrongInputError",
 }

@@ -81,7 +81,7 @@ def test_the_summary_of_a_replay_says_it() -> None:
     )
     channel |= {"stage": "final", "closed_episodes": [], "tta_status": "ok", "tta_s": 7200.0, "tta_lower_s": 3600.0}
     channel |= {"tta_level_source": "default", "tta_level_factor": 4.0}
-    counts: dict[str, Any] = {"blocks": 1, "seconds": 1.0, "accepted": 1, "pending": 0, "dating": []}
+    counts: dict[str, Any] = {"blocks": 1, "seconds": 1.0, "accepted": 1, "pending": 0, "dating": [], "condition": None}
     counts |= {name: {} for name in ("flagged", "rejected", "ignored", "closed", "reasons", "bearings")}
     text = "\n".join(summary_lines(counts | {"channels": {"x": channel}, "uncalibrated": []}))
     assert "time to the alarm level (default, 4 times the baseline) 2 h, interval from 60 min, ok" in text

@@ -87,7 +87,7 @@ export class Events {
     );
     this.chosen = new Set();
     this.all = h("input", { type: "checkbox", id: "all-events", onchange: () => this.chooseAll() });
-    this.many = h("button", { type: "button", class: "main", onclick: () => this.acknowledgeChosen() });
+    this.many = h("button", { type: "button", class: "main", onclick: () => this.acknowledgeChosen() }, "Acknowledge the chosen ones");
     this.choice = h("div", { class: "bar choice" }, h("label", { for: "all-events" }, this.all, "all open ones shown"), this.many);
     this.machine = h("select", { "aria-label": "Machine", onchange: () => this.load() }, h("option", { value: "" }, "all machines"));
     for (const name of app.model.machines.keys()) this.machine.append(h("option", { value: name }, name));
