@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections import defaultdict
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -76,9 +77,7 @@ def test_a_report_of_earlier_records_does_not_ask(tmp_path: Path) -> None:
 
 
 def test_the_summary_of_a_replay_says_it() -> None:
-    channel: dict[str, Any] = dict.fromkeys(
-        ("t_fs_block", "t_eol_block", "fault", "edv_status", "tt_status", "tta_upper_s")
-    )
+    channel: dict[str, Any] = defaultdict(lambda: None)
     channel |= {"stage": "final", "closed_episodes": [], "tta_status": "ok", "tta_s": 7200.0, "tta_lower_s": 3600.0}
     channel |= {"tta_level_source": "default", "tta_level_factor": 4.0}
     counts: dict[str, Any] = {"blocks": 1, "seconds": 1.0, "accepted": 1, "pending": 0, "dating": [], "condition": None}
