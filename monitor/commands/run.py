@@ -21,6 +21,7 @@ from monitor.health.alarms import FAILURE, NO_DATA
 from monitor.service.status_file import present_status
 from monitor.service.systemd import set_up_log
 from monitor.words.advice import status_line
+from monitor.words.features import rule_words
 from monitor.words.numbers import duration, times_first
 from monitor.words.statuses import STATES, bearing_words
 
@@ -184,7 +185,7 @@ def _beside(status: Mapping[str, Any]) -> Iterator[str]:
 def _channel(channel: Mapping[str, Any]) -> Iterator[str]:
     for alarm in channel.get("alarms", ()):
         over = "" if alarm["active"] else ", over but not acknowledged"
-        yield f"{alarm['severity']} of {alarm['rule']} since block {alarm['since_block']}{over}"
+        yield f"{alarm['severity']} of {rule_words(alarm)} since block {alarm['since_block']}{over}"
     # A file that an older version wrote lacks the relative value.
     if channel.get("calibrated") is False and channel.get("v_eq_relative") is not None:
         yield f"V_eq {times_first(channel['v_eq_relative'])} (rig not calibrated)"

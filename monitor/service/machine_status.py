@@ -30,6 +30,7 @@ from monitor.service.ingest import Ingest
 from monitor.service.silence import DataFlow, LatestBlock, silence_limit
 from monitor.service.summary import bearing_summaries, channel_summary, with_words
 from monitor.words.events import utc_text
+from monitor.words.features import rule_words
 from monitor.words.statuses import STATES, suspended_words
 
 _SEVERITY_OF = {FAILURE: "danger", MAINTENANCE: "alert"}
@@ -227,7 +228,7 @@ def channel_state(
     for alarm in alarms:
         if alarm["severity"] == _SEVERITY_OF.get(state):
             waits = "" if alarm["active"] else ", which is over and waits to be acknowledged"
-            reasons.append(f"{alarm['severity']} of {alarm['rule']} since block {alarm['since_block']}{waits}")
+            reasons.append(f"{alarm['severity']} of {rule_words(alarm)} since block {alarm['since_block']}{waits}")
     fallback = {NO_DATA: silent, BAD_DATA: refused}.get(state)
     if state == OUT_OF_SPECIFICATION and suspended:
         fallback = f"{STATES[state][1]}; {suspended_words(suspended)}"

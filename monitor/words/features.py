@@ -8,9 +8,9 @@ to ``monitor.health.spectrum.features.FUNCTIONS``.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Any, Literal
 
 from monitor.words.numbers import duration, times_first, volume
 from streams.block import STANDARD_GRAVITY
@@ -238,3 +238,9 @@ TRENDS: tuple[Feature, ...] = tuple(feature for feature in FEATURES.values() if 
 """Features whose extremes are kept over time."""
 LEVELS: dict[str, Feature] = {name: feature for name, feature in FEATURES.items() if feature.bad is not None}
 """Features on which an alarm level may stand, by name."""
+
+
+def rule_words(alarm: Mapping[str, Any]) -> str:
+    """Return how an alarm's rule is called: by its own name, or what it watches where it has none."""
+    rule, feature = str(alarm["rule"]), alarm.get("feature")
+    return FEATURES[rule].label if rule == feature and rule in FEATURES else rule

@@ -361,6 +361,9 @@ def test_what_is_not_known_to_be_well_is_not_called_normal() -> None:
     assert channel_state("failure", silent=silent, refused=refused)[0] == "failure"
     alert = {"rule": "loud", "severity": "alert", "active": True, "since_block": 5}
     assert channel_state("maintenance_required", [alert])[1] == "alert of loud since block 5"
+    unnamed = {**alert, "rule": "tt_lower", "feature": "tt_lower"}
+    said = "alert of lower end of the time to threshold since block 5"
+    assert channel_state("maintenance_required", [unnamed])[1] == said
     final, end = "the final stage has begun", "the end of life was reached"
     assert channel_state("maintenance_required", stage="final") == ("maintenance_required", final)
     assert channel_state("maintenance_required", [alert], stage="final")[1] == f"{final}; alert of loud since block 5"
