@@ -59,9 +59,7 @@ def normal_moments(spread: float, count: int = 4000) -> Moments:
 
 
 def test_without_a_factor_samples_are_those_of_the_regression(monkeypatch: pytest.MonkeyPatch) -> None:
-    # The forecaster adds lifetimes and accelerations to them, and narrows them for that.
-    monkeypatch.setattr("monitor.health.damage.library.acceleration.ACCELERATION", 0.0)
-    monkeypatch.setattr("monitor.health.damage.library.model.SPREAD", 1.0)
+    # The forecaster adds lifetimes and accelerations to them.
     monkeypatch.setattr("benchmarks.library_stretch.NEIGHBOURS", NEIGHBOURS)
     monkeypatch.setattr("monitor.health.damage.library.acceleration.ACCELERATION", 0.0)
     moments = moments_of(fit())
