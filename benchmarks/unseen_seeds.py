@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 JUDGED_FIRST_SEED = 2_808_000
-"""Lives of the judged score: nobody who works on the library uses them, and nothing is fitted or chosen on them."""
+"""Lives of the judged score: they are not used in work on the library, and nothing is fitted or chosen on them."""
 DEVELOPMENT_FIRST_SEED = 1_808_000
 """Lives of an earlier judged score, whose figures were seen: what is chosen since is chosen on them."""
 TEST_FIRST_SEED = 1_908_000

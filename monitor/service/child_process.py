@@ -8,6 +8,8 @@ import os
 import subprocess
 import sys
 import threading
+from collections.abc import Mapping
+from typing import Any
 
 from models.installation import child_path
 from models.portable import PipeReader
@@ -36,6 +38,14 @@ def _end_with_parent() -> None:
     while os.read(0, 4096):
         pass
     os._exit(0)
+
+
+def report_line(values: Mapping[str, Any]) -> None:
+    """In a child: report a JSON object as a line of standard output; end where nothing reads it any more."""
+    try:
+        print(json.dumps(values), flush=True)
+    except OSError:
+        os._exit(0)
 
 
 class Child:

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import json
 import logging
-import threading
 import time
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
@@ -23,8 +22,9 @@ from monitor.records.condense import condensed_up_to, has_condensed, identity_of
 from monitor.records.database import SharedConnection, StoreError, replacing
 from monitor.records.packing import unpack
 from monitor.service.broker import BrokerError, BrokerLink
-from monitor.service.notify.channels import NotifyError, read_secret
+from monitor.service.notify.channels import read_secret
 from monitor.service.record_message import StoredRecord, channel_message, state_message
+from monitor.service.sessions import Sessions
 
 _LOG = logging.getLogger(__name__)
 PLACE = "published-mqtt.json"
@@ -39,7 +39,6 @@ _MAX_SILENCE_S = 30.0
 _PLACE_S = 5.0
 _STATE_S = 1.0
 _ENDING_TURN_S = 0.05
-_MIN_PAUSE_S, _MAX_PAUSE_S = 1.0, 60.0
 
 
 class _At(NamedTuple):
@@ -58,7 +57,7 @@ class _Sent:
     missing: int
 
 
-class RecordMqtt:
+class RecordMqtt(Sessions):
     """Publishes records; a failure is a :attr:`problem`, never an exception."""
 
     def __init__(
@@ -73,13 +72,11 @@ class RecordMqtt:
 
         ``channels`` are names by source; ``state_dir`` holds the store, the status file and the position.
         """
-        self.problem: str | None = None
-        """Why records are not published, or None."""
-        self._thread: threading.Thread | None = None
+        super().__init__("publish-mqtt", "over MQTT", monotonic)
         if section is None:
             return
         self._section, self._machine, self._channels = section, machine, dict(channels)
-        self._state_dir, self._monotonic = state_dir, monotonic
+        self._state_dir = state_dir
         self._store = state_dir / "state.db"
         self._topic = f"{section.topic}/{quote(machine, safe='')}"
         self._layouts: dict[int, str] = {}
@@ -88,22 +85,18 @@ class RecordMqtt:
         self._reached: _At | None = None
         self._sent: deque[_Sent] = deque()
         self._waiting: dict[int, _Sent] = {}
-        self._connected = False
         self._state: str | None = None
         # Number of the last message of the state, until it is confirmed.
         self._stated: int | None = None
         self._place_due = self._state_due = float("-inf")
         self._allowed = monotonic()
-        self._wake = threading.Condition()
-        self._news, self._ending, self._until = True, False, float("inf")
         # The position is set now, so that later records are published.
         try:
             with SharedConnection(self._store) as store:
                 self._place = self._begin(store)
         except StoreError as error:
             self.problem = str(error)
-        self._thread = threading.Thread(target=self._work, name="publish-mqtt", daemon=True)
-        self._thread.start()
+        self._start()
 
     @classmethod
     def open(cls, config: Config) -> RecordMqtt:
@@ -113,23 +106,6 @@ class RecordMqtt:
             for source in config.source
         }
         return cls(config.publish.mqtt, config.machine.name, channels, config.machine.state_dir)
-
-    def changed(self) -> None:
-        """Note that there is more to publish; returns at once."""
-        if self._thread is None:
-            return
-        with self._wake:
-            self._news = True
-            self._wake.notify()
-
-    def close(self, seconds: float = 0.5) -> None:
-        """Publish for at most so many seconds more, then end; the rest is published after the next start."""
-        if self._thread is None:
-            return
-        with self._wake:
-            self._ending, self._until = True, self._monotonic() + seconds
-            self._wake.notify()
-        self._thread.join(seconds)
 
     def _begin(self, store: SharedConnection) -> int:
         """Return the ledger number after which to begin: where an earlier run ended, else the present end."""
@@ -160,28 +136,6 @@ class RecordMqtt:
         self._write_place()
         return end
 
-    def _work(self) -> None:
-        pause = _MIN_PAUSE_S
-        while not self._over():
-            try:
-                self._session()
-            except (BrokerError, NotifyError, StoreError) as error:
-                self._fail(str(error))
-            except Exception as error:  # A fault must not end the thread unnoticed.
-                _LOG.exception("publishing over MQTT fails")
-                self._fail(type(error).__name__)
-            else:
-                return
-            with self._wake:
-                if self._wake.wait_for(lambda: self._ending, pause):
-                    return
-            pause = _MIN_PAUSE_S if self._connected else min(2.0 * pause, _MAX_PAUSE_S)
-
-    def _fail(self, problem: str) -> None:
-        if self.problem is None and not self._ending:
-            _LOG.error("publishing over MQTT fails, it is tried again: %s", problem)
-        self.problem = problem
-
     def _over(self) -> bool:
         return self._ending and self._monotonic() >= self._until
 
@@ -195,9 +149,8 @@ class RecordMqtt:
             link = BrokerLink(self._section, read_secret, will=will, wake=self.changed)
             try:
                 link.connect()
-                if self.problem is not None:
-                    _LOG.warning("publishing over MQTT works again")
-                self._connected, self.problem, self._state = True, None, None
+                self._works()
+                self._state = None
                 self._follow(link, store, self._place)
             finally:
                 self._write_place()

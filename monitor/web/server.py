@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import json
 import logging
-import os
 import signal
 import socket
 import sys
@@ -23,7 +22,7 @@ from models.errors import WrongInputError
 from models.portable import lower_priority, on_signals
 from monitor.config.load import Config, ConfigError, load_config
 from monitor.config.outputs import WebSection
-from monitor.service.child_process import end_with_parent
+from monitor.service.child_process import end_with_parent, report_line
 from monitor.service.systemd import ServiceManager
 from monitor.web.app import STREAM, Site, application
 from monitor.web.auth import Doorkeeper, TokenError, load_token
@@ -239,17 +238,11 @@ def child() -> None:
     end_with_parent()
     logging.basicConfig(stream=sys.stderr, level=logging.WARNING, format="%(asctime)s %(levelname)s page: %(message)s")
 
-    def report(values: dict[str, Any]) -> None:
-        try:
-            print(json.dumps(values), flush=True)
-        except OSError:
-            os._exit(0)
-
     web, state_dir = WebSection.model_validate(given["web"]), Path(given["state_dir"])
     try:
-        asyncio.run(serve(Machines([load_config(Path(given["config"]))]), web, state_dir, report))
+        asyncio.run(serve(Machines([load_config(Path(given["config"]))]), web, state_dir, report_line))
     except (PageError, ConfigError) as error:
-        report({"problem": str(error)})
+        report_line({"problem": str(error)})
         sys.exit(1)
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import json
 import logging
-import os
 import sys
 import time
 from collections.abc import Callable
@@ -13,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from monitor.config.opcua import OpcUaCondition
-from monitor.service.child_process import end_with_parent
+from monitor.service.child_process import end_with_parent, report_line
 from monitor.service.neighbours.opcua_server import MISSING, OpcUaError
 from monitor.service.notify.channels import NotifyError, read_secret
 
@@ -124,14 +123,8 @@ def child() -> None:
     end_with_parent()
     logging.getLogger("asyncua").setLevel(logging.CRITICAL)
 
-    def report(values: dict[str, Any]) -> None:
-        try:
-            print(json.dumps(values), flush=True)
-        except OSError:
-            os._exit(0)
-
     try:
-        asyncio.run(follow(section, report))
+        asyncio.run(follow(section, report_line))
     except OpcUaError as error:
-        report({"problem": str(error)})
+        report_line({"problem": str(error)})
         sys.exit(1)

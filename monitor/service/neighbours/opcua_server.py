@@ -6,7 +6,6 @@ import asyncio
 import hmac
 import json
 import logging
-import os
 import sys
 from collections.abc import Callable, Mapping
 from contextlib import suppress
@@ -19,7 +18,7 @@ from models.portable import lower_priority
 from monitor import __version__
 from monitor.config.load import Config, ConfigError, load_config
 from monitor.config.outputs import OpcUaSection
-from monitor.service.child_process import end_with_parent
+from monitor.service.child_process import end_with_parent, report_line
 from monitor.service.neighbours.points import Kind, Point, channels_of, points_of
 from monitor.service.neighbours.points import Path as PointPath
 from monitor.service.neighbours.snapshots import Snapshots
@@ -239,15 +238,9 @@ def child() -> None:
     # A client that is refused or goes away is none of our failures.
     logging.getLogger("asyncua").setLevel(logging.CRITICAL)
 
-    def report(values: dict[str, Any]) -> None:
-        try:
-            print(json.dumps(values), flush=True)
-        except OSError:
-            os._exit(0)
-
     try:
         config = load_config(Path(given["config"]))
-        asyncio.run(MachineServer(config, config.publish.opcua or OpcUaSection()).serve(report))
+        asyncio.run(MachineServer(config, config.publish.opcua or OpcUaSection()).serve(report_line))
     except (OpcUaError, ConfigError) as error:
-        report({"problem": str(error)})
+        report_line({"problem": str(error)})
         sys.exit(1)

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import json
 import logging
-import threading
 import time
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
@@ -17,14 +16,15 @@ from pathlib import Path
 
 from monitor.config.load import Config
 from monitor.config.outputs import SparkplugSection
-from monitor.records.database import SharedConnection, StoreError, replacing
-from monitor.service.broker import BrokerError, BrokerLink
+from monitor.records.database import SharedConnection, replacing
+from monitor.service.broker import BrokerLink
 from monitor.service.neighbours.points import Channel, Point, Snapshot, channels_of, points_of
 from monitor.service.neighbours.points import Path as PointPath
 from monitor.service.neighbours.snapshots import FIELDS, JOINED, Snapshots, stored_record
 from monitor.service.neighbours.sparkplug_payload import BD_SEQ, REBIRTH, Metric, Payloads, SparkplugError
-from monitor.service.notify.channels import NotifyError, read_secret
+from monitor.service.notify.channels import read_secret
 from monitor.service.record_message import StoredRecord
+from monitor.service.sessions import Sessions
 
 _LOG = logging.getLogger(__name__)
 STATE = "sparkplug.json"
@@ -34,76 +34,32 @@ _AFTER = f"SELECT blocks.id, {FIELDS} FROM {JOINED} WHERE blocks.id > ? ORDER BY
 _MAX_ROWS = 100
 _POLL_S = 1.0
 _CONFIRM_S = 5.0
-_MIN_PAUSE_S, _MAX_PAUSE_S = 1.0, 60.0
 _LEFT_OUT = ("updated_utc",)
 """Points that change at each look."""
 
 
-class Sparkplug:
+class Sparkplug(Sessions):
     """Publishes a machine; a failure is a :attr:`problem`, never an exception."""
+
+    _expected = (*Sessions._expected, SparkplugError)
 
     def __init__(
         self, section: SparkplugSection | None, machine: str, channels: tuple[Channel, ...], state_dir: Path
     ) -> None:
         """Begin to publish; nothing without a section. ``state_dir`` holds store and status file."""
-        self.problem: str | None = None
-        """Why nothing is published, or None."""
-        self._thread: threading.Thread | None = None
+        super().__init__("publish-sparkplug", "by Sparkplug")
         if section is None:
             return
         self._section, self._machine, self._channels = section, machine, channels
         self._state_dir, self._store = state_dir, state_dir / "state.db"
         self._snapshots = Snapshots(machine, (channel.source for channel in channels), state_dir)
         self._place: int | None = None
-        self._connected = False
-        self._wake = threading.Condition()
-        self._news, self._ending, self._until = True, False, float("inf")
-        self._thread = threading.Thread(target=self._work, name="publish-sparkplug", daemon=True)
-        self._thread.start()
+        self._start()
 
     @classmethod
     def open(cls, config: Config) -> Sparkplug:
         """Return what publishes a machine as ``[publish.sparkplug]`` says."""
         return cls(config.publish.sparkplug, config.machine.name, channels_of(config), config.machine.state_dir)
-
-    def changed(self) -> None:
-        """Note that there is more to publish; returns at once."""
-        if self._thread is None:
-            return
-        with self._wake:
-            self._news = True
-            self._wake.notify()
-
-    def close(self, seconds: float = 0.5) -> None:
-        """Publish what is new and the death of the node within so many seconds, then end."""
-        if self._thread is None:
-            return
-        with self._wake:
-            self._ending, self._until = True, time.monotonic() + seconds
-            self._wake.notify()
-        self._thread.join(seconds)
-
-    def _work(self) -> None:
-        pause = _MIN_PAUSE_S
-        while not self._ending:
-            try:
-                self._session()
-            except (BrokerError, NotifyError, StoreError, SparkplugError) as error:
-                self._fail(str(error))
-            except Exception as error:  # A fault must not end the thread unnoticed.
-                _LOG.exception("publishing by Sparkplug fails")
-                self._fail(type(error).__name__)
-            else:
-                return
-            with self._wake:
-                if self._wake.wait_for(lambda: self._ending, pause):
-                    return
-            pause = _MIN_PAUSE_S if self._connected else min(2.0 * pause, _MAX_PAUSE_S)
-
-    def _fail(self, problem: str) -> None:
-        if self.problem is None and not self._ending:
-            _LOG.error("publishing by Sparkplug fails, it is tried again: %s", problem)
-        self.problem = problem
 
     def _session(self) -> None:
         """Publish over one connection, until the end or its loss."""
@@ -120,9 +76,7 @@ class Sparkplug:
             try:
                 link.connect()
                 link.subscribe(node.topic("NCMD"))
-                if self.problem is not None:
-                    _LOG.warning("publishing by Sparkplug works again")
-                self._connected, self.problem = True, None
+                self._works()
                 self._follow(link, node, store)
                 # A broker that is told goodbye keeps the will to itself.
                 link.wait_confirmed({link.publish(node.topic("NDEATH"), death)}, min(_CONFIRM_S, self._left()))

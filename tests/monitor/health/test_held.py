@@ -51,7 +51,7 @@ def test_another_part_is_an_event_once_its_name_has_held() -> None:
     since = first_named(blocks, "inner")
     assert changes(blocks) == [(since + PERSIST - 1, "outer", "inner")]
     assert changes(blocks[: since + PERSIST - 2]) == []
-    # Blocks on which nothing is heard do not count.
+    # Blocks that name no part do not count.
     pause = [Heard(usable=False, paused=True)] * 3
     assert changes([*blocks[:since], *pause, *blocks[since:]]) == [(since + PERSIST + 2, "outer", "inner")]
 
