@@ -7,6 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from streams.pulses import Pulses
+
 STANDARD_GRAVITY = 9.80665
 """m/s2 in one g (the conventional value, CGPM 1901)."""
 
@@ -26,6 +28,7 @@ class Block:
         speed: of the shaft in Hz, None where the source does not state it; likewise the radial load in N.
         speed_source: "block", or another word of the record where something besides the recording gave the speed;
             likewise of the load.
+        pulses: of a tacho or an encoder, None where the source has none besides its channels.
         content_hash: hexadecimal digest of the raw bytes the block was read from, or of its samples.
     """
 
@@ -43,6 +46,7 @@ class Block:
     content_hash: str = ""
     speed_source: str = "block"
     load_source: str = "block"
+    pulses: Pulses | None = None
 
     def __post_init__(self) -> None:
         """Raise ValueError where the parts do not fit together."""

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from models.errors import SpallwatchError
 from streams.block import Block
 from streams.limits import MAX_BYTES, MAX_DIMENSIONS, MAX_ROWS
+from streams.pulses import Pulses
 
 VALUES, SCALED, COUNTS, FRACTIONS = "values", "scaled integers", "integers", "fractions of full scale"
 """How the numbers of a row are stored: as they are meant; as integers that the file or its side-car scales; as integers
@@ -59,6 +60,7 @@ class Samples:
         stored: of each row, how its numbers are stored; by default ``VALUES``, numbers in its unit.
         origin: what the values were read from; blocks state how much of each origin they used.
         offset: index of the first value in its origin.
+        pulses: of a tacho or an encoder, their times counted from the first value.
     """
 
     values: NDArray[Any]
@@ -77,6 +79,7 @@ class Samples:
     offset: int = 0
     stamp: str | None = None
     joins: bool = True
+    pulses: Pulses | None = None
 
     def __post_init__(self) -> None:
         """Fill in the defaults of the rows; ValueError where parts do not fit."""
@@ -164,6 +167,7 @@ class Samples:
             speed=self.speed,
             load=self.load,
             content_hash=content_hash,
+            pulses=self.pulses,
         )
 
 

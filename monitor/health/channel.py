@@ -20,6 +20,7 @@ from monitor.health.damage import tracker as damage
 from monitor.health.naming import Naming, name_fault
 from monitor.health.output import ChannelOutput
 from monitor.health.quality import Verdict, check_samples
+from monitor.health.rotation.rotation import Rotation
 from monitor.health.spectrum.average import RecentSpectra
 from monitor.health.spectrum.bands import BandVotes, candidate_bands
 from monitor.health.spectrum.family import comb_depth
@@ -48,6 +49,7 @@ class ChannelBlock:
         speed: of the shaft, Hz; known wherever the block is accepted.
         load: N.
         span: least and largest sample, where known.
+        rotation: angle of the shaft over the block, None where only its mean speed is known.
     """
 
     samples: NDArray[np.floating]
@@ -58,6 +60,7 @@ class ChannelBlock:
     speed: Quantity = field(default_factory=Quantity)
     load: Quantity = field(default_factory=Quantity)
     span: tuple[float, float] | None = None
+    rotation: Rotation | None = None
 
 
 def check_channel(
@@ -122,6 +125,7 @@ def analyse(state: ChannelState, block: ChannelBlock, settings: ChannelSettings)
         slip=slip_searches(settings.uncertainty),
         interference=all_combs(settings.interference, lines.speed),
         view=settings.waterfall.rows > 0,
+        rotation=block.rotation,
     )
     recent = state.spectra if block.verdict.for_baseline else None
     return Analysed(asked, block_features(block.samples, block.rate, asked, recent, block.span), band_source)

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 from models.bearing import Kinematics
+from monitor.health.rotation.rotation import Rotation
 from monitor.health.spectrum.interference import Comb
 from monitor.health.spectrum.lines import SEARCH
 from monitor.health.spectrum.plans import Effort, Precision
@@ -48,6 +49,8 @@ class FeatureSettings:
         slip: range of each family at a known speed.
         interference: combs that are removed before the envelopes, at the stated speed of the block.
         view: whether the raw spectrum is kept to be looked at.
+        rotation: angle of the shaft over the block, by which its spectra are those of a shaft at its mean speed; None:
+            they are over time.
         precision: arithmetic of the transforms.
         effort: planning of the transforms; "estimate" gives the same bits everywhere and every time.
     """
@@ -65,6 +68,7 @@ class FeatureSettings:
     slip: Mapping[str, FamilySearch] = field(default_factory=slip_searches)
     interference: tuple[Comb, ...] = ()
     view: bool = False
+    rotation: Rotation | None = None
     precision: Precision = "float32"
     effort: Effort = "estimate"
 
