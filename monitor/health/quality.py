@@ -33,7 +33,8 @@ REJECTIONS = (
     "poisoned",
 )
 # Append only: the integers of the published files are positions in this tuple.
-FLAGS = ("flat", "stopped", "clipped", "gap", "clock", "late", "out_of_order")
+FLAGS = ("flat", "stopped", "clipped", "gap", "clock", "late", "out_of_order", "outside_speed")
+_NOT_LEARNED = frozenset({"flat", "stopped", "late", "out_of_order", "outside_speed"})
 
 _MIN_LENGTH_SHARE = 0.9
 """A block with less than this share of the nominal samples is short."""
@@ -71,8 +72,11 @@ class Verdict:
 
     @property
     def for_baseline(self) -> bool:
-        """Whether the baseline and the detector use it: the machine runs, the sensor works, blocks are in order."""
-        return self.accepted and not {"flat", "stopped", "late", "out_of_order"} & set(self.flags)
+        """Whether the baseline and the detector use it.
+
+        The machine runs within its configured speeds, the sensor works, blocks are in order.
+        """
+        return self.accepted and not _NOT_LEARNED & set(self.flags)
 
     @property
     def for_tracker(self) -> bool:
@@ -163,6 +167,37 @@ def _clipped(samples: NDArray[np.floating], low: float, high: float, signal_rang
             # A coarsely quantised small signal often meets its extremes without a rail.
             return np.unique(samples[:: max(1, samples.size // 4096)]).size > 64
     return False
+
+
+@dataclass(frozen=True)
+class SpeedLimits:
+    """Speeds within which blocks are compared with each other; None: no limit.
+
+    Attributes:
+        least: Hz.
+        most: Hz.
+        acceleration: largest absolute change of the speed over a block, Hz/s.
+    """
+
+    least: float | None = None
+    most: float | None = None
+    acceleration: float | None = None
+
+
+def check_speed(speed: tuple[float, float] | None, acceleration: float | None, limits: SpeedLimits) -> tuple[str, ...]:
+    """Return the flag ``outside_speed`` of a block beyond the limits, or nothing.
+
+    Args:
+        speed: least and highest of the block, Hz; None where it is not known: it cannot be within limits of it.
+        acceleration: Hz/s; None where only the mean speed is known: it is not checked.
+    """
+    low, high = limits.least, limits.most
+    if speed is None:
+        outside = low is not None or high is not None
+    else:
+        outside = (low is not None and speed[0] < low) or (high is not None and speed[1] > high)
+    steep = limits.acceleration is not None and acceleration is not None and abs(acceleration) > limits.acceleration
+    return ("outside_speed",) if outside or steep else ()
 
 
 @dataclass(frozen=True)

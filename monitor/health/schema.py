@@ -27,7 +27,8 @@ HINT, VERDICT = "hint", "verdict"
 """What a name is: a hint without a baseline or before t_fs, a verdict since it."""
 NAMES = (*FAULTS, UNDECIDED)
 BAND_SOURCES = ("configured", "learning", "recording", "provisional")
-STATUSES = ("ok", *FLAGS, *REJECTIONS)
+STATUSES = ("ok", *FLAGS[:7], *REJECTIONS, *FLAGS[7:])
+"""The first seven flags stand before the rejections; what came later is appended."""
 EDV_STATUSES = tuple(map(str, EdvStatus))
 TT_STATUSES = tuple(map(str, TtStatus))
 TTA_STATUSES = tuple(map(str, TtaStatus))

@@ -27,7 +27,7 @@ class Heard:
 
     Attributes:
         usable: the machine ran, the sensor worked, the block was in order.
-        paused: the machine stood still or the block came late, so that nothing could be heard.
+        paused: the machine stood still or ran beyond its speeds, or the block came late: nothing could be heard.
         fault: the named part, several joined by "|", or None.
         depth: of its lines, over the mean envelope.
         final: the final stage of the channel has begun and is not over.
@@ -149,7 +149,7 @@ def heard_in(channels: Mapping[str, Mapping[str, Any]], time: float | None = Non
         verdict = Verdict(values.get("quality_status") or "ok", tuple(flag for flag in flags if flag))
         found[name] = Heard(
             usable=verdict.for_baseline,
-            paused=verdict.accepted and bool({"stopped", "late", "out_of_order"} & set(flags)),
+            paused=verdict.accepted and bool({"stopped", "late", "out_of_order", "outside_speed"} & set(flags)),
             fault=values.get("fault_candidates") or values.get("fault"),
             depth=values.get("fault_depth") or 0.0,
             final=values.get("t_fs_block") is not None,

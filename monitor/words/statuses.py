@@ -108,6 +108,7 @@ STATUS_MEANINGS = {
     "clock": "its time cannot be right",
     "late": "came after younger blocks",
     "out_of_order": "came out of order",
+    "outside_speed": "outside the configured speeds",
     "empty": "holds no samples",
     "short": "shorter than a block should be",
     "nan": "holds samples that are not finite",

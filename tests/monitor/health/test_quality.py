@@ -9,9 +9,12 @@ from hypothesis import strategies as st
 
 from monitor.health.quality import (
     OrderState,
+    SpeedLimits,
+    Verdict,
     check_order,
     check_rate,
     check_samples,
+    check_speed,
     rejected,
     with_flags,
 )
@@ -72,6 +75,27 @@ def test_flags_gate_what_comes_after():
     assert late.accepted
     assert not late.for_baseline
     assert with_flags(ok, ("gap",)).for_tracker
+
+
+@pytest.mark.parametrize(
+    ("speed", "acceleration", "outside"),
+    [
+        ((20.0, 30.0), 1.0, False),
+        ((20.0, 30.0), None, False),
+        ((19.9, 30.0), 0.0, True),
+        ((20.0, 30.1), 0.0, True),
+        ((25.0, 25.0), -2.1, True),
+        (None, None, True),
+    ],
+)
+def test_a_block_beyond_the_speeds_is_flagged(speed, acceleration, outside):
+    limits = SpeedLimits(20.0, 30.0, 2.0)
+    flags = check_speed(speed, acceleration, limits)
+    assert flags == (("outside_speed",) if outside else ())
+    assert check_speed(speed, acceleration, SpeedLimits()) == ()
+    verdict = with_flags(Verdict(), flags)
+    assert verdict.accepted
+    assert verdict.for_baseline is verdict.for_tracker is not outside
 
 
 def test_a_rejected_channel_takes_no_flags():
