@@ -29,6 +29,7 @@ class Block:
         speed_source: "block", or another word of the record where something besides the recording gave the speed;
             likewise of the load.
         pulses: of a tacho or an encoder, None where the source has none besides its channels.
+        pulses_per_revolution: pulses of a whole turn in a channel that is a tacho, None where it is not stated.
         content_hash: hexadecimal digest of the raw bytes the block was read from, or of its samples.
     """
 
@@ -47,6 +48,7 @@ class Block:
     speed_source: str = "block"
     load_source: str = "block"
     pulses: Pulses | None = None
+    pulses_per_revolution: int | None = None
 
     def __post_init__(self) -> None:
         """Raise ValueError where the parts do not fit together."""

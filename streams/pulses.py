@@ -29,6 +29,18 @@ class Pulses:
         if self.per_revolution is not None and self.per_revolution < 1:
             raise ValueError(f"pulses a revolution must be 1 or more, got {self.per_revolution}")
 
+    def shifted(self, seconds: float) -> Pulses:
+        """Return the pulses with times greater by ``seconds``."""
+        return self if seconds == 0.0 else Pulses(self.times + seconds, self.per_revolution)
+
+    def in_samples(self, rate: float, begin: int, end: int) -> Pulses:
+        """Return the pulses from the sample ``begin`` to before ``end`` at a ``rate`` in Hz, times as they are.
+
+        A pulse belongs to the sample at or before it, so that pieces that follow each other share none.
+        """
+        first, last = np.searchsorted(np.floor(self.times * rate), (begin, end))
+        return Pulses(self.times[first:last], self.per_revolution)
+
     def between(self, begin: float, end: float) -> Pulses:
         """Return the pulses from ``begin`` to before ``end`` (s), their times counted from ``begin``."""
         first, last = np.searchsorted(self.times, (begin, end))

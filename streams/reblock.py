@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import hashlib
 import math
-from collections.abc import Callable, Hashable, Iterator
+from collections.abc import Callable, Hashable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from streams.block import Block, Rejected
+from streams.pulses import Pulses
 from streams.samples import RATE_TOLERANCE, Origin, ReaderError, Samples
 
 MIN_BLOCK_SHARE = 0.9
@@ -92,11 +93,13 @@ class Reblocker:
         first = self._held[0]
         parts: list[NDArray[np.floating]] = []
         used: list[tuple[Hashable, int]] = []
+        times: list[Pulses | None] = []
         left = count
         while left:
             piece = self._held.pop(0)
             taken = min(left, piece.values.shape[1])
             parts.append(piece.values[:, :taken])
+            times.append(self._pulses_of(piece, taken, first.offset + count - left))
             if used and used[-1][0] == piece.origin:
                 used.pop()
             used.append((piece.origin, piece.offset + taken))
@@ -105,7 +108,29 @@ class Reblocker:
                 self._held.insert(0, replace(piece, values=piece.values[:, taken:], offset=piece.offset + taken))
         values = np.ascontiguousarray(parts[0]) if len(parts) == 1 else np.concatenate(parts, axis=1)
         missing = self._length - count if count < MIN_BLOCK_SHARE * self._length else 0
-        return Cut(replace(first, values=values), tuple(used), missing)
+        samples = replace(first, values=values, pulses=_joined(times))
+        return Cut(samples, tuple(used), missing)
+
+    def _pulses_of(self, piece: Samples, taken: int, place: int) -> Pulses | None:
+        """Return the pulses of the first ``taken`` samples of a piece, which stands at a ``place`` after the first one.
+
+        A time is moved once and by whole samples, so that the sum does not depend on how a file came in pieces.
+        """
+        if piece.pulses is None:
+            return None
+        pulses = piece.pulses.in_samples(self._rate, piece.offset, piece.offset + taken)
+        return pulses.shifted((place - piece.offset) / self._rate)
+
+
+def _joined(parts: Sequence[Pulses | None]) -> Pulses | None:
+    """Return the pulses of pieces that follow each other; None where those of a piece are not known."""
+    known = [part for part in parts if part is not None]
+    if len(known) < len(parts) or len({part.per_revolution for part in known}) > 1:
+        return None
+    if len(known) == 1:
+        return known[0]
+    # The last digit of a time that was moved may put it before one that was not.
+    return Pulses(np.maximum.accumulate(np.concatenate([part.times for part in known])), known[0].per_revolution)
 
 
 def _follows(before: Samples, after: Samples) -> bool:
@@ -128,16 +153,21 @@ def _follows(before: Samples, after: Samples) -> bool:
     return abs(begin - end) <= max(_TIME_TOLERANCE_S, 0.5 / before.known_rate)
 
 
-def samples_hash(samples: NDArray[np.floating], rate: float, channels: tuple[str, ...]) -> str:
+def samples_hash(
+    samples: NDArray[np.floating], rate: float, channels: tuple[str, ...], pulses: Pulses | None = None
+) -> str:
     """Return the digest of a block cut from a stream.
 
-    It depends on samples (channel, sample), rate in Hz and channels alone; with its sequence number it identifies the
-    block, however the samples were divided before.
+    It depends on samples (channel, sample), rate in Hz, channels and pulses alone; with its sequence number it
+    identifies the block, however the samples were divided before.
     """
     digest = hashlib.blake2b(digest_size=16)
     digest.update(repr((float(rate), channels, samples.shape, samples.dtype.kind, samples.dtype.itemsize)).encode())
     for row in samples:
         digest.update(np.ascontiguousarray(row, dtype=row.dtype.newbyteorder("<")).data)
+    if pulses is not None:
+        digest.update(repr(("pulses", pulses.times.size, pulses.per_revolution)).encode())
+        digest.update(np.ascontiguousarray(pulses.times, dtype="<f8").data)
     return digest.hexdigest()
 
 
@@ -192,7 +222,7 @@ class Numbering:
         rate, length = samples.known_rate, samples.values.shape[1]
         if samples.offset:
             name = f"{name}[{round(samples.offset / rate, 3):.15g} s]"
-        digest = samples_hash(samples.values, rate, samples.channels)
+        digest = samples_hash(samples.values, rate, samples.channels, samples.block_pulses)
         if not cut.missing:
             return self.block(samples, name, digest)
         reason = f"{name}: {length / rate:g} s are left, a block has {(length + cut.missing) / rate:g} s"

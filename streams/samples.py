@@ -60,7 +60,9 @@ class Samples:
         stored: of each row, how its numbers are stored; by default ``VALUES``, numbers in its unit.
         origin: what the values were read from; blocks state how much of each origin they used.
         offset: index of the first value in its origin.
-        pulses: of a tacho or an encoder, their times counted from the first value.
+        pulses: of a tacho or an encoder over the whole origin, their times counted from its first sample.
+        pulse_epoch: s since 1970 UTC from which the times of pulses count until the origin is dated, else None.
+        pulses_per_revolution: pulses of a whole turn in a row that is a tacho.
     """
 
     values: NDArray[Any]
@@ -80,6 +82,8 @@ class Samples:
     stamp: str | None = None
     joins: bool = True
     pulses: Pulses | None = None
+    pulse_epoch: float | None = None
+    pulses_per_revolution: int | None = None
 
     def __post_init__(self) -> None:
         """Fill in the defaults of the rows; ValueError where parts do not fit."""
@@ -111,6 +115,11 @@ class Samples:
     def end(self) -> int:
         """Index behind the last sample in the origin."""
         return self.offset + self.values.shape[1]
+
+    @property
+    def block_pulses(self) -> Pulses | None:
+        """The pulses with times counted from the first of these samples, which must have all of them."""
+        return None if self.pulses is None else self.pulses.shifted(-self.offset / self.known_rate)
 
     def time_of(self, index: int) -> float | None:
         """Return the time of a sample of the origin, however the origin was divided."""
@@ -167,7 +176,8 @@ class Samples:
             speed=self.speed,
             load=self.load,
             content_hash=content_hash,
-            pulses=self.pulses,
+            pulses=self.block_pulses,
+            pulses_per_revolution=self.pulses_per_revolution,
         )
 
 
