@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import zoneinfo
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated, Literal, Self
 
 from pydantic import Field, field_validator, model_validator
 
-from monitor.config.fields import Finite, Name, NotNegative, Positive, Scale, Section
+from monitor.config.fields import Count, Finite, Name, NotNegative, Positive, Scale, Section
 from monitor.config.opcua import OpcUaCondition
 from monitor.health.condition import ConditionSettings
+from monitor.health.rotation.settings import SpeedLimits, TachoSettings
 from monitor.health.waterfall import WaterfallSettings
 from monitor.words.zones import machine_class
 from streams.spec import ChannelSpec
@@ -19,6 +21,8 @@ ColumnName = str | int
 
 _SPEED_RANGE = (5.0, 100.0)
 _SPEED_FACTOR = 1.25
+_MIN_TEETH = 4
+"""Fewest teeth that a wheel with a gap must have: below, most of its intervals do not show the pitch."""
 
 
 class MachineSection(Section):
@@ -59,6 +63,7 @@ class MachineSection(Section):
 class OperatingSection(Section):
     """Shaft speed and load; what a block states itself takes precedence, then channels, then an estimate.
 
+    The angle of the shaft, from pulses, ``speed_over_time`` or ``phase``, takes precedence over all of them.
     ``speed_channel`` and ``load_channel`` are names or numbers of columns in the source; their mean, times the scale,
     is the speed in Hz or the load in N. ``load_newton`` is radial; ``axial_load_newton``, positive towards the bearing
     A, is taken by the models that describe it.
@@ -78,24 +83,79 @@ class OperatingSection(Section):
     speed_channel_scale: Scale = 1.0
     load_channel: ColumnName | None = None
     load_channel_scale: Scale = 1.0
+    speed_over_time: bool = False
+    """Whether ``speed_channel`` is taken as a signal over time, and not by its mean."""
+    tacho_channel: ColumnName | None = None
+    tacho_channel_b: ColumnName | None = None
+    pulses_per_revolution: Count = TachoSettings.per_revolution
+    """Marks of a whole turn, missing teeth included."""
+    tacho_missing_teeth: Annotated[int, Field(ge=0, le=1000)] = TachoSettings.missing_teeth
+    tacho_ratio: Positive = TachoSettings.ratio
+    """Turns of the shaft of the bearing per turn of the shaft with the marks."""
+    tacho_level: Finite | None = None
+    tacho_edge: Literal["rising", "falling"] = TachoSettings.edge
+    phase: Literal["estimate"] | None = None
+    phase_orders: tuple[Positive, ...] = ()
+    domain: Literal["auto", "hertz"] = ConditionSettings.domain
+    min_speed_hz: Positive | None = None
+    max_speed_hz: Positive | None = None
+    max_acceleration_hz_per_s: Positive | None = None
     opcua: OpcUaCondition | None = None
 
     @model_validator(mode="after")
     def _consistent(self) -> Self:
-        if self.speed is not None and self.speed_channel is not None:
-            raise ValueError('give speed_channel or speed = "estimate", not both')
-        if self.speed_range_hz is not None and self.speed_range_hz[0] >= self.speed_range_hz[1]:
-            raise ValueError("speed_range_hz: the lower end must be below the upper end")
-        if self.speed_range_hz is not None and self.speed is None:
-            raise ValueError('speed_range_hz belongs to speed = "estimate"')
-        if self.speed_channel is not None and self.speed_channel == self.load_channel:
-            raise ValueError("speed_channel and load_channel must differ")
+        for problem in (*self._speed_problems(), *self._tacho_problems(), *self._limit_problems()):
+            raise ValueError(problem)
         return self
+
+    def _speed_problems(self) -> Iterator[str]:
+        """Yield what contradicts itself in the keys of the speed, the channels and the estimates."""
+        if self.speed is not None and self.speed_channel is not None:
+            yield 'give speed_channel or speed = "estimate", not both'
+        if self.speed_range_hz is not None and self.speed_range_hz[0] >= self.speed_range_hz[1]:
+            yield "speed_range_hz: the lower end must be below the upper end"
+        if self.speed_range_hz is not None and self.speed is None and self.phase is None:
+            yield 'speed_range_hz belongs to speed = "estimate" or phase = "estimate"'
+        if self.speed_over_time and self.speed_channel is None:
+            yield "speed_over_time belongs to speed_channel"
+        if self.phase_orders and self.phase is None:
+            yield 'phase_orders belongs to phase = "estimate"'
+        if list(self.phase_orders) != sorted(set(self.phase_orders)):
+            yield "phase_orders must rise"
+        for key, column in self._columns.items():
+            same = [other for other, chosen in self._columns.items() if str(chosen) == str(column)]
+            if same[0] != key:
+                yield f"{same[0]} and {key} must differ"
+
+    def _tacho_problems(self) -> Iterator[str]:
+        """Yield what contradicts itself in the keys of the tacho."""
+        for key in ("tacho_channel_b", "tacho_level", "tacho_edge"):
+            if self.tacho_channel is None and key in self.model_fields_set:
+                yield f"{key} belongs to tacho_channel"
+        if self.tacho_missing_teeth and self.pulses_per_revolution < self.tacho_missing_teeth + _MIN_TEETH:
+            yield (
+                f"pulses_per_revolution counts the missing teeth as well: with tacho_missing_teeth = "
+                f"{self.tacho_missing_teeth} it must be at least {self.tacho_missing_teeth + _MIN_TEETH}"
+            )
+        if self.tacho_missing_teeth and self.tacho_channel_b is not None:
+            yield "tacho_missing_teeth: a quadrature encoder (tacho_channel_b) lacks no teeth"
+
+    def _limit_problems(self) -> Iterator[str]:
+        """Yield what contradicts itself in the limits of the speed."""
+        least, highest = self.min_speed_hz, self.max_speed_hz
+        if least is not None and highest is not None and least >= highest:
+            yield "min_speed_hz must be below max_speed_hz"
+
+    @property
+    def _columns(self) -> dict[str, ColumnName]:
+        """The columns of speed, load and pulses by their keys."""
+        keys = ("speed_channel", "load_channel", "tacho_channel", "tacho_channel_b")
+        return {key: column for key in keys if (column := getattr(self, key)) is not None}
 
     def to_condition(self) -> ConditionSettings:
         """Return the settings; a speed is sought within a quarter around ``speed_hz``, or from 5 to 100 Hz."""
         limits = None
-        if self.speed is not None:
+        if self.speed is not None or self.phase is not None:
             around = None if self.speed_hz is None else (self.speed_hz / _SPEED_FACTOR, self.speed_hz * _SPEED_FACTOR)
             limits = self.speed_range_hz or around or _SPEED_RANGE
         return ConditionSettings(
@@ -109,12 +169,25 @@ class OperatingSection(Section):
             speed_exact=self.speed_exact,
             speed_tolerance=self.speed_tolerance,
             speed_read=self.opcua is not None and self.opcua.speed_node is not None,
+            tacho=TachoSettings(
+                channel=None if self.tacho_channel is None else str(self.tacho_channel),
+                channel_b=None if self.tacho_channel_b is None else str(self.tacho_channel_b),
+                per_revolution=self.pulses_per_revolution,
+                missing_teeth=self.tacho_missing_teeth,
+                ratio=self.tacho_ratio,
+                level=self.tacho_level,
+                edge=self.tacho_edge,
+            ),
+            speed_over_time=self.speed_over_time,
+            phase=self.phase is not None,
+            phase_orders=self.phase_orders,
+            domain=self.domain,
+            limits=SpeedLimits(self.min_speed_hz, self.max_speed_hz, self.max_acceleration_hz_per_s),
         )
 
     def channel_specs(self) -> tuple[ChannelSpec, ...]:
-        """Return the channels of speed and load that the source must give besides those of vibration."""
-        chosen = (self.speed_channel, self.load_channel)
-        return tuple(ChannelSpec(str(column), column=column, unit="unknown") for column in chosen if column is not None)
+        """Return the channels of speed, load and pulses that the source must give besides those of vibration."""
+        return tuple(ChannelSpec(str(column), column=column, unit="unknown") for column in self._columns.values())
 
 
 class RetentionSection(Section):

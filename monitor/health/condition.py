@@ -4,18 +4,24 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from models.bearing import Bearing
+from monitor.health.rotation.rotation import Rotation
+from monitor.health.rotation.settings import SpeedLimits, TachoSettings
 from monitor.health.spectrum.lines import SEARCH
 from monitor.health.spectrum.speed import SpeedStatus, estimate_speed
 
 _KNOWN = 0.003
 """Largest relative standard deviation of an estimate that rests on lines of the shaft."""
-SOURCES = ("block", "channel", "estimate", "configured", "opcua")
+# Append only: the integers of the published files are positions in this tuple.
+SOURCES = ("block", "channel", "estimate", "configured", "opcua", "tacho", "profile", "phase")
+OF_THE_ANGLE = ("tacho", "profile", "phase")
+"""Sources that give the angle of the shaft over the block, and not only its mean speed."""
 
 
 @dataclass(frozen=True)
@@ -33,6 +39,12 @@ class ConditionSettings:
         speed_exact: whether a constant or stated speed is that of the shaft, and not a nominal one.
         speed_tolerance: relative error of a nominal speed that the signal does not show.
         speed_read: whether a control system gives the speed of a block; where it does not, it is unknown.
+        tacho: marks on the shaft and the channel of their pulses.
+        speed_over_time: whether the speed channel is a signal over time, from which the angle follows.
+        phase: whether the angle is estimated from the vibration, within ``speed_limits``.
+        phase_orders: orders of the shaft that the estimate follows; (): its own.
+        domain: "auto": spectra over the angle where it is known; "hertz": over time.
+        limits: of the speed; outside them a block moves neither baseline, detector nor tracker.
     """
 
     speed: float | None = None
@@ -45,11 +57,18 @@ class ConditionSettings:
     speed_exact: bool = False
     speed_tolerance: float = SEARCH
     speed_read: bool = False
+    tacho: TachoSettings = field(default_factory=TachoSettings)
+    speed_over_time: bool = False
+    phase: bool = False
+    phase_orders: tuple[float, ...] = ()
+    domain: Literal["auto", "hertz"] = "auto"
+    limits: SpeedLimits = field(default_factory=SpeedLimits)
 
     @property
     def channels(self) -> tuple[str, ...]:
         """The channels that are not vibration."""
-        return tuple(name for name in (self.speed_channel, self.load_channel) if name is not None)
+        named = (self.speed_channel, self.load_channel, *self.tacho.channels)
+        return tuple(name for name in named if name is not None)
 
     @property
     def varies(self) -> bool:
@@ -80,15 +99,19 @@ def speed_of(
     bearing: Bearing,
     settings: ConditionSettings,
     stated_source: str = "block",
+    rotation: Rotation | None = None,
 ) -> Quantity:
-    """Return the shaft speed: what the block states, else its channel, the estimate, or the constant.
+    """Return the shaft speed: that of the angle, else what the block states, its channel, the estimate, the constant.
 
     Args:
+        rotation: the angle of the shaft over the block, where it is known.
         stated: by the block, Hz, or None.
         rows: samples of the channels that are not vibration, each (sample,).
         samples: of the vibration channel, (sample,), or None where unusable.
         stated_source: where ``stated`` comes from, one of ``SOURCES``.
     """
+    if rotation is not None:
+        return Quantity(rotation.mean_speed, rotation.source, rotation.speed_sd * rotation.mean_speed)
     if stated is not None:
         return Quantity(stated, stated_source)
     found = _mean(rows, settings.speed_channel, settings.speed_scale, least=0.0)
@@ -104,12 +127,28 @@ def speed_of(
 def known_sd(speed: Quantity, settings: ConditionSettings) -> float | None:
     """Return the standard deviation of the error of a speed that is known, Hz, or None: it is nominal.
 
-    A speed channel is a measurement; an estimate is one where it rests on lines of the shaft.
+    A speed channel and the angle of the shaft are measurements; an estimate of the speed is one where it rests on
+    lines of the shaft.
     """
     if speed.value is None or speed.source in ("block", "configured", "opcua"):
         return 0.0 if settings.speed_exact else None
     sd = speed.sd or 0.0
     return None if speed.source == "estimate" and sd > _KNOWN * speed.value else sd
+
+
+def is_outside(rotation: Rotation | None, speed: Quantity, limits: SpeedLimits) -> bool:
+    """Return whether a block was outside the limits of the speed; without an angle, by its mean speed alone."""
+    if rotation is not None:
+        (least, highest), change = rotation.speed_range, abs(rotation.acceleration)
+    elif speed.value is not None:
+        least, highest, change = speed.value, speed.value, 0.0
+    else:
+        return False
+    return (
+        (limits.least is not None and least < limits.least)
+        or (limits.highest is not None and highest > limits.highest)
+        or (limits.acceleration is not None and change > limits.acceleration)
+    )
 
 
 def load_of(

@@ -13,8 +13,10 @@ from hypothesis import strategies as st
 
 from models.bearing import Bearing, from_catalogue, kinematics
 from monitor.config.load import ConfigError, validate
-from monitor.health.condition import ConditionSettings, Quantity, load_of, speed_of
+from monitor.health.condition import ConditionSettings, Quantity, is_outside, known_sd, load_of, speed_of
 from monitor.health.record import Record
+from monitor.health.rotation.rotation import Rotation
+from monitor.health.rotation.settings import SpeedLimits, TachoSettings
 from monitor.health.spectrum.speed import SpeedStatus, estimate_speed
 from monitor.service.setup import source_settings, source_spec
 from streams.block import Block
@@ -154,6 +156,54 @@ def test_the_record_says_what_was_used_and_where_it_comes_from() -> None:
     assert record(config(speed="estimate", speed_hz=30.0), noise).channels["x"]["speed_source"] == "configured"
 
 
+def run_up(begin: float = 10.0, end: float = 40.0, duration: float = 5.0) -> Rotation:
+    """A shaft whose speed rises evenly, Hz."""
+    time, speed = np.array([0.0, duration]), np.array([begin, end])
+    return Rotation(time, np.array([0.0, 0.5 * (begin + end) * duration]), speed, duration, speed_sd=1e-4)
+
+
+def test_the_speed_of_an_angle_takes_precedence_and_is_known() -> None:
+    settings = ConditionSettings(29.0)
+    found = speed_of(31.0, {}, None, RATE, BEARING, settings, rotation=run_up())
+    assert (found.value, found.source) == (25.0, "tacho")
+    assert known_sd(found, settings) == pytest.approx(2.5e-3)
+
+
+@pytest.mark.parametrize(
+    ("limits", "outside"),
+    [
+        (SpeedLimits(), False),
+        (SpeedLimits(10.0, 40.0, 6.1), False),
+        (SpeedLimits(least=10.1), True),
+        (SpeedLimits(highest=39.9), True),
+        (SpeedLimits(acceleration=5.9), True),
+    ],
+)
+def test_a_block_beyond_the_limits_of_its_speed(limits: SpeedLimits, outside: bool) -> None:
+    assert is_outside(run_up(), Quantity(25.0, "tacho"), limits) == outside
+    assert is_outside(run_up(40.0, 10.0), Quantity(25.0, "tacho"), limits) == outside
+
+
+def test_without_an_angle_the_mean_speed_decides() -> None:
+    limits = SpeedLimits(20.0, 30.0, 1.0)
+    assert [is_outside(None, Quantity(speed), limits) for speed in (19.0, 25.0, 31.0)] == [True, False, True]
+    assert not is_outside(None, Quantity(), limits)
+
+
+def test_the_keys_of_the_angle_reach_the_settings() -> None:
+    operating = config(
+        tacho_channel="n", tacho_channel_b=3, pulses_per_revolution=1024, tacho_ratio=0.5, tacho_level=2.5,
+        tacho_edge="falling", domain="hertz", phase="estimate", phase_orders=[1, 3], speed_hz=20.0, max_speed_hz=50,
+    ).operating  # fmt: skip
+    condition = operating.to_condition()
+    assert condition.tacho == TachoSettings("n", "3", 1024, 0, 0.5, 2.5, "falling")
+    assert (condition.phase, condition.phase_orders, condition.speed_limits) == (True, (1.0, 3.0), (16.0, 25.0))
+    assert (condition.domain, condition.limits) == ("hertz", SpeedLimits(highest=50.0))
+    assert [spec.column for spec in operating.channel_specs()] == ["n", 3]
+    assert condition.channels == ("n", "3")
+    assert condition.varies
+
+
 @pytest.mark.parametrize(
     ("operating", "words"),
     [
@@ -163,6 +213,16 @@ def test_the_record_says_what_was_used_and_where_it_comes_from() -> None:
         ({"speed": "estimate", "speed_range_hz": [20, 10]}, "below"),
         ({"speed_channel": "t", "load_channel": "t"}, "differ"),
         ({"speed_channel": "t", "speed_channel_scale": 0}, "other than 0"),
+        ({"speed_over_time": True}, "speed_over_time belongs to speed_channel"),
+        ({"phase_orders": [1]}, "phase_orders belongs to"),
+        ({"phase": "estimate", "phase_orders": [2, 1]}, "must rise"),
+        ({"tacho_channel_b": "t"}, "tacho_channel_b belongs to tacho_channel"),
+        ({"tacho_edge": "falling"}, "tacho_edge belongs to tacho_channel"),
+        ({"tacho_channel": "t", "tacho_channel_b": "t"}, "tacho_channel and tacho_channel_b must differ"),
+        ({"tacho_channel": 2, "load_channel": "2"}, "load_channel and tacho_channel must differ"),
+        ({"tacho_channel": "t", "tacho_missing_teeth": 2, "pulses_per_revolution": 5}, "at least 6"),
+        ({"pulses_per_revolution": 0}, "greater than or equal to 1"),
+        ({"min_speed_hz": 20, "max_speed_hz": 10}, "min_speed_hz must be below"),
     ],
 )
 def test_wrong_keys_are_named(operating: dict[str, Any], words: str) -> None:
