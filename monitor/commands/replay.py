@@ -13,6 +13,7 @@ from monitor.commands import option
 from monitor.commands.common import emit, progress_bar, read_config, say
 from monitor.words.advice import status_line
 from monitor.words.numbers import duration, interval
+from monitor.words.rotation import speed_words
 from monitor.words.statuses import bearing_words, named_words, speed_doubt
 from monitor.words.zones import zone_words
 from streams.listing import shown
@@ -134,8 +135,15 @@ def _channel_words(channel: Mapping[str, Any]) -> Iterator[str]:
         yield "TT " + "".join(_forecast_words(channel)) + channel["tt_status"]
     if channel["velocity_zone"] is not None:
         yield f"velocity {channel['velocity_rms_mm_s']:.3g} mm/s, {zone_words(channel['velocity_zone'])}"
+    if (speeds := _speed_words(channel)) is not None:
+        yield speeds
     if channel["tta_status"] not in (None, "learning", "not_final_stage"):
         yield "time to the alarm level " + "".join(_alarm_time_words(channel)) + channel["tta_status"]
+
+
+def _speed_words(channel: Mapping[str, Any]) -> str | None:
+    keys = ("rotation_status", "domain", "speed_min_hz", "speed_max_hz")
+    return speed_words(*(channel[key] for key in keys))
 
 
 def _alarm_time_words(channel: Mapping[str, Any]) -> Iterator[str]:

@@ -20,6 +20,7 @@ from monitor.health.damage import tracker as damage
 from monitor.health.naming import Naming, name_fault
 from monitor.health.output import ChannelOutput
 from monitor.health.quality import Verdict, check_samples
+from monitor.health.rotation.pulse_counts import PulseCounts
 from monitor.health.rotation.rotation import Rotation
 from monitor.health.spectrum.average import RecentSpectra
 from monitor.health.spectrum.bands import BandVotes, candidate_bands
@@ -50,6 +51,8 @@ class ChannelBlock:
         load: N.
         span: least and largest sample, where known.
         rotation: angle of the shaft over the block, None where only its mean speed is known.
+        rotation_status: "ok", or why there is no angle; None where there is no source of one.
+        pulses: what was repaired in the pulses, None without pulses.
     """
 
     samples: NDArray[np.floating]
@@ -61,6 +64,8 @@ class ChannelBlock:
     load: Quantity = field(default_factory=Quantity)
     span: tuple[float, float] | None = None
     rotation: Rotation | None = None
+    rotation_status: str | None = None
+    pulses: PulseCounts | None = None
 
 
 def check_channel(
@@ -137,7 +142,14 @@ def conclude(
     """Take the features of one block of one channel into its state; without them, it stays as it is."""
     verdict = block.verdict
     if analysed is None:
-        return state, ChannelOutput(verdict=verdict, stage=state.detect.stage, absolute=settings.absolute)
+        return state, ChannelOutput(
+            verdict=verdict,
+            stage=state.detect.stage,
+            absolute=settings.absolute,
+            rotation=block.rotation,
+            rotation_status=block.rotation_status,
+            pulses=block.pulses,
+        )
     features, band_source = analysed.features, analysed.band_source
     state = run_clock(state, block)
     naming: Naming | None = None
@@ -172,6 +184,9 @@ def conclude(
         forecasts=forecasts,
         to_alarm=to_alarm,
         machine_class=settings.machine_class,
+        rotation=block.rotation,
+        rotation_status=block.rotation_status,
+        pulses=block.pulses,
     )
 
 

@@ -26,6 +26,9 @@ from monitor.health.machine import BearingVerdict
 from monitor.health.naming import Naming
 from monitor.health.quality import Verdict
 from monitor.health.record import plain
+from monitor.health.rotation.pulse_counts import PulseCounts
+from monitor.health.rotation.rotation import Rotation
+from monitor.health.rotation_values import rotation_values, speed_course
 from monitor.health.schema import HINT, VERDICT
 from monitor.health.spectrum.family import FaultLines
 from monitor.health.spectrum.features import FAULTS, SPECTRUM_LINES, BlockFeatures, fundamentals
@@ -64,6 +67,11 @@ class ChannelOutput:
         forecasts: one for each threshold.
         to_alarm: time to the alarm level.
         machine_class: by which a zone is given to the velocity.
+        rotation: angle of the shaft over the block, None where only its mean speed is known.
+        rotation_status: "ok", or why there is no angle; None where there is no source of one.
+        pulses: what was repaired in the pulses, None without pulses.
+        level_rms: RMS over what its learned dependence on speed and load gives, None where none is learned.
+        level_status: "ok", or why not; None where none is configured.
     """
 
     verdict: Verdict
@@ -81,6 +89,11 @@ class ChannelOutput:
     forecasts: tuple[Remaining, ...] = ()
     to_alarm: TimeToAlarm | None = None
     machine_class: MachineClass | None = None
+    rotation: Rotation | None = None
+    rotation_status: str | None = None
+    pulses: PulseCounts | None = None
+    level_rms: float | None = None
+    level_status: str | None = None
 
 
 def record_values(
@@ -105,6 +118,7 @@ def record_values(
         if mark is not None:
             values[name] = mark.time
             values[f"{name}_block"] = mark.sequence
+    values |= rotation_values(output.rotation, output.rotation_status, output.pulses)
     if output.features is not None:
         values |= _feature_values(output.features, output)
     if output.detection is not None:
@@ -172,6 +186,9 @@ def _feature_values(features: BlockFeatures, output: ChannelOutput) -> dict[str,
     values["band_hi"] = over_bands(lambda band: output.bands[band][1])
     values["band_source"] = output.band_source
     values["envelope_mean"] = over_bands(lambda band: float(features.envelopes[band].mean))
+    values["domain"] = features.domain
+    if output.level_status is not None:
+        values |= {"level_rms": output.level_rms, "level_status": output.level_status}
     values["speed_factor_sd"] = _speed_factor_sd(features, output.speed)
     for name in ("amplitude", "floor", "snr"):
         values[f"envelope_{name}"] = over_bands(
@@ -354,6 +371,7 @@ def spectrum_row(block: Block, channel: str, bearing: Bearing, output: ChannelOu
     envelope, lines = features.envelopes[output.leading], features.lines[output.leading]
     nominal = fundamentals(kinematics(bearing, speed))
     keep = min(envelope.amplitude.size, int(SPECTRUM_LINES * max(nominal.values()) / envelope.resolution))
+    rotation = output.rotation
     row = SpectrumRow(
         source=block.source,
         channel=channel,
@@ -369,5 +387,8 @@ def spectrum_row(block: Block, channel: str, bearing: Bearing, output: ChannelOu
             fault: float(line * (lines[fault].speed_factor if lines[fault].detected else 1.0))
             for fault, line in nominal.items()
         },
+        domain=features.domain,
+        speed_range=None if rotation is None else rotation.speed_range,
+        speed_course=speed_course(rotation),
     )
     return row if bool(np.isfinite(row.amplitude).all()) and math.isfinite(row.mean) else None

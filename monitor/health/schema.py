@@ -15,7 +15,7 @@ from monitor.health.detect import STAGES
 from monitor.health.quality import FLAGS, REJECTIONS
 from monitor.health.spectrum.velocity import VELOCITY_STATUSES
 from monitor.health.trend import LEVEL_SOURCES, TtaStatus
-from monitor.words.features import ACCELERATION, FEATURES, GABRIELLI
+from monitor.words.features import ACCELERATION, FEATURES, GABRIELLI, ROTATION
 from monitor.words.statuses import UNDECIDED
 from monitor.words.zones import ZONES
 
@@ -26,6 +26,12 @@ FAULTS = ("outer", "inner", "ball", "cage")
 HINT, VERDICT = "hint", "verdict"
 """What a name is: a hint without a baseline or before t_fs, a verdict since it."""
 NAMES = (*FAULTS, UNDECIDED)
+DOMAINS = ("hertz", "order")
+"""What the spectra of a block are over: time, or the angle of the shaft at its mean speed (decision 0021)."""
+ROTATION_STATUSES = ("ok", "none", "too_few", "irregular", "reversed", "stopped", "cannot_tell")
+"""Whether the angle of the shaft over a block is known, or why not."""
+LEVEL_STATUSES = ("ok", "outside_conditions")
+"""Whether the learned dependence of the level on speed and load applies, or why not."""
 BAND_SOURCES = ("configured", "learning", "recording", "provisional")
 STATUSES = ("ok", *FLAGS[:7], *REJECTIONS, *FLAGS[7:])
 """The first seven flags stand before the rejections; what came later is appended."""
@@ -93,6 +99,7 @@ _TABLE: list[Variable] = [
             symbol=feature.symbol,
             source=feature.source,
             comment=feature.departure,
+            optional=feature.optional,
         )
         for feature in FEATURES.values()
     ),
@@ -242,6 +249,41 @@ _TABLE: list[Variable] = [
         ZONES,
         optional=True,
     ),
+    Variable(
+        "domain",
+        (),
+        None,
+        "spectra over time, or over the angle of the shaft, in Hz at the mean speed",
+        "",
+        "docs/decisions/0021",
+        "flag",
+        DOMAINS,
+        optional=True,
+    ),
+    Variable(
+        "rotation_status",
+        (),
+        None,
+        "whether the angle of the shaft is known",
+        "",
+        ROTATION,
+        "flag",
+        ROTATION_STATUSES,
+        optional=True,
+    ),
+    Variable(
+        "level_status",
+        (),
+        None,
+        "status of level_rms",
+        "",
+        "monitor/health/detect",
+        "flag",
+        LEVEL_STATUSES,
+        optional=True,
+    ),
+    Variable("pulses_missing", (), "1", "pulses that were put in", "", ROTATION, "int", optional=True),
+    Variable("pulses_extra", (), "1", "pulses that were left out", "", ROTATION, "int", optional=True),
 ]
 
 VARIABLES: dict[str, Variable] = {variable.name: variable for variable in _TABLE}

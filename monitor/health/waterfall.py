@@ -42,6 +42,10 @@ class SpectrumRow:
             in this spectrum where the family is detected, else the kinematic frequency.
         kurtogram: of the block, or None where it was not computed: only with spectra that are kept for good.
         view: raw spectrum and waveform; None in rows that were read without.
+        domain: "order" where the block was warped to its mean speed: a bin is then an order of the shaft, its
+            frequency over ``speed``.
+        speed_range: least and highest speed in the block, Hz, None where only its mean is known.
+        speed_course: speed at equal steps from the beginning to the end of the block, Hz, or None likewise.
     """
 
     source: str
@@ -57,11 +61,19 @@ class SpectrumRow:
     lines: Mapping[str, float]
     kurtogram: Kurtogram | None = None
     view: BlockView | None = None
+    domain: str = "hertz"
+    speed_range: tuple[float, float] | None = None
+    speed_course: tuple[float, ...] | None = None
 
     @property
     def frequency(self) -> NDArray[np.float64]:
         """(n,) frequency of each bin, Hz."""
         return np.arange(self.amplitude.size, dtype=np.float64) * self.resolution
+
+    @property
+    def order(self) -> NDArray[np.float64]:
+        """(n,) order of the shaft of each bin."""
+        return self.frequency / self.speed
 
 
 @dataclass(frozen=True, eq=False)

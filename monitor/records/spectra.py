@@ -77,6 +77,10 @@ def _put(connection: sqlite3.Connection, change: SpectrumChange) -> None:
         "scale": scale,
         "lines": dict(row.lines),
     }
+    if row.domain != "hertz":
+        header["domain"] = row.domain
+    if row.speed_range is not None:
+        header |= {"speed_range": row.speed_range, "speed_course": row.speed_course}
     if row.kurtogram is not None:
         header["kurtogram"] = row.kurtogram.to_dict()
     view: bytes | None = None
@@ -268,7 +272,7 @@ def _conditions(channel: str, source: str | None, at: int | None, before: int | 
 def _row_of(row: tuple[Any, ...]) -> SpectrumRow:
     source, channel, sequence, time, text, packed = row
     header = json.loads(text)
-    kurtogram = header.get("kurtogram")
+    kurtogram, speeds, course = (header.get(key) for key in ("kurtogram", "speed_range", "speed_course"))
     return SpectrumRow(
         source=source,
         channel=channel,
@@ -282,6 +286,9 @@ def _row_of(row: tuple[Any, ...]) -> SpectrumRow:
         amplitude=np.frombuffer(packed, dtype="<f2").astype(np.float64) * header["scale"],
         lines=header["lines"],
         kurtogram=None if kurtogram is None else Kurtogram.from_dict(kurtogram),
+        domain=header.get("domain", "hertz"),
+        speed_range=None if speeds is None else (speeds[0], speeds[1]),
+        speed_course=None if course is None else tuple(course),
     )
 
 

@@ -13,8 +13,12 @@ from monitor.words.features import FEATURES, TRENDS
 _WORDS = (
     *("stage", "fault", "fault_basis", "edv_status", "tt_status", "p_no_growth"),
     *("t_fs_block", "t_fs_known_block", "t_eol_block", "tta_status", "tta_level_source"),
-    *("velocity_status", "velocity_zone"),
+    *("velocity_status", "velocity_zone", "domain", "rotation_status", "pulses_missing", "pulses_extra"),
+    "level_status",
 )
+
+_ROTATION = ("acceleration", "revolutions", "encoder_error")
+"""Features without a trend that are published beside those with one."""
 
 
 @dataclass(frozen=True)
@@ -58,7 +62,7 @@ def channel_values(record: StoredRecord, channel: str) -> dict[str, Any]:
         "threshold_mm2": None if threshold is None else threshold * 1e6,
         "unit": "g" if absolute else "unknown",
     }
-    for feature in TRENDS:
+    for feature in (*TRENDS, *(FEATURES[name] for name in _ROTATION)):
         value = first(values.get(feature.name))
         message[feature.column] = None if value is None else value * feature.of_si(absolute=absolute)
     message |= {f"{name}_s": values.get(name) for name in ("tta", "tta_lower", "tta_upper")}

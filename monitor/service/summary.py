@@ -16,9 +16,12 @@ from monitor.health.output import basis_of
 from monitor.health.state import ChannelSettings, SourceSettings, SourceState, channels_by_bearing
 from monitor.service.calibration import other_models
 from monitor.words.advice import ADVICE, state_of
+from monitor.words.features import FEATURES
 from monitor.words.situation import Situation
 from streams.block import STANDARD_GRAVITY
 
+_ROTATION = ("speed_min", "speed_max", "acceleration", "revolutions", "encoder_error", "level_rms")
+_ROTATION_WORDS = ("domain", "rotation_status", "pulses_missing", "pulses_extra", "level_status")
 _END_WORDS = {
     "learned": "as recorded runs ended, v_th is not used",
     "combined": "as recorded runs ended, or v_th by the library",
@@ -131,6 +134,7 @@ def channel_summary(state: SourceState, settings: ChannelSettings) -> dict[str, 
         "p_no_growth": values.get("p_no_growth"),
         "p_crossed": values.get("p_crossed"),
         **_velocity(values),
+        **_rotation(values),
         **_alarm_time(values, detector.reference_rms),
     }
 
@@ -166,6 +170,18 @@ def _velocity(values: Mapping[str, Any]) -> dict[str, Any]:
         "velocity_status": values.get("velocity_status"),
         "velocity_zone": values.get("velocity_zone"),
     }
+
+
+def _rotation(values: Mapping[str, Any]) -> dict[str, Any]:
+    """Return what the shaft did in the block, units at the ends of the names, and the domain of the spectra."""
+    found = {FEATURES[name].column: _of_si(name, values) for name in _ROTATION}
+    words = {name: values.get(name) for name in _ROTATION_WORDS}
+    return {"speed_hz": values.get("speed"), **found, **words}
+
+
+def _of_si(name: str, values: Mapping[str, Any]) -> float | None:
+    value = values.get(name)
+    return None if value is None else value * FEATURES[name].of_si(absolute=True)
 
 
 def _alarm_time(values: Mapping[str, Any], baseline: float | None) -> dict[str, Any]:

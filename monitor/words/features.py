@@ -61,6 +61,7 @@ class Feature:
         chart: chart of the page in which the trend is drawn, "" for none; features that end in ``_lower`` and
             ``_upper`` are drawn as its band.
         axis: whether the axis of the chart begins at zero or follows the values.
+        optional: whether files leave it out where no record has it.
     """
 
     name: str
@@ -77,6 +78,7 @@ class Feature:
     trend: bool = False
     chart: str = ""
     axis: Literal["zero", "free"] = "zero"
+    optional: bool = False
 
     @property
     def column(self) -> str:
@@ -112,6 +114,7 @@ _CERUTI = "Ceruti, Master's thesis, Politecnico di Torino, 2021, section 4.2"
 _SASSI = "Sassi et al., J. Vibration and Control 13, 2007, Eq. 36"
 _EQ_57, _EQ_90, _EQ_92, _EQ_96 = (f"{GABRIELLI}, {place}" for place in ("Eq. 57", "Eqs. 90-91", "Eq. 92", "Eq. 96"))
 _VELOCITY = "ISO 20816-1; monitor/health/spectrum/velocity.py"
+ROTATION = "monitor/health/rotation"
 _MAP, _STAGES = f"{GABRIELLI}, section 5.4.1", f"{GABRIELLI}, section 5.2.2"
 
 _LEVEL = Feature("", units=ACCELERATION, unit=Unit("g", "_g", STANDARD_GRAVITY), bad="above", trend=True)
@@ -143,6 +146,11 @@ _KINDS = {
     "angle": Feature("", units="rad", unit=Unit("°", "_deg", math.pi / 180.0)),
     "depth": Feature("", units="m", unit=Unit("µm", "_um", 1e-6)),
     "record only": Feature(""),
+    "speed in the block": Feature("", units="Hz", unit=Unit("Hz", "_hz"), trend=True, axis="free", optional=True),
+    "rate of speed": Feature("", units="Hz s-1", unit=Unit("Hz/s", "_hz_per_s"), optional=True),
+    "optional number": Feature("", optional=True),
+    "optional angle": Feature("", units="rad", unit=Unit("°", "_deg", math.pi / 180.0), optional=True),
+    "optional score": Feature("", bad="above", learned=False, trend=True, optional=True),
 }
 """What rows have in common, by the word in their second cell."""
 
@@ -217,6 +225,15 @@ fault_depth | record only | | depth | | \
 fault_score | record only | | score | | evidence of the best family of fault lines | monitor/health/naming.py
 dphi_d | angle | | dphi_d | | angular extent of the equivalent defect | {_STAGES}
 h_d | depth | | h_d | | depth of the equivalent defect | {_STAGES}
+speed_min | speed in the block | speed | | least speed | least rotation frequency in the block | {ROTATION}
+speed_max | speed in the block | speed | | highest speed | highest rotation frequency in the block | {ROTATION}
+acceleration | rate of speed | | | change of the speed | \
+    change of the speed from the beginning to the end of the block over its duration | {ROTATION}
+revolutions | optional number | | | | revolutions of the shaft in the block | {ROTATION}
+encoder_error | optional angle | | | error of the marks | \
+    rms of the learned geometric error of the marks of tacho or encoder | {ROTATION}
+level_rms | optional score | level_rms | | RMS over the expected one | \
+    rms over what its learned dependence on speed and load gives | monitor/health/detect
 """
 
 _FOUND_LINES = "lines within 2 % of BPFO, printed at BPFO"

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from monitor.words.features import FEATURES
+from monitor.words.rotation import DOMAINS, ROTATION_REFUSALS
 from monitor.words.zones import ZONE_MEANINGS
 
 FAULT_NAMES = {"outer": "outer race", "inner": "inner race", "ball": "rolling element", "cage": "cage"}
@@ -212,6 +213,8 @@ def page_words() -> dict[str, Any]:
         "tta": TTA_REFUSALS,
         "velocity": VELOCITY_REFUSALS,
         "zones": ZONE_MEANINGS,
+        "rotation": ROTATION_REFUSALS,
+        "domains": DOMAINS,
         "alarm_levels": ALARM_LEVELS,
         "relative": _CHARTS["v_eq_relative"]["unit"],
         "charts": _CHARTS | {name: chart for name, chart in titles.items() if name not in _CHARTS},

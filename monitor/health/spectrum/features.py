@@ -85,6 +85,7 @@ class BlockFeatures:
         sought_at: settings at that speed, by which they were.
         view: raw spectrum to be looked at, where it is asked for.
         values: what each of ``FUNCTIONS`` gives, by name.
+        domain: "order" where the spectra are warped to the mean speed (decision 0021), else "hertz".
     """
 
     velocity: Velocity
@@ -105,6 +106,7 @@ class BlockFeatures:
     sought_at: FeatureSettings
     view: RawSpectra | None = None
     values: Mapping[str, Value] = field(default_factory=dict[str, Value])
+    domain: str = "hertz"
 
 
 FeatureFunction = Callable[[NDArray[np.number], BlockFeatures], Value]

@@ -19,10 +19,11 @@ Path = tuple[str, ...]
 """``(name,)`` of the machine, ``(bearing, name)`` or ``(bearing, channel, name)``."""
 
 _IDENTITY = ("machine", "source", "channel")
-_INTEGERS = ("block", "t_fs_block", "t_fs_known_block", "t_eol_block")
+_INTEGERS = ("block", "t_fs_block", "t_fs_known_block", "t_eol_block", "pulses_missing", "pulses_extra")
 _TEXTS = (
     *("time_utc", "status", "flags", "reason", "quality", "unit", "stage", "fault", "fault_basis", "t_fs_utc"),
     *("edv_status", "tt_status", "tta_status", "tta_level_source", "velocity_status", "velocity_zone"),
+    *("domain", "rotation_status", "level_status"),
 )
 _STATUS_OF = {
     "v_eq": "edv_status",

@@ -386,7 +386,7 @@ def test_each_value_has_the_type_of_its_point(tmp_path: Path) -> None:
     machine.close()
     numbers = {path[-1] for path, point in found.items() if isinstance(point.value, str) and point.kind != "text"}
     # The share, and the numbers of blocks, are the only numbers among them.
-    assert numbers == {"p_no_growth", "t_fs_block", "t_fs_known_block", "t_eol_block"}
+    assert numbers == {"p_no_growth", "t_fs_block", "t_fs_known_block", "t_eol_block", "pulses_missing", "pulses_extra"}
     for path, point in found.items():
         assert point.value is None or path[-1] in numbers or isinstance(point.value, types[point.kind]), path
 

@@ -1,0 +1,134 @@
+"""What records, kept spectra and words say of the rotation of the shaft in a block."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from benchmarks.velocity import RATE
+from monitor.health.channel import ChannelBlock, step
+from monitor.health.condition import Quantity
+from monitor.health.output import ChannelOutput, record_values, spectrum_row
+from monitor.health.quality import Verdict, rejected
+from monitor.health.record import Record
+from monitor.health.rotation.pulse_counts import PulseCounts
+from monitor.health.rotation.rotation import Rotation
+from monitor.health.schema import DOMAINS, ROTATION_STATUSES
+from monitor.health.state import ChannelState
+from monitor.health.waterfall import SpectrumChange
+from monitor.records.dataset import from_dataset, to_dataset
+from monitor.records.spectra import read_spectra
+from monitor.records.store import Store
+from monitor.service.record_message import StoredRecord, channel_values
+from monitor.words.rotation import DOMAINS as DOMAIN_WORDS
+from monitor.words.rotation import ROTATION_REFUSALS, speed_words
+from streams.block import Block
+from tests.monitor.health.test_pipeline import base
+
+NEW = (
+    *("speed_min", "speed_max", "acceleration", "revolutions", "rotation_status"),
+    *("pulses_missing", "pulses_extra", "encoder_error", "level_rms", "level_status"),
+)
+SAMPLES = np.random.default_rng(3).normal(size=int(RATE)).astype(np.float32)
+
+
+def rotation() -> Rotation:
+    """Return a shaft that speeds up from 20 to 30 Hz in a second."""
+    time = np.array([0.0, 1.0])
+    return Rotation(time, np.array([0.0, 25.0]), np.array([20.0, 30.0]), 1.0)
+
+
+def output_of(verdict: Verdict | None = None, **given: Any) -> tuple[ChannelState, ChannelOutput]:
+    block = ChannelBlock(SAMPLES, RATE, 1, 0.0, verdict or Verdict(), Quantity(25.0, "block", 0.0), **given)
+    return step(ChannelState(), block, base())
+
+
+def values_of(verdict: Verdict | None = None, **given: Any) -> dict[str, Any]:
+    state, output = output_of(verdict, **given)
+    return record_values(state.detect, output)
+
+
+def test_the_record_has_the_speeds_of_the_block_and_what_was_repaired() -> None:
+    values = values_of(rotation=rotation(), rotation_status="ok", pulses=PulseCounts(3, 1, math.radians(0.1)))
+    assert (values["speed_min"], values["speed_max"]) == (20.0, 30.0)
+    assert values["acceleration"] == pytest.approx(10.0)
+    assert values["revolutions"] == pytest.approx(25.0)
+    assert (values["rotation_status"], values["pulses_missing"], values["pulses_extra"]) == ("ok", 3, 1)
+    assert values["encoder_error"] == pytest.approx(math.radians(0.1))
+    assert values["domain"] in DOMAINS
+
+
+def test_a_machine_without_an_angle_has_none_of_it() -> None:
+    values = values_of()
+    assert values["domain"] == "hertz"
+    assert not set(NEW) & set(values)
+
+
+@pytest.mark.parametrize("status", ROTATION_STATUSES[1:])
+def test_a_block_without_an_angle_says_why_and_gives_no_speeds(status: str) -> None:
+    values = values_of(rotation_status=status, pulses=PulseCounts())
+    assert values["rotation_status"] == status
+    assert not {"speed_min", "speed_max", "acceleration", "revolutions"} & set(values)
+    assert values["encoder_error"] is None
+    words = speed_words(status, values["domain"], None, None)
+    assert words == f"no angle of the shaft: {ROTATION_REFUSALS[status]}; spectra in Hz"
+
+
+def test_a_rejected_channel_keeps_the_status_of_its_angle() -> None:
+    values = values_of(rejected("nan", "not finite"), rotation_status="irregular")
+    assert values["rotation_status"] == "irregular"
+    assert "domain" not in values
+
+
+def test_each_status_and_domain_has_its_words() -> None:
+    assert tuple(ROTATION_REFUSALS) == ROTATION_STATUSES[1:]
+    assert tuple(DOMAIN_WORDS) == DOMAINS
+    said = speed_words("ok", "order", 22.12, 27.93)
+    assert said == "speed from 22.1 to 27.9 Hz in this block; spectra in orders of the shaft"
+    assert speed_words("ok", "hertz", 25.0, 25.001) == "speed 25 Hz in this block; spectra in Hz"
+    assert speed_words(None, None, 25.0, 25.0) is None
+
+
+def test_the_kept_spectrum_comes_back_with_its_speeds(tmp_path: Path) -> None:
+    _, output = output_of(rotation=rotation(), rotation_status="ok")
+    block = Block(SAMPLES[None, :], RATE, ("x",), ("m/s2",), "s", 1, "b1")
+    row = spectrum_row(block, "x", base().bearing, output)
+    assert row is not None
+    assert row.speed_course is not None
+    assert row.speed_course[0] == 20.0
+    assert row.speed_course[-1] == 30.0
+    assert row.order[-1] == pytest.approx(row.frequency[-1] / 25.0)
+    with Store.open(tmp_path / "state.db", machine="m") as store:
+        store.commit_many([(Record("s", 1, "b1", "h"), {})], spectra=[SpectrumChange(row, "kept")])
+        (read,) = read_spectra(store, "x")
+    assert (read.domain, read.speed_range, read.speed_course) == (row.domain, (20.0, 30.0), row.speed_course)
+
+
+def test_published_files_give_the_values_back(tmp_path: Path) -> None:
+    values = {"rms": 1.0, "stage": "healthy", "domain": "order", "rotation_status": "ok", "speed_min": 22.0}
+    values |= {"speed_max": 28.0, "acceleration": -0.5, "revolutions": 25.0, "pulses_missing": 2, "pulses_extra": 0}
+    values |= {"encoder_error": 1e-3, "level_rms": 1.1}
+    old = {"rms": 1.0, "stage": "healthy"}
+    with Store.open(tmp_path / "state.db", machine="m") as store:
+        records = [
+            Record("s", place, "b", "h", elapsed=float(place), channels={"x": given})
+            for place, given in enumerate((old, values), 1)
+        ]
+        store.commit_many([(record, {}) for record in records])
+        dataset = to_dataset(store.stored(), dated=False, attributes={})
+    before, after = (row.to_record().channels["x"] for row in from_dataset(dataset))
+    assert {name: after[name] for name in values} == values
+    assert all(before[name] is None for name in set(values) - set(old))
+    assert dataset["encoder_error"].attrs["units"] == "rad"
+
+
+def test_messages_have_units_in_their_names() -> None:
+    channels = {"x": {"encoder_error": math.radians(0.1), "acceleration": 2.0, "speed_min": 22.0, "domain": "order"}}
+    message = channel_values(StoredRecord("m", "s", 1, "ok", "", "", None, 0.0, channels), "x")
+    assert message["encoder_error_deg"] == pytest.approx(0.1)
+    assert (message["acceleration_hz_per_s"], message["speed_min_hz"], message["domain"]) == (2.0, 22.0, "order")
+    assert message["rotation_status"] is None
