@@ -83,9 +83,10 @@ class BlockFeatures:
         speed_factor: that speed over the stated one; where it was not found, that of the detected family that stands
             highest above its threshold, or None where none is detected.
         sought_at: settings at that speed, by which they were.
-        view: raw spectrum to be looked at, where it is asked for.
+        view: raw spectrum to be looked at, where it is asked for; always over time.
         values: what each of ``FUNCTIONS`` gives, by name.
-        domain: "order" where the spectra are warped to the mean speed (decision 0021), else "hertz".
+        domain: of all spectra but ``view``: "order" where they are over the angle of the shaft, with an axis in Hz of a
+            shaft at the mean speed of the block (decision 0021), else "hertz".
     """
 
     velocity: Velocity
@@ -187,7 +188,10 @@ def block_features(
     )
     span = sample_range(x, span)
     indicators = time_indicators(x, span)
-    spectra = transform(x, span, settings.interference, view=settings.view)
+    spectra = transform(x, span, settings.interference, rotation=settings.rotation, view=settings.view)
+    if settings.rotation is not None and spectra.warp is None:
+        # The speed varies too much to be followed: its mean is no speed at which lines stand.
+        settings = replace(settings, rotation=None, speed_sd=None)
     relative = tuple(_relative(envelope, settings) for envelope in spectra.envelopes)
     averages = settings.average_blocks > 1
     recent = (recent or RecentSpectra()).add(relative, settings.average_blocks) if averages else RecentSpectra()
@@ -224,6 +228,7 @@ def block_features(
         speed_factor=_speed_factor(settings, at, shaft, _leader(families, FAULTS)),
         sought_at=at,
         view=spectra.view,
+        domain="hertz" if spectra.warp is None else "order",
     )
     return replace(found, values={name: function(x, found) for name, function in FUNCTIONS.items()})
 

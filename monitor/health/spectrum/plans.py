@@ -16,6 +16,8 @@ from numpy.typing import NDArray
 
 Precision = Literal["float32", "float64"]
 Effort = Literal["estimate", "measure"]
+Kind = Literal["real", "inverse", "synthesis"]
+"""Real samples to half a spectrum, a spectrum to complex samples, half a spectrum to real samples."""
 
 Wisdom = tuple[bytes, bytes, bytes]
 """Results of FFTW's measurements for float64, float32 and long double."""
@@ -69,14 +71,14 @@ class FftPlan:
     def __init__(
         self,
         n: int,
-        kind: Literal["real", "inverse"],
+        kind: Kind,
         precision: Precision,
         effort: Effort,
         *,
         source: NDArray[Any] | None = None,
         target: NDArray[Any] | None = None,
     ) -> None:
-        """Plan a real forward or a complex inverse transform of ``n`` samples, not normalised.
+        """Plan a real forward, a complex inverse or a real inverse transform of ``n`` samples, not normalised.
 
         Args:
             n: samples.
@@ -89,10 +91,11 @@ class FftPlan:
         import pyfftw
 
         complex_type = "complex64" if precision == "float32" else "complex128"
-        n_output = n // 2 + 1 if kind == "real" else n
+        n_input, n_output = n // 2 + 1 if kind == "synthesis" else n, n // 2 + 1 if kind == "real" else n
         input_type = precision if kind == "real" else complex_type
-        self.input = pyfftw.zeros_aligned(n, input_type) if source is None else source[:n]
-        self.output = pyfftw.zeros_aligned(n_output, complex_type) if target is None else target[:n_output]
+        output_type = precision if kind == "synthesis" else complex_type
+        self.input = pyfftw.zeros_aligned(n_input, input_type) if source is None else source[:n_input]
+        self.output = pyfftw.zeros_aligned(n_output, output_type) if target is None else target[:n_output]
         direction = "FFTW_FORWARD" if kind == "real" else "FFTW_BACKWARD"
         flag = "FFTW_ESTIMATE" if effort == "estimate" else "FFTW_MEASURE"
         plan = pyfftw.FFTW(self.input, self.output, direction=direction, flags=(flag,), threads=1)

@@ -4,6 +4,9 @@ One planned real FFT of the block serves everything. For each band its bins are 
 whose inverse FFT is the analytic signal of that band, shifted to zero frequency and decimated (Eqs. 94-95 need only its
 magnitude, which the shift does not change). The spacing of the bins stays one over the duration, so no frequency axis
 is resampled. Spectra are single-sided, of Hann-windowed signals; a line on a bin reads its amplitude.
+
+With the angle of the shaft, the envelopes and the raw spectrum are over that angle (:mod:`monitor.health.spectrum.
+orders`), on an axis in Hz of a shaft at the mean speed of the block; all else stays over time.
 """
 
 from __future__ import annotations
@@ -17,9 +20,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from monitor.health.rotation.rotation import Rotation
 from monitor.health.spectrum.block_view import RawSpectra, raw_spectra
 from monitor.health.spectrum.indicators import MIN_RANGE, sample_range
 from monitor.health.spectrum.interference import Comb, remove_lines
+from monitor.health.spectrum.orders import Warp, order_amplitude, warp_of
 from monitor.health.spectrum.plans import Effort, FftPlan, Precision, envelope_length, planning, previous_smooth
 from monitor.health.spectrum.velocity import Velocity, velocity_of
 
@@ -82,7 +87,8 @@ class BlockSpectra:
         raw: spectrum of the signal up to ``raw_limit``.
         envelopes: one per band.
         velocity: RMS of the velocity from 10 to 1000 Hz.
-        view: raw spectrum to be looked at, where it is asked for.
+        view: raw spectrum to be looked at, where it is asked for; always over time.
+        warp: by which ``raw`` and ``envelopes`` are over the angle of the shaft; None: they are over time.
     """
 
     n_used: int
@@ -93,6 +99,7 @@ class BlockSpectra:
     envelopes: tuple[EnvelopeSpectrum, ...]
     velocity: Velocity
     view: RawSpectra | None = None
+    warp: Warp | None = None
 
 
 def fast_length(n_samples: int) -> int:
@@ -135,16 +142,36 @@ class _EnvelopePlan:
         self, n_samples: int, n_used: int, precision: Precision, effort: Effort, workspace: NDArray[np.floating]
     ) -> None:
         self.n = n_samples
+        self.effort: Effort = effort
+        self.scale = 2.0 / n_used
         self.analytic = FftPlan(n_samples, "inverse", precision, effort)
         self.envelope = FftPlan(n_samples, "real", precision, effort, source=workspace, target=self.analytic.output)
         hann = 0.5 - 0.5 * np.cos(2.0 * np.pi * np.arange(n_samples) / n_samples)
         # 2/n_used makes the analytic signal of the bins, 4/n the Hann-windowed line amplitude of its envelope.
-        self.window = (hann * (2.0 / n_used) * (4.0 / n_samples)).astype(precision)
-        self.mean_scale = 2.0 / n_used
+        self.window = (hann * self.scale * (4.0 / n_samples)).astype(precision)
         self._filled = 0
 
     def __call__(self, bins: NDArray[np.complexfloating], n_keep: int) -> tuple[NDArray[np.floating], float]:
         """Return the first ``n_keep`` amplitudes of the envelope spectrum, and the mean of the envelope."""
+        mean = self._demodulate(bins)
+        self.envelope.input[:] *= self.window
+        self.envelope.execute()
+        return np.abs(self.envelope.output[:n_keep]), mean * self.scale
+
+    def in_orders(
+        self, bins: NDArray[np.complexfloating], warp: Warp, limit: float
+    ) -> tuple[NDArray[np.floating], float]:
+        """Return the amplitudes of the envelope spectrum up to a limit, Hz, and the mean, both over the angle."""
+        mean = self._demodulate(bins)
+        self.envelope.execute()
+        amplitude, rest = order_amplitude(
+            self.envelope.output[: (self.n + 1) // 2], self.n, warp, limit, effort=self.effort
+        )
+        amplitude *= amplitude.dtype.type(self.scale)
+        return amplitude, (mean + rest) * self.scale
+
+    def _demodulate(self, bins: NDArray[np.complexfloating]) -> float:
+        """Leave the envelope of a band, its mean removed, in the workspace; return the mean, not scaled."""
         workspace = self.analytic.input
         workspace[: bins.size] = bins
         workspace[bins.size : self._filled] = 0
@@ -154,9 +181,7 @@ class _EnvelopePlan:
         np.abs(self.analytic.output, out=envelope)
         mean = envelope.mean()
         envelope -= mean
-        envelope *= self.window
-        self.envelope.execute()
-        return np.abs(self.envelope.output[:n_keep]), float(mean) * self.mean_scale
+        return float(mean)
 
 
 class BlockTransform:
@@ -205,6 +230,7 @@ class BlockTransform:
         limit = 0.5 * rate if raw_limit is None else min(raw_limit, 0.5 * rate)
         self._n_raw = min(self.n_used // 2, math.floor(limit / self.resolution)) + 1
         self._n_envelope = math.floor(min(envelope_limit, 0.5 * rate) / self.resolution) + 1
+        self._effort: Effort = effort
         with planning(effort):
             self._forward = FftPlan(self.n_used, "real", precision, effort)
             plans: dict[int, _EnvelopePlan] = {}
@@ -221,6 +247,7 @@ class BlockTransform:
         span: tuple[float, float] | None = None,
         interference: Sequence[Comb] = (),
         *,
+        rotation: Rotation | None = None,
         view: bool = False,
     ) -> BlockSpectra:
         """Return the spectra of one block.
@@ -229,31 +256,37 @@ class BlockTransform:
             x: (n_samples,), any real type.
             span: what ``sample_range`` gives for x, where that is known.
             interference: combs that are removed before the envelopes; raw spectrum and RMS keep them.
+            rotation: of the shaft over the block: raw spectrum and envelopes are over its angle, up to
+                ``MAX_SPEED_RATIO``; beyond, and without it, they are over time.
             view: whether the spectrum to be looked at is asked for.
 
         Raises:
-            ValueError: another shape, or a sample that is not finite or beyond 1e30.
+            ValueError: another shape, a sample that is not finite or beyond 1e30, or a rotation of another duration.
         """
         if x.shape != (self.n_samples,):
             raise ValueError(f"the transform is planned for shape ({self.n_samples},), got {x.shape}")
+        warp = None if rotation is None else self._warp(rotation)
         used = x[: self.n_used]
         mean, scale = self._load(used, sample_range(used) if span is None or used.size < x.size else span)
         self._forward.execute()
         spectrum = self._forward.output
-        raw = self._raw_amplitude(spectrum)
+        raw = self._raw_amplitude(spectrum, warp)
         band_rms = None if self._rms_bins is None else _rms(spectrum, self._rms_bins, self.n_used) / scale
         velocity = velocity_of(spectrum, self.n_used, self.rate, scale)
         seen = raw_spectra(spectrum, self.n_used, self.rate, scale) if view else None
         if interference:
             low, high = min(low for low, _ in self.bands), max(high for _, high in self.bands)
             remove_lines(spectrum, self.resolution, interference, low, high)
+        resolution = self.resolution if warp is None else warp.resolution
         envelopes: list[EnvelopeSpectrum] = []
         for band, (first, last), plan in zip(self.bands, self._bins, self._envelope_plans, strict=True):
             n_keep = min(last - first + 1, plan.n // 2 + 1, self._n_envelope)
-            amplitude, level = plan(spectrum[first : last + 1], n_keep)
+            bins = spectrum[first : last + 1]
+            limit = (n_keep - 1) * self.resolution
+            amplitude, level = plan(bins, n_keep) if warp is None else plan.in_orders(bins, warp, limit)
             if scale != 1.0:
                 amplitude = amplitude.astype(np.float64) / scale
-            envelopes.append(EnvelopeSpectrum(self.resolution, amplitude, band, level / scale))
+            envelopes.append(EnvelopeSpectrum(resolution, amplitude, band, level / scale))
         if scale != 1.0:
             raw = raw.astype(np.float64) / scale
         return BlockSpectra(
@@ -261,11 +294,18 @@ class BlockTransform:
             rate=self.rate,
             mean=mean,
             band_rms=band_rms,
-            raw=AmplitudeSpectrum(self.resolution, raw),
+            raw=AmplitudeSpectrum(resolution, raw),
             envelopes=tuple(envelopes),
             velocity=velocity,
             view=seen,
+            warp=warp,
         )
+
+    def _warp(self, rotation: Rotation) -> Warp | None:
+        duration = self.n_samples / self.rate
+        if abs(rotation.duration - duration) * self.rate > 0.5:
+            raise ValueError(f"the block lasts {duration:g} s, its rotation {rotation.duration:g} s")
+        return warp_of(rotation, self.n_used / self.rate)
 
     def _load(self, x: NDArray[np.number], span: tuple[float, float]) -> tuple[float, float]:
         """Load the samples less their mean; return the mean and the factor applied."""
@@ -285,9 +325,14 @@ class BlockTransform:
         workspace[:] = (x.astype(np.float64) - mean) * scale
         return mean, scale
 
-    def _raw_amplitude(self, spectrum: NDArray[np.complexfloating]) -> NDArray[np.floating]:
-        """Hann-windowed amplitude of the lowest bins: the window is a convolution with [-1/4, 1/2, -1/4]."""
+    def _raw_amplitude(self, spectrum: NDArray[np.complexfloating], warp: Warp | None) -> NDArray[np.floating]:
+        """Hann-windowed amplitude of the lowest bins: over time a convolution with [-1/4, 1/2, -1/4]."""
         n = self._n_raw
+        if warp is not None and n > 1:
+            below = spectrum[: (self.n_used + 1) // 2]
+            amplitude, _ = order_amplitude(below, self.n_used, warp, (n - 1) * self.resolution, effort=self._effort)
+            amplitude[0] = 0.0
+            return amplitude
         if n == 1:
             return np.zeros(1, spectrum.real.dtype)
         middle = spectrum[:n] * spectrum.real.dtype.type(2.0 / self.n_used)

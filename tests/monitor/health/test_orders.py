@@ -1,0 +1,161 @@
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import settings as effort
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from monitor.health.rotation.rotation import Rotation, constant
+from monitor.health.spectrum.features import FAULTS, FeatureSettings, block_features
+from monitor.health.spectrum.orders import MAX_SPEED_RATIO, order_amplitude, order_samples, warp_of
+from monitor.health.spectrum.transform import BlockTransform
+from tests.effort import effort_count
+
+RATE, N = 8000.0, 16_000
+DURATION = N / RATE
+LIMIT = 1200.0
+CASES = effort_count(quick=10, full=200)
+
+
+def hunting(speed: float, depth: float, frequency: float, duration: float = DURATION, turn: float = 0.0) -> Rotation:
+    time = np.linspace(0.0, duration, 1 + math.ceil(64.0 * max(1.0, frequency * duration)))
+    phase = 2.0 * np.pi * (frequency * time + turn)
+    swing = depth * (np.cos(2.0 * np.pi * turn) - np.cos(phase)) / (2.0 * np.pi * frequency)
+    return Rotation(time, speed * (time + swing), speed * (1.0 + depth * np.sin(phase)), duration)
+
+
+def run_up(begin: float, end: float, duration: float = DURATION) -> Rotation:
+    time = np.array([0.0, duration])
+    return Rotation(time, np.array([0.0, 0.5 * (begin + end) * duration]), np.array([begin, end]), duration)
+
+
+rotations = st.one_of(
+    st.builds(hunting, st.floats(15.0, 40.0), st.floats(0.0, 0.3), st.floats(0.2, 2.0), turn=st.floats(0.0, 1.0)),
+    st.builds(run_up, st.floats(10.0, 40.0), st.floats(10.0, 40.0)),
+)
+
+
+def tone(rotation: Rotation, order: float, turn: float = 0.1) -> NDArray[np.float64]:
+    return np.cos(2.0 * np.pi * (order * rotation.turns_at(np.arange(N) / RATE) + turn))
+
+
+def spectrum(x: NDArray[np.float64], rotation: Rotation, limit: float = LIMIT) -> tuple[NDArray[np.floating], float]:
+    warp = warp_of(rotation, DURATION)
+    assert warp is not None
+    return order_amplitude(np.fft.rfft(x)[:-1], N, warp, limit)[0], warp.resolution
+
+
+def hann_line(distance: NDArray[np.float64]) -> NDArray[np.float64]:
+    """What a unit line reads so many bins away."""
+    beside = 0.5 * (np.sinc(distance - 1.0) + np.sinc(distance + 1.0))
+    return np.abs(np.sinc(distance) + beside)
+
+
+@given(rotations, st.floats(0.02, 0.98), st.floats(0.0, 1.0))
+@effort(max_examples=CASES, deadline=None)
+def test_a_line_of_constant_order_reads_its_amplitude_for_any_profile(
+    rotation: Rotation, share: float, turn: float
+) -> None:
+    order = share * LIMIT / rotation.mean_speed
+    amplitude, resolution = spectrum(tone(rotation, order, turn), rotation)
+    place = order * rotation.mean_speed / resolution
+    bins = np.arange(amplitude.size)
+    near = np.abs(bins - place) < 4.0
+    np.testing.assert_allclose(amplitude[near], hann_line(bins[near].astype(np.float64) - place), atol=1e-4)
+    assert amplitude[(np.abs(bins - place) > 60.0) & (bins > 1)].max() < 1e-4
+
+
+@given(rotations, st.floats(1.02, 3.2))
+@effort(max_examples=CASES, deadline=None)
+def test_lines_above_the_limit_do_not_fold_below_it(rotation: Rotation, share: float) -> None:
+    order = min(share * LIMIT, 0.48 * RATE * rotation.mean_speed / rotation.speed_range[1]) / rotation.mean_speed
+    amplitude, resolution = spectrum(tone(rotation, order), rotation)
+    far = np.arange(amplitude.size) < order * rotation.mean_speed / resolution - 60.0
+    assert amplitude[2:][far[2:]].max() < 1e-4
+
+
+@given(rotations, st.floats(0.0, DURATION / 2.0))
+@effort(max_examples=CASES, deadline=None)
+def test_the_spectrum_is_linear_and_the_angle_has_no_origin(rotation: Rotation, origin: float) -> None:
+    moved = Rotation(rotation.time, rotation.turns + 1000.0 * origin, rotation.speed, rotation.duration)
+    x, y = tone(rotation, 3.4), tone(rotation, 17.1)
+    warp, other = warp_of(rotation, DURATION), warp_of(moved, DURATION)
+    assert warp is not None
+    assert other is not None
+
+    def samples(signal: NDArray[np.float64]) -> NDArray[np.floating]:
+        return order_samples(np.fft.rfft(signal)[:-1], N, warp, LIMIT)
+
+    np.testing.assert_allclose(samples(2.0 * x - 0.5 * y), 2.0 * samples(x) - 0.5 * samples(y), atol=1e-10)
+    np.testing.assert_allclose(other.times, warp.times, atol=1e-9)
+
+
+def test_a_block_in_which_the_speed_varies_too_much_stays_over_time() -> None:
+    x = tone(constant(20.0, DURATION), 5.0)
+    transform = BlockTransform(N, RATE, [(2000.0, 3900.0)])
+    least = 40.0 / MAX_SPEED_RATIO
+    assert transform(x, rotation=run_up(1.01 * least, 40.0)).warp is not None
+    refused, plain = transform(x, rotation=run_up(0.99 * least, 40.0)), transform(x)
+    assert refused.warp is None
+    np.testing.assert_array_equal(refused.envelopes[0].amplitude, plain.envelopes[0].amplitude)
+
+
+def test_a_rotation_of_another_duration_is_refused() -> None:
+    with pytest.raises(ValueError, match=r"the block lasts 2 s, its rotation 1\.9 s"):
+        BlockTransform(N, RATE, [(2000.0, 3900.0)])(np.ones(N), rotation=constant(20.0, 1.9))
+
+
+LINES = {"outer": 3.1, "inner": 4.9, "ball": 4.1, "cage": 0.38}
+
+
+def impacts(rotation: Rotation, order: float, seed: int = 0) -> NDArray[np.float64]:
+    rng = np.random.default_rng(seed)
+    t = np.arange(round(0.02 * RATE)) / RATE
+    x = 0.05 * rng.standard_normal(N)
+    x += 0.02 * np.cos(2.0 * np.pi * rotation.turns_at(np.arange(N) / RATE))
+    starts = rotation.time_at(np.arange(float(rotation.turns[0]) + 0.3 / order, rotation.turned, 1.0 / order))
+    for start in starts[starts < DURATION - 0.03]:
+        first = math.ceil(start * RATE)
+        late = t + first / RATE - start
+        x[first : first + t.size] += np.exp(-800.0 * late) * np.sin(2.0 * np.pi * 3000.0 * late)
+    return x
+
+
+def asked(rotation: Rotation | None, speed: float) -> FeatureSettings:
+    lines = {fault: order * speed for fault, order in LINES.items()}
+    return FeatureSettings(RATE, ((2000.0, 3900.0),), lines, speed=speed, speed_sd=0.0, rotation=rotation)
+
+
+def test_a_block_at_one_speed_gives_the_same_figures_by_the_angle() -> None:
+    rotation = constant(25.0, DURATION, "tacho")
+    x = impacts(rotation, LINES["outer"])
+    plain = block_features(x, RATE, asked(None, 25.0))
+    found = block_features(x, RATE, asked(rotation, 25.0))
+    assert (plain.domain, found.domain) == ("hertz", "order")
+    assert found.rms == plain.rms
+    assert found.velocity == plain.velocity
+    for name, value in plain.values.items():
+        assert found.values[name] == pytest.approx(value, rel=1e-3, abs=1e-3 * plain.rms), name
+    np.testing.assert_allclose(found.bpfo_amplitude, plain.bpfo_amplitude, rtol=1e-3)
+    for fault in FAULTS:
+        expected, family = plain.families[0][fault], found.families[0][fault]
+        assert family.detected == expected.detected
+        assert family.fundamental == pytest.approx(expected.fundamental, rel=1e-3)
+        np.testing.assert_allclose(family.amplitude, expected.amplitude, atol=1e-3 * expected.amplitude.max())
+
+
+@pytest.mark.parametrize("rotation", [hunting(25.0, 0.1, 0.7), run_up(15.0, 35.0)], ids=["hunting", "run-up"])
+def test_impacts_at_a_varying_speed_are_found_by_the_angle_alone(rotation: Rotation) -> None:
+    x = impacts(rotation, LINES["outer"])
+    speed = rotation.mean_speed
+    still = constant(speed, DURATION)
+    expected = block_features(impacts(still, LINES["outer"]), RATE, asked(still, speed)).families[0]["outer"]
+    found = block_features(x, RATE, asked(rotation, speed)).families[0]
+    assert found["outer"].score == max(family.score for family in found.values())
+    assert found["outer"].depth == pytest.approx(expected.depth, rel=0.1)
+    smeared = block_features(x, RATE, asked(None, speed)).families[0]["outer"]
+    assert smeared.depth < 0.5 * expected.depth
