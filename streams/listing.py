@@ -42,6 +42,11 @@ def stat_of(found: os.stat_result) -> Stat | None:
     return Stat(found.st_size, found.st_mtime_ns & _SIGNED, found.st_ino & _SIGNED, stat.S_ISREG(found.st_mode))
 
 
+def is_likely_same(size: int, same: bool, stat: Stat, may_grow: bool) -> bool:
+    """Return whether a file with a known inode is the one of ``size`` bytes: the ``same``, or one that has grown."""
+    return same or (may_grow and stat.size > size)
+
+
 def stat_file(root: str, path: str) -> Stat | None:
     """Return the status of a file or link; None where there is none or a folder."""
     try:

@@ -16,9 +16,10 @@ import numpy as np
 from streams.block import STANDARD_GRAVITY
 from streams.limits import max_blocks
 from streams.readers.complete import declared_size
+from streams.readers.pulse_times import fitting_pulses
 from streams.readers.stated import multiple_of
-from streams.reblock import MIN_BLOCK_SHARE
-from streams.samples import FRACTIONS, RATE_TOLERANCE, SCALED, VALUES, ReaderError, Samples
+from streams.reblock import MIN_BLOCK_SHARE, Reblocker
+from streams.samples import DIGITAL, FRACTIONS, RATE_TOLERANCE, SCALED, VALUES, ReaderError, Samples
 from streams.spec import UNITS, ChannelSpec, SourceSpec
 
 if TYPE_CHECKING:
@@ -49,6 +50,11 @@ def is_dated_by_choice(spec: SourceSpec, data_set: DataSet) -> bool:
 def is_cut(spec: SourceSpec, data_set: DataSet) -> bool:
     """Return whether files are cut into blocks of one length, not taken as one block each."""
     return not (data_set.snapshot or spec.block_s == "file")
+
+
+def cutter_of(spec: SourceSpec, data_set: DataSet) -> Reblocker | None:
+    """Return what cuts the samples of a source into blocks, None where each file is one."""
+    return Reblocker(spec.block_s) if is_cut(spec, data_set) and spec.block_s != "file" else None
 
 
 class Loader:
@@ -116,8 +122,8 @@ class Loader:
             start, elapsed = self._times(samples, facts)
             if self.dater is not None:
                 self.dater.note_own(self.data_set.name, start if elapsed is None else None)
-            return replace(samples, start=start, elapsed=elapsed)
-        return self.dater.date(samples, path, changed, whole=whole)
+            return fitting_pulses(replace(samples, start=start, elapsed=elapsed), path)
+        return fitting_pulses(self.dater.date(samples, path, changed, whole=whole), path)
 
     def load_undated(self, raw: bytes, path: str, facts: FileFacts, name: str) -> Samples:
         """Return the same without times but those that the file states; ReaderError as :meth:`load`."""
@@ -220,6 +226,11 @@ def choose_channels(
         samples = replace(samples, units=tuple(stated or unit for stated in samples.units))
     samples, multiples = in_own_units(samples)
     if not channels:
+        # A row of truth values is of a tacho or a switch.
+        kept = [row for row, stored in enumerate(samples.stored) if stored != DIGITAL]
+        if not kept:
+            raise ReaderError("wrong_shape", f"{where}: holds only rows that are on or off, and no vibration")
+        samples, multiples = samples.select(kept), tuple(multiples[row] for row in kept)
         for row, (name, stated) in enumerate(zip(samples.names, samples.units, strict=True)):
             _check_unit(stated, name, where)
             _factor_of(samples, row, ChannelSpec(name, unit=stated), None, f"{where}: {name}")
@@ -229,7 +240,7 @@ def choose_channels(
     both = zip(rows, channels, units, strict=True)
     factors = [
         _factor_of(samples, row, replace(channel, unit=unit), range_g, f"{where}: channel {channel.name}")
-        * (multiples[row] if channel.scale is None else 1.0)
+        * (multiples[row] if channel.scale is None and not channel.any_unit else 1.0)
         for row, channel, unit in both
     ]
     return _times(samples.select(rows, tuple(channel.name for channel in channels), units), factors)
@@ -282,6 +293,8 @@ def _row_of(samples: Samples, channel: ChannelSpec, where: str) -> int:
 
 
 def _unit_of(samples: Samples, row: int, channel: ChannelSpec, where: str) -> str:
+    if channel.any_unit:
+        return "unknown"
     stated, configured = samples.units[row], channel.unit
     where = f"{where}: channel {channel.name}"
     if samples.scaled and channel.scale not in (None, 1.0):

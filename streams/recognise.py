@@ -12,6 +12,7 @@ from zoneinfo import ZoneInfo
 
 from streams.datasets import DATA_SETS, DataSet, FileFacts
 from streams.files import Files, Item, is_archive, natural_key, unpacked_name
+from streams.pulse_files import is_beside, is_pulse_file, with_pulse_files
 from streams.readers.child import isolated
 from streams.readers.hdf5 import read_hdf5
 from streams.readers.mat import mat_variables, read_mat
@@ -41,6 +42,7 @@ _STATE_RATE = ("csv", "wav", "mat", "tdms", "hdf5", "uff", "netcdf")
 _STATE_UNIT = ("csv", "mat", "tdms", "hdf5", "uff", "netcdf")
 _EXTRAS = {"tdms": ("nptdms", "tdms"), "hdf5": ("h5py", "hdf5"), "uff": ("pyuff", "uff")}
 _MATRICES = ("mat", "hdf5", "netcdf")
+_HOLD_PULSES = ("mat", "hdf5", "netcdf", "tdms")
 _XJTU_HEADER = "Horizontal_vibration_signals"
 
 
@@ -65,15 +67,21 @@ def plain(kind: str, spec: SourceSpec, endings: tuple[str, ...]) -> DataSet:
         # A channel that is found by its column or name may be any variable.
         keys = []
     zone = spec.timezone
+    inside = None if is_beside(spec.pulses) else spec.pulses
+    if inside is not None and kind not in _HOLD_PULSES:
+        raise SourceError(
+            f"[[source]] {spec.name}: pulses = {inside!r}: files of {kind} hold no array of pulses besides their "
+            "channels; give a file beside them, such as {stem}.pulses.csv, or [operating] tacho_channel"
+        )
     readers: dict[str, Callable[[bytes, str], Samples]] = {
         "csv": isolated(read_layout, zone),
         "npy": read_plain_npy,
         "wav": isolated(read_wav),
-        "mat": isolated(read_mat, keys or ["*"], zone),
-        "tdms": isolated(read_tdms, keys, zone),
-        "hdf5": isolated(read_hdf5, keys, zone),
+        "mat": isolated(read_mat, keys or ["*"], zone, inside),
+        "tdms": isolated(read_tdms, keys, zone, inside),
+        "hdf5": isolated(read_hdf5, keys, zone, inside),
         "uff": isolated(read_uff, keys, zone),
-        "netcdf": isolated(read_netcdf, keys, zone),
+        "netcdf": isolated(read_netcdf, keys, zone, inside),
     }
 
     def facts(path: str, place: str, zone: ZoneInfo) -> FileFacts | None:
@@ -92,6 +100,12 @@ def data_set_of(spec: SourceSpec, files: Files, kind: str) -> DataSet:
         SourceError: the name is not known, nothing is recognised, or a library is missing.
     """
     found = _found_data_set(spec, files, kind)
+    if is_beside(spec.pulses):
+        if files.sequential:
+            raise SourceError(f"[[source]] {spec.name}: pulses = {spec.pulses!r}: archives have no files beside files")
+        return with_pulse_files(_with_sidecars(found, spec, files), spec, files.root)
+    if spec.pulses is not None and not found.plain:
+        raise SourceError(f"[[source]] {spec.name}: pulses = {spec.pulses!r}: {found.name} has none that is known")
     return found if files.sequential else _with_sidecars(found, spec, files)
 
 
@@ -139,6 +153,8 @@ def _found_data_set(spec: SourceSpec, files: Files, kind: str) -> DataSet:
     unfilled: list[Item] = []
     try:
         for item in files:
+            if is_pulse_file(spec.pulses, item.path):
+                continue
             paths.append(item.path)
             if not item.filled:
                 unfilled.append(item)

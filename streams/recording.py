@@ -15,6 +15,7 @@ from streams.files import Files, Item, natural_key, open_files
 from streams.given import Given, Loaded, Met
 from streams.listing import CLOSED, shown
 from streams.load import Loader, content_hash, is_cut, is_dated_by_choice, renamed
+from streams.pulse_files import is_pulse_file
 from streams.readers.sidecar import is_sidecar
 from streams.reblock import Cut, Numbering, Reblocker
 from streams.recognise import data_set_of
@@ -162,7 +163,8 @@ class Recording:
         met = self._met_files()
         if self._files.sequential:
             return sorted(met.others, key=natural_key)
-        return [path for path in met.others if not is_sidecar(path, met.known)]
+        others = (path for path in met.others if not is_pulse_file(self._spec.pulses, path))
+        return [path for path in others if not is_sidecar(path, met.known)]
 
     def _met_files(self) -> Met:
         if self._met is None:

@@ -15,8 +15,10 @@ from streams.limits import MAX_BYTES, MAX_DIMENSIONS, MAX_ROWS
 from streams.pulses import Pulses
 
 VALUES, SCALED, COUNTS, FRACTIONS = "values", "scaled integers", "integers", "fractions of full scale"
+DIGITAL = "on and off"
 """How the numbers of a row are stored: as they are meant; as integers that the file or its side-car scales; as integers
-without a scale, which are read as counts, or as -1 to 1 where the format defines a full scale (WAV, FLAC)."""
+without a scale, which are read as counts, or as -1 to 1 where the format defines a full scale (WAV, FLAC); as truth
+values, read as 0 and 1."""
 
 RATE_TOLERANCE = 1e-4
 """Rates that differ by no more than this part are the same rate, written or measured differently."""
@@ -187,8 +189,8 @@ def stack_rows(rows: Sequence[NDArray[np.floating]]) -> NDArray[np.floating]:
 
 
 def stored_as(dtype: np.dtype[Any]) -> str:
-    """Return ``COUNTS`` for an integer type, else ``VALUES``."""
-    return COUNTS if dtype.kind in "iu" else VALUES
+    """Return ``COUNTS`` for an integer type, ``DIGITAL`` for truth values, else ``VALUES``."""
+    return {"i": COUNTS, "u": COUNTS, "b": DIGITAL}.get(dtype.kind, VALUES)
 
 
 def check_rows(count: int, where: str, kind: str = "rows") -> None:
@@ -200,13 +202,13 @@ def check_rows(count: int, where: str, kind: str = "rows") -> None:
 def rows_of(array: NDArray[np.generic], where: str) -> NDArray[np.floating]:
     """Return a stored array of real numbers in shape (row, sample); its longer axis is time.
 
-    It is float32 for float32 and for integers of at most 16 bits, else float64.
+    It is float32 for float32, for truth values and for integers of at most 16 bits, else float64.
 
     Raises:
         ReaderError: ``wrong_shape`` for other dimensions or a square array, ``empty``, ``unreadable`` for other types,
             ``refused`` for more than ``MAX_ROWS`` rows.
     """
-    if array.dtype.kind not in "fiu":
+    if array.dtype.kind not in "fiub":
         raise ReaderError("unreadable", f"{where}: expected real numbers, got type {array.dtype}")
     if not 1 <= array.ndim <= MAX_DIMENSIONS:
         shape = f"{array.ndim} (shape {str(array.shape)[:60]})"

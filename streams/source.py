@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any, Protocol, Self, runtime_checkable
 
 from streams.block import Block, Rejected
+from streams.listing import Stat
 
 PENDING = "pending"
 ACCEPTED = "accepted"
@@ -42,6 +43,10 @@ class FileProgress:
     read_bytes: int = 0
     samples: int = 0
     verdict: str = PENDING
+
+    def is_of(self, stat: Stat) -> bool:
+        """Return whether a status is the one as of which this is."""
+        return (self.size, self.mtime_ns, self.inode) == (stat.size, stat.mtime_ns, stat.inode)
 
     @property
     def is_part(self) -> bool:

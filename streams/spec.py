@@ -15,6 +15,8 @@ from models.errors import WrongInputError
 from streams.stamps import Order, compiled
 
 DEFAULT_BLOCK_SECONDS = 5.0
+FILE_WORDS = ("{stem}", "{name}")
+"""In ``pulses``: the name of a file, without and with its ending."""
 UNITS = ("g", "m/s2", "V", "unknown")
 """The units that a channel may state."""
 
@@ -40,6 +42,7 @@ class ChannelSpec:
         scale: factor from the stored numbers to ``unit``; of integers the unit of a count, of an integer WAV that of
             full scale. None where the configuration gives none: 1, and integers without a scale are refused.
         sensitivity_mv_per_g: of the sensor where ``unit`` is "V".
+        any_unit: whether the row is passed on as it is stored, whatever its unit; ``unit`` is "unknown" then.
     """
 
     name: str
@@ -48,6 +51,7 @@ class ChannelSpec:
     unit: str | None = None
     scale: float | None = None
     sensitivity_mv_per_g: float | None = None
+    any_unit: bool = False
 
     def __post_init__(self) -> None:
         """Raise SourceError for a channel that matches nothing or contradicts itself."""
@@ -143,6 +147,8 @@ class SourceSpec:
         time_name: pattern (strptime) of the date in names.
         interval: s between the starts of files, for a count; None: the length of one.
         date_order: of day and month in dates that do not state it; None: told over all files.
+        pulses: pattern of the array, group or channel with the times of pulses of a tacho; with ``{stem}`` or
+            ``{name}``, which stand for the name of a file without and with its ending, a text file beside it.
     """
 
     name: str
@@ -161,6 +167,7 @@ class SourceSpec:
     time_name: str | None = None
     interval: float | None = None
     date_order: Order | None = None
+    pulses: str | None = None
 
     def __post_init__(self) -> None:
         """Raise SourceError for values that no recording can have."""
@@ -176,6 +183,9 @@ class SourceSpec:
             raise SourceError(f"{where}: {problem}")
         if self.max_gap_blocks < 1:
             raise SourceError(f"{where}: max_gap_blocks must be 1 or more, got {self.max_gap_blocks}")
+        problem = pulses_problem(self.pulses)
+        if problem is not None:
+            raise SourceError(f"{where}: {problem}")
         names = [channel.name for channel in self.channels]
         if len(set(names)) != len(names):
             raise SourceError(f"{where}: channel names must differ, got {', '.join(names)}")
@@ -204,6 +214,22 @@ def dating_problem(
             compiled(time_name)
     except ValueError as error:
         return f"time_name = {error}"
+    return None
+
+
+def pulses_problem(pattern: str | None) -> str | None:
+    """Return what is wrong with the key that names the pulses, or None."""
+    if pattern is None:
+        return None
+    if not pattern or "\0" in pattern:
+        return "pulses is empty; expected the name of an array, or a pattern such as {stem}.pulses.csv"
+    rest = pattern
+    for word in FILE_WORDS:
+        rest = rest.replace(word, "")
+    if rest != pattern and ("/" in rest or not rest or "{" in rest or "*" in rest):
+        return f"pulses = {pattern!r}: expected a name in the folder of the file, such as {{stem}}.pulses.csv"
+    if rest == pattern and "{" in pattern:
+        return f"pulses = {pattern!r}: a file beside the recording is named by {' or '.join(FILE_WORDS)}"
     return None
 
 

@@ -12,7 +12,7 @@ from pydantic import Field, field_validator, model_validator
 from monitor.config.fields import Band, Blocks, Name, NotNegative, Positive, Scale, Section
 from monitor.health.quality import bands_above_nyquist
 from streams.readers.stated import known_unit
-from streams.spec import UNITS, NetworkSpec, SourceSpec, dating_problem
+from streams.spec import UNITS, NetworkSpec, SourceSpec, dating_problem, pulses_problem
 
 _DATING_KEYS = ("time_from", "time_name", "interval_s", "date_order")
 _FILE_KEYS = (
@@ -42,6 +42,10 @@ class SourceSection(Section):
     date_order: Annotated[
         Literal["day_first", "month_first"] | None,
         Field(description="order of day and month in dates such as 03/04/2024; by default told over all files"),
+    ] = None
+    pulses: Annotated[
+        str | None,
+        Field(description="times of the pulses of a tacho: name of an array, group or channel, or {stem}.pulses.csv"),
     ] = None
     rate_hz: Positive | None = None
     range_g: Positive | None = None
@@ -87,6 +91,17 @@ class SourceSection(Section):
         problem = dating_problem(self.start_utc, *keys.values())
         if problem is not None:
             raise ValueError(problem)
+        return self
+
+    @model_validator(mode="after")
+    def _with_pulses(self) -> Self:
+        problem = pulses_problem(self.pulses)
+        if problem is not None:
+            raise ValueError(problem)
+        if self.pulses is not None and self.url is not None and self.url.startswith(("tcp:", "mqtt:", "rig:")):
+            raise ValueError(
+                f"pulses is for sources of files; {self.url.partition(':')[0]} blocks bring theirs with them"
+            )
         return self
 
     @model_validator(mode="after")

@@ -84,6 +84,7 @@ def source_spec(config: Config, source: SourceSection, path: str | None = None) 
         time_name=source.time_name,
         interval=source.interval_s,
         date_order=source.date_order,
+        pulses=source.pulses,
     )
 
 

@@ -14,11 +14,12 @@ from streams.dater import UndatedError
 from streams.files import unpacked_name
 from streams.folder.copies import Copies
 from streams.folder.copying import Order
+from streams.folder.entry import Entry
 from streams.folder.raw import Raw, UnfinishedError, count_block, is_more_of
 from streams.folder.reading import Background, Result, Task, read_file
-from streams.folder.register import MAX_INCOMPLETE_S, Entry, Register
+from streams.folder.register import MAX_INCOMPLETE_S, Register
 from streams.given import copy_error, taken_error
-from streams.load import Loader, renamed
+from streams.load import Loader, cutter_of, renamed
 from streams.reblock import Cut, Numbering, Reblocker
 from streams.samples import ReaderError, Samples
 from streams.source import ACCEPTED, MAX_DEATHS, PENDING, POISONED, Delivery, FileProgress, Ledger
@@ -55,9 +56,9 @@ class Intake:
         self.waits: str | None = None
         self.name = spec.name
         self._spec, self._loader, self._ledger, self._register = spec, loader, ledger, register
-        one_a_file = loader.data_set.snapshot or spec.block_s == "file"
-        self._reblocker = None if one_a_file or spec.block_s == "file" else Reblocker(spec.block_s)
-        self._grows = self._reblocker is not None and loader.data_set.name in _GROWS
+        self._reblocker = cutter_of(spec, loader.data_set)
+        # Pulses may be written after their samples.
+        self._grows = self._reblocker is not None and spec.pulses is None and loader.data_set.name in _GROWS
         self._period = spec.block_s if self._grows and spec.block_s != "file" else None
         self._uncommitted: dict[int, str] = {}
         self._copies = Copies(spec.name, loader, ledger, register, self._grows)

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from models.errors import SpallwatchError
 from streams.files import read_guarded, refuse_special
-from streams.folder.register import Entry
+from streams.folder.entry import Entry
 from streams.listing import Stat, stat_file
 from streams.load import content_hash
 from streams.readers.complete import whole_part

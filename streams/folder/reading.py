@@ -11,8 +11,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from streams.datasets import FileFacts
+from streams.folder.entry import Entry
 from streams.folder.raw import Raw, read_raw
-from streams.folder.register import Entry
 from streams.limits import LARGE_BYTES, ChildLimits
 from streams.load import Loader
 from streams.readers.child import ReaderProcess, use_process

@@ -7,14 +7,14 @@ import itertools
 import math
 import threading
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, replace
-from typing import Literal
+from dataclasses import replace
 
 from streams.files import natural_key
+from streams.folder.awaited import Awaited
 from streams.folder.copying import HOLD, CopyDetector, Order
-from streams.listing import Stat, shown, unshown
+from streams.folder.entry import Entry
+from streams.listing import Stat, is_likely_same, shown, unshown
 from streams.readers.sidecar import is_sidecar
-from streams.samples import Origin
 from streams.source import ACCEPTED, PENDING, POISONED, RELEASED, Backlog, FileProgress, Ledger
 
 MAX_INCOMPLETE_S = 600.0
@@ -22,62 +22,25 @@ MAX_INCOMPLETE_S = 600.0
 ARCHIVED = "\n"
 """Separates path and digest of the former content in the key of a file that was replaced."""
 
-Phase = Literal["queued", "deferred", "reading", "held", "delivered"]
-
-
-@dataclass(eq=False, kw_only=True)
-class Entry(Origin):
-    """A file that waits. Times are of the monotonic clock, s.
-
-    Attributes:
-        path: below the folder, as the file system gives it; ``key`` is the same in printable characters.
-        order: sorts the files by acquisition.
-        seen: when it was first seen waiting, ``changed`` when its last change was.
-        closed: whether it was closed or moved in since its last change.
-        whole: whether it counted as complete when it was taken.
-        phase: "queued", "deferred" because it is incomplete, "reading" in the background, "held" because samples of it
-            wait for more, "delivered" entirely.
-        due: when it is tried again without a change, or ``awaits_end`` once it counts as whole.
-        base: its progress in the ledger, ``counted`` the verdict under which it is counted already.
-        read: its progress as of the last reading, ``read_at``, without samples.
-        fed: number of samples taken.
-        absent: since when it is missing from the folder.
-        outstanding: number of unacknowledged deliveries with samples of it, ``blocks`` of all blocks with such.
-        released: whether it was poisoned before, so that a rejection holds its number.
-    """
-
-    path: str
-    stat: Stat
-    order: Order
-    seen: float
-    changed: float
-    closed: bool = False
-    whole: bool = False
-    phase: Phase = "queued"
-    due: float = math.inf
-    awaits_end: bool = False
-    base: FileProgress | None = None
-    counted: str | None = None
-    read: FileProgress | None = None
-    fed: int = 0
-    read_at: float = -math.inf
-    absent: float | None = None
-    outstanding: int = 0
-    blocks: int = 0
-    released: bool = False
-
 
 class Register:
     """The files of one folder: names, times and counts; contents stay on the disk."""
 
     def __init__(
-        self, source: str, ledger: Ledger, settle_s: float, order_of: Callable[[str], Order | None], now: float
+        self,
+        source: str,
+        ledger: Ledger,
+        settle_s: float,
+        order_of: Callable[[str], Order | None],
+        now: float,
+        pulses: str | None = None,
     ) -> None:
         """Begin with the pending files of the ledger.
 
         ``settle_s`` is the time for which a file must be unchanged; ``order_of`` gives the sorting key of a path, None
-        for a file of another kind.
+        for a file of another kind; ``pulses`` is the pattern of files of pulses, without which files are not taken.
         """
+        self._awaited = Awaited(pulses, settle_s)
         self.waiting: dict[str, Entry] = {}
         self._others: set[str] = set()
         self._ignored: list[str] = []
@@ -116,6 +79,7 @@ class Register:
         for path in gone:
             self._done.pop(path, None)
         self._others &= listing.keys()
+        self._awaited.keep(listing)
         self._note_ignored()
         for path, entry in self.waiting.items():
             if path in listing:
@@ -125,19 +89,20 @@ class Register:
 
     def observe(self, path: str, stat: Stat, now: float, closed: bool = False) -> None:
         """Record the status of a file; ``closed``: just closed after writing or moved in."""
+        self._awaited.note(path, stat, now)
         entry = self.waiting.get(path)
         if entry is not None and entry.phase == "reading":
             # A later scan meets the same change, once the file as it was is read.
             return
         if entry is None:
             done = self._done.get(path)
-            if path in self._others or (done is not None and _same(done, stat)):
+            if path in self._others or (done is not None and done.is_of(stat)):
                 return
             known = done or self._ledger.file(self._source, shown(path))
             released = known is not None and known.verdict == RELEASED
             if released:
                 known = None
-            if known is not None and known.verdict != PENDING and _same(known, stat):
+            if known is not None and known.verdict != PENDING and known.is_of(stat):
                 self._done[path] = known
                 return
             if known is None and self._order_of(path) is None:
@@ -188,7 +153,8 @@ class Register:
         """List the files of another format that are no side-cars, where that has changed."""
         named = {path.removesuffix(".json") for path in self._others}
         recordings = {path for path in named if path in self.waiting or path in self._done}
-        ignored = {path for path in self._others if not is_sidecar(path, recordings)}
+        others = (path for path in self._others if not self._awaited.has(path))
+        ignored = {path for path in others if not is_sidecar(path, recordings)}
         if len(ignored) != len(self._ignored) or not ignored.issuperset(self._ignored):
             self._ignored = sorted(ignored, key=natural_key)
 
@@ -225,7 +191,7 @@ class Register:
         known = self._done.get(before) if entry is None else entry.base
         if entry is not None:
             grown = entry.base is not None or entry.read is not None
-            if not _is_likely_same(entry.stat.size, entry.stat == stat, stat, grown) or self._order_of(path) is None:
+            if not is_likely_same(entry.stat.size, entry.stat == stat, stat, grown) or self._order_of(path) is None:
                 return
             with self._lock:
                 self.waiting[path] = self.waiting.pop(before)
@@ -234,7 +200,7 @@ class Register:
             entry.order = self._order_of(path) or ()
             if entry.phase in ("queued", "deferred"):
                 self.queue(entry)
-        elif known is None or not _is_likely_same(known.size, _same(known, stat), stat, True):
+        elif known is None or not is_likely_same(known.size, known.is_of(stat), stat, True):
             return
         if known is not None:
             moved = self._restore(known, shown(path))
@@ -320,8 +286,10 @@ class Register:
         return found
 
     def _is_ready(self, entry: Entry, now: float, period: float | None) -> bool:
-        if not entry.stat.regular or entry.absent is not None or self.is_settled(entry, now):
+        if not entry.stat.regular or entry.absent is not None:
             return True
+        if self.is_settled(entry, now):
+            return not self._awaited.holds(entry.path, entry.changed, now)
         return period is not None and now - max(entry.seen, entry.read_at) >= max(period, self._settle)
 
     def _requeue_due(self, now: float) -> None:
@@ -389,11 +357,3 @@ class Register:
             accepted, rejected, ignored = self._accepted, self._rejected, len(self._ignored)
         age = 0.0 if first is None else max(0.0, now - first.seen)
         return Backlog(accepted + rejected + ignored + pending, accepted, rejected, pending, age, ignored)
-
-
-def _same(progress: FileProgress, stat: Stat) -> bool:
-    return (progress.size, progress.mtime_ns, progress.inode) == (stat.size, stat.mtime_ns, stat.inode)
-
-
-def _is_likely_same(size: int, same: bool, stat: Stat, may_grow: bool) -> bool:
-    return same or (may_grow and stat.size > size)

@@ -23,6 +23,7 @@ from streams.folder.register import MAX_INCOMPLETE_S, Register
 from streams.folder.watch import Watch
 from streams.listing import CLOSED, Stat, is_skipped, shown, stat_file, walk_files
 from streams.load import Loader, is_cut, is_dated_by_choice
+from streams.pulse_files import is_pulse_file
 from streams.recognise import data_set_of
 from streams.source import MAX_DEATHS, MAX_IGNORED_NAMES, Backlog, Delivery, Ledger, LiveSource
 from streams.spec import SourceError, SourceSpec
@@ -112,7 +113,7 @@ class FolderSource(LiveSource):
             self._load_as(data_set)
         self._intake = None
         now = self._clock.monotonic()
-        self._files = Register(self.name, ledger, self._spec.settle_s, self._order_of, now)
+        self._files = Register(self.name, ledger, self._spec.settle_s, self._order_of, now, self._spec.pulses)
         self._next_scan = now
 
     def _look(self) -> tuple[Path, DataSet | None]:
@@ -302,6 +303,8 @@ class FolderSource(LiveSource):
         self._loader = Loader(self._spec, data_set, self._real, dater=dater)
 
     def _order_of(self, path: str) -> Order | None:
+        if is_pulse_file(self._spec.pulses, path):
+            return None
         if self._loader is None:
             return natural_key(path)
         facts = self._loader.facts(path)

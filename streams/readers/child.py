@@ -25,7 +25,8 @@ from models.errors import SpallwatchError
 from models.installation import child_path
 from models.portable import MemoryFile, PipeReader, after_fork, handed_down
 from streams.limits import MAX_BYTES, ChildLimits
-from streams.readers.worker import read_into, write_all
+from streams.pulses import Pulses
+from streams.readers.worker import read_all, read_into, write_all
 from streams.samples import ReaderError, Samples
 
 _ANSWER_BYTES = 1 << 22
@@ -205,11 +206,16 @@ class ReaderProcess(AbstractContextManager["ReaderProcess"]):
         if self._pipes is None:
             raise ValueError("the reader process is closed")
         output = self._pipes.output.handle
-        if min(rows, length) < 0 or rows * length * answer["itemsize"] != os.fstat(output).st_size:
+        count, revolution = answer.get("pulses") or (0, None)
+        size = rows * length * answer["itemsize"]
+        if min(rows, length, count) < 0 or size + 8 * count != os.fstat(output).st_size:
             raise ValueError("the samples do not fit their shape")
         samples = np.empty((rows, length), dtype=dtype)
         read_into(output, samples.reshape(-1).data)
         fields = answer["stated"]
+        if "pulses" in answer:
+            times = np.frombuffer(read_all(output, 8 * count, size), dtype=np.float64)
+            fields["pulses"] = Pulses(times, revolution)
         lists = {key: tuple(value) for key, value in fields.items() if isinstance(value, list)}
         return Samples(samples, **{**fields, **lists})
 

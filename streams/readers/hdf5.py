@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from streams.limits import max_loaded_bytes
 from streams.readers.complete import hdf5_size
+from streams.readers.pulse_times import matches_pulses, only_one, own_facts, sought, with_pulses
 from streams.readers.stated import (
     STORED,
     Facts,
@@ -54,7 +55,9 @@ class Found:
     own: Facts = field(default_factory=dict)
 
 
-def read_hdf5(data: bytes, name: str, patterns: Sequence[str] = (), zone: str = "UTC") -> Samples:
+def read_hdf5(
+    data: bytes, name: str, patterns: Sequence[str] = (), zone: str = "UTC", pulses: str | None = None
+) -> Samples:
     """Read the numeric data sets of an HDF5 file.
 
     Rate, unit and time of the first sample are taken from the attributes of the data set, else of the groups that hold
@@ -63,6 +66,7 @@ def read_hdf5(data: bytes, name: str, patterns: Sequence[str] = (), zone: str = 
     Args:
         patterns: of the paths of the wanted data sets, such as ``run1/acc*``; none: all.
         zone: IANA name of the zone of stamps that name none.
+        pulses: pattern of the path of the times of pulses; see :mod:`.pulse_times`.
 
     Raises:
         ReaderError: ``empty``; ``refused`` for links, external storage, virtual data sets and more than
@@ -72,10 +76,14 @@ def read_hdf5(data: bytes, name: str, patterns: Sequence[str] = (), zone: str = 
     with open_hdf5(data, name) as file:
         found: list[Found] = []
         vectors: list[Found] = []
-        for item in walk(file, name, patterns):
+        marks: list[Found] = []
+        for item in walk(file, name, sought(patterns, pulses)):
+            if matches_pulses(pulses, item.path, item.path.rpartition("/")[0]):
+                marks.append(item)
+                continue
             found.append(item)
             shape = item.dataset.shape
-            if shape and max(shape) >= 2 and item.dataset.dtype.kind in "fiu":
+            if shape and max(shape) >= 2 and item.dataset.dtype.kind in "fiub":
                 vectors.append(item)
                 # Before any is loaded, and before the rest is listed.
                 check_rows(len(vectors), name, "vectors")
@@ -86,7 +94,12 @@ def read_hdf5(data: bytes, name: str, patterns: Sequence[str] = (), zone: str = 
             arrays.append((item.path, rows_of(array, f"{name}: data set {item.path}"), facts))
             budget.add_rows(len(arrays[-1][1]))
         held = ", ".join(f"{item.path}{list(item.dataset.shape or ())}"[:60] for item in found[:12]) or "no data set"
-        return join_arrays(arrays, name, zone, f"no vector matches {', '.join(patterns) or '*'}; {held}")
+        samples = join_arrays(arrays, name, zone, f"no vector matches {', '.join(patterns) or '*'}; {held}")
+        tacho = None if pulses is None else only_one(marks, pulses, name)
+        if tacho is None:
+            return samples
+        own, where = own_facts(tacho.own, tacho.facts), f"{name}: data set {tacho.path}"
+        return with_pulses(samples, load(tacho, name, budget), own, zone, where, stated_time(tacho.own, zone)[0])
 
 
 class Budget:

@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 
 from streams.limits import max_loaded_bytes
 from streams.readers.hdf5 import SIGNATURE, Budget, attributes, join_arrays, load, open_hdf5, walk
-from streams.readers.stated import KEYS, STORED, plain_key
+from streams.readers.pulse_times import matches_pulses, only_one, own_facts, sought, with_pulses
+from streams.readers.stated import KEYS, STORED, plain_key, stated_time
 from streams.samples import ReaderError, Samples, rows_of, stored_as
 
 _DATENUM_OF_1970 = 719529.0
@@ -175,7 +176,9 @@ def text(values: MatValues, key: str) -> str | None:
     return str(array.reshape(-1)[0])
 
 
-def read_mat(data: bytes, name: str, patterns: Sequence[str] = ("*",), zone: str | None = None) -> Samples:
+def read_mat(
+    data: bytes, name: str, patterns: Sequence[str] = ("*",), zone: str | None = None, pulses: str | None = None
+) -> Samples:
     """Read the numeric vectors of a MAT file that match some patterns.
 
     A matrix gives a row for each vector of it, named ``NAME_1`` and so on.
@@ -184,6 +187,8 @@ def read_mat(data: bytes, name: str, patterns: Sequence[str] = ("*",), zone: str
         zone: IANA name of the zone of stamps that name none. With it, scalars and texts such as ``fs``, ``dt``,
             ``unit`` and ``t0`` (also a ``datenum``) state rate, unit and start; of a field of a structure its
             neighbours do so first.
+        pulses: pattern of the variable, field or structure of times of pulses, see :mod:`.pulse_times`; what states
+            its unit is a field beside it. Only with ``zone``.
 
     Raises:
         ReaderError: as :func:`mat_variables`; ``wrong_shape`` where no vector matches or their lengths differ,
@@ -193,9 +198,32 @@ def read_mat(data: bytes, name: str, patterns: Sequence[str] = ("*",), zone: str
         return _joined(load_mat(data, name, patterns), data, name, patterns, {}, "UTC")
     stating = [key for key in mat_variables(data, name) if plain_key(key) in KEYS]
     parents = {pattern.rpartition(".")[0] for pattern in patterns if "." in pattern}
-    values = load_mat(data, name, [*patterns, *stating, *(f"{parent}.*" for parent in parents)])
-    wanted = {key: array for key, array in values.items() if any(fnmatchcase(key, pattern) for pattern in patterns)}
-    return _joined(wanted, data, name, patterns, _stated(values), zone)
+    parents |= {pulses.rpartition(".")[0] or pulses} if pulses is not None else set()
+    asked = [*sought(patterns, pulses, "."), *stating, *(f"{parent}.*" for parent in parents)]
+    values = load_mat(data, name, asked)
+    marks = [key for key, array in values.items() if _is_pulses(key, array, pulses)]
+    beside = {key.rpartition(".")[0] for key in marks} - {""}
+    wanted = {
+        key: array
+        for key, array in values.items()
+        if key not in marks
+        and key.rpartition(".")[0] not in beside
+        and any(fnmatchcase(key, pattern) for pattern in patterns)
+    }
+    facts = _stated(values)
+    samples = _joined(wanted, data, name, patterns, facts, zone)
+    tacho = None if pulses is None else only_one(marks, pulses, name)
+    if tacho is None:
+        return samples
+    parent = tacho.rpartition(".")[0]
+    own = own_facts(facts.get(parent, {}) if parent else {}, facts.get("", {}))
+    return with_pulses(samples, values[tacho], own, zone, f"{name}: variable {tacho}", stated_time(own, zone)[0])
+
+
+def _is_pulses(key: str, array: NDArray[np.generic], pulses: str | None) -> bool:
+    """Return whether a variable holds the times of pulses, and does not state something of them."""
+    stating = plain_key(key.rpartition(".")[2]) in KEYS
+    return not stating and array.dtype.kind in "fiub" and matches_pulses(pulses, key, key.rpartition(".")[0])
 
 
 def _stated(values: MatValues) -> dict[str, dict[str, object]]:
@@ -229,7 +257,7 @@ def _joined(
             {**facts.get("", {}), **facts.get(key.rpartition(".")[0], {}), STORED: stored_as(array.dtype)},
         )
         for key, array in values.items()
-        if array.dtype.kind in "fiu" and array.size > 1
+        if array.dtype.kind in "fiub" and array.size > 1
     ]
     held: list[str] = []
     if not arrays:

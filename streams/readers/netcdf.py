@@ -13,13 +13,19 @@ import scipy.io
 from numpy.typing import NDArray
 
 from streams.readers.hdf5 import Budget, Found, join_arrays, load, open_hdf5, walk
+from streams.readers.pulse_times import matches_pulses, only_one, own_facts, with_pulses
 from streams.readers.stated import STORED, Facts, plain_key, rate_of_times, seconds_utc, stated_rate
 from streams.samples import SCALED, ReaderError, Samples, rows_of, stored_as
 
 _TIMES = ("time", "t")
 
+_Variables = tuple[dict[str, tuple[NDArray[Any], Facts]], dict[str, Facts]]
+"""Variables with what is stated of each, by itself or around it; and what each states itself."""
 
-def read_netcdf(data: bytes, name: str, patterns: Sequence[str] = (), zone: str = "UTC") -> Samples:
+
+def read_netcdf(
+    data: bytes, name: str, patterns: Sequence[str] = (), zone: str = "UTC", pulses: str | None = None
+) -> Samples:
     """Read the numeric variables of a netCDF file, a row for each vector.
 
     Rate, unit and time of the first sample are taken from the attributes as in :func:`streams.readers.hdf5.read_hdf5`,
@@ -32,33 +38,41 @@ def read_netcdf(data: bytes, name: str, patterns: Sequence[str] = (), zone: str 
     """
     if not data:
         raise ReaderError("empty", f"{name}: the file has 0 bytes")
-    arrays = _classic(data, name) if data[:3] == b"CDF" else _netcdf4(data, name)
+    arrays, owned = _classic(data, name) if data[:3] == b"CDF" else _netcdf4(data, name)
     coordinates = {key for key, (_, facts) in arrays.items() if facts.get("class") == "DIMENSION_SCALE"}
     chosen: list[tuple[str, NDArray[np.floating], Facts]] = []
+    marks = [key for key in arrays if matches_pulses(pulses, key, key.rpartition("/")[0])]
     time = _time(arrays, name, zone)
     for key, (array, facts) in arrays.items():
         wanted = (
             any(fnmatchcase(key, p) for p in patterns) if patterns else key not in coordinates and key not in _TIMES
         )
-        if not wanted or array.dtype.kind not in "fiu" or array.size < 2:
+        if not wanted or key in marks or array.dtype.kind not in "fiu" or array.size < 2:
             continue
         facts = {**facts, STORED: _stored(array, facts)}
         rows = rows_of(_unpacked(array, facts), f"{name}: variable {key}")
         both = {**time, **facts} if rows.shape[1] == time.get("length") else facts
         chosen.append((key, rows, both))
     held = ", ".join(f"{key}{list(array.shape)}" for key, (array, _) in list(arrays.items())[:12]) or "no variable"
-    return join_arrays(chosen, name, zone, f"no vector matches {', '.join(patterns) or '*'}; it holds {held}")
+    samples = join_arrays(chosen, name, zone, f"no vector matches {', '.join(patterns) or '*'}; it holds {held}")
+    tacho = None if pulses is None else only_one(marks, pulses, name)
+    if tacho is None:
+        return samples
+    times, facts = arrays[tacho]
+    own = own_facts(owned.get(tacho, {}), facts)
+    return with_pulses(samples, _unpacked(times, own), own, zone, f"{name}: variable {tacho}")
 
 
-def _netcdf4(data: bytes, name: str) -> dict[str, tuple[NDArray[Any], Facts]]:
+def _netcdf4(data: bytes, name: str) -> _Variables:
     arrays: dict[str, tuple[NDArray[Any], Facts]] = {}
+    owned: dict[str, Facts] = {}
     budget = Budget(name, len(data))
     with open_hdf5(data, name) as file:
         for item in walk(file, name):
             if _is_variable(item):
-                arrays[item.path] = load(item, name, budget), item.facts
+                arrays[item.path], owned[item.path] = (load(item, name, budget), item.facts), item.own
                 budget.add_rows(1)
-    return arrays
+    return arrays, owned
 
 
 def _is_variable(item: Found) -> bool:
@@ -67,22 +81,24 @@ def _is_variable(item: Found) -> bool:
     return not named and item.dataset.dtype.kind in "fiu" and bool(item.dataset.shape)
 
 
-def _classic(data: bytes, name: str) -> dict[str, tuple[NDArray[Any], Facts]]:
+def _classic(data: bytes, name: str) -> _Variables:
     found: dict[str, tuple[NDArray[Any], Facts]] = {}
+    owned: dict[str, Facts] = {}
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             with scipy.io.netcdf_file(io.BytesIO(data), "r", mmap=False, maskandscale=False) as file:
                 shared = _facts(file._attributes)
                 for key, variable in file.variables.items():
-                    found[str(key)] = np.array(variable.data), {**shared, **_facts(variable._attributes)}
+                    owned[str(key)] = own = _facts(variable._attributes)
+                    found[str(key)] = np.array(variable.data), {**shared, **own}
     except MemoryError:
         raise
     except Exception as error:  # Any exception may come of corrupt input.
         raise ReaderError("unreadable", f"{name}: not a readable netCDF file ({type(error).__name__})") from error
     if not found and len(data) > 32:
         raise ReaderError("unreadable", f"{name}: holds no variable")
-    return found
+    return found, owned
 
 
 def _facts(values: dict[str, Any]) -> dict[str, object]:

@@ -43,8 +43,10 @@ _DATES = ("startdate", "date", "recordingdate", "acquisitiondate", "measurementd
 _CLOCKS = ("starttime", "time", "recordingtime", "acquisitiontime", "measurementtime", "testtime", "startzeit",
            "uhrzeit", "messzeit", "aufnahmezeit", "zeit", "messbeginn", "timeofday")  # fmt: skip
 _UNIT_KEYS = ("unit", "units", "unitstring", "niunitdescription", "engineeringunits", "einheit")
-KEYS = frozenset((*_RATES, *_STEPS, *_STARTS, *_MOMENTS, *_DATES, *_CLOCKS, *_UNIT_KEYS))
-"""Plain keys that may state rate, unit or start."""
+PULSE_KEYS = ("pulsesperrevolution", "pulsesperrev", "ppr", "impulseproumdrehung")
+"""Plain keys of the pulses of a whole turn."""
+KEYS = frozenset((*_RATES, *_STEPS, *_STARTS, *_MOMENTS, *_DATES, *_CLOCKS, *_UNIT_KEYS, *PULSE_KEYS))
+"""Plain keys that may state rate, unit, start or pulses a revolution."""
 _MULTIPLES = {
     "mg": ("g", 1e-3), "µg": ("g", 1e-6), "ug": ("g", 1e-6), "mv": ("V", 1e-3), "µv": ("V", 1e-6), "uv": ("V", 1e-6),
     "mm/s2": ("m/s2", 1e-3), "mm/s^2": ("m/s2", 1e-3), "mm/s²": ("m/s2", 1e-3), "um/s2": ("m/s2", 1e-6),

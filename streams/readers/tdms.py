@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from streams.limits import max_loaded_bytes
+from streams.readers.pulse_times import matches_pulses, only_one, with_pulses
 from streams.readers.stated import (
     Facts,
     check_lengths,
@@ -30,7 +31,9 @@ _LABVIEW_ZERO = -2082844800.0
 """Seconds from 1970 to 1904-01-01, the stamp of a waveform whose time was never set."""
 
 
-def read_tdms(data: bytes, name: str, patterns: Sequence[str] = (), zone: str = "UTC") -> Samples:
+def read_tdms(
+    data: bytes, name: str, patterns: Sequence[str] = (), zone: str = "UTC", pulses: str | None = None
+) -> Samples:
     """Read the numeric channels of a TDMS file, a row for each, scaled as it says.
 
     Rate (``wf_increment``), time of the first sample (``wf_start_time`` and ``wf_start_offset``) and unit
@@ -39,6 +42,7 @@ def read_tdms(data: bytes, name: str, patterns: Sequence[str] = (), zone: str = 
     Args:
         patterns: of the channels that are wanted, as ``CHANNEL`` or ``GROUP/CHANNEL``; none: all.
         zone: IANA name of the zone of stamps that name none.
+        pulses: pattern of the channel, or of the group of the one channel, of pulses; see :mod:`.pulse_times`.
 
     Raises:
         ReaderError: ``empty``; ``incomplete`` where a segment is shorter than declared; ``refused`` above
@@ -51,15 +55,20 @@ def read_tdms(data: bytes, name: str, patterns: Sequence[str] = (), zone: str = 
     tdms = _nptdms()
     try:
         with tdms.TdmsFile.open(io.BytesIO(data)) as file:
-            wanted = _wanted(file, name, patterns)
-            declared, allowed = sum(len(channel) * 8 for channel in wanted), max_loaded_bytes(len(data))
+            channels = [channel for group in file.groups() for channel in group.channels()]
+            check_rows(len(channels), name, "channels")
+            tacho = [channel for channel in channels if matches_pulses(pulses, *_titles(channel), channel.group_name)]
+            wanted = _wanted([channel for channel in channels if channel not in tacho], name, patterns)
+            declared = sum(len(channel) * 8 for channel in (*wanted, *tacho))
+            allowed = max_loaded_bytes(len(data))
             if declared > allowed:
                 raise ReaderError("refused", f"{name}: claims {declared} bytes when loaded, {allowed} are allowed")
             rows = [np.asarray(channel[:]) for channel in wanted]
-            properties = [{plain_key(str(k)): v for k, v in channel.properties.items()} for channel in wanted]
+            properties = [_properties(channel) for channel in wanted]
             lengths = [len(channel) for channel in wanted]
             types = [row.dtype for row in rows]
             titles = [(str(channel.group_name), str(channel.name)) for channel in wanted]
+            marks = [(_titles(channel)[1], np.asarray(channel[:]), _properties(channel)) for channel in tacho]
     except ReaderError:
         raise
     except Exception as error:  # Any exception may come of corrupt input.
@@ -71,7 +80,7 @@ def read_tdms(data: bytes, name: str, patterns: Sequence[str] = (), zone: str = 
     check_lengths(lengths, short, "channels", name)
     rates = (stated_rate(facts, f"{name}: {title}") for facts, title in zip(properties, short, strict=True))
     names = tuple(f"{group}/{title}" for group, title in titles)
-    return Samples(
+    samples = Samples(
         _stacked(rows),
         names=names,
         channels=tuple(short) if len(set(short)) == len(short) else names,
@@ -80,6 +89,21 @@ def read_tdms(data: bytes, name: str, patterns: Sequence[str] = (), zone: str = 
         units=tuple(known_unit(stated_unit(facts)) for facts in properties),
         stored=tuple(stored_as(dtype) for dtype in types),
     )
+    if pulses is None:
+        return samples
+    title, times, facts = only_one(marks, pulses, name) or (None, None, None)
+    if title is None or times is None or facts is None:
+        return samples
+    return with_pulses(samples, times, facts, zone, f"{name}: channel {title}", _start([facts], zone))
+
+
+def _titles(channel: Any) -> tuple[str, str]:
+    """Return the names by which a channel is found: its own, and that of its group before it."""
+    return str(channel.name), f"{channel.group_name}/{channel.name}"
+
+
+def _properties(channel: Any) -> dict[str, Any]:
+    return {plain_key(str(key)): value for key, value in channel.properties.items()}
 
 
 def _nptdms() -> Any:
@@ -114,17 +138,12 @@ def _check_segments(data: bytes, name: str) -> None:
         position = end
 
 
-def _wanted(file: Any, name: str, patterns: Sequence[str]) -> list[Any]:
-    channels = [channel for group in file.groups() for channel in group.channels()]
-    check_rows(len(channels), name, "channels")
-    numeric = [c for c in channels if c.dtype is not None and np.dtype(c.dtype).kind in "fiu" and len(c)]
+def _wanted(channels: Sequence[Any], name: str, patterns: Sequence[str]) -> list[Any]:
+    numeric = [c for c in channels if c.dtype is not None and np.dtype(c.dtype).kind in "fiub" and len(c)]
     found = [
         channel
         for channel in numeric
-        if not patterns
-        or any(
-            fnmatchcase(title, p) for p in patterns for title in (channel.name, f"{channel.group_name}/{channel.name}")
-        )
+        if not patterns or any(fnmatchcase(title, p) for p in patterns for title in _titles(channel))
     ]
     if not found:
         held = ", ".join(f"{c.group_name}/{c.name}"[:60] for c in channels[:12]) or "no channel"

@@ -173,7 +173,7 @@ def _check_width(
 
 
 @dataclass
-class _Head:
+class Head:
     """What stands above the numbers."""
 
     facts: dict[str, object] = field(default_factory=dict)
@@ -197,10 +197,10 @@ def read_layout(data: bytes, name: str, zone: str = "UTC") -> Samples:
     """
     text = clean_text(data, name)
     stamped = split_stamps(text, name, zone)
-    body, skipped = _numbers(text, name) if stamped is None else (stamped.body, stamped.head)
+    body, skipped = cut_head(text, name) if stamped is None else (stamped.body, stamped.head)
     # The text is not held while its numbers are parsed.
     del text
-    head = _head(skipped)
+    head = head_of(skipped)
     if stamped is not None:
         return _with_times(_read_rows(body, head, name, zone, stamped.columns), stamped, name)
     return _read_rows(body, head, name, zone)
@@ -221,7 +221,7 @@ def _with_times(samples: Samples, stamped: StampedRows, name: str) -> Samples:
     )
 
 
-def _read_rows(body: bytes, head: _Head, name: str, zone: str, removed: int = 0) -> Samples:
+def _read_rows(body: bytes, head: Head, name: str, zone: str, removed: int = 0) -> Samples:
     """Read the numbers below a head, of whose names the first ones are ``removed`` columns."""
     try:
         samples = read_text(body, name, header=False, as_row=head.names is None or len(head.names) == 1)
@@ -231,7 +231,7 @@ def _read_rows(body: bytes, head: _Head, name: str, zone: str, removed: int = 0)
     if removed:
         samples = Samples(samples.values, columns=tuple(column + removed for column in samples.columns))
     if head.title and head.names is not None and len(head.names) != width + removed:
-        head.names = _titles_with_blanks(head.title, width + removed) or head.names
+        head.names = titles_with_blanks(head.title, width + removed) or head.names
     if head.names is not None and len(head.names) > removed:
         head.names = head.names[removed:]
         head.units = None if head.units is None else head.units[removed:]
@@ -244,7 +244,7 @@ def _read_rows(body: bytes, head: _Head, name: str, zone: str, removed: int = 0)
     return _described(samples, head, name, zone)
 
 
-def _numbers(body: bytes, name: str) -> tuple[bytes, list[str]]:
+def cut_head(body: bytes, name: str) -> tuple[bytes, list[str]]:
     """Cut the text before its first line of numbers."""
     skipped: list[str] = []
     begin = 0
@@ -275,8 +275,9 @@ def _fields(line: str) -> list[str]:
     return [part.strip().strip('"') for part in line.split(separator)]
 
 
-def _head(lines: list[str]) -> _Head:
-    head = _Head(lines=len(lines))
+def head_of(lines: list[str]) -> Head:
+    """Return what the lines above the numbers state."""
+    head = Head(lines=len(lines))
     kept = [line for line in lines if line.strip()]
     titles = [line for line in kept[-2:] if not line.startswith(("#", "%", "***"))]
     if len(titles) == 2 and _are_units(_fields(titles[1])) and len(_fields(titles[0])) == len(_fields(titles[1])):
@@ -295,7 +296,7 @@ def _head(lines: list[str]) -> _Head:
     return head
 
 
-def _titles_with_blanks(line: str, width: int) -> tuple[str, ...] | None:
+def titles_with_blanks(line: str, width: int) -> tuple[str, ...] | None:
     """Return names that hold blanks, such as ``acc [g]``, of a line without separators; None where they do not fit."""
     if width == 1:
         return None if any(separator in line for separator in ";\t,") else (line.strip().strip('"'),)
@@ -320,7 +321,7 @@ def _is_fact(line: str) -> bool:
     return ":" in line or "=" in line or dated or is_number(value.split(" ")[0])
 
 
-def _described(samples: Samples, head: _Head, name: str, zone: str) -> Samples:
+def _described(samples: Samples, head: Head, name: str, zone: str) -> Samples:
     """Add what the head states; a column of times gives the rate and is removed."""
     titles, names, units = _names_and_units(samples, head)
     times = [i for i, title in enumerate(names) if plain_key(title) in _TIMES] if head.names is not None else []
@@ -343,7 +344,7 @@ def _described(samples: Samples, head: _Head, name: str, zone: str) -> Samples:
     return replace(samples, rate=rate, start=start, stamp=stamp)
 
 
-def _names_and_units(samples: Samples, head: _Head) -> tuple[tuple[str, ...], tuple[str, ...], tuple[str | None, ...]]:
+def _names_and_units(samples: Samples, head: Head) -> tuple[tuple[str, ...], tuple[str, ...], tuple[str | None, ...]]:
     """Return titles, names and units of the columns; a title is its name, or names the unit behind it."""
     if head.names is None:
         return samples.names, samples.names, (None,) * len(samples.names)

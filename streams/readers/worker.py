@@ -32,7 +32,10 @@ _LIBRARIES = {
     "streams.readers.tdms": ("nptdms",),
     "streams.readers.uff": ("pyuff",),
 }
-_FIELDS = ("channels", "names", "columns", "units", "rate", "start", "speed", "load", "scaled", "stamp", "stored")
+_FIELDS = (
+    *("channels", "names", "columns", "units", "rate", "start", "speed", "load", "scaled", "stamp", "stored"),
+    *("pulse_epoch", "pulses_per_revolution"),
+)
 
 
 def main() -> None:
@@ -94,24 +97,34 @@ def _written(found: Samples, output_fd: int) -> dict[str, Any]:
     if values.dtype.kind != "f" or values.dtype.itemsize not in (4, 8):
         raise TypeError(f"a reader gave {values.dtype}")
     array = np.ascontiguousarray(values, dtype=values.dtype.newbyteorder("="))
-    write_all(output_fd, array.reshape(-1).data)
+    parts = [array.reshape(-1).data]
     fields = {field: getattr(found, field) for field in _FIELDS}
-    return {"shape": array.shape, "itemsize": array.dtype.itemsize, "stated": fields}
+    answer: dict[str, Any] = {"shape": array.shape, "itemsize": array.dtype.itemsize, "stated": fields}
+    if found.pulses is not None:
+        times = np.ascontiguousarray(found.pulses.times, dtype=np.float64)
+        parts.append(times.data)
+        answer["pulses"] = (times.size, found.pulses.per_revolution)
+    write_all(output_fd, *parts)
+    return answer
 
 
-def write_all(handle: int, data: bytes | memoryview) -> None:
-    """Make ``data`` the content of an open file; OSError where there is no room."""
-    view, place = memoryview(data).cast("B"), 0
-    while place < len(view):
-        place += write_at(handle, view[place:], place)
-    os.ftruncate(handle, len(view))
+def write_all(handle: int, *parts: bytes | memoryview) -> None:
+    """Make parts, one after the other, the content of an open file; OSError where there is no room."""
+    end = 0
+    for part in parts:
+        # An empty array cannot be cast.
+        view, done = memoryview(part).cast("B") if len(part) else memoryview(b""), 0
+        while done < len(view):
+            done += write_at(handle, view[done:], end + done)
+        end += len(view)
+    os.ftruncate(handle, end)
 
 
-def read_all(handle: int, size: int) -> bytes:
-    """Return the first ``size`` bytes of an open file; EOFError where it is shorter."""
-    data = read_at(handle, size, 0)
+def read_all(handle: int, size: int, begin: int = 0) -> bytes:
+    """Return ``size`` bytes of an open file, by default the first; EOFError where it is shorter."""
+    data = read_at(handle, size, begin)
     while len(data) < size:
-        more = read_at(handle, size - len(data), len(data))
+        more = read_at(handle, size - len(data), begin + len(data))
         if not more:
             raise EOFError(f"{len(data)} bytes instead of {size}")
         data += more

@@ -1,0 +1,66 @@
+"""Text files of pulses beside the files of a recording: which belongs to which."""
+
+from __future__ import annotations
+
+import os
+import re
+from dataclasses import replace
+from pathlib import Path
+from zoneinfo import ZoneInfo
+
+from streams.datasets import DataSet, FileFacts
+from streams.files import read_guarded, unpacked_name
+from streams.readers.child import isolated
+from streams.readers.pulse_text import pulse_column
+from streams.samples import ReaderError, Samples
+from streams.spec import FILE_WORDS, SourceSpec
+
+
+def is_beside(pattern: str | None) -> bool:
+    """Return whether a pattern of pulses is that of files beside the recording."""
+    return pattern is not None and any(word in pattern for word in FILE_WORDS)
+
+
+def pulse_file_of(pattern: str | None, path: str) -> str | None:
+    """Return the path of the file of pulses that belongs to a file of the recording; None: pulses are no files."""
+    if pattern is None or not is_beside(pattern):
+        return None
+    folder, slash, name = path.rpartition("/")
+    stem, dot, _ = unpacked_name(name).rpartition(".")
+    return folder + slash + pattern.replace("{stem}", stem if dot else name).replace("{name}", name)
+
+
+def is_pulse_file(pattern: str | None, path: str) -> bool:
+    """Return whether a file is one of pulses by its name."""
+    if pattern is None or not is_beside(pattern):
+        return False
+    parts = re.split(r"\{(?:stem|name)\}", pattern)
+    return re.fullmatch(".+".join(map(re.escape, parts)), path.rpartition("/")[2]) is not None
+
+
+def with_pulse_files(data_set: DataSet, spec: SourceSpec, root: Path) -> DataSet:
+    """Return the data set with a reader that adds the pulses of the file beside, and without these files.
+
+    A recording without such a file has no pulses.
+    """
+
+    def facts(path: str, place: str, zone: ZoneInfo) -> FileFacts | None:
+        return None if is_pulse_file(spec.pulses, path) else data_set.facts(path, place, zone)
+
+    def read(data: bytes, path: str) -> Samples:
+        samples = data_set.read(data, path)
+        beside = pulse_file_of(spec.pulses, path)
+        if beside is None or not os.path.lexists(f"{root}/{beside}"):
+            return samples
+        try:
+            found = isolated(pulse_column, spec.timezone)(read_guarded(root, beside), beside)
+        except ReaderError as error:
+            raise ReaderError(error.status, f"{path}: {error}") from error
+        if found.pulses is None:
+            return samples
+        epoch, pulses = found.pulse_epoch, found.pulses
+        if epoch is not None and samples.start is not None:
+            pulses, epoch = pulses.shifted(epoch - samples.start), None
+        return replace(samples, pulses=pulses, pulse_epoch=epoch)
+
+    return replace(data_set, facts=facts, read=read)
