@@ -187,7 +187,9 @@ class OperatingSection(Section):
 
     def channel_specs(self) -> tuple[ChannelSpec, ...]:
         """Return the channels of speed, load and pulses that the source must give besides those of vibration."""
-        return tuple(ChannelSpec(str(column), column=column, unit="unknown") for column in self._columns.values())
+        return tuple(
+            ChannelSpec(str(column), column=column, unit="unknown", any_unit=True) for column in self._columns.values()
+        )
 
 
 class RetentionSection(Section):
