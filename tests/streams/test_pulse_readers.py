@@ -21,7 +21,7 @@ from streams.readers.pulse_text import pulse_column
 from streams.readers.tdms import read_tdms
 from streams.samples import ReaderError
 from streams.spec import ChannelSpec, SourceError, SourceSpec
-from tests.streams.format_makers import RATE, START, csv_bytes, hdf5_bytes, mat73_bytes, signal
+from tests.streams.format_makers import RATE, START, csv_bytes, hdf5_bytes, mat73_bytes, signal, sound_bytes
 
 LENGTH = 1000
 TIMES = np.array([0.001, 0.01, 0.0195, 0.030001, 0.039])
@@ -251,3 +251,65 @@ def test_texts_that_are_refused(text: str, words: str) -> None:
     with pytest.raises(ReaderError, match=words) as caught:
         pulse_column(text.encode(), "x")
     assert "x" in str(caught.value)
+
+
+def tacho_files() -> dict[str, bytes]:
+    """A vibration in g and a tacho that is on and off, or int16 counts, as every format may hold them."""
+    on = np.arange(LENGTH) % 100 < 10
+    made = io.BytesIO()
+    wave = {"wf_increment": 1.0 / RATE}
+    with TdmsWriter(made) as writer:
+        writer.write_segment(
+            [
+                ChannelObject("run", "acc_1", ACC[0], properties={**wave, "unit_string": "g"}),
+                ChannelObject("run", "tacho", on, properties=wave),
+                ChannelObject("run", "volts", (on * 5000).astype(np.int16), properties={**wave, "unit_string": "mV"}),
+            ]
+        )
+    stream = io.BytesIO(hdf5_bytes(ACC))
+    with h5py.File(stream, "a") as file:
+        file.create_dataset("run/tacho", data=on)
+        file.create_dataset("run/volts", data=(on * 5000).astype(np.int16)).attrs["unit"] = "mV"
+    matlab = io.BytesIO()
+    rows = {"acc_1": ACC[0], "tacho": on, "volts": (on * 5000).astype(np.int16), "fs": RATE}
+    scipy.io.savemat(matlab, rows)
+    return {"x.tdms": made.getvalue(), "x.h5": stream.getvalue(), "x.mat": matlab.getvalue()}
+
+
+TACHO_FILES = tacho_files()
+
+
+@pytest.mark.parametrize("name", TACHO_FILES)
+def test_rows_of_a_tacho_pass_as_they_are_stored(name: str, tmp_path: Path) -> None:
+    (tmp_path / name).write_bytes(TACHO_FILES[name])
+    others = (ChannelSpec(row, column=row, unit="unknown", any_unit=True) for row in ("tacho", "volts"))
+    spec = SourceSpec(
+        "s", str(tmp_path / name), block_s="file", channels=(ChannelSpec("acc_1", column="acc_1", unit="g"), *others)
+    )
+    block = next(iter(open_source(spec)))
+    assert isinstance(block, Block), block
+    assert block.units == ("g", "unknown", "unknown")
+    on = np.arange(LENGTH) % 100 < 10
+    np.testing.assert_array_equal(block.samples, [ACC[0], on, on * 5000.0])
+
+
+def test_a_wav_of_two_channels_may_hold_a_tacho(tmp_path: Path) -> None:
+    on = np.arange(LENGTH) % 100 < 10
+    (tmp_path / "x.wav").write_bytes(sound_bytes(np.vstack([ACC, on * 0.5])))
+    channels = (
+        ChannelSpec("acc", column=1, unit="g", scale=1.0),
+        ChannelSpec("2", column=2, unit="unknown", any_unit=True),
+    )
+    block = next(iter(open_source(SourceSpec("s", str(tmp_path / "x.wav"), block_s="file", channels=channels))))
+    assert isinstance(block, Block), block
+    np.testing.assert_array_equal(block.samples[1], on * 0.5)
+
+
+def test_rows_that_are_on_and_off_are_no_vibration(tmp_path: Path) -> None:
+    stream = io.BytesIO(hdf5_bytes(ACC))
+    with h5py.File(stream, "a") as file:
+        file.create_dataset("run/tacho", data=np.arange(LENGTH) % 100 < 10)
+    (tmp_path / "x.h5").write_bytes(stream.getvalue())
+    block = next(iter(open_source(SourceSpec("s", str(tmp_path / "x.h5"), block_s="file"))))
+    assert isinstance(block, Block), block
+    assert block.channels == ("acc_1",)
