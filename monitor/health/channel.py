@@ -215,7 +215,9 @@ def run_clock(state: ChannelState, block: ChannelBlock) -> ChannelState:
 
 def _vote(state: ChannelState, block: ChannelBlock, asked: FeatureSettings) -> ChannelState:
     """Count the vote of one of the first blocks for a band; fix the band once there are enough votes."""
-    votes = (state.votes or BandVotes()).add(block.samples, block.rate, asked.fundamentals, asked.interference)
+    votes = (state.votes or BandVotes()).add(
+        block.samples, block.rate, asked.fundamentals, asked.interference, asked.rotation
+    )
     if votes.enough:
         return replace(state, votes=None, bands=(votes.best(),), band_source="learning", spectra=RecentSpectra())
     return replace(state, votes=votes)

@@ -3,7 +3,8 @@
 The channels of a source are analysed together. A comb is a neighbour's where it stands at a family of that neighbour's
 bearing, on a channel that listens to it, above the baseline of that family, and with at least twice the power
 (:mod:`monitor.health.spectrum.foreign`). The other channels then seek their families beside it, for onset and name
-alike. So a comb is never discarded: it counts on the channel that shows it best.
+alike. So a comb is never discarded: it counts on the channel that shows it best. Spectra by the angles of different
+shafts have no common axis: of those nothing is compared.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ from monitor.health import detect
 from monitor.health.channel import PART_LINES, Analysed, ChannelBlock, detect_input, is_for_detector
 from monitor.health.spectrum.features import features_beside
 from monitor.health.spectrum.foreign import ForeignComb
+from monitor.health.spectrum.orders import same_axis
 from monitor.health.state import ChannelSettings, ChannelState
 
 
@@ -43,7 +45,7 @@ def beside_neighbours(
         foreign = [
             comb
             for other, combs in sent.items()
-            if views[other].settings.listens_to != own.listens_to
+            if views[other].settings.listens_to != own.listens_to and _comparable(said, analysed[other])
             for comb in combs
         ]
         if foreign:
@@ -82,6 +84,13 @@ def _beside(view: ChannelView, said: Analysed, foreign: list[ForeignComb]) -> An
         said,
         features=features_beside(view.block.samples, features, combs, said.settings, absolute=view.settings.absolute),
     )
+
+
+def _comparable(said: Analysed, other: Analysed | None) -> bool:
+    """Return whether the spectra of two channels have one axis: over time, or by the same angle."""
+    if other is None or said.features.domain != other.features.domain:
+        return False
+    return said.features.domain == "hertz" or same_axis(said.settings.rotation, other.settings.rotation)
 
 
 def _level(view: ChannelView, mean: float) -> float | None:

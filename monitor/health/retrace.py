@@ -151,10 +151,9 @@ def _channel(
         bands = _bands(values)
         state = replace(state, bands=bands, band_source=band_source, votes=None, spectra=RecentSpectra())
     state = run_clock(state, block)
-    if verdict.for_baseline and settings.average_blocks > 1:
+    if verdict.for_baseline and averaged == settings.average_blocks > 1:
         # The spectrum of this block is lost; the oldest leaves the mean when it would have.
-        rows = state.spectra.rows
-        state = replace(state, spectra=RecentSpectra(rows[1:] if averaged == settings.average_blocks else rows))
+        state = replace(state, spectra=state.spectra.without_oldest())
     given = DetectInput(
         sequence=record.sequence,
         time=block.time,

@@ -297,7 +297,8 @@ def _spectra(
             end=found is not None and found.end,
         )
         if kind != "newest":
-            combs = all_combs(channel.interference, row.speed)
+            # Over time the lines of a shaft of varying speed are no lines.
+            combs = all_combs(channel.interference, row.speed if row.domain == "hertz" else None)
             samples = block.samples[block.channels.index(name)]
             row = replace(row, kurtogram=kurtogram(samples, block.rate, combs))
         began = states[name].detect.t_fs if onset else None

@@ -20,9 +20,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from monitor.health.rotation.rotation import Rotation
 from monitor.health.spectrum.floor import MIN_FLOOR_BINS, noise_floor
 from monitor.health.spectrum.indicators import sample_range
-from monitor.health.spectrum.interference import Comb, remove_lines
+from monitor.health.spectrum.interference import Comb, fixed_combs, remove_lines
+from monitor.health.spectrum.orders import Warp, order_amplitude, warp_of
 from monitor.health.spectrum.plans import envelope_length
 from monitor.health.spectrum.transform import Band, band_bins, fast_length
 
@@ -62,6 +64,7 @@ def find_band(
     rate: float,
     fundamentals: Mapping[str, float],
     interference: Sequence[Comb] = (),
+    rotations: Sequence[Rotation | None] = (),
 ) -> Band:
     """Return the band to demodulate, chosen on these blocks alone.
 
@@ -69,18 +72,23 @@ def find_band(
         blocks: each (n_samples,) of the same length.
         rate: sampling rate, Hz.
         fundamentals: first line of each fault family, Hz.
-        interference: combs that are removed before.
+        interference: combs that are removed before; with a rotation, those that do not follow the shaft.
+        rotations: angle of the shaft over each block, by which its envelopes are judged; () where none is known. Their
+            mean speeds must be that of the fundamentals.
 
     Raises:
         ValueError: as ``rank_bands``.
     """
-    ranked = _ranked(blocks, rate, fundamentals, interference, complete=False)
+    ranked = _ranked(blocks, rate, fundamentals, interference, rotations, complete=False)
     best = max(ranked, key=lambda candidate: candidate.score)
     return best.band if best.score > 0.0 and best.kurtosis >= _MIN_KURTOSIS else ranked[0].band
 
 
 def rank_bands(
-    blocks: Sequence[NDArray[np.number]], rate: float, fundamentals: Mapping[str, float]
+    blocks: Sequence[NDArray[np.number]],
+    rate: float,
+    fundamentals: Mapping[str, float],
+    rotations: Sequence[Rotation | None] = (),
 ) -> tuple[BandScore, ...]:
     """Return all candidate bands with their scores, the widest first.
 
@@ -88,12 +96,13 @@ def rank_bands(
         blocks: each (n_samples,) of the same length; at most some two million samples are used, evenly spread.
         rate: sampling rate, Hz.
         fundamentals: first line of each fault family, Hz.
+        rotations: as for ``find_band``.
 
     Raises:
         ValueError: no block, different lengths, a sample that is not finite, or a rate too low to demodulate five
             harmonics of the highest fundamental.
     """
-    return _ranked(blocks, rate, fundamentals, (), complete=True)
+    return _ranked(blocks, rate, fundamentals, (), rotations, complete=True)
 
 
 def _ranked(
@@ -101,6 +110,7 @@ def _ranked(
     rate: float,
     fundamentals: Mapping[str, float],
     interference: Sequence[Comb],
+    rotations: Sequence[Rotation | None],
     *,
     complete: bool,
 ) -> tuple[BandScore, ...]:
@@ -112,14 +122,17 @@ def _ranked(
     n_used = fast_length(blocks[0].size)
     stride = max(1, math.ceil(len(blocks) * n_used / _MAX_SAMPLES))
     # An odd stride does not alias with alternating machine states.
-    chosen = blocks[:: stride + 1 - stride % 2] if stride > 1 else blocks
+    every = stride + 1 - stride % 2 if stride > 1 else 1
+    chosen = blocks[::every]
+    given = (rotations or [None] * len(blocks))[::every]
+    warps = [None if rotation is None else warp_of(rotation, n_used / rate) for rotation in given]
     spectra = [_spectrum(block[:n_used]) for block in chosen]
-    if interference:
-        for spectrum in spectra:
-            remove_lines(spectrum, rate / n_used, interference, 0.0, 0.5 * rate)
+    for spectrum, warp in zip(spectra, warps, strict=True):
+        combs = interference if warp is None else fixed_combs(interference)
+        remove_lines(spectrum, rate / n_used, combs, 0.0, 0.5 * rate)
     races = [fundamentals[fault] for fault in fundamentals if fault != "cage"]
     return tuple(
-        _score(spectra, n_used, rate, band, (0.8 * min(races), (_LINES + 0.1) * max(races)), complete)
+        _score(spectra, warps, n_used, rate, band, (0.8 * min(races), (_LINES + 0.1) * max(races)), complete)
         for band in candidate_bands(rate, max(races))
     )
 
@@ -161,6 +174,7 @@ def _spectrum(x: NDArray[np.number]) -> NDArray[np.complexfloating]:
 
 def _score(
     spectra: Sequence[NDArray[np.complexfloating]],
+    warps: Sequence[Warp | None],
     n_used: int,
     rate: float,
     band: Band,
@@ -177,9 +191,9 @@ def _score(
     low = max(2, round(lines[0] / resolution))
     high = min(math.ceil(lines[1] / resolution), last - first, length // 2)
     n_segments = max(1, int(n_used / rate / max(_MIN_SEGMENT_S, 16.0 / lines[0])))
-    envelopes: list[NDArray[np.float32]] = []
+    envelopes: list[tuple[NDArray[np.float32], Warp | None]] = []
     kurtoses: list[float] = []
-    for spectrum in spectra:
+    for spectrum, warp in zip(spectra, warps, strict=True):
         analytic = np.fft.ifft(spectrum[first : last + 1], length, norm="forward")
         envelope = np.abs(analytic)
         mean = float(envelope.mean())
@@ -188,7 +202,7 @@ def _score(
         envelope /= np.float32(mean)
         square = np.square(envelope[: length - length % n_segments]).reshape(n_segments, -1)
         kurtoses.extend(np.mean(np.square(square), axis=1) / np.mean(square, axis=1) ** 2 - 2.0)
-        envelopes.append(envelope)
+        envelopes.append((envelope, warp))
     if not envelopes or high - low < 8:
         return BandScore(band, 0.0, 0.0, 0.0, 0.0)
     kurtosis = float(np.median(kurtoses))
@@ -196,8 +210,13 @@ def _score(
         return BandScore(band, math.nan, math.nan, kurtosis, 0.0)
     hann = (0.5 - 0.5 * np.cos(2.0 * np.pi * np.arange(length) / length)).astype(np.float32)
     powers: list[NDArray[np.float32]] = []
-    for envelope in envelopes:
-        amplitude = np.abs(np.fft.rfft((envelope - np.float32(1.0)) * hann)[low:high]) * (4.0 / length)
+    for envelope, warp in envelopes:
+        envelope -= np.float32(1.0)
+        if warp is None:
+            amplitude = np.abs(np.fft.rfft(envelope * hann)[low:high]) * (4.0 / length)
+        else:
+            bins = np.fft.rfft(envelope)[: (length + 1) // 2]
+            amplitude = order_amplitude(bins, length, warp, high * warp.resolution)[0][low:high]
         powers.append(np.square(amplitude))
     power = np.median(powers, axis=0).astype(np.float64) if len(powers) > 2 else np.mean(powers, axis=0)
     floor = noise_floor(np.sqrt(power), MIN_FLOOR_BINS)
@@ -235,9 +254,10 @@ class BandVotes:
         rate: float,
         fundamentals: Mapping[str, float],
         interference: Sequence[Comb] = (),
+        rotation: Rotation | None = None,
     ) -> BandVotes:
         """Return the votes with the choice of one more block."""
-        choice = find_band([samples], rate, fundamentals, interference)
+        choice = find_band([samples], rate, fundamentals, interference, [rotation])
         counts = dict(self.counts)
         counts[choice] = counts.get(choice, 0) + 1
         return BandVotes(tuple(counts.items()))

@@ -22,13 +22,7 @@ from monitor.health.spectrum.family import FaultLines
 from monitor.health.spectrum.floor import MIN_FLOOR_BINS
 from monitor.health.spectrum.foreign import ForeignComb, beside_combs
 from monitor.health.spectrum.indicators import TimeIndicators, sample_range, time_indicators
-from monitor.health.spectrum.lines import (
-    FALSE_ALARM,
-    CombQuery,
-    fault_lines,
-    find_lines,
-    line_amplitudes,
-)
+from monitor.health.spectrum.lines import FALSE_ALARM, CombQuery, fault_lines, find_lines, line_amplitudes
 from monitor.health.spectrum.settings import (
     FAULTS,
     N_HARMONICS,
@@ -194,7 +188,8 @@ def block_features(
         settings = replace(settings, rotation=None, speed_sd=None)
     relative = tuple(_relative(envelope, settings) for envelope in spectra.envelopes)
     averages = settings.average_blocks > 1
-    recent = (recent or RecentSpectra()).add(relative, settings.average_blocks) if averages else RecentSpectra()
+    step = None if spectra.warp is None else spectra.warp.resolution / spectra.warp.mean_speed
+    recent = (recent or RecentSpectra()).add(relative, settings.average_blocks, step) if averages else RecentSpectra()
     sought = tuple(
         line_spectrum(amplitude, envelope.resolution, speed=settings.speed, n_averages=max(1, recent.count))
         for amplitude, envelope in zip(

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -67,9 +67,10 @@ class Interference:
         """Return the combs at a shaft speed, Hz; without one, those of the fixed lines, without sidebands."""
         sidebands = 0 if speed is None else self.sidebands
         spacing = 0.0 if speed is None else self.spacing * speed
-        of_shaft = () if speed is None else tuple(order * speed for order in self.orders)
+        lines = [] if speed is None else [(order * speed, True) for order in self.orders]
+        lines += [(line, False) for line in self.lines]
         return tuple(
-            Comb(line, self.harmonics, sidebands, spacing, self.tolerance) for line in (*of_shaft, *self.lines)
+            Comb(line, self.harmonics, sidebands, spacing, self.tolerance, of_shaft) for line, of_shaft in lines
         )
 
 
@@ -83,6 +84,7 @@ class Comb:
         sidebands: how many on each side of each harmonic.
         spacing: of the sidebands, Hz.
         tolerance: share by which the fundamental is uncertain.
+        of_shaft: whether the fundamental is a multiple of the shaft speed.
     """
 
     fundamental: float
@@ -90,6 +92,7 @@ class Comb:
     sidebands: int
     spacing: float
     tolerance: float
+    of_shaft: bool = False
 
     def centres(self, low: float, high: float) -> NDArray[np.float64]:
         """Return the harmonics from ``low`` to ``high``, Hz."""
@@ -103,6 +106,11 @@ class Comb:
 def all_combs(settings: Iterable[Interference], speed: float | None) -> tuple[Comb, ...]:
     """Return the combs of several settings at a shaft speed, Hz, or None where it is not known."""
     return tuple(comb for one in settings for comb in one.combs(speed))
+
+
+def fixed_combs(combs: Iterable[Comb]) -> tuple[Comb, ...]:
+    """Return the combs whose lines do not follow the shaft, without their sidebands, which do."""
+    return tuple(replace(comb, sidebands=0) for comb in combs if not comb.of_shaft)
 
 
 def remove_lines(

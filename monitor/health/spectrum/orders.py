@@ -39,6 +39,7 @@ _MARGIN, _MARGIN_BINS = 1.02, 32
 """What is kept above the highest frequency that is needed: a line of varying frequency reaches beyond it."""
 _MIN_NODES, _MAX_NODES, _NODES_PER_SECOND, _NODES_PER_KNOT = 1024, 65_536, 200.0, 2.0
 _CHUNK = 8192
+_COMPARED, _SAME_TURNS = 129, 1e-3
 _KEPT_PLANS, _KEPT_WARPS = 24, 8
 
 
@@ -110,6 +111,15 @@ def warp_of(rotation: Rotation, duration: float) -> Warp | None:
     return Warp(duration, mean, mean / turned, slowest, fastest, times, (turned / nodes) / speeds)
 
 
+def same_axis(one: Rotation | None, other: Rotation | None) -> bool:
+    """Return whether spectra by two rotations, or over time by None, can be compared bin for bin."""
+    if one is None or other is None or one is other:
+        return one is other
+    time = np.linspace(0.0, one.duration, _COMPARED)
+    turned = [(rotation.turns_at(time) - rotation.turns_at(0.0)) / rotation.mean_speed for rotation in (one, other)]
+    return float(np.abs(turned[0] - turned[1]).max()) * max(one.mean_speed, other.mean_speed) < _SAME_TURNS
+
+
 def order_amplitude(
     bins: NDArray[np.complexfloating], n_samples: int, warp: Warp, limit: float, *, effort: Effort = "estimate"
 ) -> tuple[NDArray[np.floating], float]:
@@ -126,9 +136,15 @@ def order_amplitude(
         Single-sided amplitudes at multiples of ``warp.resolution`` up to the limit, or as far as there is signal; a
         line on a bin reads its amplitude.
     """
+    return angle_amplitude(order_samples(bins, n_samples, warp, limit, effort=effort), warp, limit, effort=effort)
+
+
+def angle_amplitude(
+    samples: NDArray[np.floating], warp: Warp, limit: float, *, effort: Effort = "estimate"
+) -> tuple[NDArray[np.floating], float]:
+    """Return what ``order_amplitude`` does of a signal that is at equal steps of angle already."""
     count = math.floor(limit / warp.resolution + 1e-9) + 1
-    samples = order_samples(bins, n_samples, warp, limit, effort=effort)
-    precision: Precision = "float32" if samples.dtype == np.float32 else "float64"
+    precision = _precision(samples)
     mean = float(samples.mean())
     plan = _plan("real", samples.size, precision, effort)
     np.subtract(samples, samples.dtype.type(mean), out=plan.input)
@@ -147,19 +163,32 @@ def order_samples(
     kept = min(bins.size, math.ceil(limit * warp.fastest / warp.mean_speed * warp.duration * _MARGIN) + _MARGIN_BINS)
     highest = kept / warp.duration * warp.mean_speed / warp.slowest
     points = warp.n_points(max(SAMPLING_RATIO * limit, limit + highest) / warp.resolution)
-    precision: Precision = "float32" if bins.dtype == np.complex64 else "float64"
-    length = _grid_length(kept)
-    plan = _plan("synthesis", length, precision, effort)
-    np.multiply(bins[:kept], _correction(length, precision)[:kept], out=plan.input[:kept])
-    plan.input[:kept] *= bins.real.dtype.type(1.0 / n_samples)
+    corrected, length = grid_bins(bins[:kept])
+    plan = _plan("synthesis", length, _precision(bins.real), effort)
+    np.multiply(corrected, bins.real.dtype.type(1.0 / n_samples), out=plan.input[:kept])
     plan.input[kept:] = 0
     plan.execute()
-    grid = np.concatenate((plan.output[-_HALF_TAPS:], plan.output, plan.output[: _HALF_TAPS + 1]))
-    return _interpolate(grid, warp.points(points, length / warp.duration)).T.ravel()
+    return between(plan.output, warp.points(points, length / warp.duration)).T.ravel()
 
 
-def _interpolate(grid: NDArray[np.floating], places: NDArray[np.float64]) -> NDArray[np.floating]:
-    """Return a signal at places between the samples of a grid, which begins ``_HALF_TAPS`` samples before place 0."""
+def grid_bins(bins: NDArray[np.complexfloating]) -> tuple[NDArray[np.complexfloating], int]:
+    """Return bins as ``between`` needs them, and the length of their inverse transform."""
+    length = _grid_length(bins.size)
+    return bins * _correction(length, _precision(bins.real))[: bins.size], length
+
+
+def _precision(samples: NDArray[np.floating]) -> Precision:
+    return "float32" if samples.dtype == np.float32 else "float64"
+
+
+def between(period: NDArray[np.floating], places: NDArray[np.float64]) -> NDArray[np.floating]:
+    """Return a periodic signal at places between its samples.
+
+    Args:
+        period: (sample,) the inverse transform of what ``grid_bins`` gave.
+        places: (row, place) from 0 to the length of the period, in samples.
+    """
+    grid = np.concatenate((period[-_HALF_TAPS:], period, period[: _HALF_TAPS + 1]))
     kernel = _kernel()
     found = np.empty(places.shape, dtype=grid.dtype)
     rows = max(1, _CHUNK // places.shape[1])

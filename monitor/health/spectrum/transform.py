@@ -15,20 +15,22 @@ import math
 import threading
 from collections import OrderedDict
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from monitor.health.rotation.rotation import Rotation
-from monitor.health.spectrum.block_view import RawSpectra, raw_spectra
+from monitor.health.spectrum.block_view import raw_spectra
 from monitor.health.spectrum.indicators import MIN_RANGE, sample_range
-from monitor.health.spectrum.interference import Comb, remove_lines
-from monitor.health.spectrum.orders import Warp, order_amplitude, warp_of
+from monitor.health.spectrum.interference import Comb, fixed_combs, remove_lines
+from monitor.health.spectrum.order_lines import envelope_beside
+from monitor.health.spectrum.orders import Warp, angle_amplitude, order_amplitude, warp_of
 from monitor.health.spectrum.plans import Effort, FftPlan, Precision, envelope_length, planning, previous_smooth
-from monitor.health.spectrum.velocity import Velocity, velocity_of
-
-Band = tuple[float, float]
+from monitor.health.spectrum.spectra import AmplitudeSpectrum as AmplitudeSpectrum
+from monitor.health.spectrum.spectra import Band as Band
+from monitor.health.spectrum.spectra import BlockSpectra as BlockSpectra
+from monitor.health.spectrum.spectra import EnvelopeSpectrum as EnvelopeSpectrum
+from monitor.health.spectrum.velocity import velocity_of
 
 MIN_SAMPLES = 64
 """Shorter blocks are refused."""
@@ -41,65 +43,6 @@ The envelope has no band limit: what lies above half of this rate folds back (``
 
 _CACHED_TRANSFORMS = 16
 _EXPONENT_LIMIT = 40
-
-
-@dataclass(frozen=True, eq=False)
-class AmplitudeSpectrum:
-    """Single-sided amplitude spectrum of a Hann-windowed signal.
-
-    Attributes:
-        resolution: spacing of the bins, Hz; bin k stands at k times it.
-        amplitude: (n_bins,) in the unit of the signal; a line of amplitude A on a bin reads A there and A/2 beside it,
-            so the root of the sum of squares over its bins, divided by sqrt(1.5), is A on and off a bin.
-    """
-
-    resolution: float
-    amplitude: NDArray[np.floating]
-
-    @property
-    def frequency(self) -> NDArray[np.float64]:
-        """(n_bins,) frequency of each bin, Hz."""
-        return np.arange(self.amplitude.size, dtype=np.float64) * self.resolution
-
-
-@dataclass(frozen=True, eq=False)
-class EnvelopeSpectrum(AmplitudeSpectrum):
-    """Spectrum of the envelope (Eq. 95) of one band, its mean removed, up to the width of the band or a lower limit.
-
-    Attributes:
-        band: (lo, hi) of the demodulated band, Hz.
-        mean: mean of the envelope, in the unit of the signal.
-    """
-
-    band: Band
-    mean: float
-
-
-@dataclass(frozen=True, eq=False)
-class BlockSpectra:
-    """Result of the transform of one block.
-
-    Attributes:
-        n_used: samples used; the rest at the end are cut for a fast length.
-        rate: sampling rate, Hz.
-        mean: mean of the used samples.
-        band_rms: RMS within ``rms_band``, by Parseval's theorem; None without such a band.
-        raw: spectrum of the signal up to ``raw_limit``.
-        envelopes: one per band.
-        velocity: RMS of the velocity from 10 to 1000 Hz.
-        view: raw spectrum to be looked at, where it is asked for; always over time.
-        warp: by which ``raw`` and ``envelopes`` are over the angle of the shaft; None: they are over time.
-    """
-
-    n_used: int
-    rate: float
-    mean: float
-    band_rms: float | None
-    raw: AmplitudeSpectrum
-    envelopes: tuple[EnvelopeSpectrum, ...]
-    velocity: Velocity
-    view: RawSpectra | None = None
-    warp: Warp | None = None
 
 
 def fast_length(n_samples: int) -> int:
@@ -159,14 +102,22 @@ class _EnvelopePlan:
         return np.abs(self.envelope.output[:n_keep]), mean * self.scale
 
     def in_orders(
-        self, bins: NDArray[np.complexfloating], warp: Warp, limit: float
+        self, bins: NDArray[np.complexfloating], first: int, warp: Warp, limit: float, combs: Sequence[Comb]
     ) -> tuple[NDArray[np.floating], float]:
-        """Return the amplitudes of the envelope spectrum up to a limit, Hz, and the mean, both over the angle."""
-        mean = self._demodulate(bins)
-        self.envelope.execute()
-        amplitude, rest = order_amplitude(
-            self.envelope.output[: (self.n + 1) // 2], self.n, warp, limit, effort=self.effort
-        )
+        """Return the amplitudes of the envelope spectrum up to a limit, Hz, and the mean, both over the angle.
+
+        Args:
+            bins: of the band; ``first`` is the number of the first of them.
+            combs: of the shaft, which are removed before.
+        """
+        if combs:
+            mean, envelope = 0.0, envelope_beside(bins, first, warp, combs, self.n)
+            amplitude, rest = angle_amplitude(envelope, warp, limit, effort=self.effort)
+        else:
+            mean = self._demodulate(bins)
+            self.envelope.execute()
+            below = self.envelope.output[: (self.n + 1) // 2]
+            amplitude, rest = order_amplitude(below, self.n, warp, limit, effort=self.effort)
         amplitude *= amplitude.dtype.type(self.scale)
         return amplitude, (mean + rest) * self.scale
 
@@ -274,6 +225,8 @@ class BlockTransform:
         band_rms = None if self._rms_bins is None else _rms(spectrum, self._rms_bins, self.n_used) / scale
         velocity = velocity_of(spectrum, self.n_used, self.rate, scale)
         seen = raw_spectra(spectrum, self.n_used, self.rate, scale) if view else None
+        of_shaft = [comb for comb in interference if comb.of_shaft] if warp else []
+        interference = fixed_combs(interference) if warp else interference
         if interference:
             low, high = min(low for low, _ in self.bands), max(high for _, high in self.bands)
             remove_lines(spectrum, self.resolution, interference, low, high)
@@ -283,7 +236,9 @@ class BlockTransform:
             n_keep = min(last - first + 1, plan.n // 2 + 1, self._n_envelope)
             bins = spectrum[first : last + 1]
             limit = (n_keep - 1) * self.resolution
-            amplitude, level = plan(bins, n_keep) if warp is None else plan.in_orders(bins, warp, limit)
+            amplitude, level = (
+                plan(bins, n_keep) if warp is None else plan.in_orders(bins, first, warp, limit, of_shaft)
+            )
             if scale != 1.0:
                 amplitude = amplitude.astype(np.float64) / scale
             envelopes.append(EnvelopeSpectrum(resolution, amplitude, band, level / scale))

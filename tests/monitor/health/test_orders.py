@@ -1,6 +1,8 @@
 from __future__ import annotations
 
+import json
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,8 +12,11 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from monitor.health.rotation.rotation import Rotation, constant
-from monitor.health.spectrum.features import FAULTS, FeatureSettings, block_features
-from monitor.health.spectrum.orders import MAX_SPEED_RATIO, order_amplitude, order_samples, warp_of
+from monitor.health.spectrum.average import RecentSpectra
+from monitor.health.spectrum.bands import BandVotes, rank_bands
+from monitor.health.spectrum.features import FAULTS, BlockFeatures, FeatureSettings, block_features
+from monitor.health.spectrum.interference import Interference, all_combs
+from monitor.health.spectrum.orders import MAX_SPEED_RATIO, order_amplitude, order_samples, same_axis, warp_of
 from monitor.health.spectrum.transform import BlockTransform
 from tests.effort import effort_count
 
@@ -159,3 +164,84 @@ def test_impacts_at_a_varying_speed_are_found_by_the_angle_alone(rotation: Rotat
     assert found["outer"].depth == pytest.approx(expected.depth, rel=0.1)
     smeared = block_features(x, RATE, asked(None, speed)).families[0]["outer"]
     assert smeared.depth < 0.5 * expected.depth
+
+
+def test_a_mesh_of_varying_speed_is_removed_before_the_envelope() -> None:
+    rotation = hunting(25.0, 0.1, 0.7)
+    turns = rotation.turns_at(np.arange(N) / RATE)
+    mesh = sum(np.cos(2.0 * np.pi * (23 * k * turns + k * k)) for k in range(1, 6))
+    settings = asked(rotation, rotation.mean_speed)
+    combs = all_combs((Interference(orders=(23.0,)),), rotation.mean_speed)
+    x = impacts(rotation, LINES["outer"])
+    alone, covered = block_features(x, RATE, settings), block_features(x + mesh, RATE, settings)
+    freed = block_features(x + mesh, RATE, replace(settings, interference=combs))
+    depths = [found.families[0]["outer"].depth for found in (alone, covered, freed)]
+    assert depths[1] < 0.4 * depths[0]
+    assert depths[2] > 0.75 * depths[0]
+    # Where there is no mesh, nothing is removed: the envelope has its bandwidth, and only that differs.
+    untouched = block_features(x, RATE, replace(settings, interference=combs)).families[0]["outer"]
+    np.testing.assert_allclose(untouched.amplitude, alone.families[0]["outer"].amplitude, rtol=2e-3)
+
+
+def test_mains_are_removed_over_time_whatever_the_shaft_does() -> None:
+    x = impacts(hunting(25.0, 0.1, 0.7), LINES["outer"]) + 2.0 * np.cos(2.0 * np.pi * 3100.0 * np.arange(N) / RATE)
+    rotation = hunting(25.0, 0.1, 0.7)
+    combs = all_combs((Interference(lines=(3100.0,), sidebands=2),), rotation.mean_speed)
+    settings = asked(rotation, rotation.mean_speed)
+    covered = block_features(x, RATE, settings).families[0]["outer"]
+    assert block_features(x, RATE, replace(settings, interference=combs)).families[0]["outer"].depth > 2 * covered.depth
+
+
+def test_blocks_at_different_speeds_are_averaged_at_equal_orders() -> None:
+    def analysed(seed: int, speed: float, recent: RecentSpectra, *, by_angle: bool = True) -> BlockFeatures:
+        rotation = hunting(speed, 0.05, 0.7)
+        settings = replace(asked(rotation if by_angle else None, rotation.mean_speed), average_blocks=4)
+        return block_features(impacts(rotation, LINES["inner"], seed), RATE, settings, recent)
+
+    found = analysed(0, 25.0, RecentSpectra())
+    for seed, speed in enumerate((23.0, 26.5, 24.2), start=1):
+        found = analysed(seed, speed, found.recent)
+    assert found.recent.count == 4
+    single = found.lines[0]["inner"].scaled(1.0 / found.envelopes[0].mean).depth
+    assert found.families[0]["inner"].depth == pytest.approx(single, rel=0.1)
+    assert RecentSpectra.from_list(json.loads(json.dumps(found.recent.to_list()))) == found.recent
+    assert analysed(4, 25.0, found.recent, by_angle=False).recent.count == 1
+    assert analysed(4, 15.0, found.recent).recent.count == 1
+
+
+def test_a_line_keeps_its_power_in_an_average_of_other_spacing() -> None:
+    bins = np.arange(400.0)
+    recent = RecentSpectra()
+    for step, turn in ((0.0100, 0.3), (0.0108, 0.5), (0.0104, 0.0)):
+        noise = 1e-3 * (1.5 + np.cos(bins + turn))
+        recent = recent.add(((hann_line(bins - 2.0 / step) + noise).astype(np.float32),), 4, step)
+    (average,) = recent.averages()
+    top = int(np.argmax(average))
+    assert top == pytest.approx(2.0 / 0.0104, abs=0.6)
+    assert np.sqrt(np.sum(np.square(average[top - 2 : top + 3])) / 1.5) == pytest.approx(1.0, rel=0.02)
+
+
+def test_a_band_is_judged_by_the_angle() -> None:
+    rotation = hunting(25.0, 0.2, 0.7)
+    lines = {fault: order * rotation.mean_speed for fault, order in LINES.items()}
+    x = impacts(rotation, LINES["outer"])
+
+    def score(signal: NDArray[np.float64], *rotations: Rotation) -> float:
+        ranked = rank_bands([signal], RATE, lines, rotations)
+        return next(candidate.score for candidate in ranked if candidate.band[0] == 2000.0)
+
+    still = score(impacts(constant(rotation.mean_speed, DURATION), LINES["outer"]))
+    assert score(x, rotation) == pytest.approx(still, rel=0.5)
+    assert score(x) < 0.01 * still
+    ranked = rank_bands([x], RATE, lines, [rotation])
+    best = max(ranked, key=lambda candidate: candidate.score).band
+    assert BandVotes().add(x, RATE, lines, (), rotation).best() == best
+
+
+def test_only_spectra_by_the_same_angle_have_one_axis() -> None:
+    rotation = hunting(25.0, 0.1, 0.7)
+    geared = Rotation(rotation.time, 0.4 * rotation.turns + 7.0, 0.4 * rotation.speed, rotation.duration)
+    assert same_axis(None, None)
+    assert same_axis(rotation, geared)
+    assert not same_axis(rotation, None)
+    assert not same_axis(rotation, constant(rotation.mean_speed, DURATION))
