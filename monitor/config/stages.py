@@ -10,7 +10,7 @@ from pydantic import Field, field_validator, model_validator
 from monitor.config.fields import Blocks, Positive, Section
 from monitor.health.damage.filter.prior import GrowthPrior
 from monitor.health.damage.tracker import ForecastMethod, TrackMethod
-from monitor.health.detect import FEATURES, DetectSettings
+from monitor.health.detect import FEATURES, DetectSettings, LevelsBy
 from streams.block import STANDARD_GRAVITY
 
 DetectFeature = Literal["rms", "h_or", "h_ir", "h_ball", "h_cage"]
@@ -36,6 +36,8 @@ class DetectSection(Section):
     h_or_drift: Annotated[float, Field(ge=0, le=2)] = DetectSettings.h_or_drift
     end_of_life_peak_g: Positive = 20.0
     end_of_life_blocks: Blocks = DetectSettings.end_of_life_blocks
+    levels_by: LevelsBy = DetectSettings.levels_by
+    """Conditions of which levels are taken relative to what is learned; "auto": of those that vary while learning."""
 
     @field_validator("features")
     @classmethod
@@ -67,6 +69,7 @@ class DetectSection(Section):
             h_or_drift=self.h_or_drift,
             end_of_life_peak=self.end_of_life_peak_g * STANDARD_GRAVITY,
             end_of_life_blocks=self.end_of_life_blocks,
+            levels_by=self.levels_by,
         )
 
 

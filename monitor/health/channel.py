@@ -13,10 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.bearing import Kinematics, kinematics
-from monitor.health import detect, trend
+from monitor.health import detect
+from monitor.health.after_onset import level_status, time_to_alarm, track
 from monitor.health.condition import Quantity, known_sd
-from monitor.health.damage import Damage, DamageInput, Remaining
-from monitor.health.damage import tracker as damage
 from monitor.health.naming import Naming, name_fault
 from monitor.health.output import ChannelOutput
 from monitor.health.quality import Verdict, check_samples
@@ -53,6 +52,7 @@ class ChannelBlock:
         rotation: angle of the shaft over the block, None where only its mean speed is known.
         rotation_status: "ok", or why there is no angle; None where there is no source of one.
         pulses: what was repaired in the pulses, None without pulses.
+        recorded_range: least and highest speed, Hz, of a block whose record alone is left.
     """
 
     samples: NDArray[np.floating]
@@ -66,6 +66,12 @@ class ChannelBlock:
     rotation: Rotation | None = None
     rotation_status: str | None = None
     pulses: PulseCounts | None = None
+    recorded_range: tuple[float, float] | None = None
+
+    @property
+    def speed_range(self) -> tuple[float, float] | None:
+        """Least and highest speed, Hz, where they are known."""
+        return self.recorded_range if self.rotation is None else self.rotation.speed_range
 
 
 def check_channel(
@@ -165,9 +171,8 @@ def conclude(
     harmonics = tuple(float(value) for value in features.bpfo_amplitude) if resolved else None
     if naming is not None:
         state = latch_name(state, _named(naming, block.sequence))
-    closed = detection.closed is not None
-    state, found, forecasts = track(state, block, settings, features.rms, harmonics, closed=closed)
-    state, to_alarm = time_to_alarm(state, block, settings, features.rms, closed=closed)
+    state, found, forecasts = track(state, block, settings, features.rms, harmonics, detection)
+    state, to_alarm = time_to_alarm(state, block, settings, features.rms, detection)
     return state, ChannelOutput(
         verdict=verdict,
         stage=state.detect.stage,
@@ -187,6 +192,8 @@ def conclude(
         rotation=block.rotation,
         rotation_status=block.rotation_status,
         pulses=block.pulses,
+        level_rms=detection.level,
+        level_status=level_status(detection),
     )
 
 
@@ -269,6 +276,9 @@ def detect_input(features: BlockFeatures, block: ChannelBlock, *, absolute: bool
         shallow=shallow_lines(
             {name: (lines.amplitude, lines.floor) for name, lines in by_name.items()}, features.envelopes[0].mean
         ),
+        speed=block.speed.value,
+        speed_range=block.speed_range,
+        load=block.load.value,
     )
 
 
@@ -296,70 +306,6 @@ def is_for_detector(state: ChannelState, verdict: Verdict, settings: ChannelSett
     """Return whether a block moves the detector: until the band is settled, only those of the run-in are counted."""
     running_in = state.detect.seen < settings.detect.run_in_blocks
     return verdict.for_baseline and (band_source != "provisional" or running_in)
-
-
-def track(
-    state: ChannelState,
-    block: ChannelBlock,
-    settings: ChannelSettings,
-    rms: float,
-    harmonics: tuple[float, ...] | None,
-    *,
-    closed: bool = False,
-) -> tuple[ChannelState, Damage | None, tuple[Remaining, ...]]:
-    """Track and forecast, where the channel is tracked.
-
-    Args:
-        state: after the detector and the naming.
-        block: its verdict, speed and load.
-        settings: of the channel.
-        rms: in the RMS band, m/s2.
-        harmonics: amplitudes of the first six BPFO lines, m/s2, or None where one is unresolved.
-        closed: the final stage closed with this block.
-    """
-    if settings.damage is None:
-        return state, None, ()
-    damage_input = DamageInput(
-        time=state.running_time, rms=rms, harmonics=harmonics, load=block.load.value, speed=block.speed.value
-    )
-    gate = damage.DamageGate(
-        final=state.detect.t_fs is not None,
-        raised=state.detect.elevated is not None,
-        closed=closed,
-        usable=block.verdict.for_tracker,
-        absolute=settings.absolute,
-        fault=None if state.named is None else state.named.parts,
-        baseline=state.detect.reference_rms,
-        since_t_fs=_since(state.detect.t_fs, block.time),
-    )
-    after, found, forecasts = damage.step(state.damage, damage_input, gate, settings.damage)
-    return replace(state, damage=after), found if settings.damage.tracks_volume else None, forecasts
-
-
-def time_to_alarm(
-    state: ChannelState, block: ChannelBlock, settings: ChannelSettings, rms: float, *, closed: bool = False
-) -> tuple[ChannelState, trend.TimeToAlarm]:
-    """Tell the time to the alarm level by the trend; arguments as of :func:`track`, ``rms`` in any unit."""
-    learned = state.detect.baseline
-    given = trend.TrendInput(
-        sequence=block.sequence,
-        time=state.running_time,
-        rms=rms,
-        usable=block.verdict.for_tracker,
-        baseline=None if learned is None else (learned.ln_rms, learned.ln_rms_sd),
-        elevated=state.detect.elevated is not None,
-        final=state.detect.t_fs is not None,
-        closed=closed,
-        speed=block.speed.value,
-        load=block.load.value,
-    )
-    after, found = trend.step(state.trend, given, settings.alarms, settings.trend)
-    return replace(state, trend=after), found
-
-
-def _since(mark: detect.Mark | None, time: float | None) -> float | None:
-    """Return the time since a mark, s, or None; a clock that was set back gives 0."""
-    return None if mark is None or mark.time is None or time is None else max(time - mark.time, 0.0)
 
 
 def _named(naming: Naming, sequence: int) -> Named | None:

@@ -125,7 +125,7 @@ def record_values(
         values["detect_score"] = output.detection.score
         values["detect_threshold"] = output.detection.threshold
         if detector.t_fs is not None:
-            values["rms_baseline"] = detector.reference_rms
+            values["rms_baseline"] = output.detection.expected_rms
             values["raised"] = tuple(FAULTS[LINES.index(name)] for name in output.detection.raised) or None
     if output.naming is not None and output.naming.evidence is not None:
         evidence = output.naming.evidence

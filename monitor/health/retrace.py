@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from monitor.health import detect
+from monitor.health.after_onset import time_to_alarm, track
 from monitor.health.alarms import AlarmAcknowledgement
 from monitor.health.channel import (
     PART_LINES,
@@ -23,8 +24,6 @@ from monitor.health.channel import (
     latch_name,
     run_clock,
     shallow_lines,
-    time_to_alarm,
-    track,
 )
 from monitor.health.condition import Quantity
 from monitor.health.detect import DetectInput, DetectOutput
@@ -145,6 +144,7 @@ def _channel(
         verdict=verdict,
         speed=Quantity(values.get("speed")),
         load=Quantity(values.get("load")),
+        recorded_range=_speed_range(values),
     )
     band_source = values.get("band_source") or "provisional"
     if _chosen_since(state, values, settings):
@@ -162,6 +162,9 @@ def _channel(
         peak=values.get("peak") if settings.absolute else None,
         usable=is_for_detector(state, verdict, settings, band_source),
         shallow=_shallow(values),
+        speed=values.get("speed"),
+        speed_range=block.speed_range,
+        load=values.get("load"),
     )
     detector, found = detect.step(state.detect, given, settings.detect)
     state = replace(state, detect=detector)
@@ -169,9 +172,8 @@ def _channel(
     harmonics = None if lines is None or None in lines else tuple(lines)
     if verdict.for_baseline:
         state = latch_name(state, _named(values, record.sequence, averaged))
-    closed = found.closed is not None
-    state, _, _ = track(state, block, settings, values["rms"], harmonics, closed=closed)
-    state, _ = time_to_alarm(state, block, settings, values["rms"], closed=closed)
+    state, _, _ = track(state, block, settings, values["rms"], harmonics, found)
+    state, _ = time_to_alarm(state, block, settings, values["rms"], found)
     return state, found
 
 
@@ -203,6 +205,11 @@ def _prominence(values: Mapping[str, Any]) -> dict[str, float]:
         if summed > 0.0:
             found[name] = (_first_band(values, name) or 0.0) / summed
     return found
+
+
+def _speed_range(values: Mapping[str, Any]) -> tuple[float, float] | None:
+    low, high = values.get("speed_min"), values.get("speed_max")
+    return None if low is None or high is None else (low, high)
 
 
 def _shallow(values: Mapping[str, Any]) -> frozenset[str]:

@@ -8,6 +8,7 @@ before it.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -350,12 +351,18 @@ def alarm_step(
 
 def _alarm_input(record: Record, channel: str, detector: DetectState, verdict: Verdict | None) -> AlarmInput:
     learned, closed = detector.baseline, detector.episodes[-1:]
+    values = record.channels.get(channel, {})
+    at_reference: dict[str, float | None] = {}
+    if learned is not None and "rms" in learned.by:
+        level = values.get("level_rms")
+        at_reference["rms"] = None if level is None else level * math.exp(learned.ln_rms)
     return AlarmInput(
         sequence=record.sequence,
         usable=verdict is not None and verdict.for_baseline,
         bad=verdict is None or not verdict.accepted or bool(_BAD_FLAGS & set(verdict.flags)),
         stage=detector.stage,
-        values=record.channels.get(channel, {}),
+        values=values,
         baselines={} if learned is None else {"rms": (learned.ln_rms, learned.ln_rms_sd)},
         closed=any(episode.closed.sequence == record.sequence for episode in closed),
+        at_reference=at_reference,
     )

@@ -65,7 +65,8 @@ def step(state: AlarmState, block: AlarmInput, settings: AlarmSettings) -> tuple
             given = block.baselines.get(rule.feature)
             learning = block.stage == LEARNING
             known = _learn(known, value, given, learning=learning, settled=seen > settings.run_in_blocks)
-            known, changed = _check(known, rule, value, block.sequence)
+            relative = block.at_reference.get(rule.feature, value)
+            known, changed = _check(known, rule, value, relative, block.sequence)
             changes += changed
         if block.closed and rule.feature in _OF_EPISODE:
             known, changed = _withdraw(known, rule)
@@ -187,19 +188,24 @@ def _learn(known: RuleState, value: float, given: Span | None, *, learning: bool
     return replace(known, learned=(), baseline=median_and_sd(known.learned))
 
 
-def _check(known: RuleState, rule: Rule, value: float, sequence: int) -> tuple[RuleState, list[Change]]:
+def _check(
+    known: RuleState, rule: Rule, value: float, relative: float | None, sequence: int
+) -> tuple[RuleState, list[Change]]:
+    """Compare a value with the levels that are given, and ``relative`` with those that follow from the baseline."""
     changes: list[Change] = []
     after = known
     for severity in SEVERITIES:
-        limit = limit_of(rule, getattr(rule, severity), known.baseline)
-        if limit is None:
+        configured: Level | None = getattr(rule, severity)
+        limit = limit_of(rule, configured, known.baseline)
+        compared = value if configured is None or configured.value is not None else relative
+        if limit is None or compared is None:
             continue
         before: LevelState = getattr(known, severity)
-        level = move_level(before, rule, value, limit, sequence)
+        level = move_level(before, rule, compared, limit, sequence)
         after = replace(after, **{severity: level})
         if level.active != before.active:
             kind = "raised" if level.active else "cleared"
-            changes.append(Change(kind, rule.name, rule.feature, severity, value, limit))
+            changes.append(Change(kind, rule.name, rule.feature, severity, compared, limit))
     return after, changes
 
 

@@ -60,6 +60,11 @@ class Rule:
     drift: float = 0.1
     suspended: bool = False
 
+    @property
+    def is_relative(self) -> bool:
+        """Whether its levels follow from the baseline."""
+        return all(level is None or level.value is None for level in (self.alert, self.danger))
+
 
 @dataclass(frozen=True)
 class AlarmSettings:
@@ -93,6 +98,8 @@ class AlarmInput:
         values: of the record, SI; of several (thresholds, bands) the worst counts.
         baselines: median and robust SD of the logarithm, by feature, from the detector.
         closed: the final stage closed with this block.
+        at_reference: by feature whose level depends on speed and load, its value as it were at the reference condition
+            of the baseline, None where that is not known: levels that follow from the baseline are compared with it.
     """
 
     sequence: int
@@ -102,6 +109,7 @@ class AlarmInput:
     values: Mapping[str, Any] = field(default_factory=dict[str, Any])
     baselines: Mapping[str, Span] = field(default_factory=dict[str, Span])
     closed: bool = False
+    at_reference: Mapping[str, float | None] = field(default_factory=dict[str, float | None])
 
 
 @dataclass(frozen=True)

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
+from typing import Any
 
 
 class EdvStatus(StrEnum):
@@ -71,6 +73,9 @@ class TtStatus(StrEnum):
     NO_GROWTH = "no_growth"
 
 
+_KEPT = ("time", "rms", "harmonics", "load", "speed", "speed_range", "reference_rms")
+
+
 @dataclass(frozen=True)
 class DamageInput:
     """What the methods use of one block.
@@ -82,6 +87,9 @@ class DamageInput:
         load: N, or None.
         speed: Hz, or None.
         v_eq: m2; of a history of V_eq itself, which only the library takes.
+        speed_range: least and highest speed in the block, Hz; None: one speed as far as is known.
+        reference_rms: RMS as it were at the detector's reference condition, m/s2: 0 where that is not known, None where
+            RMS does not depend on the condition.
     """
 
     time: float
@@ -90,6 +98,21 @@ class DamageInput:
     load: float | None = None
     speed: float | None = None
     v_eq: float = math.nan
+    speed_range: tuple[float, float] | None = None
+    reference_rms: float | None = None
+
+    def to_list(self) -> list[Any]:
+        """Return the block as plain values for JSON; ``v_eq`` is not kept."""
+        return [getattr(self, name) for name in _KEPT]
+
+    @classmethod
+    def from_list(cls, stored: Sequence[Any]) -> DamageInput:
+        """Restore what :meth:`to_list` gave; what an older version did not keep is not known."""
+        values = dict(zip(_KEPT, stored, strict=False))
+        for name in ("harmonics", "speed_range"):
+            if values.get(name) is not None:
+                values[name] = tuple(values[name])
+        return cls(**values)
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,7 @@
 """V_eq and TT of a block by the configured methods.
 
 Tracking begins at t_fs, which is known only later: blocks since the detector's score rose wait here and are tracked
-first when the final stage is known. Each block is judged at its own load and speed. Times are damage time: standstill
+first when the final stage is known. Each block is judged at its own load and speeds. Times are damage time: standstill
 does not count.
 """
 
@@ -24,6 +24,7 @@ from monitor.health.damage.learned.pool import pool
 from monitor.health.damage.library.forecaster import LibrarySettings, LibraryState
 from monitor.health.damage.library.forecaster import step as library_step
 from monitor.health.damage.library.model import Library
+from monitor.health.damage.over_speeds import map_of_block
 from monitor.health.damage.thesis import edv, forecast
 from monitor.health.damage.thesis.level_set import LevelMap
 
@@ -146,7 +147,7 @@ class DamageState:
         """Return the state as plain values for JSON."""
         return {
             "part": self.part,
-            "pending": [[r.time, r.rms, r.harmonics, r.load, r.speed] for r in self.pending],
+            "pending": [block.to_list() for block in self.pending],
             "edv": self.edv.to_dict(),
             "filter": self.filter.to_dict(),
             "forecast": self.forecast.to_dict(),
@@ -164,10 +165,7 @@ class DamageState:
         forecasts = forecast.ForecastState.from_dict(stored["forecast"])
         earliest = None if forecasts.fit is None or forecasts.fit.v_first <= 0.0 else forecasts.fit.v_first
         return cls(
-            pending=tuple(
-                DamageInput(time, rms, None if harmonics is None else tuple(harmonics), load, speed)
-                for time, rms, harmonics, load, speed in stored["pending"]
-            ),
+            pending=tuple(DamageInput.from_list(kept) for kept in stored["pending"]),
             part=stored.get("part"),
             edv=edv.EdvState.from_dict(stored["edv"]),
             filter=FilterState.from_dict(stored["filter"]),
@@ -316,7 +314,7 @@ def _forecast_learned(
         return state, (Remaining(threshold, TtStatus.CANNOT_TELL),)
     after, found = learned_step(
         state.learned,
-        block,
+        block if block.reference_rms is None else replace(block, rms=block.reference_rms),
         settings.learned,
         settings.learned_settings,
         baseline=gates.baseline,
@@ -379,7 +377,7 @@ def _track_on_map(
         )
     if method == "filter":
         return _filter_volume(state, block, settings.maps[part])
-    map_slice, refused = settings.maps[part].map_at(block.load, block.speed)
+    map_slice, refused = map_of_block(settings.maps[part].map_at, block)
     if refused is not None:
         return state, Damage(refused)
     after, damage = edv.step(state.edv, block.rms, map_slice=map_slice, settings=settings.edv)
@@ -389,7 +387,7 @@ def _track_on_map(
 def _filter_volume(state: DamageState, block: DamageInput, used: PartMap) -> tuple[DamageState, Damage]:
     if used.spread_at is None or used.filter is None:
         return state, Damage(EdvStatus.NO_MAP)
-    map_slice, refused = used.spread_at(block.load, block.speed)
+    map_slice, refused = map_of_block(used.spread_at, block)
     if refused is not None:
         return state, Damage(refused)
     # The configuration has changed: a posterior over other features cannot be continued.

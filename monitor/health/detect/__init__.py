@@ -7,12 +7,14 @@ alike, and does not show a damaged part.
 The score is the length of the vector of two positive standardised excesses over the baseline: of RMS, and of the part
 whose lines stand highest (:mod:`monitor.health.detect.threshold`). The drift of a healthy machine (load, temperature,
 lubricant) is part of the standard deviation; without it a baseline of quiet hours turns any later warm day into an
-alarm.
+alarm. Where speed and load vary, levels are taken relative to what is learned of their dependence on these
+(:mod:`monitor.health.detect.dependence`).
 """
 
 from __future__ import annotations
 
 from monitor.health.detect.baseline import median_and_sd
+from monitor.health.detect.dependence import Dependence, LevelsBy
 from monitor.health.detect.onset import raised_lines, step
 from monitor.health.detect.state import (
     END_OF_LIFE,
@@ -44,11 +46,13 @@ __all__ = [
     "MIN_DEPTH",
     "STAGES",
     "Baseline",
+    "Dependence",
     "DetectInput",
     "DetectOutput",
     "DetectSettings",
     "DetectState",
     "Episode",
+    "LevelsBy",
     "Mark",
     "Relearned",
     "exceedance_rate",

@@ -11,7 +11,9 @@ import statistics
 from collections.abc import Sequence
 from dataclasses import replace
 
+from monitor.health.detect.dependence import Dependence, is_known, learn_dependence, varying, widens
 from monitor.health.detect.state import (
+    HEALTHY,
     LINES,
     Baseline,
     BaselinePoint,
@@ -28,6 +30,10 @@ _LEAST_POINTS = 10
 """A median and a spread need at least so many."""
 _LEAST_SHARE = 0.5
 """Share of the points that must show the lines of a part."""
+_WIDER_SHARE = 0.2
+"""Blocks at new conditions over points learned before, with which the dependence is learned wider."""
+_MAX_KEPT = 200
+"""Points by which a dependence is learned that are kept."""
 
 
 def learn(state: DetectState, block: DetectInput, settings: DetectSettings) -> DetectState:
@@ -38,12 +44,41 @@ def learn(state: DetectState, block: DetectInput, settings: DetectSettings) -> D
     state = replace(state, learned=learned)
     if not _enough(learned, settings):
         return state
-    nominal = len(learned) + state.dropped
-    if _is_falling(learned, settings) and nominal < _MAX_LEARNING_FACTOR * _nominal(settings, len(learned)):
+    early = len(learned) + state.dropped < _MAX_LEARNING_FACTOR * _nominal(settings, len(learned))
+    if early and _sees_new_conditions(learned, settings):
+        return state
+    if early and _is_falling(learned, settings):
         # Still running in: the first blocks do not represent the healthy machine.
         third = len(learned) // 3
         return replace(state, learned=learned[third:], dropped=state.dropped + third)
-    return replace(state, learned=(), baseline=_freeze(learned))
+    return _with_baseline(state, _freeze(learned, settings), learned)
+
+
+def _with_baseline(state: DetectState, baseline: Baseline, points: tuple[BaselinePoint, ...]) -> DetectState:
+    """Return the state with a baseline, and the points by which it can be learned wider where levels depend."""
+    while len(points) > _MAX_KEPT:
+        points = points[::2]
+    return replace(state, learned=(), held=(), baseline=baseline, kept=points if baseline.by else ())
+
+
+def learn_wider(state: DetectState, block: DetectInput, settings: DetectSettings) -> DetectState:
+    """Count a block at a condition at which its level was not learned; learn with a number of them, where healthy.
+
+    The baseline is fitted anew to all points, those by which it was learned before among them.
+    """
+    state = replace(state, outside=state.outside + 1)
+    if state.baseline is None or state.stage != HEALTHY or state.elevated is not None:
+        return state
+    point = block.point
+    if not is_known(point[3], state.baseline.by["rms"].by):
+        return state
+    held = (*state.held, point)
+    if len(held) < _WIDER_SHARE * max(len(state.kept), _LEAST_POINTS):
+        return replace(state, held=held)
+    old, points = state.baseline, (*state.kept, *held)
+    new = _freeze(points, settings, old)
+    lines = {name: one for name, one in new.lines.items() if name in old.lines}
+    return _with_baseline(state, replace(new, lines={**old.lines, **lines}), points)
 
 
 def learn_lower(
@@ -69,11 +104,12 @@ def learn_lower(
     lasted = state.seen - since >= since
     if not (lasted and below and _enough(learned, settings)) or _is_falling(learned, settings):
         return state, None
-    new = _freeze(learned)
+    new = _freeze(learned, settings)
     said = Relearned(math.exp(old.ln_rms), math.exp(new.ln_rms))
     # A part that the new blocks do not show keeps what was learned of it.
-    new = replace(new, lines={**old.lines, **new.lines})
-    return replace(state, learned=(), lower_since=None, returned=0, baseline=new), said
+    kept = {name: one for name, one in old.by.items() if name in old.lines and name not in new.lines}
+    new = replace(new, lines={**old.lines, **new.lines}, by={**kept, **new.by})
+    return replace(_with_baseline(state, new, learned), lower_since=None, returned=0), said
 
 
 def learn_lines(state: DetectState, block: DetectInput, settings: DetectSettings) -> DetectState:
@@ -88,8 +124,10 @@ def learn_lines(state: DetectState, block: DetectInput, settings: DetectSettings
     learned = (*state.learned, point)
     if not _enough(learned, settings):
         return replace(state, learned=learned)
-    lines = {**_freeze(learned).lines, **baseline.lines}
-    return replace(state, learned=(), baseline=replace(baseline, lines=lines))
+    found = _freeze(learned, settings)
+    added = {name: one for name, one in found.by.items() if name in found.lines and name not in baseline.lines}
+    new = replace(baseline, lines={**found.lines, **baseline.lines}, by={**baseline.by, **added})
+    return replace(state, learned=(), baseline=new)
 
 
 def _nominal(settings: DetectSettings, count: int) -> int:
@@ -114,21 +152,65 @@ def _latest(learned: tuple[BaselinePoint, ...], settings: DetectSettings) -> tup
 
 def _is_falling(learned: Sequence[BaselinePoint], settings: DetectSettings) -> bool:
     """Tell whether RMS still falls: the median of the first third lies above that of the last by more than a drift."""
-    third = len(learned) // 3
+    levels, _ = _less_conditions(learned, [rms for _, rms, _, _ in learned], settings)
+    third = len(levels) // 3
     if not third:
         return False
-    early, late = ([rms for _, rms, _ in part] for part in (learned[:third], learned[-third:]))
-    return statistics.median(early) - statistics.median(late) > settings.rms_drift
+    return statistics.median(levels[:third]) - statistics.median(levels[-third:]) > settings.rms_drift
 
 
-def _freeze(learned: Sequence[BaselinePoint]) -> Baseline:
-    ln_rms, ln_rms_sd = median_and_sd([rms for _, rms, _ in learned])
+def _sees_new_conditions(learned: Sequence[BaselinePoint], settings: DetectSettings) -> bool:
+    """Tell whether speed or load, where levels are taken relative to them, still leave the range seen before."""
+    conditions = [condition for *_, condition in learned]
+    return widens(conditions, varying(conditions, settings.levels_by))
+
+
+def _less_conditions(
+    points: Sequence[BaselinePoint],
+    levels: Sequence[float],
+    settings: DetectSettings,
+    before: Dependence | None = None,
+) -> tuple[list[float], Dependence | None]:
+    """Return the levels of points less their dependence on speed and load, and that, or all of them and None.
+
+    Points whose condition is not known, or too rare to be predicted, are left out of the former.
+    """
+    conditions = [condition for *_, condition in points]
+    by = varying(conditions, settings.levels_by)
+    known = [place for place, condition in enumerate(conditions) if is_known(condition, by)]
+    found = learn_dependence(
+        [levels[place] for place in known],
+        [conditions[place] for place in known],
+        by,
+        always=settings.levels_by != "auto" or before is not None,
+        before=before,
+    )
+    if found is None:
+        return list(levels), None
+    shapes = [found.at(condition) for condition in conditions]
+    return [level - shape[0] for level, shape in zip(levels, shapes, strict=True) if shape is not None], found
+
+
+def _freeze(learned: Sequence[BaselinePoint], settings: DetectSettings, before: Baseline | None = None) -> Baseline:
+    """Return the baseline of some points; levels that depended on conditions ``before`` do so still."""
+    by: dict[str, Dependence] = {}
+
+    def spread_of(name: str, points: Sequence[BaselinePoint], levels: Sequence[float]) -> Spread:
+        depended = None if before is None else before.by.get(name)
+        left, dependence = _less_conditions(points, levels, settings, depended)
+        if dependence is None or not left:
+            return median_and_sd(levels)
+        by[name] = dependence
+        return median_and_sd(left)
+
+    ln_rms, ln_rms_sd = spread_of("rms", learned, [rms for _, rms, _, _ in learned])
     lines: dict[str, Spread] = {}
     for place, name in enumerate(LINES):
-        found = [value for _, _, shown in learned if (value := shown[place]) is not None]
-        if found and len(found) >= _LEAST_SHARE * len(learned):
-            lines[name] = median_and_sd(found)
-    return Baseline(ln_rms, ln_rms_sd, lines)
+        shown = [(point, value) for point in learned if (value := point[2][place]) is not None]
+        if shown and len(shown) >= _LEAST_SHARE * len(learned):
+            points, found = zip(*shown, strict=True)
+            lines[name] = spread_of(name, points, found)
+    return Baseline(ln_rms, ln_rms_sd, lines, by)
 
 
 def median_and_sd(values: Sequence[float]) -> Spread:

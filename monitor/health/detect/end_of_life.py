@@ -17,17 +17,25 @@ _PEAK_SHARE = 0.5
 
 
 def count_peaks(
-    state: DetectState, block: DetectInput, mark: Mark, settings: DetectSettings, threshold: float
+    state: DetectState,
+    block: DetectInput,
+    mark: Mark,
+    settings: DetectSettings,
+    threshold: float,
+    level: float | None = None,
 ) -> DetectState:
     """Latch the end of life at the first of the consecutive blocks that reach the peak.
 
     Args:
         state: after the onset of this block.
         threshold: of the score.
+        level: RMS over what is learned at the condition of the block, or None.
     """
     if state.t_eol is not None or block.peak is None:
         return state
-    recent = (*state.recent, (block.peak, block.rms))[-(2 * settings.end_of_life_blocks + 1) :]
+    reference = state.reference_rms
+    rms = block.rms if level is None or reference is None else level * reference
+    recent = (*state.recent, (block.peak, rms))[-(2 * settings.end_of_life_blocks + 1) :]
     if block.peak < settings.end_of_life_peak:
         return replace(state, recent=recent, high_peaks=0, first_high_peak=None)
     first, count = state.first_high_peak or mark, state.high_peaks + 1

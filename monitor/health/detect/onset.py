@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
-from monitor.health.detect.baseline import learn, learn_lines, learn_lower
+from monitor.health.detect.baseline import learn, learn_lines, learn_lower, learn_wider
 from monitor.health.detect.end_of_life import count_peaks
 from monitor.health.detect.state import (
     HEALTHY,
@@ -34,11 +34,13 @@ class _Judged:
 
     Attributes:
         rms: of RMS, of either sign.
+        ln_level: RMS over what is learned at the condition of the block.
         lines: of those lines that are listened to.
         listened: how many lines are, shown in this block or not.
     """
 
     rms: float
+    ln_level: float = 0.0
     lines: Mapping[str, float] = field(default_factory=dict[str, float])
     listened: int = 0
 
@@ -76,22 +78,26 @@ class _Judged:
 def step(state: DetectState, block: DetectInput, settings: DetectSettings) -> tuple[DetectState, DetectOutput]:
     """Apply one block to the state.
 
-    Blocks must come in the order of acquisition; one that is not usable changes only the recent peaks.
+    Blocks must come in the order of acquisition; one that is not usable, or at a condition at which the level was not
+    learned, changes only the recent peaks and how many of the latter there were.
     """
     before, mark = state, Mark(block.sequence, block.time)
     judged: _Judged | None = None
     closed: Episode | None = None
     relearned: Relearned | None = None
     threshold = _threshold(state.baseline, settings)
+    depends = state.baseline is not None and "rms" in state.baseline.by
     if block.usable and block.rms > 0.0:
         state = replace(state, seen=state.seen + 1)
         if state.baseline is None:
             state = learn(state, block, settings)
+        elif (judged := _judge(state.baseline, block, settings)) is None:
+            state = learn_wider(state, block, settings)
         else:
-            judged = _judge(state.baseline, block, settings)
             state, closed = _advance(state, judged, threshold, mark, settings)
             state, relearned = _keep_baseline(state, block, judged, threshold, settings)
-    state = count_peaks(state, block, mark, settings, threshold)
+    level = None if judged is None or not depends else math.exp(judged.ln_level)
+    state = count_peaks(state, block, mark, settings, threshold, level)
     return state, DetectOutput(
         stage=state.stage,
         score=None if judged is None else judged.score,
@@ -102,6 +108,9 @@ def step(state: DetectState, block: DetectInput, settings: DetectSettings) -> tu
         end=before.t_eol is None and state.t_eol is not None,
         closed=closed,
         relearned=relearned,
+        level=level,
+        expected_rms=state.reference_rms if not depends else None if level is None else block.rms / level,
+        outside=state.outside > before.outside,
     )
 
 
@@ -109,7 +118,8 @@ def raised_lines(state: DetectState, block: DetectInput, settings: DetectSetting
     """Return the lines that stand above the baseline by half the threshold; none of a block that is not used."""
     if state.baseline is None or not block.usable or block.rms <= 0.0:
         return ()
-    return _judge(state.baseline, block, settings).raised(_ONSET_SHARE * _threshold(state.baseline, settings))
+    judged = _judge(state.baseline, block, settings)
+    return () if judged is None else judged.raised(_ONSET_SHARE * _threshold(state.baseline, settings))
 
 
 def _listened(baseline: Baseline, settings: DetectSettings) -> tuple[str, ...]:
@@ -122,19 +132,31 @@ def _threshold(baseline: Baseline | None, settings: DetectSettings) -> float:
     return threshold_for(settings.false_alarms_per_1000_blocks, 1 + with_lines)
 
 
-def _judge(baseline: Baseline, block: DetectInput, settings: DetectSettings) -> _Judged:
-    def excess(ln_value: float, middle: float, spread: float, drift: float) -> float:
-        return (ln_value - middle) / max(math.hypot(spread, drift), _LEAST_SD)
+def _judge(baseline: Baseline, block: DetectInput, settings: DetectSettings) -> _Judged | None:
+    """Return the excesses of a block; None at a condition at which its RMS was not learned."""
 
-    _, ln_rms, ln_lines = block.point
+    def excess(ln_value: float, middle: float, spread: float, drift: float, error: float) -> float:
+        sd = math.hypot(spread, drift)
+        return (ln_value - middle) / max(sd if error == 0.0 else math.hypot(sd, error), _LEAST_SD)
+
+    _, ln_rms, ln_lines, condition = block.point
+    rms = baseline.less_condition("rms", ln_rms, condition)
+    if rms is None:
+        return None
     shown: dict[str, float | None] = dict(zip(LINES, ln_lines, strict=True))
     listened = _listened(baseline, settings)
+    lines = {
+        name: baseline.less_condition(name, value, condition)
+        for name in listened
+        if (value := shown[name]) is not None and name not in block.shallow
+    }
     return _Judged(
-        rms=excess(ln_rms, baseline.ln_rms, baseline.ln_rms_sd, settings.rms_drift),
+        rms=excess(rms[0], baseline.ln_rms, baseline.ln_rms_sd, settings.rms_drift, rms[1]),
+        ln_level=rms[0] - baseline.ln_rms,
         lines={
-            name: excess(value, *baseline.lines[name], settings.h_or_drift)
-            for name in listened
-            if (value := shown[name]) is not None and name not in block.shallow
+            name: excess(line[0], *baseline.lines[name], settings.h_or_drift, line[1])
+            for name, line in lines.items()
+            if line is not None
         },
         listened=len(listened),
     )

@@ -7,6 +7,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
+from monitor.health.detect.dependence import UNKNOWN, Condition, Dependence, LevelsBy, condition_of
+
 LEARNING, HEALTHY, FINAL, END_OF_LIFE = "learning", "healthy", "final", "end_of_life"
 STAGES = (LEARNING, HEALTHY, FINAL, END_OF_LIFE)
 
@@ -17,15 +19,15 @@ FEATURES = ("rms", *LINES)
 
 Spread = tuple[float, float]
 """Median and robust standard deviation."""
-BaselinePoint = tuple[float | None, float, tuple[float | None, ...]]
-"""Time (s or None), ln RMS, and the logarithm of each of ``LINES`` (None: not shown) of one block of the baseline."""
+BaselinePoint = tuple[float | None, float, tuple[float | None, ...], Condition]
+"""Time (s or None), ln RMS, the logarithm of each of ``LINES`` (None: not shown) and the condition of one block."""
 
 MIN_DEPTH = 0.1
 """Least depth of modulation of lines that count, but those of the outer race, as in the thesis: half of what a name
 needs. Elements that pass the load zone of a healthy bearing, or damage of a far one without a sensor, modulate less."""
 MAX_EPISODES = 20
 """Closed episodes that the state keeps; events have all."""
-_VERSION = 2
+_VERSION = 3
 
 
 @dataclass(frozen=True)
@@ -46,6 +48,8 @@ class DetectSettings:
         h_or_drift: the same of ln (lines of a part over their floor).
         end_of_life_peak: m/s2.
         end_of_life_blocks: consecutive blocks that must reach it.
+        levels_by: conditions of which RMS and lines are taken relative to a learned dependence; "auto": of those that
+            vary while the baseline is learned, where they explain a part of the level.
     """
 
     learn_blocks: int | None = 100
@@ -59,6 +63,7 @@ class DetectSettings:
     h_or_drift: float = 0.15
     end_of_life_peak: float = 20 * 9.80665
     end_of_life_blocks: int = 3
+    levels_by: LevelsBy = "auto"
 
 
 @dataclass(frozen=True)
@@ -72,6 +77,9 @@ class DetectInput:
         peak: largest absolute acceleration, m/s2, or None where the unit is unknown.
         usable: the quality of the block lets it change the detector.
         shallow: those of ``LINES`` that are no deeper than ``MIN_DEPTH``: they are learned but do not count.
+        speed: of the shaft, Hz, or None.
+        speed_range: its least and highest value within the block, Hz; None: it turns at one speed as far as is known.
+        load: N, or None.
     """
 
     sequence: int
@@ -81,25 +89,42 @@ class DetectInput:
     peak: float | None
     usable: bool = True
     shallow: frozenset[str] = frozenset()
+    speed: float | None = None
+    speed_range: tuple[float, float] | None = None
+    load: float | None = None
 
     @property
     def point(self) -> BaselinePoint:
         """The block as a point of the baseline; its RMS must be positive."""
         shown = (self.prominence.get(name, 0.0) for name in LINES)
-        return self.time, math.log(self.rms), tuple(math.log(value) if value > 0.0 else None for value in shown)
+        ln_lines = tuple(math.log(value) if value > 0.0 else None for value in shown)
+        return self.time, math.log(self.rms), ln_lines, condition_of(self.speed, self.speed_range, self.load)
 
 
 @dataclass(frozen=True)
 class Baseline:
-    """Medians and robust standard deviations of the healthy machine.
+    """Medians and robust standard deviations of the healthy machine, of what is left of levels with a dependence.
 
     Attributes:
         lines: of the logarithm of each of ``LINES`` that its blocks showed.
+        by: how the levels depend on speed and load, by feature; those of the others do not, as far as was seen.
     """
 
     ln_rms: float
     ln_rms_sd: float
     lines: Mapping[str, Spread] = field(default_factory=dict[str, Spread])
+    by: Mapping[str, Dependence] = field(default_factory=dict[str, Dependence])
+
+    def less_condition(self, name: str, ln_value: float, condition: Condition) -> tuple[float, float] | None:
+        """Return the logarithm of a level as it were at the reference condition, and the error of that.
+
+        None at a condition at which the dependence of the level was not learned.
+        """
+        dependence = self.by.get(name)
+        if dependence is None:
+            return ln_value, 0.0
+        found = dependence.at(condition)
+        return None if found is None else (ln_value - found[0], found[1])
 
 
 @dataclass(frozen=True)
@@ -144,9 +169,12 @@ class DetectState:
         lower_since: ``seen`` where the level fell well below the baseline, or None.
         returned: latest consecutive blocks that were not well below it.
         high_peaks: consecutive blocks that reached the peak of the end of life; ``first_high_peak`` is the first.
-        recent: peak and RMS of the latest blocks.
+        recent: peak and RMS of the latest blocks, RMS as it were at the reference condition.
         t_eol: the end of life; once known, it stays.
         episodes: the latest that closed, oldest first.
+        outside: usable blocks at a condition at which the dependence of RMS was not learned.
+        kept: points by which the dependences were learned.
+        held: those of healthy blocks outside, from which they will be learned wider.
     """
 
     version: int = _VERSION
@@ -167,6 +195,9 @@ class DetectState:
     recent: tuple[tuple[float, float], ...] = ()
     t_eol: Mark | None = None
     episodes: tuple[Episode, ...] = ()
+    outside: int = 0
+    kept: tuple[BaselinePoint, ...] = ()
+    held: tuple[BaselinePoint, ...] = ()
 
     @property
     def stage(self) -> str:
@@ -179,7 +210,7 @@ class DetectState:
 
     @property
     def reference_rms(self) -> float | None:
-        """RMS of the baseline, or None while there is none."""
+        """RMS of the baseline at its reference condition, or None while there is none."""
         return None if self.baseline is None else math.exp(self.baseline.ln_rms)
 
     def to_dict(self) -> dict[str, Any]:
@@ -188,12 +219,19 @@ class DetectState:
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> DetectState:
-        """Restore a state written by :meth:`to_dict`, or by version 1; raise ValueError for another version."""
+        """Restore a state written by :meth:`to_dict`, or by an earlier version; raise ValueError for another version.
+
+        Before version 3, no block had a condition.
+        """
         version = values.get("version")
-        if version not in (1, _VERSION):
+        if version not in (1, 2, _VERSION):
             raise ValueError(f"detector state of version {version!r}, expected {_VERSION}")
-        fields = dict(values) if version == _VERSION else _of_version_1(values)
-        fields["learned"] = tuple((time, rms, tuple(lines)) for time, rms, lines in fields["learned"])
+        fields: dict[str, Any] = {**(values if version > 1 else _of_version_1(values)), "version": _VERSION}
+        for name in ("learned", "kept", "held"):
+            fields[name] = tuple(
+                (time, rms, tuple(lines), tuple(condition[0]) if condition else UNKNOWN)
+                for time, rms, lines, *condition in fields.get(name, ())
+            )
         if fields["baseline"] is not None:
             fields["baseline"] = _baseline(**fields["baseline"])
         for name in ("elevated", "t_fs", "t_fs_known", "quiet_since", "first_high_peak", "t_eol"):
@@ -208,8 +246,14 @@ def _mark(stored: Mapping[str, Any] | None) -> Mark | None:
     return None if stored is None else Mark(**stored)
 
 
-def _baseline(ln_rms: float, ln_rms_sd: float, lines: Mapping[str, Sequence[float]]) -> Baseline:
-    return Baseline(ln_rms, ln_rms_sd, {name: (middle, spread) for name, (middle, spread) in lines.items()})
+def _baseline(
+    ln_rms: float,
+    ln_rms_sd: float,
+    lines: Mapping[str, Sequence[float]],
+    by: Mapping[str, dict[str, Any]] | None = None,
+) -> Baseline:
+    spreads = {name: (middle, spread) for name, (middle, spread) in lines.items()}
+    return Baseline(ln_rms, ln_rms_sd, spreads, {name: Dependence.from_dict(one) for name, one in (by or {}).items()})
 
 
 def _of_version_1(values: Mapping[str, Any]) -> dict[str, Any]:
@@ -238,6 +282,9 @@ class DetectOutput:
         end: the end of life became known with this block.
         closed: the episode that closed with this block.
         relearned: the baseline was learned anew with this block.
+        level: RMS over what is learned at the condition of the block; None without a dependence on that.
+        expected_rms: what is learned at the condition of the block, in the unit of the channel; None where nothing is.
+        outside: the dependence was not learned at the condition of the block, which is therefore not judged.
     """
 
     stage: str
@@ -249,3 +296,6 @@ class DetectOutput:
     end: bool = False
     closed: Episode | None = None
     relearned: Relearned | None = None
+    level: float | None = None
+    expected_rms: float | None = None
+    outside: bool = False

@@ -9,7 +9,8 @@ from monitor.health.trend.stage import (
     TrendSettings,
     TrendState,
     TtaStatus,
+    rule_of,
     step,
 )
 
-__all__ = ["LEVEL_SOURCES", "TimeToAlarm", "TrendInput", "TrendSettings", "TrendState", "TtaStatus", "step"]
+__all__ = ["LEVEL_SOURCES", "TimeToAlarm", "TrendInput", "TrendSettings", "TrendState", "TtaStatus", "rule_of", "step"]

@@ -41,8 +41,9 @@ class TtaStatus(StrEnum):
     Values come with ``ok``, ``reached`` (zero) and ``beyond_horizon``. Without: ``no_trend``: the levels do not grow,
     or reach the level within three times the time since the onset with a probability below a half; ``too_few_points``:
     fewer than six blocks since the onset, or no time has passed; ``not_final_stage``; ``learning``: no baseline yet;
-    ``no_level``: the rule does not apply at this speed or load; ``bad_block``: the block gives no level (its quality,
-    or a stopped machine); ``episode_closed``: with this block the final stage closed again.
+    ``no_level``: the rule does not apply at this speed or load, or its level was not learned there; ``bad_block``: the
+    block gives no level (its quality, or a stopped machine); ``episode_closed``: with this block the final stage closed
+    again.
     """
 
     OK = "ok"
@@ -81,7 +82,7 @@ class TrendInput:
     Attributes:
         sequence: number of the block.
         time: that the machine ran, s; may repeat, may not go back.
-        rms: in the unit of the channel.
+        rms: in the unit of the channel; as it were at the reference condition of the baseline where it depends on that.
         usable: the block gives a level: its quality allows it, and the machine runs.
         baseline: median and robust standard deviation of ln RMS of the healthy machine, or None while learning.
         elevated: the level stands above the baseline, so that the final stage may have begun.
@@ -89,6 +90,7 @@ class TrendInput:
         closed: it closed with this block.
         speed: Hz, or None.
         load: N, or None.
+        outside: the block is at a condition at which the level cannot be compared with the baseline.
     """
 
     sequence: int
@@ -101,6 +103,7 @@ class TrendInput:
     closed: bool = False
     speed: float | None = None
     load: float | None = None
+    outside: bool = False
 
 
 @dataclass(frozen=True)
@@ -194,6 +197,8 @@ def step(
     rule = rule_of(alarms)
     if block.closed:
         return TrendState(alert=state.alert, danger=state.danger), TimeToAlarm(TtaStatus.EPISODE_CLOSED)
+    if block.usable and block.outside:
+        return state, TimeToAlarm(TtaStatus.NO_LEVEL)
     if not (block.usable and math.isfinite(block.rms) and block.rms > 0.0):
         return state, TimeToAlarm(TtaStatus.BAD_BLOCK)
     if not applies(rule, {"speed": block.speed, "load": block.load}):

@@ -21,6 +21,7 @@ from monitor.health.detect import (
     step,
     threshold_for,
 )
+from monitor.health.detect.dependence import UNKNOWN
 from monitor.health.detect.threshold import one_of
 from tests.effort import effort_count
 
@@ -389,11 +390,11 @@ def test_a_state_of_version_1_goes_on():
     assert [episode.began.sequence for episode in state.episodes] == [200]
     assert state.stage == "healthy"
     learning = DetectState.from_dict({**VERSION_1, "baseline": None, "learned": [[0.0, 0.1, 0.2], [10.0, 0.1, None]]})
-    assert learning.learned == ((0.0, 0.1, (0.2, None, None, None)), (10.0, 0.1, (None,) * 4))
+    assert learning.learned == ((0.0, 0.1, (0.2, None, None, None), UNKNOWN), (10.0, 0.1, (None,) * 4, UNKNOWN))
     without = {"ln_rms": 0.0, "ln_rms_sd": 0.1, "ln_prominence": 0.0, "ln_prominence_sd": 0.0}
     assert DetectState.from_dict({**VERSION_1, "baseline": without}).baseline == Baseline(0.0, 0.1)
 
 
 def test_a_state_of_another_version_is_refused():
-    with pytest.raises(ValueError, match="version 3"):
-        DetectState.from_dict({**DetectState().to_dict(), "version": 3})
+    with pytest.raises(ValueError, match="version 4"):
+        DetectState.from_dict({**DetectState().to_dict(), "version": 4})

@@ -200,7 +200,7 @@ def step(
         return state, *_without_values(thresholds, EdvStatus.BAD_BLOCK, TtStatus.CANNOT_TELL)
     load, speed = (math.nan if value is None else value for value in (block.load, block.speed))
     own_levels = settings.features == "v_eq"
-    if not own_levels and not library.covers_conditions(load, speed):
+    if not own_levels and not (library.covers_conditions(load, speed) and _is_steady(block, library)):
         return state, *_without_values(thresholds, EdvStatus.OUTSIDE_CONDITIONS, TtStatus.OUTSIDE_LIBRARY)
     relative = fit.relative_levels(_levels(block, settings.features), np.array([load]), np.array([speed]))
     watch = state.watch.see(float(block.time), fit.interval)
@@ -224,6 +224,14 @@ def step(
     state = replace(state, standing=state.standing + 1 if still >= NO_GROWTH else 0)
     moment = Moment(predicted, float(x[0]), history.count, float(block.time), still, state.standing >= STANDING_BLOCKS)
     return state, *_answer(library, fit, moment, settings, thresholds)
+
+
+def _is_steady(block: DamageInput, library: Library) -> bool:
+    """Return whether the speed varies no more within a block than between those of the lives, which have one each."""
+    if block.speed_range is None:
+        return True
+    low, high = block.speed_range
+    return library.covers_changes(0.0, math.log(high / low) / math.sqrt(12.0))
 
 
 def _can_follow(fit: FeatureFit, history: LevelHistory, watch: Watch, ln_rms: float) -> bool:
