@@ -14,7 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from monitor.health.spectrum.interference import Comb, remove_lines
-from monitor.health.spectrum.orders import Warp, between, grid_bins
+from monitor.health.spectrum.orders import Warp
+from monitor.health.spectrum.periodic import between, grid_bins
 
 _MIN_ROOM = 1.05
 """Samples over the angle, over the range of orders that the band covers."""

@@ -4,11 +4,6 @@ The axis is in Hz of a shaft that turns at the mean speed of the block: a line o
 speed, whatever the speed did (docs/decisions/0021). A line of order o at the speed s(t) sounds at o s(t): all that lies
 above the highest order of interest times the highest speed is cut off before, and as many samples are taken over the
 angle as keep the rest, at the lowest speed, from folding below that order.
-
-The signal is evaluated between its samples from its own Fourier coefficients: divided by the transform of a short
-kernel, brought to ``OVERSAMPLING`` times the least rate by an inverse FFT, and weighted by the kernel at the points
-wanted. With a Kaiser-Bessel kernel seven samples wide the error is 2e-6 of the amplitude (Barnett, Magland and af
-Klinteberg, doi 10.1137/18M120885X; measured by ``python -m benchmarks.orders``).
 """
 
 from __future__ import annotations
@@ -23,23 +18,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from monitor.health.rotation.rotation import Rotation
+from monitor.health.spectrum.periodic import between, grid_bins, kept_by_length, precision_of
 from monitor.health.spectrum.plans import Effort, FftPlan, Kind, Precision, next_smooth, planning
 
 MAX_SPEED_RATIO = 6.0
 """Highest over lowest speed of a block that is warped: the samples over the angle grow with it."""
-OVERSAMPLING = 2.0
-"""Samples that are interpolated between, over the least number that holds the signal."""
 SAMPLING_RATIO = 2.5
 """Samples over the angle for each period of the highest line that is read, at least."""
-_HALF_TAPS = 3
-_TAPS = 2 * _HALF_TAPS + 1
-_SHAPE = 0.97 * math.pi * _TAPS * (1.0 - 0.5 / OVERSAMPLING)
-_DEGREE = 8
 _MARGIN, _MARGIN_BINS = 1.02, 32
 """What is kept above the highest frequency that is needed: a line of varying frequency reaches beyond it."""
-_MIN_NODES, _MAX_NODES, _NODES_PER_SECOND, _NODES_PER_KNOT = 1024, 65_536, 200.0, 2.0
-_CHUNK = 8192
+_MIN_NODES, _NODES_PER_SECOND, _MOST_PER_SECOND, _NODES_PER_KNOT = 1024, 200.0, 800.0, 2.0
 _COMPARED, _SAME_TURNS = 129, 1e-3
+_LEAST_SAMPLES = 64
 _KEPT_PLANS, _KEPT_WARPS = 24, 8
 
 
@@ -95,11 +85,38 @@ class Warp:
         return self.nodes * next_smooth(math.ceil(least / self.nodes))
 
 
+@dataclass(frozen=True, eq=False)
+class OrderSpectrum:
+    """Single-sided amplitude spectrum over orders of the shaft, of a signal Hann-windowed over the angle.
+
+    Attributes:
+        step: spacing of the bins, events per revolution; bin k stands at k times it.
+        amplitude: (bin,) in the unit of the signal; a line on a bin reads its amplitude.
+        mean: of the signal over the angle.
+        revolutions: of the shaft.
+        mean_speed: Hz.
+        complete: order up to which every part of the signal is below its Nyquist frequency.
+    """
+
+    step: float
+    amplitude: NDArray[np.float64]
+    mean: float
+    revolutions: float
+    mean_speed: float
+    complete: float
+
+    @property
+    def order(self) -> NDArray[np.float64]:
+        """(bin,) events per revolution."""
+        return np.arange(self.amplitude.size) * self.step
+
+
 @lru_cache(maxsize=_KEPT_WARPS)
 def warp_of(rotation: Rotation, duration: float) -> Warp | None:
     """Return the warp of the first ``duration`` seconds of a block; None beyond ``MAX_SPEED_RATIO``."""
-    wanted = max(_MIN_NODES, _NODES_PER_SECOND * duration, _NODES_PER_KNOT * rotation.time.size)
-    nodes = min(_MAX_NODES, 1 << math.ceil(math.log2(wanted)))
+    most = max(_MIN_NODES, _MOST_PER_SECOND * duration)
+    wanted = max(_MIN_NODES, _NODES_PER_SECOND * duration, min(most, _NODES_PER_KNOT * rotation.time.size))
+    nodes = 1 << math.ceil(math.log2(wanted))
     turned = float(np.diff(rotation.turns_at((0.0, duration)))[0])
     times = rotation.time_at(rotation.turns_at(0.0) + turned * np.arange(nodes + 1) / nodes)
     times[0], times[-1] = 0.0, duration
@@ -144,7 +161,7 @@ def angle_amplitude(
 ) -> tuple[NDArray[np.floating], float]:
     """Return what ``order_amplitude`` does of a signal that is at equal steps of angle already."""
     count = math.floor(limit / warp.resolution + 1e-9) + 1
-    precision = _precision(samples)
+    precision = precision_of(samples)
     mean = float(samples.mean())
     plan = _plan("real", samples.size, precision, effort)
     np.subtract(samples, samples.dtype.type(mean), out=plan.input)
@@ -153,112 +170,77 @@ def angle_amplitude(
     return np.abs(plan.output[: min(count, samples.size // 2)]), mean
 
 
+def order_spectrum(
+    samples: NDArray[np.floating], rate: float, rotation: Rotation, limit: float | None = None
+) -> OrderSpectrum:
+    """Return the order spectrum of a signal at its full rate.
+
+    Up to 0.4 of ``rate`` over the highest speed, the least number of samples in a revolution, lines read their
+    amplitude within 1e-4 of it, and what else the signal holds folds to less than that. Some 60 bytes of memory are
+    needed for a sample.
+
+    Args:
+        samples: (sample,), any unit.
+        rate: sampling rate, Hz.
+        rotation: of the shaft over the samples.
+        limit: highest order; by default all that are below the Nyquist frequency at every speed.
+
+    Raises:
+        ValueError: the samples last another time than the rotation, fewer than 64 samples, or the speed varies beyond
+            ``MAX_SPEED_RATIO``.
+    """
+    if samples.size < _LEAST_SAMPLES or abs(rotation.duration * rate - samples.size) > 0.5:
+        lasts = f"{samples.size / rate:g} s ({samples.size} samples)"
+        raise ValueError(f"expected {_LEAST_SAMPLES} samples or more of {rotation.duration:g} s, got {lasts}")
+    warp = warp_of(rotation, samples.size / rate)
+    if warp is None:
+        low, high = rotation.speed_range
+        raise ValueError(f"the speed varies from {low:g} to {high:g} Hz, at most by a factor of {MAX_SPEED_RATIO:g}")
+    complete = 0.5 * rate / warp.fastest
+    mean = float(samples.mean())
+    bins = np.fft.rfft(samples.astype(np.float64) - mean)[: (samples.size + 1) // 2]
+    highest = (complete if limit is None else min(limit, complete)) * warp.mean_speed
+    over_angle = order_samples(bins, samples.size, warp, highest, plans=False)
+    rest = float(over_angle.mean())
+    amplitude = np.abs(np.fft.rfft((over_angle - rest) * _hann(over_angle.size, "float64")))
+    count = math.floor(highest / warp.resolution + 1e-9) + 1
+    step = warp.resolution / warp.mean_speed
+    return OrderSpectrum(
+        step, np.asarray(amplitude[:count], dtype=np.float64), mean + rest, 1.0 / step, warp.mean_speed, complete
+    )
+
+
 def order_samples(
-    bins: NDArray[np.complexfloating], n_samples: int, warp: Warp, limit: float, *, effort: Effort = "estimate"
+    bins: NDArray[np.complexfloating],
+    n_samples: int,
+    warp: Warp,
+    limit: float,
+    *,
+    effort: Effort = "estimate",
+    plans: bool = True,
 ) -> NDArray[np.floating]:
     """Return a signal at equal steps of angle, without what lies above a frequency; arguments as ``order_amplitude``.
 
     There are at least ``SAMPLING_RATIO`` samples in a period of the limit, and so many that nothing folds below it.
+    Without ``plans`` nothing is kept for the next signal.
     """
     kept = min(bins.size, math.ceil(limit * warp.fastest / warp.mean_speed * warp.duration * _MARGIN) + _MARGIN_BINS)
     highest = kept / warp.duration * warp.mean_speed / warp.slowest
     points = warp.n_points(max(SAMPLING_RATIO * limit, limit + highest) / warp.resolution)
     corrected, length = grid_bins(bins[:kept])
-    plan = _plan("synthesis", length, _precision(bins.real), effort)
-    np.multiply(corrected, bins.real.dtype.type(1.0 / n_samples), out=plan.input[:kept])
-    plan.input[kept:] = 0
-    plan.execute()
-    return between(plan.output, warp.points(points, length / warp.duration)).T.ravel()
+    corrected *= bins.real.dtype.type(1.0 / n_samples)
+    if plans:
+        plan = _plan("synthesis", length, precision_of(bins.real), effort)
+        plan.input[:kept] = corrected
+        plan.input[kept:] = 0
+        plan.execute()
+        period = plan.output
+    else:
+        period = np.fft.irfft(corrected, length, norm="forward")
+    return between(period, warp.points(points, length / warp.duration)).T.ravel()
 
 
-def grid_bins(bins: NDArray[np.complexfloating]) -> tuple[NDArray[np.complexfloating], int]:
-    """Return bins as ``between`` needs them, and the length of their inverse transform."""
-    length = _grid_length(bins.size)
-    return bins * _correction(length, _precision(bins.real))[: bins.size], length
-
-
-def _precision(samples: NDArray[np.floating]) -> Precision:
-    return "float32" if samples.dtype == np.float32 else "float64"
-
-
-def between(period: NDArray[np.floating], places: NDArray[np.float64]) -> NDArray[np.floating]:
-    """Return a periodic signal at places between its samples.
-
-    Args:
-        period: (sample,) the inverse transform of what ``grid_bins`` gave.
-        places: (row, place) from 0 to the length of the period, in samples.
-    """
-    grid = np.concatenate((period[-_HALF_TAPS:], period, period[: _HALF_TAPS + 1]))
-    kernel = _kernel()
-    found = np.empty(places.shape, dtype=grid.dtype)
-    rows = max(1, _CHUNK // places.shape[1])
-    for begin in range(0, places.shape[0], rows):
-        place = places[begin : begin + rows]
-        nearest = np.rint(place)
-        beside = (place - nearest).astype(grid.dtype)
-        square = beside * beside
-        index = nearest.astype(np.intp)
-        total = grid.take(index + _HALF_TAPS, mode="clip")
-        total *= _polynomial(kernel[0][0], square)
-        for tap in range(1, _HALF_TAPS + 1):
-            even, odd = (_polynomial(terms, square) for terms in kernel[tap])
-            odd *= beside
-            above, below = (
-                grid[_HALF_TAPS + tap :].take(index, mode="clip"),
-                grid[_HALF_TAPS - tap :].take(index, mode="clip"),
-            )
-            total += even * (above + below)
-            total += odd * (above - below)
-        found[begin : begin + rows] = total
-    return found
-
-
-def _polynomial(terms: tuple[float, ...], x: NDArray[np.floating]) -> NDArray[np.floating]:
-    """Return a polynomial, its highest term first."""
-    value = x * x.dtype.type(terms[0])
-    value += x.dtype.type(terms[1])
-    for term in terms[2:]:
-        value *= x
-        value += x.dtype.type(term)
-    return value
-
-
-@lru_cache(maxsize=1)
-def _kernel() -> tuple[tuple[tuple[float, ...], tuple[float, ...]], ...]:
-    """Return the kernel at ``tap - v``, v from -1/2 to 1/2, of each tap from 0: its parts even and odd in v.
-
-    Both are polynomials in the square of v, the highest term first; the odd part is to be multiplied by v.
-    """
-    found: list[tuple[tuple[float, ...], tuple[float, ...]]] = []
-    for tap in range(_HALF_TAPS + 1):
-        series = np.polynomial.Chebyshev.interpolate(lambda v, tap=tap: _kaiser(tap - v), _DEGREE, domain=[-0.5, 0.5])
-        terms = series.convert(kind=np.polynomial.Polynomial, domain=[-1.0, 1.0]).coef
-        found.append((tuple(terms[0::2][::-1].tolist()), tuple(terms[1::2][::-1].tolist())))
-    return tuple(found)
-
-
-def _kaiser(distance: NDArray[np.float64]) -> NDArray[np.float64]:
-    inside = 1.0 - np.square(distance * (2.0 / _TAPS))
-    return np.i0(_SHAPE * np.sqrt(np.maximum(inside, 0.0))) / np.i0(_SHAPE)
-
-
-@lru_cache(maxsize=_KEPT_PLANS)
-def _correction(length: int, precision: Precision) -> NDArray[np.floating]:
-    """Return one over the transform of the kernel at the bins of a grid that are used, real."""
-    frequency = np.arange(math.ceil(0.5 * length / OVERSAMPLING) + 1) * (math.pi * _TAPS / length)
-    root = np.sqrt(_SHAPE**2 - np.square(frequency))
-    transform = _TAPS * np.sinh(root) / (root * np.i0(_SHAPE))
-    return (1.0 / transform).astype(precision)
-
-
-def _grid_length(n_bins: int) -> int:
-    """Return the length of the grid for so many bins, one of four to the octave."""
-    least = max(2.0 * OVERSAMPLING * n_bins, 64.0)
-    octave = 1 << (math.ceil(math.log2(least)) - 3)
-    return octave * math.ceil(least / octave)
-
-
-@lru_cache(maxsize=_KEPT_PLANS)
+@kept_by_length
 def _hann(n_samples: int, precision: Precision) -> NDArray[np.floating]:
     """Return the Hann window with which the transform of a line of unit amplitude reads 1."""
     hann = 0.5 - 0.5 * np.cos(2.0 * np.pi * np.arange(n_samples) / n_samples)

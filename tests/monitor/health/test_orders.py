@@ -16,7 +16,14 @@ from monitor.health.spectrum.average import RecentSpectra
 from monitor.health.spectrum.bands import BandVotes, rank_bands
 from monitor.health.spectrum.features import FAULTS, BlockFeatures, FeatureSettings, block_features
 from monitor.health.spectrum.interference import Interference, all_combs
-from monitor.health.spectrum.orders import MAX_SPEED_RATIO, order_amplitude, order_samples, same_axis, warp_of
+from monitor.health.spectrum.orders import (
+    MAX_SPEED_RATIO,
+    order_amplitude,
+    order_samples,
+    order_spectrum,
+    same_axis,
+    warp_of,
+)
 from monitor.health.spectrum.transform import BlockTransform
 from tests.effort import effort_count
 
@@ -245,3 +252,40 @@ def test_only_spectra_by_the_same_angle_have_one_axis() -> None:
     assert same_axis(rotation, geared)
     assert not same_axis(rotation, None)
     assert not same_axis(rotation, constant(rotation.mean_speed, DURATION))
+
+
+@given(rotations, st.floats(0.02, 0.8), st.floats(0.0, 1.0))
+@effort(max_examples=CASES, deadline=None)
+def test_a_line_at_full_rate_reads_its_amplitude_up_to_0_4_of_the_sampling_order(
+    rotation: Rotation, share: float, turn: float
+) -> None:
+    order = share * 0.5 * RATE / rotation.speed_range[1]
+    found = order_spectrum(1.5 + 2.0 * tone(rotation, order, turn), RATE, rotation)
+    assert found.revolutions == pytest.approx(rotation.turned)
+    assert found.complete == pytest.approx(0.5 * RATE / rotation.speed_range[1], rel=1e-3)
+    bins = found.order / found.step
+    near = np.abs(bins - order / found.step) < 4.0
+    np.testing.assert_allclose(found.amplitude[near], 2.0 * hann_line(bins[near] - order / found.step), atol=2e-4)
+    assert found.mean == pytest.approx(1.5, abs=0.1)
+
+
+@pytest.mark.parametrize("share", [1.1, 1.6])
+def test_at_full_rate_what_is_above_the_limit_does_not_fold(share: float) -> None:
+    rotation = hunting(25.0, 0.1, 0.7)
+    limit = 60.0
+    found = order_spectrum(tone(rotation, share * limit), RATE, rotation, limit)
+    assert found.amplitude.size == int(limit / found.step) + 1
+    assert found.amplitude[2 : -int(2.0 / found.step)].max() < 1e-4
+
+
+@pytest.mark.parametrize(
+    ("rotation", "samples", "message"),
+    [
+        (run_up(5.0, 40.0), N, "the speed varies from 5 to 40 Hz, at most by a factor of 6"),
+        (constant(20.0, DURATION), N - 1, r"expected 64 samples or more of 2 s, got 1\.99988 s \(15999 samples\)"),
+        (constant(20.0, 0.005), 40, r"expected 64 samples or more of 0\.005 s, got 0\.005 s \(40 samples\)"),
+    ],
+)
+def test_an_order_spectrum_is_refused(rotation: Rotation, samples: int, message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        order_spectrum(np.zeros(samples), RATE, rotation)
