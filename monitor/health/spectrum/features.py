@@ -170,19 +170,20 @@ def block_features(
     """
     if rate != settings.rate:
         raise ValueError(f"the settings are for {settings.rate:g} Hz, the block has {rate:g} Hz")
+    needed = raw_limit(settings, rate / x.size), envelope_limit(settings, rate / x.size)
     transform = get_transform(
         x.size,
         rate,
         settings.bands,
         settings.precision,
         rms_band=settings.rms_band,
-        raw_limit=rounded_up(raw_limit(settings, rate / x.size)),
-        envelope_limit=rounded_up(envelope_limit(settings, rate / x.size)),
+        raw_limit=rounded_up(needed[0]),
+        envelope_limit=rounded_up(needed[1]),
         effort=settings.effort,
     )
     span = sample_range(x, span)
     indicators = time_indicators(x, span)
-    spectra = transform(x, span, settings.interference, rotation=settings.rotation, view=settings.view)
+    spectra = transform(x, span, settings.interference, rotation=settings.rotation, needed=needed, view=settings.view)
     if settings.rotation is not None and spectra.warp is None:
         # The speed varies too much to be followed: its mean is no speed at which lines stand.
         settings = replace(settings, rotation=None, speed_sd=None)

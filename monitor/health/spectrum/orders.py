@@ -66,7 +66,7 @@ class Warp:
         """
         nodes = self.nodes
         if count <= nodes:
-            return self.times[None, : -1 : nodes // count] * scale
+            return np.asarray(self.times[None, : -1 : nodes // count] * scale, dtype=np.float64)
         begin, first, last = self.times[:-1] * scale, self.slopes[:-1] * scale, self.slopes[1:] * scale
         rise = np.diff(self.times) * scale
         u = (np.arange(count // nodes) / (count // nodes))[:, None]
@@ -108,7 +108,7 @@ class OrderSpectrum:
     @property
     def order(self) -> NDArray[np.float64]:
         """(bin,) events per revolution."""
-        return np.arange(self.amplitude.size) * self.step
+        return np.arange(self.amplitude.size, dtype=np.float64) * self.step
 
 
 @lru_cache(maxsize=_KEPT_WARPS)

@@ -199,6 +199,7 @@ class BlockTransform:
         interference: Sequence[Comb] = (),
         *,
         rotation: Rotation | None = None,
+        needed: tuple[float, float] = (math.inf, math.inf),
         view: bool = False,
     ) -> BlockSpectra:
         """Return the spectra of one block.
@@ -209,6 +210,7 @@ class BlockTransform:
             interference: combs that are removed before the envelopes; raw spectrum and RMS keep them.
             rotation: of the shaft over the block: raw spectrum and envelopes are over its angle, up to
                 ``MAX_SPEED_RATIO``; beyond, and without it, they are over time.
+            needed: frequencies up to which raw spectrum and envelopes over the angle are made, Hz, within the limits.
             view: whether the spectrum to be looked at is asked for.
 
         Raises:
@@ -221,7 +223,7 @@ class BlockTransform:
         mean, scale = self._load(used, sample_range(used) if span is None or used.size < x.size else span)
         self._forward.execute()
         spectrum = self._forward.output
-        raw = self._raw_amplitude(spectrum, warp)
+        raw = self._raw_amplitude(spectrum) if warp is None else self._raw_in_orders(spectrum, warp, needed[0])
         band_rms = None if self._rms_bins is None else _rms(spectrum, self._rms_bins, self.n_used) / scale
         velocity = velocity_of(spectrum, self.n_used, self.rate, scale)
         seen = raw_spectra(spectrum, self.n_used, self.rate, scale) if view else None
@@ -235,7 +237,7 @@ class BlockTransform:
         for band, (first, last), plan in zip(self.bands, self._bins, self._envelope_plans, strict=True):
             n_keep = min(last - first + 1, plan.n // 2 + 1, self._n_envelope)
             bins = spectrum[first : last + 1]
-            limit = (n_keep - 1) * self.resolution
+            limit = min((n_keep - 1) * self.resolution, needed[1])
             amplitude, level = (
                 plan(bins, n_keep) if warp is None else plan.in_orders(bins, first, warp, limit, of_shaft)
             )
@@ -280,14 +282,17 @@ class BlockTransform:
         workspace[:] = (x.astype(np.float64) - mean) * scale
         return mean, scale
 
-    def _raw_amplitude(self, spectrum: NDArray[np.complexfloating], warp: Warp | None) -> NDArray[np.floating]:
-        """Hann-windowed amplitude of the lowest bins: over time a convolution with [-1/4, 1/2, -1/4]."""
+    def _raw_in_orders(self, spectrum: NDArray[np.complexfloating], warp: Warp, needed: float) -> NDArray[np.floating]:
+        """Hann-windowed amplitude of the signal over the angle."""
+        limit = min((self._n_raw - 1) * self.resolution, needed)
+        below = spectrum[: (self.n_used + 1) // 2]
+        amplitude, _ = order_amplitude(below, self.n_used, warp, limit, effort=self._effort)
+        amplitude[0] = 0.0
+        return amplitude
+
+    def _raw_amplitude(self, spectrum: NDArray[np.complexfloating]) -> NDArray[np.floating]:
+        """Hann-windowed amplitude of the lowest bins: the window is a convolution with [-1/4, 1/2, -1/4]."""
         n = self._n_raw
-        if warp is not None and n > 1:
-            below = spectrum[: (self.n_used + 1) // 2]
-            amplitude, _ = order_amplitude(below, self.n_used, warp, (n - 1) * self.resolution, effort=self._effort)
-            amplitude[0] = 0.0
-            return amplitude
         if n == 1:
             return np.zeros(1, spectrum.real.dtype)
         middle = spectrum[:n] * spectrum.real.dtype.type(2.0 / self.n_used)
