@@ -41,6 +41,7 @@ class _Seconds(click.ParamType):
 @click.option("--format", "kind", default="auto", help="Without --config: format or data set.")
 @click.option("--rate-hz", type=option.POSITIVE, help="Without --config: sampling rate.")
 @click.option("--block-s", type=_Seconds(), default=5.0, help="Without --config: block length.")
+@click.option("--pulses", help="Without --config: times of pulses, an array or {stem}.pulses.csv.")
 @click.option("--pace", type=option.POSITIVE, help="Multiple of real time. Default: as fast as possible.")
 @click.option("--limit", type=click.IntRange(min=1), help="Number of the last block to send.")
 @click.option("--patience-s", type=option.NOT_NEGATIVE, default=300.0, help="Give up after this time without progress.")
@@ -60,6 +61,7 @@ def command(
     kind: str,
     rate_hz: float | None,
     block_s: float,
+    pulses: str | None,
     pace: float | None,
     limit: int | None,
     patience_s: float,
@@ -80,7 +82,7 @@ def command(
     from streams.spec import NetworkSpec, parse_address
 
     address = parse_address(url, "--to")
-    source = _recording(path, config_path, kind, rate_hz, block_s)
+    source = _recording(path, config_path, kind, rate_hz, block_s, pulses)
     name = stream or source.name
     _check_files(address.scheme, {**files, "stream_key_file": stream_key_file, "tls_ca_file": tls_ca_file})
     link: Link
@@ -111,13 +113,15 @@ def _check_files(scheme: str, files: dict[str, Path | None]) -> None:
             raise InputError(f"--{name.replace('_', '-')} belongs to {other}://, --to is {scheme}://")
 
 
-def _recording(path: str, config_path: Path | None, kind: str, rate: float | None, block_s: Any) -> Source:
+def _recording(
+    path: str, config_path: Path | None, kind: str, rate: float | None, block_s: Any, pulses: str | None
+) -> Source:
     from streams.open import open_source
     from streams.spec import SourceSpec
 
     if config_path is None:
         stem = re.sub(r"[^A-Za-z0-9_.-]", "-", Path(path).name)[:64] or "recording"
-        return open_source(SourceSpec(stem, path, format=kind, rate=rate, block_s=block_s))
+        return open_source(SourceSpec(stem, path, format=kind, rate=rate, block_s=block_s, pulses=pulses))
     from monitor.service.setup import open_configured
 
     config = read_config(config_path)

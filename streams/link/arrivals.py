@@ -13,11 +13,11 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 from streams.block import Block, Rejected
+from streams.link.frame_item import item_of_frame
+from streams.link.pulse_frame import Held, HeldPulses, decode_pulses
 from streams.link.refusals import LINK, Refusals
-from streams.link.wire import JumpError, WireError, decode_frame
-from streams.load import agreed_rate, choose_channels, content_hash
-from streams.reblock import samples_hash
-from streams.samples import ReaderError, Samples
+from streams.link.wire import PULSES, JumpError, WireError, decode_frame, frame_version
+from streams.load import content_hash
 from streams.source import Backlog, Delivery, Ledger, LiveSource, StreamCount
 from streams.spec import MAX_FRAME, NetworkSpec, SourceError, SourceSpec, parse_address
 
@@ -26,25 +26,26 @@ from streams.spec import MAX_FRAME, NetworkSpec, SourceError, SourceSpec, parse_
 class Ticket:
     """A delivery until it is acknowledged; size in bytes, time of receipt of its frame.
 
-    ``token`` is of the transport, replaced when the frame is received again; ``out_of_order``: a higher number was
-    received before, so the ledger may have this one.
+    ``tokens`` are of the transport, of the frame and of its pulses if any, replaced when they are received again;
+    ``out_of_order``: a higher number was received before, so the ledger may have this one.
     """
 
     stream: str
     size: int
     since: float
-    token: Any = None
+    tokens: tuple[Any, ...] = ()
     out_of_order: bool = False
 
 
 @dataclass(eq=False)
 class _Stream:
-    """State of a stream; ``committed`` and ``received`` are numbers of blocks, not of frames."""
+    """State of a stream; ``committed`` and ``received`` are numbers of blocks, those of ``pulses`` of frames."""
 
     spec: SourceSpec
     count: StreamCount = field(default_factory=StreamCount)
     committed: int = 0
     received: int = 0
+    pulses: HeldPulses = field(default_factory=HeldPulses)
 
 
 class Arrivals:
@@ -55,7 +56,7 @@ class Arrivals:
     A frame received again before its commit is discarded; after it, it is delivered as a rejection ``duplicate`` or
     ``changed``, and the committed block stays. Where numbers are skipped, a rejection ``incomplete`` under the last of
     them states which are missing; but where the sender states that it did send the one before, that one was lost on
-    the way, and the frame is refused until both are sent again.
+    the way, and the frame is refused until both are sent again. So it is where pulses that a frame states did not come.
     """
 
     def __init__(
@@ -112,7 +113,7 @@ class Arrivals:
         return None if found is None else found.spec.name
 
     def take(self, stream: str, data: bytes | bytearray, token: Any = None, limit: int = MAX_FRAME) -> bool:
-        """Queue a whole frame of at most ``limit`` bytes; ``data`` must not be changed afterwards.
+        """Queue a whole frame of at most ``limit`` bytes, or hold one of pulses; ``data`` must not be changed later.
 
         Returns:
             Whether it was taken; if not, the sender must send again from the number committed last on.
@@ -122,14 +123,31 @@ class Arrivals:
             JumpError: the number is too far ahead, or before the first one after a reset; likewise.
         """
         state = self._streams[stream]
-        item, after = _item(state, stream, data, limit)
+        if frame_version(data) == PULSES:
+            pulses = decode_pulses(data, limit)
+            _check_jump(state, stream, state.count.block_of(pulses.sequence))
+            state.pulses.put(Held(pulses, len(data), token))
+            return True
+        item, after, held = _item(state, stream, data, limit)
+        if item is None:
+            return False
+        tokens = tuple(found for found in (token, None if held is None else held.token) if found is not None)
+        size = len(data) + (0 if held is None else held.size)
         with self._lock:
             _check_jump(state, stream, item.sequence)
             if after is not None and state.received < after < item.sequence:
                 return False
-            self._queue_by_number(state, stream, item, Ticket(stream, len(data), self._clock(), token))
+            self._queue_by_number(state, stream, item, Ticket(stream, size, self._clock(), tokens))
+            if held is not None:
+                state.pulses.take(held.frame.sequence)
             self._lock.notify_all()
         return True
+
+    def spent(self, stream: str) -> list[Any]:
+        """Return the tokens of frames of pulses that are not waited for any more, each once."""
+        pulses = self._streams[stream].pulses
+        found, pulses.spent = pulses.spent, []
+        return found
 
     def _queue_by_number(self, state: _Stream, stream: str, item: Block | Rejected, ticket: Ticket) -> None:
         number = item.sequence
@@ -146,7 +164,7 @@ class Arrivals:
             ticket.out_of_order = True
             self._queue_new(item, ticket)
         elif waiting[0] == item.content_hash:
-            waiting[1].token = ticket.token
+            waiting[1].tokens = ticket.tokens
         else:
             self._put(Delivery(_repeated(item, waiting[0]), ticket))
 
@@ -242,8 +260,13 @@ def _gap(state: _Stream, stream: str, first: int, last: int) -> Rejected:
     return Rejected(state.spec.name, last, state.count.name_of(stream, end), "incomplete", reason)
 
 
-def _item(state: _Stream, stream: str, data: bytes | bytearray, limit: int) -> tuple[Block | Rejected, int | None]:
-    """Return the block or rejection of a frame, and the number of the block before it if stated."""
+def _item(
+    state: _Stream, stream: str, data: bytes | bytearray, limit: int
+) -> tuple[Block | Rejected | None, int | None, Held | None]:
+    """Return the block or rejection of a frame, the number of the block before it if stated, and its pulses.
+
+    There is no block where pulses that the frame states have not come.
+    """
     spec, count = state.spec, state.count
     try:
         frame = decode_frame(data, limit)
@@ -252,31 +275,14 @@ def _item(state: _Stream, stream: str, data: bytes | bytearray, limit: int) -> t
             raise
         name, number = count.name_of(stream, error.sequence), count.block_of(error.sequence)
         reason = f"{name}: {error}"
-        return Rejected(spec.name, number, name, error.status, reason, content_hash(bytes(data))), None
+        rejected = Rejected(spec.name, number, name, error.status, reason, content_hash(bytes(data)))
+        return rejected, None, state.pulses.get(error.sequence)
     name, number = count.name_of(stream, frame.sequence), count.block_of(frame.sequence)
     after = None if frame.after is None else count.block_of(frame.after)
-    samples = frame.scaled()
-    digest = samples_hash(samples.values, samples.known_rate, samples.channels)
-    try:
-        chosen = _chosen(spec, samples, name)
-    except ReaderError as error:
-        return Rejected(spec.name, number, name, error.status, str(error), digest), after
-    return chosen.block(spec.name, number, name, digest, chosen.elapsed), after
-
-
-def _chosen(spec: SourceSpec, samples: Samples, name: str) -> Samples:
-    """Return the samples of the configured channels; a frame may hold more."""
-    unstated = replace(samples, units=("unknown",) * len(samples.units))
-    chosen = choose_channels(unstated, spec.channels, None, name)
-    units: list[str | None] = []
-    for channel, column, unit in zip(chosen.channels, chosen.columns, chosen.units, strict=True):
-        stated = samples.units[column - 1]
-        wanted = unit if spec.channels and unit != "unknown" else stated
-        if stated not in ("unknown", wanted):
-            reason = f"{name}: channel {channel}: the frame is in {stated}, unit = {wanted!r}"
-            raise ReaderError("wrong_unit", reason)
-        units.append(wanted)
-    return replace(chosen, units=tuple(units), rate=agreed_rate((samples.rate,), spec.rate, name))
+    held = state.pulses.get(frame.sequence)
+    if held is None and frame.pulses is not None:
+        return None, after, None
+    return item_of_frame(spec, frame, held, name, number), after, held
 
 
 class Receiver(LiveSource):

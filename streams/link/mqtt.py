@@ -107,17 +107,22 @@ class MqttReceiver(Receiver):
             if not taken:
                 # The broker lost the one before; both stay uncommitted, and the sender repeats them.
                 client.ack(message.mid, message.qos)
+            self._acknowledge(self._arrivals.spent(topic))
         except WireError as error:
             self._refused(f"{topic}: {error}", JUMP if isinstance(error, JumpError) else LINK, topic)
             client.ack(message.mid, message.qos)
 
     def _confirm(self, ticket: Ticket) -> None:
-        token = ticket.token
-        with self._lock:
-            current = isinstance(token, _Token) and token.connection == self._connection and self._connected
-        if current and isinstance(token, _Token):
-            self._client.ack(token.message, 1)
+        self._acknowledge(ticket.tokens)
         self._publish(ticket.stream)
+
+    def _acknowledge(self, tokens: Sequence[Any]) -> None:
+        """Acknowledge messages of this connection to the broker."""
+        for token in tokens:
+            with self._lock:
+                current = isinstance(token, _Token) and token.connection == self._connection and self._connected
+            if current and isinstance(token, _Token):
+                self._client.ack(token.message, 1)
 
     def _publish(self, topic: str) -> None:
         # The number is published with each connection; QoS 0 queues nothing in between.

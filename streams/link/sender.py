@@ -14,7 +14,8 @@ from typing import Protocol
 from models.errors import SpallwatchError
 from streams.block import Block, Rejected
 from streams.link.auth import NONCE_BYTES, proof
-from streams.link.wire import ACK, PROVEN, REFUSED, VERSION, WireError, block_frame, encode_frame, hello
+from streams.link.pulse_frame import block_frames
+from streams.link.wire import ACK, PROVEN, REFUSED, VERSION, WireError, hello
 from streams.source import Source
 from streams.spec import Address
 
@@ -213,7 +214,7 @@ class Sender:
         self._patience, self._stall = patience, stall
         self._progress = progress
         self._sleep = sleep
-        self._held: deque[tuple[int, bytes]] = deque()
+        self._held: deque[tuple[int, tuple[bytes, ...]]] = deque()
         self._blocks: Iterator[Block] = iter(())
         self._position = 0
         self._released = 0
@@ -280,15 +281,17 @@ class Sender:
             self._blocks = self._iterate(committed)
             self._position = self._released = self._committed = committed
         self._release(committed)
-        for _, frame in self._held:
-            self._link.send(frame)
+        for _, frames in self._held:
+            for frame in frames:
+                self._link.send(frame)
 
     def _stream(self) -> bool:
         """Send until all is committed; return False where commits fail to come."""
         progressed = time.monotonic()
         exhausted = False
         while True:
-            room = len(self._held) < _WINDOW_FRAMES and sum(len(frame) for _, frame in self._held) < _WINDOW_BYTES
+            waiting = sum(len(frame) for _, frames in self._held for frame in frames)
+            room = len(self._held) < _WINDOW_FRAMES and waiting < _WINDOW_BYTES
             if not exhausted and room:
                 exhausted = not self._send_next()
             if exhausted and not self._held:
@@ -323,18 +326,19 @@ class Sender:
         if block is None:
             return False
         try:
-            frame = encode_frame(block_frame(block, after=self._position))
+            frames = block_frames(block, after=self._position)
         except WireError as error:
             raise SendError(f"{block.name}: {error}") from None
         if self._pace is not None:
             self._sleep(max(0.0, self._due - time.monotonic()))
             self._due = max(self._due, time.monotonic() - 1.0) + block.duration / self._pace
         self._position = block.sequence
-        self._held.append((block.sequence, frame))
+        self._held.append((block.sequence, frames))
         if block.sequence > self._highest:
             self._highest = block.sequence
             self._sent += 1
-        self._link.send(frame)
+        for frame in frames:
+            self._link.send(frame)
         return True
 
     def _release(self, committed: int) -> bool:

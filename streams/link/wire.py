@@ -16,12 +16,14 @@ from typing import Any
 import numpy as np
 from google_crc32c import value as crc32c
 
-from models.errors import SpallwatchError
 from streams.block import Block
+from streams.link.header import MAX_SEQUENCE, WireError, header_of, stated_frame, stated_rows
 from streams.samples import Samples
-from streams.spec import MAX_FRAME, UNITS
+from streams.spec import MAX_FRAME
 
 VERSION = 1
+PULSES = 2
+"""Version of a frame whose payload is times of pulses, see :mod:`streams.link.pulse_frame`."""
 PROVEN = 2
 """Version of a hello whose sender proves that it has the key of the stream, and learns why it is refused."""
 HELLO_MAGIC, FRAME_MAGIC = b"SPWH", b"SPW1"
@@ -39,13 +41,9 @@ UNDATED = -(2**63)
 """In place of a start: the stream has no date."""
 MAX_CHANNELS = 1024
 MAX_STREAM_ID = 64
-MAX_SEQUENCE = 2**63 - 1
 MAX_REASON_BYTES = 500
 
-_SPEED_HZ = (1e-3, 1e4)
-_LOAD_NEWTON = (0.0, 1e9)
 _RATE_HZ = (1.0, 1e8)
-_ELAPSED_S = (0.0, 1e10)
 _START_NS = (-2_208_988_800 * 10**9, 4_102_444_800 * 10**9)
 """From 1900 to 2100."""
 
@@ -55,20 +53,6 @@ SAMPLE_TYPES: Mapping[int, np.dtype[Any]] = {
     3: np.dtype("<f4"),
     4: np.dtype("<f8"),
 }
-
-
-class WireError(SpallwatchError):
-    """Bytes break the protocol; the message states what was expected and received.
-
-    ``status`` is a rejection status of the interface. ``sequence`` is the number of the frame where its checksum is
-    right, else None: then not even its length is reliable, and a connection must be closed.
-    """
-
-    def __init__(self, reason: str, status: str = "unreadable", sequence: int | None = None) -> None:
-        """Keep status and sequence beside the message."""
-        super().__init__(reason)
-        self.status = status
-        self.sequence = sequence
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,6 +66,7 @@ class Frame:
         scale: factor from the values to the unit, by row; empty: 1.
         after: number of the frame sent before this one (or committed), None where it is not stated; the sender skips
             the numbers between the two, but a missing ``after`` was lost on the way.
+        pulses: number of pulses in the frame of pulses that was sent before this one, None where there is none.
     """
 
     sequence: int
@@ -89,6 +74,7 @@ class Frame:
     start: int | None = None
     scale: tuple[float, ...] = ()
     after: int | None = None
+    pulses: int | None = None
 
     def scaled(self) -> Samples:
         """Return the dated samples in their units, float32 where 24 bits hold their type."""
@@ -150,15 +136,15 @@ def hello_stream(data: bytes) -> str:
 
 
 def frame_length(data: bytes, limit: int = MAX_FRAME) -> int:
-    """Return the length of a whole frame from its first ``HEAD.size`` bytes.
+    """Return the length of a whole frame, of samples or pulses, from its first ``HEAD.size`` bytes.
 
     Raises:
-        WireError: no frame of this version, an unknown sample type, or larger than allowed.
+        WireError: no frame of these versions, an unknown sample type, or larger than allowed.
     """
     if len(data) < HEAD.size:
         raise WireError(f"a frame has at least {HEAD.size + _CRC.size} bytes, got {len(data)}")
     magic, version, channels, _, _, samples, kind, _, json_length = HEAD.unpack_from(data)
-    _check_magic(magic, version, FRAME_MAGIC, "a frame")
+    _check_magic(magic, version, FRAME_MAGIC, "a frame", (VERSION, PULSES))
     if kind not in SAMPLE_TYPES:
         raise WireError(f"the sample type is 1 to 4, got {kind}")
     if channels > MAX_CHANNELS:
@@ -179,33 +165,57 @@ def _check_magic(
         raise WireError(f"{what} of version {known} was expected, got version {version}")
 
 
-def decode_frame(data: bytes | bytearray | memoryview, limit: int = MAX_FRAME) -> Frame:
-    """Return the frame in bytes from magic to checksum; its samples are a view.
+def frame_version(data: bytes | bytearray | memoryview) -> int:
+    """Return the version of a frame from its first bytes, 0 where there are not enough."""
+    return HEAD.unpack_from(data)[1] if len(data) >= HEAD.size else 0
+
+
+def whole_frame(data: bytes | bytearray | memoryview, version: int, limit: int = MAX_FRAME) -> memoryview:
+    """Return the bytes from magic to checksum of a frame of one version, and of a right number.
 
     Raises:
-        WireError: with ``sequence`` where the checksum is right but the content is not.
+        WireError: they are not, or the checksum is wrong.
     """
     view = memoryview(data)
     length = frame_length(bytes(view[: HEAD.size]), limit)
     if len(view) != length:
         raise WireError(f"the frame says {length} bytes, {len(view)} came")
+    if frame_version(view) != version:
+        raise WireError(f"a frame of version {version} was expected, got version {frame_version(view)}")
     checksum, found = _CRC.unpack(view[-_CRC.size :])[0], crc32c(bytes(view[: -_CRC.size]))
     if checksum != found:
         raise WireError(f"the checksum is {checksum:08x}, of these bytes it is {found:08x}")
-    _, _, channels, sequence, rate, count, kind, start, json_length = HEAD.unpack_from(view)
+    sequence = HEAD.unpack_from(view)[3]
     if not 1 <= sequence <= MAX_SEQUENCE:
         raise WireError(f"a sequence is 1 to {MAX_SEQUENCE}, got {sequence}")
+    return view
+
+
+def sealed(body: bytes) -> bytes:
+    """Return a body with its checksum."""
+    return body + _CRC.pack(crc32c(body))
+
+
+def decode_frame(data: bytes | bytearray | memoryview, limit: int = MAX_FRAME) -> Frame:
+    """Return the frame of samples in bytes from magic to checksum; its samples are a view.
+
+    Raises:
+        WireError: with ``sequence`` where the checksum is right but the content is not.
+    """
+    view = whole_frame(data, VERSION, limit)
+    _, _, channels, sequence, rate, count, kind, start, json_length = HEAD.unpack_from(view)
     try:
         _check_head(rate, start)
         if not channels or not count:
             raise WireError(f"no samples: {channels} channels of {count} samples", "empty")
-        stated, scale, after = _json_header(bytes(view[HEAD.size : HEAD.size + json_length]), channels)
-        _check_after(sequence, after)
+        header = header_of(bytes(view[HEAD.size : HEAD.size + json_length]))
+        stated, of_frame = stated_rows(header, channels), stated_frame(header, channels)
+        _check_after(sequence, of_frame["after"])
     except WireError as error:
         raise WireError(str(error), error.status, sequence) from None
     values = np.frombuffer(view, SAMPLE_TYPES[kind], channels * count, HEAD.size + json_length)
     samples = Samples(values.reshape(channels, count), rate=rate, **stated)
-    return Frame(sequence, samples, None if start == UNDATED else start, scale, after)
+    return Frame(sequence, samples, None if start == UNDATED else start, **of_frame)
 
 
 def _check_head(rate: float, start: int) -> None:
@@ -218,81 +228,6 @@ def _check_head(rate: float, start: int) -> None:
 def _check_after(sequence: int, after: int | None) -> None:
     if after is not None and after >= sequence:
         raise WireError(f"after must be below the sequence, got {after} in frame {sequence}")
-
-
-def _refuse_constant(word: str) -> None:
-    raise ValueError(f"{word} is not JSON")
-
-
-def _json_header(text: bytes, channels: int) -> tuple[dict[str, Any], tuple[float, ...], int | None]:
-    """Return what the JSON header states: fields of the samples, scale, frame before."""
-    try:
-        header = json.loads(text.decode(), parse_constant=_refuse_constant)
-    except (ValueError, RecursionError) as error:
-        raise WireError(f"the header is not JSON: {type(error).__name__}: {error}") from None
-    if not isinstance(header, dict):
-        raise WireError(f"the header must be a JSON object, got {type(header).__name__}")
-    names = _words(header, "channels", channels)
-    if len(set(names)) != channels or not all(name and name.isprintable() for name in names):
-        raise WireError(f"channels must be different printable names, got {names!a}", "wrong_shape")
-    units = _words(header, "units", channels)
-    unknown = [unit for unit in units if unit not in UNITS]
-    if unknown:
-        raise WireError(f"units must be of {', '.join(UNITS)}, got {unknown[0]!a}", "wrong_unit")
-    rows: dict[str, Any] = {
-        "channels": names,
-        "units": units,
-        "speed": _number(header, "speed_hz", _SPEED_HZ),
-        "load": _number(header, "load_newton", _LOAD_NEWTON),
-        "elapsed": _number(header, "elapsed_s", _ELAPSED_S),
-    }
-    return rows, _scale(header, channels), _whole(header, "after")
-
-
-def _words(header: Mapping[str, Any], key: str, channels: int) -> tuple[str, ...]:
-    values = header.get(key)
-    if not isinstance(values, list) or len(values) != channels or not all(isinstance(value, str) for value in values):
-        raise WireError(f"{key} must be a list of {channels} words", "wrong_shape")
-    return tuple(values)
-
-
-def _scale(header: Mapping[str, Any], channels: int) -> tuple[float, ...]:
-    values = header.get("scale")
-    if values is None:
-        return (1.0,) * channels
-    if not isinstance(values, list):
-        values = [values] * channels
-    if len(values) != channels or not all(_is_number(value) and float(value) != 0.0 for value in values):
-        raise WireError(f"scale must be one number or {channels}, finite and not 0", "wrong_unit")
-    return tuple(float(value) for value in values)
-
-
-def _number(header: Mapping[str, Any], key: str, limits: tuple[float, float]) -> float | None:
-    value = header.get(key)
-    if value is None:
-        return None
-    if not _is_number(value) or not limits[0] <= value <= limits[1]:
-        found = f"{value:g}" if _is_number(value) else type(value).__name__
-        raise WireError(f"{key} must be a number from {limits[0]:g} to {limits[1]:g}, got {found}")
-    return float(value)
-
-
-def _whole(header: Mapping[str, Any], key: str) -> int | None:
-    value = header.get(key)
-    if value is None:
-        return None
-    if isinstance(value, bool) or not isinstance(value, int) or not 0 <= value <= MAX_SEQUENCE:
-        raise WireError(f"{key} must be a whole number from 0 to {MAX_SEQUENCE}")
-    return value
-
-
-def _is_number(value: Any) -> bool:
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        return False
-    try:
-        return math.isfinite(float(value))
-    except OverflowError:
-        return False
 
 
 def encode_frame(frame: Frame) -> bytes:
@@ -310,6 +245,7 @@ def encode_frame(frame: Frame) -> bytes:
     if any(factor != 1.0 for factor in frame.scale):
         header["scale"] = list(frame.scale)
     known = {"speed_hz": samples.speed, "load_newton": samples.load, "elapsed_s": samples.elapsed, "after": frame.after}
+    known |= {"pulses": frame.pulses, "pulses_per_revolution": samples.pulses_per_revolution}
     header |= {key: value for key, value in known.items() if value is not None}
     rate = samples.known_rate
     try:
@@ -324,9 +260,9 @@ def encode_frame(frame: Frame) -> bytes:
     if frame.scale and len(frame.scale) != n_channels:
         raise WireError(f"frame {frame.sequence}: {len(frame.scale)} scales for {n_channels} channels")
     _check_head(rate, start)
-    _check_after(frame.sequence, _json_header(text, n_channels)[2])
-    body = b"".join((head, text, np.ascontiguousarray(values, dtype=SAMPLE_TYPES[kind]).data))
-    return body + _CRC.pack(crc32c(body))
+    stated_rows(read := header_of(text), n_channels)
+    _check_after(frame.sequence, stated_frame(read, n_channels)["after"])
+    return sealed(b"".join((head, text, np.ascontiguousarray(values, dtype=SAMPLE_TYPES[kind]).data)))
 
 
 def block_frame(block: Block, after: int | None = None) -> Frame:
@@ -339,11 +275,15 @@ def block_frame(block: Block, after: int | None = None) -> Frame:
         elapsed=block.elapsed,
         speed=block.speed,
         load=block.load,
+        pulses_per_revolution=block.pulses_per_revolution,
     )
-    return Frame(block.sequence, samples, None if block.start is None else _nanoseconds(block.start), after=after)
+    start = None if block.start is None else nanoseconds(block.start)
+    pulses = None if block.pulses is None else block.pulses.times.size
+    return Frame(block.sequence, samples, start, after=after, pulses=pulses)
 
 
-def _nanoseconds(seconds: float) -> int:
+def nanoseconds(seconds: float) -> int:
+    """Return whole nanoseconds since 1970."""
     # The product of a present date and 1e9 has more digits than a float.
     whole = math.floor(seconds)
     return whole * 10**9 + round((seconds - whole) * 1e9)

@@ -30,7 +30,7 @@ _NUMBERS: tuple[Any, ...] = (
     *(0, -1, 1, 1e-308, -1e-308, 12_000, 1e300, -1e300, 2**31, 2**53, 2**63 - 1, 2**63, 2**64, 10**400, 0.5),
     *(None, True, "30", "", [], {}, [[]], float("nan"), float("inf")),
 )
-_KEYS = ("speed_hz", "load_newton", "elapsed_s", "after", "scale", "channels", "units", "start", "\0", "rate")
+_KEYS = ("speed_hz", "load_newton", "elapsed_s", "after", "scale", "channels", "units", "start", "\0", "rate", "pulses")
 _TEXTS = (b"[" * 60_000, b'{"a":' * 12_000, b"\xff\xfe", b"", b"null", b"{}", b'"' + b"x" * 60_000 + b'"')
 
 
@@ -59,7 +59,7 @@ def made_frame(generator: random.Random, following: int) -> bytes:
     kind, text = generator.randint(1, 4), header_of(generator)
     channels, count = generator.choice(((1, 256), (1, 256), (1, 1), (2, 256), (0, 256), (1, 0), (1024, 3)))
     payload = generator.randbytes(channels * count * (2, 4, 4, 8)[kind - 1])
-    head = HEAD.pack(*(b"SPW1", 1, channels, sequence, rate, count, kind, start, len(text)))
+    head = HEAD.pack(*(b"SPW1", generator.choice((1, 1, 1, 2)), channels, sequence, rate, count, kind, start, len(text)))
     return head + text + payload + struct.pack("<I", crc32c(head + text + payload))
 
 

@@ -12,12 +12,15 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
+from numpy.typing import NDArray
 from paho.mqtt.client import Client
 from paho.mqtt.enums import CallbackAPIVersion
 
-from streams.block import Rejected
+from streams.block import Block, Rejected
 from streams.link.mqtt import COMMITTED, MqttLink, MqttReceiver, make_client
+from streams.link.pulse_frame import block_frames
 from streams.link.sender import Sender, SendError
 from streams.link.wire import ACK, block_frame, encode_frame
 from streams.source import LiveSource
@@ -26,6 +29,7 @@ from tests.broker import Broker
 from tests.committing import committing
 from tests.memory_ledger import MemoryLedger
 from tests.streams.tcp_peers import Recorded, block
+from tests.streams.test_pulse_frames import turning
 from tests.waiting import PATIENCE_S, wait_until
 
 TOPIC = "plant/press 4"
@@ -73,6 +77,12 @@ def frame(sequence: int) -> bytes:
     return encode_frame(block_frame(block(sequence)))
 
 
+def pulse_times(sequence: int) -> NDArray[np.float64]:
+    pulses = turning(sequence).pulses
+    assert pulses is not None
+    return pulses.times
+
+
 def connected(receiver: MqttReceiver) -> bool:
     return receiver.problem() is None
 
@@ -117,6 +127,33 @@ def test_what_is_not_committed_comes_again_after_a_restart(broker: Broker) -> No
         (5, "ok"),
         (6, "ok"),
     ]
+
+
+@pytest.mark.broker
+def test_pulses_and_their_samples_come_again_together(broker: Broker) -> None:
+    ledger = MemoryLedger()
+    made = [(*block_frames(turning(number)),) for number in range(1, 5)]
+    with receiving(ledger, spec(broker)) as receiver, publisher(broker) as publish:
+        wait_until(lambda: connected(receiver))
+        time.sleep(0.2)
+        for payload in (*made[0], *made[1], made[2][0]):
+            publish(payload)
+        first, second = receiver.next(PATIENCE_S), receiver.next(PATIENCE_S)
+        assert first is not None
+        assert second is not None
+        ledger.commit(first.item)
+        receiver.acknowledge(first)
+    # It ended with block 2 uncommitted, and between the pulses and the samples of block 3.
+    with publisher(broker) as publish:
+        for payload in (made[2][1], *made[3]):
+            publish(payload)
+    with receiving(ledger, spec(broker)) as receiver, committing(receiver, ledger) as items:
+        wait_until(lambda: 4 in ledger.blocks("press"))
+    assert [item.sequence for item in items] == [2, 3, 4]
+    for item in items:
+        assert isinstance(item, Block)
+        assert item.pulses is not None
+        np.testing.assert_array_equal(item.pulses.times, pulse_times(item.sequence))
 
 
 @pytest.mark.broker

@@ -258,8 +258,8 @@ def test_lying_lengths_are_refused_before_anything_is_allocated() -> None:
         frame_length(HEAD.pack(b"SPW1", 1, 1025, 1, 1.0, 1, 4, 0, 0))
     with pytest.raises(WireError, match="sample type"):
         frame_length(HEAD.pack(b"SPW1", 1, 1, 1, 1.0, 1, 9, 0, 0))
-    with pytest.raises(WireError, match="version 2"):
-        frame_length(HEAD.pack(b"SPW1", 2, 1, 1, 1.0, 1, 1, 0, 0))
+    with pytest.raises(WireError, match="version 3"):
+        frame_length(HEAD.pack(b"SPW1", 3, 1, 1, 1.0, 1, 1, 0, 0))
     with pytest.raises(WireError, match="at most"):
         encode_frame(make(values=np.zeros((2, 1 << 21), dtype="<f8")))
 
