@@ -59,7 +59,8 @@ def made_frame(generator: random.Random, following: int) -> bytes:
     kind, text = generator.randint(1, 4), header_of(generator)
     channels, count = generator.choice(((1, 256), (1, 256), (1, 1), (2, 256), (0, 256), (1, 0), (1024, 3)))
     payload = generator.randbytes(channels * count * (2, 4, 4, 8)[kind - 1])
-    head = HEAD.pack(*(b"SPW1", generator.choice((1, 1, 1, 2)), channels, sequence, rate, count, kind, start, len(text)))
+    version = generator.choice((1, 1, 1, 2))
+    head = HEAD.pack(*(b"SPW1", version, channels, sequence, rate, count, kind, start, len(text)))
     return head + text + payload + struct.pack("<I", crc32c(head + text + payload))
 
 
