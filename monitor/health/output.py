@@ -118,7 +118,8 @@ def record_values(
         if mark is not None:
             values[name] = mark.time
             values[f"{name}_block"] = mark.sequence
-    values |= rotation_values(output.rotation, output.rotation_status, output.pulses)
+    warped = output.features is not None and output.features.domain == "order"
+    values |= rotation_values(output.rotation, output.rotation_status, output.pulses, warped=warped)
     if output.features is not None:
         values |= _feature_values(output.features, output)
     if output.detection is not None:

@@ -8,19 +8,26 @@ import numpy as np
 
 from monitor.health.rotation.pulse_counts import PulseCounts
 from monitor.health.rotation.rotation import Rotation
+from monitor.health.spectrum.orders import MAX_SPEED_RATIO
 
 COURSE_POINTS = 65
 """Points of the course of the speed that are kept with a spectrum."""
 
 
-def rotation_values(rotation: Rotation | None, status: str | None, pulses: PulseCounts | None) -> dict[str, Any]:
+def rotation_values(
+    rotation: Rotation | None, status: str | None, pulses: PulseCounts | None, *, warped: bool = True
+) -> dict[str, Any]:
     """Return the values of a record by variable; {} of a machine without any source of an angle.
 
     Args:
         rotation: angle of the shaft over the block, None where it is not known.
         status: why not, or "ok"; one of ``monitor.health.schema.ROTATION_STATUSES``.
         pulses: repairs, where there are pulses.
+        warped: whether the spectra of the block are over the angle.
     """
+    wide = rotation is not None and rotation.speed_range[1] > MAX_SPEED_RATIO * rotation.speed_range[0]
+    if status == "ok" and wide and not warped:
+        status = "too_wide"
     values: dict[str, Any] = {} if status is None else {"rotation_status": status}
     if rotation is not None:
         least, highest = rotation.speed_range

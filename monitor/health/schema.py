@@ -28,7 +28,7 @@ HINT, VERDICT = "hint", "verdict"
 NAMES = (*FAULTS, UNDECIDED)
 DOMAINS = ("hertz", "order")
 """What the spectra of a block are over: time, or the angle of the shaft at its mean speed (decision 0021)."""
-ROTATION_STATUSES = ("ok", "none", "too_few", "irregular", "reversed", "stopped", "cannot_tell")
+ROTATION_STATUSES = ("ok", "none", "too_few", "irregular", "reversed", "stopped", "cannot_tell", "too_wide")
 """Whether the angle of the shaft over a block is known, or why not."""
 LEVEL_STATUSES = ("ok", "outside_conditions")
 """Whether the learned dependence of the level on speed and load applies, or why not."""

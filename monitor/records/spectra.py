@@ -29,6 +29,8 @@ _INT16_MAX = 32767.0
 _WEEK_S = 604800.0
 _MAX_THINNED = 64
 """Spectra that one step deletes."""
+_SPEEDS_DIFFER = 0.02
+"""Share by which mean speeds of spectra may differ where they are seen over Hz by default."""
 _ROW = "source, channel, sequence, time, header, amplitude"
 
 
@@ -234,29 +236,42 @@ def kept_blocks(place: Path | Queryable, channel: str, *, source: str | None = N
     return [(sequence, time) for sequence, time in _read(place, query, values)]
 
 
-def binned(rows: Sequence[SpectrumRow], bins: int, highest: float | None = None) -> tuple[Any, Any]:
-    """Return the highest amplitude of each spectrum of a channel in common bins of frequency.
+def in_orders(rows: Sequence[SpectrumRow]) -> bool:
+    """Return whether spectra of a channel are to be seen over orders: one is, or their mean speeds differ."""
+    speeds = [row.speed for row in rows if row.speed > 0.0]
+    if len(speeds) < len(rows) or not speeds:
+        return False
+    return any(row.domain == "order" for row in rows) or max(speeds) - min(speeds) > _SPEEDS_DIFFER * max(speeds)
+
+
+def binned(
+    rows: Sequence[SpectrumRow], bins: int, highest: float | None = None, *, orders: bool = False
+) -> tuple[Any, Any]:
+    """Return the highest amplitude of each spectrum of a channel in common bins of frequency, or of order.
 
     Args:
         rows: of one channel.
         bins: greatest number of bins; the coarsest spectrum limits it, too.
-        highest: upper end, Hz, or None for that of the widest spectrum.
+        highest: upper end, Hz or order, or None for that of the widest spectrum.
+        orders: each spectrum is taken over its frequency over its own speed, so that spectra of several speeds agree.
 
     Returns:
-        Lower edges of the bins, Hz, shape (bins,), and amplitudes, shape (row, bins), NaN beyond the end of a spectrum.
+        Lower edges of the bins, Hz or order, shape (bins,), and amplitudes, shape (row, bins), NaN beyond the end of a
+        spectrum.
 
     Raises:
         ValueError: ``rows`` is empty or ``bins`` below 1.
     """
     if not rows or bins < 1:
         raise ValueError(f"expected at least one spectrum and one bin, got {len(rows)} and {bins}")
-    top = max(row.resolution * row.amplitude.size for row in rows)
+    steps = [row.resolution / row.speed if orders else row.resolution for row in rows]
+    top = max(step * row.amplitude.size for step, row in zip(steps, rows, strict=True))
     top = top if highest is None else min(top, highest)
-    bins = max(1, min(bins, *(int(top / row.resolution) for row in rows)))
+    bins = max(1, min(bins, *(int(top / step) for step in steps)))
     width = top / bins
     amplitude = np.full((len(rows), bins), np.nan)
-    for out, row in zip(amplitude, rows, strict=True):
-        place = np.floor_divide(row.frequency, width).astype(np.intp)
+    for out, row, step in zip(amplitude, rows, steps, strict=True):
+        place = np.floor_divide(np.arange(row.amplitude.size) * step, width).astype(np.intp)
         values = row.amplitude[place < bins]
         places, starts = np.unique(place[place < bins], return_index=True)
         out[places] = np.maximum.reduceat(values, starts)

@@ -29,7 +29,7 @@ SECTIONS = (
         "law",
         "forecast",
     ),
-    *("quality", "events", "provenance", "guide", "comparison", "score"),
+    *("speed", "quality", "events", "provenance", "guide", "comparison", "score"),
 )
 """Sections of a report by their names in a configuration, see docs/how-to/reports.md."""
 _KEYS = ("title", "timezone", "include", "leave_out", "maps")

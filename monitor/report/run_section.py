@@ -18,10 +18,13 @@ from monitor.report.figures.drawing import Picture, sparkline
 from monitor.report.figures.kurtogram import kurtograms
 from monitor.report.figures.map_path import hash_of, kept_map, map_path, posterior
 from monitor.report.figures.raw_block import raw_block
-from monitor.report.figures.spectrum import SpectrumView, recorded_lines, spectra, views_of, waterfall
+from monitor.report.figures.spectrum import SpectrumView, recorded_lines, spectra, views_of
+from monitor.report.figures.speed import speed_picture
 from monitor.report.figures.trends import final_stage, trends
+from monitor.report.figures.waterfall import waterfall
 from monitor.report.options import Options
 from monitor.report.runs import ABSENCE, Channel, Run
+from monitor.report.speed import rotation_table, speed_words
 from monitor.report.tables import Column, Table, time_column
 from monitor.report.verdict import (
     GRADES,
@@ -99,6 +102,8 @@ class RunPart:
         period, notes, offered, conditions: sentences on its length, the whole run, the ledger, and speed and load.
         channels: those with a value, the worst first; of equally bad ones those that their bearing agrees with.
         timeline: figure of data quality.
+        speed: figure of the speeds of the shaft, None where its angle was never known.
+        speeds: sentences on them; () where no angle was sought.
         bearings: what the channels of each say together; () for records that do not name their bearings.
         tables: "blocks"; "gaps" and "events" if there are any.
         provenance: labels and texts.
@@ -111,6 +116,8 @@ class RunPart:
     channels: tuple[ChannelPart, ...]
     offered: str
     timeline: Picture | None
+    speed: Picture | None
+    speeds: tuple[str, ...]
     bearings: tuple[BearingPart, ...]
     conditions: tuple[str, ...]
     tables: Mapping[str, Table]
@@ -141,6 +148,7 @@ def part_of_run(
     apart = {name for bearing in bearings for name in bearing.verdict.disagreement}
     channels.sort(key=lambda part: (GRADES.index(part.verdict.grade), part.verdict.channel in apart))
     tables = {"blocks": quality.statuses(run), "gaps": quality.gaps(run, clock), "events": _events(run, clock)}
+    tables["rotation"] = rotation_table(run)
     return RunPart(
         run=run,
         clock=clock,
@@ -149,6 +157,8 @@ def part_of_run(
         channels=tuple(channels),
         offered=quality.offered(run, pending),
         timeline=quality.timeline(run, clock, numbers) if options.holds("quality") else None,
+        speed=speed_picture(run, clock, numbers) if options.holds("speed") else None,
+        speeds=tuple(speed_words(run)),
         bearings=bearings,
         conditions=tuple(quality.condition_words(run)),
         tables={name: table for name, table in tables.items() if table is not None},

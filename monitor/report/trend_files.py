@@ -16,7 +16,11 @@ from monitor.records.database import replacing
 from monitor.report.runs import Channel, ReportError, Run
 from monitor.words.features import FEATURES, Feature
 
-_WORDS = ("stage", "fault", "fault_basis", "edv_status", "tt_status", "tta_status")
+_WORDS = (
+    *("stage", "fault", "fault_basis", "edv_status", "tt_status", "tta_status"),
+    *("domain", "rotation_status", "level_status"),
+)
+_COUNTS = ("pulses_missing", "pulses_extra")
 _FOREIGN = re.compile(r"[^\w.-]+")
 
 
@@ -71,6 +75,9 @@ def _dataset(run: Run, channel: Channel) -> xr.Dataset:
             if feature.acceleration and not channel.has_level:
                 attributes["units"] = "unknown"
             variables[name] = xr.Variable("time", values, attributes)
+    for name in _COUNTS:
+        if np.isfinite(values := channel.column(name)).any():
+            variables[name] = xr.Variable("time", values, {"long_name": VARIABLES[name].long_name, "units": "1"})
     for name in _WORDS:
         if (words := channel.words.get(name)) is not None and (words[:, 0] != "").any():
             variables[name] = xr.Variable("time", words[:, 0], {"long_name": VARIABLES[name].long_name})

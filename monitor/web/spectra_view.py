@@ -6,11 +6,13 @@ from typing import Any
 
 import numpy as np
 
+from monitor.health.schema import DOMAINS
 from monitor.health.spectrum.block_view import BlockView
 from monitor.health.spectrum.coincidence import shared_lines
 from monitor.health.waterfall import SpectrumRow
 from monitor.records.spectra import (
     binned,
+    in_orders,
     kept_blocks,
     read_block_view,
     read_kurtogram,
@@ -38,7 +40,8 @@ def spectrum(machine: Machine, channel: str, query: Query) -> dict[str, Any]:
         "time_s": row.time,
         "resolution_hz": row.resolution,
         "band_hz": list(row.band),
-        "speed_hz": row.speed,
+        **_rotation(row),
+        "domain": row.domain,
         "mean_g": row.mean * factor,
         "unit": "g" if row.absolute else "unknown",
         "amplitude_g": numbers(row.amplitude * factor, 4),
@@ -89,8 +92,17 @@ def _about(row: SpectrumRow, view: BlockView) -> dict[str, Any]:
         "rate_hz": view.rate,
         "samples": view.samples,
         "unit": "g" if row.absolute else "unknown",
-        "speed_hz": row.speed,
+        **_rotation(row),
         "lines_hz": dict(row.lines),
+    }
+
+
+def _rotation(row: SpectrumRow) -> dict[str, Any]:
+    """Return the speeds in the block; ``speed_course_hz`` is at equal steps from its beginning to its end."""
+    return {
+        "speed_hz": row.speed,
+        "speed_range_hz": None if row.speed_range is None else list(row.speed_range),
+        "speed_course_hz": None if row.speed_course is None else list(row.speed_course),
     }
 
 
@@ -119,23 +131,33 @@ def kurtogram(machine: Machine, channel: str, query: Query) -> dict[str, Any]:
 
 
 def waterfall(machine: Machine, channel: str, query: Query) -> dict[str, Any]:
-    """Return all spectra over common bins: the highest amplitude in each."""
+    """Return all spectra over common bins of frequency or order: the highest amplitude in each."""
     section = machine.channel(channel)
     bins = whole_number(query, "bins", _BINS, 10, 2000)
     highest = optional_number(query, "to_hz")
     if highest is not None and highest <= 0.0:
         raise RequestError(400, "to_hz must be above 0")
+    axis = query.get("axis", "auto" if highest is None else "hertz")
+    if axis not in ("auto", *DOMAINS) or (axis == "order" and highest is not None):
+        raise RequestError(400, f"axis must be auto, {' or '.join(DOMAINS)}, and hertz with to_hz")
     rows = read_spectra(machine.store, channel, source=section.source)
     # One scale for all: a sensor whose unit became known begins anew.
     rows = [row for row in rows if row.absolute == rows[-1].absolute and row.amplitude.size]
     if not rows:
-        return {"unit": "g", "time_s": [], "blocks": [], "frequency_hz": [], "amplitude_g": []}
-    frequency, amplitude = binned(rows, bins, highest)
+        return {"unit": "g", "time_s": [], "blocks": [], "domain": "hertz", "frequency_hz": [], "amplitude_g": []}
+    found = in_orders(rows)
+    orders = found if axis == "auto" else axis == "order"
+    if orders and not all(row.speed > 0.0 for row in rows):
+        raise RequestError(400, "the speed is not known for all spectra: there is no axis of orders")
+    edges, amplitude = binned(rows, bins, highest, orders=orders)
     return {
         "unit": "g" if rows[-1].absolute else "unknown",
         "time_s": [row.time for row in rows],
         "blocks": [row.sequence for row in rows],
-        "frequency_hz": numbers(np.asarray(frequency)),
+        "speed_hz": [row.speed for row in rows],
+        "domain": "order" if orders else "hertz",
+        "varies": found,
+        "order" if orders else "frequency_hz": numbers(np.asarray(edges)),
         "amplitude_g": [numbers(line * _in_g(rows[-1]), 4) for line in np.asarray(amplitude)],
     }
 

@@ -9,6 +9,7 @@ ROTATION_REFUSALS = {
     "reversed": "the shaft turned back",
     "stopped": "the shaft stood still in the block",
     "cannot_tell": "the vibration does not show the angle of the shaft well enough",
+    "too_wide": "the highest speed in the block is more than six times the least",
 }
 """Why the angle of the shaft over a block is not known, by ``rotation_status``."""
 DOMAINS = {

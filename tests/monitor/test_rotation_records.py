@@ -17,6 +17,7 @@ from monitor.health.quality import Verdict, rejected
 from monitor.health.record import Record
 from monitor.health.rotation.pulse_counts import PulseCounts
 from monitor.health.rotation.rotation import Rotation
+from monitor.health.rotation_values import rotation_values
 from monitor.health.schema import DOMAINS, ROTATION_STATUSES
 from monitor.health.state import ChannelState
 from monitor.health.waterfall import SpectrumChange
@@ -66,6 +67,13 @@ def test_a_machine_without_an_angle_has_none_of_it() -> None:
     values = values_of()
     assert values["domain"] == "hertz"
     assert not set(NEW) & set(values)
+
+
+def test_a_speed_beyond_what_is_warped_says_so() -> None:
+    wide = Rotation(np.array([0.0, 1.0]), np.array([0.0, 25.0]), np.array([5.0, 45.0]), 1.0)
+    assert rotation_values(wide, "ok", None, warped=False)["rotation_status"] == "too_wide"
+    assert rotation_values(wide, "ok", None)["rotation_status"] == "ok"
+    assert rotation_values(rotation(), "ok", None, warped=False)["rotation_status"] == "ok"
 
 
 @pytest.mark.parametrize("status", ROTATION_STATUSES[1:])

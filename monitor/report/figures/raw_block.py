@@ -32,6 +32,7 @@ from monitor.report.figures.shared_peaks import shared_words
 from monitor.report.figures.spectrum import FAULT_MARKS, ORDERS
 from monitor.report.verdict import ChannelContext
 from monitor.words.numbers import figure
+from monitor.words.rotation import range_words
 from monitor.words.statuses import LINE_NAMES
 
 _COLUMNS = 500
@@ -167,6 +168,8 @@ def _caption(row: SpectrumRow, view: BlockView, shown: Sequence[SpectrumRow]) ->
     ]
     if len(shown) > 1:
         texts.append(f"Grey: block {shown[-2].sequence:,}, before the onset.")
+    if row.speed_range is not None and (words := range_words(*row.speed_range)).startswith("speed from"):
+        texts.append(f"Over time, not over the angle of the shaft: with a {words}, its lines are smeared.")
     texts.append(shared_words(row.lines, view.spectra.resolution))
     texts.append(f"The waveform shows {_TURNS:g} turns of the shaft at most.")
     return " ".join(text for text in texts if text)

@@ -1,8 +1,7 @@
-"""Figures of envelope spectra: before and after the onset, all of a life, and the lines in the records."""
+"""Figures of envelope spectra: before and after the onset, and the lines in the records."""
 
 from __future__ import annotations
 
-import base64
 import itertools
 import math
 from collections.abc import Mapping, Sequence
@@ -10,18 +9,13 @@ from typing import Any, NamedTuple
 
 import matplotlib as mpl
 import numpy as np
-from matplotlib import colormaps
 from matplotlib.axes import Axes
-from matplotlib.colors import LogNorm
-from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 from numpy.typing import NDArray
 
 from monitor.health.schema import FAULTS
 from monitor.health.waterfall import SpectrumRow
-from monitor.records.spectra import binned
 from monitor.report.figures.drawing import (
     BLUE,
-    GAP_STEPS,
     GREEN,
     GREY,
     INK,
@@ -32,18 +26,15 @@ from monitor.report.figures.drawing import (
     Picture,
     add_legend,
     new_figure,
-    plain_number,
     scale_of,
     thin,
-    time_axis,
     to_svg,
-    usual_step,
 )
 from monitor.report.figures.shared_peaks import shared_words
-from monitor.report.figures.trends import draw_marks
 from monitor.report.runs import Channel
 from monitor.report.verdict import ChannelContext, named_fault
-from monitor.words.numbers import Clock, count, figure
+from monitor.words.numbers import Clock, figure
+from monitor.words.rotation import range_words
 from monitor.words.statuses import FAULT_NAMES
 
 FAULT_MARKS = {"outer": (VERMILION, "o"), "inner": (BLUE, "s"), "ball": (GREEN, "^"), "cage": (PURPLE, "D")}
@@ -56,9 +47,6 @@ _SIDE_ORDERS = 3
 _MAX_COMMON_SCALE_RATIO = 20.0
 """Two spectra whose highest points differ by more have separate scales."""
 _POINTS = 700
-_BINS, _COLUMNS, _COLOURS = 220, 360, 40
-"""Of the image of a life: bins of frequency, times, and colours."""
-_MIN_ROWS = 4
 
 
 class SpectrumView(NamedTuple):
@@ -67,6 +55,7 @@ class SpectrumView(NamedTuple):
     Attributes:
         fundamentals_hz: kinematic frequency of each part.
         speed_hz: rotation frequency of the shaft, NaN if unknown.
+        domain: "order" where the block was warped to that speed: the spectrum is drawn over orders of the shaft.
     """
 
     frequency_hz: NDArray[np.float64]
@@ -75,6 +64,26 @@ class SpectrumView(NamedTuple):
     label: str = ""
     speed_hz: float = math.nan
     unit: str = "g"
+    domain: str = "hertz"
+
+    def words(self, frequency: float) -> str:
+        """Return a place on the axis."""
+        return f"order {frequency:.3g}" if self.domain == "order" else f"{frequency:.1f} Hz"
+
+
+AXES = {"hertz": "frequency (Hz)", "order": "order of the shaft"}
+"""Label of the axis by domain."""
+
+
+def over_orders(view: SpectrumView) -> SpectrumView:
+    """Return a spectrum with all frequencies over the speed, which then is 1."""
+    speed = view.speed_hz
+    return view._replace(
+        frequency_hz=np.asarray(view.frequency_hz, float) / speed,
+        fundamentals_hz={part: line / speed for part, line in view.fundamentals_hz.items()},
+        speed_hz=1.0,
+        domain="order",
+    )
 
 
 @mpl.rc_context(STYLE)
@@ -89,6 +98,9 @@ def spectra(views: Sequence[SpectrumView], channel: str, fault: str, numbers: it
     heading = f"Envelope spectrum{f', {views[0].label}' if views[0].label else ''}"
     if len(views) > 1:
         heading = "Envelope spectra before and after the onset"
+    # The second figure of a pair lines up with the first over orders alone.
+    if any(view.domain == "order" for view in views) and all(view.speed_hz > 0.0 for view in views):
+        views = [over_orders(view) for view in views]
     made, panels = new_figure(3.3 if len(views) == 1 else 5.4, (1.0,) * len(views))
     tops, data = [], []
     for axes, view in zip(panels, views, strict=True):
@@ -101,7 +113,7 @@ def spectra(views: Sequence[SpectrumView], channel: str, fault: str, numbers: it
     for axes, top in zip(panels, tops, strict=True):
         axes.set_ylim(0.0, 1.15 * (max(tops) if alike else top) or 1.0)
     add_legend(panels[-1], loc="upper right", ncols=4, handletextpad=0.3, columnspacing=1.2)
-    panels[-1].set_xlabel("frequency (Hz)")
+    panels[-1].set_xlabel(AXES[views[-1].domain])
     shown = f"{len(views)} envelope spectra" if len(views) > 1 else "Envelope spectrum"
     label = f"{shown} of channel {channel} with the fault lines of the bearing."
     svg = to_svg(made, label, numbers)
@@ -131,7 +143,12 @@ def _draw(axes: Axes, view: SpectrumView, fault: str) -> tuple[float, dict[str, 
     axes.set_ylabel(f"envelope ({view.unit})")
     top = float(amplitude[shown].max()) if shown.any() else 1.0
     suffix = "g" if view.unit == "g" else "sensor_unit"
-    return top or 1.0, {"label": view.label, "frequency_hz": x, f"amplitude_{suffix}": y, "lines_hz": found}
+    return top or 1.0, {
+        "label": view.label,
+        "order" if view.domain == "order" else "frequency_hz": x,
+        f"amplitude_{suffix}": y,
+        "lines_order" if view.domain == "order" else "lines_hz": found,
+    }
 
 
 def _fault_lines(axes: Axes, view: SpectrumView, part: str, last: float, named: Sequence[str]) -> list[float]:
@@ -148,7 +165,7 @@ def _fault_lines(axes: Axes, view: SpectrumView, part: str, last: float, named: 
         place = _highest(view, nominal)
         if place is not None:
             found.append((float(view.frequency_hz[place]), float(view.amplitude_g[place])))
-    label = f"{FAULT_NAMES[part]} {fundamental:.1f} Hz"
+    label = f"{FAULT_NAMES[part]} {view.words(fundamental)}"
     if found and meant:
         x, y = zip(*found, strict=True)
         axes.plot(x, y, marker, color=colour, markersize=5, markerfacecolor=PAPER, label=label)
@@ -174,7 +191,12 @@ def _sidebands(axes: Axes, view: SpectrumView, part: str, lines: Sequence[tuple[
     rows = [place for place in places if place is not None]
     colour, _ = FAULT_MARKS[part]
     axes.plot(
-        frequency[rows], amplitude[rows], "|", color=colour, markersize=8, label=f"its sidebands, ±{distance:.1f} Hz"
+        frequency[rows],
+        amplitude[rows],
+        "|",
+        color=colour,
+        markersize=8,
+        label=f"its sidebands, ±{view.words(distance)}",
     )
 
 
@@ -193,9 +215,11 @@ def _caption(views: Sequence[SpectrumView], tops: Sequence[float], fault: str, a
             else f"The highest point is {figure(tops[0])} {views[0].unit} before and {figure(tops[1])} after."
         )
         words.append("Both have the same scale." if alike else "Each has a scale of its own.")
+    if views[-1].domain == "order":
+        words.append("The speed varies within a block: the envelope is taken over the angle of the shaft.")
     words.append(
-        f"Dotted: {ORDERS} orders of the kinematic frequency of each part; the marker is the highest point within 2 % "
-        "of it."
+        f"Dotted: {ORDERS} harmonics of the kinematic frequency of each part; the marker is the highest point within "
+        "2 % of it."
     )
     if not fault:
         words.append(
@@ -270,6 +294,8 @@ def _damaged_row(after: Sequence[SpectrumRow], channel: Channel) -> SpectrumRow:
 def _view_of(row: SpectrumRow, clock: Clock) -> SpectrumView:
     scale = scale_of(absolute=row.absolute)
     when = "" if row.time is None else f", {clock.moment(row.time)}"
+    if row.domain == "order" and row.speed_range is not None:
+        when += f", {range_words(*row.speed_range)}"
     return SpectrumView(
         frequency_hz=row.frequency,
         amplitude_g=np.asarray(row.amplitude, dtype=np.float64) / scale.si,
@@ -277,118 +303,5 @@ def _view_of(row: SpectrumRow, clock: Clock) -> SpectrumView:
         label=f"block {row.sequence:,}{when}",
         speed_hz=row.speed,
         unit=scale.unit,
+        domain=row.domain,
     )
-
-
-@mpl.rc_context(STYLE)
-def waterfall(rows: Sequence[SpectrumRow], context: ChannelContext) -> Picture | None:
-    """Draw kept envelope spectra, in the order of their blocks, over the life of a channel.
-
-    None where fewer than four have a time, or where all are zero.
-    """
-    dated = [row for row in rows if row.time is not None and row.resolution > 0 and row.amplitude.size > 1]
-    if len(dated) < _MIN_ROWS or dated[-1].time == dated[0].time:
-        return None
-    time = np.array([row.time for row in dated], dtype=np.float64)
-    lines = dated[-1].lines
-    highest = (ORDERS + 0.5) * max((lines[part] for part in FAULTS if part in lines), default=math.inf)
-    frequency, amplitude = binned(dated, _BINS, None if math.isinf(highest) else highest)
-    scale = scale_of(absolute=all(row.absolute for row in dated))
-    amplitude = amplitude / scale.si
-    # The mean and slow drift below the cage's line are left out.
-    amplitude[:, frequency < 0.5 * min(lines.values(), default=0.0)] = np.nan
-    low, high = _ends(amplitude)
-    if not high > 0.0:
-        return None
-    axis = time_axis(time, context.clock)
-    made, (axes,) = new_figure(3.9)
-    axes.grid(visible=False)
-    image, edges = _on_grid(time, amplitude)
-    top = float(frequency[-1] + frequency[1] - frequency[0])
-    shown = axes.imshow(
-        np.clip(image.T, low, None),
-        origin="lower",
-        aspect="auto",
-        interpolation="none",
-        extent=(float(axis.position(edges[0])), float(axis.position(edges[1])), 0.0, top),
-        cmap=colormaps["viridis"].resampled(_COLOURS),
-        norm=LogNorm(low, high),
-    )
-    bar = made.colorbar(shown, ax=axes, pad=0.01, ticks=LogLocator(subs=(1.0, 3.0)), format=FuncFormatter(plain_number))
-    bar.ax.yaxis.set_minor_locator(NullLocator())
-    bar.set_label(f"envelope ({scale.unit})")
-    draw_marks(axes, axis, context.verdict)
-    named = _mark_orders(axes, lines, context.verdict.fault, top)
-    axes.set_ylabel("frequency (Hz)")
-    axis.settle(axes, *edges)
-    name, headline = context.channel.name, context.verdict.headline
-    label = f"Envelope spectra of channel {name} over its life, {len(dated)} of them. {headline}."
-    caption = (
-        f"{count(len(dated), 'kept spectrum').replace('spectrums', 'spectra')}; the colour is the highest amplitude in "
-        f"bins of {figure(float(frequency[1] - frequency[0]), 2)} Hz, on a logarithmic scale. A line that stays is a "
-        "horizontal stripe; what is blank has no spectrum."
-        + (f" Marks on the left: orders of the {named}." if named else "")
-    )
-    data = {
-        "time_s": time,
-        "block": [row.sequence for row in dated],
-        "frequency_hz": frequency,
-        "unit": scale.unit,
-        "low": low,
-        "high": high,
-        "codes_base64": base64.b64encode(_codes(amplitude, low, high)).decode("ascii"),
-    }
-    return Picture("Envelope spectra over life", to_svg(made, label, context.numbers), caption, data, "waterfall")
-
-
-def _ends(amplitude: NDArray[Any]) -> tuple[float, float]:
-    """Return the ends of the colour scale: the 20th percentile, but four decades at most, and the maximum."""
-    positive = amplitude[amplitude > 0]
-    if not positive.size:
-        return 0.0, 0.0
-    low, high = float(np.percentile(positive, 20.0)), float(positive.max())
-    return max(min(low, 0.5 * high), 1e-4 * high), high
-
-
-def _on_grid(time: NDArray[np.float64], amplitude: NDArray[Any]) -> tuple[NDArray[Any], tuple[float, float]]:
-    """Return the nearest spectrum at each of evenly spaced times, NaN in gaps, and the ends of the image (s)."""
-    usual = usual_step(time)
-    columns = int(np.clip(round(np.ptp(time) / usual), 2, _COLUMNS))
-    half = 0.5 * usual
-    edges = (float(time[0]) - half, float(time[-1]) + half)
-    at = edges[0] + (np.arange(columns) + 0.5) * (edges[1] - edges[0]) / columns
-    after = np.clip(np.searchsorted(time, at), 1, time.size - 1)
-    nearest = np.where(at - time[after - 1] <= time[after] - at, after - 1, after)
-    grid = amplitude[nearest].copy()
-    width = (edges[1] - edges[0]) / columns
-    grid[np.abs(time[nearest] - at) > 0.5 * GAP_STEPS * max(usual, width)] = np.nan
-    return grid, edges
-
-
-def _mark_orders(axes: Axes, lines: Any, fault: str, top: float) -> str:
-    """Mark the orders of the named part on the left edge; return its name for the caption, "" for none."""
-    named = [part for part in fault.split("|") if part in lines]
-    for place, part in enumerate(named):
-        colour, _ = FAULT_MARKS[part]
-        for order in range(1, ORDERS + 1):
-            at = order * lines[part]
-            if at < top:
-                axes.annotate(
-                    f"{order}×",
-                    (0.0, at),
-                    (4 + 22 * place, 0),
-                    xycoords=("axes fraction", "data"),
-                    textcoords="offset points",
-                    fontsize=8,
-                    color="white",
-                    va="center",
-                    bbox={"facecolor": colour, "edgecolor": "none", "boxstyle": "round,pad=0.15"},
-                )
-    return " and of the ".join(FAULT_NAMES[part] for part in named)
-
-
-def _codes(amplitude: NDArray[Any], low: float, high: float) -> bytes:
-    """Return amplitudes as one byte each: 0 for NaN, 1 to 255 even in the logarithm."""
-    with np.errstate(invalid="ignore", divide="ignore"):
-        share = np.log(np.clip(amplitude, low, high) / low) / math.log(high / low)
-    return np.where(np.isfinite(amplitude), 1 + np.round(254 * np.nan_to_num(share)), 0).astype(np.uint8).tobytes()

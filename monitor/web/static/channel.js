@@ -35,7 +35,7 @@ export class Channel {
     this.trends = new Trends({ ...options, onRange: (from, to) => this.choose(from, to) });
     this.spectrum = new Spectrum({ ...options, onBlock: (block) => this.shown(block) });
     this.waterfall = new Waterfall(
-      { ...options, lines: () => this.spectrum.spectrum?.lines_hz, onBlock: (block) => this.spectrum.load(block) },
+      { ...options, spectrum: () => this.spectrum.spectrum, onBlock: (block) => this.spectrum.load(block) },
     );
     this.raw = new RawBlock(options);
     this.kurtogram = new Kurtogram(options);
@@ -208,8 +208,8 @@ export class Channel {
   /** What is not drawn, and why; what is constant needs no picture. */
   sayMissing() {
     const notes = [];
-    const speed = this.data.constant("speed_hz");
-    const load = this.data.constant("load_newton");
+    const speed = this.data.constant(["speed_hz", "speed_min_hz", "speed_max_hz"]);
+    const load = this.data.constant(["load_newton"]);
     if (speed !== null) notes.push(`Shaft speed ${fmt.hertz(speed)} (${fmt.number(speed * 60, 4)} rpm) throughout.`);
     if (load !== null) notes.push(`Load ${fmt.withUnit(load, "N")} throughout.`);
     const shared = sharedWords(this.spectrum.spectrum);

@@ -22,6 +22,12 @@ function append(element, children) {
   }
 }
 
+/** A labelled choice between [value, text]. */
+export function choice(label, options, change) {
+  const select = h("select", { onchange: () => change(select.value) }, options.map(([value, text]) => h("option", { value }, text)));
+  return { select, element: h("label", { class: "pick" }, `${label} `, select) };
+}
+
 /** Replace all children. */
 export function fill(element, ...children) {
   element.replaceChildren();

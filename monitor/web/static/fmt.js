@@ -32,6 +32,13 @@ export function sizeOf(status, calibrated) {
 
 export const hertz = (value, figures = 4) => (isNumber(value) ? `${number(value, figures)}${THIN}Hz` : MISSING);
 
+/** Least and highest speed, null where they are one. */
+export function speeds(range) {
+  if (!isNumber(range?.[0])) return null;
+  const [low, high] = range.map((value) => number(value, 3));
+  return low === high ? null : `speed from ${low} to ${high}${THIN}Hz`;
+}
+
 /** The unit in which levels of a channel are shown. */
 export const levelUnit = (unit) => (unit === "g" ? "g" : "of unknown unit");
 export const level = (value, unit) => (isNumber(value) ? `${number(value)}${unit === "g" ? `${THIN}g` : ""}` : MISSING);

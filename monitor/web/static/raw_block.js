@@ -6,7 +6,7 @@ import { fill, h, setText } from "./dom.js";
 import { exportButtons } from "./exporting.js";
 import * as fmt from "./fmt.js";
 import { colour } from "./prefs.js";
-import { baselineBlock, quantityOf, toVelocity } from "./spectral.js";
+import { baselineBlock, quantityOf, toVelocity, turnMarks } from "./spectral.js";
 import { otherBlocks } from "./spectrum.js";
 import { SpectrumPlot } from "./spectrum_plot.js";
 import { LINE_NAMES, PARTS } from "./words.js";
@@ -78,7 +78,9 @@ export class RawBlock {
     const when = fmt.moment(answer.time_s, { dated: this.options.info()?.dated, zone: this.options.zone() });
     const seconds = fmt.isNumber(answer.samples) ? `; ${fmt.number(answer.samples / answer.rate_hz, 3)} s at ${fmt.number(answer.rate_hz)} Hz` : "";
     const beyond = answer.highest_g && this.kind !== "velocity" ? `; ${fmt.number(answer.resolution_hz, 2)} Hz a line up to ${fmt.hertz((answer.amplitude_g.length - 1) * answer.resolution_hz, 3)}, above it the highest in each ${fmt.hertz(answer.width_hz, 3)}` : "";
-    return `${when}, block ${answer.block}${seconds}${beyond}`;
+    const speeds = fmt.speeds(answer.speed_range_hz);
+    const smeared = speeds ? `; ${speeds}${answer.highest_g ? ": over time, where lines of the shaft smear" : ""}` : "";
+    return `${when}, block ${answer.block}${seconds}${beyond}${smeared}`;
   }
 
   /** Show a block, the newest where none is named; nothing is read while the figure is out of view. */
@@ -183,6 +185,7 @@ class Waveform {
     const rate = this.every === "shaft" ? this.answer.speed_hz : this.answer.lines_hz?.[this.every];
     if (!(rate > 0)) return [];
     const end = this.answer.waveform_g.length / this.answer.rate_hz;
+    if (this.answer.speed_hz > 0) return turnMarks(this.answer, this.answer.speed_hz / rate, this.from, end);
     const first = this.from - Math.floor(this.from * rate) / rate;
     return Array.from({ length: Math.floor((end - first) * rate) + 1 }, (_, k) => first + k / rate);
   }

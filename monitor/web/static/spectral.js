@@ -171,3 +171,21 @@ export function cursorLines(kind, { at, spacing }, trace) {
     .map((k) => ({ frequency: at + k * side, label: k === 0 ? "f" : `${k > 0 ? "+" : "−"}${Math.abs(k)}` }))
     .filter(({ frequency }) => frequency > 0 && frequency <= last);
 }
+
+/** Times of marks `per` turns of the shaft apart through the time `from`, in the first `end` s of a block. */
+export function turnMarks(block, per, from, end) {
+  const course = block.speed_course_hz ?? [block.speed_hz, block.speed_hz];
+  const step = block.samples / block.rate_hz / (course.length - 1);
+  const turns = [0];
+  for (let k = 1; k < course.length; k += 1) turns.push(turns[k - 1] + (step * (course[k - 1] + course[k])) / 2);
+  const place = Math.min(Math.floor(from / step), course.length - 2);
+  const begin = turns[place] + (from / step - place) * (turns[place + 1] - turns[place]);
+  const marks = [];
+  for (let turn = begin % per, k = 0; k < course.length - 1; turn += per) {
+    while (k < course.length - 1 && turns[k + 1] < turn) k += 1;
+    const at = (k + (turn - turns[k]) / (turns[k + 1] - turns[k])) * step;
+    if (!(at <= end)) break;
+    marks.push(at);
+  }
+  return marks;
+}

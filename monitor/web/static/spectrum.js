@@ -6,6 +6,7 @@ import { fill, h } from "./dom.js";
 import * as fmt from "./fmt.js";
 import { baselineBlock, quantityOf } from "./spectral.js";
 import { SpectrumPlot } from "./spectrum_plot.js";
+import { domainWord } from "./words.js";
 
 /** A spectrum of the server as the plot takes it. */
 function traceOf(answer) {
@@ -60,7 +61,9 @@ export class Spectrum {
     const [low, high] = trace.band_hz ?? [];
     const when = fmt.moment(trace.time_s, { dated: this.options.info()?.dated, zone: this.options.zone() });
     const band = fmt.isNumber(low) ? `; band ${fmt.number(low)} to ${fmt.number(high)} Hz` : "";
-    return `${when}, block ${trace.block}${band}; ${fmt.number(trace.resolution_hz, 2)} Hz a line`;
+    const speeds = fmt.speeds(trace.speed_range_hz);
+    const line = trace.domain === "order" ? `; ${domainWord("order")}, ${fmt.number(trace.resolution_hz / trace.speed_hz, 2)}` : `; ${fmt.number(trace.resolution_hz, 2)} Hz`;
+    return `${when}, block ${trace.block}${band}${speeds ? `; ${speeds}` : ""}${line} a line`;
   }
 
   /** Read a spectrum and show it; the newest where no block is named. */

@@ -1,21 +1,17 @@
 // A spectrum with axes in Hz, orders and decibels, cursors, peaks, a second spectrum to compare with, and files.
 
 import { axis, loadUplot, logLabels, numberPoints, onWidth, translucent, valueAxis, verticalLine } from "./chart.js";
-import { fill, h, setText, table } from "./dom.js";
+import { choice, fill, h, setText, table } from "./dom.js";
 import { exportButtons } from "./exporting.js";
 import * as fmt from "./fmt.js";
 import { colour } from "./prefs.js";
 import { amplitudeAt, amplitudeText, cursorLines, decibel, faultLines, lineNear, ORDERS, onGrid, peaks, shaftLines } from "./spectral.js";
+import { frequencyHeads, lineRows, peakRows, spectrumFile } from "./spectrum_tables.js";
 import { PARTS, PART_NAMES } from "./words.js";
 
 const HEIGHT = 240;
 const DECADES = 5;
 const DECIBELS = 100;
-
-const choice = (label, options, change) => {
-  const select = h("select", { onchange: () => change(select.value) }, options.map(([value, text]) => h("option", { value }, text)));
-  return { select, element: h("label", { class: "pick" }, `${label} `, select) };
-};
 
 export class SpectrumPlot {
   /**
@@ -55,7 +51,11 @@ export class SpectrumPlot {
       this.view[key] = value;
       this.draw();
     };
-    this.axisChoice = choice("axis", [["hz", "Hz"], ["orders", "orders of the shaft"]], redraw("axis"));
+    this.axisChoice = choice("axis", [["hz", "Hz"], ["orders", "orders of the shaft"]], (value) => {
+      this.picked = value;
+      this.setAxis(value);
+      this.draw();
+    });
     const scale = choice("scale", [["linear", "linear"], ["log", "logarithmic"], ["db", "dB"]], redraw("scale"));
     const cursor = choice("cursor", [["lines", "lines of parts"], ["harmonics", "harmonics"], ["sidebands", "sidebands"]], (value) => {
       this.view.cursor = value;
@@ -66,12 +66,12 @@ export class SpectrumPlot {
       const input = h("input", {
         type: "number", step: "any", min: "0", "aria-label": label,
         onchange: () => {
-          this.cursor[key] = input.value === "" ? null : Number(input.value);
+          this.cursor[key] = input.value === "" ? null : Number(input.value) * this.unit();
           this.plot?.redraw(false);
           this.sayCursor();
         },
       });
-      return { input, element: h("label", { class: "pick" }, `${label} `, input, " Hz") };
+      return { input, element: h("label", { class: "pick" }, `${label} `, input, h("span", { class: "unit" })) };
     };
     this.at = number("cursor at", "at");
     this.spacing = number("spacing", "spacing");
@@ -80,7 +80,7 @@ export class SpectrumPlot {
       "div",
       { class: "controls", role: "group", "aria-label": "Axes, cursors, files" },
       this.axisChoice.element, scale.element, this.compareChoice.element, cursor.element, this.at.element, this.spacing.element,
-      exportButtons(() => this.file()),
+      exportButtons(() => spectrumFile(this)),
     );
     this.at.element.hidden = this.spacing.element.hidden = true;
     return h("div", null, row, this.cursorText);
@@ -88,11 +88,15 @@ export class SpectrumPlot {
 
   /** Show a spectrum: {frequency, amplitude, resolution, quantity, unit, si, decibel, block, speed_hz, lines_hz, ...}. */
   async show(trace) {
+    const faster = trace.speed_hz / this.trace?.speed_hz;
     this.trace = trace;
+    // Over orders, the cursor stays at its order.
+    if (this.view.axis === "orders" && faster > 0) for (const key of ["at", "spacing"]) this.cursor[key] &&= this.cursor[key] * faster;
     this.setOthers();
     await this.compareWith(this.compareChoice.select.value, false);
-    this.axisChoice.select.disabled = !fmt.isNumber(trace.speed_hz);
-    if (this.axisChoice.select.disabled) this.view.axis = this.axisChoice.select.value = "hz";
+    const known = fmt.isNumber(trace.speed_hz);
+    this.axisChoice.select.disabled = !known;
+    this.setAxis(known ? this.picked ?? (trace.domain === "order" ? "orders" : "hz") : "hz");
     this.makeSwitches();
     await this.draw();
   }
@@ -114,9 +118,29 @@ export class SpectrumPlot {
     if (draw) await this.draw();
   }
 
+  /** Take an axis; what is zoomed into stays. */
+  setAxis(name) {
+    const before = this.unit();
+    this.view.axis = this.axisChoice.select.value = name;
+    this.zoom &&= this.zoom.map((value) => (value * before) / this.unit());
+  }
+
+  /** One of the axis in Hz. */
+  unit() {
+    return this.view.axis === "orders" ? this.trace.speed_hz : 1;
+  }
+
   /** Frequency in the unit of the axis. */
   across(frequency) {
-    return this.view.axis === "orders" ? frequency / this.trace.speed_hz : frequency;
+    return frequency / this.unit();
+  }
+
+  /** A frequency in words, that of the axis first. */
+  place(frequency) {
+    const { speed_hz: speed } = this.trace;
+    const order = fmt.isNumber(speed) ? `order ${fmt.number(frequency / speed, 4)}` : "";
+    const hertz = fmt.hertz(frequency, 5);
+    return this.view.axis === "orders" ? [order, hertz] : [hertz, order];
   }
 
   up(values) {
@@ -133,10 +157,10 @@ export class SpectrumPlot {
     const { zoom } = this;
     this.destroy();
     const orders = this.view.axis === "orders";
-    this.x = orders ? trace.frequency.map((f) => f / trace.speed_hz) : trace.frequency;
+    this.x = orders ? trace.frequency.map((f) => this.across(f)) : trace.frequency;
     const factor = orders && fmt.isNumber(this.other?.speed_hz) ? trace.speed_hz / this.other.speed_hz : 1;
     this.overlay = this.other && onGrid(this.other, trace, factor);
-    setText(this.caption, this.options.describe(trace) + (this.other ? `; compared with block ${this.other.block}` : ""));
+    setText(this.caption, this.options.describe(trace) + (this.other ? `; compared with block ${this.other.block}${trace.domain === "order" ? ` at ${fmt.hertz(this.other.speed_hz, 3)}` : ""}` : ""));
     const line = (name) => ({ stroke: colour(name), width: 1, points: { show: false }, spanGaps: true });
     const filled = this.view.scale === "linear" ? { fill: translucent("series", 0.12) } : {};
     const labels = { labelSize: 18, labelGap: 0 };
@@ -156,9 +180,9 @@ export class SpectrumPlot {
       this.holder,
     );
     this.plot.over.addEventListener("click", () => this.placeCursor());
-    if (zoom) this.plot.setScale("x", { min: this.across(zoom[0]), max: this.across(zoom[1]) });
+    if (zoom) this.plot.setScale("x", { min: zoom[0], max: zoom[1] });
     this.holder.setAttribute("role", "img");
-    this.holder.setAttribute("aria-label", `${this.options.title(trace)} up to ${fmt.number(trace.frequency.at(-1))} Hz; the tables below give peaks and lines.`);
+    this.holder.setAttribute("aria-label", `${this.options.title(trace)} up to ${orders ? this.place(trace.frequency.at(-1))[0] : `${fmt.number(trace.frequency.at(-1))} Hz`}; the tables below give peaks and lines.`);
     this.showCursor();
     this.fillTable();
     this.fillPeaks();
@@ -169,16 +193,16 @@ export class SpectrumPlot {
     return valueAxis((u, splits) => splits.map((value) => fmt.number(value, 3)));
   }
 
-  /** What is zoomed into, Hz, stays for the next block; null for all. */
+  /** What is zoomed into, in the unit of the axis, stays for the next block; null for all. */
   zoomed(u) {
     const { min, max } = u.scales.x;
-    const factor = this.view.axis === "orders" ? this.trace.speed_hz : 1;
-    this.zoom = min <= this.x[0] && max >= this.x.at(-1) ? null : [min * factor, max * factor];
+    this.zoom = min <= this.x[0] && max >= this.x.at(-1) ? null : [min, max];
     this.fillPeaks();
   }
 
   xLabel() {
-    return this.view.axis === "orders" ? "order of the shaft" : "frequency, Hz";
+    if (this.view.axis === "orders") return "order of the shaft";
+    return this.trace.domain === "order" ? `frequency, Hz at the mean speed ${fmt.hertz(this.trace.speed_hz, 3)}` : "frequency, Hz";
   }
 
   yLabel() {
@@ -282,8 +306,12 @@ export class SpectrumPlot {
     const { cursor } = this.view;
     this.at.element.hidden = cursor === "lines";
     this.spacing.element.hidden = cursor !== "sidebands";
-    this.at.input.value = fmt.isNumber(this.cursor.at) ? Number(this.cursor.at.toPrecision(7)) : "";
-    this.spacing.input.placeholder = fmt.isNumber(this.trace?.speed_hz) ? fmt.number(this.trace.speed_hz, 5) : "";
+    const unit = this.trace ? this.unit() : 1;
+    const text = (value) => (fmt.isNumber(value) ? Number((value / unit).toPrecision(7)) : "");
+    this.at.input.value = text(this.cursor.at);
+    this.spacing.input.value = text(this.cursor.spacing);
+    this.spacing.input.placeholder = text(this.trace?.speed_hz);
+    for (const { element } of [this.at, this.spacing]) setText(element.lastChild, this.view.axis === "orders" ? " orders" : " Hz");
     this.plot?.redraw(false);
     this.sayCursor();
   }
@@ -293,7 +321,7 @@ export class SpectrumPlot {
     const lines = this.cursorLines();
     if (!lines.length) return setText(this.cursorText, "Click into the spectrum, or give a frequency, to set the cursor.");
     const words = lines.slice(0, 21).map(
-      ({ frequency, label }) => `${label === "f" ? "f" : this.view.cursor === "harmonics" ? `${label}f` : label} ${fmt.hertz(frequency, 5)}: ${amplitudeText(amplitudeAt(this.trace, frequency), this.trace)}`,
+      ({ frequency, label }) => `${label === "f" ? "f" : this.view.cursor === "harmonics" ? `${label}f` : label} ${this.place(frequency)[0]}: ${amplitudeText(amplitudeAt(this.trace, frequency), this.trace)}`,
     );
     return setText(this.cursorText, `${fmt.counted(lines.length, "line")} marked. ${words.join("; ")}`);
   }
@@ -304,17 +332,15 @@ export class SpectrumPlot {
     if (index === null || index === undefined) return setText(this.readout, "");
     const frequency = trace.frequency[index];
     const near = lineNear(this.shownLines(), frequency, trace.resolution);
-    const order = fmt.isNumber(trace.speed_hz) ? `, order ${fmt.number(frequency / trace.speed_hz, 4)}` : "";
     const other = this.overlay && fmt.isNumber(this.overlay[index]) ? `; block ${this.other.block}: ${amplitudeText(this.overlay[index], trace)}` : "";
     const value = this.view.scale === "db" ? `${fmt.number(decibel(trace.amplitude[index], trace), 4)} dB` : amplitudeText(trace.amplitude[index], trace);
-    return setText(this.readout, `${fmt.hertz(frequency, 5)}${order}: ${value}${other}${near ? ` (${near.name})` : ""}`);
+    return setText(this.readout, `${this.place(frequency).filter(Boolean).join(", ")}: ${value}${other}${near ? ` (${near.name})` : ""}`);
   }
 
   /** Ends of what is shown, Hz. */
   range() {
-    const factor = this.view.axis === "orders" ? this.trace.speed_hz : 1;
     const { min, max } = this.plot?.scales.x ?? {};
-    return fmt.isNumber(min) ? [min * factor, max * factor] : [0, this.trace.frequency.at(-1)];
+    return fmt.isNumber(min) ? [min * this.unit(), max * this.unit()] : [0, this.trace.frequency.at(-1)];
   }
 
   shownPeaks() {
@@ -326,59 +352,23 @@ export class SpectrumPlot {
 
   fillPeaks() {
     if (!this.peakBox.open || !this.trace || !this.plot) return;
-    const lines = this.allLines();
-    const rows = this.shownPeaks().map(({ frequency, amplitude }, index) => [
-      String(index + 1),
-      fmt.hertz(frequency, 6),
-      fmt.isNumber(this.trace.speed_hz) ? fmt.number(frequency / this.trace.speed_hz, 4) : fmt.MISSING,
-      amplitudeText(amplitude, this.trace),
-      `${fmt.number(decibel(amplitude, this.trace), 4)} dB`,
-      lineNear(lines, frequency, this.trace.resolution)?.name ?? "",
-    ]);
+    const rows = peakRows(this);
     const signature = JSON.stringify(rows);
     if (signature === this.listed) return;
     this.listed = signature;
-    fill(this.peakBox.lastChild, table("Highest peaks", ["No.", "Frequency", "Order", "Amplitude", this.trace.decibel, "Line"], rows, "numbers"));
+    fill(this.peakBox.lastChild, table("Highest peaks", ["No.", ...frequencyHeads(this.trace), "Amplitude", this.trace.decibel, "Line"], rows, "numbers"));
     this.plot.redraw(false);
   }
 
   fillTable() {
     if (!this.lineBox.open || !this.trace) return;
     const lines = PARTS.flatMap((part) => faultLines(this.trace, part, false));
-    const rows = lines.map((line) => [
-      PART_NAMES[line.part],
-      line.name,
-      fmt.hertz(line.frequency, 5),
-      fmt.isNumber(this.trace.speed_hz) ? fmt.number(line.frequency / this.trace.speed_hz, 4) : fmt.MISSING,
-      amplitudeText(amplitudeAt(this.trace, line.frequency), this.trace),
-    ]);
     const shared = lines.some((line) => line.shared.length);
     fill(
       this.lineBox.lastChild,
       shared ? h("p", { class: "note" }, "Lines joined by “=” stand on one peak in this spectrum: it is one line, and counts for neither part alone.") : null,
-      table("Amplitudes at the lines", ["Part", "Line", "Frequency", "Order", "Amplitude"], rows, "numbers"),
+      table("Amplitudes at the lines", ["Part", "Line", ...frequencyHeads(this.trace), "Amplitude"], lineRows(this.trace, lines), "numbers"),
     );
-  }
-
-  /** What the files hold. */
-  file() {
-    const { trace } = this;
-    if (!trace || !this.plot) return null;
-    const unit = this.view.scale === "db" ? trace.decibel : trace.unit || "unit of the sensor";
-    const columns = [
-      ["frequency, Hz", trace.frequency],
-      [`block ${trace.block}, ${unit}`, this.up(trace.amplitude)],
-      ...(this.overlay ? [[`block ${this.other.block}, ${unit}`, this.up(this.overlay)]] : []),
-    ];
-    const marks = this.view.cursor === "lines"
-      ? this.shownLines().filter((line) => line.main).map((line) => ({ x: line.frequency, label: line.label, ink: colour(line.part) }))
-      : this.cursorLines().map(({ frequency, label }) => ({ x: frequency, label, ink: colour("path") }));
-    return {
-      name: `${this.options.name}-${trace.block}`,
-      title: `${this.options.title(trace)}; ${this.options.describe(trace)}`,
-      x: "frequency, Hz", y: this.yLabel(), columns, marks, log: this.view.scale === "log",
-      range: this.range(), canvas: this.plot.ctx.canvas,
-    };
   }
 
   resize(width) {

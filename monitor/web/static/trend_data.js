@@ -95,11 +95,10 @@ export class TrendData {
     return least > 0 && most > 5 * least;
   }
 
-  /** Constant value of a column, or null where it changes by more than a share. */
-  constant(name, share = 0.005) {
-    const found = this.column(name);
-    if (!found) return null;
-    const values = found.low.filter(isNumber).concat(found.high.filter(isNumber));
+  /** The one value of columns, or null where they are empty or span more than a share. */
+  constant(names, share = 0.005) {
+    const values = names.map((name) => this.column(name)).flatMap((found) => (found ? [...found.low, ...found.high] : [])).filter(isNumber);
+    if (!values.length) return null;
     const low = values.reduce((a, b) => Math.min(a, b));
     const high = values.reduce((a, b) => Math.max(a, b));
     return high - low <= share * Math.abs(high) ? high : null;

@@ -15,7 +15,7 @@ const LAYOUT = {
 const COLOURS = {
   rms_smoothed: "series-two", h_or: "outer", h_ir: "inner", h_ball: "ball", h_cage: "cage", speed: "shaft", load: "shaft",
 };
-const isBound = (name) => name.endsWith("_lower") || name.endsWith("_upper");
+const isBound = (name) => /_(lower|upper|min|max)$/.test(name);
 
 /** Charts of a channel, given what is known of it and which columns hold anything. */
 export function trendSpecs(info, data) {
@@ -24,7 +24,7 @@ export function trendSpecs(info, data) {
     .filter((chart) => chart !== left)
     .map((chart) => specOf(chart, info))
     .map((spec) => ({ ...spec, series: spec.series.filter((series) => data.column(series.column) !== null) }))
-    .filter((spec) => spec.series.length && !(spec.free && data.constant(spec.series[0].column) !== null))
+    .filter((spec) => spec.series.length && !(spec.free && data.constant([spec.series[0].column, ...(spec.band ?? [])]) !== null))
     .map((spec) => ({ ...spec, levels: levelsOf(info, spec) }));
 }
 

@@ -83,7 +83,7 @@ export class Trends {
   make(Uplot, spec) {
     const legend = new Legend([
       ...spec.series,
-      ...(spec.band && this.data.column(spec.band[0]) ? [{ label: `${fmt.percent(this.info.interval)} interval`, colour: "series", kind: "band" }] : []),
+      ...(spec.band && this.data.column(spec.band[0]) ? [{ label: spec.free ? "from least to highest in the block" : `${fmt.percent(this.info.interval)} interval`, colour: spec.series[0].colour, kind: "band" }] : []),
     ]);
     const unit = h("span", { class: "note" });
     const holder = h("div", { class: "plot" });
@@ -103,9 +103,10 @@ export class Trends {
     const series = [{}];
     const bands = [];
     if (spec.band) {
-      const edge = { stroke: translucent("series", 0.35), width: 1, points: { show: false }, gaps: this.gaps };
+      const ink = spec.series[0].colour;
+      const edge = { stroke: translucent(ink, 0.35), width: 1, points: { show: false }, gaps: this.gaps };
       series.push({ ...edge, label: "upper" }, { ...edge, label: "lower" });
-      bands.push({ series: [1, 2], fill: translucent("series", 0.16) });
+      bands.push({ series: [1, 2], fill: translucent(ink, 0.16) });
     }
     for (const one of spec.series) {
       const at = series.length;

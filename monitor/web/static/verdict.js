@@ -4,7 +4,7 @@ import { disagreement, support } from "./bearings.js";
 import { h, symbol } from "./dom.js";
 import * as fmt from "./fmt.js";
 import {
-  RELATIVE, STATES, alarmLevel, baseSentence, baseWord, edvSentence, faultWords, featureWord, levelSentence, stageWord, ttSentence,
+  RELATIVE, STATES, alarmLevel, baseSentence, baseWord, domainWord, edvSentence, faultWords, featureWord, levelSentence, rotationSentence, stageWord, ttSentence,
   ttaSentence, velocitySentence, zoneSentence,
 } from "./words.js";
 
@@ -240,7 +240,15 @@ function latest(status, info, zone, age, machine) {
     fmt.isNumber(info.bearing.n_elements) ? fmt.counted(info.bearing.n_elements, "element") : null,
   ].filter(Boolean).join(", ") : null;
   const pending = machine?.sources?.[status.source]?.pending;
-  return answer("Last block", value, which, condition(info), bearing, pending > 1 ? `${fmt.counted(pending, "block")} waiting` : null);
+  return answer("Last block", value, which, condition(info), rotation(status), bearing, pending > 1 ? `${fmt.counted(pending, "block")} waiting` : null);
+}
+
+/** What the shaft did in the block, or why its angle is not known; null without a source of it. */
+function rotation({ rotation_status: found, domain, speed_min_hz: least, speed_max_hz: highest }) {
+  if (!found) return null;
+  if (found !== "ok") return `no angle of the shaft: ${rotationSentence(found)}; ${domainWord("hertz")}`;
+  const range = fmt.speeds([least, highest]);
+  return `${range ? `${range} in this block; ` : ""}${domainWord(domain)}`;
 }
 
 function condition(info) {

@@ -1,9 +1,9 @@
 // The spectra of a life beneath each other, newest on top; a click shows that spectrum.
 
-import { channelPath, get } from "./api.js";
+import { channelPath, get, query } from "./api.js";
 import { Board, colourLegend, picture, ticks } from "./canvas.js";
 import { figure, onWidth, sayInstead } from "./chart.js";
-import { fill, h, setText } from "./dom.js";
+import { choice, fill, h, setText } from "./dom.js";
 import { exportButtons } from "./exporting.js";
 import * as fmt from "./fmt.js";
 import { colour } from "./prefs.js";
@@ -18,7 +18,7 @@ function quantile(values, share) {
 }
 
 export class Waterfall {
-  /** @param options machine, channel, zone(), info(), lines(): Hz by part, onBlock(block) */
+  /** @param options machine, channel, zone(), info(), spectrum(): the one that is shown, onBlock(block) */
   constructor(options) {
     this.options = options;
     this.chosen = null;
@@ -27,6 +27,7 @@ export class Waterfall {
     this.body = box.body;
     this.readout = h("span", { class: "note readout" });
     this.legend = h("span");
+    this.axis = choice("axis", [["order", "orders of the shaft"], ["hertz", "Hz"]], (value) => this.load(value));
     this.board = new Board("Spectra over time");
     const { canvas } = this.board;
     canvas.tabIndex = 0;
@@ -38,7 +39,7 @@ export class Waterfall {
     this.content = [
       h("div", { class: "under-head" }, this.legend, this.readout),
       canvas,
-      h("div", { class: "controls" }, exportButtons(() => this.file(), ["PNG", "CSV"])),
+      h("div", { class: "controls" }, this.axis.element, exportButtons(() => this.file(), ["PNG", "CSV"])),
     ];
     this.stop = onWidth(this.body, (width) => {
       this.width = width;
@@ -46,9 +47,11 @@ export class Waterfall {
     });
   }
 
-  async load() {
+  /** Read the spectra; over orders where the speed varies, unless an axis was chosen. */
+  async load(axis = this.chosenAxis) {
+    this.chosenAxis = axis;
     try {
-      this.data = await get(`${channelPath(this.options.machine, this.options.channel)}/waterfall?bins=${BINS}`);
+      this.data = await get(`${channelPath(this.options.machine, this.options.channel)}/waterfall${query({ bins: BINS, axis })}`);
     } catch (error) {
       this.data = null;
       if (error.status === 404) sayInstead(this.body, "No spectrum is kept yet.");
@@ -62,6 +65,10 @@ export class Waterfall {
     }
     this.scale();
     this.image = null;
+    this.orders = this.data.domain === "order";
+    this.bins = this.data[this.orders ? "order" : "frequency_hz"];
+    this.axis.select.value = this.data.domain;
+    this.axis.element.hidden = !this.data.varies;
     fill(this.body, this.content);
     this.draw();
   }
@@ -76,8 +83,13 @@ export class Waterfall {
       name: `${machine}-${channel}-spectra`,
       title: `Envelope spectra over the life; ${machine}, ${channel}`,
       canvas: this.board.canvas,
-      columns: [["frequency, Hz", this.data.frequency_hz], ...columns],
+      columns: [[this.title(), this.bins], ...columns],
     };
+  }
+
+  title() {
+    if (this.orders) return "order of the shaft";
+    return this.data.varies ? "frequency, Hz at the mean speed of each block" : "frequency, Hz";
   }
 
   scale() {
@@ -101,9 +113,9 @@ export class Waterfall {
     context.imageSmoothingEnabled = false;
     context.drawImage(this.image, left, top, width, height);
     board.frame();
-    const highest = data.frequency_hz.at(-1);
+    const highest = this.bins.at(-1);
     const x = (frequency) => left + (width * frequency) / highest;
-    board.bottomAxis(ticks(0, highest, width / 90).map((value) => [value, fmt.number(value)]), x, "frequency, Hz");
+    board.bottomAxis(ticks(0, highest, width / 90).map((value) => [value, fmt.number(value)]), x, this.title());
     board.leftAxis(this.timeMarks(height), (row) => this.rowTop(row) + height / data.blocks.length / 2);
     this.markLines(x);
     this.markChosen();
@@ -146,9 +158,10 @@ export class Waterfall {
   markLines(x) {
     const { top, left, width } = this.board.plot;
     const fault = this.options.info()?.state?.fault ?? "";
+    const shown = this.options.spectrum();
     const named = [];
     for (const part of [...PARTS].sort((a, b) => fault.includes(b) - fault.includes(a))) {
-      const first = this.options.lines()?.[part];
+      const first = shown?.lines_hz?.[part] / (this.orders ? shown.speed_hz : 1);
       const at = fmt.isNumber(first) ? x(first) : -1;
       if (at < left || at > left + width) continue;
       this.board.line([[at, top - 5], [at, top]], colour(part), { width: 2 });
@@ -201,11 +214,11 @@ export class Waterfall {
     if (row < 0) return setText(this.readout, "");
     const box = this.board.canvas.getBoundingClientRect();
     const { left, width } = this.board.plot;
-    const bins = this.data.frequency_hz;
+    const { bins } = this;
     const share = (event.clientX - box.left - left) / width;
     const bin = bins.findIndex((value) => value >= share * bins.at(-1));
-    const value = share >= 0 && bin >= 0 ? `, ${fmt.hertz(bins[bin], 4)}: ${fmt.level(this.data.amplitude_g[row][bin], this.options.info()?.unit)}` : "";
-    return setText(this.readout, `block ${this.data.blocks[row]}, ${this.shortTime(this.data.time_s[row])}${value}`);
+    const value = share >= 0 && bin >= 0 ? `, ${this.orders ? `order ${fmt.number(bins[bin])}` : fmt.hertz(bins[bin], 4)}: ${fmt.level(this.data.amplitude_g[row][bin], this.options.info()?.unit)}` : "";
+    return setText(this.readout, `block ${this.data.blocks[row]}, ${this.shortTime(this.data.time_s[row])}${this.data.varies ? ` at ${fmt.hertz(this.data.speed_hz[row], 3)}` : ""}${value}`);
   }
 
   pick(row) {

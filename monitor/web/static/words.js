@@ -27,6 +27,8 @@ export const edvSentence = (status) => (status ? WORDS.edv[status] ?? status : N
 export const ttaSentence = (status) => (status ? WORDS.tta[status] ?? status : NONE);
 export const alarmLevel = (source) => WORDS.alarm_levels[source] ?? "the alarm level";
 export const velocitySentence = (status) => WORDS.velocity[status] ?? status;
+export const rotationSentence = (status) => WORDS.rotation[status] ?? status;
+export const domainWord = (domain) => WORDS.domains[domain ?? "hertz"] ?? "";
 export const zoneSentence = (zone) => WORDS.zones[zone] ?? "";
 export const ttSentence = (status) => (status ? WORDS.tt[status] ?? status : NONE);
 

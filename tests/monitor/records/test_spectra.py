@@ -6,6 +6,7 @@ import math
 import sqlite3
 import threading
 from collections.abc import Sequence
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -21,7 +22,7 @@ from monitor.health.state import Stored
 from monitor.health.waterfall import SpectrumChange, SpectrumRow, WaterfallSettings, WaterfallState, step
 from monitor.records.database import StoreError
 from monitor.records.ledger import StoreLedger
-from monitor.records.spectra import binned, kept_blocks, pack_amplitude, read_spectra
+from monitor.records.spectra import binned, in_orders, kept_blocks, pack_amplitude, read_spectra
 from monitor.records.store import Store
 from monitor.service.ingest import Ingest
 from monitor.service.replay import replay
@@ -345,6 +346,24 @@ def test_what_is_lost_by_halving_the_digits_is_as_stated(values: list[float], sc
 
 def row_of(amplitude: list[float], resolution: float) -> SpectrumRow:
     return SpectrumRow("s", "x", 1, 0.0, resolution, (0.0, 1.0), 1.0, 1.0, True, np.array(amplitude), {})
+
+
+def test_over_orders_a_line_of_the_shaft_stays_in_its_bin_at_any_speed() -> None:
+    rows = []
+    for speed in (20.0, 25.0, 31.0):
+        row = row_of([0.0] * 400, 0.25)
+        row.amplitude[round(3.0 * speed / 0.25)] = speed
+        rows.append(replace(row, speed=speed))
+    assert in_orders(rows)
+    assert not in_orders(rows[:1])
+    assert in_orders([replace(rows[0], domain="order")])
+    assert not in_orders([*rows, replace(rows[0], speed=0.0)])
+    order, amplitude = binned(rows, 60, 5.0, orders=True)
+    (place,) = set(np.nanargmax(amplitude, axis=1).tolist())
+    assert order[place] <= 3.0 < order[place + 1]
+    assert np.nanmax(amplitude, axis=1).tolist() == [20.0, 25.0, 31.0]
+    # Over Hz they do not agree.
+    assert len(set(np.nanargmax(binned(rows, 60)[1], axis=1).tolist())) == 3
 
 
 def test_bins_of_a_picture_keep_every_line() -> None:

@@ -55,6 +55,18 @@ def test_a_level_in_an_unknown_unit_is_not_called_g(tmp_path):
         assert dataset.rms.attrs["units"] == "unknown"
 
 
+def test_speeds_repairs_and_the_domain_are_in_the_files(tmp_path):
+    (tmp_path / "run").mkdir()
+    values = {"domain": "order", "rotation_status": "ok", "speed_min": 22.0, "acceleration": 0.5, "pulses_missing": 2}
+    path = stored(tmp_path / "run", [record(1, {"rms": 1.0, "encoder_error": np.pi / 180.0, **values}, start=None)])
+    write_trends(read_runs(path), tmp_path / "t")
+    with (tmp_path / "t" / "trends-x.csv").open() as file:
+        (row,) = csv.DictReader(file)
+    assert (row["domain"], row["rotation_status"], row["speed_min_hz"]) == ("order", "ok", "22")
+    assert (row["acceleration_hz_per_s"], row["pulses_missing"], row["encoder_error_deg"]) == ("0.5", "2", "1")
+    assert "pulses_extra" not in row
+
+
 def test_several_runs_have_files_of_their_own(tmp_path):
     runs = read_runs([made(tmp_path / "a", machine="a"), made(tmp_path / "b", machine="b")])
     names = {path.name for path in write_trends(runs, tmp_path / "t")}

@@ -144,6 +144,14 @@ def test_spectra_and_waterfall_are_those_of_the_store(watched: Watched) -> None:
     assert len(water["amplitude_g"]) == len(rows)
     assert len(water["frequency_hz"]) == 10
     assert max(water["amplitude_g"][0]) == pytest.approx(rows[0].amplitude.max() / G, rel=1e-3)
+    assert (water["domain"], water["varies"], water["speed_hz"][0]) == ("hertz", False, rows[0].speed)
+    orders = watched.page.get("/api/channels/m/x0/waterfall?bins=10&axis=order")
+    assert orders["domain"] == "order"
+    assert "frequency_hz" not in orders
+    edges = [value / rows[0].speed for value in water["frequency_hz"]]
+    assert orders["order"] == pytest.approx(edges, rel=1e-4)
+    for wrong in ("axis=rpm", "axis=order&to_hz=100"):
+        assert watched.page.ask(f"/api/channels/m/x0/waterfall?{wrong}").status == 400
 
 
 def test_raw_spectra_and_waveforms_are_those_of_the_store(watched: Watched) -> None:

@@ -13,7 +13,8 @@ import pytest
 from monitor.health.spectrum.kurtogram import Kurtogram
 from monitor.health.waterfall import SpectrumRow
 from monitor.report.figures.kurtogram import kurtograms
-from monitor.report.figures.spectrum import SpectrumView, spectra, views_of, waterfall
+from monitor.report.figures.spectrum import SpectrumView, spectra, views_of
+from monitor.report.figures.waterfall import waterfall
 from monitor.report.runs import Channel, Run
 from monitor.report.verdict import judge
 from monitor.words.numbers import figure
@@ -119,3 +120,33 @@ def test_a_waterfall_leaves_gaps_blank_and_carries_its_spectra(run: Run, channel
     assert waterfall(rows[:3], context_of(run, channel)) is None
     undated = [row_of(number, None) for number in range(1, 9)]
     assert waterfall(undated, context_of(run, channel)) is None
+
+
+def test_a_waterfall_of_a_varying_speed_is_over_orders(run: Run, channel: Channel) -> None:
+    rows = []
+    for number in range(1, 9):
+        speed = 20.0 + number
+        amplitude = np.full(800, 0.01)
+        amplitude[round(3.0 * speed)] = 1.0
+        lines = {part: line * speed / 30.0 for part, line in KINEMATIC.items()}
+        row = replace(row_of(number, START + 60.0 * number), amplitude=amplitude, lines=lines, speed=speed)
+        rows.append(replace(row, domain="order", speed_range=(speed - 2.0, speed + 2.0)))
+    picture = waterfall(rows, context_of(run, channel))
+    data = drawn(picture)
+    assert picture is not None
+    assert "order of the shaft" in picture.svg
+    assert "Mean speeds are 21.0 to 28.0 Hz" in picture.caption
+    codes = np.frombuffer(base64.b64decode(data["codes_base64"]), np.uint8).reshape(8, len(data["order"]))
+    assert {int(row.argmax()) for row in codes} == {int(np.searchsorted(data["order"], 3.0, side="right")) - 1}
+    shown = spectra(views_of(rows, context_of(run, channel)), "x", "outer", numbers())
+    assert shown is not None
+    assert "order of the shaft" in shown.svg
+    assert "over the angle of the shaft" in shown.caption
+    assert "speed from 26 to 30 Hz" in shown.heading + shown.svg
+
+
+def test_over_orders_markers_stand_on_the_lines_of_the_part() -> None:
+    frequency, amplitude = comb({97.5 * order: 1.0 for order in range(1, 6)})
+    view = SpectrumView(frequency, amplitude, KINEMATIC, "block 7", 30.0, domain="order")
+    data = drawn(spectra([view], "x", "outer", numbers()))
+    assert data["spectra"][0]["lines_order"]["outer"] == pytest.approx([3.25 * order for order in range(1, 6)])
