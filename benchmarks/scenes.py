@@ -26,7 +26,7 @@ from benchmarks.scenes_effects import effect_rows, effect_table
 from benchmarks.scenes_trial import timed, truth_of
 from models.bearing import from_catalogue
 from models.choice import select, stand_ins
-from models.dynamics.over_time import passage_rate
+from models.dynamics.turning import passage_rate
 from models.registry import Request, choose
 from models.response import Response
 from models.rigs.ball_inertia import BallInertiaRig

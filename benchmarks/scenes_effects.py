@@ -16,7 +16,7 @@ import numpy as np
 from benchmarks.common import Row
 from benchmarks.scenes_trial import timed
 from models.bearing import from_catalogue
-from models.dynamics.over_time import passage_rate
+from models.dynamics.turning import passage_rate
 from models.registry import Request
 from models.response import Response
 from models.rigs.rotor import RotorRig

@@ -76,6 +76,13 @@ def periodic_spline(x: NDArray[np.float64], y: NDArray[np.float64]) -> tuple[NDA
     return spline.c, spline(spline.derivative().roots(extrapolate=False))
 
 
+def summed(signal: NDArray[np.float64], step: float) -> NDArray[np.float64]:
+    """Return the integral of equally spaced values from the first on, by Simpson's rule; shape of the signal."""
+    from scipy.integrate import cumulative_simpson
+
+    return np.asarray(cumulative_simpson(signal, dx=step, initial=0.0))
+
+
 def kaiser_order(attenuation: float, width: float) -> tuple[int, float]:
     """Return taps and beta of a Kaiser filter: attenuation, dB, and transition width over the Nyquist frequency."""
     from scipy.signal import kaiserord

@@ -9,12 +9,13 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from models.checks import check_positive
-from models.numerics import crests
+from models.numerics import crests, summed
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from models.registry import Request
+    from models.speed_profile import SpeedProfile
 
 Sensor = Literal["mo", "mr", "a", "b", "c", "ias"]
 """Casing and resonator; the supports A and B of a rotor and its disc C; instantaneous angular speed of the shaft."""
@@ -130,6 +131,10 @@ class Response:
         v_eq_error: relative error of the equivalent volume that the RMS stands for, NaN where it was not asked for.
         model_error: predicted relative error of the quantity against the reference model (models.mappings), 0 where the
             reference itself answered.
+        profile: how the shaft turned over the record, from its first sample on; of a model with an angular speed of its
+            own, "ias" is beyond it. None where the motion was not simulated over time, or the model does not say. Where
+            the speed changes, lines are those over the angle, of a shaft that turns at the speed of the scene, and
+            there are HARMONICS of them.
     """
 
     levels: tuple[tuple[float, float], ...]
@@ -156,6 +161,23 @@ class Response:
     lines_error: float = math.nan
     v_eq_error: float = math.nan
     model_error: float = 0.0
+    profile: SpeedProfile | None = None
+
+    def turns(self) -> NDArray[np.float64]:
+        """Return how far the shaft has turned at the samples of the record since the first, revolutions, (samples,).
+
+        The angular speed of sensor "ias" is summed by Simpson's rule: at that sensor, not at the drive.
+
+        Raises:
+            ValueError: if there is no record, or nothing is known of the rotation.
+        """
+        if self.record is None or self.profile is None:
+            raise ValueError(f"{self.model} {self.solver}: this response does not say how the shaft turned")
+        time = np.arange(self.record.signal.shape[1]) / self.record.rate
+        turns = self.profile.turns_at(time)
+        if "ias" in self.record.sensors:
+            turns = turns + summed(self.record.of("ias"), 1.0 / self.record.rate) / (2.0 * math.pi)
+        return turns
 
     def error_of(self, quantity: Quantity) -> float:
         """Return the relative error of a quantity that steps and averaging leave, NaN where it is unknown."""

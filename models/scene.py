@@ -14,12 +14,15 @@ from models.bearing import Bearing, from_catalogue
 from models.checks import check_choice, check_numbers, check_whole
 from models.rigs import AnyRig
 from models.rigs.six_dof import Rig
+from models.speed_profile import SpeedProfile, ramp
 
 Part = Literal["outer", "inner", "ball"]
 PARTS: tuple[Part, ...] = ("outer", "inner", "ball")
 Race = Literal["outer", "inner"]
 Support = Literal["a", "b"]
 T = TypeVar("T", bound=AnyRig)
+# Relative difference at which a speed still lies at the end of the range of a profile.
+_SAME_SPEED = 1e-9
 
 # What a model may contain although nothing in a scene shows that it matters; ``Scene.physics`` asks for it.
 PHYSICS: dict[str, str] = {
@@ -219,7 +222,9 @@ class Scene:
             kg m2.
         bow: deflection of the shaft at rest, which turns with it, m.
         load_turns: whether the load turns with the shaft.
-        speed_slope: change of the speed, Hz/s.
+        speed_slope: change of the speed, Hz/s, from ``speed`` at the first sample of a response.
+        speed_profile: how the shaft turns, from the first sample of a response on; before, it turns at the first speed
+            of the profile. ``speed`` then is the one that lines and conditions are named by, mostly the mean.
         physics: names in PHYSICS of what the answer must contain.
     """
 
@@ -243,6 +248,7 @@ class Scene:
     load_turns: bool = False
     speed_slope: float = 0.0
     physics: tuple[str, ...] = ()
+    speed_profile: SpeedProfile | None = None
 
     def __post_init__(self) -> None:
         """Raise a ValueError that names the field of an unusable value."""
@@ -253,6 +259,16 @@ class Scene:
             check_choice(name, "physics", tuple(PHYSICS))
         self.rig.check_bearing(self.bearing)
         self._check_defects()
+        self._check_profile()
+
+    def _check_profile(self) -> None:
+        if self.speed_profile is None:
+            return
+        if self.speed_slope != 0.0:
+            raise ValueError(f"speed_slope must be 0 where there is a speed_profile, got {self.speed_slope!r} Hz/s")
+        low, high = self.speed_profile.speed_range
+        if not low * (1.0 - _SAME_SPEED) <= self.speed <= high * (1.0 + _SAME_SPEED):
+            raise ValueError(f"speed must lie within the speed_profile, {low!r} to {high!r} Hz, got {self.speed!r} Hz")
 
     def _check_defects(self) -> None:
         if self.defect is None and self.more_defects:
@@ -296,6 +312,21 @@ class Scene:
         """The scene without its defects."""
         return self if self.defect is None else replace(self, defect=None, more_defects=())
 
+    def rotation(self, seconds: float) -> SpeedProfile | None:
+        """Return how the shaft turns from the first sample of a response on, None where its speed is one.
+
+        Raises:
+            ValueError: if the slope stops the shaft within that time, s.
+        """
+        if self.speed_slope == 0.0:
+            return self.speed_profile
+        end = self.speed + self.speed_slope * seconds
+        if not end > 0.0:
+            raise ValueError(
+                f"speed_slope {self.speed_slope!r} Hz/s stops the shaft within the {seconds:.3g} s that are simulated"
+            )
+        return ramp(self.speed, end, seconds)
+
     @property
     def _damage(self) -> tuple[Defect, ...]:
         return tuple(defect for defect in self.defects if defect.moves_balls)
@@ -309,6 +340,7 @@ class Scene:
         """Whether nothing but the passages of the balls drives the motion, with which it then repeats."""
         return (
             self.unbalance == self.couple_unbalance == self.bow == self.speed_slope == 0.0
+            and self.speed_profile is None
             and not self.load_turns
             and not (self._slips and self.slip is not None and self.slip.redraws)
             and all(wave.race == "outer" or wave.amplitude == 0.0 for wave in self.waviness)
@@ -343,7 +375,7 @@ class Scene:
             "couple_unbalance": self.couple_unbalance != 0.0,
             "bow": self.bow != 0.0,
             "rotating_load": self.load_turns,
-            "changing_speed": self.speed_slope != 0.0,
+            "changing_speed": self.speed_slope != 0.0 or self.speed_profile is not None,
             **{f"with_{name}": name in self.physics for name in PHYSICS},
         }
         return tuple(name for name in EFFECTS if named[name])

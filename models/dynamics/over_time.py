@@ -19,9 +19,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from models.bearing import kinematics
 from models.dynamics.recorder import margin_of, sampled_at
 from models.dynamics.six_dof import ERROR_OF_WAVE
+from models.dynamics.turning import lines_over_angle
 from models.response import (
     HARMONICS,
     PASSBAND,
@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from models.registry import Request
-    from models.scene import Scene
+    from models.speed_profile import SpeedProfile
 
 # Steps of a run at most: 320 MB for two sensors.
 MOST_STEPS = 20_000_000
@@ -82,6 +82,8 @@ class Motion:
         passages: rate at which balls pass the defect, Hz, whose lines a request may ask for; None is BPFO.
         build_up: time from the beginning, s, before which the error of the steps is not looked at: modes that ring
             have not gathered theirs yet.
+        profile: how the shaft turns from the first sample of the response on.
+        per_turn: balls that pass the outer race in a turn, where the speed changes; None where it is one.
     """
 
     from_rest: FromRest
@@ -94,6 +96,8 @@ class Motion:
     repeats: bool
     passages: float | None = None
     build_up: float = 0.0
+    profile: SpeedProfile | None = None
+    per_turn: float | None = None
 
     def led_by(self, sensor: Sensor | None) -> Motion:
         """Return the motion with a sensor as the first, None for the first as it is."""
@@ -348,7 +352,10 @@ def _response(motion: Motion, request: Request, found: _Measured, step: _StepErr
         rms, peaks = [pair[0] for pair in pairs], [pair[1] for pair in pairs]
     share = rms[0] / levels.rms if levels.rms > SILENCE else 1.0
     error = (levels.error / levels.rms if levels.rms > SILENCE else 0.0) + step.rms
-    coefficients = found.record.coefficients(bpfo, _line_count(request, bpfo))
+    if motion.profile is None or motion.per_turn is None:
+        coefficients = found.record.coefficients(bpfo, _line_count(request, bpfo))
+    else:
+        coefficients = lines_over_angle(found.record, motion.profile, motion.per_turn)
     repeats = motion.repeats and levels.spread <= _SAME_PERIOD * levels.rms
     # Waveform and lines of what fails to repeat are known no better than that.
     unknown = levels.spread / max(levels.rms, SILENCE) if motion.repeats and not repeats else 0.0
@@ -368,12 +375,13 @@ def _response(motion: Motion, request: Request, found: _Measured, step: _StepErr
         multiplier=math.nan,
         model=motion.model,
         solver=motion.solver,
-        status=_status(levels, finite=finite, repeats=repeats),
+        status=_status(levels, finite=finite, repeats=repeats, steady=motion.per_turn is None),
         rms_band=request.band,
         coefficients=coefficients,
         record=found.record,
         sensors=motion.sensors,
         lines_error=max(step.lines, unknown),
+        profile=motion.profile,
     )
 
 
@@ -383,26 +391,15 @@ def _line_count(request: Request, bpfo: float) -> int:
     return max(HARMONICS, math.ceil((passed if request.lines_to is None else request.lines_to) / bpfo))
 
 
-def _status(levels: _Levels, *, finite: bool, repeats: bool) -> Status:
-    """Return the status; of "inaccurate" and "converged", ``judged`` decides."""
+def _status(levels: _Levels, *, finite: bool, repeats: bool, steady: bool) -> Status:
+    """Return the status; of "inaccurate" and "converged", ``judged`` decides. ``steady``: whether the speed is one."""
     if not finite or not math.isfinite(levels.rms):
         return "not_converged"
     if levels.rms <= SILENCE:
         return "converged"
     # The difference of two halves has twice the standard error of the whole.
-    if levels.drift > max(8.0 * levels.error, _SAME_LEVEL * levels.rms):
+    if steady and levels.drift > max(8.0 * levels.error, _SAME_LEVEL * levels.rms):
         return "not_converged"
     if not repeats:
         return "not_periodic"
     return "inaccurate"
-
-
-def passage_rate(scene: Scene) -> float:
-    """Return the rate at which balls pass the first defect of a scene, Hz; BPFO where it has none."""
-    part, bearing = "outer", scene.bearing
-    if scene.defect is not None:
-        part = scene.defect.part
-        if scene.defect.support == "b" and scene.second_bearing is not None:
-            bearing = scene.second_bearing
-    lines = kinematics(bearing, scene.speed)
-    return {"outer": lines.bpfo, "inner": lines.bpfi, "ball": 2.0 * lines.bsf}[part]

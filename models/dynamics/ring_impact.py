@@ -24,8 +24,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from models.bearing import kinematics
-from models.dynamics.over_time import Motion, answer, duration_of, passage_rate
+from models.dynamics.over_time import Motion, answer, duration_of
 from models.dynamics.ring_hits import defect_size, hits_on, zones_of
+from models.dynamics.turning import passage_rate
 from models.film import Film, short_bearing_film
 from models.hertz import contact_patches
 from models.kernels import ring_impact as kernels

@@ -46,6 +46,7 @@ TIME_EFFECTS = PERIODIC_EFFECTS | {
     "inner_waviness",
     "unbalance",
     "slip",
+    "changing_speed",
 }
 
 # The coarsest grid. Longest step times the angular frequency of the resonator (whose motion the contact follows) and of

@@ -9,26 +9,32 @@ Readings: the path coordinate is an angle on the damaged part, kinematics those 
 shifts when a ball meets the defect, not where it presses: the angle is small. Gravity changes the static equilibrium
 and nothing else, because the rest of the model is linear in it.
 
+A speed that changes (``Scene.speed_profile``) has one rate of steps, that of its highest speed. The unbalance pushes
+with the square of the speed, and against its change. What the speed changes slowly (grease, temperature) is left out.
+
 The error of the steps is estimated as ``models.dynamics.over_time`` describes.
 """
 
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from models.bearing import kinematics
 from models.checks import check_positive
-from models.dynamics.over_time import LOOKED_AT, Motion, answer, duration_of, passage_rate
+from models.dynamics.over_time import LOOKED_AT, Motion, answer, duration_of
 from models.dynamics.six_dof import MODEL, TIME_EFFECTS, check_scene, steps_for
 from models.dynamics.time_plan import prepare_plan
+from models.dynamics.turning import lead_in, passage_rate
 from models.kernels import time_domain as kernels
 from models.kernels.step import P_DIRECTION_1, P_DIRECTION_2, STATUS_OK
 from models.registry import Request, Solver
 from models.response import CASING, Response
 from models.rigs.six_dof import Rig
+from models.speed_profile import constant
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -90,8 +96,12 @@ def _simulate(
     check_scene(scene, TIME_EFFECTS)
     lines = kinematics(scene.bearing, scene.speed)
     dropped = _settling(settle, lines)
+    profile, lead = scene.rotation(request.duration), 0.0
+    if profile is not None:
+        lead = lead_in(dropped, request.rate)
+        dropped = lead - 0.5 / request.rate
     motion = Motion(
-        from_rest=_FromRest(scene, request, dropped, direction),
+        from_rest=_FromRest(scene, request, dropped, direction, lead),
         sensors=CASING,
         model=MODEL,
         solver=SOLVER.name,
@@ -100,6 +110,8 @@ def _simulate(
         settle=dropped,
         repeats=scene.repeats,
         passages=passage_rate(scene),
+        profile=constant(scene.speed, request.duration) if profile is None else profile,
+        per_turn=None if profile is None else lines.bpfo / lines.speed,
     )
     return answer(motion, request, _longest_step(scene, lines) if step is None else step, fixed=step is not None)
 
@@ -107,8 +119,11 @@ def _simulate(
 class _FromRest:
     """The accelerations of one scene from rest at the static equilibrium, with steps of any length."""
 
-    def __init__(self, scene: Scene, request: Request, settle: float, direction: tuple[float, float]) -> None:
+    def __init__(
+        self, scene: Scene, request: Request, settle: float, direction: tuple[float, float], lead: float
+    ) -> None:
         """Keep the scene; which ball meets what is planned at the first call, once for all steps."""
+        self._lead = lead
         self._scene, self._rate, self._direction = scene, request.rate, direction
         self._duration = duration_of(request, settle)
         self._plan: kernels.Plan | None = None
@@ -116,7 +131,7 @@ class _FromRest:
     def __call__(self, steps: int, oversampling: int) -> tuple[NDArray[np.float64], bool]:
         """Return the accelerations of casing and resonator, (steps, 2), and whether they are finite."""
         if self._plan is None:
-            self._plan = prepare_plan(self._scene, self._duration)
+            self._plan = prepare_plan(self._scene, self._duration, self._lead)
             self._plan.parameter[P_DIRECTION_1], self._plan.parameter[P_DIRECTION_2] = self._direction
         wave = np.empty((steps, 2))
         status = kernels.run(np.zeros((2, 6)), wave, 1.0 / (self._rate * oversampling), self._plan)
@@ -132,6 +147,10 @@ def _cost(scene: Scene, request: Request) -> float:
 
 def _longest_step(scene: Scene, lines: Kinematics) -> float:
     """Return the step to begin with, s."""
+    if scene.speed_profile is not None:
+        # What a rough floor asks for grows with the speed.
+        scene = replace(scene, speed=scene.speed_profile.speed_range[1], speed_profile=None)
+        lines = kinematics(scene.bearing, scene.speed)
     return min(DEFAULT_STEP, 1.0 / (lines.bpfo * steps_for(scene)))
 
 

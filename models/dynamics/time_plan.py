@@ -2,6 +2,9 @@
 
 Balls are named by row and number and keep their path coordinate, angle = start + rate * t, for good; the kernel names
 them by the slot of the cage that they occupy, so each meeting is cut where the cage has turned by one pitch.
+
+Where the speed changes, all this is laid out over the nominal time, in which the shaft turns at its nominal speed, and
+the instants are then put back to times. Knots of the profile are events too, so that it is one cubic between events.
 """
 
 from __future__ import annotations
@@ -24,14 +27,20 @@ if TYPE_CHECKING:
 
     from models.bearing import Kinematics
     from models.scene import Defect, Scene
+    from models.speed_profile import SpeedProfile
 
 # Events closer than this are one, s.
 _SAME_TIME = 1e-10
 _NEAR_ANGLE = math.pi / 2.0 + math.atan(NEAR_SLOPE)
 
 
-def prepare_plan(scene: Scene, duration: float) -> kernels.Plan:
-    """Return everything the kernel needs for a run of ``duration`` seconds (the sensor lies along the load)."""
+def prepare_plan(scene: Scene, duration: float, lead: float = 0.0) -> kernels.Plan:
+    """Return everything the kernel needs for a run of ``duration`` seconds (the sensor lies along the load).
+
+    A profile of the speed begins after ``lead`` seconds.
+    """
+    profile = scene.rotation(max(duration - lead, _SAME_TIME))
+    profile = profile if profile is None else profile.delayed(lead)
     bearing, lines = scene.bearing, kinematics(scene.bearing, scene.speed)
     omega, shaft = 2.0 * math.pi * lines.ftf, 2.0 * math.pi * scene.speed
     pitch = 2.0 * math.pi / bearing.n_elements
@@ -45,8 +54,13 @@ def prepare_plan(scene: Scene, duration: float) -> kernels.Plan:
     paths = [pieces(part_paths(bearing, defect)) for defect in scene.defects]
     rates = [_path_rate(defect, lines) for defect in scene.defects]
     path = joined(paths)
-    meetings = _all_meetings(scene, paths, rates, duration)
-    bounds, turns, first, record, interval = _intervals(meetings, pitch / omega, duration)
+    nominal = duration if profile is None else float(profile.turns_at(duration)) / scene.speed
+    meetings = _all_meetings(scene, paths, rates, nominal)
+    knots = np.empty(0) if profile is None else np.array(profile.turns) / scene.speed
+    bounds, turns, first, record, interval = _intervals(meetings, pitch / omega, nominal, knots)
+    clock = None
+    if profile is not None:
+        bounds, clock = _on_clock(bounds, duration, profile, scene.speed)
     place = np.empty(len(order), dtype=np.int64)
     place[order] = np.arange(len(order))
     row = meetings.row[record]
@@ -83,8 +97,25 @@ def prepare_plan(scene: Scene, duration: float) -> kernels.Plan:
         crests=np.stack((np.cos(orders * sorted_angles), np.sin(orders * sorted_angles)), axis=1)
         if waves
         else np.zeros((0, 2, len(order))),
-        push=np.array([scene.unbalance * shaft * shaft, shaft, 0.0]) if scene.unbalance else None,
+        push=None if scene.unbalance == 0.0 and clock is None else _push(scene.unbalance, shaft),
+        clock=clock,
     )
+
+
+def _push(unbalance: float, shaft: float) -> NDArray[np.float64]:
+    """Return the kernel's ``push`` of an unbalance, kg m, at a shaft's angular speed, rad/s."""
+    return np.array([unbalance * shaft * shaft, shaft, 0.0, unbalance * shaft])
+
+
+def _on_clock(
+    bounds: NDArray[np.float64], duration: float, profile: SpeedProfile, nominal: float
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the kernel's ``bounds`` from those in nominal time, and its ``clock``; ``nominal``: speed, Hz."""
+    times = np.append(np.maximum.accumulate(profile.time_at(bounds[:-1] * nominal)), duration + 1.0)
+    begin, cubics = profile.pieces
+    within = 0.5 * (times[:-1] + np.minimum(times[1:], duration))
+    piece = np.searchsorted(begin[1:], within, side="right")
+    return times, np.column_stack((begin[piece], cubics[piece] / nominal))
 
 
 def _path_rate(defect: Defect, lines: Kinematics) -> float:
@@ -153,10 +184,14 @@ def _meetings(scene: Scene, defect: Defect, path: Pieces, along: float, duration
 
 
 def _intervals(
-    meetings: _Meetings, turn: float, duration: float
+    meetings: _Meetings, turn: float, duration: float, knots: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
-    """Return the kernel's ``bounds``, ``turns`` and ``first``, and meeting and interval of each of its records."""
-    times = np.concatenate((meetings.begin, meetings.end, turn * np.arange(1, math.ceil(duration / turn) + 1)))
+    """Return the kernel's ``bounds``, ``turns`` and ``first``, and meeting and interval of each of its records.
+
+    ``knots`` are further events.
+    """
+    whole = turn * np.arange(1, math.ceil(duration / turn) + 1)
+    times = np.concatenate((meetings.begin, meetings.end, whole, knots))
     times = np.sort(times[(times > 0.0) & (times < duration)])
     times = np.concatenate(([0.0], times))
     bounds = times[np.concatenate(([True], np.diff(times) > _SAME_TIME))]

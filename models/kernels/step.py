@@ -91,13 +91,14 @@ class Nodes(NamedTuple):
         turn: cosine and sine of the cage angle, (steps, 3, 2).
         depth, rate: how far and how fast the path of the moved balls recedes, m and m/s, (steps, 3, D); at the ends of
             a step the one-sided limits from within it.
-        force: on the shaft, N, (steps, 3, 2), or None.
+        drive: force on the shaft, N, along and across the load, and the speed of the cage over P_OMEGA, (steps, 3, 3);
+            None where there is no force and one speed.
     """
 
     turn: NDArray[np.float64]
     depth: NDArray[np.float64]
     rate: NDArray[np.float64]
-    force: NDArray[np.float64] | None
+    drive: NDArray[np.float64] | None
 
 
 @inlined
@@ -157,12 +158,13 @@ def _root(pressed: float, power: float | None) -> float:
 
 @inlined
 def relative_motion(
-    x1: Axis, x2: Axis, p: NDArray[np.float64], c: float, s: float
+    x1: Axis, x2: Axis, p: NDArray[np.float64], omega: float, c: float, s: float
 ) -> tuple[float, float, float, float, bool]:
     """Return displacement and velocity of the inner ring against the outer in the frame of the cage, along and across,
-    and whether only near balls can touch; ``c`` and ``s`` are cosine and sine of the cage angle.
+    and whether only near balls can touch; ``c`` and ``s`` are cosine and sine of the cage angle, ``omega`` its speed in
+    the rate of approach, rad/s.
     """
-    share, omega = p[P_SHARE_R], p[P_TURN]
+    share = p[P_SHARE_R]
     u1 = p[P_U_1] + x1[0] - x1[2] - share * x1[4]
     u2 = p[P_U_2] + x2[0] - x2[2] - share * x2[4]
     # The total derivative of u.n for a ball that moves with the cage (Eq. 36).
@@ -170,6 +172,14 @@ def relative_motion(
     w2 = x2[1] - x2[3] - share * x2[5] - omega * u1
     aligned = abs(u2) <= NEAR_SLOPE * u1
     return c * u1 + s * u2, c * u2 - s * u1, c * w1 + s * w2, c * w2 - s * w1, aligned
+
+
+@inlined
+def _turning(p: NDArray[np.float64], drive: NDArray[np.float64] | None, n: Index, node: Index) -> float:
+    """Return the cage speed that enters the rate of approach, rad/s."""
+    if drive is None:
+        return p[P_TURN]
+    return p[P_TURN] * drive[n, node, 2]
 
 
 @inlined
@@ -189,7 +199,7 @@ def _contact(
     clearance = p[P_CLEARANCE]
     k_c, alpha, beta = p[P_K_C], p[P_ALPHA], p[P_BETA]
     c, s = nodes.turn[n, node, 0], nodes.turn[n, node, 1]
-    p1, p2, q1, q2, aligned = relative_motion(x1, x2, p, c, s)
+    p1, p2, q1, q2, aligned = relative_motion(x1, x2, p, _turning(p, nodes.drive, n, node), c, s)
     f1 = 0.0
     f2 = 0.0
     mask = 0.0
@@ -247,11 +257,11 @@ def node_of(stage: Index) -> Index:
 
 
 @inlined
-def _on_shaft(force: NDArray[np.float64] | None, n: Index, node: Index) -> tuple[float, float]:
+def _on_shaft(drive: NDArray[np.float64] | None, n: Index, node: Index) -> tuple[float, float]:
     """Return the force on the shaft, N."""
-    if force is None:
+    if drive is None:
         return 0.0, 0.0
-    return force[n, node, 0], force[n, node, 1]
+    return drive[n, node, 0], drive[n, node, 1]
 
 
 @inlined
@@ -262,7 +272,7 @@ def forces(
     balls, nodes = context
     node = node_of(stage)
     f1, f2, mask = contact(x1, x2, p, balls, nodes, n, node, h)
-    s1, s2 = _on_shaft(nodes.force, n, node)
+    s1, s2 = _on_shaft(nodes.drive, n, node)
     return f1, f2, s1, s2, mask
 
 

@@ -63,7 +63,7 @@ def _slopes_of(
     power = 0.5 if exponent is None else exponent
     soft = max(_SOFT * abs(p[P_U_1]), 1e-12)
     c, s = nodes.turn[n, node, 0], nodes.turn[n, node, 1]
-    p1, p2, q1, q2, aligned = relative_motion(x1, x2, p, c, s)
+    p1, p2, q1, q2, aligned = relative_motion(x1, x2, p, p[P_TURN], c, s)
     k11, k22, k12, c11, c22, c12 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     count = balls.near_moved if aligned else moved.shape[1]
     others = balls.near if aligned else plain.shape[1]

@@ -57,7 +57,12 @@ class Plan(NamedTuple):
         origin, inverse_width, cells_first, cells: the pieces, see ``models.path.contour.Pieces``.
         waves: amplitude, m, rate of the phase in a slot, rad/s, its change by one turn, rad, and phase, rad, (W, 4).
         crests: cosine and sine of order times the slots' angles, (W, 2, S).
-        push: amplitude, N, angular speed, rad/s, and phase of a force that turns with the shaft, (3,), or None.
+        push: amplitude, N, angular speed, rad/s, and phase of a force that turns with the shaft, and amplitude over
+            angular speed, N s, (4,); None where none turns and the speed is one.
+        clock: for each interval, where the speed changes: a time, s, and the coefficients of a cubic of the time from
+            there, lowest first, (I, 5). It is the nominal time: how long the shaft takes to turn as far at its nominal
+            speed. Path coordinates, phases and turns are those of the nominal time; ``bounds`` remain times. None
+            where the speed is one.
     """
 
     parameter: NDArray[np.float64]
@@ -76,11 +81,22 @@ class Plan(NamedTuple):
     waves: NDArray[np.float64]
     crests: NDArray[np.float64]
     push: NDArray[np.float64] | None
+    clock: NDArray[np.float64] | None = None
+
+
+@inlined
+def _clock(t: float, interval: int, clock: NDArray[np.float64] | None) -> tuple[float, float, float]:
+    """Return the nominal time, and its first and second derivative by the time."""
+    if clock is None:
+        return t, 1.0, 0.0
+    x, c1, c2, c3 = t - clock[interval, 0], clock[interval, 2], clock[interval, 3], clock[interval, 4]
+    nominal = clock[interval, 1] + x * (c1 + x * (c2 + x * c3))
+    return nominal, c1 + x * (2.0 * c2 + x * 3.0 * c3), 2.0 * c2 + x * 6.0 * c3
 
 
 @inlined
 def _fill_turn(t: float, half: tuple[float, float], turned: int, plan: Plan, nodes: Nodes) -> None:
-    """Write the cage angle; ``half`` is cosine and sine of its turn in half a step."""
+    """Write the cage angle at one speed; ``half`` is cosine and sine of its turn in half a step."""
     angle = plan.parameter[P_OMEGA] * t - turned * plan.parameter[P_PITCH]
     c, s = math.cos(angle), math.sin(angle)
     for node in range(3):
@@ -92,13 +108,13 @@ def _fill_turn(t: float, half: tuple[float, float], turned: int, plan: Plan, nod
 def _fill_path(t: float, h: float, interval: int, plan: Plan, nodes: Nodes) -> None:
     """Write how far the path has receded from every slot, and how fast, at the three nodes of a step."""
     for node in range(3):
-        there = t + 0.5 * h * node
+        there, pace, _ = _clock(t + 0.5 * h * node, interval, plan.clock)
         for j in range(plan.balls.moved.shape[1]):
             nodes.depth[0, node, j] = 0.0
             nodes.rate[0, node, j] = 0.0
         for k in range(plan.waves.shape[0]):
-            amplitude, speed = plan.waves[k, 0], plan.waves[k, 1]
-            phase = speed * there - plan.turns[interval] * plan.waves[k, 2] + plan.waves[k, 3]
+            amplitude, speed = plan.waves[k, 0], plan.waves[k, 1] * pace
+            phase = plan.waves[k, 1] * there - plan.turns[interval] * plan.waves[k, 2] + plan.waves[k, 3]
             c, s = amplitude * math.cos(phase), amplitude * math.sin(phase)
             for j in range(plan.balls.moved.shape[1]):
                 nodes.depth[0, node, j] += c * plan.crests[k, 0, j] - s * plan.crests[k, 1, j]
@@ -113,26 +129,61 @@ def _fill_path(t: float, h: float, interval: int, plan: Plan, nodes: Nodes) -> N
             a = plan.cells[low + cell]
             nodes.depth[0, node, plan.slot[r]] += a[0] + x * (a[1] + x * (a[2] + x * a[3]))
             slope = (a[1] + x * (2.0 * a[2] + x * 3.0 * a[3])) * plan.inverse_width[piece]
-            nodes.rate[0, node, plan.slot[r]] += along * slope
+            nodes.rate[0, node, plan.slot[r]] += along * pace * slope
 
 
 @inlined
-def _fill_push(t: float, h: float, push: NDArray[np.float64] | None, force: NDArray[np.float64] | None) -> None:
-    """Write the force that turns with the shaft."""
-    if push is not None and force is not None:
+def _fill_push(t: float, h: float, push: NDArray[np.float64] | None, drive: NDArray[np.float64] | None) -> None:
+    """Write the force that turns with the shaft at one speed."""
+    if push is not None and drive is not None:
         for node in range(3):
             angle = push[1] * (t + 0.5 * h * node) + push[2]
-            force[0, node, 0] = push[0] * math.cos(angle)
-            force[0, node, 1] = push[0] * math.sin(angle)
+            drive[0, node, 0] = push[0] * math.cos(angle)
+            drive[0, node, 1] = push[0] * math.sin(angle)
+
+
+@inlined
+def _fill_drive(t: float, h: float, interval: int, plan: Plan, nodes: Nodes) -> None:
+    """Write cage angle, pace, and the force of a mass out of the axis of a shaft, whose speed changes."""
+    turn, drive, push, clock = nodes.turn, nodes.drive, plan.push, plan.clock
+    back = plan.turns[interval] * plan.parameter[P_PITCH]
+    for node in range(3):
+        nominal, pace, change = _clock(t + 0.5 * h * node, interval, clock)
+        angle = plan.parameter[P_OMEGA] * nominal - back
+        turn[0, node, 0], turn[0, node, 1] = math.cos(angle), math.sin(angle)
+        drive[0, node, 2] = pace
+        if push[0] > 0.0:
+            angle = push[1] * nominal + push[2]
+            outwards, against = push[0] * pace * pace, push[3] * change
+            c, s = math.cos(angle), math.sin(angle)
+            drive[0, node, 0] = outwards * c + against * s
+            drive[0, node, 1] = outwards * s - against * c
+
+
+@inlined
+def _fill_shaft(
+    t: float,
+    h: float,
+    half: tuple[float, float],
+    interval: int,
+    plan: Plan,
+    nodes: Nodes,
+    clock: NDArray[np.float64] | None,
+) -> None:
+    """Write cage angle and what the shaft does."""
+    if clock is None:
+        _fill_turn(t, half, plan.turns[interval], plan, nodes)
+        _fill_push(t, h, plan.push, nodes.drive)
+    else:
+        _fill_drive(t, h, interval, plan, nodes)
 
 
 @inlined
 def _fill(t: float, h: float, half: tuple[float, float], interval: int, plan: Plan, nodes: Nodes) -> None:
     """Write all that is known beforehand of a step of length h that begins at t."""
-    _fill_turn(t, half, plan.turns[interval], plan, nodes)
+    _fill_shaft(t, h, half, interval, plan, nodes, plan.clock)
     if plan.balls.moved.shape[1] > 0:
         _fill_path(t, h, interval, plan, nodes)
-    _fill_push(t, h, plan.push, nodes.force)
 
 
 @kernel
@@ -175,11 +226,13 @@ def _broken_step(
 
 
 @inlined
-def _no_force(push: NDArray[np.float64] | None) -> NDArray[np.float64] | None:
-    """Return a place for the force on the shaft at the nodes of a step, None where none acts."""
+def _no_drive(push: NDArray[np.float64] | None) -> NDArray[np.float64] | None:
+    """Return a place for what the shaft does at the nodes of a step, None where it does nothing."""
     if push is None:
         return None
-    return np.zeros((1, 3, 2))
+    drive = np.zeros((1, 3, 3))
+    drive[:, :, 2] = 1.0
+    return drive
 
 
 @kernel
@@ -191,7 +244,7 @@ def run(state: NDArray[np.float64], wave: NDArray[np.float64], h: float, plan: P
     x1 = (state[0, 0], state[0, 1], state[0, 2], state[0, 3], state[0, 4], state[0, 5])
     x2 = (state[1, 0], state[1, 1], state[1, 2], state[1, 3], state[1, 4], state[1, 5])
     size = plan.balls.moved.shape[1]
-    nodes = Nodes(np.empty((1, 3, 2)), np.zeros((1, 3, size)), np.zeros((1, 3, size)), _no_force(plan.push))
+    nodes = Nodes(np.empty((1, 3, 2)), np.zeros((1, 3, size)), np.zeros((1, 3, size)), _no_drive(plan.push))
     e = propagators(plan.parameter, h)
     angle = 0.5 * h * plan.parameter[P_OMEGA]
     half = (math.cos(angle), math.sin(angle))

@@ -36,6 +36,7 @@ from models.rigs.rotor import RotorRig
 from models.rigs.six_dof import Rig
 from models.scene import EFFECTS, PHYSICS, Defect, Floor, Scene, Slip, Waviness
 from models.simulate import simulate
+from models.speed_profile import ramp
 
 OUTER = Defect(math.radians(6.0), 10e-6)
 SCENE = Scene(40.0, 4000.0, defect=OUTER)
@@ -73,7 +74,7 @@ def with_each_effect(scene: Scene, **others: Scene) -> dict[str, Scene]:
         "couple_unbalance": replace(healthy, couple_unbalance=1e-4),
         "bow": replace(healthy, bow=1e-4),
         "rotating_load": replace(healthy, load_turns=True),
-        "changing_speed": replace(healthy, speed_slope=1.0),
+        "changing_speed": replace(healthy, speed_profile=ramp(scene.speed, 2.0 * scene.speed, 0.1)),
         **{f"with_{name}": replace(healthy, physics=(name,)) for name in PHYSICS},
         **others,
     }

@@ -70,6 +70,7 @@ LEFT = {
     (Defect, "floor"),
     *((Scene, n) for n in ("bearing", "rig", "defect", "more_defects", "model", "waviness", "slip", "second_bearing")),
     (Scene, "load_turns"),
+    (Scene, "speed_profile"),
 }
 
 

@@ -25,10 +25,31 @@ PITCH = 2.0 * math.pi / N_BALLS
 
 
 @dataclass(frozen=True)
+class Turning:
+    """A shaft whose speed changes evenly, by ``slope`` rad/s2, and swings by ``swing`` rad/s at ``pace`` rad/s."""
+
+    slope: float = 0.0
+    swing: float = 0.0
+    pace: float = 1.0
+
+    def angle(self, t: float) -> float:
+        """Return what the shaft has turned beyond its speed at t = 0 less the swing's."""
+        return 0.5 * self.slope * t**2 + self.swing / self.pace * (1.0 - math.cos(self.pace * t))
+
+    def speed(self, t: float) -> float:
+        """Return the derivative of the angle."""
+        return self.slope * t + self.swing * math.sin(self.pace * t)
+
+    def change(self, t: float) -> float:
+        """Return the derivative of the speed."""
+        return self.slope + self.swing * self.pace * math.cos(self.pace * t)
+
+
+@dataclass(frozen=True)
 class Case:
     """One scene: shaft speed Hz, load N, defect (part, extent rad, depth m, rows), waves (amplitude m, order, race,
-    phase rad), unbalance kg m, gravity m/s2 and its angle from the load rad, clearance m, and cases of whose the
-    defects are there too.
+    phase rad), unbalance kg m, gravity m/s2 and its angle from the load rad, clearance m, cases of whose the defects
+    are there too, and how the speed changes.
     """
 
     speed: float
@@ -43,6 +64,15 @@ class Case:
     gravity_angle: float = 0.0
     clearance: float = 0.0
     others: tuple[Case, ...] = ()
+    turning: Turning = Turning()
+
+    def turned(self, t: float) -> float:
+        """Return the angle of the shaft, rad."""
+        return self.shaft * t + self.turning.angle(t)
+
+    def over(self, t: float) -> float:
+        """Return the speed over that at t = 0."""
+        return 1.0 + self.turning.speed(t) / self.shaft
 
     @property
     def shaft(self) -> float:
@@ -115,12 +145,12 @@ class Oracle:
 
     def place(self, ball: int, t: float) -> tuple[float, str]:
         """Return the angle from the defect's centre and which contact it concerns."""
-        case = self.case
+        case, turned = self.case, self.case.turned(t) / self.case.shaft
         if case.part == "outer":
-            return math.remainder(self.start[ball] + case.cage * t, 2.0 * math.pi), "outer"
+            return math.remainder(self.start[ball] + case.cage * turned, 2.0 * math.pi), "outer"
         if case.part == "inner":
-            return math.remainder(self.start[ball] + (case.cage - case.shaft) * t, 2.0 * math.pi), "inner"
-        spot = math.remainder(case.spin * t, 2.0 * math.pi)
+            return math.remainder(self.start[ball] + (case.cage - case.shaft) * turned, 2.0 * math.pi), "inner"
+        spot = math.remainder(case.spin * turned, 2.0 * math.pi)
         if abs(spot) < 0.5 * math.pi:
             return spot, "spot_outer"
         return math.remainder(spot - math.pi, 2.0 * math.pi), "spot_inner"
@@ -188,28 +218,32 @@ class Oracle:
             out += other.over_defect(t, met)
         for amplitude, order, race, phase in case.waves:
             turning = case.cage - (case.shaft if race == "inner" else 0.0)
-            angle = order * (self.start + turning * t) + phase
+            angle = order * (self.start + turning * case.turned(t) / case.shaft) + phase
             out[0] += math.cos(ALPHA) * amplitude * np.cos(angle)
-            out[1] -= math.cos(ALPHA) * amplitude * order * turning * np.sin(angle)
+            out[1] -= math.cos(ALPHA) * amplitude * order * turning * case.over(t) * np.sin(angle)
         return out
 
     def rhs(self, t: float, state: NDArray[np.float64], pieces: list[NDArray[np.int_]]) -> NDArray[np.float64]:
         """Return the time derivative of (x, v) of inner ring, outer ring and resonator, shape (12,)."""
         case = self.case
         x, v = state[:6], state[6:]
-        phi = self.start + case.cage * t
+        cage = case.cage * case.over(t)
+        phi = self.start + case.cage * case.turned(t) / case.shaft
         receded, receding = self.paths(t, pieces)
         c, s = np.sin(phi), np.cos(phi)
         ux, uy = x[0] - x[2], x[1] - x[3]
         delta = ux * c + uy * s - receded - case.clearance
-        speed = (v[0] - v[2]) * c + (v[1] - v[3]) * s + case.cage * (ux * s - uy * c) - receding
+        speed = (v[0] - v[2]) * c + (v[1] - v[3]) * s + cage * (ux * s - uy * c) - receding
         pressed = np.maximum(delta, 0.0)
         damping = np.where(delta > 0.0, ALPHA_C * M_B + BETA_C * K_C * np.sqrt(pressed), 0.0)
         force = K_C * pressed**1.5 + damping * speed
         f = np.array([np.sum(force * c), np.sum(force * s)])
         spring = K_R * (x[2:4] - x[4:6]) + C_R * (v[2:4] - v[4:6])
         down = -case.gravity * np.array([math.sin(case.gravity_angle), math.cos(case.gravity_angle)])
-        turning = case.unbalance * case.shaft**2 * np.array([math.sin(case.shaft * t), math.cos(case.shaft * t)])
+        # The mass is at (sin, cos) of the angle: outwards with the speed squared, against its change along the circle.
+        sine, cosine = math.sin(case.turned(t)), math.cos(case.turned(t))
+        outwards, back = (case.shaft * case.over(t)) ** 2, case.turning.change(t)
+        turning = case.unbalance * np.array([outwards * sine - back * cosine, outwards * cosine + back * sine])
         inner = (-f - K_I * x[:2] - C_I * v[:2] + turning) / M_I + down
         outer = (f - spring - np.array([0.0, case.load])) / M_O + down
         return np.concatenate((v, inner, outer, spring / M_R + down))
