@@ -173,7 +173,7 @@ class Response:
         """
         if self.record is None or self.profile is None:
             raise ValueError(f"{self.model} {self.solver}: this response does not say how the shaft turned")
-        time = np.arange(self.record.signal.shape[1]) / self.record.rate
+        time: NDArray[np.float64] = np.arange(self.record.signal.shape[1], dtype=np.float64) / self.record.rate
         turns = self.profile.turns_at(time)
         if "ias" in self.record.sensors:
             turns = turns + summed(self.record.of("ias"), 1.0 / self.record.rate) / (2.0 * math.pi)

@@ -32,7 +32,7 @@ def lines_over_angle(record: SignalRecord, profile: SpeedProfile, per_turn: floa
 
     The Fourier integral is over the angle; as ``SignalRecord.coefficients`` else. Shape (sensors, HARMONICS + 1).
     """
-    time = np.arange(record.signal.shape[1]) / record.rate
+    time: NDArray[np.float64] = np.arange(record.signal.shape[1], dtype=np.float64) / record.rate
     turns = profile.turns_at(time)
     share = (turns - turns[0]) / max(turns[-1] - turns[0], 1e-300)
     weight = np.sin(math.pi * share) ** 2 * profile.speed_at(time)

@@ -146,6 +146,8 @@ def _fill_push(t: float, h: float, push: NDArray[np.float64] | None, drive: NDAr
 def _fill_drive(t: float, h: float, interval: int, plan: Plan, nodes: Nodes) -> None:
     """Write cage angle, pace, and the force of a mass out of the axis of a shaft, whose speed changes."""
     turn, drive, push, clock = nodes.turn, nodes.drive, plan.push, plan.clock
+    if drive is None or push is None or clock is None:
+        return
     back = plan.turns[interval] * plan.parameter[P_PITCH]
     for node in range(3):
         nominal, pace, change = _clock(t + 0.5 * h * node, interval, clock)
