@@ -12,7 +12,8 @@ from pydantic import Field, field_validator, model_validator
 from monitor.config.fields import Count, Finite, Name, NotNegative, Positive, Scale, Section
 from monitor.config.opcua import OpcUaCondition
 from monitor.health.condition import ConditionSettings
-from monitor.health.rotation.settings import SpeedLimits, TachoSettings
+from monitor.health.quality import SpeedLimits
+from monitor.health.rotation.settings import TachoSettings
 from monitor.health.waterfall import WaterfallSettings
 from monitor.words.zones import machine_class
 from streams.spec import ChannelSpec

@@ -136,7 +136,7 @@ def analyse(state: ChannelState, block: ChannelBlock, settings: ChannelSettings)
         slip=slip_searches(settings.uncertainty),
         interference=all_combs(settings.interference, lines.speed),
         view=settings.waterfall.rows > 0,
-        rotation=block.rotation,
+        rotation=block.rotation if settings.condition.domain == "auto" else None,
     )
     recent = state.spectra if block.verdict.for_baseline else None
     return Analysed(asked, block_features(block.samples, block.rate, asked, recent, block.span), band_source)

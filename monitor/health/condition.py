@@ -11,8 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.bearing import Bearing
+from monitor.health.quality import SpeedLimits, check_speed
 from monitor.health.rotation.rotation import Rotation
-from monitor.health.rotation.settings import SpeedLimits, TachoSettings
+from monitor.health.rotation.settings import TachoSettings
 from monitor.health.spectrum.lines import SEARCH
 from monitor.health.spectrum.speed import SpeedStatus, estimate_speed
 
@@ -20,8 +21,6 @@ _KNOWN = 0.003
 """Largest relative standard deviation of an estimate that rests on lines of the shaft."""
 # Append only: the integers of the published files are positions in this tuple.
 SOURCES = ("block", "channel", "estimate", "configured", "opcua", "tacho", "profile", "phase")
-OF_THE_ANGLE = ("tacho", "profile", "phase")
-"""Sources that give the angle of the shaft over the block, and not only its mean speed."""
 
 
 @dataclass(frozen=True)
@@ -136,19 +135,11 @@ def known_sd(speed: Quantity, settings: ConditionSettings) -> float | None:
     return None if speed.source == "estimate" and sd > _KNOWN * speed.value else sd
 
 
-def is_outside(rotation: Rotation | None, speed: Quantity, limits: SpeedLimits) -> bool:
-    """Return whether a block was outside the limits of the speed; without an angle, by its mean speed alone."""
+def speed_flags(speed: Quantity, limits: SpeedLimits, rotation: Rotation | None = None) -> tuple[str, ...]:
+    """Return the flag of a block beyond the limits of its speed, or nothing; ``rotation`` where its angle is known."""
     if rotation is not None:
-        (least, highest), change = rotation.speed_range, abs(rotation.acceleration)
-    elif speed.value is not None:
-        least, highest, change = speed.value, speed.value, 0.0
-    else:
-        return False
-    return (
-        (limits.least is not None and least < limits.least)
-        or (limits.highest is not None and highest > limits.highest)
-        or (limits.acceleration is not None and change > limits.acceleration)
-    )
+        return check_speed(rotation.speed_range, rotation.acceleration, limits)
+    return check_speed(None if speed.value is None else (speed.value, speed.value), None, limits)
 
 
 def load_of(

@@ -16,7 +16,7 @@ from typing import Any
 from monitor.health.alarms import AlarmAcknowledgement, AlarmInput, AlarmState, acknowledged
 from monitor.health.alarms import step as alarms_step
 from monitor.health.channel import ChannelBlock, analyse, check_channel, conclude
-from monitor.health.condition import load_of, speed_of
+from monitor.health.condition import load_of, speed_flags, speed_of
 from monitor.health.crosstalk import ChannelView, beside_neighbours
 from monitor.health.detect import DetectState
 from monitor.health.machine import BearingVerdict
@@ -43,6 +43,7 @@ from monitor.health.quality import (
     with_flags,
 )
 from monitor.health.record import Record, storable
+from monitor.health.rotation.found import FoundRotation, find_rotation
 from monitor.health.spectrum.block_view import WAVEFORM_SAMPLES, BlockView
 from monitor.health.spectrum.indicators import span_of
 from monitor.health.spectrum.interference import all_combs
@@ -137,7 +138,8 @@ def _misfit(block: Block, settings: SourceSettings) -> Verdict | None:
         reason = f"source {settings.name!r}, {block.name}: channel {missing[0]!r} is not in it; it has {found}"
         return rejected("wrong_shape", reason)
     for channel in settings.channels.values():
-        if block.speed is None and channel.condition.speed is None and not channel.condition.varies:
+        given = block.speed is not None or block.pulses is not None
+        if not given and channel.condition.speed is None and not channel.condition.varies:
             return rejected(
                 "incomplete",
                 f"operating.speed_hz is missing, and {block.name} does not state the shaft speed: the fault "
@@ -180,8 +182,15 @@ def _analyse(
         return state, SourceOutput(_record(block, verdict))
     states: dict[str, ChannelState] = {}
     outputs: dict[str, ChannelOutput] = {}
+    # The channels of a machine share a shaft and mostly a condition: its angle is found once.
+    conditions = {channel.condition for channel in settings.channels.values()}
+    angles = {condition: find_rotation(block, condition) for condition in conditions}
     views = {
-        name: ChannelView(state.channels[name], _channel_block(block, flags, state.channels[name], channel), channel)
+        name: ChannelView(
+            state.channels[name],
+            _channel_block(block, flags, state.channels[name], channel, angles[channel.condition]),
+            channel,
+        )
         for name, channel in settings.channels.items()
     }
     analysed = {name: analyse(view.state, view.block, view.settings) for name, view in views.items()}
@@ -224,7 +233,7 @@ def _record(block: Block, verdict: Verdict, **results: Any) -> Record:
 
 
 def _channel_block(
-    block: Block, flags: tuple[str, ...], state: ChannelState, settings: ChannelSettings
+    block: Block, flags: tuple[str, ...], state: ChannelState, settings: ChannelSettings, found: FoundRotation
 ) -> ChannelBlock:
     """Return one channel of a block in SI, with the verdict on it, its speed and its load."""
     row = block.channels.index(settings.name)
@@ -238,7 +247,16 @@ def _channel_block(
     condition = settings.condition
     others = {name: block.samples[block.channels.index(name)] for name in condition.channels if name in block.channels}
     usable = samples if verdict.accepted else None
-    speed = speed_of(block.speed, others, usable, block.rate, settings.bearing, condition, block.speed_source)
+    speed = speed_of(
+        block.speed,
+        others,
+        usable,
+        block.rate,
+        settings.bearing,
+        condition,
+        block.speed_source,
+        rotation=found.rotation,
+    )
     if verdict.accepted and speed.value is None:
         read = ", and not read over OPC UA at the time of the block" if condition.speed_read else ""
         reason = f"the shaft speed is not known: neither stated nor found in the signal{read}"
@@ -248,10 +266,13 @@ def _channel_block(
         rate=block.rate,
         sequence=block.sequence,
         time=_time_of(block),
-        verdict=with_flags(verdict, flags),
+        verdict=with_flags(verdict, (*flags, *speed_flags(speed, condition.limits, found.rotation))),
         speed=speed,
         load=load_of(block.load, others, condition, block.load_source),
         span=span,
+        rotation=found.rotation,
+        rotation_status=found.status,
+        pulses=found.pulses,
     )
 
 

@@ -32,18 +32,3 @@ class TachoSettings:
     def channels(self) -> tuple[str, ...]:
         """The channels of pulses."""
         return tuple(name for name in (self.channel, self.channel_b) if name is not None)
-
-
-@dataclass(frozen=True)
-class SpeedLimits:
-    """The speeds at which a block counts as one of the operating condition; None: no limit.
-
-    Attributes:
-        least: Hz.
-        highest: Hz.
-        acceleration: largest change of the speed, either way, Hz/s.
-    """
-
-    least: float | None = None
-    highest: float | None = None
-    acceleration: float | None = None

@@ -13,10 +13,11 @@ from hypothesis import strategies as st
 
 from models.bearing import Bearing, from_catalogue, kinematics
 from monitor.config.load import ConfigError, validate
-from monitor.health.condition import ConditionSettings, Quantity, is_outside, known_sd, load_of, speed_of
+from monitor.health.condition import ConditionSettings, Quantity, known_sd, load_of, speed_of
+from monitor.health.quality import SpeedLimits
 from monitor.health.record import Record
 from monitor.health.rotation.rotation import Rotation
-from monitor.health.rotation.settings import SpeedLimits, TachoSettings
+from monitor.health.rotation.settings import TachoSettings
 from monitor.health.spectrum.speed import SpeedStatus, estimate_speed
 from monitor.service.setup import source_settings, source_spec
 from streams.block import Block
@@ -169,27 +170,6 @@ def test_the_speed_of_an_angle_takes_precedence_and_is_known() -> None:
     assert known_sd(found, settings) == pytest.approx(2.5e-3)
 
 
-@pytest.mark.parametrize(
-    ("limits", "outside"),
-    [
-        (SpeedLimits(), False),
-        (SpeedLimits(10.0, 40.0, 6.1), False),
-        (SpeedLimits(least=10.1), True),
-        (SpeedLimits(highest=39.9), True),
-        (SpeedLimits(acceleration=5.9), True),
-    ],
-)
-def test_a_block_beyond_the_limits_of_its_speed(limits: SpeedLimits, outside: bool) -> None:
-    assert is_outside(run_up(), Quantity(25.0, "tacho"), limits) == outside
-    assert is_outside(run_up(40.0, 10.0), Quantity(25.0, "tacho"), limits) == outside
-
-
-def test_without_an_angle_the_mean_speed_decides() -> None:
-    limits = SpeedLimits(20.0, 30.0, 1.0)
-    assert [is_outside(None, Quantity(speed), limits) for speed in (19.0, 25.0, 31.0)] == [True, False, True]
-    assert not is_outside(None, Quantity(), limits)
-
-
 def test_the_keys_of_the_angle_reach_the_settings() -> None:
     operating = config(
         tacho_channel="n", tacho_channel_b=3, pulses_per_revolution=1024, tacho_ratio=0.5, tacho_level=2.5,
@@ -198,7 +178,7 @@ def test_the_keys_of_the_angle_reach_the_settings() -> None:
     condition = operating.to_condition()
     assert condition.tacho == TachoSettings("n", "3", 1024, 0, 0.5, 2.5, "falling")
     assert (condition.phase, condition.phase_orders, condition.speed_limits) == (True, (1.0, 3.0), (16.0, 25.0))
-    assert (condition.domain, condition.limits) == ("hertz", SpeedLimits(highest=50.0))
+    assert (condition.domain, condition.limits) == ("hertz", SpeedLimits(most=50.0))
     assert [spec.column for spec in operating.channel_specs()] == ["n", 3]
     assert condition.channels == ("n", "3")
     assert condition.varies

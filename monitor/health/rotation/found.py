@@ -1,0 +1,100 @@
+"""The angle of the shaft over a block from what the block holds, or why it has none."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from monitor.health.condition import ConditionSettings
+from monitor.health.rotation.fit import rotation_of
+from monitor.health.rotation.profile import rotation_of_speed
+from monitor.health.rotation.pulse_counts import PulseCounts
+from monitor.health.rotation.repair import Repaired, repaired
+from monitor.health.rotation.rotation import Rotation
+from monitor.health.rotation.settings import TachoSettings
+from streams.block import Block
+from streams.tacho import directions, edge_times
+
+_WRONG_WAY = 0.02
+"""Share of edges in the other direction from which on the shaft counts as one that turned back."""
+
+
+@dataclass(frozen=True, eq=False)
+class FoundRotation:
+    """The angle of the shaft over a block.
+
+    Attributes:
+        rotation: None where it was not found.
+        status: "ok", or why there is none, of the first of its sources; None where there is no source.
+        pulses: what was repaired, None where there are no pulses.
+        repaired: the pulses themselves.
+    """
+
+    rotation: Rotation | None = None
+    status: str | None = None
+    pulses: PulseCounts | None = None
+    repaired: Repaired | None = None
+
+
+def find_rotation(block: Block, condition: ConditionSettings) -> FoundRotation:
+    """Find the angle of the shaft over a block.
+
+    The first of these gives it: the pulses that come with the block, a channel of pulses, the speed over time.
+    """
+    found = FoundRotation()
+    pulses = pulses_of(block, condition.tacho)
+    if pulses is not None:
+        found = _of_pulses(pulses, block.duration, condition.tacho.ratio)
+    elif condition.tacho.channel is not None:
+        found = FoundRotation(None, "none")
+    if found.rotation is None and condition.speed_over_time:
+        row = _row(block, condition.speed_channel)
+        rotation, status = (None, "none") if row is None else rotation_of_speed(row * condition.speed_scale, block.rate)
+        status = status if rotation is not None or found.status in (None, "none") else found.status
+        found = FoundRotation(rotation, status, found.pulses, found.repaired)
+    return found
+
+
+def pulses_of(block: Block, tacho: TachoSettings) -> Repaired | None:
+    """Return the repaired pulses of a block, or None where it has no source of pulses."""
+    if block.pulses is not None:
+        marks = block.pulses.per_revolution or tacho.per_revolution
+        return repaired(block.pulses.times, block.duration, marks, _missing(tacho, marks))
+    row = _row(block, tacho.channel)
+    if row is None:
+        return None
+    marks = block.pulses_per_revolution or tacho.per_revolution
+    times = edge_times(row, block.rate, tacho.level, falling=tacho.edge == "falling")
+    second = _row(block, tacho.channel_b)
+    wrong = 0
+    if second is not None:
+        other_way = directions(times, second, block.rate)
+        wrong = int(np.count_nonzero(other_way))
+        if wrong > _WRONG_WAY * times.size:
+            return Repaired("reversed")
+        times = times[~other_way]
+    found = repaired(times, block.duration, marks, _missing(tacho, marks), resolution=1.0 / block.rate)
+    return Repaired(found.status, found.train, found.missing, found.extra + wrong)
+
+
+def _missing(tacho: TachoSettings, marks: int) -> int:
+    """Return the missing teeth of the configured wheel; none where the source states another wheel."""
+    return tacho.missing_teeth if marks == tacho.per_revolution else 0
+
+
+def _row(block: Block, channel: str | None) -> NDArray[np.floating] | None:
+    """Return the samples of a channel, shape (sample,), or None where the block does not have it."""
+    return block.samples[block.channels.index(channel)] if channel in block.channels else None
+
+
+def _of_pulses(pulses: Repaired, duration: float, ratio: float) -> FoundRotation:
+    counts = PulseCounts(pulses.missing, pulses.extra)
+    if pulses.train is None:
+        return FoundRotation(None, pulses.status, counts, pulses)
+    try:
+        rotation = rotation_of(pulses.train, duration, ratio)
+    except ValueError:  # The spline turns back between two pulses.
+        return FoundRotation(None, "irregular", counts, pulses)
+    return FoundRotation(rotation, "ok", counts, pulses)

@@ -1,0 +1,306 @@
+"""Repair of pulses: which mark passed at which pulse, which pulses are missing, and which are too many.
+
+The interval between two pulses is compared with the median of nine neighbours (17 from 16 marks a turn on). Pulses
+between intervals that agree with it are taken as they are. Between two of these, the number of marks follows from the
+time that passed and the speeds on both sides; pulses that stand at none of these marks are extra, and marks without a
+pulse are missing. Where a wheel lacks teeth, the gap of each turn tells whether the count has slipped.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from monitor.health.rotation.banded import running_median
+from monitor.health.rotation.train import PulseTrain
+
+MIN_PULSES = 4
+MAX_REPAIRED = 0.1
+"""Largest share of pulses that are missing or too many, those right behind another one not counted."""
+MAX_SILENCE = 3.5
+"""Intervals without a pulse at an end of the block, from which on the shaft counts as stopped."""
+_NEIGHBOURS, _DENSE = 9, 16
+"""Intervals of the running median, and the marks a turn from which on there are twice as many."""
+_AGREES, _MAX_AGREES = 0.2, 0.4
+"""Largest relative difference of an interval from the median of its neighbours; that at a coarse resolution of time."""
+_WHOLE, _WIDENED = 0.3, 4
+"""Largest distance of the number of marks in a gap from a whole number; how often a gap is widened until it is met."""
+_UNCLEAR = 0.01
+"""Revolutions by which gaps without a whole number of marks may put the angle wrong: many marks a turn allow some."""
+_AT_MARK = 0.2
+"""Largest distance of a pulse from its mark, in intervals."""
+_BOUNCE = 0.1
+"""Of two pulses within this share of an interval the first counts."""
+_MOVED = 0.15
+"""A single pulse that stands further than this from the middle of its neighbours, in intervals, is not of its mark."""
+_MAX_SLIP = 2
+_INDEX_SHARE = 0.6
+"""Share of the turns that must show the gap of a wheel at one place."""
+
+
+@dataclass(frozen=True, eq=False)
+class Repaired:
+    """What the repair found.
+
+    Attributes:
+        status: "ok", "too_few", "irregular" or "stopped".
+        train: the pulses with the numbers of their marks; None unless "ok".
+        missing: marks without a pulse.
+        extra: pulses without a mark.
+    """
+
+    status: str
+    train: PulseTrain | None = None
+    missing: int = 0
+    extra: int = 0
+
+
+def repaired(
+    times: NDArray[np.float64], duration: float, per_revolution: int, missing_teeth: int = 0, resolution: float = 0.0
+) -> Repaired:
+    """Number the pulses of a block by their marks.
+
+    Args:
+        times: shape (pulse,), s from the first sample of the block, never falling.
+        duration: of the block, s.
+        per_revolution: marks of a whole turn, missing teeth included.
+        missing_teeth: consecutive teeth that the wheel lacks once a turn.
+        resolution: to which the times are known, s.
+    """
+    given = times.size
+    times = _without_bounces(times[np.diff(times, prepend=-np.inf) > 0.0])
+    if times.size < MIN_PULSES:
+        return Repaired("too_few")
+    bounces = given - times.size
+    step = np.diff(times)
+    usual = _usual(step, _NEIGHBOURS if per_revolution < _DENSE else 2 * _NEIGHBOURS - 1)
+    agrees = np.abs(step - usual) < np.clip(1.05 * resolution, _AGREES * usual, _MAX_AGREES * usual)
+    # Two extra pulses may stand as far apart as two marks: an interval counts where one beside it agrees as well.
+    agrees &= np.append(agrees[1:], agrees[-2]) | np.insert(agrees[:-1], 0, agrees[1])
+    if 2 * np.count_nonzero(agrees) < agrees.size:
+        return Repaired("irregular")
+    numbered = _numbered(times, usual, agrees, int(_UNCLEAR * per_revolution))
+    if numbered is None:
+        return Repaired("irregular")
+    times, numbers = _without_moved(*numbered)
+    absent = 0
+    if missing_teeth:
+        found = _from_gap(times, numbers, per_revolution, missing_teeth)
+        if found is None:
+            return Repaired("irregular")
+        times, numbers = found
+        places = np.arange(int(numbers[0]), int(numbers[-1]) + 1) % per_revolution
+        absent = int(np.count_nonzero(places >= per_revolution - missing_teeth))
+    if times.size < MIN_PULSES:
+        return Repaired("too_few")
+    missing, extra = int(numbers[-1] - numbers[0]) + 1 - absent - times.size, given - times.size
+    if _has_stopped(times, numbers, duration, missing_teeth):
+        return Repaired("stopped", None, missing, extra)
+    if missing + extra - bounces > MAX_REPAIRED * (times.size + missing):
+        return Repaired("irregular", None, missing, extra)
+    return Repaired("ok", PulseTrain(times, numbers, per_revolution, missing_teeth > 0), missing, extra)
+
+
+def _without_bounces(times: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Leave out pulses right behind another one, also where each comes twice; that is told by the longer intervals."""
+    step = np.diff(times)
+    if step.size < _NEIGHBOURS or float(step.min()) > _BOUNCE * float(step.max()):
+        return times
+    longer = running_median(step, _NEIGHBOURS, above=2)
+    return times[np.append(True, step > _BOUNCE * longer)]
+
+
+def _usual(step: NDArray[np.float64], neighbours: int) -> NDArray[np.float64]:
+    """Return the interval that is usual around each, s, shape (interval,): a running median, straight at the ends."""
+    if step.size < 2 * neighbours:
+        return running_median(step, min(_NEIGHBOURS, step.size - 1 + step.size % 2))
+    usual = running_median(step, neighbours)
+    half = neighbours // 2
+    ahead = np.arange(half, 0, -1) / half
+    for values in (usual, usual[::-1]):
+        slope = np.clip(np.log(values[2 * half] / values[half]), -np.log(2.0), np.log(2.0))
+        values[:half] = values[half] * np.exp(-slope * ahead)
+    return usual
+
+
+def _has_stopped(times: NDArray[np.float64], numbers: NDArray[np.int64], duration: float, missing_teeth: int) -> bool:
+    """Return whether the pulses begin too late, or end too early, for a shaft that turned all the time."""
+    longest = MAX_SILENCE + missing_teeth
+    begin = (times[1] - times[0]) / (numbers[1] - numbers[0])
+    end = (times[-1] - times[-2]) / (numbers[-1] - numbers[-2])
+    return bool(times[0] > longest * begin or duration - times[-1] > longest * end)
+
+
+def _numbered(
+    times: NDArray[np.float64], usual: NDArray[np.float64], agrees: NDArray[np.bool_], allowed: int
+) -> tuple[NDArray[np.float64], NDArray[np.int64]] | None:
+    """Return the pulses that stand at marks and the numbers of these; None where a gap has no whole number of marks.
+
+    Args:
+        times: shape (pulse,), s.
+        usual: shape (pulse - 1,), the interval between neighbouring marks around each, s.
+        agrees: shape (pulse - 1,), whether an interval is one between neighbouring marks.
+        allowed: gaps whose number of marks may be rounded from anywhere.
+    """
+    agrees = agrees.copy()
+    first, last, begins, ends, marks = _gaps(times, usual, agrees)
+    for widened in range(_WIDENED + 1):
+        unclear = np.abs(marks - np.rint(marks)) > _WHOLE
+        if not np.any(unclear):
+            break
+        if widened == _WIDENED:
+            if np.count_nonzero(unclear) > allowed:
+                return None
+            break
+        agrees[begins[unclear] - 1] = agrees[ends[unclear]] = False
+        if 2 * np.count_nonzero(agrees) < agrees.size:
+            return None
+        first, last, begins, ends, marks = _gaps(times, usual, agrees)
+    counts, keep = np.ones(usual.size), np.ones(times.size, dtype=bool)
+    for begin, end, count in zip(begins.tolist(), ends.tolist(), np.rint(marks).tolist(), strict=True):
+        _fill(times, usual, begin, end, int(count), counts, keep)
+    _fill_ends(times, usual, first, last, counts, keep)
+    numbers = np.concatenate(([0.0], np.cumsum(counts)))
+    return times[keep], numbers[keep].astype(np.int64)
+
+
+def _gaps(
+    times: NDArray[np.float64], usual: NDArray[np.float64], agrees: NDArray[np.bool_]
+) -> tuple[int, int, NDArray[np.intp], NDArray[np.intp], NDArray[np.float64]]:
+    """Return the first and the last interval that agrees; of each gap between, the pulses at its ends and the marks."""
+    first, last = np.flatnonzero(agrees)[[0, -1]].tolist()
+    odd = np.flatnonzero(~agrees[first : last + 1]) + first
+    begins = odd[np.diff(odd, prepend=-2) > 1]
+    ends = odd[np.diff(odd, append=times.size + 2) > 1] + 1
+    marks = (times[ends] - times[begins]) * (0.5 / usual[begins - 1] + 0.5 / usual[ends])
+    return first, last, begins, ends, marks
+
+
+def _fill(
+    times: NDArray[np.float64],
+    usual: NDArray[np.float64],
+    begin: int,
+    end: int,
+    count: int,
+    counts: NDArray[np.float64],
+    keep: NDArray[np.bool_],
+) -> None:
+    """Write the marks of each interval from pulse ``begin`` to ``end``, ``count`` in all, into ``counts``."""
+    counts[begin:end] = 0.0
+    if count == 0:
+        middle = 0.5 * (times[begin - 1] + times[end + 1])
+        between = times[begin : end + 1]
+        is_bounce = between[-1] - between[0] < _BOUNCE * (middle - times[begin - 1])
+        chosen = begin if is_bounce else begin + int(np.argmin(np.abs(between - middle)))
+        keep[begin : end + 1] = False
+        keep[chosen] = True
+        return
+    share = (times[begin + 1 : end] - times[begin]) / (times[end] - times[begin])
+    slower = (usual[end] - usual[begin - 1]) / (usual[end] + usual[begin - 1])
+    place = count * share * (1.0 + slower * (1.0 - share))
+    mark = np.rint(place)
+    away = np.abs(place - mark)
+    at, before = np.zeros(0, dtype=np.intp), 0.0
+    for number in range(1, count):
+        near = np.flatnonzero((mark == number) & (away < _AT_MARK))
+        if near.size:
+            at = np.append(at, near[np.argmin(away[near])])
+    keep[begin + 1 : end] = False
+    for pulse in at.tolist():
+        keep[begin + 1 + pulse] = True
+        counts[begin + pulse] = mark[pulse] - before
+        before = float(mark[pulse])
+    counts[end - 1] += count - before
+
+
+def _fill_ends(
+    times: NDArray[np.float64],
+    usual: NDArray[np.float64],
+    first: int,
+    last: int,
+    counts: NDArray[np.float64],
+    keep: NDArray[np.bool_],
+) -> None:
+    """Number the pulses before the first interval that agrees and after the last, at the speed there and its change."""
+    inner = min(first + 1, last), max(last - 1, first)
+    ways = ((last + 1, range(last + 2, times.size), last, inner[1]), (first, range(first - 1, -1, -1), first, inner[0]))
+    for at, pulses, beside, further in ways:
+        speed = 1.0 / usual[beside]
+        change = speed - 1.0 / usual[further]
+        for pulse in pulses:
+            away = abs(times[pulse] - times[at])
+            # The middle of the gap is half as many intervals away as the gap holds, and half an interval more.
+            marks = away * np.clip(speed + 0.5 * change * (away * speed + 1.0), 0.5 * speed, 2.0 * speed)
+            low, high = min(at, pulse), max(at, pulse)
+            counts[low:high] = 0.0
+            if round(marks) >= 1 and abs(marks - round(marks)) < _WHOLE:
+                counts[low], at = round(marks), pulse
+            else:
+                keep[pulse] = False
+
+
+def _without_moved(
+    times: NDArray[np.float64], numbers: NDArray[np.int64]
+) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """Leave out single pulses that do not stand between their neighbours."""
+    if times.size < 2 * _NEIGHBOURS:
+        return times, numbers
+    before, after = np.diff(numbers)[:-1], np.diff(numbers)[1:]
+    pitch = (times[2:] - times[:-2]) / (before + after)
+    away = (times[1:-1] - times[:-2]) / pitch - before
+    if float(np.max(np.abs(away))) < _MOVED:
+        return times, numbers
+    away = np.abs(away - running_median(away, _NEIGHBOURS))
+    beside = np.maximum(np.append(away[1:], 0.0), np.insert(away[:-1], 0, 0.0))
+    keep = np.ones(times.size, dtype=bool)
+    keep[1:-1] = (away < _MOVED) | (away < beside)
+    return times[keep], numbers[keep]
+
+
+def _from_gap(
+    times: NDArray[np.float64], numbers: NDArray[np.int64], per_revolution: int, missing_teeth: int
+) -> tuple[NDArray[np.float64], NDArray[np.int64]] | None:
+    """Count the marks from the first tooth after the gap of a wheel, and leave out pulses in it; None without a gap."""
+    step = np.diff(numbers)
+    at_gap = numbers[:-1][step == missing_teeth + 1]
+    if at_gap.size == 0:
+        return None
+    place = int(np.argmax(np.bincount(at_gap % per_revolution, minlength=per_revolution)))
+    numbers = numbers - (place - (per_revolution - missing_teeth - 1))
+    last_tooth = per_revolution - missing_teeth - 1
+    numbers = numbers - _slips(numbers[:-1][step == missing_teeth + 1] - last_tooth, numbers, per_revolution)
+    rising = np.diff(numbers, prepend=numbers[0] - 1) > 0
+    times, numbers = times[rising], numbers[rising]
+    places = numbers[:-1][np.diff(numbers) == missing_teeth + 1] % per_revolution
+    passed = np.arange(int(numbers[0]), int(numbers[-1]) - missing_teeth) % per_revolution == last_tooth
+    if np.count_nonzero(places == last_tooth) < _INDEX_SHARE * np.count_nonzero(passed):
+        return None
+    is_tooth = numbers % per_revolution <= last_tooth
+    return times[is_tooth], numbers[is_tooth]
+
+
+def _slips(gaps: NDArray[np.int64], numbers: NDArray[np.int64], per_revolution: int) -> NDArray[np.int64]:
+    """Return by how many marks pulses are numbered too high, shape (pulse,), by where the gap is in each turn.
+
+    Args:
+        gaps: shape (gap,), places of gaps of the right width: whole turns but for slips, and for gaps by lost pulses.
+        numbers: shape (pulse,), of the marks.
+    """
+    turn = np.floor_divide(gaps + per_revolution // 2, per_revolution)
+    off = gaps - turn * per_revolution
+    near = np.abs(off) <= _MAX_SLIP
+    turn, off = turn[near], off[near]
+    by_turn = np.zeros(int(turn.max()) - int(turn.min()) + 1, dtype=np.int64) if turn.size else np.zeros(1, np.int64)
+    first = int(turn.min()) if turn.size else 0
+    for is_zero in (False, True):  # A turn with a gap in its place has no slip, whatever else is missing in it.
+        chosen = (off == 0) == is_zero
+        by_turn[turn[chosen] - first] = off[chosen]
+    if not np.any(by_turn):
+        return np.zeros(numbers.size, dtype=np.int64)
+    around = np.lib.stride_tricks.sliding_window_view(np.pad(by_turn, 2), 5)
+    by_turn = np.median(around, axis=1).astype(np.int64)
+    # A gap at the end of turn n tells of the marks before it and after the gap of the turn before.
+    of_pulse = np.floor_divide(numbers + per_revolution - 1, per_revolution) - first
+    return by_turn[np.clip(of_pulse, 0, by_turn.size - 1)]
