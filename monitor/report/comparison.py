@@ -61,7 +61,7 @@ def compare(runs: Sequence[RunSummary], options: Options, numbers: itertools.cou
         side_by_side(ordered, "v_eq_mm2", "V_eq (mm³/mm)", "Final stages side by side: damaged volume", numbers),
     ]
     other = other_conditions(ordered, options, numbers)
-    found = [milestones(ordered, options.zone), laws(ordered)]
+    found = [milestones(ordered, options.zone), laws(ordered), speeds(ordered)]
     if other is not None:
         pictures.append(other[0])
         found.append(other[1])
@@ -106,6 +106,28 @@ def milestones(runs: Sequence[RunSummary], zone: tzinfo) -> Table:
     )
     note = "As Table 20 of the thesis. Where no end of life was seen, the final stage is counted to the last block."
     return Table("final_stages", "Start, end and length of the final stages", columns, rows, note)
+
+
+def speeds(runs: Sequence[RunSummary]) -> Table | None:
+    """Return speeds and domains of the channels for whose blocks an angle was sought, or None without any."""
+    keys = ("least", "highest", "orders", "refused")
+    rows = [
+        (run.label, channel.name, *(channel.speeds[key] for key in keys))
+        for run in runs
+        for channel in run.channels
+        if channel.speeds
+    ]
+    if not rows:
+        return None
+    columns = (
+        Column("run", "run"),
+        Column("channel", "channel"),
+        Column("speed_min", "least speed (Hz)", "Hz", "hz"),
+        Column("speed_max", "highest speed (Hz)", "Hz", "hz"),
+        Column("orders", "blocks in orders", "1", words=lambda value: f"{value:.0%}"),
+        Column("refused", "blocks without an angle", "1", words=lambda value: f"{value:,}"),
+    )
+    return Table("speeds", "Speed of the shaft", columns, rows)
 
 
 def laws(runs: Sequence[RunSummary]) -> Table | None:

@@ -164,11 +164,13 @@ def _draw_spectrum(axes: Axes, row: Any, wanted: Wanted) -> None:
     first = max((row.lines[part] for part in named or row.lines), default=math.inf)
     amplitude = np.asarray(row.amplitude, dtype=np.float64) * factor
     keep = int(min(amplitude.size, _SPAN * first / row.resolution + 1)) if math.isfinite(first) else amplitude.size
-    frequency = np.arange(keep) * row.resolution
+    # Where the speed varied in the block, the spectrum is one over orders of the shaft.
+    one = row.speed if row.domain == "order" else 1.0
+    frequency = np.arange(keep) * row.resolution / one
     for part in named:
         colour = _LINES[part][1]
         for harmonic in range(1, _HARMONICS + 1):
-            place = harmonic * row.lines[part]
+            place = harmonic * row.lines[part] / one
             if place > _LAST_LABEL * frequency[-1]:
                 break
             axes.axvline(place, color=colour, linewidth=0.9, linestyle="--", alpha=0.7)
@@ -183,5 +185,5 @@ def _draw_spectrum(axes: Axes, row: Any, wanted: Wanted) -> None:
     axes.set_ylim(bottom=0.0)
     of = f", lines of the {fault_words('|'.join(named))}" if named else ""
     axes.set_title(f"Envelope spectrum of block {row.sequence}{of}", loc="left", fontsize=9.5)
-    axes.set_xlabel("Hz")
+    axes.set_xlabel("order of the shaft" if row.domain == "order" else "Hz")
     axes.set_ylabel("g" if row.absolute else "sensor unit")

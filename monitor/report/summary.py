@@ -23,7 +23,7 @@ from streams.block import STANDARD_GRAVITY
 
 _BINS = 120
 _SIZES = 200
-VERSION = 2
+VERSION = 3
 """Layout of a summary; another version is not read."""
 
 
@@ -44,6 +44,8 @@ class ChannelSummary:
             {``time_s`` since t_fs, ``value``}.
         sizes: ``time_s`` since t_fs, ``dphi_d``, ``h_d`` of the tracker.
         thresholds: of V_eq.
+        speeds: ``least``, ``highest`` (Hz), ``orders`` (share of the blocks with spectra in orders) and ``refused``
+            (blocks without an angle); empty where no angle was sought.
     """
 
     name: str
@@ -67,6 +69,7 @@ class ChannelSummary:
     final: Mapping[str, Any]
     sizes: Mapping[str, Any]
     thresholds: tuple[float, ...]
+    speeds: Mapping[str, Any]
 
 
 @dataclass(frozen=True)
@@ -148,7 +151,23 @@ def _channel(run: Run, channel: Channel, part: ChannelPart) -> ChannelSummary:
         final=_final(run, channel, start),
         sizes=_sizes(channel, start),
         thresholds=tuple(thresholds_of(channel)),
+        speeds=speeds_of(channel),
     )
+
+
+def speeds_of(channel: Channel) -> dict[str, Any]:
+    """Return the speeds of a channel and what its spectra are over, {} where no angle was sought."""
+    sought = channel.word("rotation_status") != ""
+    if not sought.any():
+        return {}
+    low, high = channel.column("speed_min"), channel.column("speed_max")
+    known = bool(np.isfinite(low).any())
+    return {
+        "least": float(np.nanmin(low)) if known else None,
+        "highest": float(np.nanmax(high)) if known else None,
+        "orders": float(np.mean(channel.word("domain")[sought] == "order")),
+        "refused": int(np.sum(channel.word("rotation_status")[sought] != "ok")),
+    }
 
 
 def _final(run: Run, channel: Channel, start: float) -> dict[str, Any]:

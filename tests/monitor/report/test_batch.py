@@ -246,7 +246,7 @@ def test_a_summary_comes_back_from_json_as_it_was(fleet: Path, tmp_path: Path) -
     summary = outcome.summaries[0]
     stored = json.loads(json.dumps(summary.to_dict(), allow_nan=False))
     assert RunSummary.from_dict(stored) == summary
-    with pytest.raises(ValueError, match="version 2 expected"):
+    with pytest.raises(ValueError, match="version 3 expected"):
         RunSummary.from_dict({**stored, "version": 1})
 
 

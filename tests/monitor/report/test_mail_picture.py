@@ -12,12 +12,13 @@ from typing import Any
 import numpy as np
 import pytest
 from matplotlib import image
+from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from monitor.health.waterfall import SpectrumChange, SpectrumRow
 from monitor.records.database import StoreError
 from monitor.records.store import Store
-from monitor.report.mail_picture import Wanted, draw
+from monitor.report.mail_picture import Wanted, _draw_spectrum, draw
 from monitor.service.notify.picture import draw_picture, picture_request
 from streams.block import STANDARD_GRAVITY
 from tests.monitor.records.test_trends import block
@@ -64,6 +65,14 @@ def test_it_shows_level_lines_and_spectrum(tmp_path: Path) -> None:
     # Nothing of what came after the event.
     early = pixels(draw(replace(wanted, until=START + 1500.0, block=10, marks={"t": math.nan})))
     assert not np.array_equal(early, found)
+
+
+def test_a_spectrum_of_a_varying_speed_is_over_orders() -> None:
+    axes = Figure().subplots()
+    row = SpectrumRow("s", "x", 1, 0.0, 2.0, (500.0, 2000.0), 25.0, 1.0, True, np.full(400, 0.1), {"outer": 100.0})
+    _draw_spectrum(axes, replace(row, domain="order"), Wanted(Path(), "s", "x", True, fault="outer"))
+    assert axes.get_xlabel() == "order of the shaft"
+    assert np.asarray(axes.get_lines()[0].get_xdata())[0] == 4.0
 
 
 def test_it_needs_no_dates_no_spectrum_but_records(tmp_path: Path) -> None:

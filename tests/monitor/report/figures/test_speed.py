@@ -3,12 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
+import pytest
 
+from monitor.report.comparison import speeds
 from monitor.report.figures.speed import speed_picture
 from monitor.report.runs import Channel, Run
 from monitor.report.speed import rotation_table, speed_words
+from monitor.report.summary import speeds_of
 from monitor.words.rotation import ROTATION_REFUSALS
 from tests.monitor.report.figures.drawing import context_of, drawn, numbers
 
@@ -40,6 +45,18 @@ def test_equal_speeds_are_drawn_once_with_their_ranges(run: Run, channel: Channe
     share = f"{(channel.time.size - 5) / channel.time.size:.0%}"
     assert f"x, y: spectra in orders of the shaft in {share} of" in picture.caption
     assert picture.zoom["panels"][0]["bands"]
+
+
+def test_runs_are_compared_by_their_speeds(run: Run, channel: Channel) -> None:
+    found = speeds_of(varying(run, channel).channels["x"])
+    rows = channel.time.size
+    assert found == {"least": 18.0, "highest": pytest.approx(32.0, abs=0.5), "orders": 1.0 - 5 / rows, "refused": 5}
+    channels = (SimpleNamespace(name="x", speeds=values) for values in (found, {}))
+    summaries: list[Any] = [SimpleNamespace(label="m", channels=(one,)) for one in channels]
+    table = speeds(summaries)
+    assert table is not None
+    assert [row[:2] for row in table.rows] == [("m", "x")]
+    assert speeds(summaries[1:]) is None
 
 
 def test_blocks_without_an_angle_are_counted_with_the_reason(run: Run, channel: Channel) -> None:
