@@ -54,7 +54,9 @@ def is_cut(spec: SourceSpec, data_set: DataSet) -> bool:
 
 def cutter_of(spec: SourceSpec, data_set: DataSet) -> Reblocker | None:
     """Return what cuts the samples of a source into blocks, None where each file is one."""
-    return Reblocker(spec.block_s) if is_cut(spec, data_set) and spec.block_s != "file" else None
+    if not is_cut(spec, data_set) or spec.block_s == "file":
+        return None
+    return Reblocker(spec.block_s, spec.turns)
 
 
 class Loader:

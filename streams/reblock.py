@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from streams.block import Block, Rejected
 from streams.pulses import Pulses
 from streams.samples import RATE_TOLERANCE, Origin, ReaderError, Samples
+from streams.turns import Turns
 
 MIN_BLOCK_SHARE = 0.9
 """A last block of at least this part of the full length is kept."""
@@ -37,18 +38,21 @@ class Cut:
 
 
 class Reblocker:
-    """Cuts a stream into blocks of equal length.
+    """Cuts a stream into blocks of equal length, or of so many turns of the shaft.
 
     Blocks are counted from the first sample after a gap. More of the same origin is joined; other samples are if both
     are dated and they start within 1 ms, or half a sample, of the end of those before (stamps are not finer). A change
     of rate (by more than 1e-4 of it), channels, units or sample type is a gap. What is left over stays until more
     comes. Before a gap, and on :meth:`flush`, it is a block if it has at least 0.9 of the length, else it comes with
     what it lacks, for a rejection ``short``.
+
+    Where turns count, a block is the first ``block_s`` seconds of what is held, or less where these hold its turns: so
+    the pieces do not matter here either. Of what is left over then, 0.9 of the turns are a block as well.
     """
 
-    def __init__(self, block_s: float) -> None:
-        """Begin empty; ``block_s`` is the length of a block in s."""
-        self._block_s = block_s
+    def __init__(self, block_s: float, turns: Turns | None = None) -> None:
+        """Begin empty; ``block_s`` is the length of a block in s, of the longest where ``turns`` count."""
+        self._block_s, self._turns = block_s, turns
         self._held: list[Samples] = []
         self._last: Samples | None = None
         self._rate = 0.0
@@ -76,20 +80,49 @@ class Reblocker:
         if samples.values.shape[1]:
             self._held.append(samples)
         while self.held >= self._length:
-            yield self._cut(self._length)
+            yield self._cut(self._end_by_turns(self._length) or self._length)
 
     def flush(self) -> Iterator[Cut]:
         """Yield what is left over and begin anew: nothing follows it."""
         self._last = None
+        while self._turns is not None and self._held and (end := self._end_by_turns(self.held)) is not None:
+            yield self._cut(end)
         if self._held:
-            yield self._cut(self.held)
+            enough = self._turns is not None and self._turns.is_enough(self._counted(self.held))
+            yield self._cut(self.held, whole=enough or self.held >= MIN_BLOCK_SHARE * self._length)
 
     @property
     def _length(self) -> int:
         return max(1, round(self._block_s * self._rate))
 
-    def _cut(self, count: int) -> Cut:
-        """Take ``count`` samples from what is held."""
+    def _end_by_turns(self, count: int) -> int | None:
+        """Return the number of samples of the next block by its turns, which ``count`` samples must hold, or None."""
+        pulses = None if self._turns is None else self._counted(count)
+        return None if self._turns is None or pulses is None else self._turns.end(pulses, self._rate, self._length)
+
+    def _counted(self, count: int) -> Pulses | None:
+        """Return the pulses in the next ``count`` samples, from the first of them on; None where none are known."""
+        if self._turns is None:
+            return None
+        rows: list[NDArray[np.floating]] = []
+        times: list[Pulses | None] = []
+        done = 0
+        for piece in self._held:
+            taken = min(count - done, piece.values.shape[1])
+            if self._turns.channel is not None:
+                rows.append(piece.values[piece.channels.index(self._turns.channel), :taken])
+            else:
+                times.append(self._pulses_of(piece, taken, done))
+            done += taken
+            if done == count:
+                break
+        if self._turns.channel is None:
+            return _joined(times)
+        row = rows[0] if len(rows) == 1 else np.concatenate(rows)
+        return Pulses(self._turns.times_in(row, self._rate), self._held[0].pulses_per_revolution)
+
+    def _cut(self, count: int, *, whole: bool = True) -> Cut:
+        """Take ``count`` samples from what is held, a ``whole`` block or not."""
         first = self._held[0]
         parts: list[NDArray[np.floating]] = []
         used: list[tuple[Hashable, int]] = []
@@ -107,7 +140,7 @@ class Reblocker:
             if taken < piece.values.shape[1]:
                 self._held.insert(0, replace(piece, values=piece.values[:, taken:], offset=piece.offset + taken))
         values = np.ascontiguousarray(parts[0]) if len(parts) == 1 else np.concatenate(parts, axis=1)
-        missing = self._length - count if count < MIN_BLOCK_SHARE * self._length else 0
+        missing = 0 if whole else max(1, self._length - count)
         samples = replace(first, values=values, pulses=_joined(times))
         return Cut(samples, tuple(used), missing)
 

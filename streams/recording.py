@@ -14,7 +14,7 @@ from streams.dating import Dating
 from streams.files import Files, Item, natural_key, open_files
 from streams.given import Given, Loaded, Met
 from streams.listing import CLOSED, shown
-from streams.load import Loader, content_hash, is_cut, is_dated_by_choice, renamed
+from streams.load import Loader, content_hash, cutter_of, is_cut, is_dated_by_choice, renamed
 from streams.pulse_files import is_pulse_file
 from streams.readers.sidecar import is_sidecar
 from streams.reblock import Cut, Numbering, Reblocker
@@ -230,7 +230,8 @@ class Recording:
             given.unrepeated(loaded, loaded.facts.number if self._block_s is None else None, numbers.highest)
             for loaded in self._in_order()
         )
-        return files if self._block_s is None else self._cuts(files, self._block_s)
+        cutter = cutter_of(self._spec, self._set)
+        return files if cutter is None else self._cuts(files, cutter)
 
     def _check(self) -> None:
         """Raise SourceError where files, rate or unit are missing."""
@@ -327,9 +328,8 @@ class Recording:
             return Loaded(item.path, facts, renamed(error, item.path, name), digest)
         return Loaded(item.path, facts, replace(samples, origin=Origin(name, samples.values.shape[1])), digest)
 
-    def _cuts(self, files: Iterable[Loaded], block_s: float) -> Iterator[Cut | Loaded]:
+    def _cuts(self, files: Iterable[Loaded], cutter: Reblocker) -> Iterator[Cut | Loaded]:
         """Yield the cuts of files in order, and files that give none."""
-        cutter = Reblocker(block_s)
         for loaded in files:
             samples = loaded.result
             if isinstance(samples, ReaderError):

@@ -13,6 +13,7 @@ from zoneinfo import ZoneInfo
 
 from models.errors import WrongInputError
 from streams.stamps import Order, compiled
+from streams.turns import Turns
 
 DEFAULT_BLOCK_SECONDS = 5.0
 FILE_WORDS = ("{stem}", "{name}")
@@ -149,6 +150,7 @@ class SourceSpec:
         date_order: of day and month in dates that do not state it; None: told over all files.
         pulses: pattern of the array, group or channel with the times of pulses of a tacho; with ``{stem}`` or
             ``{name}``, which stand for the name of a file without and with its ending, a text file beside it.
+        turns: how many turns a block has, where files are cut by them; ``block_s`` is the longest block then.
     """
 
     name: str
@@ -168,6 +170,7 @@ class SourceSpec:
     interval: float | None = None
     date_order: Order | None = None
     pulses: str | None = None
+    turns: Turns | None = None
 
     def __post_init__(self) -> None:
         """Raise SourceError for values that no recording can have."""
@@ -186,6 +189,11 @@ class SourceSpec:
         problem = pulses_problem(self.pulses)
         if problem is not None:
             raise SourceError(f"{where}: {problem}")
+        if self.turns is not None and not self._counts_turns(self.turns):
+            raise SourceError(
+                f"{where}: block_revolutions needs block_s in seconds, the longest block, and what counts turns: "
+                "[operating] tacho_channel, or pulses"
+            )
         names = [channel.name for channel in self.channels]
         if len(set(names)) != len(names):
             raise SourceError(f"{where}: channel names must differ, got {', '.join(names)}")
@@ -193,6 +201,13 @@ class SourceSpec:
             ZoneInfo(self.timezone)
         except (KeyError, ValueError, OSError) as error:
             raise SourceError(f"{where}: timezone {self.timezone!r} is not known") from error
+
+    def _counts_turns(self, turns: Turns) -> bool:
+        """Return whether there is something that counts turns, and blocks to cut."""
+        if self.block_s == "file" or turns.revolutions <= 0.0:
+            return False
+        names = [channel.name for channel in self.channels]
+        return self.pulses is not None if turns.channel is None else turns.channel in names
 
 
 def dating_problem(

@@ -17,6 +17,7 @@ from monitor.health.rotation.settings import TachoSettings
 from monitor.health.waterfall import WaterfallSettings
 from monitor.words.zones import machine_class
 from streams.spec import ChannelSpec
+from streams.turns import Turns
 
 ColumnName = str | int
 
@@ -184,6 +185,18 @@ class OperatingSection(Section):
             phase_orders=self.phase_orders,
             domain=self.domain,
             limits=SpeedLimits(self.min_speed_hz, self.max_speed_hz, self.max_acceleration_hz_per_s),
+        )
+
+    def to_turns(self, revolutions: float) -> Turns:
+        """Return how blocks of so many turns are cut."""
+        return Turns(
+            revolutions=revolutions,
+            per_revolution=self.pulses_per_revolution,
+            missing_teeth=self.tacho_missing_teeth,
+            ratio=self.tacho_ratio,
+            channel=None if self.tacho_channel is None else str(self.tacho_channel),
+            level=self.tacho_level,
+            falling=self.tacho_edge == "falling",
         )
 
     def channel_specs(self) -> tuple[ChannelSpec, ...]:

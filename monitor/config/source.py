@@ -30,6 +30,9 @@ class SourceSection(Section):
     start_utc: datetime | None = None
     settle_s: NotNegative = 2.0
     block_s: Positive | Literal["file"] = 5.0
+    block_revolutions: Annotated[
+        Positive | None, Field(description="turns of the shaft in a block; block_s is the longest block then")
+    ] = None
     format: str = "auto"
     time_from: Annotated[
         Literal["header", "name", "count", "mtime"] | None,
@@ -98,10 +101,14 @@ class SourceSection(Section):
         problem = pulses_problem(self.pulses)
         if problem is not None:
             raise ValueError(problem)
-        if self.pulses is not None and self.url is not None and self.url.startswith(("tcp:", "mqtt:", "rig:")):
-            raise ValueError(
-                f"pulses is for sources of files; {self.url.partition(':')[0]} blocks bring theirs with them"
-            )
+        if self.url is not None and self.url.startswith(("tcp:", "mqtt:", "rig:")):
+            kind = self.url.partition(":")[0]
+            if self.pulses is not None:
+                raise ValueError(f"pulses is for sources of files; {kind} blocks bring theirs with them")
+            if self.block_revolutions is not None:
+                raise ValueError(f"block_revolutions is for sources of files; {kind} blocks are taken as they come")
+        if self.block_revolutions is not None and self.block_s == "file":
+            raise ValueError('block_revolutions cuts files, block_s = "file" does not')
         return self
 
     @model_validator(mode="after")

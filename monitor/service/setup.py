@@ -85,6 +85,7 @@ def source_spec(config: Config, source: SourceSection, path: str | None = None) 
         interval=source.interval_s,
         date_order=source.date_order,
         pulses=source.pulses,
+        turns=None if source.block_revolutions is None else config.operating.to_turns(source.block_revolutions),
     )
 
 
@@ -238,7 +239,7 @@ def _channel_settings(
     library: Library | None,
 ) -> ChannelSettings:
     samples = signal_range = None
-    if source.block_s != "file" and source.rate_hz is not None:
+    if source.block_s != "file" and source.rate_hz is not None and source.block_revolutions is None:
         samples = round(source.block_s * source.rate_hz)
     calibrated = calibration_of(config, channel, maps.values(), library)
     absolute_volume = calibrated is not False or not channel.track or config.forecast.uncalibrated_threshold
