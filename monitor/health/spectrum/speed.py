@@ -8,6 +8,7 @@ cage or race passages with their slip. A speed is given only if its score exceed
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 
@@ -31,6 +32,8 @@ _SAME_SPEED = 0.015
 MIN_SCORE = 12.0
 MIN_MARGIN = 4.0
 """Score that the best speed must reach, and its margin over any other (``python -m benchmarks.speed``)."""
+_PIECE = 512
+"""Candidate speeds whose combs of the bearing are looked at together."""
 _SHAFT_PRESENT = 6.0
 """Score from which the lines of a slower shaft count as present."""
 _MIN_LINE_HEIGHT = 1.0
@@ -80,7 +83,12 @@ def whitened(spectrum: AmplitudeSpectrum) -> NDArray[np.float64]:
 def _at(height: NDArray[np.float64], resolution: float, frequency: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the heights at some frequencies, 0 beyond the spectrum."""
     position = frequency / resolution
-    return np.interp(position, np.arange(height.size), height, left=0.0, right=0.0)
+    below = position.astype(np.intp)
+    inside = (position >= 0.0) & (below < height.size - 1)
+    below = np.where(inside, below, 0)
+    first = height.take(below)
+    found = (height.take(below + 1) - first) * (position - below) + first
+    return np.where(inside, found, np.where(position == height.size - 1, height[-1], 0.0))
 
 
 def estimate_speed(
@@ -103,35 +111,85 @@ def estimate_speed(
     band = (0.05 * rate, 0.45 * rate) if band is None else band
     if samples.size < 64 or samples.size / rate * low < _MIN_BIN:
         return SpeedEstimate(SpeedStatus.TOO_SHORT)
-    top = max(SHAFT_ORDERS, FAULT_ORDERS * kinematics(bearing, 1.0).bpfi) * high
-    spectra = get_transform(samples.size, rate, (band,), raw_limit=min(top, 0.5 * rate))(samples)
-    raw, envelope = spectra.raw, spectra.envelopes[0]
+    spectra = get_transform(samples.size, rate, (band,), raw_limit=min(highest_line(bearing, high), 0.5 * rate))(
+        samples
+    )
+    return speed_of_spectra(spectra.raw, spectra.envelopes[0], bearing, limits)
+
+
+def highest_line(bearing: Bearing, speed: float) -> float:
+    """Return the highest frequency that the estimate looks at, Hz."""
+    return max(SHAFT_ORDERS, FAULT_ORDERS * kinematics(bearing, 1.0).bpfi) * speed
+
+
+def speed_of_spectra(
+    raw: AmplitudeSpectrum,
+    envelope: AmplitudeSpectrum,
+    bearing: Bearing,
+    limits: tuple[float, float],
+    orders: Sequence[float] = tuple(range(1, SHAFT_ORDERS + 1)),
+) -> SpeedEstimate:
+    """Estimate the shaft speed from the spectra of the signal and of its envelope, which have one resolution.
+
+    Args:
+        limits: lowest and highest speed, Hz; the bin of the lowest is at least ``_MIN_BIN``.
+        orders: lines of the shaft that are looked for, per revolution, rising.
+    """
+    low, high = limits
     resolution = raw.resolution
-    count = max(2, math.ceil((high - low) * SHAFT_ORDERS / (_STEP * resolution)))
+    count = max(2, math.ceil((high - low) * orders[-1] / (_STEP * resolution)))
     speeds = np.linspace(low, high, count)
     heights = whitened(raw), whitened(envelope)
-    shaft = _shaft_score(heights, resolution, speeds)
-    score = shaft + _fault_score(heights[1], resolution, speeds, bearing)
-    best = int(np.argmax(score))
-    apart = np.abs(speeds / speeds[best] - 1.0) > _SAME_SPEED
-    margin = float(score[best] - np.max(score[apart], initial=0.0))
+    shaft = _shaft_score(heights, resolution, speeds, orders)
+    score, best, other = _best_two(heights[1], resolution, speeds, shaft, bearing)
+    margin = score - other
     mistaken = _may_be_a_fault_line(float(speeds[best]), speeds, shaft, bearing)
-    if score[best] < MIN_SCORE or margin < MIN_MARGIN or mistaken:
-        return SpeedEstimate(SpeedStatus.CANNOT_TELL, score=float(score[best]), margin=margin)
-    speed, sd = _refined((raw, envelope), heights, float(speeds[best]))
-    return SpeedEstimate(SpeedStatus.OK, speed, sd, float(score[best]), margin)
+    if score < MIN_SCORE or margin < MIN_MARGIN or mistaken:
+        return SpeedEstimate(SpeedStatus.CANNOT_TELL, score=score, margin=margin)
+    speed, sd = _refined((raw, envelope), heights, float(speeds[best]), orders)
+    return SpeedEstimate(SpeedStatus.OK, speed, sd, score, margin)
+
+
+def _best_two(
+    height: NDArray[np.float64],
+    resolution: float,
+    speeds: NDArray[np.float64],
+    shaft: NDArray[np.float64],
+    bearing: Bearing,
+) -> tuple[float, int, float]:
+    """Return the best score, its place, and the best score of another speed, at least 0.
+
+    The combs of the bearing add no more than ``_MAX_HEIGHT`` a line: they are looked at for the speeds of the highest
+    shaft scores, in pieces, until no other speed can be better than the best two.
+    """
+    falling = np.argsort(-shaft, kind="stable")
+    score = np.full(speeds.size, -np.inf)
+    most = _MAX_HEIGHT * FAULT_ORDERS
+    best, other = 0, 0.0
+    for begin in range(0, falling.size, _PIECE):
+        piece = falling[begin : begin + _PIECE]
+        if begin and float(shaft[piece[0]]) + most < other:
+            break
+        score[piece] = shaft[piece] + _fault_score(height, resolution, speeds[piece], bearing)
+        best = int(np.argmax(score))
+        apart = np.abs(speeds / speeds[best] - 1.0) > _SAME_SPEED
+        other = float(np.max(score, where=apart, initial=0.0))
+    return float(score[best]), best, other
 
 
 def _shaft_score(
-    heights: tuple[NDArray[np.float64], ...], resolution: float, speeds: NDArray[np.float64]
+    heights: tuple[NDArray[np.float64], ...],
+    resolution: float,
+    speeds: NDArray[np.float64],
+    orders: Sequence[float],
 ) -> NDArray[np.float64]:
     """Return the heights at the multiples of each speed less those half way below each."""
     score = np.zeros(speeds.size)
     for height in heights:
-        for order in range(1, SHAFT_ORDERS + 1):
-            weight = 1.0 if order <= SHAFT_ORDERS // 2 else 0.5
+        for order in orders:
+            weight = 1.0 if order <= 0.5 * orders[-1] else 0.5
             score += weight * _at(height, resolution, order * speeds)
-            score -= weight * _at(height, resolution, (order - 0.5) * speeds)
+            score -= weight * _at(height, resolution, (order - 0.5 * orders[0]) * speeds)
     return score
 
 
@@ -163,7 +221,10 @@ def _may_be_a_fault_line(
 
 
 def _refined(
-    spectra: tuple[AmplitudeSpectrum, ...], heights: tuple[NDArray[np.float64], ...], speed: float
+    spectra: tuple[AmplitudeSpectrum, ...],
+    heights: tuple[NDArray[np.float64], ...],
+    speed: float,
+    orders: Sequence[float],
 ) -> tuple[float, float]:
     """Return the speed by the maxima of its shaft lines, and the standard deviation of its error.
 
@@ -173,7 +234,7 @@ def _refined(
     found: list[float] = []
     weights: list[float] = []
     for spectrum, height in zip(spectra, heights, strict=True):
-        for order in range(1, SHAFT_ORDERS + 1):
+        for order in orders:
             middle = round(order * speed / spectrum.resolution)
             if middle + 3 >= height.size or middle < 4:
                 continue
