@@ -15,32 +15,30 @@ import sys
 import tempfile
 import time
 from contextlib import ExitStack
+from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
-from playwright.sync_api import Browser, sync_playwright
+from playwright.sync_api import Browser, FloatRect, sync_playwright
 
-from benchmarks.page_pictures import free_port, running
+from benchmarks.page_pictures import free_port, running, taken
 from benchmarks.regression.trees import ROOT
-from monitor.commands.replay import write_report
-from monitor.config.load import load_config
-from monitor.service.replay import replay
+from monitor.report.report import build_report
 from tests.signals import bearing_lines
 
 RATE, SECONDS, BLOCKS = 12_800, 4.0, 150
 FIRST_BAD, DISTURBED = 95, range(60, 63)
 PULSES, DESIGNATION = 8, "6310"
-BEGIN = "2026-03-02T06:00:00+00:00"
 INTERVAL_S = 120.0
 TEXT = """
 [machine]
 name = "winch-02"
 timezone = "Europe/Rome"
 spectra_interval_s = 60
-state_dir = "{folder}/out"
-records_dir = "{folder}/out/records"
+state_dir = "{folder}/winch-02/state"
+records_dir = "{folder}/winch-02/records"
 [[source]]
 name = "logger"
 url = "folder:{folder}/in"
@@ -51,7 +49,8 @@ time_from = "count"
 interval_s = {interval}
 settle_s = 0.1
 [operating]
-tacho_channel = "3"
+speed_hz = 22.5
+tacho_channel = 3
 pulses_per_revolution = {pulses}
 [detect]
 learn_blocks = 40
@@ -124,7 +123,8 @@ def write(folder: Path) -> Path:
     for number in range(1, BLOCKS + 1):
         np.save(folder / "in" / f"b{number:04d}.npy", block(number))
     path = folder / "winch.toml"
-    values = {"rate": RATE, "begin": BEGIN, "interval": INTERVAL_S, "pulses": PULSES, "designation": DESIGNATION}
+    begin = datetime.fromtimestamp(time.time() - (BLOCKS - 0.5) * INTERVAL_S, UTC).isoformat()
+    values = {"rate": RATE, "begin": begin, "interval": INTERVAL_S, "pulses": PULSES, "designation": DESIGNATION}
     path.write_text(TEXT.format(folder=folder, **values), encoding="utf-8")
     return path
 
@@ -142,12 +142,20 @@ def wait_for(port: int) -> None:
 def take(browser: Browser, address: str, report: Path, out: Path) -> list[Path]:
     """Take the pictures; return their paths."""
     found: list[Path] = []
-    page = browser.new_page(viewport={"width": 1400, "height": 1500}, color_scheme="light")
+    page = browser.new_page(viewport={"width": 1400, "height": 1150}, color_scheme="light")
     page.goto(f"{address}#/channel/winch-02/radial")
     page.wait_for_timeout(4000.0)
     page.screenshot(path=out / "page.png", full_page=True)
-    column = page.locator(".columns .column").nth(1)
-    column.screenshot(path=out / "page-orders.png")
+    top, end = page.locator(".columns").bounding_box(), page.locator(".figure:has-text('Spectra over')").bounding_box()
+    assert top is not None
+    assert end is not None
+    clip: FloatRect = {
+        "x": 0.0,
+        "y": top["y"] - 6.0,
+        "width": 1400.0,
+        "height": end["y"] + end["height"] - top["y"] + 12.0,
+    }
+    page.screenshot(path=out / "page-orders.png", full_page=True, clip=clip)
     page.locator(".figure:has-text('Spectra over the life') select").select_option("hertz")
     page.wait_for_timeout(1500.0)
     page.locator(".figure:has-text('Spectra over the life')").first.screenshot(path=out / "waterfall-hertz.png")
@@ -174,16 +182,18 @@ def main() -> None:
         out = Path(sys.argv[1]) if len(sys.argv) > 1 else folder
         out.mkdir(parents=True, exist_ok=True)
         path = write(folder)
-        found = replay(load_config(path), None, folder / "out")
-        report = write_report(found, folder / "out" / "report.html", "winch-02")
+        daemon = running_all.enter_context(running("run", "--config", path, "--no-page", "--quiet"))
+        while taken(folder, "winch-02", daemon) < BLOCKS:
+            time.sleep(0.5)
+        report = build_report(folder / "winch-02" / "state" / "state.db", folder / "report.html")
         port = free_port()
         running_all.enter_context(running("page", "--config", path, "--port", str(port), "--quiet"))
         wait_for(port)
         playwright = running_all.enter_context(sync_playwright())
         browser = playwright.chromium.launch(executable_path=chromium, args=["--no-sandbox"])
-        taken = take(browser, f"http://127.0.0.1:{port}/", report, out)
+        pictures = take(browser, f"http://127.0.0.1:{port}/", report, out)
         browser.close()
-        with Image.open(taken[0]) as image:
+        with Image.open(pictures[0]) as image:
             image.convert("RGB").quantize(256).save(ROOT / "docs" / "pictures" / "page-orders.png", optimize=True)
 
 

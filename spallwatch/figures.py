@@ -84,6 +84,8 @@ def plot_spectrum(spectrum: xr.DataArray, frequencies: Kinematics | None = None,
 def plot_records(records: xr.Dataset, variables: Sequence[str] = ("rms", "h_or"), *, log: bool = True) -> Figure:
     """Return variables of records over time, one panel each, a line a channel, with the start of the final stage.
 
+    ``speed`` has a band from the least to the highest speed in each block, where these are known.
+
     Args:
         records: of ``replay`` or ``open_records``.
         variables: numbers over (time, channel).
@@ -98,7 +100,12 @@ def plot_records(records: xr.Dataset, variables: Sequence[str] = ("rms", "h_or")
             raise SignalError(f"records: {name!r} is not a number over time and channel in them")
         array, one = records[name], _one(records[name])
         for channel in array.channel.values:
-            axes.plot(records.time.values, array.sel(channel=channel).values / one, linewidth=0.9, label=str(channel))
+            (line,) = axes.plot(
+                records.time.values, array.sel(channel=channel).values / one, linewidth=0.9, label=str(channel)
+            )
+            if name == "speed" and "speed_min" in records:
+                low, high = (records[key].sel(channel=channel).values for key in ("speed_min", "speed_max"))
+                axes.fill_between(records.time.values, low, high, color=line.get_color(), alpha=0.2, linewidth=0)
         values = array.values[np.isfinite(array.values)]
         if log and values.size and values.min() > 0.0:
             axes.set_yscale("log")

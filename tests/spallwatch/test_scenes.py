@@ -82,5 +82,9 @@ def test_a_figure_of_records_refuses_words(tmp_path):
     np.save(tmp_path / "x.npy", np.random.default_rng(4).standard_normal(12000))
     records = sw.replay(tmp_path / "x.npy", bearing="6205", speed_hz=10.0, rate_hz=4000.0, unit="g", block_s=1.0)
     assert len(sw.plot_records(records, ["rms", "kurtosis"]).axes) == 2
+    assert (records.domain.values == "hertz").all()
+    assert not sw.plot_records(records, ["speed"]).axes[0].collections
+    ranges = {name: records.speed + part for name, part in (("speed_min", -2.0), ("speed_max", 2.0))}
+    assert len(sw.plot_records(records.assign(ranges), ["speed"]).axes[0].collections) == 1
     with pytest.raises(sw.SpallwatchError, match="stage"):
         sw.plot_records(records, ["stage"])

@@ -9,7 +9,7 @@ const LAYOUT = {
   v_eq: { height: 150 },
   v_eq_relative: { height: 150 },
   tt: { height: 150, duration: true },
-  speed: { height: 84 },
+  speed: { height: 104 },
   load: { height: 84 },
 };
 const COLOURS = {
