@@ -85,7 +85,7 @@ class Frame:
             # A value out of range becomes inf, which the quality stage names.
             with np.errstate(over="ignore", invalid="ignore"):
                 scaled = (scaled * np.asarray(self.scale, dtype=np.float64)[:, np.newaxis]).astype(kind)
-        return replace(self.samples, values=scaled, start=None if self.start is None else self.start * 1e-9)
+        return replace(self.samples, values=scaled, start=None if self.start is None else self.start / 10**9)
 
 
 class JumpError(WireError):
