@@ -76,6 +76,13 @@ def periodic_spline(x: NDArray[np.float64], y: NDArray[np.float64]) -> tuple[NDA
     return spline.c, spline(spline.derivative().roots(extrapolate=False))
 
 
+def spline(x: NDArray[np.float64], y: NDArray[np.float64]) -> Callable[[NDArray[np.float64]], NDArray[np.float64]]:
+    """Return the cubic spline through points of ascending x."""
+    from scipy.interpolate import CubicSpline
+
+    return CubicSpline(x, y)
+
+
 def summed(signal: NDArray[np.float64], step: float) -> NDArray[np.float64]:
     """Return the integral of equally spaced values from the first on, by Simpson's rule; shape of the signal."""
     from scipy.integrate import cumulative_simpson

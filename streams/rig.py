@@ -6,188 +6,45 @@ ones and, where the model has one, on a rough floor: no map describes the bearin
 
 from __future__ import annotations
 
+import hashlib
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
-from typing import Any, TypeVar
+from typing import Any
 from urllib.parse import parse_qsl
 
 import numpy as np
 from numpy.typing import NDArray
 
-from models.bearing import Bearing, CatalogueEntry, catalogue_entry, from_catalogue
-from models.nominal_rigs import nominal_rig
 from models.path.defect import race_radius
-from models.response import CASING, SENSORS, Response, Sensor, row_of
-from models.rigs import IGNORES_DEPTH, RIGS, AnyRig
-from models.rigs.six_dof import Rig
-from models.scene import Defect, Floor, Scene
+from models.response import SENSORS, Response, Sensor, row_of
+from models.rigs import AnyRig
+from models.rigs.angular import AngularRig
+from models.scene import EFFECTS, PARTS, Floor, Scene
+from models.shaft_marks import ShaftMarks, time_of_turns
+from models.speed_profile import SpeedProfile, constant
 from streams.block import STANDARD_GRAVITY, Block
+from streams.rig_life import THRESHOLD, draw_life, perturbed
+from streams.rig_machine import Machine, machine_of
+from streams.rig_running import RUNS, TACHO_CHANNEL, Running
 from streams.spec import SourceError
 
-T = TypeVar("T", bound=AnyRig)
 CHANNELS = ("test_bearing", "support_drive", "support_free")
 RATE = 25600.0
 BLOCK_SECONDS = 5.0
+_SAMPLES = round(RATE * BLOCK_SECONDS)
+_ACCURACY = 0.02
+"""Of the RMS of a motion over time, whose steps are halved until their error is smaller."""
 INTERVAL = 300.0
 """Seconds from block to block (thesis, section 2.3.2: 5 s of signal every 5 minutes)."""
-BEARING = "1205 ETN9"
-"""The bearing of the bench."""
-RADIAL_BEARING = "6205"
-"""One with the same bore, for models that do not take the contact angle of the bench's."""
 
-_SPREAD = (0.02, 0.05)
-"""Smallest and largest relative deviation of a rig parameter from its nominal value."""
-_THRESHOLD = 0.05e-6
-"""V_eq to which the growth laws are scaled, m2 (thesis, section 5.4.3)."""
 _PATH = (1.0, 0.03, 0.02)
 """Share of the test bearing's vibration that reaches each sensor."""
 _TRIED_SECONDS = 0.05
 """Time over which a model is tried on the worst damage."""
 _REPEATED_SECONDS = 0.5
 """Time over which the lines of a motion are found that repeats."""
-
-
-@dataclass(frozen=True)
-class Life:
-    """Growth of the damage after the onset, in m2 and s (thesis, Table 22).
-
-    V = V_0 + b t + a t^2.
-
-    Attributes:
-        onset: number of the first block with damage.
-        h_threshold: depth where V reaches 0.05 mm3/mm, m.
-        depth_share: share of ln V that ln h_d takes, the rest is extent.
-    """
-
-    onset: int
-    v_0: float
-    a: float
-    b: float
-    h_threshold: float
-    depth_share: float
-
-    def v_eq(self, t: float) -> float:
-        """Return the volume per width at ``t`` seconds after the onset, m2; 0 before it."""
-        return 0.0 if t < 0.0 else self.v_0 + self.b * t + self.a * t * t
-
-    def time_to(self, v: float) -> float:
-        """Return the time from onset to a volume ``v``, s (Table 22: the root ahead)."""
-        missing = max(v - self.v_0, 0.0)
-        return 2.0 * missing / (self.b + math.sqrt(self.b * self.b + 4.0 * self.a * missing))
-
-    def defect(self, t: float, outer_race_radius: float, floor: Floor) -> Defect | None:
-        """Return the defect at ``t`` seconds after the onset, or None before it."""
-        v = self.v_eq(t)
-        if v <= 0.0:
-            return None
-        h_d = self.h_threshold * (v / _THRESHOLD) ** self.depth_share
-        return Defect(dphi_d=v / (outer_race_radius * h_d), h_d=h_d, floor=floor)
-
-
-def draw_life(rng: np.random.Generator, onset: int) -> Life:
-    """Draw a life in the range of Table 22: 257 to 705 minutes to the threshold."""
-    duration = rng.uniform(257.0, 705.0) * 60.0
-    v_0 = rng.uniform(0.0012, 0.0035) * 1e-6
-    # Share of the quadratic term in the growth to the threshold; in Table 22 it is 0.56 to 0.98.
-    curved = rng.uniform(0.56, 0.98)
-    growth = _THRESHOLD - v_0
-    return Life(
-        onset=onset,
-        v_0=v_0,
-        a=curved * growth / duration**2,
-        b=(1.0 - curved) * growth / duration,
-        h_threshold=rng.uniform(6e-6, 16e-6),
-        depth_share=rng.uniform(0.3, 0.6),
-    )
-
-
-def perturbed(rig: T, rng: np.random.Generator) -> T:
-    """Return the rig with each parameter that differs between machines of its kind 2 to 5 % off, up or down."""
-    names = rig.uncertain
-    factors = 1.0 + rng.choice([-1.0, 1.0], len(names)) * rng.uniform(*_SPREAD, len(names))
-    return replace(rig, **{name: getattr(rig, name) * float(f) for name, f in zip(names, factors, strict=True)})
-
-
-@dataclass(frozen=True)
-class Machine:
-    """What a rig simulates.
-
-    Attributes:
-        nominal: parameters from which the true ones deviate; they name the model.
-        bearing: that wears out.
-        sensor: of the model, whose acceleration the accelerometer shows, or None for the model's first.
-        gain: share of that acceleration which reaches the accelerometer.
-    """
-
-    nominal: AnyRig
-    bearing: Bearing
-    sensor: Sensor | None = None
-    gain: float = 1.0
-
-    @property
-    def model(self) -> str:
-        """Name of the model."""
-        return self.nominal.model
-
-    @property
-    def is_bench(self) -> bool:
-        """Whether it is the bench of the thesis."""
-        return self == Machine(Rig(), from_catalogue(BEARING))
-
-    @cached_property
-    def effects(self) -> frozenset[str]:
-        """What the model describes, names in ``models.scene.EFFECTS``."""
-        from models.registry import solvers
-
-        return frozenset().union(*(solver.effects for solver in solvers(self.model)))
-
-    def limits(self, sensor: Sensor) -> Iterator[str]:
-        """Yield what is different from the bench of the thesis, in sentences; ``sensor`` is the one that is shown."""
-        if self.bearing.designation != BEARING:
-            yield f"its bearing is a {self.bearing.designation}"
-        if sensor not in CASING:
-            yield f"its accelerometer shows sensor {sensor} of {self.model}, which has no casing"
-        if "rough_floor" not in self.effects:
-            yield "the floor of its defect is smooth"
-        if self.model in IGNORES_DEPTH:
-            yield f"no map gives its V_eq: {IGNORES_DEPTH[self.model]}"
-
-
-def machine_of(
-    model: str = Rig.model, bearing: str | None = None, sensor: Sensor | None = None, gain: float = 1.0
-) -> Machine:
-    """Return a machine by the name of its model and the designation of its bearing.
-
-    Without a designation the bearing is that of the bench, or ``RADIAL_BEARING`` where the model does not take it.
-
-    Raises:
-        ValueError: model or bearing are unknown, or the model does not take the bearing.
-    """
-    if model not in RIGS:
-        raise ValueError(f"unknown model {model!r}; known are: {', '.join(RIGS)}")
-    kind = RIGS[model]
-    if bearing is None:
-        bearing = BEARING if _refusal(kind, catalogue_entry(BEARING)) is None else RADIAL_BEARING
-    try:
-        entry = catalogue_entry(bearing)
-    except KeyError as error:
-        raise ValueError(f"bearing: {error.args[0]}") from None
-    if (refusal := _refusal(kind, entry)) is not None:
-        others = ", ".join(name for name, other in RIGS.items() if _refusal(other, entry) is None)
-        raise ValueError(f"{refusal}; models that take it: {others or 'none'}")
-    own = kind is Rig and entry.bearing.designation == BEARING
-    return Machine(Rig() if own else nominal_rig(kind, entry), entry.bearing, sensor, gain)
-
-
-def _refusal(kind: type[AnyRig], entry: CatalogueEntry) -> str | None:
-    """Return why a model does not take a bearing, None where it does."""
-    try:
-        nominal_rig(kind, entry).check_bearing(entry.bearing)
-    except ValueError as error:
-        return str(error)
-    return None
 
 
 class SimulatedRig:
@@ -207,23 +64,37 @@ class SimulatedRig:
         load: float = 4000.0,
         speed: float = 40.0,
         machine: Machine | None = None,
+        running: Running | None = None,
     ) -> None:
         """Draw the life of a bearing; load in N, shaft speed in Hz.
 
         ``healthy_blocks`` come before the damage, ``blocks`` in all; None: until V_eq is 1.3 times the threshold. The
-        true parameters deviate from the nominal ones of the machine.
+        true parameters deviate from the nominal ones of the machine. ``running`` says how the shaft turns, by default
+        steadily; its speed counts.
+
+        Raises:
+            ValueError: the model does not describe how the shaft turns.
         """
         rng = np.random.default_rng([seed, 1])
         self.name = name
         self.seed = seed
-        self.load, self.speed = load, speed
+        self.running = Running(speed=speed) if running is None else running
+        self.load, self.speed = load, self.running.speed
         self.machine = machine_of() if machine is None else machine
+        self._check_running()
         self.bearing = self.machine.bearing
         self.rig: AnyRig = perturbed(self.machine.nominal, rng)
         self._rough = Floor(kind="rough", sd=float(rng.uniform(0.4e-6, 0.9e-6)), seed=int(rng.integers(1, 2**31)))
         self.life = draw_life(rng, healthy_blocks + 1)
-        worn = healthy_blocks + math.ceil(self.life.time_to(1.3 * _THRESHOLD) / INTERVAL) + 1
+        worn = healthy_blocks + math.ceil(self.life.time_to(1.3 * THRESHOLD) / INTERVAL) + 1
         self._blocks = worn if blocks is None else blocks
+
+    def _check_running(self) -> None:
+        wanted = {"changing_speed": self.running.varies, "slip": self.running.slip > 0.0}
+        wanted[f"{self.running.fault}_defect"] = True
+        for effect, asked in wanted.items():
+            if asked and effect not in self.machine.effects:
+                raise ValueError(f"{self.machine.model} does not describe {EFFECTS[effect]}")
 
     @cached_property
     def floor(self) -> Floor:
@@ -260,43 +131,100 @@ class SimulatedRig:
         return (sequence - self.life.onset) * INTERVAL
 
     def truth(self, sequence: int, thresholds: tuple[float, ...]) -> dict[str, Any]:
-        """Return ``v_eq_true`` (m2) and ``tt_true`` (s, one a threshold) of a block."""
+        """Return ``v_eq_true`` (m2) and ``tt_true`` (s, one a threshold) of a block, and where the speed varies
+        ``speed_true`` and ``speed_range_true`` (mean, and least and highest speed, Hz).
+        """
         t = self.time_after_onset(sequence)
         times = (max(0.0, self.life.time_to(v) - t) for v in thresholds)
-        return {"v_eq_true": self.life.v_eq(t), "tt_true": tuple(times) if t >= 0.0 else (None,) * len(thresholds)}
+        found = {"v_eq_true": self.life.v_eq(t), "tt_true": tuple(times) if t >= 0.0 else (None,) * len(thresholds)}
+        if not self.running.varies:
+            return found
+        turning = self.rotation(sequence)
+        return found | {"speed_true": turning.mean_speed, "speed_range_true": turning.speed_range}
+
+    def rotation(self, sequence: int) -> SpeedProfile:
+        """Return how the shaft turns in a block, or how its drive does where the model has an angular speed."""
+        if self.running.varies:
+            return self.running.profile(self.seed, sequence, BLOCK_SECONDS)
+        return constant(self._held_speed(np.random.default_rng([self.seed, 2, sequence])), BLOCK_SECONDS)
+
+    def _held_speed(self, rng: np.random.Generator) -> float:
+        # The drive holds the speed within 0.2 %.
+        return self.speed * (1.0 + 0.001 * float(rng.standard_normal()))
 
     def scene(self, sequence: int, speed: float, load: float) -> Scene:
         """Return the scene of a block."""
         radius = race_radius(self.bearing)
         defect = self.life.defect(self.time_after_onset(sequence), radius, self.floor)
         return Scene(
-            speed=speed, load=load, bearing=self.bearing, rig=self.rig, defect=defect, model=self.machine.model
+            speed=speed,
+            load=load,
+            bearing=self.bearing,
+            rig=self.rig,
+            defect=None if defect is None else replace(defect, part=self.running.fault),
+            model=self.machine.model,
+            slip=self.running.slip_of(sequence),
         )
 
     def block(self, sequence: int) -> Block:
         """Simulate one block; it depends on machine, seed and its number only."""
+        return self.with_turns(sequence)[0]
+
+    def with_turns(self, sequence: int) -> tuple[Block, NDArray[np.float64]]:
+        """Return a block and how far its shaft has turned at each sample, revolutions since the first."""
         rng = np.random.default_rng([self.seed, 2, sequence])
-        # The drive holds the speed within 0.2 % and the lever the load within 1 %; damage is simulated at both.
-        speed = self.speed * (1.0 + 0.001 * float(rng.standard_normal()))
-        damaged = sequence >= self.life.onset
+        speed = self._held_speed(rng)
+        # The lever holds the load within 1 %; damage is simulated at the block's own speed and load.
         load = self.load * (1.0 + 0.005 * float(rng.standard_normal()))
-        response = self._simulate(self.scene(sequence, speed, load)) if damaged else self._healthy
-        casing = self._sampled(response, float(rng.uniform(0.0, 2.0 * np.pi)))
+        time: NDArray[np.float64] = np.arange(_SAMPLES, dtype=np.float64) / RATE
+        if self.running.varies:
+            casing, turns = self._varying(sequence, load)
+            time = turns / speed
+        else:
+            damaged = sequence >= self.life.onset
+            response = self._simulate(self.scene(sequence, speed, load)) if damaged else self._healthy
+            casing, turns = self._sampled(response, float(rng.uniform(0.0, 2.0 * np.pi))), speed * time
         level = 1.0 + 0.6 * math.exp(-sequence / 8.0) + 0.02 * math.sin(2.0 * math.pi * sequence / 97.0)
-        samples = np.empty((len(CHANNELS), casing.size), dtype=np.float32)
+        samples = np.empty((len(self.channels), casing.size), dtype=np.float32)
         for row in range(len(CHANNELS)):
-            samples[row] = self.machine.gain * _PATH[row] * casing + level * self._background(rng, casing.size, speed)
+            samples[row] = self.machine.gain * _PATH[row] * casing + level * self._background(rng, speed, time)
+        if self.running.marks is not None:
+            samples[-1] = self._tacho(sequence, turns)
+        return self._block(sequence, samples), turns
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """Names of the channels."""
+        return CHANNELS if self.running.marks is None else (*CHANNELS, TACHO_CHANNEL)
+
+    def _block(self, sequence: int, samples: NDArray[np.float32]) -> Block:
+        marks = self.running.marks
         return Block(
             samples=samples,
             rate=RATE,
-            channels=CHANNELS,
-            units=("m/s2",) * len(CHANNELS),
+            channels=self.channels,
+            units=("m/s2",) * len(CHANNELS) + ("V",) * (len(self.channels) - len(CHANNELS)),
             source=self.name,
             sequence=sequence,
             name=f"rig[{sequence}]",
             elapsed=(sequence - 1) * INTERVAL,
+            pulses_per_revolution=None if marks is None else marks.per_turn,
             content_hash=f"rig-{self._hashed}{self.seed}-{sequence}",
         )
+
+    def _varying(self, sequence: int, load: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return acceleration, m/s2, and revolutions at the samples of a block whose speed changes."""
+        from models.simulate import simulate
+
+        profile = self.rotation(sequence)
+        scene = replace(self.scene(sequence, profile.mean_speed, load), speed_profile=profile)
+        response = simulate(scene, duration=BLOCK_SECONDS, rate=RATE, accuracy=_ACCURACY)
+        return response.acceleration(RATE, BLOCK_SECONDS, sensor=self.sensor), response.turns()
+
+    def _tacho(self, sequence: int, turns: NDArray[np.float64]) -> NDArray[np.float32]:
+        profile = self.rotation(sequence)
+        time_at = time_of_turns(turns, RATE) if self.machine.model == AngularRig.model else profile.time_at
+        return self.running.tacho(time_at, profile, sequence, turns.size, RATE)
 
     @cached_property
     def _healthy(self) -> Response:
@@ -306,7 +234,10 @@ class SimulatedRig:
     def _hashed(self) -> str:
         """What tells the blocks of other machines from those of the bench of the thesis."""
         machine = self.machine
-        return "" if machine.is_bench else f"{machine.model}-{machine.bearing.designation}-"
+        named = "" if machine.is_bench else f"{machine.model}-{machine.bearing.designation}-"
+        if self.running == Running(speed=self.speed):
+            return named
+        return named + hashlib.blake2b(repr(self.running).encode(), digest_size=6).hexdigest() + "-"
 
     def _simulate(self, scene: Scene, duration: float | None = None) -> Response:
         """Return the response to a scene over a time, s; None is as long as a block needs.
@@ -332,10 +263,9 @@ class SimulatedRig:
         return response.record.of(self.sensor)[begin : begin + round(RATE * BLOCK_SECONDS)]
 
     @staticmethod
-    def _background(rng: np.random.Generator, n: int, speed: float) -> NDArray[np.float32]:
-        """Return shaft harmonics and broadband noise of 50 mg, m/s2."""
-        noise = rng.standard_normal(n, dtype=np.float32) * np.float32(0.05 * STANDARD_GRAVITY)
-        t = np.arange(n) / RATE
+    def _background(rng: np.random.Generator, speed: float, t: NDArray[np.float64]) -> NDArray[np.float32]:
+        """Return shaft harmonics and broadband noise of 50 mg, m/s2; ``t``: times at which the shaft has a speed, s."""
+        noise = rng.standard_normal(t.size, dtype=np.float32) * np.float32(0.05 * STANDARD_GRAVITY)
         for order, amplitude in ((1, 0.02), (2, 0.03), (3, 0.01)):
             phase = float(rng.uniform(0.0, 2.0 * np.pi))
             tone = amplitude * STANDARD_GRAVITY * np.cos(2.0 * np.pi * order * speed * t + phase)
@@ -353,8 +283,31 @@ _OPTIONS = {
     "model": str,
     "bearing": str,
     "sensor": str,
+    "fault": str,
+    "slip_deg": float,
+    "run": str,
+    "run_s": float,
+    "speed_to_hz": float,
+    "hunt_percent": float,
+    "hunt_hz": float,
+    "tacho": int,
+    "tacho_error_deg": float,
+    "tacho_jitter_us": float,
+    "tacho_missing": float,
+    "tacho_extra": float,
 }
 _OF_MACHINE = ("model", "bearing", "sensor", "gain")
+_NOT_NEGATIVE = (
+    "seed",
+    "slip_deg",
+    "hunt_percent",
+    "tacho_error_deg",
+    "tacho_jitter_us",
+    "tacho_missing",
+    "tacho_extra",
+)
+_OF_RUN = {"speed_hz": "speed", "speed_to_hz": "speed_to", "run": "run", "run_s": "seconds", "hunt_hz": "hunt_hz"}
+_OF_MARKS = {"tacho_missing": ("missing", 1.0), "tacho_extra": ("extra", 1.0), "tacho_jitter_us": ("jitter", 1e-6)}
 
 
 def open_rig(url: str, name: str) -> SimulatedRig:
@@ -363,8 +316,34 @@ def open_rig(url: str, name: str) -> SimulatedRig:
     Raises:
         SourceError: it names an unknown rig or option, a wrong value, or what the model does not describe.
     """
-    place, _, query = url.removeprefix("rig:").partition("?")
     where = f"[[source]] {name}: url {url!r}"
+    options = _options(url, where)
+    chosen = {key: options.pop(key) for key in _OF_MACHINE if key in options}
+    if chosen.get("sensor", SENSORS[0]) not in SENSORS:
+        raise SourceError(f"{where}: sensor={chosen['sensor']!r} is none of {', '.join(SENSORS)}")
+    seed = options.pop("seed", 0)
+    try:
+        kept = {"load_newton": "load", "healthy_blocks": "healthy_blocks", "blocks": "blocks"}
+        opened = SimulatedRig(
+            name,
+            seed,
+            **{argument: options.pop(key) for key, argument in kept.items() if key in options},
+            machine=machine_of(**chosen),
+            running=_running(options, seed),
+        )
+        if not opened.machine.is_bench or opened.running != Running(speed=opened.speed):
+            # Whatever the model refuses is refused here, and not after the healthy blocks.
+            _ = opened.sensor
+            if opened.running.marks is not None:
+                opened._tacho(1, opened.rotation(1).turns_at(np.arange(_SAMPLES, dtype=np.float64) / RATE))
+    except ValueError as error:
+        raise SourceError(f"{where}: {error}") from None
+    return opened
+
+
+def _options(url: str, where: str) -> dict[str, Any]:
+    """Return the options of a URL; raise SourceError where one is unknown or has a wrong value."""
+    place, _, query = url.removeprefix("rig:").partition("?")
     if place != "ferrara":
         raise SourceError(f"{where}: unknown rig {place!r}; known are: ferrara")
     options: dict[str, Any] = {}
@@ -375,22 +354,31 @@ def open_rig(url: str, name: str) -> SimulatedRig:
             options[key] = _OPTIONS[key](value)
         except ValueError:
             raise SourceError(f"{where}: {key}={value!r} is not a number") from None
-        if key != "seed" and _OPTIONS[key] is not str and not options[key] > 0:
+        if _OPTIONS[key] is str or (key in _NOT_NEGATIVE and options[key] >= 0):
+            continue
+        if key != "seed" and not options[key] > 0:
             raise SourceError(f"{where}: {key} must be positive, got {value}")
-    renamed = {"load_newton": "load", "speed_hz": "speed"}
-    chosen = {key: options.pop(key) for key in _OF_MACHINE if key in options}
-    if chosen.get("sensor", SENSORS[0]) not in SENSORS:
-        raise SourceError(f"{where}: sensor={chosen['sensor']!r} is none of {', '.join(SENSORS)}")
-    try:
-        opened = SimulatedRig(
-            name,
-            options.pop("seed", 0),
-            **{renamed.get(key, key): options[key] for key in options},
-            machine=machine_of(**chosen),
-        )
-        if not opened.machine.is_bench:
-            # Whatever the model refuses is refused here, and not after the healthy blocks.
-            _ = opened.sensor
-    except ValueError as error:
-        raise SourceError(f"{where}: {error}") from None
-    return opened
+    return options
+
+
+def _running(options: dict[str, Any], seed: int) -> Running:
+    """Return how a rig runs, from its options; raise a ValueError where they do not fit together."""
+    of_tacho = [key for key in options if key.startswith("tacho_")]
+    if of_tacho and "tacho" not in options:
+        raise ValueError(f"{of_tacho[0]} belongs to tacho, the number of pulses a turn")
+    if options.get("fault", PARTS[0]) not in PARTS:
+        raise ValueError(f"fault={options['fault']!r} is none of {', '.join(PARTS)}")
+    if options.get("run", RUNS[0]) not in RUNS:
+        raise ValueError(f"run={options['run']!r} is none of {', '.join(RUNS)}")
+    marks = None
+    if "tacho" in options:
+        faults = {name: one * options[key] for key, (name, one) in _OF_MARKS.items() if key in options}
+        error = math.radians(options.get("tacho_error_deg", 0.0))
+        marks = ShaftMarks(options["tacho"], error=error, seed=seed, **faults)
+    return Running(
+        **{argument: options[key] for key, argument in _OF_RUN.items() if key in options},
+        share=0.01 * options.get("hunt_percent", 100.0 * Running.share),
+        marks=marks,
+        slip=math.radians(options.get("slip_deg", 0.0)),
+        fault=options.get("fault", Running.fault),
+    )

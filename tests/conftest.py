@@ -216,8 +216,14 @@ def kept_band_choices() -> Iterator[None]:
     find_band, choices = bands.find_band, dict[object, Any]()
 
     def kept(
-        blocks: Sequence[NDArray[Any]], rate: float, fundamentals: Mapping[str, float], interference: Sequence[Any] = ()
+        blocks: Sequence[NDArray[Any]],
+        rate: float,
+        fundamentals: Mapping[str, float],
+        interference: Sequence[Any] = (),
+        rotations: Sequence[Any] = (),
     ) -> Any:
+        if any(rotation is not None for rotation in rotations):
+            return find_band(blocks, rate, fundamentals, interference, rotations)
         digests = tuple((block.dtype.str, hashlib.sha256(block.tobytes()).hexdigest()) for block in blocks)
         key = (digests, rate, tuple(fundamentals.items()), tuple(interference))
         if key not in choices:
