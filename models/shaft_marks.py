@@ -59,9 +59,9 @@ class ShaftMarks:
         rng = np.random.default_rng([self.seed, 1])
         even: NDArray[np.float64] = np.arange(self.per_turn, dtype=np.float64) / self.per_turn
         wave = math.sqrt(2.0) * np.sin(2.0 * math.pi * (even + rng.uniform()))
-        off = math.sqrt(0.5) * (wave + rng.standard_normal(self.per_turn))
+        off: NDArray[np.float64] = math.sqrt(0.5) * (wave + rng.standard_normal(self.per_turn))
         off = off - off.mean()
-        level = math.sqrt(float(np.mean(off**2)))
+        level = math.sqrt(float(np.mean(np.square(off))))
         return even + (off * (self.error / (2.0 * math.pi * level)) if level > 0.0 else 0.0)
 
     def pulses(self, time_at: TimeAt, turned: float, end: float, run: int = 0) -> NDArray[np.float64]:
