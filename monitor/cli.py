@@ -26,6 +26,7 @@ _COMMANDS = {
     "check": ("check:command", "Validate a configuration and list what would be monitored."),
     "redate": ("redate:command", "Choose anew what dates the later blocks of a source."),
     "bearing": ("bearing:command", "Fault frequencies, stiffness, natural frequencies and life."),
+    "ias": ("ias:command", "Angular speed of a shaft from the pulses of an encoder."),
     "simulate": ("simulate:command", "One scene of the bearing model."),
     "map": ("maps:command", "RMS maps: build, show, check."),
     "library": ("library:command", "Libraries of simulated lives: build."),

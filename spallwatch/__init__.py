@@ -37,6 +37,7 @@ if TYPE_CHECKING:
     from spallwatch.analysis import features as features
     from spallwatch.analysis import name_fault as name_fault
     from spallwatch.analysis import spectrum as spectrum
+    from spallwatch.angular_speed import ias_spectrum as ias_spectrum
     from spallwatch.bearings import bearing as bearing
     from spallwatch.bearings import fault_frequencies as fault_frequencies
     from spallwatch.figures import plot_map as plot_map
@@ -75,6 +76,7 @@ _HOMES = {
     "envelope_spectrum": "spallwatch.analysis",
     "fault_frequencies": "spallwatch.bearings",
     "features": "spallwatch.analysis",
+    "ias_spectrum": "spallwatch.angular_speed",
     "map_dataset": "spallwatch.scenes",
     "name_fault": "spallwatch.analysis",
     "open_map": "spallwatch.scenes",

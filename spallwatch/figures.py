@@ -57,12 +57,16 @@ def plot_spectrum(spectrum: xr.DataArray, frequencies: Kinematics | None = None,
     """Return a spectrum, one panel a channel, with the first five fault frequencies of each part where they are given.
 
     Args:
-        spectrum: of ``spectrum`` or ``envelope_spectrum``.
-        frequencies: of ``fault_frequencies``; the panels then end behind the highest of them.
+        spectrum: of ``spectrum``, ``envelope_spectrum`` or ``ias_spectrum``.
+        frequencies: of ``fault_frequencies``, at 1 Hz for a spectrum over events per revolution; the panels then end
+            behind the highest of them.
         log: logarithmic amplitudes.
     """
+    over = "order" if "order" in spectrum.dims else "frequency"
+    if "channel" not in spectrum.dims:
+        spectrum = spectrum.expand_dims(channel=[str(spectrum.name)])
     made, panels = _panels(spectrum.sizes["channel"], 2.4)
-    unit, x = _unit(spectrum), spectrum.frequency.values
+    unit, x = _unit(spectrum), spectrum[over].values
     marks = {} if frequencies is None else _fundamentals(frequencies)
     last = float(x[-1]) if not marks else min(float(x[-1]), (ORDERS + 0.3) * max(marks.values()))
     shown = (x > 0.0) & (x <= last)
@@ -76,7 +80,7 @@ def plot_spectrum(spectrum: xr.DataArray, frequencies: Kinematics | None = None,
         axes.set_xlim(0.0, last)
     if marks:
         legend_above(panels[0])
-    panels[-1].set_xlabel("frequency (Hz)")
+    panels[-1].set_xlabel("events per revolution" if over == "order" else "frequency (Hz)")
     return made
 
 
@@ -146,7 +150,7 @@ def _one(array: xr.DataArray) -> float:
 
 def _unit(array: xr.DataArray) -> str:
     stated = str(array.attrs.get("units", ""))
-    return {"m s-2": "g", "unknown": "own unit", "1": ""}.get(stated, stated)
+    return {"m s-2": "g", "rad s-1": "rad/s", "unknown": "own unit", "1": ""}.get(stated, stated)
 
 
 def _fundamentals(frequencies: Kinematics) -> dict[str, float]:

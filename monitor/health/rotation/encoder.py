@@ -210,8 +210,8 @@ def pattern_of(found: Intervals) -> Pattern:
     uneven = max(float(by_turn.max()), -float(by_turn.min()))
     apart = np.cumsum(by_turn, axis=1, out=by_turn)
     apart -= apart.mean(axis=1, keepdims=True)
-    flat = apart.ravel()
-    scatter = float(flat @ flat) / flat.size / found.per_revolution**2
+    np.square(apart, out=apart)
+    scatter = float(apart.mean()) / found.per_revolution**2
     error = _angles(np.roll(mean, found.first % found.per_revolution))
     return Pattern(error, scatter * _HANN_WEIGHT / max(found.turns - 1, 1), found.turns, uneven)
 
@@ -220,7 +220,7 @@ def _mean_turn(by_turn: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the mean over turns with Hann weights, (turn, interval) to (interval,)."""
     turns = len(by_turn)
     weights = 1.0 - np.cos((np.arange(turns) + 0.5) * (2.0 * math.pi / turns))
-    return (weights / weights.sum()) @ by_turn
+    return np.einsum("t,ti->i", weights / weights.sum(), by_turn)
 
 
 def _angles(widths: NDArray[np.float64]) -> NDArray[np.float64]:

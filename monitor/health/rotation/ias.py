@@ -21,7 +21,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from monitor.health.rotation.intervals import Intervals
+from monitor.health.rotation.intervals import Intervals, TooFewPulsesError
 from monitor.health.spectrum.block_view import HIGHEST_BINS, MAX_FINE_LINES, RawSpectra
 from monitor.health.spectrum.comb import LineSpectrum, beside_shaft, line_spectrum
 from monitor.health.spectrum.family import FaultLines
@@ -31,6 +31,9 @@ from monitor.health.spectrum.settings import N_HARMONICS
 
 FINE_ORDERS = 100.0
 """Events per revolution up to which each line is kept to be looked at."""
+
+MIN_MARKS = 8
+"""Marks a turn without which there is no spectrum: it ends at half of them."""
 
 _HANN_POWER = 1.5
 _SHAFT_BINS = 2
@@ -105,12 +108,17 @@ def ias_spectrum(found: Intervals, ratio: float = 1.0) -> IasSpectrum:
     Args:
         found: elapsed times.
         ratio: turns of the bearing's shaft per turn of the shaft with the marks.
+
+    Raises:
+        TooFewPulsesError: fewer than ``MIN_MARKS`` marks a turn.
     """
     count, marks, turns = found.elapsed.size, found.per_revolution, found.turns
+    if marks < MIN_MARKS:
+        raise TooFewPulsesError(f"a spectrum of the angular speed needs {MIN_MARKS} marks a turn or more, got {marks}")
     speed = turns / float(found.elapsed.sum())
     window = _hann(count)
     change = found.longer
-    change -= np.dot(change, window) / (0.5 * count)
+    change -= np.einsum("i,i->", change, window) / (0.5 * count)
     change *= window
     relative = np.abs(np.fft.rfft(change))[: (count + 1) // 2] * (4.0 / count)
     order = np.arange(relative.size) / turns

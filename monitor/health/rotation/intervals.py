@@ -14,16 +14,16 @@ CELL_TURNS = 4
 """Turns between two knots of the slow course of the speed."""
 
 MIN_TURNS = 16
-"""Turns of the wheel without which there is no spectrum: multiples of the shaft are 16 bins apart then."""
+"""Turns of the wheel that are needed: multiples of the shaft are 16 bins of a spectrum apart then."""
 
-MIN_MARKS = 8
-"""Marks a turn without which there is no spectrum: it ends at half of them."""
+MIN_MARKS = 2
+"""Marks a turn that are needed: of one alone, nothing differs from turn to turn."""
 
 _FAST_PRIMES = (2, 3, 5, 7, 11)
 
 
 class TooFewPulsesError(ValueError):
-    """Too few marks a turn, or too few turns, for a spectrum of the angular speed."""
+    """Too few marks a turn, or too few turns."""
 
 
 class UnevenPulsesError(ValueError):
@@ -75,8 +75,8 @@ def intervals(train: PulseTrain, error: NDArray[np.float64] | None = None) -> In
     turns = _fast_turns(int(train.numbers[-1] - train.numbers[0]) // marks)
     if marks < MIN_MARKS or turns < MIN_TURNS:
         raise TooFewPulsesError(
-            f"a spectrum of the angular speed needs {MIN_MARKS} marks a turn and {MIN_TURNS} turns or more, got "
-            f"{marks} marks over {train.turned:.1f} turns"
+            f"{MIN_MARKS} marks a turn and {MIN_TURNS} turns or more are needed, got {marks} marks over "
+            f"{train.turned:.1f} turns"
         )
     first, count = int(train.numbers[0]), turns * marks
     elapsed, steps = np.diff(train.times), np.diff(train.numbers)

@@ -37,19 +37,20 @@ def slow_course(values: NDArray[np.float64], cell: int) -> NDArray[np.float64]:
     basis = _basis(steps)
     padded = np.zeros(cells * steps)
     padded[: values.size] = values
-    moments = padded.reshape(cells, steps) @ basis.T
+    # No matrix products: BLAS would start threads, which take longer than the sums.
+    moments = np.einsum("cs,ks->ck", padded.reshape(cells, steps), basis)
     last = basis[:, : values.size - (cells - 1) * steps]
     size = cells + _PIECES - 1
     right, bands = np.zeros(size), np.zeros((_PIECES, size))
     for first in range(_PIECES):
         right[first : first + cells] += moments[:, first]
         for second in range(first, _PIECES):
-            products = np.full(cells, basis[first] @ basis[second])
-            products[-1] = last[first] @ last[second]
+            products = np.full(cells, np.sum(basis[first] * basis[second]))
+            products[-1] = np.sum(last[first] * last[second])
             bands[second - first, first : first + cells] += products
     weights = _solved(bands, right)
     over = np.lib.stride_tricks.sliding_window_view(weights, _PIECES)
-    return (over @ basis).reshape(-1)[: values.size]
+    return np.einsum("ck,ks->cs", over, basis).reshape(-1)[: values.size]
 
 
 def _division(size: int, cell: int) -> tuple[int, int]:
