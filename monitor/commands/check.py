@@ -16,6 +16,7 @@ from models.registry import MODULES
 from monitor.commands import option
 from monitor.commands.check_extras import missing_extras
 from monitor.commands.check_interference import interference_lines, proposal_words, propose_interference, taken_families
+from monitor.commands.check_tacho import tacho_words
 from monitor.commands.common import emit, read_config
 from monitor.commands.model_parameters import effects_of
 from monitor.commands.redate import DatingPreview, keep_previews, preview_dating
@@ -65,6 +66,7 @@ def command(
         **config.model_dump(mode="json"),
         "hash": config.hash,
         "dating": {name: _dating_values(found) for name, found in dated.items()},
+        "tacho": {name: asdict(found.tacho) for name, found in dated.items() if found.tacho is not None},
         "levels": {channel: text for found in dated.values() for channel, text in found.levels.items()},
         "rigs": {source.name: simulated for source in config.source if (simulated := _rig_limits(source))},
         "interference_proposals": proposals,
@@ -123,7 +125,8 @@ def find_problems(config: Config) -> Iterator[str]:
                 yield f"{name}: track = true, but its unit is unknown: V_eq will answer no_absolute_level"
             yield f"{name}: its unit is unknown: no end of life by peak acceleration"
     operating = config.operating
-    if operating.speed_hz is None and not operating.to_condition().varies:
+    pulses = all(source.pulses is not None for source in config.source)
+    if operating.speed_hz is None and not operating.to_condition(pulses=pulses).varies:
         yield "operating.speed_hz is not given: only recordings that state their speed can be monitored"
     yield from missing_extras(config)
     yield from taken_families(config)
@@ -296,6 +299,8 @@ def _lines(config: Config, problems: list[str], dated: Mapping[str, DatingPrevie
         yield from (f"  simulated: {limit}" for limit in _rig_limits(source))
         if source.name in dated:
             yield from _dating_lines(dated[source.name])
+            tacho = dated[source.name].tacho
+            yield from () if tacho is None else (f"  {tacho_words(tacho)}",)
         levels = dated[source.name].levels if source.name in dated else {}
         for channel in config.channel:
             if channel.source == source.name:
@@ -329,9 +334,9 @@ def _shaft_lines(config: Config) -> Iterator[str]:
 
 
 def _dating_values(found: DatingPreview) -> dict[str, Any]:
-    """Return a preview as plain values, without the levels, which stand by channel, and the choice as it is kept."""
+    """Return a preview as plain values, without levels and tacho, which stand apart, and the choice as it is kept."""
     values = asdict(replace(found, levels={}))
-    del values["levels"], values["choice"]
+    del values["levels"], values["choice"], values["tacho"]
     return values
 
 

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from monitor.commands import option
+from monitor.commands.check_tacho import TachoView, tacho_problem, tacho_view
 from monitor.commands.common import InputError, emit, find_source, publish_change, read_config
 from monitor.config.load import Config, ConfigError
 from monitor.config.source import SourceSection
@@ -56,7 +57,8 @@ class DatingPreview:
     """What would date the blocks of a watched folder: ``text`` in words, and the first block as an example.
 
     ``levels`` says in words what states the level of each channel, ``ends`` what the first and the last file hold,
-    ``choice`` is the choice as it would be kept, and ``kept`` whether it is.
+    ``choice`` is the choice as it would be kept, ``kept`` whether it is; ``tacho`` is what the pulses of the first
+    block show.
     """
 
     by: str | None
@@ -69,6 +71,7 @@ class DatingPreview:
     ends: tuple[str, ...] = ()
     choice: Dating | None = None
     kept: bool = False
+    tacho: TachoView | None = None
 
 
 def preview_dating(config: Config, section: SourceSection) -> DatingPreview | None:
@@ -135,10 +138,14 @@ def preview_dating(config: Config, section: SourceSection) -> DatingPreview | No
         return replace(
             found, problems=(f"no block comes of its first files: {refused.status}: {refused.reason}", *found.problems)
         )
+    tacho = tacho_view(first, config, section)
+    problem = None if tacho is None else tacho_problem(tacho)
+    found = replace(found, tacho=tacho)
     if first.start is None and not found.problems:
         found = replace(found, problems=("nothing dates its blocks; give start_utc",))
     time = None if first.start is None else _utc_text(first.start)
-    return replace(found, file=first.name, time_utc=time, elapsed_s=first.elapsed)
+    problems = found.problems if problem is None else (*found.problems, problem)
+    return replace(found, file=first.name, time_utc=time, elapsed_s=first.elapsed, problems=problems)
 
 
 def _is_path(url: str) -> bool:

@@ -154,8 +154,11 @@ class OperatingSection(Section):
         keys = ("speed_channel", "load_channel", "tacho_channel", "tacho_channel_b")
         return {key: column for key in keys if (column := getattr(self, key)) is not None}
 
-    def to_condition(self) -> ConditionSettings:
-        """Return the settings; a speed is sought within a quarter around ``speed_hz``, or from 5 to 100 Hz."""
+    def to_condition(self, *, pulses: bool = False) -> ConditionSettings:
+        """Return the settings; a speed is sought within a quarter around ``speed_hz``, or from 5 to 100 Hz.
+
+        ``pulses``: the source gives the times of the pulses of a tacho.
+        """
         limits = None
         if self.speed is not None or self.phase is not None:
             around = None if self.speed_hz is None else (self.speed_hz / _SPEED_FACTOR, self.speed_hz * _SPEED_FACTOR)
@@ -179,6 +182,7 @@ class OperatingSection(Section):
                 ratio=self.tacho_ratio,
                 level=self.tacho_level,
                 edge=self.tacho_edge,
+                of_source=pulses,
             ),
             speed_over_time=self.speed_over_time,
             phase=self.phase is not None,

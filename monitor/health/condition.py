@@ -72,7 +72,7 @@ class ConditionSettings:
     @property
     def varies(self) -> bool:
         """Whether more than constants is configured."""
-        return bool(self.channels) or self.speed_limits is not None or self.speed_read
+        return bool(self.channels) or self.speed_limits is not None or self.speed_read or self.tacho.of_source
 
 
 @dataclass(frozen=True)

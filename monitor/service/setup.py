@@ -260,7 +260,7 @@ def _channel_settings(
         rms_band=channel.rms_band_hz,
         interference=tuple(section.to_interference() for section in config.interference),
         average_blocks=channel.average_blocks,
-        condition=config.operating.to_condition(),
+        condition=config.operating.to_condition(pulses=source.pulses is not None),
         detect=config.detect.to_settings(),
         damage=damage,
         calibration=calibrated if damage is not None and damage.tracks_volume else None,

@@ -47,7 +47,7 @@ def find_rotation(block: Block, condition: ConditionSettings) -> FoundRotation:
     pulses = pulses_of(block, condition.tacho)
     if pulses is not None:
         found = _of_pulses(pulses, block.duration, condition.tacho.ratio)
-    elif condition.tacho.channel is not None:
+    elif condition.tacho.channel is not None or condition.tacho.of_source:
         found = FoundRotation(None, "none")
     if found.rotation is None and condition.speed_over_time:
         row = _row(block, condition.speed_channel)

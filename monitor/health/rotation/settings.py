@@ -18,6 +18,7 @@ class TachoSettings:
         ratio: turns of the shaft of the bearing per turn of the shaft with the marks.
         level: threshold in the unit of the channel, None: half way between its levels.
         edge: the edge of a pulse that counts.
+        of_source: whether the source gives the times of the pulses.
     """
 
     channel: str | None = None
@@ -27,6 +28,7 @@ class TachoSettings:
     ratio: float = 1.0
     level: float | None = None
     edge: Literal["rising", "falling"] = "rising"
+    of_source: bool = False
 
     @property
     def channels(self) -> tuple[str, ...]:
