@@ -21,7 +21,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from monitor.health.rotation.intervals import Intervals, TooFewPulsesError
+from monitor.health.rotation.intervals import Intervals, TooFewPulsesError, UnevenPulsesError, intervals
+from monitor.health.rotation.train import PulseTrain
 from monitor.health.spectrum.block_view import HIGHEST_BINS, MAX_FINE_LINES, RawSpectra
 from monitor.health.spectrum.comb import LineSpectrum, beside_shaft, line_spectrum
 from monitor.health.spectrum.family import FaultLines
@@ -197,6 +198,20 @@ def ias_view(spectrum: IasSpectrum) -> RawSpectra:
         width=each * spectrum.resolution,
         highest=np.maximum.reduceat(lines, starts).astype(np.float32),
     )
+
+
+def view_of(train: PulseTrain, ratio: float, error: NDArray[np.float64] | None = None) -> RawSpectra | None:
+    """Return what is kept of a block's angular speed to be looked at; None where its pulses have no spectrum.
+
+    Args:
+        train: repaired pulses.
+        ratio: turns of the bearing's shaft per turn of the shaft with the marks.
+        error: of the marks, as :func:`intervals` takes it.
+    """
+    try:
+        return ias_view(ias_spectrum(intervals(train, error), ratio))
+    except (TooFewPulsesError, UnevenPulsesError):
+        return None
 
 
 def _hann(count: int) -> NDArray[np.float64]:

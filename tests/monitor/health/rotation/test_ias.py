@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.interpolate import BSpline
 
 from monitor.health.rotation.ias import (
     HIGHEST_BINS,
@@ -18,6 +19,7 @@ from monitor.health.rotation.ias import (
     ias_spectrum,
     ias_view,
     interval_error,
+    view_of,
 )
 from monitor.health.rotation.intervals import MIN_TURNS, TooFewPulsesError, UnevenPulsesError, intervals
 from monitor.health.rotation.slow import slow_course
@@ -97,6 +99,17 @@ def test_the_slow_course_leaves_lines_and_takes_what_is_slow() -> None:
 def test_a_cubic_is_its_own_slow_course(size: int, cell: int, power: int) -> None:
     values = np.linspace(-1.0, 1.0, size) ** power
     np.testing.assert_allclose(slow_course(values, cell), values, atol=1e-9)
+
+
+@pytest.mark.parametrize(("size", "cell"), [(400, 40), (395, 40), (50, 64)])
+def test_the_slow_course_is_the_least_squares_spline(size: int, cell: int) -> None:
+    values = np.random.default_rng(size).normal(size=size)
+    cells = max(1, size // cell)
+    steps = -(-size // cells)
+    knots = np.arange(-3, cells + 4) * float(steps)
+    design = BSpline.design_matrix(np.arange(size) + 0.5, knots, 3).toarray()
+    oracle = design @ np.linalg.lstsq(design, values, rcond=None)[0]
+    np.testing.assert_allclose(slow_course(values, cell), oracle, atol=1e-9)
 
 
 @pytest.mark.parametrize(("values", "cell"), [(np.zeros(3), 8), (np.zeros((4, 4)), 8), (np.zeros(9), 3)])
@@ -194,6 +207,16 @@ def test_a_view_has_all_low_lines_and_the_highest_of_the_others() -> None:
     assert view.amplitude.size == 100 * TURNS + 1
     assert view.highest.size <= HIGHEST_BINS
     assert view.highest[int(320.0 / view.width)] == pytest.approx(1e-4 * RAD_S, rel=1e-3)
+
+
+def test_a_block_without_a_spectrum_has_no_view() -> None:
+    train = wheel(TURNS, lines=[(4.63, 1e-3, 0.0)])
+    view = view_of(train, 2.0)
+    assert view is not None
+    assert np.argmax(view.amplitude) * view.resolution == pytest.approx(4.63 / 2.0, abs=view.resolution)
+    stopped = PulseTrain(train.times + np.where(train.numbers > 30 * MARKS, 600.0, 0.0), train.numbers, MARKS)
+    for other in (wheel(MIN_TURNS - 1), wheel(200, marks=4), stopped):
+        assert view_of(other, 1.0) is None
 
 
 @pytest.mark.parametrize(
