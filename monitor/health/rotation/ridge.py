@@ -15,12 +15,13 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from models.bearing import Bearing
+from models.bearing import Bearing, kinematics
 from monitor.health.rotation.path import best_path
 from monitor.health.rotation.phase import correct, corrected, rows_by_angle
 from monitor.health.rotation.plane import LowRows, low_rows, plane_of
-from monitor.health.rotation.rotation import Rotation
+from monitor.health.rotation.rotation import Rotation, constant
 from monitor.health.rotation.throughout import agreement
+from monitor.health.spectrum.floor import MIN_FLOOR_BINS, noise_floor
 from monitor.health.spectrum.speed import SpeedEstimate, SpeedStatus, highest_line, speed_of_spectra, whitened
 from monitor.health.spectrum.transform import AmplitudeSpectrum
 
@@ -33,6 +34,11 @@ MIN_OWN_LINE = 2.5
 """Least height of a line of the shaft that is not one of a comb twice or three times as wide, ln of power."""
 MIN_AGREEMENT = 0.6
 """Least excess of the lines at their orders over those at any shifted ones, in each part of a block."""
+CLEARLY_LESS = 4.0
+_SLIP = np.linspace(-0.02, 0.01, 61)
+"""Score by which a path may be worse than one speed, where its lines stand higher; slip of the lines of a bearing."""
+_WANDER = (8.0, 2.0, 0.003)
+"""Window, spacing of knots and roughness, turns, of the phases about a steady speed."""
 _GROWTH = 1.2
 """Greatest relative change of the speed within a second, where no acceleration is stated."""
 _GROWTH_STEP = 0.2
@@ -48,7 +54,7 @@ _KNOT_TURNS = 2.0
 """Length of a window and roughness of the correction, turns, of each reading of the phases; spacing of its knots."""
 _LONGER, _LONGEST = 0.3, 8.0
 """Windows of a comb that begins at order n are 0.3 n times as long in its own turns, at most 8 times."""
-_SAME_SCALE = 0.03
+_SAME_SCALE = 0.005
 """Relative difference up to which the comb over the whole block is that of the path, and not a multiple of it."""
 _RANGE_SLACK = 0.03
 _END_TURNS = 0.05
@@ -93,23 +99,14 @@ def angle_from_vibration(
         return None, "cannot_tell"
     top = min(max(highest_line(bearing, high), (followed[-1] + followed[0]) * high), 0.45 * rate)
     signals = low_rows(samples, rate, top)
-    base = float(followed[0])
-    multiples = followed / base
-    reach = base * low, min(base * high, top / (multiples[-1] + 0.5))
-    longer = min(max(1.0, _LONGER * base), _LONGEST)
+    steady = _steady(signals, bearing, limits, followed)
     growth = _GROWTH if max_acceleration is None else min(_GROWTH, max_acceleration / low)
-    try:
-        rotation = _scaled(_followed(signals, reach, multiples, growth, longer), 1.0 / base)
-        found = _verdict(signals, rotation, bearing, limits, followed)
-        if found.status == SpeedStatus.OK and abs(found.speed / rotation.mean_speed - 1.0) > _SAME_SCALE:
-            # The path is that of another comb, which tells the speed of the shaft: its own orders are read as well.
-            rotation = _scaled(rotation, found.speed / rotation.mean_speed)
-            if max(rotation.speed_range) * float(followed[-1]) < 0.95 * top:
-                rotation = _scaled(_by_phases(signals, _scaled(rotation, base), multiples, longer), 1.0 / base)
-            found = _verdict(signals, rotation, bearing, limits, followed)
-    except ValueError:
-        # A path through noise may turn back: that is no rotation.
-        return None, "cannot_tell"
+    rotation, found = _varying(signals, bearing, limits, followed, growth)
+    if rotation is None or not _sharper(signals, (rotation, found), steady, bearing, followed):
+        rotation, found = steady
+        if found.status == SpeedStatus.OK:
+            sd = _wander(signals, rotation, followed)
+            rotation = replace(rotation, source="phase", turns_sd=sd)
     if found.status != SpeedStatus.OK or abs(found.speed / rotation.mean_speed - 1.0) > _SAME_SCALE:
         return None, "cannot_tell"
     if rotation.turns_sd > MAX_TURNS_SD or not _holds(signals, rotation, followed):
@@ -117,6 +114,77 @@ def angle_from_vibration(
     ends = _END_TURNS / rotation.turned
     speed_sd = math.hypot(rotation.speed_sd, ends, found.sd / found.speed)
     return replace(rotation, duration=duration, speed_sd=speed_sd), "ok"
+
+
+_Candidate = tuple[Rotation, SpeedEstimate]
+
+
+def _steady(signals: LowRows, bearing: Bearing, limits: tuple[float, float], orders: NDArray[np.float64]) -> _Candidate:
+    """Return the rotation at the one speed that fits best, and the verdict on it."""
+    begin = constant(0.5 * (limits[0] + limits[1]), signals.duration)
+    found = _verdict(signals, begin, bearing, limits, orders)
+    return (constant(found.speed, signals.duration) if found.status == SpeedStatus.OK else begin), found
+
+
+def _varying(
+    signals: LowRows, bearing: Bearing, limits: tuple[float, float], orders: NDArray[np.float64], growth: float
+) -> tuple[Rotation | None, SpeedEstimate]:
+    """Return the rotation of the best path, at the scale of the shaft where it can be told, and the verdict on it."""
+    base = float(orders[0])
+    multiples = orders / base
+    reach = base * limits[0], min(base * limits[1], signals.top / (float(multiples[-1]) + 0.5))
+    longer = min(max(1.0, _LONGER * base), _LONGEST)
+    try:
+        rotation = _scaled(_followed(signals, reach, multiples, growth, longer), 1.0 / base)
+        found = _verdict(signals, rotation, bearing, limits, orders)
+        if found.status == SpeedStatus.OK and abs(found.speed / rotation.mean_speed - 1.0) > _SAME_SCALE:
+            # The path is that of another comb, which tells the speed of the shaft: its own orders are read as well.
+            rotation = _scaled(rotation, found.speed / rotation.mean_speed)
+            if max(rotation.speed_range) * float(orders[-1]) < 0.95 * signals.top:
+                rotation = _scaled(_by_phases(signals, _scaled(rotation, base), multiples, longer), 1.0 / base)
+            found = _verdict(signals, rotation, bearing, limits, orders)
+    except ValueError:
+        # A path through noise may turn back: that is no rotation.
+        return None, SpeedEstimate(SpeedStatus.CANNOT_TELL)
+    return rotation, found
+
+
+def _sharper(
+    signals: LowRows, path: _Candidate, steady: _Candidate, bearing: Bearing, orders: NDArray[np.float64]
+) -> bool:
+    """Return whether the lines stand clearer along a path than at one speed: a path through weak lines blurs others."""
+    if path[1].score < steady[1].score - CLEARLY_LESS:
+        return False
+    if SpeedStatus.OK in (path[1].status, steady[1].status) and path[1].status != steady[1].status:
+        return path[1].status == SpeedStatus.OK
+    return _line_height(signals, path[0], bearing, orders) > _line_height(signals, steady[0], bearing, orders)
+
+
+def _line_height(signals: LowRows, rotation: Rotation, bearing: Bearing, orders: NDArray[np.float64]) -> float:
+    """Return the sum of the heights of the lines of the shaft, and of the best comb of the bearing, ln of power."""
+    lines = kinematics(bearing, 1.0)
+    total = 0.0
+    for row in _by_angle(signals, rotation)[2]:
+        tiny = float(np.finfo(np.float32).tiny)
+        floor = np.maximum(noise_floor(row, MIN_FLOOR_BINS), tiny)
+        height = np.maximum(np.log(np.maximum(np.square(row, dtype=np.float64), tiny) / floor), 0.0)
+        tops = np.maximum(height, np.maximum(np.roll(height, 1), np.roll(height, -1)))
+
+        def at(places: NDArray[np.float64], tops: NDArray[np.float64] = tops) -> NDArray[np.float64]:
+            bins = np.rint(places * rotation.turned).astype(np.intp)
+            return np.where(bins < tops.size, tops[np.minimum(bins, tops.size - 1)], 0.0)
+
+        combs = np.outer(1.0 + _SLIP, np.arange(1.0, 5.0))
+        races = [at(line * combs).sum(axis=1).max() for line in (lines.ftf, lines.bpfo, lines.bpfi, 2.0 * lines.bsf)]
+        total += float(at(orders).sum()) + max(map(float, races))
+    return total
+
+
+def _wander(signals: LowRows, rotation: Rotation, orders: NDArray[np.float64]) -> float:
+    """Return how far the phases of the orders wander about a steady speed, standard deviation, turns."""
+    found = correct(signals, rotation, orders, *_WANDER)
+    line = np.polyfit(found.turn, found.ahead, 1)
+    return math.hypot(float(np.std(found.ahead - np.polyval(line, found.turn))), found.sd)
 
 
 def _followed(
