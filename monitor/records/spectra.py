@@ -199,19 +199,57 @@ def pack_view(view: BlockView) -> tuple[dict[str, Any], bytes]:
         "sizes": [len(fine), len(highest), len(waveform)],
         "scales": [fine_scale, highest_scale, step],
     }
-    return header, fine + highest + waveform
+    blob = fine + highest + waveform
+    if view.ias is not None:
+        fine, fine_scale = pack_amplitude(view.ias.amplitude)
+        highest, highest_scale = pack_amplitude(view.ias.highest)
+        header["ias"] = {
+            "resolution": view.ias.resolution,
+            "width": view.ias.width,
+            "sizes": [len(fine), len(highest)],
+            "scales": [fine_scale, highest_scale],
+        }
+        blob += fine + highest
+    return header, blob
 
 
 def unpack_view(header: Mapping[str, Any], blob: bytes) -> BlockView:
     """Return what :func:`pack_view` packed: amplitudes to 0.05 %, samples to 1.5e-5 of the largest."""
+    fine, highest, waveform = _parts(header, blob, ("<f2", "<f2", "<i2"))
+    spectra = RawSpectra(header["resolution"], fine, header["width"], highest)
+    ias = header.get("ias")
+    if ias is not None:
+        fine, highest = _parts(ias, blob[sum(header["sizes"]) :], ("<f2", "<f2"))
+        ias = RawSpectra(ias["resolution"], fine, ias["width"], highest)
+    return BlockView(header["rate"], header["samples"], spectra, waveform, ias)
+
+
+def _parts(header: Mapping[str, Any], blob: bytes, kinds: Sequence[str]) -> list[NDArray[np.float64]]:
+    """Return the arrays that stand one after the other, each times its scale."""
     ends = np.cumsum(header["sizes"])
     parts = (blob[end - size : end] for end, size in zip(ends, header["sizes"], strict=True))
-    fine, highest, waveform = (
+    return [
         np.frombuffer(part, dtype=kind).astype(np.float64) * scale
-        for part, kind, scale in zip(parts, ("<f2", "<f2", "<i2"), header["scales"], strict=True)
+        for part, kind, scale in zip(parts, kinds, header["scales"], strict=True)
+    ]
+
+
+def read_ias(place: Queryable, source: str, *, until: int | None = None) -> SpectrumRow | None:
+    """Return the latest kept spectrum of a source with one of the angular speed; None where there is none.
+
+    Args:
+        source: of any of its channels.
+        until: greatest number of the block.
+    """
+    if not place.rows("SELECT 1 FROM pragma_table_info('spectra') WHERE name = 'view'"):
+        return None
+    query = (
+        f"SELECT {_ROW}, view FROM spectra WHERE source = ? AND sequence <= ? AND view NOT NULL"
+        " AND instr(header, ?) ORDER BY sequence DESC LIMIT 1"
     )
-    spectra = RawSpectra(header["resolution"], fine, header["width"], highest)
-    return BlockView(header["rate"], header["samples"], spectra, waveform)
+    for *row, blob in place.rows(query, source, 2**62 if until is None else until, '"ias":'):
+        return replace(_row_of(tuple(row)), view=unpack_view(json.loads(row[4])["view"], blob))
+    return None
 
 
 def read_kurtogram(

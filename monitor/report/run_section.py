@@ -15,6 +15,7 @@ from monitor.report.bearings import BearingPart, bearing_parts
 from monitor.report.calibration import is_calibrated
 from monitor.report.figures.damage import damaged_volume, fitted_law, forecasts
 from monitor.report.figures.drawing import Picture, sparkline
+from monitor.report.figures.ias import ias_picture
 from monitor.report.figures.kurtogram import kurtograms
 from monitor.report.figures.map_path import hash_of, kept_map, map_path, posterior
 from monitor.report.figures.raw_block import raw_block
@@ -233,6 +234,7 @@ def _spectra(context: ChannelContext, options: Options, view: SpectrumView | Non
             found.append(recorded_lines(channel, row, numbers))
     if options.holds("raw"):
         found.append(raw_block(context.run.views.get(channel.name, ()), context))
+        found.append(ias_picture(context.run.ias.get(channel.name, ()), context))
     if options.holds("waterfall"):
         found.append(waterfall(rows, context))
     if options.holds("kurtogram"):

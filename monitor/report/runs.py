@@ -6,7 +6,6 @@ import json
 import math
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -23,9 +22,9 @@ from monitor.records.database import StoreError
 from monitor.records.dataset import words
 from monitor.records.moved_days import absence_text, moved_days
 from monitor.records.publish import PublishError, day_dataset, days
-from monitor.records.spectra import read_block_view, read_spectra, viewed_blocks
 from monitor.records.store import Store
 from monitor.records.tables import CONDENSED_VERSION
+from monitor.report.beside import Beside, read_beside
 from monitor.words.numbers import count
 
 Records = xr.Dataset | Store | Path | str
@@ -101,6 +100,7 @@ class Run:
         attributes: provenance of the records; values joined by "; " where parts differ.
         spectra: kept envelope spectra by channel; empty unless read from a store.
         views: the newest spectrum with raw spectrum and waveform by channel, after one from before the onset.
+        ias: likewise rows with a spectrum of the angular speed, by the one channel of a source that has it.
         particles: of the physical tracker after the last block, by channel; empty unless read from a store.
         label: unique among the runs of a report: the machine, with the folder where several have its name.
     """
@@ -115,18 +115,9 @@ class Run:
     attributes: Mapping[str, str] = field(default_factory=dict)
     spectra: Mapping[str, Sequence[SpectrumRow]] = field(default_factory=dict)
     views: Mapping[str, Sequence[SpectrumRow]] = field(default_factory=dict)
+    ias: Mapping[str, Sequence[SpectrumRow]] = field(default_factory=dict)
     particles: Mapping[str, Particles] = field(default_factory=dict)
     label: str = ""
-
-
-@dataclass(frozen=True, eq=False)
-class _Store:
-    """What a store holds beside records: blocks by status, spectra and particles by channel."""
-
-    counts: Mapping[str, int]
-    spectra: Mapping[str, Sequence[SpectrumRow]]
-    views: Mapping[str, Sequence[SpectrumRow]]
-    particles: Mapping[str, Particles]
 
 
 def read_runs(records: Records | Sequence[Records]) -> list[Run]:
@@ -143,7 +134,7 @@ def read_runs(records: Records | Sequence[Records]) -> list[Run]:
     """
     items = [records] if isinstance(records, xr.Dataset | Store | Path | str) else list(records)
     parts: dict[_Key, list[xr.Dataset]] = {}
-    stores: dict[tuple[str, str], _Store] = {}
+    stores: dict[tuple[str, str], Beside] = {}
     for item in items:
         place = _place(item) if len(items) > 1 else ""
         for dataset, store in _datasets(item):
@@ -187,15 +178,15 @@ def _labelled(runs: Mapping[_Key, Run]) -> list[Run]:
     return labelled
 
 
-def _datasets(item: Records) -> Iterable[tuple[xr.Dataset, _Store | None]]:
+def _datasets(item: Records) -> Iterable[tuple[xr.Dataset, Beside | None]]:
     """Yield the datasets of one item, with what its store holds beside records."""
     if isinstance(item, xr.Dataset):
         yield item, None
     elif isinstance(item, Store):
-        beside: _Store | None = None
+        beside: Beside | None = None
         absent = _condensed_text(item)
         for day, _ in days(item):
-            beside = beside or _beside(item)
+            beside = beside or read_beside(item)
             yield _with_absence(day_dataset(item, day), absent), beside
     else:
         found: dict[str, str | None] = {}
@@ -225,29 +216,6 @@ def _condensed_text(store: Store) -> str | None:
         return None
     blocks = store.rows("SELECT sum(blocks) FROM condensed_days")[0][0]
     return f"full records of {count(blocks, 'older block')} are in the published files only" if blocks else None
-
-
-def _beside(store: Store) -> _Store:
-    """Read what a store holds beside records; particles of another version are left out."""
-    states = {key.split(":", 2)[2]: state for key, state in store.load_states().items() if key.startswith("channel:")}
-    particles: dict[str, Particles] = {}
-    for name, state in states.items():
-        stored = ((state.get("damage") or {}).get("filter") or {}).get("particles")
-        if stored:
-            with suppress(KeyError, ValueError, TypeError):
-                particles[name] = Particles.from_dict(stored)
-    spectra = {name: read_spectra(store, name) for name in states}
-    return _Store(
-        store.counts(), spectra, {name: _views(store, name, state) for name, state in states.items()}, particles
-    )
-
-
-def _views(store: Store, name: str, state: Mapping[str, Any]) -> list[SpectrumRow]:
-    """Return the newest block with a view, after the middle one of those before the final stage."""
-    onset = ((state.get("detect") or {}).get("t_fs") or {}).get("sequence")
-    before = [] if onset is None else [number for number in viewed_blocks(store, name) if number < onset]
-    at = [before[len(before) // 2], None] if before else [None]
-    return [row for block in at if (row := read_block_view(store, name, at=block)) is not None]
 
 
 def _files(path: Path) -> list[Path]:
@@ -389,10 +357,11 @@ def _fold_rejected(runs: dict[_Key, Run], machine: str, place: str) -> None:
     del runs[machine, place, False]
 
 
-def _complete(runs: dict[_Key, Run], machine: str, place: str, store: _Store) -> None:
+def _complete(runs: dict[_Key, Run], machine: str, place: str, store: Beside) -> None:
     """Add what the store holds beside records, if it holds one run; its counts include blocks without a record."""
     keys = [key for key in runs if key[:2] == (machine, place)]
     if len(keys) == 1:
         found = runs[keys[0]]
         mine = {name: rows for name, rows in store.spectra.items() if rows and name in found.channels}
-        runs[keys[0]] = replace(found, counts=store.counts, spectra=mine, views=store.views, particles=store.particles)
+        beside = {"views": store.views, "ias": store.ias, "particles": store.particles}
+        runs[keys[0]] = replace(found, counts=store.counts, spectra=mine, **beside)

@@ -45,7 +45,9 @@ _ADDRESSES = (
     (re.compile(r"^/static/.*"), "/static"),
     (re.compile(r"^/records/.*"), "/records"),
     (
-        re.compile(r"^/api/(machines|channels)/[^/]+/[^/]+/(records|spectrum|raw|waveform|waterfall|kurtogram|map)$"),
+        re.compile(
+            r"^/api/(machines|channels)/[^/]+/[^/]+/(records|spectrum|raw|ias|waveform|waterfall|kurtogram|map)$"
+        ),
         r"/api/channels/\2",
     ),
     (re.compile(r"^/api/(channels/[^/]+|machines/[^/]+/channels)/[^/]+$"), "/api/channels"),

@@ -15,6 +15,7 @@ from monitor.records.spectra import (
     in_orders,
     kept_blocks,
     read_block_view,
+    read_ias,
     read_kurtogram,
     read_spectra,
     viewed_blocks,
@@ -63,6 +64,26 @@ def raw_spectrum(machine: Machine, channel: str, query: Query) -> dict[str, Any]
         "highest_g": numbers(spectra.highest * factor, 4),
         "shared_lines": _shared(row, spectra.resolution),
         "blocks": viewed_blocks(machine.store, channel, source=row.source),
+    }
+
+
+def ias(machine: Machine, channel: str, query: Query) -> dict[str, Any]:
+    """Return the latest spectrum of the angular speed, of a block or before it; 404 without one."""
+    section = machine.channel(channel)
+    block = whole_number(query, "block", 0, 0, 2**62)
+    row = read_ias(machine.store, section.source, until=block or None)
+    found = None if row is None or row.view is None else row.view.ias
+    if row is None or row.view is None or found is None:
+        raise RequestError(404, "no spectrum of the angular speed is kept yet")
+    # It belongs to the source; the lines are those of the bearing of the channel that is asked for.
+    own = read_spectra(machine.store, channel, source=section.source, at=row.sequence) or [row]
+    return {
+        **_about(own[0], row.view),
+        "unit": "rad/s",
+        "resolution_order": found.resolution,
+        "amplitude_rad_s": numbers(found.amplitude, 4),
+        "width_order": found.width,
+        "highest_rad_s": numbers(found.highest, 4),
     }
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -19,10 +20,11 @@ from monitor.health.rotation.pulse_counts import PulseCounts
 from monitor.health.rotation.rotation import Rotation
 from monitor.health.rotation_values import rotation_values
 from monitor.health.schema import DOMAINS, ROTATION_STATUSES
+from monitor.health.spectrum.block_view import BlockView, RawSpectra
 from monitor.health.state import ChannelState
 from monitor.health.waterfall import SpectrumChange
 from monitor.records.dataset import from_dataset, to_dataset
-from monitor.records.spectra import read_spectra
+from monitor.records.spectra import read_block_view, read_ias, read_spectra
 from monitor.records.store import Store
 from monitor.service.record_message import StoredRecord, channel_values
 from monitor.words.rotation import DOMAINS as DOMAIN_WORDS
@@ -114,6 +116,36 @@ def test_the_kept_spectrum_comes_back_with_its_speeds(tmp_path: Path) -> None:
         store.commit_many([(Record("s", 1, "b1", "h"), {})], spectra=[SpectrumChange(row, "kept")])
         (read,) = read_spectra(store, "x")
     assert (read.domain, read.speed_range, read.speed_course) == (row.domain, (20.0, 30.0), row.speed_course)
+
+
+def test_the_spectrum_of_the_angular_speed_is_kept_for_the_source(tmp_path: Path) -> None:
+    _, output = output_of(rotation=rotation(), rotation_status="ok")
+    block = Block(SAMPLES[None, :], RATE, ("x",), ("m/s2",), "s", 1, "b1")
+    row = spectrum_row(block, "x", base().bearing, output)
+    assert row is not None
+    raw = RawSpectra(1.0, np.arange(50.0), 4.0, np.arange(20.0))
+    ias = RawSpectra(0.04, np.linspace(0.0, 2.0, 300), 0.1, np.linspace(0.0, 3.0, 200))
+    rows = [
+        replace(row, sequence=number, view=BlockView(RATE, 64, raw, SAMPLES[:64], kept))
+        for number, kept in ((1, ias), (2, None))
+    ]
+    with Store.open(tmp_path / "state.db", machine="m") as store:
+        records = [(Record("s", one.sequence, "b", "h"), {}) for one in rows]
+        store.commit_many(records, spectra=[SpectrumChange(one, "kept") for one in rows])
+        found, none = read_ias(store, "s"), read_ias(store, "other")
+        assert read_ias(store, "s", until=0) is None
+        without = read_block_view(store, "x")
+    assert found is not None
+    assert found.view is not None
+    assert found.view.ias is not None
+    assert found.sequence == 1
+    assert none is None
+    np.testing.assert_allclose(found.view.ias.amplitude, ias.amplitude, rtol=1e-3, atol=1e-6)
+    np.testing.assert_allclose(found.view.ias.highest, ias.highest, rtol=1e-3, atol=1e-6)
+    np.testing.assert_allclose(found.view.waveform, SAMPLES[:64], atol=1e-3)
+    assert without is not None
+    assert without.view is not None
+    assert without.view.ias is None
 
 
 def test_published_files_give_the_values_back(tmp_path: Path) -> None:

@@ -43,12 +43,15 @@ class BlockView:
         rate: sampling rate, Hz.
         samples: of the whole block.
         waveform: (n,) its first samples, m/s2 or in the channel's unknown unit, the mean included.
+        ias: spectrum of the angular speed, rad/s over events per revolution in place of Hz; None where pulses do not
+            give one, and but for one channel of a source.
     """
 
     rate: float
     samples: int
     spectra: RawSpectra
     waveform: NDArray[np.floating]
+    ias: RawSpectra | None = None
 
 
 def raw_spectra(spectrum: NDArray[np.complexfloating], n_used: int, rate: float, scale: float = 1.0) -> RawSpectra:

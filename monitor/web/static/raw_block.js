@@ -6,13 +6,24 @@ import { fill, h, setText } from "./dom.js";
 import { exportButtons } from "./exporting.js";
 import * as fmt from "./fmt.js";
 import { colour } from "./prefs.js";
-import { baselineBlock, quantityOf, toVelocity, turnMarks } from "./spectral.js";
+import { QUANTITIES, baselineBlock, quantityOf, toVelocity, turnMarks } from "./spectral.js";
 import { otherBlocks } from "./spectrum.js";
 import { SpectrumPlot } from "./spectrum_plot.js";
 import { LINE_NAMES, PARTS } from "./words.js";
 
-const KINDS = [["acceleration", "acceleration"], ["velocity", "velocity"], ["waveform", "waveform"]];
+const KINDS = [["acceleration", "acceleration"], ["velocity", "velocity"], ["waveform", "waveform"], ["ias", "angular speed"]];
+const PARTS_OF = { waveform: "waveform", ias: "ias" };
+const NO_IAS = "No spectrum of the angular speed is kept: it needs at least 8 marks a turn and 16 turns in a block, and is made for the blocks of the waterfall.";
 const NOTHING = "Nothing is kept of the samples of this block. They are kept for the newest block and for those of the waterfall, from this version of the program on; other blocks stand in the files of the logger alone.";
+
+/** A spectrum over events per revolution in the form of the raw one: in Hz at the mean speed. */
+function overOrders(answer) {
+  const { speed_hz: speed } = answer;
+  return {
+    ...answer, domain: "order", amplitude_g: answer.amplitude_rad_s, highest_g: answer.highest_rad_s,
+    resolution_hz: answer.resolution_order * speed, width_hz: answer.width_order * speed,
+  };
+}
 
 /** All lines up to 1 kHz, then the highest in each bin up to the Nyquist frequency. */
 function traceOf(answer, kind) {
@@ -23,7 +34,7 @@ function traceOf(answer, kind) {
   for (let k = first; k < answer.highest_g.length; k += 1) frequency.push((k + 0.5) * answer.width_hz);
   const trace = {
     ...answer,
-    ...quantityOf("acceleration", answer.unit),
+    ...(kind === "ias" ? QUANTITIES.ias : quantityOf("acceleration", answer.unit)),
     frequency,
     amplitude: [...answer.amplitude_g, ...answer.highest_g.slice(first)],
     resolution: answer.resolution_hz,
@@ -46,9 +57,9 @@ export class RawBlock {
       info: options.info,
       zone: options.zone,
       name: `${options.machine}-${options.channel}-${this.kind}`,
-      title: (trace) => `${trace.unit === "mm/s" ? "Velocity" : "Acceleration"} spectrum of block ${trace.block}`,
+      title: (trace) => `${{ "mm/s": "Velocity", "rad/s": "Angular speed" }[trace.unit] ?? "Acceleration"} spectrum of block ${trace.block}`,
       describe: (trace) => this.describe(trace),
-      others: () => otherBlocks(this.answer?.blocks ?? [], this.answer?.block, options.info()?.state),
+      others: () => (this.kind === "ias" ? [] : otherBlocks(this.answer?.blocks ?? [], this.answer?.block, options.info()?.state)),
       compare: async (value) => traceOf(await this.ask(
         "raw",
         value === "baseline" ? baselineBlock(this.answer.blocks.filter((block) => block !== this.answer.block), options.info()?.state) : Number(value),
@@ -69,6 +80,7 @@ export class RawBlock {
 
   choose(kind) {
     this.kind = kind;
+    this.plot.destroy();
     this.tabs.forEach((tab, index) => tab.setAttribute("aria-pressed", String(KINDS[index][0] === kind)));
     this.plot.options.name = `${this.options.machine}-${this.options.channel}-${kind}`;
     this.load(this.block);
@@ -77,6 +89,7 @@ export class RawBlock {
   describe(answer) {
     const when = fmt.moment(answer.time_s, { dated: this.options.info()?.dated, zone: this.options.zone() });
     const seconds = fmt.isNumber(answer.samples) ? `; ${fmt.number(answer.samples / answer.rate_hz, 3)} s at ${fmt.number(answer.rate_hz)} Hz` : "";
+    if (answer.domain === "order") return `${when}, block ${answer.block}${seconds}; ${fmt.number(answer.resolution_order, 2)} events per revolution a line`;
     const beyond = answer.highest_g && this.kind !== "velocity" ? `; ${fmt.number(answer.resolution_hz, 2)} Hz a line up to ${fmt.hertz((answer.amplitude_g.length - 1) * answer.resolution_hz, 3)}, above it the highest in each ${fmt.hertz(answer.width_hz, 3)}` : "";
     const speeds = fmt.speeds(answer.speed_range_hz);
     const smeared = speeds ? `; ${speeds}${answer.highest_g ? ": over time, where lines of the shaft smear" : ""}` : "";
@@ -89,17 +102,17 @@ export class RawBlock {
     this.stale = !this.visible;
     if (this.stale) return;
     const turn = (this.turn = (this.turn ?? 0) + 1);
-    const part = this.kind === "waveform" ? "waveform" : "raw";
+    this.tabs.at(-1).hidden = !this.options.info()?.state?.rotation_status;
     try {
-      const answer = await this.ask(part, block);
+      const answer = await this.ask(PARTS_OF[this.kind] ?? "raw", block);
       if (turn !== this.turn) return;
-      this.answer = answer;
+      this.answer = this.kind === "ias" ? overOrders(answer) : answer;
       await this.draw();
     } catch (error) {
       if (turn !== this.turn) return;
       this.answer = null;
       this.plot.destroy();
-      if (error.status === 404) sayInstead(this.body, NOTHING);
+      if (error.status === 404) sayInstead(this.body, this.kind === "ias" ? NO_IAS : NOTHING);
       else sayInstead(this.body, `The block could not be read: ${error.message}`, () => this.load(block));
     }
   }

@@ -9,7 +9,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+from monitor.health.spectrum.block_view import BlockView, RawSpectra
+from monitor.health.waterfall import SpectrumRow
 from monitor.report.comparison import speeds
+from monitor.report.figures.ias import ias_picture
 from monitor.report.figures.speed import speed_picture
 from monitor.report.runs import Channel, Run
 from monitor.report.speed import rotation_table, speed_words
@@ -78,3 +81,20 @@ def test_a_run_whose_angle_was_never_found_has_words_alone(run: Run, channel: Ch
     assert speed_picture(found, context_of(run, channel).clock, numbers()) is None
     (sentence,) = speed_words(found)
     assert sentence.startswith("x, y: spectra in orders of the shaft in 0% of")
+
+
+def test_the_spectrum_of_the_angular_speed_has_the_lines_of_the_part(run: Run, channel: Channel) -> None:
+    raw = RawSpectra(1.0, np.ones(4), 4.0, np.ones(4))
+    amplitude = np.full(2000, 1e-4)
+    amplitude[round(3.0 / 0.02)] = 0.05
+    ias = RawSpectra(0.02, amplitude, 0.1, np.ones(40))
+    lines = {"outer": 75.0, "inner": 125.0}
+    row = SpectrumRow("s", channel.name, 9, 0.0, 1.0, (0.0, 1.0), 25.0, 1.0, True, np.ones(4), lines)
+    shown = replace(row, view=BlockView(1000.0, 64, raw, np.ones(4), ias))
+    picture = ias_picture([row, shown], context_of(run, channel))
+    data = drawn(picture)
+    assert picture is not None
+    assert "BPFO 3" in picture.svg
+    (found,) = data.values()
+    assert found["order"][int(np.argmax(found["amplitude_rad_s"]))] == pytest.approx(3.0, abs=0.02)
+    assert ias_picture([row], context_of(run, channel)) is None
