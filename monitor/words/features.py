@@ -225,15 +225,15 @@ fault_depth | record only | | depth | | \
 fault_score | record only | | score | | evidence of the best family of fault lines | monitor/health/naming.py
 dphi_d | angle | | dphi_d | | angular extent of the equivalent defect | {_STAGES}
 h_d | depth | | h_d | | depth of the equivalent defect | {_STAGES}
-speed_min | speed in the block | speed | | least speed | least rotation frequency in the block | {ROTATION}
-speed_max | speed in the block | speed | | highest speed | highest rotation frequency in the block | {ROTATION}
+speed_min | speed in the block | speed | | least speed | least speed in the block | {ROTATION}
+speed_max | speed in the block | speed | | highest speed | highest speed in the block | {ROTATION}
 acceleration | rate of speed | | | change of the speed | \
-    change of the speed from the beginning to the end of the block over its duration | {ROTATION}
+    change of the speed over the block, per second | {ROTATION}
 revolutions | optional number | | | | revolutions of the shaft in the block | {ROTATION}
 encoder_error | optional angle | | | error of the marks | \
-    rms of the learned geometric error of the marks of tacho or encoder | {ROTATION}
+    rms of the learned error of the marks | {ROTATION}
 level_rms | optional score | level_rms | | RMS over the expected one | \
-    rms over what its learned dependence on speed and load gives | monitor/health/detect
+    rms over what is learned for speed and load | monitor/health/detect
 """
 
 _FOUND_LINES = "lines within 2 % of BPFO, printed at BPFO"
