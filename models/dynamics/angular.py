@@ -1,10 +1,10 @@
 """An elastic shaft on two ball bearings in the angular domain (Thibault et al. 2022): its instantaneous angular speed.
 
 ``models/dynamics/angular_plan.py`` states what moves, ``models/kernels/angular.py`` how it is integrated: Runge-Kutta
-steps of order four and of equal angle of the encoder's node. Sensors: "ias" is the angular speed at that node less the
-nominal one, rad/s; "a", "b" and "c" are the accelerations of both inner rings and of the disc. The motion begins at
-rest in the equilibrium of the turning shaft, the beginning is dropped, and what remains is averaged
-(``models.dynamics.over_time``). ``trace`` gives it over the angle.
+steps of order four and of equal angle of the encoder's node, or in proportion to a nominal speed that changes.
+Sensors: "ias" is the angular speed at that node less the nominal one, rad/s; "a", "b" and "c" are the accelerations of
+both inner rings and of the disc. The motion begins at rest in the equilibrium of the turning shaft, the beginning is
+dropped, and what remains is averaged (``models.dynamics.over_time``). ``trace`` gives it over the angle.
 
 Readings of the source; numbers are those of the corrections in docs/evidence/models.md.
 
@@ -12,7 +12,8 @@ Readings of the source; numbers are those of the corrections in docs/evidence/mo
   contact angle at which the ball touches. ``Defect.position`` is the middle, on the inner race in the shaft's frame.
 * The cage turns with the mean contact angle of the moment (Eqs. 13 and 14); the centrifugal force, which that angle
   depends on, takes its mean over a passage of the balls.
-* Left out are the gyroscopic moments of shaft and balls, as there.
+* Left out are the gyroscopic moments of shaft and balls, as there, and the push of an unbalance against a change of the
+  speed. Modes, load torque and governor are those of the scene's speed where that changes.
 
 It takes no parameters of another model: torsion and contact angles have no counterpart in those.
 """
@@ -27,11 +28,13 @@ import numpy as np
 
 from models.checks import check_positive
 from models.dynamics.angular_plan import GOVERNOR_RATIO, Assembly, assemble, at_rest, prepare_plan
-from models.dynamics.over_time import LOOKED_AT, Motion, answer, duration_of
+from models.dynamics.over_time import LOOKED_AT, Motion, answer
+from models.dynamics.turning import lead_in
 from models.kernels import angular as kernels
 from models.kernels.ball_ring import CARRIED, LEFT, TORQUE
 from models.registry import Request, Solver, check_effects
 from models.rigs.angular import AngularRig
+from models.speed_profile import constant
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -62,7 +65,7 @@ _SHARE_OF_STABLE = 0.7
 _STABLE = 2.7
 # Stiffness of the bearings over that in equilibrium, beside what further loads do.
 _STIFFER = 1.5
-# Steps of equal angle are taken for the lowest speed, less what the shaft oscillates.
+# Steps of an angle are taken for a speed that is lower than the nominal one by what the shaft oscillates.
 _LOWEST = 0.999
 _SETTLE_CONSTANTS = 7.0
 _BUILD_UP_CONSTANTS = 2.0
@@ -114,15 +117,17 @@ def solve(scene: Scene, request: Request) -> Response:
         ValueError: if the scene or the request is outside what is solved here; the message names it.
     """
     check_effects(scene, EFFECTS, MODEL)
-    settle = settling(scene)
-    lowest = _lowest_speed(scene, duration_of(request, settle))
+    settle, profile, nominal = settling(scene), scene.rotation(request.duration), None
+    if profile is not None:
+        lead = lead_in(settle, request.rate)
+        settle, nominal = lead - 0.5 / request.rate, profile.delayed(lead)
     assembly = assemble(scene)
-    plan = prepare_plan(scene, assembly, request.direction)
-    rest = at_rest(plan, assembly)
+    plan = prepare_plan(scene, assembly, request.direction, nominal)
+    rest, turned = at_rest(plan, assembly), _LOWEST * 2.0 * math.pi * scene.speed
 
     def from_rest(steps: int, oversampling: int) -> tuple[NDArray[np.float64], bool]:
         wave, h = np.zeros((steps, len(SENSORS))), 1.0 / (request.rate * oversampling)
-        finite = kernels.run(rest.copy(), wave, h, h * lowest, plan, kernels.new_work(plan)) == kernels.STATUS_OK
+        finite = kernels.run(rest.copy(), wave, h, h * turned, plan, kernels.new_work(plan)) == kernels.STATUS_OK
         if not finite:
             # Not what was written before it broke off: shorter steps shall be tried.
             wave[:] = math.inf
@@ -138,6 +143,8 @@ def solve(scene: Scene, request: Request) -> Response:
         settle=settle,
         repeats=_repeats(scene, assembly),
         build_up=_build_up(scene),
+        profile=constant(scene.speed, request.duration) if profile is None else profile,
+        per_turn=None if profile is None else _bpfo(scene, assembly) / scene.speed,
     )
     return answer(motion, request, longest_step(scene, plan))
 
@@ -155,7 +162,7 @@ def trace(scene: Scene, turns: float, step: float) -> Trace:
     check_effects(scene, EFFECTS, MODEL)
     check_positive(turns=turns, step=step)
     assembly = assemble(scene)
-    plan = prepare_plan(scene, assembly)
+    plan = prepare_plan(scene, assembly, profile=scene.rotation(_slope_over(scene, turns)))
     rows = np.zeros((max(1, round(2.0 * math.pi * turns / step)), kernels.TRACE))
     status = kernels.trace(at_rest(plan, assembly), rows, step, plan, kernels.new_work(plan))
     carried = rows[:, 2 + kernels.SENSORS :].reshape(len(rows), 2, CARRIED)
@@ -163,19 +170,20 @@ def trace(scene: Scene, turns: float, step: float) -> Trace:
     return Trace(step, rows[:, 0], rows[:, 1], rows[:, 2], rows[:, 3 : 2 + kernels.SENSORS], carried, finite)
 
 
-def _lowest_speed(scene: Scene, duration: float) -> float:
-    """Return the least angular speed in a run, rad/s; raise a ValueError where the shaft would stop."""
-    end = scene.speed + scene.speed_slope * duration
-    if end <= 0.0:
-        raise ValueError(
-            f"speed_slope {scene.speed_slope!r} Hz/s stops the shaft within the {duration:.3g} s that are simulated"
-        )
-    return _LOWEST * 2.0 * math.pi * min(scene.speed, end)
+def _slope_over(scene: Scene, turns: float) -> float:
+    """Return how long a changing speed takes for some turns, s, and a little more, but not until it stops."""
+    slope, speed = scene.speed_slope, scene.speed
+    if slope == 0.0:
+        return turns / speed
+    left = speed * speed + 2.0 * slope * turns
+    stop = math.inf if slope > 0.0 else -(1.0 - 1e-9) * speed / slope
+    return min(stop, 1.1 * 2.0 * turns / (speed + math.sqrt(max(left, 0.0))))
 
 
 def longest_step(scene: Scene, plan: kernels.Plan) -> float:
     """Return the step to begin with, s, stable where the bearings are as stiff as under all loads at once."""
-    turning = scene.unbalance * (2.0 * math.pi * scene.speed) ** 2
+    highest = scene.speed if scene.speed_profile is None else scene.speed_profile.speed_range[1]
+    turning = scene.unbalance * (2.0 * math.pi * highest) ** 2
     loads = max(scene.load + abs(scene.axial_load), 1.0)
     stiffer = _STIFFER * ((loads + turning) / loads) ** (1.0 / 3.0) - 1.0
     matrix = np.diag(plan.lateral.square)

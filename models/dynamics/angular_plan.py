@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 
     from models.bearing import Bearing
     from models.scene import Defect, Scene
+    from models.speed_profile import SpeedProfile
 
 # Coordinates of a bearing in the order of models.ball_statics.
 _RING = (X, Y, Z, TURN_X, TURN_Y)
@@ -206,11 +207,12 @@ def lateral_modes(assembly: Assembly, tangent: NDArray[np.float64], scene: Scene
     return _modes(values, vectors, ratios, np.concatenate((a, b, disc[:2])), steady, assembly.rig.mode_limit)
 
 
-def torsion_modes(assembly: Assembly, scene: Scene) -> kernels.Modes:
+def torsion_modes(assembly: Assembly, scene: Scene) -> tuple[kernels.Modes, NDArray[np.float64]]:
     """Return the modes of torsion between the couplings, the drive held to the nominal rotation by its governor.
 
-    The first one is the rotation as a whole. Steady are the drive's torque, which balances load, bearings and slope,
-    and the inertia of the nominal rotation.
+    The first one is the rotation as a whole. Steady is the drive's torque, which balances load and bearings. Returned
+    beside them is what an acceleration of the nominal rotation by 1 rad/s2 does: the inertia of all nodes, and the
+    torque of the drive that balances its sum.
     """
     rig, nodes = assembly.rig, assembly.rig.shaft.nodes
     k, m = shaft_matrices(rig.shaft)
@@ -227,18 +229,20 @@ def torsion_modes(assembly: Assembly, scene: Scene) -> kernels.Modes:
         for node, ring in zip((0, rig.elements), assembly.rings, strict=True):
             mass[node, node] += ring.resistance_torque(0.0)[0] - ring.resistance_torque(1.0)[0]
     drive, load = nodes, nodes + 1
-    slope, whole = 2.0 * math.pi * scene.speed_slope, float(mass.sum())
+    whole = float(mass.sum())
     stiffness[drive, drive] += whole * (2.0 * math.pi * rig.governor * scene.speed) ** 2
     resisted = -sum(ring.resistance_torque()[0] for ring in assembly.rings)
-    steady = -slope * mass.sum(axis=1)
-    steady[drive] += rig.load_torque + resisted + whole * slope
+    steady, inertia = np.zeros(size), -mass.sum(axis=1)
+    inertia[drive] += whole
+    steady[drive] += rig.load_torque + resisted
     steady[load] -= rig.load_torque
     values, vectors = generalised_modes(stiffness, mass)
     ratios = np.full(len(values), rig.damping)
     ratios[0] = GOVERNOR_RATIO
     encoder = {"a": 0, "b": rig.elements, "c": rig.elements // 2}[rig.encoder]
     rows = np.array([0, rig.elements, rig.elements // 2, encoder, load])
-    return _modes(values, vectors, ratios, rows, steady, rig.mode_limit)
+    modes = _modes(values, vectors, ratios, rows, steady, rig.mode_limit)
+    return modes, _modes(values, vectors, ratios, rows, inertia, rig.mode_limit).steady
 
 
 def _modes(
@@ -263,23 +267,46 @@ def _modes(
     )
 
 
-def prepare_plan(scene: Scene, assembly: Assembly, direction: float = 0.0) -> kernels.Plan:
-    """Return everything the kernel needs; ``direction``: angle of the sensors of acceleration from the load, rad."""
-    tangent, torsion = tangents(assembly), torsion_modes(assembly, scene)
+def prepare_plan(
+    scene: Scene, assembly: Assembly, direction: float = 0.0, profile: SpeedProfile | None = None
+) -> kernels.Plan:
+    """Return everything the kernel needs.
+
+    Args:
+        direction: angle of the sensors of acceleration from the load, rad.
+        profile: the nominal rotation from the beginning on; None is that at the speed of the scene.
+    """
+    tangent, (torsion, inertia) = tangents(assembly), torsion_modes(assembly, scene)
     rings = [ring_of(statics, scene, side) for statics, side in zip(assembly.statics, ("a", "b"), strict=True)]
+    begin, nominal = np.zeros(1), np.array([[0.0, scene.speed, 0.0, 0.0]])
+    if profile is not None:
+        begin, nominal = profile.pieces
+    nominal = 2.0 * math.pi * nominal
     return kernels.Plan(
-        parameter=_parameters(scene, assembly, torsion, direction),
+        parameter=_parameters(
+            scene, assembly, torsion, _twisted(torsion, assembly, _beginning(nominal) * inertia), direction
+        ),
         lateral=lateral_modes(assembly, tangent, scene),
         torsion=torsion,
         tangent=tangent,
         ring_a=rings[0],
         ring_b=rings[1],
+        begin=begin,
+        nominal=nominal,
+        inertia=inertia,
     )
 
 
-def _parameters(scene: Scene, assembly: Assembly, torsion: kernels.Modes, direction: float) -> NDArray[np.float64]:
+def _beginning(nominal: NDArray[np.float64]) -> float:
+    """Return the nominal acceleration at t = 0, rad/s2: of the second piece, whose first ends there."""
+    return 2.0 * float(nominal[min(1, len(nominal) - 1), 2])
+
+
+def _parameters(
+    scene: Scene, assembly: Assembly, torsion: kernels.Modes, twisted: NDArray[np.float64], direction: float
+) -> NDArray[np.float64]:
     rig, p = assembly.rig, np.zeros(kernels.P_SIZE)
-    p[kernels.P_SPEED], p[kernels.P_SLOPE] = 2.0 * math.pi * scene.speed, 2.0 * math.pi * scene.speed_slope
+    p[kernels.P_SPEED] = 2.0 * math.pi * scene.speed
     p[kernels.P_LOSS] = rig.load_torque / p[kernels.P_SPEED]
     p[kernels.P_UNBALANCE] = scene.unbalance
     along = float(assembly.rings[assembly.floating].tangent[2, 2])
@@ -287,7 +314,7 @@ def _parameters(scene: Scene, assembly: Assembly, torsion: kernels.Modes, direct
     p[kernels.P_FLOATING] = assembly.floating
     p[kernels.P_DIRECTION_1], p[kernels.P_DIRECTION_2] = math.cos(direction), math.sin(direction)
     p[kernels.P_EDGE], p[kernels.P_PARTS] = _EDGE_DEFLECTION, _EDGE_PARTS
-    twist = torsion.shape @ _twisted(torsion, assembly)
+    twist = torsion.shape @ twisted
     for side, statics in enumerate(assembly.statics):
         at = kernels.P_BEARING + side * kernels.B_SIZE
         p[at + kernels.B_CENTRIFUGAL] = statics.ball_mass * statics.pitch_radius
@@ -297,10 +324,10 @@ def _parameters(scene: Scene, assembly: Assembly, torsion: kernels.Modes, direct
     return p
 
 
-def _twisted(torsion: kernels.Modes, assembly: Assembly) -> NDArray[np.float64]:
-    """Return the modes of torsion under the steady torques and those of the bearings at rest."""
+def _twisted(torsion: kernels.Modes, assembly: Assembly, inertia: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the modes of torsion under the steady torques, those of inertia, and those of the bearings at rest."""
     torques = [ring.resistance_torque()[0] for ring in assembly.rings]
-    push = torsion.steady + torques[0] * torsion.push[kernels.T_A] + torques[1] * torsion.push[kernels.T_B]
+    push = torsion.steady + inertia + torques[0] * torsion.push[kernels.T_A] + torques[1] * torsion.push[kernels.T_B]
     return push / torsion.square
 
 
@@ -342,7 +369,7 @@ def _spall(defect: Defect, surfaces: NDArray[np.float64]) -> NDArray[np.float64]
 
 
 def at_rest(plan: kernels.Plan, assembly: Assembly) -> NDArray[np.float64]:
-    """Return the state at the beginning: the equilibrium, turning at the nominal speed."""
+    """Return the state at the beginning: the equilibrium at the scene's speed, turning at the first nominal one."""
     n, m = len(plan.lateral.square), len(plan.torsion.square)
     state = np.zeros(1 + 2 * n + 2 * m + 5)
     push = plan.lateral.steady.copy()
@@ -351,7 +378,7 @@ def at_rest(plan: kernels.Plan, assembly: Assembly) -> NDArray[np.float64]:
         push += plan.lateral.push[5 * side : 5 * side + 5].T @ force
     free = plan.lateral.square <= 0.0
     state[1 : 1 + n] = np.where(free, 0.0, push / np.where(free, 1.0, plan.lateral.square))
-    state[1 + 2 * n : 1 + 2 * n + m] = _twisted(plan.torsion, assembly)
+    state[1 + 2 * n : 1 + 2 * n + m] = _twisted(plan.torsion, assembly, _beginning(plan.nominal) * plan.inertia)
     rig = assembly.rig
     cosines = [math.cos(ring.mean_angle) for ring in assembly.rings]
     state[-5:] = rig.cage_angle_a, rig.cage_angle_b, *cosines, assembly.displacement[-1]

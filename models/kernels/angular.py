@@ -24,17 +24,16 @@ if TYPE_CHECKING:
     from models.kernels.jit import Index
 
 # Places in ``Plan.parameter``, SI.
-P_SPEED = 0  # nominal, at the beginning, rad/s
-P_SLOPE = 1  # of the speed, rad/s2
-P_LOSS = 2  # slope of the load's torque by speed, N m s
-P_UNBALANCE = 3  # kg m
-P_SLIDE = 4  # damping of the outer ring that floats, N s/m
-P_FLOATING = 5  # the bearing whose outer ring floats along the shaft, 0 or 1
-P_DIRECTION_1 = 6  # of the sensors of acceleration
-P_DIRECTION_2 = 7
-P_EDGE = 8  # deflection, m, whose contact must not pass an edge in fewer parts of a step than this:
-P_PARTS = 9
-P_BEARING = 10  # from here on of each bearing: place of the parts below
+P_SPEED = 0  # nominal, rad/s: of the steps
+P_LOSS = 1  # slope of the load's torque by speed, N m s
+P_UNBALANCE = 2  # kg m
+P_SLIDE = 3  # damping of the outer ring that floats, N s/m
+P_FLOATING = 4  # the bearing whose outer ring floats along the shaft, 0 or 1
+P_DIRECTION_1 = 5  # of the sensors of acceleration
+P_DIRECTION_2 = 6
+P_EDGE = 7  # deflection, m, whose contact must not pass an edge in fewer parts of a step than this:
+P_PARTS = 8
+P_BEARING = 9  # from here on of each bearing: place of the parts below
 B_CENTRIFUGAL, B_RATIO, B_BALLS, B_TURNED = range(4)  # m R_m, D / D_m, balls, deviation of its angle at the beginning
 B_SIZE = 4
 P_SIZE = P_BEARING + 2 * B_SIZE
@@ -83,6 +82,9 @@ class Plan(NamedTuple):
         torsion: at the rows T_.
         tangent: stiffness of both bearings that the lateral modes contain, (2, 5, 5).
         ring_a, ring_b: the bearings.
+        begin: of each piece of the nominal rotation, s, the first from minus infinity on, (K,).
+        nominal: coefficients of its angle, rad, a cubic of the time from there, lowest first, (K, 4).
+        inertia: what a nominal acceleration of 1 rad/s2 does to the torsion, (M,).
     """
 
     parameter: NDArray[np.float64]
@@ -91,6 +93,9 @@ class Plan(NamedTuple):
     tangent: NDArray[np.float64]
     ring_a: Ring
     ring_b: Ring
+    begin: NDArray[np.float64]
+    nominal: NDArray[np.float64]
+    inertia: NDArray[np.float64]
 
 
 class Work(NamedTuple):
@@ -164,9 +169,29 @@ def _fill_places(z: NDArray[np.float64], plan: Plan, work: Work) -> None:
 
 
 @inlined
+def nominal_at(time: float, plan: Plan) -> tuple[float, float, float]:
+    """Return angle, rad, speed and acceleration of the nominal rotation."""
+    low, high = 0, plan.begin.shape[0]
+    while high - low > 1:
+        middle = (low + high) // 2
+        if plan.begin[middle] <= time:
+            low = middle
+        else:
+            high = middle
+    c1, c2, c3 = plan.nominal[low, 1], plan.nominal[low, 2], plan.nominal[low, 3]
+    t = time - plan.begin[low]
+    return (
+        plan.nominal[low, 0] + t * (c1 + t * (c2 + t * c3)),
+        c1 + t * (2.0 * c2 + t * 3.0 * c3),
+        2.0 * c2 + t * 6.0 * c3,
+    )
+
+
+@inlined
 def _bear(
     z: NDArray[np.float64],
     side: Index,
+    nominal: tuple[float, float, float],
     out: NDArray[np.float64],
     plan: Plan,
     ring: Ring,
@@ -176,8 +201,7 @@ def _bear(
     """Write the forces on one inner ring beyond its tangent stiffness, and the rates of cage and floating ring."""
     p, cages = plan.parameter, cages_at(plan)
     at = P_BEARING + side * B_SIZE
-    nominal = p[P_SPEED] * z[TIME] + 0.5 * p[P_SLOPE] * z[TIME] * z[TIME]
-    speed = p[P_SPEED] + p[P_SLOPE] * z[TIME] + work.turn[1, side]
+    speed = nominal[1] + work.turn[1, side]
     for k in range(5):
         work.ring[k] = work.place[5 * side + k]
     floats = int(p[P_FLOATING]) == side
@@ -186,7 +210,7 @@ def _bear(
     around = speed * 0.5 * (1.0 - p[at + B_RATIO] * z[cages + 2 + side])
     c_f = p[at + B_CENTRIFUGAL] * around * around
     carried = work.carried[side]
-    turned = nominal + work.turn[0, side] - p[at + B_TURNED]
+    turned = nominal[0] + work.turn[0, side] - p[at + B_TURNED]
     carry(work.ring, z[cages + side], c_f, turned, ring, warm, carried)
     # The order of forces and moments is that of the displacements.
     for k in range(5):
@@ -206,13 +230,13 @@ def rates(z: NDArray[np.float64], plan: Plan, work: Work, out: NDArray[np.float6
     p, lateral, torsion = plan.parameter, plan.lateral, plan.torsion
     n, m = lateral.square.shape[0], torsion.square.shape[0]
     _fill_places(z, plan, work)
-    _bear(z, np.int64(0), out, plan, plan.ring_a, work.warm_a, work)
-    _bear(z, np.int64(1), out, plan, plan.ring_b, work.warm_b, work)
-    nominal = p[P_SPEED] + p[P_SLOPE] * z[TIME]
+    nominal = nominal_at(z[TIME], plan)
+    _bear(z, np.int64(0), nominal, out, plan, plan.ring_a, work.warm_a, work)
+    _bear(z, np.int64(1), nominal, out, plan, plan.ring_b, work.warm_b, work)
     work.force[10], work.force[11] = 0.0, 0.0
     if p[P_UNBALANCE] != 0.0:
-        angle = p[P_SPEED] * z[TIME] + 0.5 * p[P_SLOPE] * z[TIME] * z[TIME] + work.turn[0, T_DISC]
-        speed = nominal + work.turn[1, T_DISC]
+        angle = nominal[0] + work.turn[0, T_DISC]
+        speed = nominal[1] + work.turn[1, T_DISC]
         force = p[P_UNBALANCE] * speed * speed
         work.force[10], work.force[11] = force * math.cos(angle), force * math.sin(angle)
     out[TIME] = 1.0
@@ -228,11 +252,12 @@ def rates(z: NDArray[np.float64], plan: Plan, work: Work, out: NDArray[np.float6
                 pushed[k] += push[k] * force
     at = 1 + 2 * n
     for k in range(m):
-        push = torsion.steady[k] - torsion.square[k] * z[at + k] - torsion.damping[k] * z[at + m + k]
+        push = torsion.steady[k] + nominal[2] * plan.inertia[k]
+        push -= torsion.square[k] * z[at + k] + torsion.damping[k] * z[at + m + k]
         push -= torsion.push[T_A, k] * work.carried[0, TORQUE] + torsion.push[T_B, k] * work.carried[1, TORQUE]
         push -= torsion.push[T_LOAD, k] * p[P_LOSS] * work.turn[1, T_LOAD]
         out[at + k], out[at + m + k] = z[at + m + k], push
-    return nominal + work.turn[1, T_ENCODER]
+    return nominal[1] + work.turn[1, T_ENCODER]
 
 
 @inlined
@@ -256,8 +281,7 @@ def _at_edge(side: Index, step: float, plan: Plan, ring: Ring, work: Work) -> bo
     """Return whether a ball of a bearing is at an edge of a spall in a step, or nearly so."""
     p, cages = plan.parameter, cages_at(plan)
     spacing = 2.0 * math.pi / ring.angles.shape[0]
-    time = work.state[TIME]
-    nominal = p[P_SPEED] * time + 0.5 * p[P_SLOPE] * time * time
+    nominal, _, _ = nominal_at(work.state[TIME], plan)
     for k in range(ring.spalls.shape[0]):
         spall = ring.spalls[k]
         place = int(spall[S_RACE])
@@ -293,10 +317,11 @@ def trace(state: NDArray[np.float64], rows: NDArray[np.float64], step: float, pl
 
 
 def run(state: NDArray[np.float64], wave: NDArray[np.float64], h: float, step: float, plan: Plan, work: Work) -> int:
-    """Carry a state from t = 0 in steps of equal angle, rad, and write the sensors at equal times, h seconds apart.
+    """Carry a state from t = 0 in steps of some angle and write the sensors at equal times, h seconds apart.
 
     Args:
         state: overwritten.
+        step: angle of a step at the speed P_SPEED, rad; in proportion to the nominal speed of each.
         wave: see SENSORS, (rows, SENSORS).
 
     Returns:
@@ -308,8 +333,8 @@ def run(state: NDArray[np.float64], wave: NDArray[np.float64], h: float, step: f
 @inlined
 def _write_trace(speed: float, plan: Plan, work: Work, row: NDArray[np.float64]) -> None:
     """Write a row of a trace from the first slope and its speed."""
-    time, p = work.state[TIME], plan.parameter
-    row[0], row[1] = time, p[P_SPEED] * time + 0.5 * p[P_SLOPE] * time * time + work.turn[0, T_ENCODER]
+    row[0] = work.state[TIME]
+    row[1] = nominal_at(row[0], plan)[0] + work.turn[0, T_ENCODER]
     _sense(speed, plan, work, row[2 : 2 + SENSORS])
     for side in range(2):
         for k in range(CARRIED):
@@ -340,6 +365,18 @@ def _write_wave(written: int, steps: int, h: float, wave: NDArray[np.float64], n
     return written
 
 
+@inlined
+def _parts(step: float, tracing: bool, plan: Plan, work: Work) -> tuple[int, float]:
+    """Return in how many parts a step is taken, as many where a ball meets an edge, and their length, rad."""
+    length = step
+    if not tracing:
+        length *= nominal_at(work.state[TIME], plan)[1] / plan.parameter[P_SPEED]
+    parts = 1
+    if _at_edge(np.int64(0), length, plan, plan.ring_a, work) or _at_edge(np.int64(1), length, plan, plan.ring_b, work):
+        parts = int(plan.parameter[P_PARTS])
+    return parts, length / parts
+
+
 @kernel
 def _carry_over(
     state: NDArray[np.float64],
@@ -360,10 +397,7 @@ def _carry_over(
     written, steps = 0, 0
     while written < (rows.shape[0] if tracing else wave.shape[0]):
         # A step is taken in parts where a ball meets an edge.
-        parts = 1
-        if _at_edge(np.int64(0), step, plan, plan.ring_a, work) or _at_edge(np.int64(1), step, plan, plan.ring_b, work):
-            parts = int(plan.parameter[P_PARTS])
-        length = step / parts
+        parts, length = _parts(step, tracing, plan, work)
         for stage in range(4 * parts):
             at, slope = work.trial, work.slope[stage % 4]
             if stage % 4 == 0:

@@ -40,7 +40,10 @@ class Pit:
 
 @dataclass(frozen=True)
 class Case:
-    """What differs between runs; speed in Hz, slope in Hz/s, unbalance in kg m, cages in rad."""
+    """What differs between runs; speed in Hz, slope in Hz/s, unbalance in kg m, cages in rad.
+
+    The speed swings by ``swing`` Hz as a sine of ``pace`` Hz.
+    """
 
     speed: float = 100.0
     load: float = 600.0
@@ -51,6 +54,16 @@ class Case:
     cages: tuple[float, float] = (0.0, 0.0)
     play: float = PLAY
     pits: tuple[Pit, ...] = field(default=())
+    swing: float = 0.0
+    pace: float = 1.0
+
+    def nominal(self, t: Any) -> tuple[Any, Any, Any]:
+        """Return angle, speed and acceleration of the nominal rotation, in rad."""
+        whole, rate = 2.0 * math.pi, 2.0 * math.pi * self.pace
+        swung = self.swing / rate * (1.0 - np.cos(rate * t))
+        turned = self.speed * t + 0.5 * self.slope * t * t + swung
+        speed = self.speed + self.slope * t + self.swing * np.sin(rate * t)
+        return whole * turned, whole * speed, whole * (self.slope + self.swing * rate * np.cos(rate * t))
 
 
 def beam() -> tuple[Array, Array]:
@@ -296,15 +309,20 @@ class Machine:
         for matrix, (rows, signs) in zip((a, tangent[1]), self.rows[:2], strict=True):
             whole[np.ix_(rows, rows)] += matrix * np.outer(signs, signs)
         self.c, self.c_t = damping(whole, self.m), damping(self.k_t, self.m_t, 0.7)
-        slope = 2.0 * math.pi * case.slope
-        self.steady = -slope * self.m_t.sum(axis=1)
-        self.steady[self.node["drive"]] += LOAD_TORQUE + sum(torque) + self.inertia * slope
+        self.steady = np.zeros(len(self.k_t))
+        self.steady[self.node["drive"]] += LOAD_TORQUE + sum(torque)
         self.steady[self.node["load"]] -= LOAD_TORQUE
-        rest = self.steady.copy()
+        rest = self.steady + self.inert(float(case.nominal(0.0)[2]))
         rest[self.node["a"]] -= torque[0]
         rest[self.node["b"]] -= torque[1]
         self.twist = np.linalg.solve(self.k_t, rest)
         self.m_inverse, self.m_t_inverse = np.linalg.inv(self.m), np.linalg.inv(self.m_t)
+
+    def inert(self, change: float) -> Array:
+        """Return the torques by which all resists a nominal acceleration, and the drive's that balances their sum."""
+        torque = -change * self.m_t.sum(axis=1)
+        torque[self.node["drive"]] += change * self.inertia
+        return torque
 
     def flung(self, speed: float, cosine: float) -> float:
         """Return the centrifugal force on a ball."""
@@ -315,9 +333,8 @@ class Machine:
         case, n, m = self.case, len(self.k), len(self.k_t)
         x, v, w, s = z[:n], z[n : 2 * n], z[2 * n : 2 * n + m], z[2 * n + m : 2 * n + 2 * m]
         cages, cosines, slide = z[-5:-3], z[-3:-1], z[-1]
-        nominal, slope = 2 * math.pi * case.speed + 2 * math.pi * case.slope * t, 2 * math.pi * case.slope
-        turned = 2 * math.pi * case.speed * t + 0.5 * slope * t * t
-        force, torque, last = np.zeros(n), self.steady.copy(), np.zeros(5)
+        turned, nominal, change = case.nominal(t)
+        force, torque, last = np.zeros(n), self.steady + self.inert(change), np.zeros(5)
         rows, _ = self.rows[2]
         force[rows[0]] += case.load
         force[rows[2]] -= case.axial
@@ -371,7 +388,7 @@ def simulate(case: Case, x: Array, slide: float, cosines: tuple[float, float], t
     )  # fmt: skip
     rates = np.array([machine.rate(t, column) for t, column in zip(solved.t, solved.y.T, strict=True)])
     disc = machine.node["c"]
-    turned = 2 * math.pi * (case.speed * times + 0.5 * case.slope * times**2)
+    turned = case.nominal(times)[0]
     return {
         "ias": solved.y[2 * n + m + disc],
         "angle": turned + solved.y[2 * n + disc],
