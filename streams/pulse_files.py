@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from zoneinfo import ZoneInfo
@@ -14,6 +15,9 @@ from streams.readers.child import isolated
 from streams.readers.pulse_text import pulse_column
 from streams.samples import ReaderError, Samples
 from streams.spec import FILE_WORDS, SourceSpec
+
+_ENDINGS = tuple(f".{word}{end}" for word in ("pulses", "pulse", "tacho") for end in (".csv", ".txt", ""))
+"""Endings of files of pulses that need no configuration to be told."""
 
 
 def is_beside(pattern: str | None) -> bool:
@@ -36,6 +40,17 @@ def is_pulse_file(pattern: str | None, path: str) -> bool:
         return False
     parts = re.split(r"\{(?:stem|name)\}", pattern)
     return re.fullmatch(".+".join(map(re.escape, parts)), path.rpartition("/")[2]) is not None
+
+
+def pulse_pattern(paths: Sequence[str]) -> str | None:
+    """Return the pattern of files of pulses that stand beside others by their names, None where there are none."""
+    names = set(paths)
+    stems = {unpacked_name(path).rpartition(".")[0] or path for path in names}
+    for ending in _ENDINGS:
+        own = {path for path in names if path.endswith(ending)}
+        if own and own != names and all(path.removesuffix(ending) in stems for path in own):
+            return "{stem}" + ending
+    return None
 
 
 def with_pulse_files(data_set: DataSet, spec: SourceSpec, root: Path) -> DataSet:

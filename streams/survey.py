@@ -8,24 +8,29 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
 
+import numpy as np
+from numpy.typing import NDArray
+
 from streams.datasets import DataSet
 from streams.files import Files, Item, natural_key, open_files
 from streams.listing import shown
 from streams.load import Loader, in_own_units
 from streams.plausible import Level, level_of
+from streams.pulse_files import is_pulse_file, pulse_pattern
 from streams.readers.sidecar import is_sidecar
 from streams.readers.stated import multiple_of, nice_rate, plain_key, rate_of_times
 from streams.recognise import data_set_of
 from streams.samples import ReaderError, Samples
 from streams.spec import UNITS, ChannelSpec, SourceSpec
+from streams.tacho_rows import TachoRow, tacho_row
 
-Kind = Literal["vibration", "speed", "load", "time", "other"]
+Kind = Literal["vibration", "speed", "load", "tacho", "time", "other"]
 
 _MAX_TRIED = 5
 """Files that are tried from each end until one can be read."""
 _BEHIND = re.compile(r"[\[(]([^\])]*)[\])]\s*$")
 _TIMES = {"t", "time", "times", "zeit", "timestamp", "zeits"}
-_SPEEDS = re.compile(r"rpm|\bspeed|drehzahl|tacho|umdrehung|1/min|min-1", re.IGNORECASE)
+_SPEEDS = re.compile(r"rpm|\bspeed|drehzahl|tacho|umdrehung|1/min|min-1|\bgiri", re.IGNORECASE)
 _LOADS = re.compile(r"\bload|\bforce|kraft|\blast\b", re.IGNORECASE)
 _OTHERS = re.compile(
     r"temp|°|\bdegc\b|current|strom|druck|press|\bbar\b|humid|feuchte|torque|moment|counter|\bindex\b|\bsample\b|\bnr\b"
@@ -49,6 +54,7 @@ class SurveyedRow:
         factor: from the stored numbers to ``unit``, of a multiple.
         stored: how the numbers are stored (:mod:`streams.samples`).
         level: of the first file that can be read, in ``unit``.
+        tacho: its pulses in that file, None where it is no tacho.
     """
 
     name: str
@@ -60,6 +66,7 @@ class SurveyedRow:
     factor: float
     stored: str
     level: Level
+    tacho: TachoRow | None = None
 
 
 @dataclass(frozen=True)
@@ -83,6 +90,7 @@ class Survey:
         refused: files that cannot be read, with the reason.
         values: samples of the first file, shape (row, sample).
         chosen: whether only the longest rows are read, of files whose rows differ in length.
+        pulses: pattern of the files of pulses beside the others, None where there are none.
     """
 
     place: Path
@@ -105,6 +113,7 @@ class Survey:
     refused: tuple[str, ...]
     values: Samples
     chosen: bool = False
+    pulses: str | None = None
 
     @property
     def is_folder(self) -> bool:
@@ -120,6 +129,12 @@ class Survey:
     def vibration(self) -> tuple[SurveyedRow, ...]:
         """The rows that seem to be vibration."""
         return tuple(row for row in self.rows if row.kind == "vibration")
+
+    @property
+    def tacho(self) -> SurveyedRow | None:
+        """The row of a tacho, that with the most pulses; None where there is none."""
+        rows = [row for row in self.rows if row.tacho is not None]
+        return max(rows, key=lambda row: 0 if row.tacho is None else row.tacho.pulses, default=None)
 
     def seconds(self, rate: float) -> tuple[float, float]:
         """Return the lengths of the first and the last file at a rate, s."""
@@ -140,6 +155,7 @@ def survey(path: str, kind: str = "auto", zone: str = "UTC") -> Survey:
     """
     spec = SourceSpec("survey", path, format=kind, timezone=zone)
     files = open_files("survey", path)
+    spec = replace(spec, pulses=None if files.sequential else pulse_pattern([item.path for item in files]))
     data_set = data_set_of(spec, files, kind)
     try:
         return _surveyed(spec, path, files, data_set)
@@ -190,12 +206,14 @@ def _surveyed(spec: SourceSpec, path: str, files: Files, data_set: DataSet) -> S
     if not read:
         reasons = "; ".join(refused.values()) or f"{shown(path)}: holds no file"
         raise ReaderError("unreadable", reasons)
+    others = [other for other in others if not is_pulse_file(spec.pulses, other)]
     ignored = tuple(other for other in others if not is_sidecar(other, dict.fromkeys(paths)))
     place = {item.path: (item, rate, speed) for item, rate, speed in known}
     first, last = next(iter(read)), list(read)[-1]
-    return _found(
+    found = _found(
         files.root if files.several else Path(path), data_set, place, paths, ignored, first, last, read, refused
     )
+    return replace(found, pulses=spec.pulses)
 
 
 def _try(loader: Loader, item: Item, read: dict[str, Samples], refused: dict[str, str]) -> bool:
@@ -219,7 +237,7 @@ def _found(
     refused: dict[str, str],
 ) -> Survey:
     samples, ending = read[first], read[last]
-    rows = surveyed_rows(samples, data_set.unit)
+    rows = surveyed_rows(samples, data_set.unit, samples.rate if samples.rate is not None else known[first][1])
     rate, rate_from = samples.rate if samples.rate is not None else known[first][1], None
     if rate is None:
         rate, rate_from = _rate_by_row(samples, rows)
@@ -249,8 +267,8 @@ def _found(
     )
 
 
-def surveyed_rows(samples: Samples, unit: str | None) -> tuple[SurveyedRow, ...]:
-    """Return what each row of a file is; ``unit`` is that of all rows by the data set, or None."""
+def surveyed_rows(samples: Samples, unit: str | None, rate: float | None = None) -> tuple[SurveyedRow, ...]:
+    """Return what each row of a file is; ``unit`` is that of all rows by the data set, or None, ``rate`` in Hz."""
     written = tuple(stated or unit or "" for stated in samples.units)
     own, factors = in_own_units(replace(samples, units=tuple(text or None for text in written)))
     rows = [
@@ -270,9 +288,21 @@ def surveyed_rows(samples: Samples, unit: str | None) -> tuple[SurveyedRow, ...]
             samples.stored, strict=True,
         )
     ]  # fmt: skip
+    if unit is None:
+        told = [_with_tacho(row, values, rate) for row, values in zip(rows, samples.values, strict=True)]
+        # Where nothing else is left, a row is no tacho.
+        rows = told if any(row.kind == "vibration" for row in told) else rows
     if not any(row.kind == "vibration" for row in rows):
         rows = [replace(row, kind="vibration") if row.kind == "other" and not row.written else row for row in rows]
     return tuple(rows)
+
+
+def _with_tacho(row: SurveyedRow, values: NDArray[np.floating], rate: float | None) -> SurveyedRow:
+    """Return a row as that of a tacho where it is one."""
+    if row.kind in ("time", "load"):
+        return row
+    found = tacho_row(values, f"{row.title} {row.written}", rate)
+    return row if found is None else replace(row, kind="tacho", tacho=found)
 
 
 def _kind(title: str, row: Sequence[float], unit: str, *, is_ours: bool) -> Kind:

@@ -74,6 +74,7 @@ _LEAST_RATE_HZ = 200.0
 @click.option("--interval-s", callback=_words(read.read_interval), help="Between the starts of files that are counted.")
 @click.option("--time-name", callback=_words(read.read_pattern), help="strptime pattern of the dates in names.")
 @click.option("--date-order", callback=_words(read.read_order), help="day_first or month_first.")
+@click.option("--pulses-per-revolution", callback=_words(read.read_pulses), help="Of a tacho in the files.")
 @click.option("--timezone", default="UTC", help="Zone of dates that state none.")
 @click.option("--format", "kind", default="auto", help="Format or data set, where it is not recognised.")
 @click.option("--name", help="Of the machine. Default: the folder's.")
@@ -321,6 +322,8 @@ def survey_lines(seen: Survey, path: str, timezone: str) -> Iterator[str]:
         yield f"  rate: {seen.rate:g} Hz{by}; first and last file of {lengths}"
     for row in seen.rows:
         yield f"  row {row.column}, {row.title}: {_row_words(row)}"
+    if seen.pulses is not None:
+        yield f"  pulses of a tacho: {seen.pulses} beside the files"
     yield f"  date: {_date_words(seen, timezone)}"
 
 
@@ -331,7 +334,9 @@ def duration_words(seconds: float) -> str:
 
 def _row_words(row: Any) -> str:
     if row.kind != "vibration":
-        return {"time": "times, no channel", "other": "no vibration, left out"}.get(row.kind, f"the {row.kind}")
+        tacho = "" if row.tacho is None else f"a tacho, {row.tacho.pulses} pulses in the first file"
+        words = {"time": "times, no channel", "other": "no vibration, left out", "tacho": tacho}
+        return words.get(row.kind, f"the {row.kind}")
     unit = "" if row.unit in (None, "unknown") else f" {row.unit}"
     spelled = f"unit {row.written}" if row.written else "no unit"
     stored = "" if row.stored == "values" else f", stored as {row.stored}"

@@ -62,6 +62,7 @@ class Answers:
         start_utc: of the first file, or "mtime" where the times of change date the files, or "none".
         time_name: pattern of the dates in names.
         date_order: of day and month.
+        pulses_per_revolution: of the tacho in the files.
     """
 
     bearing: AnsweredBearing | None = None
@@ -79,6 +80,7 @@ class Answers:
     interval_s: float | None = None
     time_name: str | None = None
     date_order: Order | None = None
+    pulses_per_revolution: int | None = None
 
 
 def _number(text: str) -> float:
@@ -224,6 +226,14 @@ def read_order(text: str) -> dict[str, Any]:
     if order is None:
         raise ValueError(f"expected day_first or month_first; got {text!r}")
     return {"date_order": order}
+
+
+def read_pulses(text: str) -> dict[str, Any]:
+    """Return the pulses a revolution of ``60``."""
+    match = re.fullmatch(r"\s*(\d{1,6})\s*", text)
+    if match is None or int(match[1]) < 1:
+        raise ValueError(f"expected a whole number of pulses, such as 1 or 60; got {text!r}")
+    return {"pulses_per_revolution": int(match[1])}
 
 
 def read_interval(text: str) -> dict[str, Any]:

@@ -11,6 +11,7 @@ from monitor.commands.init_answers import Answers
 from monitor.commands.init_channels import channel_names, check_bearings, has_all_bearings
 from monitor.words.numbers import duration
 from streams.date_patterns import NameReading, find_readings, nearest_change
+from streams.listing import shown
 from streams.plausible import doubts
 from streams.samples import COUNTS, FRACTIONS
 from streams.stamps import ORDERS, Stamp, evidence, stamp_in_name, utc_text
@@ -60,6 +61,8 @@ def open_questions(
         )
     yield from _level_questions(survey, answers)
     yield from _date_questions(survey, answers, zone, now, last_problem)
+    if (survey.tacho is not None or survey.pulses is not None) and answers.pulses_per_revolution is None:
+        yield _pulses_question(survey, answers)
     if answers.speed_hz is None and not answers.estimate and not _states_speed(survey):
         stated = None if survey.speed is None else f"{survey.speed:.8g} Hz"
         found = "The fault frequencies are multiples of it." if stated is None else f"{stated} {survey.speed_from}."
@@ -100,9 +103,29 @@ def _bearing_question(survey: Survey) -> Question:
     )
 
 
+def _pulses_question(survey: Survey, answers: Answers) -> Question:
+    row, speed = survey.tacho, answers.speed_hz or survey.speed
+    found = None if row is None or survey.rate is None else row.tacho
+    per_second = 0.0 if found is None else found.per_second
+    likely = max(1, round(per_second / speed)) if speed else 1
+    seen = "Files of pulses stand beside the others"
+    if row is not None:
+        regular = f"has about {per_second:.4g} pulses a second" if per_second else "shows no regular pulses"
+        seen = f"{shown(row.title)} {regular}"
+    return Question(
+        "--pulses-per-revolution",
+        "Pulses a revolution of the tacho",
+        f"{seen}. They give the angle and the speed of the shaft, where it varies too; missing teeth count.",
+        str(likely),
+        read.read_pulses,
+    )
+
+
 def _states_speed(survey: Survey) -> bool:
-    """Return whether every file states its speed, or has a row of it."""
-    return _has(survey, "speed") or (survey.speed is not None and survey.speed_from == "stated by the files")
+    """Return whether every file states its speed, or has a row of it or of pulses."""
+    marks = survey.tacho is not None or survey.pulses is not None
+    by_files = survey.speed is not None and survey.speed_from == "stated by the files"
+    return _has(survey, "speed") or marks or by_files
 
 
 def _has(survey: Survey, kind: str) -> bool:

@@ -150,8 +150,13 @@ def _operating(draft: Draft) -> Iterator[str]:
             yield _pair("speed_channel_scale", 1 / 60, "from rpm to Hz")
     elif survey.speed is not None and not answers.estimate:
         yield _pair("speed_hz", survey.speed, f"{survey.speed_from}; a speed in a file takes precedence")
-    else:
+    elif survey.tacho is None and survey.pulses is None:
         yield _pair("speed", "estimate", "of every block, from 5 to 100 Hz; speed_range_hz narrows it")
+    tacho = survey.tacho
+    if tacho is not None:
+        yield _pair("tacho_channel", tacho.title, "pulses of the shaft: its angle and speed")
+    if tacho is not None or survey.pulses is not None:
+        yield _pair("pulses_per_revolution", answers.pulses_per_revolution or 1)
     row = next((row for row in survey.rows if row.kind == "load"), None)
     if answers.load_newton is not None:
         yield _pair("load_newton", answers.load_newton, "radial")
@@ -184,6 +189,8 @@ def _source(draft: Draft) -> Iterator[str]:
         yield _pair("block_s", "file", f"each file is one block of {longest:.4g} s")
     else:
         yield _pair("block_s", 5, f"files of {longest:.4g} s are cut into blocks")
+    if survey.pulses is not None:
+        yield _pair("pulses", survey.pulses, "times of the pulses of a tacho, beside each file")
     if answers.range_g is not None:
         yield _pair("range_g", answers.range_g, "g at full scale of the integers")
     yield from _dates(draft)
