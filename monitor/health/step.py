@@ -16,7 +16,7 @@ from typing import Any
 from monitor.health.alarms import AlarmAcknowledgement, AlarmInput, AlarmState, acknowledged
 from monitor.health.alarms import step as alarms_step
 from monitor.health.channel import ChannelBlock, analyse, check_channel, conclude
-from monitor.health.condition import load_of, speed_flags, speed_of
+from monitor.health.condition import ConditionSettings, load_of, speed_flags, speed_of
 from monitor.health.crosstalk import ChannelView, beside_neighbours
 from monitor.health.detect import DetectState
 from monitor.health.machine import BearingVerdict
@@ -44,6 +44,7 @@ from monitor.health.quality import (
 )
 from monitor.health.record import Record, storable
 from monitor.health.rotation.found import FoundRotation, find_rotation
+from monitor.health.rotation.ias import with_ias
 from monitor.health.spectrum.block_view import WAVEFORM_SAMPLES, BlockView
 from monitor.health.spectrum.indicators import span_of
 from monitor.health.spectrum.interference import all_combs
@@ -212,7 +213,7 @@ def _analyse(
         forecasts=tuple(forecasts),
         events=tuple(events),
     )
-    waterfalls, spectra = _spectra(state.waterfalls, block, states, outputs, settings)
+    waterfalls, spectra = _spectra(state.waterfalls, block, states, outputs, settings, angles)
     return replace(state, channels=states, waterfalls=waterfalls), SourceOutput(record, spectra, outputs)
 
 
@@ -298,6 +299,7 @@ def _spectra(
     states: Mapping[str, ChannelState],
     outputs: Mapping[str, ChannelOutput],
     settings: SourceSettings,
+    angles: Mapping[ConditionSettings, FoundRotation],
 ) -> tuple[dict[str, WaterfallState], tuple[SpectrumChange, ...]]:
     """Return the waterfall states after a block, and the changes of the kept spectra."""
     after = dict(waterfalls)
@@ -323,6 +325,10 @@ def _spectra(
             combs = all_combs(channel.interference, row.speed if row.domain == "hertz" else None)
             samples = block.samples[block.channels.index(name)]
             row = replace(row, kurtogram=kurtogram(samples, block.rate, combs))
+            if not changes:
+                # The speed is that of the source: its first channel has it.
+                pulses, tacho = angles[channel.condition].repaired, channel.condition.tacho
+                row = replace(row, view=with_ias(row.view, pulses, tacho.ratio))
         began = states[name].detect.t_fs if onset else None
         changes.append(SpectrumChange(row, kind, thin, None if began is None else began.sequence))
     return after, tuple(changes)

@@ -16,14 +16,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from monitor.health.rotation.intervals import Intervals, TooFewPulsesError, UnevenPulsesError, intervals
+from monitor.health.rotation.repair import Repaired
 from monitor.health.rotation.train import PulseTrain
-from monitor.health.spectrum.block_view import HIGHEST_BINS, MAX_FINE_LINES, RawSpectra
+from monitor.health.spectrum.block_view import HIGHEST_BINS, MAX_FINE_LINES, BlockView, RawSpectra
 from monitor.health.spectrum.comb import LineSpectrum, beside_shaft, line_spectrum
 from monitor.health.spectrum.family import FaultLines
 from monitor.health.spectrum.lines import CombQuery, find_lines
@@ -212,6 +213,15 @@ def view_of(train: PulseTrain, ratio: float, error: NDArray[np.float64] | None =
         return ias_view(ias_spectrum(intervals(train, error), ratio))
     except (TooFewPulsesError, UnevenPulsesError):
         return None
+
+
+def with_ias(
+    view: BlockView | None, pulses: Repaired | None, ratio: float, error: NDArray[np.float64] | None = None
+) -> BlockView | None:
+    """Return what is kept of a block with its angular speed, where it has pulses; arguments as :func:`view_of`."""
+    if view is None or pulses is None or pulses.train is None:
+        return view
+    return replace(view, ias=view_of(pulses.train, ratio, error))
 
 
 def _hann(count: int) -> NDArray[np.float64]:
