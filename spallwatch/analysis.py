@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, Unpack
 
 import numpy as np
 import xarray as xr
@@ -21,9 +21,11 @@ from monitor.records.filing import Filing, Stored
 from monitor.records.packing import pack
 from monitor.service.setup import source_settings
 from spallwatch._configuration import SOURCE, configuration, plain_names
+from spallwatch._pulses import Tacho, with_pulses
 from spallwatch._readable import readable
 from spallwatch.recordings import to_signal
 from streams.block import Block
+from streams.pulses import Pulses
 
 _LEDGER = (
     *("source", "name", "content_hash", "status", "flags", "reason", "events", "sequence"),
@@ -100,6 +102,7 @@ def features(
     speed_exact: bool = False,
     rate_hz: float | None = None,
     unit: str | None = None,
+    **tacho: Unpack[Tacho],
 ) -> xr.Dataset:
     """Return the features of a signal as a monitor records them for one block.
 
@@ -111,6 +114,8 @@ def features(
         band_hz: that is demodulated; by default the best of several for this signal.
         rms_band_hz: band of RMS and A*, by default all frequencies.
         speed_exact: whether the speed is that of a tacho or a controlled drive; otherwise it is sought around it.
+        tacho: ``tacho_channel`` or ``pulse_times_s``, and ``pulses_per_revolution``, where the speed varies within the
+            signal: lines are then those of the spectrum over the angle of the shaft (``domain`` is "order").
 
     Returns:
         Dimensions (channel, part, harmonic, ...), SI; the variables are those of health records that a single block
@@ -118,10 +123,12 @@ def features(
 
     Raises:
         SignalError: the signal is rejected, with the reason; or its speed is not known.
+        PulsesError: the pulses do not go with the signal.
         ConfigError: an argument is not allowed.
     """
     given = _signal_of(signal, rate_hz, unit)
-    record = _analysed(given, bearing, speed_hz, load_newton, band_hz, rms_band_hz, speed_exact).record
+    given, pulses = with_pulses(given, tacho)
+    record = _analysed(given, pulses, bearing, speed_hz, load_newton, band_hz, rms_band_hz, speed_exact).record
     dataset = readable(to_dataset([_stored(record)], dated=False, attributes={})).isel(time=0, drop=True)
     unused = [name for name, array in dataset.data_vars.items() if name in _OF_A_LIFE or _is_empty(array)]
     found = dataset.drop_vars([*_LEDGER, *unused, "coefficient_name"]).assign_coords(channel=given.channel.values)
@@ -138,6 +145,7 @@ def name_fault(
     speed_exact: bool = False,
     rate_hz: float | None = None,
     unit: str | None = None,
+    **tacho: Unpack[Tacho],
 ) -> Naming:
     """Return which part of the bearing is damaged, by the envelope spectrum of one channel.
 
@@ -152,12 +160,13 @@ def name_fault(
         SignalError: also a signal of several channels.
     """
     given = _signal_of(signal, rate_hz, unit)
+    given, pulses = with_pulses(given, tacho)
     if given.sizes["channel"] != 1:
         names = ", ".join(map(str, given.channel.values))
         raise SignalError(
             f"name_fault takes one channel, the signal has {names}; choose one: signal.sel(channel=[...])"
         )
-    output = _analysed(given, bearing, speed_hz, None, band_hz, None, speed_exact)
+    output = _analysed(given, pulses, bearing, speed_hz, None, band_hz, None, speed_exact)
     naming = next(iter(output.channels.values())).naming
     assert naming is not None
     return naming
@@ -200,6 +209,7 @@ def _over_frequency(signal: xr.DataArray, amplitude: Any, resolution: float, nam
 
 def _analysed(
     signal: xr.DataArray,
+    pulses: Pulses | None,
     bearing: Bearing | str,
     speed: float | None,
     load: float | None,
@@ -231,6 +241,7 @@ def _analysed(
         # What a block states precedes what is configured.
         speed=signal.attrs.get("speed_hz") if speed is None else None,
         load=signal.attrs.get("load_newton") if load is None else None,
+        pulses=pulses,
     )
     state = SourceState.begin(settings)
     try:

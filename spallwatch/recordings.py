@@ -42,6 +42,7 @@ class Reading(TypedDict, total=False):
         timezone: of dates without one, such as "Europe/Rome".
         time_from, time_name: what dates several files, and the strptime pattern of dates in their names.
         interval_s: from the start of a file to that of the next one, where they are counted.
+        pulses: name of the array with the times of a tacho's pulses, or of the text file beside each file.
     """
 
     channels: Sequence[str]
@@ -56,6 +57,7 @@ class Reading(TypedDict, total=False):
     time_from: Literal["header", "name", "count", "mtime"]
     time_name: str
     interval_s: float
+    pulses: str
 
 
 def to_signal(samples: ArrayLike, *, rate_hz: float, unit: str, channels: Sequence[str] | None = None) -> xr.DataArray:
@@ -99,7 +101,7 @@ def read(path: str | PathLike[str], **how: Unpack[Reading]) -> xr.DataArray:
 
     Returns:
         Dimensions (channel, time), in m/s2; ``time`` in s from the first sample; attributes ``rate_hz``, and
-        ``start_utc``, ``speed_hz``, ``load_newton`` where the file states them.
+        ``start_utc``, ``speed_hz``, ``load_newton`` where the file states them, ``pulse_times_s`` where it has pulses.
 
     Raises:
         RecordingError: it cannot be read, or rate or unit are neither stated nor given.
@@ -165,6 +167,7 @@ def source_of(path: str | PathLike[str], block_s: float | Literal["file"], how: 
         time_from=how.get("time_from"),
         time_name=how.get("time_name"),
         interval=how.get("interval_s"),
+        pulses=how.get("pulses"),
     )
 
 
@@ -235,6 +238,8 @@ def _signal_of(block: Block, how: Reading) -> xr.DataArray:
         "speed_hz": block.speed,
         "load_newton": block.load,
     }
+    if block.pulses is not None:
+        stated |= {"pulse_times_s": block.pulses.times, "pulses_per_revolution": block.pulses.per_revolution}
     found.attrs |= {key: value for key, value in stated.items() if value is not None}
     return found
 
