@@ -56,7 +56,7 @@ def pulse_pattern(paths: Sequence[str]) -> str | None:
 def with_pulse_files(data_set: DataSet, spec: SourceSpec, root: Path) -> DataSet:
     """Return the data set with a reader that adds the pulses of the file beside, and without these files.
 
-    A recording without such a file has no pulses.
+    A recording without such a file, or with one of no bytes, has no pulses.
     """
 
     def facts(path: str, place: str, zone: ZoneInfo) -> FileFacts | None:
@@ -68,9 +68,14 @@ def with_pulse_files(data_set: DataSet, spec: SourceSpec, root: Path) -> DataSet
         if beside is None or not os.path.lexists(f"{root}/{beside}"):
             return samples
         try:
-            found = isolated(pulse_column, spec.timezone)(read_guarded(root, beside), beside)
+            raw = read_guarded(root, beside)
+            if not raw:
+                return samples
+            found = isolated(pulse_column, spec.timezone)(raw, beside)
         except ReaderError as error:
-            raise ReaderError(error.status, f"{path}: {error}") from error
+            # These words are of the recording: it has neither changed nor broken off.
+            status = "unreadable" if error.status in ("changed", "incomplete", "empty") else error.status
+            raise ReaderError(status, f"{path}: {error}") from error
         if found.pulses is None:
             return samples
         epoch, pulses = found.pulse_epoch, found.pulses

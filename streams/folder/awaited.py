@@ -39,7 +39,7 @@ class Awaited:
         if beside is None or now - changed >= HOLD * self._settle:
             return False
         known = self._there.get(beside)
-        return known is None or now - known[1] < self._settle
+        return known is None or known[0].size == 0 or now - known[1] < self._settle
 
     def has(self, path: str) -> bool:
         """Return whether a file is one of pulses."""

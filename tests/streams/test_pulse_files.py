@@ -115,6 +115,27 @@ def test_a_file_whose_pulses_never_come_is_read_without(tmp_path: Path) -> None:
     check_same(rig.items, replayed(tmp_path, block_s="file"))
 
 
+def test_pulses_of_no_bytes_are_waited_for_and_then_left_out(tmp_path: Path) -> None:
+    rig = Rig(tmp_path, pulses=PATTERN, format="csv")
+    for number in (1, 2):
+        put(tmp_path, number, pulses=False)
+        (tmp_path / f"{number}.pulses.csv").touch()
+    assert rig.run(10.0) == []
+    put_pulses(tmp_path, 1)
+    rig.run(30.0)
+    assert seen(rig.items) == [("1.csv", pytest.approx(times_of(1))), ("2.csv", None)]
+    check_same(rig.items, replayed(tmp_path, block_s="file"))
+
+
+def test_pulses_that_break_off_are_read_again_before_their_file_is_rejected(tmp_path: Path) -> None:
+    rig = Rig(tmp_path, pulses=PATTERN, format="csv")
+    put(tmp_path, 1, pulses=False)
+    (tmp_path / "1.pulses.csv").write_text("0.01\n0.0x")
+    assert rig.run(15.0) == []
+    rig.run(20.0)
+    assert seen(rig.items) == [("1.csv", "unreadable")]
+
+
 def test_half_written_pulses_are_not_read(tmp_path: Path) -> None:
     rig = Rig(tmp_path, pulses=PATTERN, format="csv")
     put(tmp_path, 1, pulses=False)

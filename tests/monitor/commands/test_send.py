@@ -12,6 +12,7 @@ from click.testing import CliRunner
 
 from monitor.cli import spallwatch
 from monitor.commands.common import InputError
+from streams.block import Block
 from streams.link.sender import SendError
 from streams.link.tcp import TcpReceiver
 from streams.spec import NetworkSpec, SourceError, SourceSpec
@@ -117,3 +118,26 @@ def test_what_is_wrong_is_named(recording: Path) -> None:
             ["send", str(recording), "--to", "tcp://127.0.0.1:9", "--patience-s", "0", *config],
             catch_exceptions=False,
         )
+
+
+@pytest.mark.parametrize("configured", [True, False])
+def test_pulses_are_sent_with_their_recording(recording: Path, configured: bool) -> None:
+    pattern = "{stem}.pulses"
+    (recording.parent / "run.pulses").write_text("ppr: 2\n" + "".join(f"{0.05 + 0.1 * k:.2f}\n" for k in range(30)))
+    text = CONFIG.replace("block_s = 0.5", f'block_s = 0.5\npulses = "{pattern}"')
+    (recording.parent / "machine.toml").write_text(text, encoding="utf-8")
+    options = ("--config", recording.parent / "machine.toml")
+    if not configured:
+        samples = np.load(recording)
+        (recording.parent / "run.csv").write_text("acc [g]\n" + "".join(f"{value:.5f}\n" for value in samples))
+        recording = recording.with_suffix(".csv")
+        options = ("--rate-hz", 1000, "--block-s", 0.5, "--pulses", pattern)
+    ledger = MemoryLedger()
+    with receiving(ledger) as receiver, committing(receiver, ledger) as items:
+        values = send(recording, "--to", f"tcp://127.0.0.1:{receiver.port}", "--stream", "press", *options)
+    assert (values["sent"], values["acknowledged"]) == (6, 6)
+    for item in items:
+        assert isinstance(item, Block)
+        assert item.pulses is not None
+        assert item.pulses.per_revolution == 2
+        np.testing.assert_allclose(item.pulses.times, 0.05 + 0.1 * np.arange(5), atol=1e-12)
