@@ -56,7 +56,7 @@ def cutter_of(spec: SourceSpec, data_set: DataSet) -> Reblocker | None:
     """Return what cuts the samples of a source into blocks, None where each file is one."""
     if not is_cut(spec, data_set) or spec.block_s == "file":
         return None
-    return Reblocker(spec.block_s, spec.turns)
+    return Reblocker(spec.block_s, spec.block_revolutions)
 
 
 class Loader:

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from streams.block import Block, Rejected
 from streams.pulses import Pulses
+from streams.revolutions import BlockRevolutions
 from streams.samples import RATE_TOLERANCE, Origin, ReaderError, Samples
-from streams.turns import Turns
 
 MIN_BLOCK_SHARE = 0.9
 """A last block of at least this part of the full length is kept."""
@@ -50,7 +50,7 @@ class Reblocker:
     the pieces do not matter here either. Of what is left over then, 0.9 of the turns are a block as well.
     """
 
-    def __init__(self, block_s: float, turns: Turns | None = None) -> None:
+    def __init__(self, block_s: float, turns: BlockRevolutions | None = None) -> None:
         """Begin empty; ``block_s`` is the length of a block in s, of the longest where ``turns`` count."""
         self._block_s, self._turns = block_s, turns
         self._held: list[Samples] = []

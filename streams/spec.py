@@ -12,8 +12,8 @@ from urllib.parse import unquote, urlsplit
 from zoneinfo import ZoneInfo
 
 from models.errors import WrongInputError
+from streams.revolutions import BlockRevolutions
 from streams.stamps import Order, compiled
-from streams.turns import Turns
 
 DEFAULT_BLOCK_SECONDS = 5.0
 FILE_WORDS = ("{stem}", "{name}")
@@ -150,7 +150,7 @@ class SourceSpec:
         date_order: of day and month in dates that do not state it; None: told over all files.
         pulses: pattern of the array, group or channel with the times of pulses of a tacho; with ``{stem}`` or
             ``{name}``, which stand for the name of a file without and with its ending, a text file beside it.
-        turns: how many turns a block has, where files are cut by them; ``block_s`` is the longest block then.
+        block_revolutions: how many turns a block has where files are cut by them; ``block_s`` is the longest then.
     """
 
     name: str
@@ -170,7 +170,7 @@ class SourceSpec:
     interval: float | None = None
     date_order: Order | None = None
     pulses: str | None = None
-    turns: Turns | None = None
+    block_revolutions: BlockRevolutions | None = None
 
     def __post_init__(self) -> None:
         """Raise SourceError for values that no recording can have."""
@@ -189,7 +189,7 @@ class SourceSpec:
         problem = pulses_problem(self.pulses)
         if problem is not None:
             raise SourceError(f"{where}: {problem}")
-        if self.turns is not None and not self._counts_turns(self.turns):
+        if self.block_revolutions is not None and not self._counts_turns(self.block_revolutions):
             raise SourceError(
                 f"{where}: block_revolutions needs block_s in seconds, the longest block, and what counts turns: "
                 "[operating] tacho_channel, or pulses"
@@ -202,7 +202,7 @@ class SourceSpec:
         except (KeyError, ValueError, OSError) as error:
             raise SourceError(f"{where}: timezone {self.timezone!r} is not known") from error
 
-    def _counts_turns(self, turns: Turns) -> bool:
+    def _counts_turns(self, turns: BlockRevolutions) -> bool:
         """Return whether there is something that counts turns, and blocks to cut."""
         if self.block_s == "file" or turns.revolutions <= 0.0:
             return False

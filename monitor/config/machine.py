@@ -16,8 +16,8 @@ from monitor.health.quality import SpeedLimits
 from monitor.health.rotation.settings import TachoSettings
 from monitor.health.waterfall import WaterfallSettings
 from monitor.words.zones import machine_class
+from streams.revolutions import BlockRevolutions
 from streams.spec import ChannelSpec
-from streams.turns import Turns
 
 ColumnName = str | int
 
@@ -191,9 +191,9 @@ class OperatingSection(Section):
             limits=SpeedLimits(self.min_speed_hz, self.max_speed_hz, self.max_acceleration_hz_per_s),
         )
 
-    def to_turns(self, revolutions: float) -> Turns:
+    def to_block_revolutions(self, revolutions: float) -> BlockRevolutions:
         """Return how blocks of so many turns are cut."""
-        return Turns(
+        return BlockRevolutions(
             revolutions=revolutions,
             per_revolution=self.pulses_per_revolution,
             missing_teeth=self.tacho_missing_teeth,

@@ -85,7 +85,9 @@ def source_spec(config: Config, source: SourceSection, path: str | None = None) 
         interval=source.interval_s,
         date_order=source.date_order,
         pulses=source.pulses,
-        turns=None if source.block_revolutions is None else config.operating.to_turns(source.block_revolutions),
+        block_revolutions=None
+        if source.block_revolutions is None
+        else config.operating.to_block_revolutions(source.block_revolutions),
     )
 
 

@@ -19,9 +19,9 @@ from streams.block import Block, Rejected
 from streams.open import open_source
 from streams.pulses import Pulses
 from streams.reblock import Reblocker
+from streams.revolutions import BlockRevolutions
 from streams.samples import Samples
 from streams.spec import ChannelSpec, SourceError, SourceSpec
-from streams.turns import Turns
 from tests.streams.folders import Rig
 from tests.streams.test_reblock import cut_up, flushed
 
@@ -52,8 +52,8 @@ def run(marks: int, *, channel: bool, **more: Any) -> Samples:
     return replace(base, **more)
 
 
-def turns_for(revolutions: float, marks: int, *, channel: bool) -> Turns:
-    return Turns(revolutions, per_revolution=marks, channel="tacho" if channel else None)
+def turns_for(revolutions: float, marks: int, *, channel: bool) -> BlockRevolutions:
+    return BlockRevolutions(revolutions, per_revolution=marks, channel="tacho" if channel else None)
 
 
 @pytest.mark.parametrize("channel", [False, True])
@@ -117,10 +117,10 @@ def test_what_is_left_over_is_a_block_with_nine_tenths_of_its_turns(share: float
 
 
 def test_missing_teeth_ratio_and_what_the_source_states() -> None:
-    assert Turns(2.0, per_revolution=60, missing_teeth=2).pulses_of(None) == 116
-    assert Turns(2.0, per_revolution=60, missing_teeth=2).pulses_of(36) == 68
-    assert Turns(10.0, per_revolution=1, ratio=4.0).pulses_of(None) == 2
-    assert Turns(0.1).pulses_of(None) == 1
+    assert BlockRevolutions(2.0, per_revolution=60, missing_teeth=2).pulses_of(None) == 116
+    assert BlockRevolutions(2.0, per_revolution=60, missing_teeth=2).pulses_of(36) == 68
+    assert BlockRevolutions(10.0, per_revolution=1, ratio=4.0).pulses_of(None) == 2
+    assert BlockRevolutions(0.1).pulses_of(None) == 1
 
 
 @pytest.mark.parametrize("channel", [False, True])
@@ -129,7 +129,7 @@ def test_a_watched_folder_and_its_replay_cut_alike(tmp_path: Path, channel: bool
     size = 3000
     how: dict[str, Any] = {
         "block_s": LONGEST,
-        "turns": turns_for(5, 2, channel=channel),
+        "block_revolutions": turns_for(5, 2, channel=channel),
         "channels": (
             ChannelSpec("x", column=1, unit="g"),
             *((ChannelSpec("tacho", column=2, unit="unknown", any_unit=True),) if channel else ()),
@@ -186,7 +186,7 @@ def test_the_configuration_says_how_turns_are_counted() -> None:
         'tacho_channel = 3\npulses_per_revolution = 60\ntacho_missing_teeth = 2\ntacho_edge = "falling"',
         "block_revolutions = 50",
     )
-    assert spec.turns == Turns(50.0, 60, 2, 1.0, "3", None, True)
+    assert spec.block_revolutions == BlockRevolutions(50.0, 60, 2, 1.0, "3", None, True)
 
 
 @pytest.mark.parametrize(

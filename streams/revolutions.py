@@ -17,7 +17,7 @@ _KEPT_SHARE = 0.9
 
 
 @dataclass(frozen=True)
-class Turns:
+class BlockRevolutions:
     """How many turns a block has, and what counts them.
 
     Attributes:
