@@ -21,8 +21,8 @@ from streams.readers.sidecar import is_sidecar
 from streams.readers.stated import multiple_of, nice_rate, plain_key, rate_of_times
 from streams.recognise import data_set_of
 from streams.samples import ReaderError, Samples
-from streams.spec import UNITS, ChannelSpec, SourceSpec
-from streams.tacho_rows import TachoRow, tacho_row
+from streams.spec import UNITS, ChannelSpec, SourceError, SourceSpec
+from streams.tacho_rows import TachoRow, is_called_tacho, tacho_row
 
 Kind = Literal["vibration", "speed", "load", "tacho", "time", "other"]
 
@@ -90,7 +90,7 @@ class Survey:
         refused: files that cannot be read, with the reason.
         values: samples of the first file, shape (row, sample).
         chosen: whether only the longest rows are read, of files whose rows differ in length.
-        pulses: pattern of the files of pulses beside the others, None where there are none.
+        pulses: pattern of the files of pulses beside the others, or name of an array of them; None: there are none.
     """
 
     place: Path
@@ -160,12 +160,19 @@ def survey(path: str, kind: str = "auto", zone: str = "UTC") -> Survey:
     try:
         return _surveyed(spec, path, files, data_set)
     except ReaderError as error:
-        longest = _longest_rows(str(error))
+        longest, shorter = _rows_by_length(str(error))
         if not longest:
             raise
     channels = tuple(ChannelSpec(title, key=as_pattern(title)) for title in longest)
+    tachos = [title for title in shorter if is_called_tacho(title)]
+    pulses = as_pattern(tachos[0]) if len(tachos) == 1 and spec.pulses is None else spec.pulses
     spec = replace(spec, channels=channels)
-    return replace(_surveyed(spec, path, files, data_set_of(spec, files, data_set.name)), chosen=True)
+    try:
+        with_pulses = replace(spec, pulses=pulses)
+        return replace(_surveyed(with_pulses, path, files, data_set_of(with_pulses, files, data_set.name)), chosen=True)
+    except (ReaderError, SourceError):
+        # What is called so holds no times.
+        return replace(_surveyed(spec, path, files, data_set_of(spec, files, data_set.name)), chosen=True)
 
 
 def as_pattern(title: str) -> str:
@@ -173,12 +180,14 @@ def as_pattern(title: str) -> str:
     return re.sub(r"([*?\[])", r"[\1]", title)
 
 
-def _longest_rows(reason: str) -> list[str]:
-    """Return the names of the longest rows of a file whose rows differ in length, by the reason why it was refused."""
-    listed = re.search(r"of different lengths: (.*)", reason)
-    rows = [] if listed is None else re.findall(r"([^,]+?) (\d+)(?:, |; |$)", listed[1])
-    longest = max((int(size) for _, size in rows), default=0)
-    return [name.strip() for name, size in rows if int(size) == longest]
+def _rows_by_length(reason: str) -> tuple[list[str], list[str]]:
+    """Return the names of the longest rows of a file, and of the others, by the reason why it was refused."""
+    # Each file that was tried lists its rows.
+    listed = re.search(r"of different lengths: (.*?)(?:; |$)", reason)
+    found = [] if listed is None else re.findall(r"([^,]+?) (\d+)(?:, |$)", listed[1])
+    sizes = {name.strip(): int(size) for name, size in found}
+    longest = max(sizes.values(), default=0)
+    return [name for name in sizes if sizes[name] == longest], [name for name in sizes if sizes[name] < longest]
 
 
 def _surveyed(spec: SourceSpec, path: str, files: Files, data_set: DataSet) -> Survey:

@@ -31,6 +31,7 @@ from monitor.config.load import Config, load_config
 from monitor.words.numbers import duration
 from streams.listing import shown
 from streams.plausible import doubts
+from streams.pulse_files import is_beside
 from streams.samples import ReaderError
 from streams.spec import SourceError
 from streams.stamps import stamp_in_name, utc_text
@@ -323,7 +324,8 @@ def survey_lines(seen: Survey, path: str, timezone: str) -> Iterator[str]:
     for row in seen.rows:
         yield f"  row {row.column}, {row.title}: {_row_words(row)}"
     if seen.pulses is not None:
-        yield f"  pulses of a tacho: {seen.pulses} beside the files"
+        place = "beside the files" if is_beside(seen.pulses) else "in the files"
+        yield f"  pulses of a tacho: {shown(seen.pulses)} {place}"
     yield f"  date: {_date_words(seen, timezone)}"
 
 

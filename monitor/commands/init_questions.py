@@ -108,7 +108,7 @@ def _pulses_question(survey: Survey, answers: Answers) -> Question:
     found = None if row is None or survey.rate is None else row.tacho
     per_second = 0.0 if found is None else found.per_second
     likely = max(1, round(per_second / speed)) if speed else 1
-    seen = "Files of pulses stand beside the others"
+    seen = f"{survey.pulses} has times of pulses"
     if row is not None:
         regular = f"has about {per_second:.4g} pulses a second" if per_second else "shows no regular pulses"
         seen = f"{shown(row.title)} {regular}"

@@ -190,7 +190,7 @@ def _source(draft: Draft) -> Iterator[str]:
     else:
         yield _pair("block_s", 5, f"files of {longest:.4g} s are cut into blocks")
     if survey.pulses is not None:
-        yield _pair("pulses", survey.pulses, "times of the pulses of a tacho, beside each file")
+        yield _pair("pulses", survey.pulses, "times of the pulses of a tacho")
     if answers.range_g is not None:
         yield _pair("range_g", answers.range_g, "g at full scale of the integers")
     yield from _dates(draft)

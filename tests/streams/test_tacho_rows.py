@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import io
 from pathlib import Path
 
+import h5py
 import numpy as np
 import pytest
 from click.testing import CliRunner
@@ -15,6 +17,7 @@ from streams.block import Block
 from streams.pulse_files import pulse_pattern
 from streams.samples import Samples
 from streams.survey import surveyed_rows
+from tests.streams.format_makers import hdf5_bytes
 
 RATE = 2000.0
 TIME = np.arange(4000) / RATE
@@ -105,3 +108,17 @@ def test_init_offers_files_of_pulses(tmp_path: Path, monkeypatch: pytest.MonkeyP
     assert block.pulses is not None
     assert block.pulses.times.size == 50
     assert "problem" not in said
+
+
+@pytest.mark.parametrize("good", [True, False])
+def test_init_offers_an_array_of_pulses(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, good: bool) -> None:
+    (tmp_path / "in").mkdir()
+    for number in range(2):
+        stream = io.BytesIO(hdf5_bytes(NOISE[np.newaxis].astype(np.float32), RATE))
+        with h5py.File(stream, "a") as file:
+            times = 0.01 + np.arange(50) / 25.0
+            file.create_dataset("Tacho/times", data=times if good else -times).attrs["unit"] = "s"
+        (tmp_path / "in" / f"{number}.h5").write_bytes(stream.getvalue())
+    said, block = init(tmp_path, monkeypatch, *(() if good else ("--speed-hz", "25")))
+    assert (block.pulses is not None) == good
+    assert ("pulses of a tacho: Tacho/times in the files" in said) == good
