@@ -44,9 +44,9 @@ _FILE_COUNTS = ("offered", "accepted", "rejected", "ignored", "pending")
 _BATCH_BLOCKS = 64
 """Blocks to a transaction: a replay that is cut off begins again at the last batch, as the recording is still there."""
 
-Drawable = tuple[NDArray[np.floating], NDArray[np.floating], dict[str, float], str]
-"""An envelope spectrum to draw: frequency (Hz), amplitude (g, or the channel's unknown unit), the fundamentals of the
-families (Hz), and of which block it is."""
+Drawable = tuple[NDArray[np.floating], NDArray[np.floating], dict[str, float], str, float, str, str]
+"""An envelope spectrum to draw: frequency (Hz), amplitude, the fundamentals of the families (Hz), of which block it is,
+speed of the shaft (Hz), unit, and domain."""
 
 
 @dataclass
@@ -176,6 +176,7 @@ class _Drawn:
         recent: spectra of the latest blocks, whose average is drawn where there are several.
         speed: of the shaft, Hz.
         sequence: number of the block.
+        domain: of the spectrum.
         score: relative score of the fault named by then, 0 without a name.
     """
 
@@ -183,6 +184,7 @@ class _Drawn:
     recent: RecentSpectra
     speed: float
     sequence: int
+    domain: str
     score: float
 
     def spectrum(self, channel: ChannelSettings) -> Drawable:
@@ -196,7 +198,8 @@ class _Drawn:
             amplitude = amplitude / STANDARD_GRAVITY
         keep = min(amplitude.size, int(SPECTRUM_LINES * max(lines.values()) / resolution))
         mean = f", mean of {count}" if count > 1 else ""
-        return np.arange(keep) * resolution, amplitude[:keep].copy(), lines, f"block {self.sequence}{mean}"
+        label, unit = f"block {self.sequence}{mean}", "g" if channel.absolute else "sensor unit"
+        return np.arange(keep) * resolution, amplitude[:keep].copy(), lines, label, self.speed, unit, self.domain
 
 
 @dataclass
@@ -278,7 +281,8 @@ class _Run:
             if score < best or score == best > 0.0:
                 continue
             envelope, sequence = found.features.envelopes[0], output.record.sequence
-            self.drawn[name] = _Drawn(envelope, state.spectra, found.speed.value, sequence, score)
+            domain = found.features.domain
+            self.drawn[name] = _Drawn(envelope, state.spectra, found.speed.value, sequence, domain, score)
 
     def summary(self, seconds: float, files: list[Path]) -> dict[str, Any]:
         """Return the keys of the interface; the counts are those of the whole store, earlier replays included."""

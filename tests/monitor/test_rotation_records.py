@@ -10,7 +10,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+from benchmarks import varying_pictures
 from benchmarks.velocity import RATE
+from monitor.commands.replay import summary_lines
+from monitor.config.load import load_config
 from monitor.health.channel import ChannelBlock, step
 from monitor.health.condition import Quantity
 from monitor.health.output import ChannelOutput, record_values, spectrum_row
@@ -26,7 +29,9 @@ from monitor.health.waterfall import SpectrumChange
 from monitor.records.dataset import from_dataset, to_dataset
 from monitor.records.spectra import read_block_view, read_ias, read_spectra
 from monitor.records.store import Store
+from monitor.report.figures.spectrum import SpectrumView
 from monitor.service.record_message import StoredRecord, channel_values
+from monitor.service.replay import replay
 from monitor.words.rotation import DOMAINS as DOMAIN_WORDS
 from monitor.words.rotation import ROTATION_REFUSALS, speed_words
 from streams.block import Block
@@ -172,3 +177,22 @@ def test_messages_have_units_in_their_names() -> None:
     assert message["encoder_error_deg"] == pytest.approx(0.1)
     assert (message["acceleration_hz_per_s"], message["speed_min_hz"], message["domain"]) == (2.0, 22.0, "order")
     assert message["rotation_status"] is None
+
+
+def test_the_report_of_a_replay_has_its_own_spectrum_over_orders(tmp_path: Path) -> None:
+    (tmp_path / "in").mkdir()
+    np.save(tmp_path / "in" / "b0001.npy", varying_pictures.block(110))
+    text = varying_pictures.TEXT.format(
+        folder=tmp_path, rate=varying_pictures.RATE, begin="2026-03-02T06:00:00Z", interval=60.0, pulses=8,
+        designation=varying_pictures.DESIGNATION,
+    )  # fmt: skip
+    (tmp_path / "winch.toml").write_text(text)
+    found = replay(load_config(tmp_path / "winch.toml"), None, tmp_path / "out")
+    drawn: tuple[Any, ...] = found.spectra["radial"]
+    view = SpectrumView(*drawn)
+    assert (view.domain, view.unit, view.label) == ("order", "g", "block 1")
+    highest = view.frequency_hz[np.argmax(view.amplitude_g)]
+    assert highest == pytest.approx(view.fundamentals_hz["outer"], rel=2e-3)
+    channel = found.summary["channels"]["radial"]
+    assert (channel["domain"], channel["rotation_status"], channel["pulses_missing"]) == ("order", "ok", 0)
+    assert "spectra in orders of the shaft" in "\n".join(summary_lines(found.summary))

@@ -30,9 +30,10 @@ def ias_picture(rows: Sequence[SpectrumRow], context: ChannelContext) -> Picture
     shown = [(row, row.view.ias) for row in rows if row.view is not None and row.view.ias is not None]
     if not shown:
         return None
-    row, _ = shown[-1]
+    row, latest = shown[-1]
     orders = {part: line / row.speed for part, line in row.lines.items()}
-    last = max(_MIN_ORDERS, (ORDERS + 0.5) * max(orders.values(), default=0.0))
+    end = latest.width * latest.highest.size
+    last = min(end, max(_MIN_ORDERS, (ORDERS + 0.5) * max(orders.values(), default=0.0)))
     made, (axes,) = new_figure(3.1)
     data: dict[str, Any] = {}
     top = 0.0
@@ -47,7 +48,7 @@ def ias_picture(rows: Sequence[SpectrumRow], context: ChannelContext) -> Picture
     named = [part for part in FAULTS if part in context.verdict.fault.split("|") and part in orders]
     for part in named:
         colour, _ = FAULT_MARKS[part]
-        for harmonic in range(1, ORDERS + 1):
+        for harmonic in range(1, min(ORDERS, int(last / orders[part])) + 1):
             axes.axvline(harmonic * orders[part], color=colour, linewidth=0.8, linestyle=(0, (2, 3)), alpha=0.9)
         label = f"{LINE_NAMES[part]} {orders[part]:.3g}"
         axes.plot([], [], color=colour, linewidth=0.8, linestyle=(0, (2, 3)), label=label)
