@@ -20,8 +20,8 @@ from streams.link.sender import Sender
 from streams.link.wire import HEAD, JumpError, WireError, block_frame, decode_frame, encode_frame, frame_length, sealed
 from streams.pulses import Pulses
 from streams.reblock import samples_hash
-from streams.source import Delivery
-from streams.spec import SourceSpec
+from streams.source import Delivery, StreamCount
+from streams.spec import MAX_FRAME, SourceSpec
 from tests.committing import committing
 from tests.effort import effort_count
 from tests.memory_ledger import MemoryLedger
@@ -280,3 +280,25 @@ def test_a_header_states_the_pulses_of_a_channel() -> None:
     item = next_item(made)
     assert isinstance(item, Block)
     assert (item.pulses, item.pulses_per_revolution) == (None, 60)
+
+
+def test_after_a_reset_pulses_find_their_samples_under_the_new_count() -> None:
+    class Reset(MemoryLedger):
+        def stream(self, source: str) -> StreamCount:
+            return StreamCount(resets=1, first=1, number=8, last=7)
+
+    made = arrivals(Reset())
+    for data in frames(1):
+        assert made.take("press", data)
+    item = next_item(made)
+    assert isinstance(item, Block)
+    assert (item.sequence, item.name) == (8, "press[1:1]")
+    assert item.pulses is not None
+
+
+def test_frames_of_pulses_have_the_limit_of_all() -> None:
+    pulses = frames(1, count=200)[0]
+    with pytest.raises(WireError, match="at most 1024 bytes"):
+        arrivals().take("press", pulses, limit=1024)
+    with pytest.raises(WireError, match=f"at most {MAX_FRAME} bytes"):
+        encode_pulses(1, 100.0, Pulses(np.zeros(MAX_FRAME // 8)))

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
@@ -22,6 +22,7 @@ from streams.reblock import Reblocker
 from streams.revolutions import BlockRevolutions
 from streams.samples import Samples
 from streams.spec import ChannelSpec, SourceError, SourceSpec
+from tests.effort import effort_count
 from tests.streams.folders import Rig
 from tests.streams.test_reblock import cut_up, flushed
 
@@ -70,6 +71,7 @@ def test_each_block_has_its_turns(marks: int, channel: bool) -> None:
     assert [cut.missing == 0 for cut in found[:-1]] == [True] * 27
 
 
+@settings(max_examples=effort_count(quick=20, full=300))
 @given(sizes=st.lists(st.integers(0, 3000), max_size=8), channel=st.booleans())
 def test_the_pieces_do_not_matter(sizes: list[int], channel: bool) -> None:
     whole = run(2, channel=channel)
