@@ -187,6 +187,16 @@ def test_too_few_turns_and_blocks_out_of_order_are_not_learned() -> None:
     assert (state.pattern, reading.status) == (None, "learning")
 
 
+def test_a_step_leaves_state_and_pulses_as_they_are() -> None:
+    train, before = anywhere(1), STATE.to_dict()
+    assert STATE.pattern is not None
+    for array in (train.times, train.numbers, STATE.pattern.error):
+        array.flags.writeable = False
+    first, second = (encoder_step(STATE, train)[1] for _ in range(2))
+    assert STATE.to_dict() == before
+    assert np.array_equal(first.error, second.error)  # type: ignore[arg-type]
+
+
 def test_a_restarted_monitor_goes_on_with_the_same_digits() -> None:
     live = stored = EncoderState()
     for block in range(6):

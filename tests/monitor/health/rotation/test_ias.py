@@ -56,6 +56,15 @@ def test_a_line_on_a_bin_has_its_amplitude(order: float, share: float, phase: fl
     assert found.amplitude[round(order * TURNS)] == pytest.approx(2 * math.pi * speed * share, rel=tolerance)
 
 
+@given(longer=st.floats(1e-3, 1e3), later=st.floats(-1e3, 1e3), first=st.integers(-(10**6), 10**6))
+@settings(max_examples=10)
+def test_units_and_beginnings_of_time_and_count_do_not_matter(longer: float, later: float, first: int) -> None:
+    train = wheel(20, marks=16, lines=[(2.5, 1e-3, 0.0)], jitter=1e-7)
+    found, other = spectrum(train), spectrum(PulseTrain(longer * (train.times + later), train.numbers + first, 16))
+    np.testing.assert_allclose(other.amplitude * longer, found.amplitude, rtol=1e-3, atol=1e-6 * RAD_S)
+    assert other.mean_speed * longer == pytest.approx(found.mean_speed, rel=1e-9)
+
+
 @pytest.mark.parametrize("share", [1e-4, 1e-2])
 def test_a_sinusoidal_change_of_the_speed_reads_its_amplitude(share: float) -> None:
     """The speed itself is a sine over the angle; times come from the integral of 1/speed."""
