@@ -46,7 +46,7 @@ def ias_spectrum(
         ``wheel_error_deg`` (what repeats each turn, RMS) with its standard error ``wheel_error_sd_deg``.
 
     Raises:
-        SignalError: fewer than 8 marks a turn or 16 turns, or pulses that do not follow one speed.
+        SignalError: fewer than 16 marks a turn or 16 turns, or pulses that do not follow one speed.
     """
     if isinstance(pulses, xr.DataArray) and "rate_hz" in pulses.attrs:
         if pulses.sizes.get("channel", 1) != 1:

@@ -328,7 +328,7 @@ def _spectra(
             if not changes:
                 # The speed is that of the source: its first channel has it.
                 pulses, tacho = angles[channel.condition].repaired, channel.condition.tacho
-                row = replace(row, view=with_ias(row.view, pulses, tacho.ratio))
+                row = replace(row, view=with_ias(row.view, pulses, tacho.ratio, channel.bearing))
         began = states[name].detect.t_fs if onset else None
         changes.append(SpectrumChange(row, kind, thin, None if began is None else began.sequence))
     return after, tuple(changes)

@@ -21,6 +21,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from models.bearing import Bearing, kinematics
 from monitor.health.rotation.intervals import Intervals, TooFewPulsesError, UnevenPulsesError, intervals
 from monitor.health.rotation.repair import Repaired
 from monitor.health.rotation.train import PulseTrain
@@ -29,12 +30,12 @@ from monitor.health.spectrum.comb import LineSpectrum, beside_shaft, line_spectr
 from monitor.health.spectrum.family import FaultLines
 from monitor.health.spectrum.lines import CombQuery, find_lines
 from monitor.health.spectrum.search import FamilySearch, slip_searches
-from monitor.health.spectrum.settings import N_HARMONICS
+from monitor.health.spectrum.settings import N_HARMONICS, fundamentals
 
 FINE_ORDERS = 100.0
 """Events per revolution up to which each line is kept to be looked at."""
 
-MIN_MARKS = 8
+MIN_MARKS = 16
 """Marks a turn without which there is no spectrum: it ends at half of them."""
 
 _HANN_POWER = 1.5
@@ -215,13 +216,22 @@ def view_of(train: PulseTrain, ratio: float, error: NDArray[np.float64] | None =
         return None
 
 
-def with_ias(
-    view: BlockView | None, pulses: Repaired | None, ratio: float, error: NDArray[np.float64] | None = None
-) -> BlockView | None:
-    """Return what is kept of a block with its angular speed, where it has pulses; arguments as :func:`view_of`."""
+def with_ias(view: BlockView | None, pulses: Repaired | None, ratio: float, bearing: Bearing) -> BlockView | None:
+    """Return what is kept of a block with its angular speed, where its pulses can show a line of the bearing's balls.
+
+    Args:
+        view: of the block, or None.
+        pulses: of the block, or None.
+        ratio: turns of the bearing's shaft per turn of the shaft with the marks.
+        bearing: whose slowest passage must stand below half of the marks.
+    """
     if view is None or pulses is None or pulses.train is None:
         return view
-    return replace(view, ias=view_of(pulses.train, ratio, error))
+    lines = fundamentals(kinematics(bearing, 1.0))
+    slowest = min(order for fault, order in lines.items() if fault != "cage")
+    if slowest * ratio > 0.5 * pulses.train.per_revolution:
+        return view
+    return replace(view, ias=view_of(pulses.train, ratio))
 
 
 def _hann(count: int) -> NDArray[np.float64]:

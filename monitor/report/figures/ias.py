@@ -36,7 +36,7 @@ def ias_picture(rows: Sequence[SpectrumRow], context: ChannelContext) -> Picture
     last = min(end, max(_MIN_ORDERS, (ORDERS + 0.5) * max(orders.values(), default=0.0)))
     made, (axes,) = new_figure(3.1)
     data: dict[str, Any] = {}
-    top = 0.0
+    top, quiet = 0.0, np.inf
     for number, (one, found) in enumerate(shown):
         x, y = _curve(found, last)
         newest = number == len(shown) - 1
@@ -45,6 +45,7 @@ def ias_picture(rows: Sequence[SpectrumRow], context: ChannelContext) -> Picture
         )
         data[f"block_{one.sequence}"] = {"order": x, "amplitude_rad_s": y}
         top = max(top, float(y.max(initial=0.0)))
+        quiet = min(quiet, float(np.median(y)) if y.size else np.inf)
     named = [part for part in FAULTS if part in context.verdict.fault.split("|") and part in orders]
     for part in named:
         colour, _ = FAULT_MARKS[part]
@@ -53,7 +54,12 @@ def ias_picture(rows: Sequence[SpectrumRow], context: ChannelContext) -> Picture
         label = f"{LINE_NAMES[part]} {orders[part]:.3g}"
         axes.plot([], [], color=colour, linewidth=0.8, linestyle=(0, (2, 3)), label=label)
     axes.set_xlim(0.0, last)
-    axes.set_ylim(0.0, 1.15 * top or 1.0)
+    if 0.0 < quiet < top:
+        # Errors of the marks stand a thousand times above the lines of a bearing.
+        axes.set_yscale("log")
+        axes.set_ylim(0.1 * quiet, 8.0 * top)
+    else:
+        axes.set_ylim(0.0, 1.15 * top or 1.0)
     axes.set_xlabel("events per revolution of the shaft")
     axes.set_ylabel("angular speed (rad/s)")
     add_legend(axes, loc="upper right", ncols=4)

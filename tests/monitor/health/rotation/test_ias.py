@@ -198,7 +198,7 @@ def test_too_few_turns_or_marks_are_refused(train: PulseTrain) -> None:
 
 
 def test_few_marks_have_no_spectrum() -> None:
-    with pytest.raises(TooFewPulsesError, match="8 marks a turn or more, got 4"):
+    with pytest.raises(TooFewPulsesError, match="16 marks a turn or more, got 4"):
         spectrum(wheel(200, marks=4))
 
 

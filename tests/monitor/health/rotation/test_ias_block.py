@@ -53,6 +53,13 @@ def test_the_first_channel_of_a_kept_block_has_the_angular_speed() -> None:
     assert lines[shown][np.argmax(first.amplitude[shown])] == pytest.approx(3.0, abs=first.resolution)
 
 
-def test_too_few_marks_and_no_pulses_have_none() -> None:
-    assert kept(Pulses(TRAIN.times[::64][:-1], MARKS // 64)) == [None] * 4
+def test_marks_that_cannot_show_a_passage_of_the_balls_have_none() -> None:
+    """BPFO of the 6205 is 3.58 events a turn: of a bearing that turns three times as fast, 10.8 of the wheel."""
+    sixteen = Pulses(TRAIN.times[::16][:-1], 16)
+    assert kept(sixteen)[0] is not None
+    assert kept(sixteen, tacho_ratio=3.0) == [None] * 4
+    assert kept(Pulses(TRAIN.times[::32][:-1], 8)) == [None] * 4
+
+
+def test_no_pulses_have_none() -> None:
     assert kept(None) == [None] * 4
