@@ -83,7 +83,8 @@ def with_pulses(
     elif values.dtype.kind not in "fiu":
         raise ReaderError("unreadable", f"{where}: expected times of pulses, got type {values.dtype}")
     else:
-        rate = stated_rate(own, where)
+        # Loggers write a step of 0 beside times.
+        rate = stated_rate(own, where) if not unit or unit in _COUNTS else None
         if unit in _COUNTS or (not unit and rate is not None):
             times, epoch = _of_counts(values, rate, unit, where), began
         else:

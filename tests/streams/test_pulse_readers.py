@@ -170,6 +170,11 @@ def test_counts_are_pulses_in_the_middle_of_their_step(name: str, tmp_path: Path
     assert "fall at sample 2" in item.reason
 
 
+def test_a_step_beside_times_that_state_their_unit_is_not_looked_at(tmp_path: Path) -> None:
+    times, _ = pulses_of(first(tmp_path, "x.tdms", tdms(TIMES, "s", wf_increment=0.0), "edges"))
+    np.testing.assert_array_equal(times, TIMES)
+
+
 def test_times_of_tdms_may_be_dates(tmp_path: Path) -> None:
     dates = np.datetime64("2024-05-01T12:00:00") + (TIMES * 1e6).round().astype("timedelta64[us]")
     times, _ = pulses_of(first(tmp_path, "x.tdms", tdms(dates.astype("datetime64[us]"), None), "edges"))
