@@ -11,7 +11,7 @@ import statistics
 from collections.abc import Sequence
 from dataclasses import replace
 
-from monitor.health.detect.dependence import Dependence, is_known, learn_dependence, varying, widens
+from monitor.health.detect.dependence import Dependence, is_known, learn_dependence, steady_ranges, varying, widens
 from monitor.health.detect.state import (
     HEALTHY,
     LINES,
@@ -32,8 +32,10 @@ _LEAST_SHARE = 0.5
 """Share of the points that must show the lines of a part."""
 _WIDER_SHARE = 0.2
 """Blocks at new conditions over points learned before, with which the dependence is learned wider."""
-_MAX_KEPT = 200
-"""Points by which a dependence is learned that are kept."""
+_SUSPECT = 2
+"""Consecutive blocks above the threshold after which no other condition is learned: one can be a knock."""
+_MAX_KEPT, _MAX_KEPT_STEADY = 200, 50
+"""Points by which a dependence, or the lack of one, was learned that are kept."""
 
 
 def learn(state: DetectState, block: DetectInput, settings: DetectSettings) -> DetectState:
@@ -56,21 +58,23 @@ def learn(state: DetectState, block: DetectInput, settings: DetectSettings) -> D
 
 def _with_baseline(state: DetectState, baseline: Baseline, points: tuple[BaselinePoint, ...]) -> DetectState:
     """Return the state with a baseline, and the points by which it can be learned wider where levels depend."""
-    while len(points) > _MAX_KEPT:
-        points = points[::2]
-    return replace(state, learned=(), held=(), baseline=baseline, kept=points if baseline.by else ())
+    most = _MAX_KEPT if baseline.by else _MAX_KEPT_STEADY if baseline.steady else 0
+    while len(points) > most:
+        points = points[::2] if most else ()
+    return replace(state, learned=(), held=(), baseline=baseline, kept=points)
 
 
 def learn_wider(state: DetectState, block: DetectInput, settings: DetectSettings) -> DetectState:
-    """Count a block at a condition at which its level was not learned; learn with a number of them, where healthy.
+    """Count a block at a condition at which its RMS was not learned; learn with a number of them, where healthy.
 
     The baseline is fitted anew to all points, those by which it was learned before among them.
     """
     state = replace(state, outside=state.outside + 1)
-    if state.baseline is None or state.stage != HEALTHY or state.elevated is not None:
+    if state.baseline is None or state.stage != HEALTHY or state.exceeding >= _SUSPECT:
         return state
     point = block.point
-    if not is_known(point[3], state.baseline.by["rms"].by):
+    depends = state.baseline.by.get("rms")
+    if depends is not None and not is_known(point[3], depends.by):
         return state
     held = (*state.held, point)
     if len(held) < _WIDER_SHARE * max(len(state.kept), _LEAST_POINTS):
@@ -210,7 +214,9 @@ def _freeze(learned: Sequence[BaselinePoint], settings: DetectSettings, before: 
         if shown and len(shown) >= _LEAST_SHARE * len(learned):
             points, found = zip(*shown, strict=True)
             lines[name] = spread_of(name, points, found)
-    return Baseline(ln_rms, ln_rms_sd, lines, by)
+    taken = by["rms"].by if "rms" in by else ()
+    steady = steady_ranges([condition for *_, condition in learned], taken, settings.levels_by)
+    return Baseline(ln_rms, ln_rms_sd, lines, by, steady)
 
 
 def median_and_sd(values: Sequence[float]) -> Spread:

@@ -16,7 +16,7 @@ the blocks as so many fewer.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -28,6 +28,9 @@ LevelsBy = Literal["none", "speed", "load", "speed_and_load", "auto"]
 Condition = tuple[float | None, float | None, float | None, float | None]
 """ln of the least, the mean and the highest speed of a block, and of its load; None where not known."""
 UNKNOWN: Condition = (None, None, None, None)
+Range = tuple[float, float]
+_PLACES = {"speed": (0, 2), "load": (3, 3)}
+"""Where the least and the highest value of a condition stand."""
 
 MIN_SPREAD = {"speed": 0.02, "load": 0.05}
 """Least spread (5 to 95 %) of the logarithm of a condition that "auto" takes for one that varies."""
@@ -37,6 +40,8 @@ MAX_ERROR = 0.1
 """Largest standard deviation of a prediction that is used, ln level: that of the drift of a healthy machine."""
 _MARGIN = {"speed": 0.02, "load": 0.05}
 """By how much the logarithm of a condition may lie outside the learned range."""
+_STEADY_MARGIN = {"speed": 0.05, "load": 0.15}
+"""The same of a condition that did not vary, on which nothing was learned: a level may change with its fourth power."""
 _PRIOR = {"a": 3.0, "aa": 3.0, "b": 2.0, "bb": 1.0, "ab": 2.0, "hat": 0.25}
 _KNOT_STEP = 0.03
 _MIN_KNOTS, _MAX_KNOTS = 3, 15
@@ -111,6 +116,26 @@ class Dependence:
         return cls(**fields)
 
 
+def steady_ranges(conditions: Sequence[Condition], by: Sequence[str], levels_by: LevelsBy) -> dict[str, Range]:
+    """Return the learned ranges of the known conditions that "auto" does not take levels relative to."""
+    found: dict[str, Range] = {}
+    for name in ("speed", "load") if levels_by == "auto" else ():
+        low, high = ([v for one in conditions if (v := one[place]) is not None] for place in _PLACES[name])
+        if name not in by and len(low) >= _KNOWN_SHARE * len(conditions):
+            found[name] = (min(low), max(high))
+    return found
+
+
+def leaves(condition: Condition, ranges: Mapping[str, Range]) -> bool:
+    """Return whether a block is at another condition than those that did not vary; an unknown one is not."""
+    for name, (least, highest) in ranges.items():
+        low, high = (condition[place] for place in _PLACES[name])
+        margin = _STEADY_MARGIN[name]
+        if low is not None and high is not None and not least - margin <= low <= high <= highest + margin:
+            return True
+    return False
+
+
 def is_known(condition: Condition, by: Sequence[str]) -> bool:
     """Return whether a block states the conditions that a dependence takes."""
     return ("speed" not in by or None not in condition[:3]) and ("load" not in by or condition[3] is not None)
@@ -135,8 +160,7 @@ def widens(conditions: Sequence[Condition], by: Sequence[str]) -> bool:
     begun = 2 * len(conditions) // 3
 
     def width(name: str, part: Sequence[Condition]) -> float:
-        columns = (0, 2) if name == "speed" else (3, 3)
-        low, high = ([value for one in part if (value := one[place]) is not None] for place in columns)
+        low, high = ([value for one in part if (value := one[place]) is not None] for place in _PLACES[name])
         return max(high) - min(low) if low and high else 0.0
 
     return any(width(name, conditions) - width(name, conditions[:begun]) > 0.1 * width(name, conditions) for name in by)
@@ -164,8 +188,9 @@ def learn_dependence(
     found = np.array([[math.nan if value is None else value for value in one] for one in conditions])
     load = found[:, 3] if "load" in by else np.zeros(len(found))
     centre = (float(np.median(found[:, 1])) if "speed" in by else 0.0, float(np.median(load)))
-    if before is not None and before.by == by:
-        centre = before.centre
+    if before is not None:
+        kept = ("speed" in before.by and "speed" in by, "load" in before.by and "load" in by)
+        centre = (before.centre[0] if kept[0] else centre[0], before.centre[1] if kept[1] else centre[1])
     speeds = (float(found[:, 0].min()), float(found[:, 2].max())) if "speed" in by else (0.0, 0.0)
     knots = _knots(speeds[0] - centre[0], speeds[1] - centre[0]) if "speed" in by else ()
     terms = _terms(conditions, by, centre, knots)

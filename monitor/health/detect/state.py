@@ -7,7 +7,15 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
-from monitor.health.detect.dependence import UNKNOWN, Condition, Dependence, LevelsBy, condition_of
+from monitor.health.detect.dependence import (
+    UNKNOWN,
+    Condition,
+    Dependence,
+    LevelsBy,
+    Range,
+    condition_of,
+    leaves,
+)
 
 LEARNING, HEALTHY, FINAL, END_OF_LIFE = "learning", "healthy", "final", "end_of_life"
 STAGES = (LEARNING, HEALTHY, FINAL, END_OF_LIFE)
@@ -108,18 +116,22 @@ class Baseline:
     Attributes:
         lines: of the logarithm of each of ``LINES`` that its blocks showed.
         by: how the levels depend on speed and load, by feature; those of the others do not, as far as was seen.
+        steady: ranges of the logarithms of the conditions, "speed" and "load", that RMS is not taken relative to.
     """
 
     ln_rms: float
     ln_rms_sd: float
     lines: Mapping[str, Spread] = field(default_factory=dict[str, Spread])
     by: Mapping[str, Dependence] = field(default_factory=dict[str, Dependence])
+    steady: Mapping[str, Range] = field(default_factory=dict[str, Range])
 
     def less_condition(self, name: str, ln_value: float, condition: Condition) -> tuple[float, float] | None:
         """Return the logarithm of a level as it were at the reference condition, and the error of that.
 
-        None at a condition at which the dependence of the level was not learned.
+        None at a condition at which the level was not learned.
         """
+        if name == "rms" and leaves(condition, self.steady):
+            return None
         dependence = self.by.get(name)
         if dependence is None:
             return ln_value, 0.0
@@ -172,9 +184,9 @@ class DetectState:
         recent: peak and RMS of the latest blocks, RMS as it were at the reference condition.
         t_eol: the end of life; once known, it stays.
         episodes: the latest that closed, oldest first.
-        outside: usable blocks at a condition at which the dependence of RMS was not learned.
-        kept: points by which the dependences were learned.
-        held: those of healthy blocks outside, from which they will be learned wider.
+        outside: usable blocks at a condition at which RMS was not learned.
+        kept: points by which the baseline was learned.
+        held: those of healthy blocks outside, with which it will be learned wider.
     """
 
     version: int = _VERSION
@@ -251,9 +263,15 @@ def _baseline(
     ln_rms_sd: float,
     lines: Mapping[str, Sequence[float]],
     by: Mapping[str, dict[str, Any]] | None = None,
+    steady: Mapping[str, Sequence[float]] | None = None,
 ) -> Baseline:
-    spreads = {name: (middle, spread) for name, (middle, spread) in lines.items()}
-    return Baseline(ln_rms, ln_rms_sd, spreads, {name: Dependence.from_dict(one) for name, one in (by or {}).items()})
+    return Baseline(
+        ln_rms,
+        ln_rms_sd,
+        {name: (middle, spread) for name, (middle, spread) in lines.items()},
+        {name: Dependence.from_dict(one) for name, one in (by or {}).items()},
+        {name: (low, high) for name, (low, high) in (steady or {}).items()},
+    )
 
 
 def _of_version_1(values: Mapping[str, Any]) -> dict[str, Any]:
@@ -284,7 +302,7 @@ class DetectOutput:
         relearned: the baseline was learned anew with this block.
         level: RMS over what is learned at the condition of the block; None without a dependence on that.
         expected_rms: what is learned at the condition of the block, in the unit of the channel; None where nothing is.
-        outside: the dependence was not learned at the condition of the block, which is therefore not judged.
+        outside: RMS was not learned at the condition of the block, which is therefore not judged.
     """
 
     stage: str

@@ -95,7 +95,7 @@ def test_at_one_speed_nothing_depends(settings):
     state, outputs = run(given, settings)
     bare, expected = run([replace(block, speed=None, load=None) for block in given], settings)
     assert state.baseline is not None
-    assert state.baseline == bare.baseline
+    assert replace(state.baseline, steady={}) == bare.baseline
     assert not state.baseline.by
     assert outputs == expected
 
@@ -128,6 +128,37 @@ def test_a_speed_that_was_not_learned_is_withheld_and_counted():
     assert unknown.held == state.held
     _, outputs = run(blocks(rng, np.full(5, 25.0), np.full(5, 4000.0), first=361), AUTO, after)
     assert all(output.score is not None for output in outputs)
+
+
+@pytest.mark.parametrize(("speed", "load"), [(30.0, 4000.0), (25.0, 2400.0)])
+def test_a_duty_that_comes_after_learning_is_learned_and_no_onset(speed, load):
+    rng = np.random.default_rng(12)
+    given = blocks(rng, np.full(150, 25.0), np.full(150, 4000.0))
+    given += blocks(rng, np.full(100, speed), np.full(100, load), first=151)
+    given += blocks(rng, np.full(50, 25.0), np.full(50, 4000.0), first=251)
+    state, outputs = run(given, AUTO)
+    assert state.stage == "healthy"
+    assert not state.episodes
+    assert 0 < state.outside <= 0.2 * 100
+    assert [output.outside for output in outputs].index(True) == 150
+    assert state.baseline is not None
+    assert state.baseline.by["rms"].by == (("speed",) if speed != 25.0 else ("load",))
+    # The rest of what is told of the new duty is as sharp as of the old one.
+    grown = blocks(rng, np.full(20, speed), np.full(20, load), np.full(20, 0.8), first=301)
+    assert run(grown, AUTO, state)[0].t_fs_known is not None
+
+
+def test_damage_at_a_known_duty_stops_the_learning_of_others():
+    rng = np.random.default_rng(13)
+    given = blocks(rng, np.full(150, 25.0), np.full(150, 4000.0))
+    given += blocks(rng, np.full(3, 25.0), np.full(3, 4000.0), np.full(3, 0.8), first=151)
+    state, _ = run(given + blocks(rng, np.full(60, 30.0), np.full(60, 4000.0), first=154), AUTO)
+    assert state.outside == 60
+    assert not state.held
+    assert state.exceeding == 3
+    knock = [replace(given[150], rms=20.0), *blocks(rng, np.full(60, 30.0), np.full(60, 4000.0), first=152)]
+    state, _ = run(given[:150] + knock, AUTO)
+    assert state.outside < 25
 
 
 def test_an_asked_dependence_of_a_constant_speed_withholds_other_speeds():
@@ -183,7 +214,8 @@ def test_a_state_of_version_2_goes_on():
     del old["outside"]
     state, _ = run(given[60:], AUTO, DetectState.from_dict({**old, "version": 2}))
     whole, _ = run(given, AUTO)
-    assert state == whole
+    assert whole.baseline is not None
+    assert state == replace(whole, baseline=replace(whole.baseline, steady={}), kept=())
 
 
 def test_a_block_of_varying_speed_is_the_mean_of_its_terms():
