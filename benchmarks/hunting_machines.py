@@ -115,12 +115,13 @@ class HuntingMachine:
         return rms, 0.5 * np.log(np.mean(gains[:, :, 3:8], axis=(1, 2)))
 
     def blocks(
-        self, rng: np.random.Generator, duty: Duty, count: int, growth: Array | None = None
+        self, rng: np.random.Generator, duty: Duty, count: int, growth: Array | None = None, of_lines: float = 2.0
     ) -> list[DetectInput]:
         """Return what the detector takes of ``count`` blocks.
 
         Args:
-            growth: of ln RMS and, twice as much, of the lines of the outer race over the floor, shape (block,).
+            growth: of ln RMS, shape (block,).
+            of_lines: growth of the lines of the outer race over the floor, over that.
         """
         speed, load = self.course(rng, duty, count)
         rms, resonance = self.law(speed, load, 0.005 + 0.003 * rng.standard_normal(count))
@@ -130,7 +131,7 @@ class HuntingMachine:
         lines = 0.12 * rng.standard_normal((count, len(LINES))) + follows * (resonance - resonance.mean())[:, None]
         if growth is not None:
             level = level * np.exp(growth)
-            lines[:, 0] += 2.0 * growth
+            lines[:, 0] += of_lines * growth
         stated = load * (1.0 + 0.01 * rng.standard_normal(count))
         return [
             DetectInput(
