@@ -245,6 +245,7 @@ def test_load_and_speed_that_change_more_than_in_any_life_are_outside() -> None:
         ({"harmonics": (1.0, math.inf, 1.0)}, "bad_block", "cannot_tell"),
         ({"load": 7000.0}, "outside_conditions", "outside_library"),
         ({"speed": 10.0}, "outside_conditions", "outside_library"),
+        ({"speed_range": (20.0, 80.0)}, "outside_conditions", "outside_library"),
         ({"rms": 1e5}, "implausible", "cannot_tell"),
     ],
 )
