@@ -32,6 +32,7 @@ _COMMANDS = {
     "library": ("library:command", "Libraries of simulated lives: build."),
     "identify": ("identify:command", "Parameters of a rig from tests with known defects."),
     "track": ("track:command", "V_eq from an RMS history and a map."),
+    "orders": ("orders:command", "Spectra of a block over orders of the shaft, at its full rate."),
     "examples": ("examples:command", "List the examples that come with the program, or copy them."),
     "warmup": ("warmup:command", "Compile the bearing model and plan transforms in advance."),
     "forecast": ("forecast:command", "Time to threshold from a V_eq history."),

@@ -45,6 +45,7 @@ if TYPE_CHECKING:
     from spallwatch.figures import plot_scene as plot_scene
     from spallwatch.figures import plot_signal as plot_signal
     from spallwatch.figures import plot_spectrum as plot_spectrum
+    from spallwatch.orders import order_spectrum as order_spectrum
     from spallwatch.recordings import blocks as blocks
     from spallwatch.recordings import read as read
     from spallwatch.recordings import to_signal as to_signal
@@ -81,6 +82,7 @@ _HOMES = {
     "name_fault": "spallwatch.analysis",
     "open_map": "spallwatch.scenes",
     "open_records": "spallwatch.records",
+    "order_spectrum": "spallwatch.orders",
     "plot_map": "spallwatch.figures",
     "plot_records": "spallwatch.figures",
     "plot_scene": "spallwatch.figures",

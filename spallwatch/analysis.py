@@ -56,7 +56,7 @@ def spectrum(
     Raises:
         SignalError: a sample is not finite, or the signal is shorter than 64 samples.
     """
-    given = _signal_of(signal, rate_hz, unit)
+    given = signal_of(signal, rate_hz, unit)
     rows = _transformed(given, ())
     amplitude = np.stack([found.raw.amplitude for found in rows])
     return _over_frequency(given, amplitude, rows[0].raw.resolution, "amplitude of the spectrum")
@@ -82,7 +82,7 @@ def envelope_spectrum(
     Raises:
         SignalError: as ``spectrum``, or the band does not fit below half of the sampling rate.
     """
-    given = _signal_of(signal, rate_hz, unit)
+    given = signal_of(signal, rate_hz, unit)
     envelopes = [found.envelopes[0] for found in _transformed(given, (band_hz,))]
     amplitude = np.stack([envelope.amplitude for envelope in envelopes])
     found = _over_frequency(given, amplitude, envelopes[0].resolution, "amplitude of the envelope spectrum")
@@ -126,7 +126,7 @@ def features(
         PulsesError: the pulses do not go with the signal.
         ConfigError: an argument is not allowed.
     """
-    given = _signal_of(signal, rate_hz, unit)
+    given = signal_of(signal, rate_hz, unit)
     given, pulses = with_pulses(given, tacho)
     record = _analysed(given, pulses, bearing, speed_hz, load_newton, band_hz, rms_band_hz, speed_exact).record
     dataset = readable(to_dataset([_stored(record)], dated=False, attributes={})).isel(time=0, drop=True)
@@ -159,7 +159,7 @@ def name_fault(
     Raises:
         SignalError: also a signal of several channels.
     """
-    given = _signal_of(signal, rate_hz, unit)
+    given = signal_of(signal, rate_hz, unit)
     given, pulses = with_pulses(given, tacho)
     if given.sizes["channel"] != 1:
         names = ", ".join(map(str, given.channel.values))
@@ -172,7 +172,7 @@ def name_fault(
     return naming
 
 
-def _signal_of(signal: xr.DataArray | ArrayLike, rate_hz: float | None, unit: str | None) -> xr.DataArray:
+def signal_of(signal: xr.DataArray | ArrayLike, rate_hz: float | None, unit: str | None) -> xr.DataArray:
     """Return a signal in the form of ``to_signal``."""
     if not isinstance(signal, xr.DataArray):
         if rate_hz is None or unit is None:

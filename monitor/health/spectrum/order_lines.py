@@ -45,10 +45,11 @@ def envelope_beside(
     grid = np.fft.ifft(corrected, length, norm="forward")
     times = warp.points(points, 1.0)
     places = times * (length / warp.duration)
-    signal = between(grid.real, places) + 1j * between(grid.imag, places)
+    signal = between(grid, places)
     steps = np.arange(points).reshape(-1, places.shape[0]).T
     turns = times * (first / warp.duration) - steps * (lowest / points)
-    signal *= np.exp(2j * np.pi * (turns - np.rint(turns))).astype(signal.dtype)
+    angle = (2.0 * np.pi * (turns - np.rint(turns))).astype(signal.real.dtype)
+    signal *= np.cos(angle) + 1j * np.sin(angle)
     width = highest - lowest
     spectrum = np.fft.fft(signal.T.ravel())
     spectrum[:width] = _without(spectrum[:width], lowest, warp.resolution, combs)

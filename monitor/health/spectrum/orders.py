@@ -128,6 +128,15 @@ def warp_of(rotation: Rotation, duration: float) -> Warp | None:
     return Warp(duration, mean, mean / turned, slowest, fastest, times, (turned / nodes) / speeds)
 
 
+def warp_or_error(rotation: Rotation, duration: float) -> Warp:
+    """Return what ``warp_of`` does; ValueError where that is None."""
+    warp = warp_of(rotation, duration)
+    if warp is None:
+        low, high = rotation.speed_range
+        raise ValueError(f"the speed varies from {low:g} to {high:g} Hz, at most by a factor of {MAX_SPEED_RATIO:g}")
+    return warp
+
+
 def same_axis(one: Rotation | None, other: Rotation | None) -> bool:
     """Return whether spectra by two rotations, or over time by None, can be compared bin for bin."""
     if one is None or other is None or one is other:
@@ -192,10 +201,7 @@ def order_spectrum(
     if samples.size < _LEAST_SAMPLES or abs(rotation.duration * rate - samples.size) > 0.5:
         lasts = f"{samples.size / rate:g} s ({samples.size} samples)"
         raise ValueError(f"expected {_LEAST_SAMPLES} samples or more of {rotation.duration:g} s, got {lasts}")
-    warp = warp_of(rotation, samples.size / rate)
-    if warp is None:
-        low, high = rotation.speed_range
-        raise ValueError(f"the speed varies from {low:g} to {high:g} Hz, at most by a factor of {MAX_SPEED_RATIO:g}")
+    warp = warp_or_error(rotation, samples.size / rate)
     complete = 0.5 * rate / warp.fastest
     mean = float(samples.mean())
     bins = np.fft.rfft(samples.astype(np.float64) - mean)[: (samples.size + 1) // 2]

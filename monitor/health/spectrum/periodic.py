@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from functools import lru_cache
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,11 +35,14 @@ def grid_bins(bins: NDArray[np.complexfloating]) -> tuple[NDArray[np.complexfloa
     return bins * _correction(length, precision_of(bins.real))[: bins.size], length
 
 
-def between(period: NDArray[np.floating], places: NDArray[np.float64]) -> NDArray[np.floating]:
+Sampled = TypeVar("Sampled", NDArray[np.floating], NDArray[np.complexfloating])
+
+
+def between(period: Sampled, places: NDArray[np.float64]) -> Sampled:
     """Return a periodic signal at places between its samples.
 
     Args:
-        period: (sample,) the inverse transform of what ``grid_bins`` gave.
+        period: (sample,) the inverse transform of what ``grid_bins`` gave, real or complex.
         places: (row, place) from 0 to the length of the period, in samples.
     """
     grid = np.concatenate((period[-_HALF_TAPS:], period, period[: _HALF_TAPS + 1]))
@@ -48,7 +52,7 @@ def between(period: NDArray[np.floating], places: NDArray[np.float64]) -> NDArra
     for begin in range(0, places.shape[0], rows):
         place = places[begin : begin + rows]
         nearest = np.rint(place)
-        beside = (place - nearest).astype(grid.dtype)
+        beside = (place - nearest).astype(grid.real.dtype)
         square = beside * beside
         index = nearest.astype(np.intp)
         total = grid.take(index + _HALF_TAPS, mode="clip")
@@ -61,7 +65,7 @@ def between(period: NDArray[np.floating], places: NDArray[np.float64]) -> NDArra
             total += even * (above + below)
             total += odd * (above - below)
         found[begin : begin + rows] = total
-    return found
+    return found  # pyright: ignore[reportReturnType]  # of the type of the period
 
 
 def precision_of(samples: NDArray[np.floating]) -> Precision:

@@ -1,0 +1,175 @@
+"""``spallwatch orders``: spectra over orders of the shaft of one block of a recording, at its full rate."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import click
+import numpy as np
+from numpy.typing import NDArray
+
+from monitor.commands import option
+from monitor.commands.common import InputError, check_suffix, emit, output_errors, read_config
+from monitor.config.load import Config
+from monitor.health.output import ChannelOutput
+from monitor.health.spectrum.orders import OrderSpectrum, order_spectrum
+from monitor.health.state import ChannelSettings, SourceState
+from monitor.health.step import step
+from streams.block import STANDARD_GRAVITY, Block, to_si
+
+MOST_LINES = 12
+"""Highest lines that are listed."""
+_APART_BINS = 3
+
+
+@click.command("orders")
+@click.argument("input_path", metavar="RECORDING")
+@option.config
+@click.option("--block", "wanted", type=click.IntRange(min=1), help="Number of the block; by default the first.")
+@click.option("--envelope", is_flag=True, help="Spectra of the envelopes of the channels' bands.")
+@click.option("--max-order", type=option.POSITIVE, default=100.0, show_default=True, help="Highest order.")
+@click.option("--out", type=option.OUT_FILE, help="Write the spectra (CSV).")
+@option.output
+def command(
+    input_path: str,
+    config_path: Path | None,
+    wanted: int | None,
+    envelope: bool,
+    max_order: float,
+    out: Path | None,
+    as_json: bool,
+    quiet: bool,
+) -> None:
+    """Print the highest lines of one block of RECORDING over orders of the shaft.
+
+    The angle of the shaft is that of the configuration: a tacho, pulses, a speed over time, or the vibration.
+    """
+    if out is not None:
+        check_suffix("--out", out, (".csv",))
+    config = read_config(config_path)
+    block, outputs, settings = _block(config, input_path, wanted)
+    spectra = {
+        name: _envelope(output, max_order) if envelope else _signal(block, output, settings[name], max_order)
+        for name, output in outputs.items()
+        if output.rotation is not None and output.features is not None
+    }
+    if not spectra:
+        status = next((output.rotation_status for output in outputs.values()), None)
+        raise InputError(f"{block.name}: no channel has an angle of the shaft: {status or 'none is configured'}")
+    if out is not None:
+        _write(out, spectra, settings)
+    values = _values(block, outputs, spectra, settings)
+    emit(values, _lines(values), as_json=as_json)
+
+
+def _block(
+    config: Config, recording: str, wanted: int | None
+) -> tuple[Block, Mapping[str, ChannelOutput], Mapping[str, ChannelSettings]]:
+    """Return the block of a number, or the first that is accepted, with what the stages make of it."""
+    from monitor.service.setup import open_configured, source_settings
+
+    if len(config.source) != 1:
+        raise InputError(f"orders takes a configuration with one [[source]], this one has {len(config.source)}")
+    settings = source_settings(config, config.source[0])
+    state = SourceState.begin(settings)
+    for block in open_configured(config, config.source[0], recording):
+        state, output = step(state, block, settings)
+        if isinstance(block, Block) and output.channels and (wanted is None or block.sequence == wanted):
+            return block, output.channels, settings.channels
+    which = "no block of it is" if wanted is None else f"block {wanted} is not"
+    raise InputError(f"{recording}: {which} accepted; replay says why")
+
+
+def _signal(block: Block, output: ChannelOutput, settings: ChannelSettings, limit: float) -> OrderSpectrum:
+    row = block.channels.index(settings.name)
+    samples, _ = to_si(block.samples[row], block.units[row], settings.scale, settings.sensitivity_mv_per_g)
+    assert output.rotation is not None
+    try:
+        return order_spectrum(samples, block.rate, output.rotation, limit)
+    except ValueError as error:
+        raise InputError(f"{block.name}: {error}") from None
+
+
+def _envelope(output: ChannelOutput, limit: float) -> OrderSpectrum:
+    features, rotation = output.features, output.rotation
+    assert features is not None
+    assert rotation is not None
+    if features.domain != "order":
+        low, high = rotation.speed_range
+        raise InputError(f"the envelope is not over the angle: domain hertz, speed from {low:g} to {high:g} Hz")
+    envelope = features.envelopes[output.leading]
+    spacing = envelope.resolution / rotation.mean_speed
+    amplitude = np.asarray(envelope.amplitude[: int(limit / spacing) + 1], dtype=np.float64)
+    reach = (envelope.amplitude.size - 1) * spacing
+    return OrderSpectrum(spacing, amplitude, float(envelope.mean), 1.0 / spacing, rotation.mean_speed, reach)
+
+
+def _one(settings: ChannelSettings) -> float:
+    """Return the unit of amplitudes in that of the samples: g, or the channel's own."""
+    return STANDARD_GRAVITY if settings.absolute else 1.0
+
+
+def _highest(amplitude: NDArray[np.float64]) -> list[int]:
+    """Return the bins of the highest maxima, the highest first."""
+    padded = np.pad(amplitude[2:], _APART_BINS, constant_values=0.0)
+    around = np.lib.stride_tricks.sliding_window_view(padded, 2 * _APART_BINS + 1).max(axis=1)
+    tops = np.flatnonzero((amplitude[2:] == around) & (amplitude[2:] > 0.0)) + 2
+    return tops[np.argsort(-amplitude[tops], kind="stable")][:MOST_LINES].tolist()
+
+
+def _values(
+    block: Block,
+    outputs: Mapping[str, ChannelOutput],
+    spectra: Mapping[str, OrderSpectrum],
+    settings: Mapping[str, ChannelSettings],
+) -> dict[str, Any]:
+    """Return the keys of the interface."""
+    channels: dict[str, Any] = {}
+    for name, found in spectra.items():
+        rotation, one = outputs[name].rotation, _one(settings[name])
+        key = "amplitude_g" if settings[name].absolute else "amplitude_own"
+        assert rotation is not None
+        low, high = rotation.speed_range
+        channels[name] = {
+            "rotation_source": rotation.source,
+            "revolutions": found.revolutions,
+            "speed_hz": found.mean_speed,
+            "speed_min_hz": low,
+            "speed_max_hz": high,
+            "order_step": found.step,
+            "complete_order": found.complete,
+            "lines": [
+                {
+                    "order": place * found.step,
+                    key: float(found.amplitude[place]) / one,
+                }
+                for place in _highest(found.amplitude)
+            ],
+        }
+    return {"block": block.sequence, "name": block.name, "channels": channels}
+
+
+def _lines(values: Mapping[str, Any]) -> Iterator[str]:
+    yield f"block {values['block']} ({values['name']})"
+    for name, found in values["channels"].items():
+        speeds = f"{found['speed_hz']:.5g} Hz, from {found['speed_min_hz']:.5g} to {found['speed_max_hz']:.5g}"
+        yield f"channel {name}: {found['revolutions']:.5g} turns at {speeds} ({found['rotation_source']})"
+        for line in found["lines"]:
+            amplitude = line.get("amplitude_g", line.get("amplitude_own"))
+            yield f"  {line['order']:>10.3f}  {amplitude:.4g}{' g' if 'amplitude_g' in line else ''}"
+
+
+def _write(path: Path, spectra: Mapping[str, OrderSpectrum], settings: Mapping[str, ChannelSettings]) -> None:
+    """Write one column of orders and one of each channel; channels of other shafts by their own orders."""
+    columns: list[NDArray[np.float64]] = []
+    names: list[str] = []
+    for name, found in spectra.items():
+        columns += [found.order, found.amplitude / _one(settings[name])]
+        names += [f"{name}_order", f"{name}_amplitude{'_g' if settings[name].absolute else ''}"]
+    rows = np.full((max(column.size for column in columns), len(columns)), np.nan)
+    for place, column in enumerate(columns):
+        rows[: column.size, place] = column
+    with output_errors("--out", path):
+        np.savetxt(path, rows, "%.9g", delimiter=",", header=",".join(names), comments="")
