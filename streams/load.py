@@ -319,7 +319,7 @@ def _factor_of(samples: Samples, row: int, channel: ChannelSpec, range_g: float 
         ReaderError: ``wrong_unit`` where the row holds integers and nothing states what they mean.
     """
     stored = samples.stored[row]
-    if stored in (VALUES, SCALED) or channel.unit == "unknown" or channel.scale is not None:
+    if stored in (VALUES, SCALED, DIGITAL) or channel.unit == "unknown" or channel.scale is not None:
         return 1.0
     if stored == FRACTIONS and range_g is not None and not samples.scaled:
         of_one_g = {"m/s2": STANDARD_GRAVITY, "V": 1e-3 * (channel.sensitivity_mv_per_g or 0.0)}

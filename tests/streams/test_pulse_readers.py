@@ -15,6 +15,7 @@ import scipy.io
 from nptdms import ChannelObject, TdmsWriter
 from numpy.typing import NDArray
 
+import spallwatch as sw
 from streams.block import Block, Rejected
 from streams.open import open_source
 from streams.readers.pulse_text import pulse_column
@@ -318,3 +319,9 @@ def test_rows_that_are_on_and_off_are_no_vibration(tmp_path: Path) -> None:
     block = next(iter(open_source(SourceSpec("s", str(tmp_path / "x.h5"), block_s="file"))))
     assert isinstance(block, Block), block
     assert block.channels == ("acc_1",)
+
+
+def test_a_unit_for_all_channels_does_not_ask_for_the_level_of_truth_values(tmp_path: Path) -> None:
+    (tmp_path / "x.mat").write_bytes(TACHO_FILES["x.mat"])
+    found = sw.read(tmp_path / "x.mat", unit="g", rate_hz=RATE, scale=1.0)
+    assert list(found.channel.values) == ["acc_1", "tacho", "volts"]
