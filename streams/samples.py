@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Hashable, Sequence
 from dataclasses import dataclass, replace
+from math import prod
 from typing import Any
 
 import numpy as np
@@ -197,6 +198,11 @@ def check_rows(count: int, where: str, kind: str = "rows") -> None:
     """Raise ``refused`` for more than ``MAX_ROWS`` of a ``kind`` ("columns", "channels")."""
     if count > MAX_ROWS:
         raise ReaderError("refused", f"{where}: {count} {kind}, {MAX_ROWS} are allowed")
+
+
+def may_be_rows(dtype: np.dtype[Any], shape: Sequence[int]) -> bool:
+    """Return whether an array holds rows of samples: real numbers, or a single row of truth values."""
+    return dtype.kind in "fiu" or (dtype.kind == "b" and max(shape, default=0) == prod(shape))
 
 
 def rows_of(array: NDArray[np.generic], where: str) -> NDArray[np.floating]:

@@ -30,7 +30,7 @@ from streams.readers.stated import (
     stated_time,
     stated_unit,
 )
-from streams.samples import VALUES, ReaderError, Samples, check_rows, rows_of, stack_rows
+from streams.samples import DIGITAL, VALUES, ReaderError, Samples, check_rows, may_be_rows, rows_of, stack_rows
 
 SIGNATURE = b"\x89HDF\r\n\x1a\n"
 _HIDDEN = "#"
@@ -83,7 +83,7 @@ def read_hdf5(
                 continue
             found.append(item)
             shape = item.dataset.shape
-            if shape and max(shape) >= 2 and item.dataset.dtype.kind in "fiub":
+            if shape and max(shape) >= 2 and may_be_rows(item.dataset.dtype, shape):
                 vectors.append(item)
                 # Before any is loaded, and before the rest is listed.
                 check_rows(len(vectors), name, "vectors")
@@ -137,7 +137,11 @@ def join_arrays(arrays: Sequence[tuple[str, NDArray[np.floating], Facts]], name:
     rows: list[NDArray[np.floating]] = []
     names: list[str] = []
     facts: list[Facts] = []
-    for key, array, stated in arrays:
+    numbers = [item for item in arrays if item[2].get(STORED) != DIGITAL]
+    lengths = {item[1].shape[1] for item in numbers}
+    # Truth values come last, so that they do not move the numbers of the others; some are flags of something else.
+    digital = [item for item in arrays if item[2].get(STORED) == DIGITAL and lengths <= {item[1].shape[1]}]
+    for key, array, stated in (*numbers, *digital):
         rows.extend(array)
         names.extend([key] if len(array) == 1 else [f"{key}_{i}" for i in range(1, len(array) + 1)])
         facts.extend([stated] * len(array))

@@ -19,7 +19,7 @@ from streams.limits import max_loaded_bytes
 from streams.readers.hdf5 import SIGNATURE, Budget, attributes, join_arrays, load, open_hdf5, walk
 from streams.readers.pulse_times import matches_pulses, only_one, own_facts, sought, with_pulses
 from streams.readers.stated import KEYS, STORED, plain_key, stated_time
-from streams.samples import ReaderError, Samples, rows_of, stored_as
+from streams.samples import ReaderError, Samples, may_be_rows, rows_of, stored_as
 
 _DATENUM_OF_1970 = 719529.0
 _DATENUMS = (693962.0, 767011.0)
@@ -257,7 +257,7 @@ def _joined(
             {**facts.get("", {}), **facts.get(key.rpartition(".")[0], {}), STORED: stored_as(array.dtype)},
         )
         for key, array in values.items()
-        if array.dtype.kind in "fiub" and array.size > 1
+        if array.size > 1 and may_be_rows(array.dtype, array.shape)
     ]
     held: list[str] = []
     if not arrays:

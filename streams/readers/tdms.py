@@ -151,7 +151,10 @@ def _wanted(channels: Sequence[Any], name: str, patterns: Sequence[str]) -> list
         raise ReaderError(
             status, f"{name}: no channel with numbers matches {', '.join(patterns) or '*'}; it holds {held}"
         )
-    return found
+    numbers = [channel for channel in found if np.dtype(channel.dtype).kind != "b"]
+    lengths = {len(channel) for channel in numbers}
+    # Truth values come last, so that they do not move the numbers of the others; some are flags of something else.
+    return [*numbers, *(channel for channel in found if channel not in numbers and lengths <= {len(channel)})]
 
 
 def _stacked(rows: list[NDArray[Any]]) -> NDArray[np.floating]:

@@ -324,4 +324,30 @@ def test_rows_that_are_on_and_off_are_no_vibration(tmp_path: Path) -> None:
 def test_a_unit_for_all_channels_does_not_ask_for_the_level_of_truth_values(tmp_path: Path) -> None:
     (tmp_path / "x.mat").write_bytes(TACHO_FILES["x.mat"])
     found = sw.read(tmp_path / "x.mat", unit="g", rate_hz=RATE, scale=1.0)
-    assert list(found.channel.values) == ["acc_1", "tacho", "volts"]
+    assert list(found.channel.values) == ["acc_1", "volts", "tacho"]
+
+
+@pytest.mark.parametrize("name", TACHO_FILES)
+def test_truth_values_do_not_move_the_numbers_of_other_columns(name: str, tmp_path: Path) -> None:
+    (tmp_path / name).write_bytes(TACHO_FILES[name])
+    channels = (ChannelSpec("volts", column=2, unit="unknown", any_unit=True),)
+    block = next(iter(open_source(SourceSpec("s", str(tmp_path / name), block_s="file", rate=RATE, channels=channels))))
+    assert isinstance(block, Block), block
+    assert block.samples.max() == 5000.0
+
+
+def test_truth_values_of_another_length_are_passed_over(tmp_path: Path) -> None:
+    stream = io.BytesIO(hdf5_bytes(ACC))
+    with h5py.File(stream, "a") as file:
+        file.create_dataset("run/flags", data=np.ones(7, dtype=bool))
+        file.create_dataset("run/mask", data=np.ones((3, 3), dtype=bool))
+    made = io.BytesIO()
+    with TdmsWriter(made) as writer:
+        wave = {"wf_increment": 1.0 / RATE, "unit_string": "g"}
+        acc = ChannelObject("run", "acc_1", ACC[0], properties=wave)
+        writer.write_segment([acc, ChannelObject("run", "flags", np.ones(7, dtype=bool))])
+    matlab = io.BytesIO()
+    scipy.io.savemat(matlab, {"acc_1": ACC[0], "flags": np.ones(7, bool), "mask": np.ones((3, 3), bool), "fs": RATE})
+    for name, data in (("x.h5", stream.getvalue()), ("x.tdms", made.getvalue()), ("x.mat", matlab.getvalue())):
+        (tmp_path / name).write_bytes(data)
+        assert list(sw.read(tmp_path / name, unit="g").channel.values) == ["acc_1"]
