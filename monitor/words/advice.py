@@ -219,7 +219,7 @@ def _evidence(found: Situation) -> Iterator[str]:
     for channel, other in found.disagreement.items():
         yield f"{channel} says {fault_words(other)}"
     if found.unverified is not None:
-        yield "the shaft speed is only stated" if found.unverified else "the signal shows the shaft speed"
+        yield "the shaft speed is only stated" if found.unverified else "the shaft speed is known"
 
 
 def _level(found: Situation) -> str:

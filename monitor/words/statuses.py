@@ -136,6 +136,7 @@ _CHARTS = {
     "tt": {"title": "Time to threshold"},
     "speed": {"title": "Shaft speed"},
     "load": {"title": "Load"},
+    "level_rms": {"title": "RMS over that expected at speed and load", "unit": "1 as learned"},
 }
 """Titles of charts in their order, and units where they are not those of the features."""
 

@@ -50,7 +50,7 @@ def test_a_block_of_varying_speed_is_over_orders_and_hz_are_those_at_its_mean(pu
     with page.expect_download() as download:
         box.get_by_role("button", name="Save the data as CSV").click()
     assert "Hz at the mean speed 40" in download.value.path().read_text().splitlines()[1]
-    visit.page.unroute(SPECTRUM_ADDRESS)
+    visit.page.unroute_all(behavior="wait")
 
 
 def test_the_waterfall_of_a_varying_speed_can_be_seen_in_hz(pump: Served, visitor: Visitor) -> None:
@@ -74,7 +74,7 @@ def test_the_waterfall_of_a_varying_speed_can_be_seen_in_hz(pump: Served, visito
     box.get_by_label("axis").select_option("Hz")
     expect(box.get_by_label("axis")).to_have_value("hertz")
     assert "axis=hertz" in asked[-1]
-    visit.page.unroute(address)
+    visit.page.unroute_all(behavior="wait")
 
 
 def test_marks_of_a_waveform_follow_the_angle(pump: Served, visitor: Visitor) -> None:

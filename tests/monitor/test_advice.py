@@ -40,7 +40,7 @@ FINAL = Situation(
 )
 SURE = (
     "sure: named since the onset, 214 blocks ago, lines 12 times the noise floor, 93 % of the evidence of 2 channels, "
-    "the signal shows the shaft speed"
+    "the shaft speed is known"
 )
 TT = Forecast("ok", 20 * DAY, 14 * DAY, 30 * DAY)
 
@@ -123,7 +123,7 @@ CASES: dict[str, tuple[Situation, str, str, str, str, str]] = {
         "warning",
         "final stage of its life: outer race of bearing drive",
         "likely: named since the onset, 214 blocks ago, lines 12 times the noise floor, "
-        "93 % of the evidence of 2 channels, y says inner race, the signal shows the shaft speed",
+        "93 % of the evidence of 2 channels, y says inner race, the shaft speed is known",
         "too few blocks yet for a trend",
         "inspect bearing drive and plan its exchange at the next planned stop",
     ),
@@ -158,7 +158,7 @@ CASES: dict[str, tuple[Situation, str, str, str, str, str]] = {
         replace(HEALTHY, bearing_fault="inner", bearing_basis="verdict", support=0.85, channels=3, unverified=False),
         "warning",
         "healthy so far on this channel; other channels see damage: inner race of bearing drive",
-        "sure: named since the onset, 85 % of the evidence of 3 channels, the signal shows the shaft speed",
+        "sure: named since the onset, 85 % of the evidence of 3 channels, the shaft speed is known",
         "",
         "inspect bearing drive and plan its exchange at the next planned stop",
     ),

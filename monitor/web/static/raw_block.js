@@ -13,7 +13,7 @@ import { LINE_NAMES, PARTS } from "./words.js";
 
 const KINDS = [["acceleration", "acceleration"], ["velocity", "velocity"], ["waveform", "waveform"], ["ias", "angular speed"]];
 const PARTS_OF = { waveform: "waveform", ias: "ias" };
-const NO_IAS = "No spectrum of the angular speed is kept: it needs at least 8 marks a turn and 16 turns in a block, and is made for the blocks of the waterfall.";
+const NO_IAS = "No spectrum of the angular speed is kept: it needs 16 marks a turn or more, lines of the bearing below half of them, 16 turns in a block, and is made for the blocks of the waterfall.";
 const NOTHING = "Nothing is kept of the samples of this block. They are kept for the newest block and for those of the waterfall, from this version of the program on; other blocks stand in the files of the logger alone.";
 
 /** A spectrum over events per revolution in the form of the raw one: in Hz at the mean speed. */

@@ -119,7 +119,7 @@ export function toVelocity(trace) {
 export const QUANTITIES = {
   envelope: { quantity: "envelope of the acceleration", unit: "g", si: RMS * GRAVITY * 1e6, decibel: "dB re 1 µm/s², RMS" },
   acceleration: { quantity: "acceleration, peak of a line", unit: "g", si: RMS * GRAVITY * 1e6, decibel: "dB re 1 µm/s², RMS" },
-  ias: { quantity: "angular speed, peak of a line", unit: "rad/s", si: RMS * 1e6, decibel: "dB re 1 µrad/s, RMS" },
+  ias: { quantity: "angular speed, peak of a line", unit: "rad/s", si: RMS * 1e6, decibel: "dB re 1 µrad/s, RMS", scale: "log" },
   velocity: { quantity: "velocity, RMS of a line", unit: "mm/s", si: 1e6, decibel: "dB re 1 nm/s, RMS" },
 };
 
@@ -128,6 +128,9 @@ export function quantityOf(kind, unit) {
   const known = QUANTITIES[kind];
   return unit === "g" ? known : { ...known, unit: "", si: RMS, decibel: "dB re 1 unit of the sensor, RMS" };
 }
+
+/** The unit of an axis or a column. */
+export const unitText = ({ unit, quantity }) => (unit === null ? quantity : unit || "unit of the sensor");
 
 export const decibel = (value, trace) => (value > 0 ? 20 * Math.log10(value * trace.si) : null);
 export const amplitudeText = (value, trace) => (fmt.isNumber(value) ? (trace.unit ? fmt.withUnit(value, trace.unit) : fmt.number(value)) : fmt.MISSING);

@@ -5,8 +5,8 @@ import { choice, fill, h, setText, table } from "./dom.js";
 import { exportButtons } from "./exporting.js";
 import * as fmt from "./fmt.js";
 import { colour } from "./prefs.js";
-import { amplitudeAt, amplitudeText, cursorLines, decibel, faultLines, lineNear, ORDERS, onGrid, peaks, shaftLines } from "./spectral.js";
-import { frequencyHeads, lineRows, peakRows, spectrumFile } from "./spectrum_tables.js";
+import { amplitudeAt, amplitudeText, cursorLines, decibel, faultLines, lineNear, ORDERS, onGrid, peaks, shaftLines, unitText } from "./spectral.js";
+import { lineRows, peakRows, spectrumFile } from "./spectrum_tables.js";
 import { PARTS, PART_NAMES } from "./words.js";
 
 const HEIGHT = 240;
@@ -47,16 +47,15 @@ export class SpectrumPlot {
   }
 
   makeControls() {
-    const redraw = (key) => (value) => {
-      this.view[key] = value;
-      this.draw();
-    };
     this.axisChoice = choice("axis", [["hz", "Hz"], ["orders", "orders of the shaft"]], (value) => {
       this.picked = value;
       this.setAxis(value);
       this.draw();
     });
-    const scale = choice("scale", [["linear", "linear"], ["log", "logarithmic"], ["db", "dB"]], redraw("scale"));
+    this.scaleChoice = choice("scale", [["linear", "linear"], ["log", "logarithmic"], ["db", "dB"]], (value) => {
+      this.scaled = this.view.scale = value;
+      this.draw();
+    });
     const cursor = choice("cursor", [["lines", "lines of parts"], ["harmonics", "harmonics"], ["sidebands", "sidebands"]], (value) => {
       this.view.cursor = value;
       this.showCursor();
@@ -79,7 +78,7 @@ export class SpectrumPlot {
     const row = h(
       "div",
       { class: "controls", role: "group", "aria-label": "Axes, cursors, files" },
-      this.axisChoice.element, scale.element, this.compareChoice.element, cursor.element, this.at.element, this.spacing.element,
+      this.axisChoice.element, this.scaleChoice.element, this.compareChoice.element, cursor.element, this.at.element, this.spacing.element,
       exportButtons(() => spectrumFile(this)),
     );
     this.at.element.hidden = this.spacing.element.hidden = true;
@@ -97,6 +96,7 @@ export class SpectrumPlot {
     const known = fmt.isNumber(trace.speed_hz);
     this.axisChoice.select.disabled = !known;
     this.setAxis(known ? this.picked ?? (trace.domain === "order" ? "orders" : "hz") : "hz");
+    this.view.scale = this.scaleChoice.select.value = this.scaled ?? trace.scale ?? "linear";
     this.makeSwitches();
     await this.draw();
   }
@@ -207,7 +207,7 @@ export class SpectrumPlot {
 
   yLabel() {
     const { trace } = this;
-    return this.view.scale === "db" ? trace.decibel : `${trace.quantity}${trace.unit ? `, ${trace.unit}` : ", unit of the sensor"}`;
+    return this.view.scale === "db" ? trace.decibel : [...new Set([trace.quantity, unitText(trace)])].join(", ");
   }
 
   yScale() {
@@ -356,7 +356,7 @@ export class SpectrumPlot {
     const signature = JSON.stringify(rows);
     if (signature === this.listed) return;
     this.listed = signature;
-    fill(this.peakBox.lastChild, table("Highest peaks", ["No.", ...frequencyHeads(this.trace), "Amplitude", this.trace.decibel, "Line"], rows, "numbers"));
+    fill(this.peakBox.lastChild, table("Highest peaks", ["No.", "Frequency", "Order", "Amplitude", this.trace.decibel, "Line"], rows, "numbers"));
     this.plot.redraw(false);
   }
 
@@ -367,7 +367,7 @@ export class SpectrumPlot {
     fill(
       this.lineBox.lastChild,
       shared ? h("p", { class: "note" }, "Lines joined by “=” stand on one peak in this spectrum: it is one line, and counts for neither part alone.") : null,
-      table("Amplitudes at the lines", ["Part", "Line", ...frequencyHeads(this.trace), "Amplitude"], lineRows(this.trace, lines), "numbers"),
+      table("Amplitudes at the lines", ["Part", "Line", "Frequency", "Order", "Amplitude"], lineRows(this.trace, lines), "numbers"),
     );
   }
 

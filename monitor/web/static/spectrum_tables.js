@@ -2,11 +2,8 @@
 
 import * as fmt from "./fmt.js";
 import { colour } from "./prefs.js";
-import { amplitudeAt, amplitudeText, decibel, lineNear } from "./spectral.js";
+import { amplitudeAt, amplitudeText, decibel, lineNear, unitText } from "./spectral.js";
 import { PART_NAMES } from "./words.js";
-
-/** Headings of the cells of place(): over orders, a frequency is that at the mean speed. */
-export const frequencyHeads = (trace) => [trace.domain === "order" ? "At the mean speed" : "Frequency", "Order"];
 
 const place = (trace, frequency, figures) => [
   fmt.hertz(frequency, figures),
@@ -38,7 +35,7 @@ export const lineRows = (trace, lines) => lines.map((line) => [
 export function spectrumFile(plot) {
   const { trace, options, view } = plot;
   if (!trace || !plot.plot) return null;
-  const unit = view.scale === "db" ? trace.decibel : trace.unit || "unit of the sensor";
+  const unit = view.scale === "db" ? trace.decibel : unitText(trace);
   const columns = [
     [plot.xLabel(), plot.x],
     [`block ${trace.block}, ${unit}`, plot.up(trace.amplitude)],
