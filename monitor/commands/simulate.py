@@ -30,6 +30,14 @@ from monitor.commands.common import (
 )
 from monitor.commands.model_parameters import further_effects, with_machine, with_parameters
 from monitor.commands.simulate_models import WAVEFORM_RATE, compare, compared_lines, request_of, simulated
+from monitor.commands.simulate_speed import (
+    settle_speeds,
+    speed_lines,
+    speed_values,
+    speed_words,
+    tacho_signal,
+    with_speeds,
+)
 from monitor.records.database import replacing
 from monitor.words.numbers import floor_of_defect
 from monitor.words.sensors import MEASURED, data_name, unit_in_names, unit_of_sensor
@@ -66,7 +74,7 @@ _USUAL = {"speed_hz": 40.0, "load_newton": 4000.0}
 @click.option("--gravity/--no-gravity", default=False, help="Add gravity on the masses, along the load.")
 @click.option("--slip-deg", type=click.FloatRange(0, 28), default=0.0, help="Largest slip angle.")
 @click.option("--slip-rule", type=click.Choice(["per_passage", "mean_force"]), default="per_passage")
-@click.option("--duration-s", type=click.FloatRange(0.01, 60.0), default=1.0, help="Simulated time, and of --waveform.")
+@click.option("--duration-s", type=click.FloatRange(0.01, 60.0), help="Time to simulate; default 1, or the profile's.")
 @click.option("--model", type=click.Choice([AUTO, *MODULES]), default=AUTO, help="auto: the cheapest that has it all.")
 @click.option("--accuracy", type=click.FloatRange(1e-7, 0.1), default=1e-3, help="Relative error of --quantity.")
 @click.option("--quantity", type=click.Choice(QUANTITIES), default="rms", help="What the accuracy is for.")
@@ -77,6 +85,7 @@ _USUAL = {"speed_hz": 40.0, "load_newton": 4000.0}
 @click.option("--waveform", type=option.OUT_FILE, help="Write the signal as CSV.")
 @click.option("--compare", is_flag=True, help="Every model that describes the scene.")
 @option.line_contact
+@with_speeds
 @further_effects
 @option.output
 def command(config_path: Path | None, name: str | None, as_json: bool, quiet: bool, **options: Any) -> None:
@@ -91,6 +100,8 @@ def command(config_path: Path | None, name: str | None, as_json: bool, quiet: bo
     given = {key: options[key] for key in _USUAL if options[key] is not None}
     configured = {key: value for key in _USUAL if (value := getattr(config.operating, key)) is not None}
     options |= _USUAL | configured | given
+    with input_errors("simulate"):
+        settle_speeds(options, given)
     entry, clearance = find_entry(config, name)
     if options["clearance_um"] is not None:
         clearance = options["clearance_um"] * 1e-6
@@ -123,10 +134,11 @@ def _answer(scene: Scene, options: dict[str, Any]) -> dict[str, Any]:
     row_of(response.sensors, sensor)
     if options["waveform"] is not None:
         signal = response.acceleration(WAVEFORM_RATE, options["duration_s"], sensor=sensor)
-        _write_waveform(options["waveform"], signal, sensor)
+        tacho = None if options["tacho"] is None else tacho_signal(response, scene, options, WAVEFORM_RATE)
+        _write_waveform(options["waveform"], signal, sensor, tacho)
     if options["plot"] is not None:
         _plot(response, options, scene, sensor)
-    return _values(response, scene, sensor)
+    return _values(response, scene, sensor) | speed_values(scene, options["duration_s"])
 
 
 def _values(response: Response, scene: Scene, sensor: Sensor) -> dict[str, Any]:
@@ -184,6 +196,7 @@ def _scene(options: dict[str, Any], bearing: Bearing, rig: Rig, clearance: float
         bow=options["bow_um"] * 1e-6,
         load_turns=options["rotating_load"],
         speed_slope=options["speed_slope_hz_per_s"],
+        speed_profile=options["speed_profile"],
         physics=tuple(dict.fromkeys(options["physics"])),
     )
 
@@ -230,7 +243,7 @@ def _title(options: dict[str, Any], scene: Scene) -> str:
         where = {"outer": "outer race", "inner": "inner race", "ball": "ball"}[scene.defect.part]
         damage = f"{options['dphi_deg']:g}° x {options['h_d_um']:g} µm of the {where}, {options['floor']} floor"
         damage += f", {len(scene.more_defects)} more" if scene.more_defects else ""
-    return f"{scene.bearing.designation}, {scene.speed:g} Hz, {scene.load:g} N, {damage}"
+    return f"{scene.bearing.designation}, {speed_words(scene)}, {scene.load:g} N, {damage}"
 
 
 def _defect(options: dict[str, Any]) -> Defect | None:
@@ -249,11 +262,12 @@ def _defect(options: dict[str, Any]) -> Defect | None:
     )
 
 
-def _write_waveform(path: Path, signal: Any, sensor: Sensor) -> None:
-    """Write time and signal, replacing the file in one step."""
+def _write_waveform(path: Path, signal: Any, sensor: Sensor, tacho: Any = None) -> None:
+    """Write time, signal and the tacho where there is one, replacing the file in one step."""
     one, text = unit_of_sensor(sensor)
-    rows = np.column_stack((np.arange(signal.size) / WAVEFORM_RATE, signal / one))
-    header = f"time_s,{data_name(MEASURED[sensor], text)}"
+    columns = [np.arange(signal.size) / WAVEFORM_RATE, signal / one, *(() if tacho is None else (tacho,))]
+    rows = np.column_stack(columns)
+    header = f"time_s,{data_name(MEASURED[sensor], text)}" + ("" if tacho is None else ",tacho_v")
     with output_errors("--waveform", path), replacing(path) as temporary:
         np.savetxt(temporary, rows, delimiter=",", header=header, comments="", fmt="%.9g")
 
@@ -279,6 +293,7 @@ def _lines(values: dict[str, Any], scene: Scene) -> Iterator[str]:
     yield f"{values['status']} after {values['periods']} ball periods: {level}"
     harmonics = ", ".join("-" if a is None else f"{a:.3g}" for a in values[f"harmonics_{unit}"])
     yield f"BPFO {values['bpfo_hz']:.2f} Hz, its harmonics {harmonics} {words}"
+    yield from speed_lines(values, scene)
     if any(defect.part != "outer" for defect in scene.defects):
         yield (
             f"BPFI {values['bpfi_hz']:.2f} Hz, twice BSF {2.0 * values['bsf_hz']:.2f} Hz, FTF {values['ftf_hz']:.2f} Hz"
