@@ -37,7 +37,7 @@ def edge_times(
     row = np.ascontiguousarray(samples)
     if row.size < 2 or not (np.isfinite(row.min()) and np.isfinite(row.max())):
         return np.zeros(0)
-    counted = _counted(row)
+    counted = _counted(row) if float(row.max()) - float(row.min()) > 1.0 else None
     if counted is not None:
         return (counted + 0.5) / rate
     if falling:
@@ -118,11 +118,18 @@ def _through(
     steady = float(np.ptp(middle)) <= _STEADY * usual and float(np.ptp(half)) <= _STEADY * usual
     if level is not None or steady:
         return _crossings(row, float(np.median(middle)) if level is None else level, 2.0 * HYSTERESIS * usual)
-    samples = np.arange(row.size, dtype=np.float64)
-    centres = (np.arange(-1, middle.size + 1) + 0.5) * row.size / middle.size
-    ends = 2.0 * middle[[0, -1]] - middle[[1, -2]]
-    offset = np.interp(samples, centres, np.concatenate((ends[:1], middle, ends[1:])))
-    return _crossings((row - offset) / np.interp(samples, centres[1:-1], half), 0.0, 2.0 * HYSTERESIS)
+    offset, scale = _straight(middle, row), _straight(half, row, least=float(half.min()))
+    return _crossings((row - offset) / scale, 0.0, 2.0 * HYSTERESIS)
+
+
+def _straight(values: NDArray[np.float64], row: NDArray[np.floating], least: float = -np.inf) -> NDArray[np.floating]:
+    """Return values of windows, (window,), at the samples of the row, (sample,): straight between their borders."""
+    inside = 0.5 * (values[:-1] + values[1:])
+    ends = 1.5 * values[[0, -1]] - 0.5 * values[[1, -2]]
+    border = np.maximum(np.concatenate((ends[:1], inside, ends[1:])), least).astype(row.dtype)
+    length = -(-row.size // values.size)
+    ramp = (np.arange(length) / length).astype(row.dtype)
+    return (border[:-1, np.newaxis] + np.diff(border)[:, np.newaxis] * ramp).reshape(-1)[: row.size]
 
 
 def _without_single(values: NDArray[np.float64]) -> NDArray[np.float64]:
