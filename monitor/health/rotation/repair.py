@@ -23,8 +23,9 @@ MAX_SILENCE = 3.5
 """Intervals without a pulse at an end of the block, from which on the shaft counts as stopped."""
 _NEIGHBOURS, _DENSE = 9, 16
 """Intervals of the running median, and the marks a turn from which on there are twice as many."""
-_AGREES, _MAX_AGREES = 0.2, 0.4
-"""Largest relative difference of an interval from the median of its neighbours; that at a coarse resolution of time."""
+_AGREES, _MAX_AGREES, _SPREADS = 0.2, 0.4, 5.0
+"""Largest relative difference of an interval from the median of its neighbours: the resolution of time, or so many
+times the median of these differences, within two limits."""
 _WHOLE, _WIDENED = 0.3, 4
 """Largest distance of the number of marks in a gap from a whole number; how often a gap is widened until it is met."""
 _UNCLEAR = 0.01
@@ -76,7 +77,8 @@ def repaired(
     bounces = given - times.size
     step = np.diff(times)
     usual = _usual(step, _NEIGHBOURS if per_revolution < _DENSE else 2 * _NEIGHBOURS - 1)
-    agrees = np.abs(step - usual) < np.clip(1.05 * resolution, _AGREES * usual, _MAX_AGREES * usual)
+    away = np.abs(step / usual - 1.0)
+    agrees = away < np.clip(np.maximum(1.05 * resolution / usual, _SPREADS * np.median(away)), _AGREES, _MAX_AGREES)
     # Two extra pulses may stand as far apart as two marks: an interval counts where one beside it agrees as well.
     agrees &= np.append(agrees[1:], agrees[-2]) | np.insert(agrees[:-1], 0, agrees[1])
     if 2 * np.count_nonzero(agrees) < agrees.size:
@@ -255,7 +257,7 @@ def _without_moved(
     away = np.abs(away - running_median(away, _NEIGHBOURS))
     beside = np.maximum(np.append(away[1:], 0.0), np.insert(away[:-1], 0, 0.0))
     keep = np.ones(times.size, dtype=bool)
-    keep[1:-1] = (away < _MOVED) | (away < beside)
+    keep[1:-1] = (away < max(_MOVED, _SPREADS * float(np.median(away)))) | (away < beside)
     return times[keep], numbers[keep]
 
 
