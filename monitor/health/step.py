@@ -43,7 +43,7 @@ from monitor.health.quality import (
     with_flags,
 )
 from monitor.health.record import Record, storable
-from monitor.health.rotation.found import FoundRotation, find_rotation
+from monitor.health.rotation.found import FoundRotation, find_rotation, with_phase
 from monitor.health.rotation.ias import with_ias
 from monitor.health.spectrum.block_view import WAVEFORM_SAMPLES, BlockView
 from monitor.health.spectrum.indicators import span_of
@@ -248,6 +248,7 @@ def _channel_block(
     condition = settings.condition
     others = {name: block.samples[block.channels.index(name)] for name in condition.channels if name in block.channels}
     usable = samples if verdict.accepted else None
+    found = with_phase(found, usable, block.rate, settings.bearing, condition)
     speed = speed_of(
         block.speed,
         others,

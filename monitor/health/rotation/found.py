@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from models.bearing import Bearing
 from monitor.health.condition import ConditionSettings
 from monitor.health.rotation.fit import rotation_of
 from monitor.health.rotation.profile import rotation_of_speed
 from monitor.health.rotation.pulse_counts import PulseCounts
 from monitor.health.rotation.repair import Repaired, repaired
+from monitor.health.rotation.ridge import angle_from_vibration
 from monitor.health.rotation.rotation import Rotation
 from monitor.health.rotation.settings import TachoSettings
 from streams.block import Block
@@ -52,9 +54,44 @@ def find_rotation(block: Block, condition: ConditionSettings) -> FoundRotation:
     if found.rotation is None and condition.speed_over_time:
         row = _row(block, condition.speed_channel)
         rotation, status = (None, "none") if row is None else rotation_of_speed(row * condition.speed_scale, block.rate)
-        status = status if rotation is not None or found.status in (None, "none") else found.status
-        found = FoundRotation(rotation, status, found.pulses, found.repaired)
+        found = _next(found, rotation, status)
     return found
+
+
+def with_phase(
+    found: FoundRotation,
+    samples: NDArray[np.floating] | None,
+    rate: float,
+    bearing: Bearing,
+    condition: ConditionSettings,
+) -> FoundRotation:
+    """Return what was found of a block, where that is no angle with the one in the vibration of a channel.
+
+    Args:
+        found: of the block.
+        samples: shape (sample,), of the channel, or None where they are not usable.
+        rate: Hz.
+        bearing: of the channel.
+        condition: ``phase`` says whether the angle is sought at all.
+    """
+    if found.rotation is not None or not condition.phase or condition.speed_limits is None or samples is None:
+        return found
+    rotation, status = angle_from_vibration(
+        samples,
+        rate,
+        bearing,
+        condition.speed_limits,
+        condition.phase_orders,
+        condition.limits.acceleration,
+    )
+    return _next(found, rotation, status)
+
+
+def _next(found: FoundRotation, rotation: Rotation | None, status: str) -> FoundRotation:
+    """Return what was found after another source was tried; without an angle, the first reason stays."""
+    if rotation is None and found.status not in (None, "none"):
+        return found
+    return replace(found, rotation=rotation, status=status)
 
 
 def pulses_of(block: Block, tacho: TachoSettings) -> Repaired | None:

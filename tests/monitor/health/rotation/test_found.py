@@ -11,12 +11,14 @@ import pytest
 
 from monitor.config.load import validate
 from monitor.health.condition import ConditionSettings
-from monitor.health.rotation.found import FoundRotation, find_rotation
+from monitor.health.rotation.found import FoundRotation, find_rotation, with_phase
 from monitor.health.rotation.settings import TachoSettings
 from monitor.service.setup import source_settings
 from streams.block import Block
 from streams.pulses import Pulses
 from tests.monitor.health.rotation.shafts import even, hunting, marks, run_up
+from tests.monitor.health.rotation.test_ridge import BEARING, shaken, turning
+from tests.monitor.health.rotation.test_ridge import RATE as RIDGE_RATE
 from tests.steps import Steps
 
 RATE, SECONDS = 8000.0, 4.0
@@ -104,6 +106,23 @@ def test_why_there_is_no_angle() -> None:
     assert find_rotation(block(t=standing), tacho()).status == "stopped"
     condition = ConditionSettings(speed_channel="n", speed_over_time=True)
     assert find_rotation(block(n=np.zeros(TIME.size)), condition).status == "stopped"
+
+
+def test_the_angle_in_the_vibration_is_the_last_source() -> None:
+    shaft = turning(np.linspace(15.0, 30.0, 201))
+    samples = shaken(shaft, seed=3)
+    condition = ConditionSettings(phase=True, speed_limits=(12.0, 35.0))
+    nothing, refused = FoundRotation(), FoundRotation(None, "irregular")
+    found = with_phase(nothing, samples, RIDGE_RATE, BEARING, condition)
+    assert found.status == "ok"
+    assert found.rotation is not None
+    assert found.rotation.source == "phase"
+    assert with_phase(refused, samples, RIDGE_RATE, BEARING, condition).status == "ok"
+    assert with_phase(found, samples, RIDGE_RATE, BEARING, condition) is found
+    assert with_phase(nothing, samples, RIDGE_RATE, BEARING, replace(condition, phase=False)) is nothing
+    noise = np.random.default_rng(0).standard_normal(samples.size)
+    assert with_phase(nothing, noise, RIDGE_RATE, BEARING, condition).status == "cannot_tell"
+    assert with_phase(refused, noise, RIDGE_RATE, BEARING, condition) is refused
 
 
 def record_of(taken: Block, **operating: Any) -> dict[str, Any]:
