@@ -36,16 +36,18 @@ def spline_slopes(x: FloatArray, y: FloatArray) -> FloatArray:
     return np.asarray(solve_banded((1, 1), bands, right, check_finite=False))
 
 
-def running_median(values: FloatArray, size: int, above: int = 0) -> FloatArray:
+def running_median(values: FloatArray, size: int, above: int = 0, stride: int = 1) -> FloatArray:
     """Return the median of each value and its neighbours, shape (value,); beyond the ends they are mirrored.
 
     Args:
         size: values that are compared, odd, at most as many as there are.
         above: take the value so many ranks above the median.
+        stride: take it at every so many values only, and straight lines between.
     """
     if size < 2:
         return values.copy()
     half = size // 2
     padded = np.concatenate((values[:half][::-1], values, values[values.size - half :][::-1]))
-    windows = np.lib.stride_tricks.sliding_window_view(padded, size)
-    return np.partition(windows, half + above, axis=1)[:, half + above]
+    windows = np.lib.stride_tricks.sliding_window_view(padded, size)[::stride]
+    found = np.partition(windows, half + above, axis=1)[:, half + above]
+    return found if stride == 1 else np.interp(np.arange(values.size), np.arange(0, values.size, stride), found)

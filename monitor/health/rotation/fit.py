@@ -41,6 +41,7 @@ def rotation_of(
     ratio: float = 1.0,
     error: NDArray[np.float64] | None = None,
     source: str = "tacho",
+    slips: float = 0.0,
 ) -> Rotation:
     """Return the angle of a shaft over a block.
 
@@ -50,6 +51,7 @@ def rotation_of(
         ratio: turns of the shaft per turn of the one with the marks.
         error: shape (per_revolution,), how far each mark stands ahead of its place, revolutions.
         source: one of ``monitor.health.condition.SOURCES``.
+        slips: how often the count of the marks may be wrong by one.
 
     Raises:
         ValueError: the pulses do not give an angle that rises.
@@ -75,14 +77,17 @@ def rotation_of(
     time, marks, speed = knots
     speed = limited(time, marks, speed)
     scale = ratio / train.per_revolution
-    end_sd = np.linalg.norm((*(scale * end for end in ends_sd), again * ratio, again * ratio, _NUMERIC * ratio))
+    # Steps of one mark at any time: the angle wanders, without its drift by a sixth of their mean square at the end.
+    slipped = np.sqrt(slips) * scale
+    common = again * ratio, _NUMERIC * ratio
+    end_sd = np.linalg.norm((*(scale * end for end in ends_sd), *common, again * ratio, slipped))
     return Rotation(
         time,
         marks * scale,
         speed * scale,
         duration,
         source,
-        turns_sd=float(np.linalg.norm((sd * scale, again * ratio, _NUMERIC * ratio))),
+        turns_sd=float(np.linalg.norm((sd * scale, *common, slipped / np.sqrt(6.0)))),
         speed_sd=float(end_sd / (scale * (marks[-1] - marks[0]))),
     )
 

@@ -113,7 +113,7 @@ def pulses_of(block: Block, tacho: TachoSettings) -> Repaired | None:
             return Repaired("reversed")
         times = times[~other_way]
     found = repaired(times, block.duration, marks, _missing(tacho, marks), resolution=1.0 / block.rate)
-    return Repaired(found.status, found.train, found.missing, found.extra + wrong)
+    return replace(found, extra=found.extra + wrong)
 
 
 def _missing(tacho: TachoSettings, marks: int) -> int:
@@ -131,7 +131,7 @@ def _of_pulses(pulses: Repaired, duration: float, ratio: float) -> FoundRotation
     if pulses.train is None:
         return FoundRotation(None, pulses.status, counts, pulses)
     try:
-        rotation = rotation_of(pulses.train, duration, ratio)
+        rotation = rotation_of(pulses.train, duration, ratio, slips=pulses.slips)
     except ValueError:  # The spline turns back between two pulses.
         return FoundRotation(None, "irregular", counts, pulses)
     return FoundRotation(rotation, "ok", counts, pulses)

@@ -1,6 +1,6 @@
 """Repair of pulses: which mark passed at which pulse, which pulses are missing, and which are too many.
 
-The interval between two pulses is compared with the median of nine neighbours (17 from 16 marks a turn on). Pulses
+The interval between two pulses is compared with a median of nine neighbours or more. Pulses
 between intervals that agree with it are taken as they are. Between two of these, the number of marks follows from the
 time that passed and the speeds on both sides; pulses that stand at none of these marks are extra, and marks without a
 pulse are missing. Where a wheel lacks teeth, the gap of each turn tells whether the count has slipped.
@@ -8,6 +8,7 @@ pulse are missing. Where a wheel lacks teeth, the gap of each turn tells whether
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -21,19 +22,21 @@ MAX_REPAIRED = 0.1
 """Largest share of pulses that are missing or too many, those right behind another one not counted."""
 MAX_SILENCE = 3.5
 """Intervals without a pulse at an end of the block, from which on the shaft counts as stopped."""
-_NEIGHBOURS, _DENSE = 9, 16
-"""Intervals of the running median, and the marks a turn from which on there are twice as many."""
+_NEIGHBOURS, _MAX_NEIGHBOURS = 9, 64
+"""Intervals of the running median, at least and at most."""
 _AGREES, _MAX_AGREES, _SPREADS = 0.2, 0.4, 5.0
 """Largest relative difference of an interval from the median of its neighbours: the resolution of time, or so many
 times the median of these differences, within two limits."""
 _WHOLE, _WIDENED = 0.3, 4
 """Largest distance of the number of marks in a gap from a whole number; how often a gap is widened until it is met."""
 _UNCLEAR = 0.01
-"""Revolutions by which gaps without a whole number of marks may put the angle wrong: many marks a turn allow some."""
+"""Revolutions by which gaps that are counted wrong may put the angle wrong: many marks a turn allow some."""
 _AT_MARK = 0.2
 """Largest distance of a pulse from its mark, in intervals."""
-_BOUNCE = 0.1
-"""Of two pulses within this share of an interval the first counts."""
+_BOUNCE, _OFTEN = 0.1, 0.05
+"""A pulse within this share of an interval behind another is a bounce, where so large a share of them is."""
+_CLOSE = 0.02
+"""Of two pulses, the first counts that is within this share of an interval of where its mark is expected."""
 _MOVED = 0.15
 """A single pulse that stands further than this from the middle of its neighbours, in intervals, is not of its mark."""
 _MAX_SLIP = 2
@@ -50,12 +53,14 @@ class Repaired:
         train: the pulses with the numbers of their marks; None unless "ok".
         missing: marks without a pulse.
         extra: pulses without a mark.
+        slips: expected number of gaps whose marks were counted wrong by one, from how far they are from whole numbers.
     """
 
     status: str
     train: PulseTrain | None = None
     missing: int = 0
     extra: int = 0
+    slips: float = 0.0
 
 
 def repaired(
@@ -76,23 +81,23 @@ def repaired(
         return Repaired("too_few")
     bounces = given - times.size
     step = np.diff(times)
-    usual = _usual(step, _NEIGHBOURS if per_revolution < _DENSE else 2 * _NEIGHBOURS - 1)
+    usual = _usual(step, per_revolution)
     away = np.abs(step / usual - 1.0)
     agrees = away < np.clip(np.maximum(1.05 * resolution / usual, _SPREADS * np.median(away)), _AGREES, _MAX_AGREES)
     # Two extra pulses may stand as far apart as two marks: an interval counts where one beside it agrees as well.
     agrees &= np.append(agrees[1:], agrees[-2]) | np.insert(agrees[:-1], 0, agrees[1])
     if 2 * np.count_nonzero(agrees) < agrees.size:
         return Repaired("irregular")
-    numbered = _numbered(times, usual, agrees, int(_UNCLEAR * per_revolution))
-    if numbered is None:
+    times, numbers, slips = _numbered(times, usual, agrees)
+    if slips > _UNCLEAR * per_revolution:
         return Repaired("irregular")
-    times, numbers = _without_moved(*numbered)
+    times, numbers = _without_moved(times, numbers)
     absent = 0
     if missing_teeth:
         found = _from_gap(times, numbers, per_revolution, missing_teeth)
         if found is None:
             return Repaired("irregular")
-        times, numbers = found
+        (times, numbers), slips = found, 0.0
         places = np.arange(int(numbers[0]), int(numbers[-1]) + 1) % per_revolution
         absent = int(np.count_nonzero(places >= per_revolution - missing_teeth))
     if times.size < MIN_PULSES:
@@ -102,23 +107,31 @@ def repaired(
         return Repaired("stopped", None, missing, extra)
     if missing + extra - bounces > MAX_REPAIRED * (times.size + missing):
         return Repaired("irregular", None, missing, extra)
-    return Repaired("ok", PulseTrain(times, numbers, per_revolution, missing_teeth > 0), missing, extra)
+    return Repaired("ok", PulseTrain(times, numbers, per_revolution, missing_teeth > 0), missing, extra, slips)
 
 
 def _without_bounces(times: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Leave out pulses right behind another one, also where each comes twice; that is told by the longer intervals."""
+    """Leave out pulses right behind another one where many come so; that is told by the longer intervals beside.
+
+    Single ones are left to :func:`_fill`, which sees which of two is at its mark.
+    """
     step = np.diff(times)
     if step.size < _NEIGHBOURS or float(step.min()) > _BOUNCE * float(step.max()):
         return times
     longer = running_median(step, _NEIGHBOURS, above=2)
-    return times[np.append(True, step > _BOUNCE * longer)]
+    short = step < _BOUNCE * longer
+    return times[np.append(True, ~short)] if np.count_nonzero(short) > _OFTEN * step.size else times
 
 
-def _usual(step: NDArray[np.float64], neighbours: int) -> NDArray[np.float64]:
-    """Return the interval that is usual around each, s, shape (interval,): a running median, straight at the ends."""
+def _usual(step: NDArray[np.float64], per_revolution: int) -> NDArray[np.float64]:
+    """Return the interval that is usual around each, s, shape (interval,): a running median, straight at the ends.
+
+    It is of nine intervals, or of about half a turn where that is more.
+    """
+    neighbours = max(min(per_revolution // 2, _MAX_NEIGHBOURS) // 2 * 2 + 1, _NEIGHBOURS)
     if step.size < 2 * neighbours:
         return running_median(step, min(_NEIGHBOURS, step.size - 1 + step.size % 2))
-    usual = running_median(step, neighbours)
+    usual = running_median(step, neighbours, stride=max(1, neighbours // _NEIGHBOURS))
     half = neighbours // 2
     ahead = np.arange(half, 0, -1) / half
     for values in (usual, usual[::-1]):
@@ -136,36 +149,46 @@ def _has_stopped(times: NDArray[np.float64], numbers: NDArray[np.int64], duratio
 
 
 def _numbered(
-    times: NDArray[np.float64], usual: NDArray[np.float64], agrees: NDArray[np.bool_], allowed: int
-) -> tuple[NDArray[np.float64], NDArray[np.int64]] | None:
-    """Return the pulses that stand at marks and the numbers of these; None where a gap has no whole number of marks.
+    times: NDArray[np.float64], usual: NDArray[np.float64], agrees: NDArray[np.bool_]
+) -> tuple[NDArray[np.float64], NDArray[np.int64], float]:
+    """Return the pulses that stand at marks, the numbers of these, and how many gaps may be counted wrong.
 
     Args:
         times: shape (pulse,), s.
         usual: shape (pulse - 1,), the interval between neighbouring marks around each, s.
         agrees: shape (pulse - 1,), whether an interval is one between neighbouring marks.
-        allowed: gaps whose number of marks may be rounded from anywhere.
     """
     agrees = agrees.copy()
     first, last, begins, ends, marks = _gaps(times, usual, agrees)
-    for widened in range(_WIDENED + 1):
+    for _ in range(_WIDENED):
         unclear = np.abs(marks - np.rint(marks)) > _WHOLE
-        if not np.any(unclear):
+        wider = agrees.copy()
+        wider[begins[unclear] - 1] = wider[ends[unclear]] = False
+        if not np.any(unclear) or 2 * np.count_nonzero(wider) < wider.size:
             break
-        if widened == _WIDENED:
-            if np.count_nonzero(unclear) > allowed:
-                return None
-            break
-        agrees[begins[unclear] - 1] = agrees[ends[unclear]] = False
-        if 2 * np.count_nonzero(agrees) < agrees.size:
-            return None
+        agrees = wider
         first, last, begins, ends, marks = _gaps(times, usual, agrees)
     counts, keep = np.ones(usual.size), np.ones(times.size, dtype=bool)
     for begin, end, count in zip(begins.tolist(), ends.tolist(), np.rint(marks).tolist(), strict=True):
         _fill(times, usual, begin, end, int(count), counts, keep)
     _fill_ends(times, usual, first, last, counts, keep)
     numbers = np.concatenate(([0.0], np.cumsum(counts)))
-    return times[keep], numbers[keep].astype(np.int64)
+    return times[keep], numbers[keep].astype(np.int64), _slips_of(marks)
+
+
+def _slips_of(marks: NDArray[np.float64]) -> float:
+    """Return how many gaps are expected to be counted wrong, of the marks of gaps before they are rounded, (gap,).
+
+    Those further than ``_WHOLE`` from whole numbers count half each, the others as the tails of a normal distribution
+    beyond a half.
+    """
+    away = (marks - np.rint(marks))[marks > 0.5]
+    clear = away[np.abs(away) <= _WHOLE]
+    slips = 0.5 * (away.size - clear.size)
+    if clear.size:
+        spread = math.sqrt(float(np.mean(np.square(clear))))
+        slips += clear.size * math.erfc(0.5 / (spread * math.sqrt(2.0))) if spread > 0.0 else 0.0
+    return slips
 
 
 def _gaps(
@@ -192,10 +215,11 @@ def _fill(
     """Write the marks of each interval from pulse ``begin`` to ``end``, ``count`` in all, into ``counts``."""
     counts[begin:end] = 0.0
     if count == 0:
-        middle = 0.5 * (times[begin - 1] + times[end + 1])
-        between = times[begin : end + 1]
-        is_bounce = between[-1] - between[0] < _BOUNCE * (middle - times[begin - 1])
-        chosen = begin if is_bounce else begin + int(np.argmin(np.abs(between - middle)))
+        before, after = float(usual[begin - 1]), float(usual[end])
+        expected = times[begin - 1] + (times[end + 1] - times[begin - 1]) * before / (before + after)
+        away = np.abs(times[begin : end + 1] - expected)
+        close = np.flatnonzero(away <= max(_CLOSE * before, 2.0 * float(away.min())))
+        chosen = begin + int(close[0])
         keep[begin : end + 1] = False
         keep[chosen] = True
         return
