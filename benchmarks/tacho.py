@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -178,11 +179,11 @@ def _block(times: NDArray[np.float64]) -> Block:
     )
 
 
-Signal = Callable[[NDArray[np.float64], np.random.Generator], NDArray[np.float64]]
+Signal = Callable[[NDArray[np.float64], np.random.Generator], NDArray[Any]]
 """Samples of a channel at some turns of its wheel (marks passed)."""
 
 
-def _filtered(samples: NDArray[np.float64]) -> NDArray[np.float64]:
+def _filtered(samples: NDArray[Any]) -> NDArray[np.float64]:
     """Return what an anti-aliasing filter leaves of steps: a mean over three samples."""
     return np.convolve(samples, np.full(3, 1.0 / 3.0), mode="same")
 

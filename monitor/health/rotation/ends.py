@@ -61,7 +61,8 @@ def _told(
 ) -> NDArray[np.float64]:
     """Return the polynomials through windows of pulses, (window, pulse), at a time of each, (window,), in marks."""
     span = times[:, -1:] - times[:, :1]
-    design = (((times - at[:, np.newaxis]) / span)[:, :, np.newaxis]) ** np.arange(degree + 1)
+    powers = np.arange(degree + 1.0)
+    design: NDArray[np.float64] = np.power(((times - at[:, np.newaxis]) / span)[:, :, np.newaxis], powers)
     across = design.transpose(0, 2, 1)
     base = marks[:, :1]
     # The first coefficient is the value at the time itself.
@@ -82,8 +83,9 @@ def end_knot(
     """
     time, mark = times[-predictor.pulses :] - at, marks[-predictor.pulses :] - marks[-1]
     unit = float(np.ptp(time))
-    design = (time / unit)[:, np.newaxis] ** np.arange(min(predictor.degree, time.size - 1) + 1)
-    found = np.linalg.solve(design.T @ design, design.T @ mark)
+    powers = np.arange(min(predictor.degree, time.size - 1) + 1.0)
+    design: NDArray[np.float64] = np.power((time / unit)[:, np.newaxis], powers)
+    found: NDArray[np.float64] = np.linalg.solve(design.T @ design, design.T @ mark)
     speed, last = float(found[1]) / unit, float((marks[-1] - marks[-2]) / (times[-1] - times[-2]))
     ahead = at - float(times[-1])
     mean = float(found[0]) / ahead
