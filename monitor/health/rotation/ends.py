@@ -85,7 +85,7 @@ def end_knot(
     unit = float(np.ptp(time))
     powers = np.arange(min(predictor.degree, time.size - 1) + 1.0)
     design: NDArray[np.float64] = np.power((time / unit)[:, np.newaxis], powers)
-    found: NDArray[np.float64] = np.linalg.solve(design.T @ design, design.T @ mark)
+    found = np.asarray(np.linalg.solve(design.T @ design, design.T @ mark), dtype=np.float64)
     speed, last = float(found[1]) / unit, float((marks[-1] - marks[-2]) / (times[-1] - times[-2]))
     ahead = at - float(times[-1])
     mean = float(found[0]) / ahead
