@@ -36,6 +36,7 @@ _LINE_OVER_FLOOR = 12.0
 _MIN_KURTOSIS = 0.5
 _MIN_SEGMENT_S = 0.25
 _MAX_SAMPLES = 2_000_000
+_SAME_EDGES = 0.1
 VOTES_NEEDED = 20
 """Number of first blocks that decide; the bearing runs in, so no block is lost for the baseline."""
 
@@ -228,6 +229,10 @@ def _score(
     return BandScore(band, depth, contrast, kurtosis, contrast * depth * impulsive / (1.0 + impulsive))
 
 
+def _same(one: Band, other: Band) -> bool:
+    return max(abs(one[0] - other[0]), abs(one[1] - other[1])) < _SAME_EDGES * (one[1] - one[0])
+
+
 @dataclass(frozen=True)
 class BandVotes:
     """How many blocks chose each band.
@@ -256,9 +261,15 @@ class BandVotes:
         interference: Sequence[Comb] = (),
         rotation: Rotation | None = None,
     ) -> BandVotes:
-        """Return the votes with the choice of one more block."""
+        """Return the votes with the choice of one more block.
+
+        Candidates begin at a multiple of the highest fundamental: at other speeds, they count for the band that they
+        are but for ``_SAME_EDGES`` of its width.
+        """
         choice = find_band([samples], rate, fundamentals, interference, [rotation])
         counts = dict(self.counts)
+        if choice not in counts:
+            choice = next((band for band in counts if _same(band, choice)), choice)
         counts[choice] = counts.get(choice, 0) + 1
         return BandVotes(tuple(counts.items()))
 

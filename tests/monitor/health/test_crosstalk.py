@@ -21,6 +21,7 @@ from monitor.health.step import SourceOutput
 from monitor.health.step import step as source_step
 from monitor.health.voice import Heard, heard_in
 from streams.block import Block
+from streams.pulses import Pulses
 from tests.signals import bearing_lines, impacts
 
 RATE, SECONDS, SPEED = 12800.0, 2.0, 30.0
@@ -45,6 +46,8 @@ def stepped(
     gain: float = 0.3,
     types: tuple[str, str] = ("6205", "6205"),
     baselines: tuple[Baseline | None, Baseline | None] = (HEALTHY, HEALTHY),
+    pulses: Pulses | None = None,
+    over_time: str = "",
     **changed: Any,
 ) -> tuple[SourceSettings, SourceState, SourceOutput, SourceState]:
     """Return settings, state before, output and state after a block.
@@ -52,6 +55,8 @@ def stepped(
     Args:
         damage: the damaged part of the bearings "a" and "b".
         gain: share of its impacts that reaches the other sensor.
+        pulses: of the shaft of both.
+        over_time: the channel whose spectra are over time nevertheless.
         changed: settings of both channels.
     """
     rng = np.random.default_rng(5)
@@ -73,14 +78,18 @@ def stepped(
             )
             noise[place] += sent
             noise[1 - place] += gain * sent
-    settings = SourceSettings("s", {name: channel(name, types[place], **changed) for place, name in enumerate("ab")})
+    channels = {name: channel(name, types[place], **changed) for place, name in enumerate("ab")}
+    if over_time:
+        condition = replace(channels[over_time].condition, domain="hertz")
+        channels[over_time] = replace(channels[over_time], condition=condition)
+    settings = SourceSettings("s", channels)
     state = SourceState.begin(settings)
     known = {
         name: replace(state.channels[name], detect=DetectState(seen=200, baseline=baseline))
         for name, baseline in zip("ab", baselines, strict=True)
     }
     unit = settings.channels["a"].unit
-    block = Block(noise.astype(np.float32), RATE, ("a", "b"), (unit, unit), "s", 201, "block")
+    block = Block(noise.astype(np.float32), RATE, ("a", "b"), (unit, unit), "s", 201, "block", pulses=pulses)
     begun = replace(state, channels=known)
     after, output = source_step(begun, block, settings)
     return settings, begun, output, after
@@ -118,6 +127,16 @@ def test_no_comb_is_discarded_where_none_other_claims_it() -> None:
     found = record({"a": "outer"}, baselines=(None, HEALTHY))
     assert found["b"]["fault"] == "outer"
     assert found["b"]["detect_score"] > found["b"]["detect_threshold"]
+
+
+def test_spectra_by_the_same_angle_are_compared_and_those_of_another_axis_not() -> None:
+    pulses = Pulses(np.arange(0.0, SECONDS, 1.0 / SPEED), 1)
+    found = record({"a": "outer"}, pulses=pulses)
+    assert [found[name]["domain"] for name in "ab"] == ["order", "order"]
+    assert (found["a"]["fault"], found["b"]["fault"]) == ("outer", None)
+    apart = record({"a": "outer"}, pulses=pulses, over_time="b")
+    assert [apart[name]["domain"] for name in "ab"] == ["order", "hertz"]
+    assert (apart["a"]["fault"], apart["b"]["fault"]) == ("outer", "outer")
 
 
 @pytest.mark.parametrize("types", [("6205", "6205"), ("6205", "6305")])

@@ -11,10 +11,13 @@ from hypothesis import settings as effort
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
+from models.bearing import kinematics
+from monitor.health.condition import ConditionSettings
+from monitor.health.recording_bands import recording_bands
 from monitor.health.rotation.rotation import Rotation, constant
 from monitor.health.spectrum.average import RecentSpectra
 from monitor.health.spectrum.bands import BandVotes, rank_bands
-from monitor.health.spectrum.features import FAULTS, BlockFeatures, FeatureSettings, block_features
+from monitor.health.spectrum.features import FAULTS, BlockFeatures, FeatureSettings, block_features, fundamentals
 from monitor.health.spectrum.interference import Interference, all_combs
 from monitor.health.spectrum.orders import (
     MAX_SPEED_RATIO,
@@ -25,7 +28,11 @@ from monitor.health.spectrum.orders import (
     warp_of,
 )
 from monitor.health.spectrum.transform import BlockTransform
+from monitor.health.state import ChannelSettings, SourceSettings
+from streams.block import Block
+from streams.pulses import Pulses
 from tests.effort import effort_count
+from tests.signals import bearing_lines
 
 RATE, N = 8000.0, 16_000
 DURATION = N / RATE
@@ -289,3 +296,32 @@ def test_at_full_rate_what_is_above_the_limit_does_not_fold(share: float) -> Non
 def test_an_order_spectrum_is_refused(rotation: Rotation, samples: int, message: str) -> None:
     with pytest.raises(ValueError, match=message):
         order_spectrum(np.zeros(samples), RATE, rotation)
+
+
+def test_the_band_of_a_short_recording_is_chosen_by_the_angle_of_its_blocks() -> None:
+    bearing, _ = bearing_lines("6205", 25.0)
+    settings = SourceSettings("s", {"one": ChannelSettings("one", bearing, condition=ConditionSettings())})
+    blocks: list[Block] = []
+    votes = BandVotes()
+    for sequence, speed in enumerate((24.0, 26.0, 25.0), start=1):
+        rotation = hunting(speed, 0.2, 0.7)
+        lines = fundamentals(kinematics(bearing, rotation.mean_speed))
+        x = impacts(rotation, lines["outer"] / rotation.mean_speed, sequence).astype(np.float32)
+        pulses = Pulses(rotation.time_at(np.arange(0.05, rotation.turned, 0.125)), 8)
+        blocks.append(Block(x[None], RATE, ("one",), ("m/s2",), "s", sequence, "block", pulses=pulses))
+        votes = votes.add(x, RATE, lines, (), rotation)
+    assert votes.total == 3
+    assert len(votes.counts) == 1
+    assert recording_bands(blocks, settings)["one"] == pytest.approx(votes.best(), rel=1e-3)
+    still = {"one": replace(settings.channels["one"], condition=ConditionSettings(domain="hertz"))}
+    assert recording_bands(blocks, SourceSettings("s", still)) == {}
+
+
+def test_a_speed_that_varies_too_much_is_no_known_speed() -> None:
+    rotation = run_up(5.0, 40.0)
+    x = impacts(rotation, LINES["outer"])
+    found = block_features(x, RATE, asked(rotation, rotation.mean_speed))
+    plain = block_features(x, RATE, replace(asked(None, rotation.mean_speed), speed_sd=None))
+    assert found.domain == "hertz"
+    assert found.shaft is None
+    assert found.values == plain.values
