@@ -38,8 +38,9 @@ _LEAST_SHARE = 0.1
 """Least share of the variance that "auto" takes for a dependence, each block predicted without itself."""
 MAX_ERROR = 0.1
 """Largest standard deviation of a prediction that is used, ln level: that of the drift of a healthy machine."""
-_MARGIN = {"speed": 0.02, "load": 0.05}
-"""By how much the logarithm of a condition may lie outside the learned range."""
+_MARGIN = {"speed": 0.005, "load": 0.02}
+"""By how much the logarithm of a condition may lie outside the learned range: errors of its measurement. 2 % of speed
+once reached the flank of a resonance that was not learned."""
 _STEADY_MARGIN = {"speed": 0.05, "load": 0.15}
 """The same of a condition that did not vary, on which nothing was learned: a level may change with its fourth power."""
 _PRIOR = {"a": 3.0, "aa": 3.0, "b": 2.0, "bb": 1.0, "ab": 2.0, "hat": 0.25}

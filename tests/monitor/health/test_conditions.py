@@ -58,11 +58,10 @@ def block_at(sequence: int, speed: float, grown: float = 1.0) -> Block:
 
 def lived() -> tuple[list[SourceState], list[Record]]:
     """Learn while the speed hunts by 20 %; then a speed that was not learned, then damage at the lowest one."""
-    rng = np.random.default_rng(1)
     steps = Steps(SETTINGS)
     states, records = [steps.state], []
     for number in range(1, COUNT + 1):
-        speed = 25.0 * (1.0 + 0.2 * rng.uniform(-1.0, 1.0))
+        speed = 25.0 * (1.0 + 0.2 * math.sin(1.7 * number))
         speed = 40.0 if 70 <= number < 75 else speed if number < 80 else 20.5
         records.append(steps.take(block_at(number, speed, 2.0 if number >= 80 else 1.0)))
         states.append(steps.state)
