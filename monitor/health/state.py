@@ -1,7 +1,7 @@
 """A source and its channels: what is configured, SI, and what is carried from block to block.
 
 The state is frozen, versioned and writable as JSON. A store keeps its parts under names of their own (``source:S``,
-``machine:S``, ``channel:S:C``, ``alarms:S:C``, ``waterfall:S:C``), each with its version.
+``machine:S``, ``encoder:S``, ``channel:S:C``, ``alarms:S:C``, ``waterfall:S:C``), each with its version.
 """
 
 from __future__ import annotations
@@ -22,6 +22,7 @@ from monitor.health.detect import DetectSettings, DetectState
 from monitor.health.machine import MachineState
 from monitor.health.quality import OrderState
 from monitor.health.record import Record
+from monitor.health.rotation.encoder import EncoderState
 from monitor.health.spectrum.average import RecentSpectra
 from monitor.health.spectrum.bands import BandVotes
 from monitor.health.spectrum.interference import Interference
@@ -242,7 +243,7 @@ def _damage_of_version_1(stored: Mapping[str, Any]) -> dict[str, Any]:
     }
 
 
-_Part = TypeVar("_Part", OrderState, ChannelState, AlarmState, WaterfallState)
+_Part = TypeVar("_Part", OrderState, ChannelState, AlarmState, WaterfallState, EncoderState)
 
 
 def _part(kind: type[_Part], stored: Mapping[str, Any] | None) -> _Part:
@@ -273,6 +274,7 @@ class SourceState:
         alarms: by channel.
         waterfalls: by channel of which spectra are kept.
         machine: what its channels name, by which those of a bearing are weighed together.
+        encoder: errors of the marks of its tacho or encoder.
         latest: record of the latest block that was analysed, or None. It is not part of what is stored: the store
             has it as a record.
     """
@@ -283,6 +285,7 @@ class SourceState:
     alarms: Mapping[str, AlarmState]
     waterfalls: Mapping[str, WaterfallState]
     machine: MachineState = field(default_factory=MachineState)
+    encoder: EncoderState = field(default_factory=EncoderState)
     latest: Record | None = None
 
     @classmethod
@@ -312,6 +315,7 @@ class SourceState:
             alarms={name: _part(AlarmState, parts.get(f"alarms:{source}:{name}")) for name in channels},
             waterfalls={name: _part(WaterfallState, parts.get(f"waterfall:{source}:{name}")) for name in drawn},
             machine=_machine(parts.get(f"machine:{source}"), states),
+            encoder=_part(EncoderState, parts.get(f"encoder:{source}")),
             latest=latest,
         )
 
@@ -319,6 +323,8 @@ class SourceState:
         """Return the parts by name as plain values for JSON, to be committed with the record of the latest block."""
         kinds = {"channel": self.channels, "alarms": self.alarms, "waterfall": self.waterfalls}
         stored = {f"source:{self.source}": self.order.to_dict(), f"machine:{self.source}": self.machine.to_dict()}
+        if self.encoder.pattern is not None:
+            stored[f"encoder:{self.source}"] = self.encoder.to_dict()
         for kind, states in kinds.items():
             stored |= {f"{kind}:{self.source}:{name}": state.to_dict() for name, state in states.items()}
         return stored

@@ -185,7 +185,8 @@ def _analyse(
     outputs: dict[str, ChannelOutput] = {}
     # The channels of a machine share a shaft and mostly a condition: its angle is found once.
     conditions = {channel.condition for channel in settings.channels.values()}
-    angles = {condition: find_rotation(block, condition) for condition in conditions}
+    angles = {condition: find_rotation(block, condition, state.encoder, learn=not flags) for condition in conditions}
+    encoder = next((found.encoder for found in angles.values() if found.encoder is not None), state.encoder)
     views = {
         name: ChannelView(
             state.channels[name],
@@ -214,7 +215,8 @@ def _analyse(
         events=tuple(events),
     )
     waterfalls, spectra = _spectra(state.waterfalls, block, states, outputs, settings, angles)
-    return replace(state, channels=states, waterfalls=waterfalls), SourceOutput(record, spectra, outputs)
+    after = replace(state, channels=states, waterfalls=waterfalls, encoder=encoder)
+    return after, SourceOutput(record, spectra, outputs)
 
 
 def _record(block: Block, verdict: Verdict, **results: Any) -> Record:
@@ -328,8 +330,9 @@ def _spectra(
             row = replace(row, kurtogram=kurtogram(samples, block.rate, combs))
             if not changes:
                 # The speed is that of the source: its first channel has it.
-                pulses, tacho = angles[channel.condition].repaired, channel.condition.tacho
-                row = replace(row, view=with_ias(row.view, pulses, tacho.ratio, channel.bearing))
+                angle, tacho = angles[channel.condition], channel.condition.tacho
+                view = with_ias(row.view, angle.repaired, tacho.ratio, channel.bearing, angle.mark_error)
+                row = replace(row, view=view)
         began = states[name].detect.t_fs if onset else None
         changes.append(SpectrumChange(row, kind, thin, None if began is None else began.sequence))
     return after, tuple(changes)

@@ -165,9 +165,7 @@ def encoder_step(state: EncoderState, train: PulseTrain, *, learn: bool = True) 
         train: its repaired pulses.
         learn: whether the block may be learned from: False for one whose speed or quality is not in order.
     """
-    marks = train.per_revolution
-    if state.pattern is not None and state.pattern.error.size != marks:
-        return state, _reading(state, "other_wheel")
+    is_other = state.pattern is not None and state.pattern.error.size != train.per_revolution
     try:
         found = intervals(train)
     except TooFewPulsesError:
@@ -177,6 +175,9 @@ def encoder_step(state: EncoderState, train: PulseTrain, *, learn: bool = True) 
     block = pattern_of(found)
     if block.uneven > MAX_UNEVEN:
         return state, _reading(state, "irregular")
+    if is_other:
+        # How many marks a wheel has is stated: it is another one from now on.
+        return _learned(EncoderState(), block, train.indexed) if learn else state, EncoderReading("other_wheel")
     if state.pattern is None:
         state = _learned(state, block, train.indexed) if learn else state
         return state, _reading(state, "learning")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -9,6 +10,7 @@ from numpy.typing import NDArray
 
 from models.bearing import Bearing
 from monitor.health.condition import ConditionSettings
+from monitor.health.rotation.encoder import EncoderState, encoder_step
 from monitor.health.rotation.fit import rotation_of
 from monitor.health.rotation.profile import rotation_of_speed
 from monitor.health.rotation.pulse_counts import PulseCounts
@@ -32,23 +34,36 @@ class FoundRotation:
         status: "ok", or why there is none, of the first of its sources; None where there is no source.
         pulses: what was repaired, None where there are no pulses.
         repaired: the pulses themselves.
+        encoder: what is known of the wheel after the block, None where it was not asked for.
+        mark_error: shape (per_revolution,), revolutions by which each mark of ``repaired`` stands ahead of its place;
+            None where it is not known.
     """
 
     rotation: Rotation | None = None
     status: str | None = None
     pulses: PulseCounts | None = None
     repaired: Repaired | None = None
+    encoder: EncoderState | None = None
+    mark_error: NDArray[np.float64] | None = None
 
 
-def find_rotation(block: Block, condition: ConditionSettings) -> FoundRotation:
+def find_rotation(
+    block: Block, condition: ConditionSettings, encoder: EncoderState | None = None, *, learn: bool = True
+) -> FoundRotation:
     """Find the angle of the shaft over a block.
 
     The first of these gives it: the pulses that come with the block, a channel of pulses, the speed over time.
+
+    Args:
+        block: with its channels and pulses.
+        condition: where its angle comes from.
+        encoder: what is known of the wheel, or None: its errors are not removed.
+        learn: whether the errors of the marks may be learned from the block.
     """
     found = FoundRotation()
     pulses = pulses_of(block, condition.tacho)
     if pulses is not None:
-        found = _of_pulses(pulses, block.duration, condition.tacho.ratio)
+        found = _of_pulses(pulses, block.duration, condition.tacho.ratio, encoder, learn)
     elif condition.tacho.channel is not None or condition.tacho.of_source:
         found = FoundRotation(None, "none")
     if found.rotation is None and condition.speed_over_time:
@@ -126,12 +141,21 @@ def _row(block: Block, channel: str | None) -> NDArray[np.floating] | None:
     return block.samples[block.channels.index(channel)] if channel in block.channels else None
 
 
-def _of_pulses(pulses: Repaired, duration: float, ratio: float) -> FoundRotation:
+def _of_pulses(
+    pulses: Repaired, duration: float, ratio: float, encoder: EncoderState | None, learn: bool
+) -> FoundRotation:
     counts = PulseCounts(pulses.missing, pulses.extra)
     if pulses.train is None:
         return FoundRotation(None, pulses.status, counts, pulses)
+    error = None
+    if encoder is not None:
+        encoder, reading = encoder_step(encoder, pulses.train, learn=learn)
+        error = reading.error
+        if error is not None and reading.rms is not None:
+            counts = replace(counts, encoder_error=2.0 * math.pi * reading.rms)
+    found = FoundRotation(None, "irregular", counts, pulses, encoder, error)
     try:
-        rotation = rotation_of(pulses.train, duration, ratio, slips=pulses.slips)
+        rotation = rotation_of(pulses.train, duration, ratio, error, slips=pulses.slips)
     except ValueError:  # The spline turns back between two pulses.
-        return FoundRotation(None, "irregular", counts, pulses)
-    return FoundRotation(rotation, "ok", counts, pulses)
+        return found
+    return replace(found, rotation=rotation, status="ok")

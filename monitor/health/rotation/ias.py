@@ -216,7 +216,13 @@ def view_of(train: PulseTrain, ratio: float, error: NDArray[np.float64] | None =
         return None
 
 
-def with_ias(view: BlockView | None, pulses: Repaired | None, ratio: float, bearing: Bearing) -> BlockView | None:
+def with_ias(
+    view: BlockView | None,
+    pulses: Repaired | None,
+    ratio: float,
+    bearing: Bearing,
+    error: NDArray[np.float64] | None = None,
+) -> BlockView | None:
     """Return what is kept of a block with its angular speed, where its pulses can show a line of the bearing's balls.
 
     Args:
@@ -224,6 +230,7 @@ def with_ias(view: BlockView | None, pulses: Repaired | None, ratio: float, bear
         pulses: of the block, or None.
         ratio: turns of the bearing's shaft per turn of the shaft with the marks.
         bearing: whose slowest passage must stand below half of the marks.
+        error: of the marks, as :func:`view_of` takes it.
     """
     if view is None or pulses is None or pulses.train is None:
         return view
@@ -231,7 +238,7 @@ def with_ias(view: BlockView | None, pulses: Repaired | None, ratio: float, bear
     slowest = min(order for fault, order in lines.items() if fault != "cage")
     if slowest * ratio > 0.5 * pulses.train.per_revolution:
         return view
-    return replace(view, ias=view_of(pulses.train, ratio))
+    return replace(view, ias=view_of(pulses.train, ratio, error))
 
 
 def _hann(count: int) -> NDArray[np.float64]:

@@ -131,7 +131,9 @@ def test_uneven_tapes_on_a_shaft_are_learned() -> None:
 
 
 def test_another_wheel_is_refused() -> None:
-    assert encoder_step(STATE, wheel(TURNS, marks=128))[1].status == "other_wheel"
+    state, reading = encoder_step(STATE, wheel(TURNS, marks=128))
+    assert (reading.status, reading.error, state.blocks) == ("other_wheel", None, 1)
+    assert encoder_step(STATE, wheel(TURNS, marks=128), learn=False)[0] is STATE
     three = 1e-4 * np.cos(6.0 * np.pi * np.arange(MARKS) / MARKS)
     reading = encoder_step(STATE, anywhere(0, error=three))[1]
     assert (reading.status, reading.error) == ("not_aligned", None)
