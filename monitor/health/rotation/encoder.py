@@ -43,8 +43,10 @@ MAX_WANDER = 0.03
 """Power of the difference between the patterns of both halves of a block, over that of the whole."""
 
 MAX_UNEVEN = 0.45
-"""An interval that differs by more than this share from the same one of other turns: a pulse too few or too many that
-was not counted."""
+"""An interval that differs by more than this share from the same one of other turns, and by more than six standard
+deviations of all: a pulse too few or too many that was not counted."""
+
+_OUTLIER = 6.0
 
 EncoderStatus = Literal[
     "ok", "learning", "not_repeatable", "other_wheel", "not_aligned", "slipped", "irregular", "too_few"
@@ -68,7 +70,8 @@ class Pattern:
         error: shape (per_revolution,), revolutions, by ``numbers % per_revolution``; its mean is 0.
         variance: of the error of each value, revolutions squared, mean over the marks.
         turns: of the wheel that were averaged.
-        uneven: largest departure of an interval from its mean over the turns of a block, in intervals.
+        uneven: largest departure of an interval from its mean over the turns of a block, in intervals; 0 where that is
+            within six standard deviations.
     """
 
     error: NDArray[np.float64]
@@ -209,6 +212,8 @@ def pattern_of(found: Intervals) -> Pattern:
     # The angle of each mark in each turn, its mean over the turn taken off.
     by_turn -= mean
     uneven = max(float(by_turn.max()), -float(by_turn.min()))
+    if uneven <= _OUTLIER * float(np.std(by_turn)):
+        uneven = 0.0
     apart = np.cumsum(by_turn, axis=1, out=by_turn)
     apart -= apart.mean(axis=1, keepdims=True)
     np.square(apart, out=apart)

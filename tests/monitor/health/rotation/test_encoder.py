@@ -130,6 +130,22 @@ def test_uneven_tapes_on_a_shaft_are_learned() -> None:
     np.testing.assert_allclose(reading.error, np.roll(tapes, -5), atol=1e-5)
 
 
+def test_jitter_of_a_third_of_the_pitch_hides_no_error() -> None:
+    error = eccentric(0.1, 1024)
+
+    def rough(block: int) -> PulseTrain:
+        train = wheel(64, marks=1024, speed=25.0, error=error, start=37 * block, seed=block)
+        late = 1e-5 * np.random.default_rng(block).uniform(-1.0, 1.0, train.times.size)
+        return PulseTrain(np.sort(train.times + late), train.numbers, 1024)
+
+    reading = learned(rough, 17)[1]
+    assert reading.status == "ok"
+    assert reading.error is not None
+    angle = 2.0 * np.pi * np.arange(1024) / 1024
+    first = 2.0 * np.abs(np.mean(reading.error * np.exp(-1j * angle)))
+    assert first == pytest.approx(np.sqrt(2.0) * 0.1 / 360.0, rel=0.02)
+
+
 def test_another_wheel_is_refused() -> None:
     state, reading = encoder_step(STATE, wheel(TURNS, marks=128))
     assert (reading.status, reading.error, state.blocks) == ("other_wheel", None, 1)
