@@ -40,6 +40,8 @@ if TYPE_CHECKING:
     from spallwatch.angular_speed import ias_spectrum as ias_spectrum
     from spallwatch.bearings import bearing as bearing
     from spallwatch.bearings import fault_frequencies as fault_frequencies
+    from spallwatch.cyclic import cyclic_coherence as cyclic_coherence
+    from spallwatch.cyclic import plot_cyclic as plot_cyclic
     from spallwatch.figures import plot_map as plot_map
     from spallwatch.figures import plot_records as plot_records
     from spallwatch.figures import plot_scene as plot_scene
@@ -74,6 +76,7 @@ _HOMES = {
     "bearing": "spallwatch.bearings",
     "blocks": "spallwatch.recordings",
     "build_map": "spallwatch.scenes",
+    "cyclic_coherence": "spallwatch.cyclic",
     "envelope_spectrum": "spallwatch.analysis",
     "fault_frequencies": "spallwatch.bearings",
     "features": "spallwatch.analysis",
@@ -83,6 +86,7 @@ _HOMES = {
     "open_map": "spallwatch.scenes",
     "open_records": "spallwatch.records",
     "order_spectrum": "spallwatch.orders",
+    "plot_cyclic": "spallwatch.cyclic",
     "plot_map": "spallwatch.figures",
     "plot_records": "spallwatch.figures",
     "plot_scene": "spallwatch.figures",
