@@ -23,7 +23,8 @@ from models.dynamics.time_plan import prepare_plan
 from models.kernels import time_domain as kernels
 from models.kernels.step import P_DIRECTION_1, P_DIRECTION_2
 from models.scene import Defect, Floor, Scene, Slip, Waviness
-from tests.oracles.time_domain_oracle import Case, Oracle
+from models.speed_profile import hunt, ramp
+from tests.oracles.time_domain_oracle import Case, Oracle, Turning
 
 RATE = 51200.0
 REFERENCE_STEP = 0.625e-6
@@ -42,6 +43,10 @@ SCENES = {
     "inner, 20 deg rough spall": replace(HEALTHY, defect=replace(SPALL, part="inner", floor=Floor("rough"))),
     "inner, both rows": replace(HEALTHY, defect=replace(PIT, part="inner", rows=2)),
     "ball, 16 deg pit": replace(HEALTHY, defect=replace(PIT, part="ball", dphi_d=math.radians(16.0))),
+    "outer, 4 deg pit, 20 to 60 Hz": replace(HEALTHY, defect=PIT, speed_profile=ramp(20.0, 60.0, 1.0)),
+    "inner, 4 deg pit, ±10 %": replace(
+        HEALTHY, defect=replace(PIT, part="inner"), speed_profile=hunt(40.0, 0.1, 0.5, 2.0)
+    ),
     "all of them": replace(
         HEALTHY,
         defect=replace(PIT, part="inner"),
@@ -58,6 +63,26 @@ ORACLE_CASES = {
     "inner, 29 deg, 20 um": (Case(40.0, 4000.0, "inner", 0.5, 2e-5), Defect(0.5, 2e-5, part="inner")),
     "ball, 17 deg pit": (Case(40.0, 4000.0, "ball", 0.3, 1e-3), Defect(0.3, 1e-3, part="ball")),
     "ball, 34 deg, 10 um": (Case(40.0, 4000.0, "ball", 0.6, 1e-5), Defect(0.6, 1e-5, part="ball")),
+}
+# Speeds that change far faster than those of machines, so that 30 ms show it: 2000 Hz/s, and 30 % at 60 Hz.
+_RISING, _SWINGING = Turning(slope=4000.0 * math.pi), Turning(swing=24.0 * math.pi, pace=120.0 * math.pi)
+CHANGING_CASES = {
+    "outer, 5.7 deg pit, run-up": (
+        Case(40.0, 4000.0, "outer", 0.1, 5e-4, turning=_RISING),
+        replace(HEALTHY, defect=Defect(0.1, 5e-4), speed_profile=ramp(40.0, 140.0, 0.05)),
+    ),
+    "inner, 11 deg, 30 um, hunting": (
+        Case(40.0, 4000.0, "inner", 0.2, 3e-5, turning=_SWINGING),
+        replace(HEALTHY, defect=Defect(0.2, 3e-5, part="inner"), speed_profile=hunt(40.0, 0.3, 60.0, 0.05)),
+    ),
+    "ball, 34 deg, 10 um, run-up": (
+        Case(40.0, 4000.0, "ball", 0.6, 1e-5, turning=_RISING),
+        replace(HEALTHY, defect=Defect(0.6, 1e-5, part="ball"), speed_profile=ramp(40.0, 140.0, 0.05)),
+    ),
+    "unbalance of 2 kg mm, hunting": (
+        Case(40.0, 4000.0, unbalance=2e-3, turning=_SWINGING),
+        replace(HEALTHY, unbalance=2e-3, speed_profile=hunt(40.0, 0.3, 60.0, 0.05)),
+    ),
 }
 
 
@@ -132,9 +157,10 @@ def oracle_rows(seconds: float) -> list[Row]:
     samples = round(seconds / DEFAULT_STEP)
     times = np.linspace(0.0, (samples - 1) * DEFAULT_STEP, samples)
     rows: list[Row] = []
-    for name, (case, defect) in ORACLE_CASES.items():
+    steady = {name: (case, replace(HEALTHY, defect=defect)) for name, (case, defect) in ORACLE_CASES.items()}
+    for name, (case, scene) in (steady | CHANGING_CASES).items():
         truth = Oracle(case).run(times, rtol=1e-10)
-        plan = prepare_plan(replace(HEALTHY, defect=defect), samples * DEFAULT_STEP)
+        plan = prepare_plan(scene, samples * DEFAULT_STEP)
         errors = []
         for k, direction in enumerate(((1.0, 0.0), (0.0, 1.0))):
             wave = np.empty((samples, 2))

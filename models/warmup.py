@@ -14,6 +14,7 @@ from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass, field, replace
 
 from models.scene import Defect, Scene, Slip
+from models.speed_profile import constant
 
 _SCENE = Scene(40.0, 4000.0, defect=Defect(dphi_d=0.1, h_d=1e-5))
 
@@ -53,9 +54,10 @@ def _many_scenes() -> None:
 def _over_time() -> None:
     from models.dynamics.time_domain import simulate_time
 
-    # A force that turns with the shaft is left out of the machine code of scenes without one.
-    for unbalance in (0.0, 1e-3):
-        simulate_time(Scene(40.0, 1000.0, unbalance=unbalance), 0.005, 25600.0, settle=0.0)
+    # A force that turns with the shaft is left out of the machine code of scenes without one, as is a changing speed.
+    steady = Scene(40.0, 1000.0)
+    for scene in (steady, replace(steady, unbalance=1e-3), replace(steady, speed_profile=constant(40.0, 1.0))):
+        simulate_time(scene, 0.005, 25600.0, settle=0.0)
 
 
 def _impacts() -> None:
