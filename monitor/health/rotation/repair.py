@@ -4,6 +4,7 @@ The interval between two pulses is compared with a median of nine neighbours or 
 between intervals that agree with it are taken as they are. Between two of these, the number of marks follows from the
 time that passed and the speeds on both sides; pulses that stand at none of these marks are extra, and marks without a
 pulse are missing. Where a wheel lacks teeth, the gap of each turn tells whether the count has slipped.
+Pulses of a dense wheel that scatter too much for this are counted, where none is missing and none too many.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from monitor.health.rotation.banded import running_median
+from monitor.health.rotation.count import are_complete
 from monitor.health.rotation.train import PulseTrain
 
 MIN_PULSES = 4
@@ -40,6 +42,8 @@ _CLOSE = 0.02
 _MOVED = 0.15
 """A single pulse that stands further than this from the middle of its neighbours, in intervals, is not of its mark."""
 _MAX_SLIP = 2
+_AVERAGED = 16
+"""Pulses whose mean interval tells of the silence at an end, where single ones do not."""
 _INDEX_SHARE = 0.6
 """Share of the turns that must show the gap of a wheel at one place."""
 
@@ -75,6 +79,21 @@ def repaired(
         missing_teeth: consecutive teeth that the wheel lacks once a turn.
         resolution: to which the times are known, s.
     """
+    found = _by_time(times, duration, per_revolution, missing_teeth, resolution)
+    unclear = found.status == "irregular" or found.slips > _UNCLEAR
+    if not unclear or missing_teeth or np.any(np.diff(times) <= 0.0) or not are_complete(times, per_revolution):
+        return found
+    numbers = np.arange(times.size, dtype=np.int64)
+    ends = [0, _AVERAGED, -1 - _AVERAGED, -1]
+    if _has_stopped(times[ends], numbers[ends], duration, 0):
+        return found
+    return Repaired("ok", PulseTrain(times, numbers, per_revolution))
+
+
+def _by_time(
+    times: NDArray[np.float64], duration: float, per_revolution: int, missing_teeth: int, resolution: float
+) -> Repaired:
+    """Number pulses by the time between them; arguments as of :func:`repaired`."""
     given = times.size
     times = _without_bounces(times[np.diff(times, prepend=-np.inf) > 0.0])
     if times.size < MIN_PULSES:

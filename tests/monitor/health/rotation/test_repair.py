@@ -109,3 +109,14 @@ def test_a_stop_within_the_block_is_no_gap_to_be_filled() -> None:
     true = marks(even(30.0), SECONDS, 1).times
     halted = np.concatenate((true[true < 1.5], true[true >= 1.5] + 0.517))
     assert repaired(halted[halted < SECONDS], SECONDS, 1).status == "irregular"
+
+
+def test_a_dense_encoder_with_much_jitter_is_counted() -> None:
+    true, rng = marks(SHAFTS["hunting"], SECONDS, 1024), np.random.default_rng(1)
+    times = with_faults(true.times, rng, jitter=1e-5)
+    found = repaired(times, SECONDS, 1024)
+    assert found.train is not None
+    assert (found.status, found.missing, found.extra) == ("ok", 0, 0)
+    assert found.train.numbers[-1] == true.numbers[-1]
+    faulty = with_faults(true.times, rng, missing=0.002, doubled=0.002, jitter=1e-5)
+    assert repaired(faulty, SECONDS, 1024).status == "irregular"
