@@ -10,10 +10,12 @@ import click
 import numpy as np
 from numpy.typing import NDArray
 
+from models.bearing import kinematics
 from monitor.commands import option
-from monitor.commands.common import InputError, check_suffix, emit, output_errors, read_config
+from monitor.commands.common import PICTURES, InputError, check_suffix, emit, output_errors, read_config
 from monitor.config.load import Config
 from monitor.health.output import ChannelOutput
+from monitor.health.spectrum.features import fundamentals
 from monitor.health.spectrum.orders import OrderSpectrum, order_spectrum
 from monitor.health.state import ChannelSettings, SourceState
 from monitor.health.step import step
@@ -31,6 +33,7 @@ _APART_BINS = 3
 @click.option("--envelope", is_flag=True, help="Spectra of the envelopes of the channels' bands.")
 @click.option("--max-order", type=option.POSITIVE, default=100.0, show_default=True, help="Highest order.")
 @click.option("--out", type=option.OUT_FILE, help="Write the spectra (CSV).")
+@click.option("--plot", type=option.OUT_FILE, help="Draw them (PNG, SVG or HTML).")
 @option.output
 def command(
     input_path: str,
@@ -39,6 +42,7 @@ def command(
     envelope: bool,
     max_order: float,
     out: Path | None,
+    plot: Path | None,
     as_json: bool,
     quiet: bool,
 ) -> None:
@@ -46,8 +50,9 @@ def command(
 
     The angle of the shaft is that of the configuration: a tacho, pulses, a speed over time, or the vibration.
     """
-    if out is not None:
-        check_suffix("--out", out, (".csv",))
+    for label, path, suffixes in (("--out", out, (".csv",)), ("--plot", plot, PICTURES)):
+        if path is not None:
+            check_suffix(label, path, suffixes)
     config = read_config(config_path)
     block, outputs, settings = _block(config, input_path, wanted)
     spectra = {
@@ -60,6 +65,8 @@ def command(
         raise InputError(f"{block.name}: no channel has an angle of the shaft: {status or 'none is configured'}")
     if out is not None:
         _write(out, spectra, settings)
+    if plot is not None:
+        _draw(plot, block.name, spectra, outputs, settings, envelope=envelope)
     values = _values(block, outputs, spectra, settings)
     emit(values, _lines(values), as_json=as_json)
 
@@ -159,6 +166,29 @@ def _lines(values: Mapping[str, Any]) -> Iterator[str]:
         for line in found["lines"]:
             amplitude = line.get("amplitude_g", line.get("amplitude_own"))
             yield f"  {line['order']:>10.3f}  {amplitude:.4g}{' g' if 'amplitude_g' in line else ''}"
+
+
+def _draw(
+    path: Path,
+    name: str,
+    spectra: Mapping[str, OrderSpectrum],
+    outputs: Mapping[str, ChannelOutput],
+    settings: Mapping[str, ChannelSettings],
+    *,
+    envelope: bool,
+) -> None:
+    from monitor.report.figures.orders import ChannelOrders, orders_sheet
+    from monitor.report.figures.sheet import write_sheet
+
+    channels: dict[str, ChannelOrders] = {}
+    for channel, found in spectra.items():
+        rotation, set_up = outputs[channel].rotation, settings[channel]
+        assert rotation is not None
+        unit = "g" if set_up.absolute else "own unit"
+        lines = fundamentals(kinematics(set_up.bearing, 1.0))
+        channels[channel] = ChannelOrders(channel, found, rotation, _one(set_up), unit, lines)
+    with output_errors("--plot", path):
+        write_sheet(orders_sheet(channels, name, envelope=envelope), path)
 
 
 def _write(path: Path, spectra: Mapping[str, OrderSpectrum], settings: Mapping[str, ChannelSettings]) -> None:

@@ -62,8 +62,11 @@ def test_the_highest_lines_of_the_signal_are_listed_and_written(folder):
 
 
 def test_the_envelope_shows_what_modulates_its_band(folder):
-    done = run_command("orders", "run.csv", "--config", "machine.toml", "--envelope", "--max-order", 20, cwd=folder)
+    done = run_command(
+        "orders", "run.csv", "--config", "machine.toml", "--envelope", "--max-order", 20, "--plot", "o.svg", cwd=folder
+    )
     assert done.returncode == 0, done.stderr
+    assert "order of the shaft" in (folder / "o.svg").read_text()
     block, channel, first, *_ = done.stdout.splitlines()
     assert block == "block 1 (run.csv)"
     assert channel.startswith("channel drive: 4")
