@@ -21,6 +21,7 @@ SECTIONS = (
         "final_stage",
         "envelope",
         "raw",
+        "cyclic",
         "waterfall",
         "kurtogram",
         "path",

@@ -13,6 +13,7 @@ from monitor.report import data_quality as quality
 from monitor.report.advice import part_of, said_of, what_to_do
 from monitor.report.bearings import BearingPart, bearing_parts
 from monitor.report.calibration import is_calibrated
+from monitor.report.figures.coherence import block_coherence
 from monitor.report.figures.damage import damaged_volume, fitted_law, forecasts
 from monitor.report.figures.drawing import Picture, sparkline
 from monitor.report.figures.ias import ias_picture
@@ -235,6 +236,8 @@ def _spectra(context: ChannelContext, options: Options, view: SpectrumView | Non
     if options.holds("raw"):
         found.append(raw_block(context.run.views.get(channel.name, ()), context))
         found.append(ias_picture(context.run.ias.get(channel.name, ()), context))
+    if options.holds("cyclic"):
+        found.append(block_coherence(context.run.views.get(channel.name, ()), context))
     if options.holds("waterfall"):
         found.append(waterfall(rows, context))
     if options.holds("kurtogram"):

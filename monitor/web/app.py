@@ -226,6 +226,7 @@ def _api_routes(site: Site) -> list[Route]:
         of_channel(f"{channel}/spectrum", spectra_view.spectrum),
         of_channel(f"{channel}/raw", spectra_view.raw_spectrum),
         of_channel(f"{channel}/ias", spectra_view.ias),
+        of_channel(f"{channel}/cyclic", spectra_view.cyclic),
         of_channel(f"{channel}/waveform", spectra_view.waveform),
         of_channel(f"{channel}/waterfall", spectra_view.waterfall),
         of_channel(f"{channel}/kurtogram", spectra_view.kurtogram),

@@ -46,7 +46,7 @@ _ADDRESSES = (
     (re.compile(r"^/records/.*"), "/records"),
     (
         re.compile(
-            r"^/api/(machines|channels)/[^/]+/[^/]+/(records|spectrum|raw|ias|waveform|waterfall|kurtogram|map)$"
+            r"^/api/(machines|channels)/[^/]+/[^/]+/(records|spectrum|raw|ias|cyclic|waveform|waterfall|kurtogram|map)$"
         ),
         r"/api/channels/\2",
     ),

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from monitor.health.kept_coherence import kept_coherence
 from monitor.health.schema import DOMAINS
 from monitor.health.spectrum.block_view import BlockView
 from monitor.health.spectrum.coincidence import shared_lines
@@ -84,6 +85,23 @@ def ias(machine: Machine, channel: str, query: Query) -> dict[str, Any]:
         "amplitude_rad_s": numbers(found.amplitude, 4),
         "width_order": found.width,
         "highest_rad_s": numbers(found.highest, 4),
+    }
+
+
+def cyclic(machine: Machine, channel: str, query: Query) -> dict[str, Any]:
+    """Return the mean coherence of the kept samples of a block by cyclic order; 404 where they do not give one."""
+    row, view = _view(machine, channel, query)
+    try:
+        found = kept_coherence(row)
+    except ValueError as error:
+        raise RequestError(404, str(error)) from None
+    return {
+        **_about(row, view),
+        "cyclic_order": numbers(found.cyclic, 6),
+        "coherence": numbers(found.enhanced, 4),
+        "limit": found.limit,
+        "band_hz": list(found.band),
+        "blocks": viewed_blocks(machine.store, channel, source=row.source),
     }
 
 

@@ -11,10 +11,19 @@ import { otherBlocks } from "./spectrum.js";
 import { SpectrumPlot } from "./spectrum_plot.js";
 import { LINE_NAMES, PARTS } from "./words.js";
 
-const KINDS = [["acceleration", "acceleration"], ["velocity", "velocity"], ["waveform", "waveform"], ["ias", "angular speed"]];
-const PARTS_OF = { waveform: "waveform", ias: "ias" };
+const KINDS = [["acceleration", "acceleration"], ["velocity", "velocity"], ["waveform", "waveform"], ["cyclic", "coherence"], ["ias", "angular speed"]];
+const PARTS_OF = { waveform: "waveform", cyclic: "cyclic", ias: "ias" };
 const NO_IAS = "No spectrum of the angular speed is kept: it needs 16 marks a turn or more, lines of the bearing below half of them, 16 turns in a block, and is made for the blocks of the waterfall.";
 const NOTHING = "Nothing is kept of the samples of this block. They are kept for the newest block and for those of the waterfall, from this version of the program on; other blocks stand in the files of the logger alone.";
+
+/** The coherence as a trace, in Hz at the mean speed. */
+function coherenceOf(answer) {
+  const { speed_hz: speed, cyclic_order: cyclic } = answer;
+  return {
+    ...answer, ...QUANTITIES.cyclic, domain: "order", resolution: (cyclic[1] - cyclic[0]) * speed,
+    frequency: cyclic.map((order) => order * speed), amplitude: answer.coherence,
+  };
+}
 
 /** A spectrum over events per revolution in the form of the raw one: in Hz at the mean speed. */
 function overOrders(answer) {
@@ -27,6 +36,7 @@ function overOrders(answer) {
 
 /** All lines up to 1 kHz, then the highest in each bin up to the Nyquist frequency. */
 function traceOf(answer, kind) {
+  if (kind === "cyclic") return coherenceOf(answer);
   const fine = answer.amplitude_g.length;
   const end = (fine - 1) * answer.resolution_hz;
   const first = Math.ceil(end / answer.width_hz + 1e-9);
@@ -57,11 +67,11 @@ export class RawBlock {
       info: options.info,
       zone: options.zone,
       name: `${options.machine}-${options.channel}-${this.kind}`,
-      title: (trace) => `${{ "mm/s": "Velocity", "rad/s": "Angular speed" }[trace.unit] ?? "Acceleration"} spectrum of block ${trace.block}`,
+      title: (trace) => `${{ "mm/s": "Velocity", "rad/s": "Angular speed", null: "Coherence" }[trace.unit] ?? "Acceleration"} spectrum of block ${trace.block}`,
       describe: (trace) => this.describe(trace),
       others: () => (this.kind === "ias" ? [] : otherBlocks(this.answer?.blocks ?? [], this.answer?.block, options.info()?.state)),
       compare: async (value) => traceOf(await this.ask(
-        "raw",
+        PARTS_OF[this.kind] ?? "raw",
         value === "baseline" ? baselineBlock(this.answer.blocks.filter((block) => block !== this.answer.block), options.info()?.state) : Number(value),
       ), this.kind),
     });
@@ -89,6 +99,7 @@ export class RawBlock {
   describe(answer) {
     const when = fmt.moment(answer.time_s, { dated: this.options.info()?.dated, zone: this.options.zone() });
     const seconds = fmt.isNumber(answer.samples) ? `; ${fmt.number(answer.samples / answer.rate_hz, 3)} s at ${fmt.number(answer.rate_hz)} Hz` : "";
+    if (answer.coherence) return `${when}, block ${answer.block}; the kept samples, ${fmt.number(answer.band_hz[0])} to ${fmt.number(answer.band_hz[1])} Hz; noise stays below ${fmt.number(answer.limit, 2)}`;
     if (answer.domain === "order") return `${when}, block ${answer.block}${seconds}; ${fmt.number(answer.resolution_order, 2)} events per revolution a line`;
     const beyond = answer.highest_g && this.kind !== "velocity" ? `; ${fmt.number(answer.resolution_hz, 2)} Hz a line up to ${fmt.hertz((answer.amplitude_g.length - 1) * answer.resolution_hz, 3)}, above it the highest in each ${fmt.hertz(answer.width_hz, 3)}` : "";
     const speeds = fmt.speeds(answer.speed_range_hz);
@@ -112,7 +123,7 @@ export class RawBlock {
       if (turn !== this.turn) return;
       this.answer = null;
       this.plot.destroy();
-      if (error.status === 404) sayInstead(this.body, this.kind === "ias" ? NO_IAS : NOTHING);
+      if (error.status === 404) sayInstead(this.body, { ias: NO_IAS, cyclic: `There is no coherence: ${error.message}` }[this.kind] ?? NOTHING);
       else sayInstead(this.body, `The block could not be read: ${error.message}`, () => this.load(block));
     }
   }

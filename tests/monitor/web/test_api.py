@@ -171,6 +171,12 @@ def test_raw_spectra_and_waveforms_are_those_of_the_store(watched: Watched) -> N
         assert watched.page.ask(f"/api/channels/m/x0/{part}?block=9999").status == 404
 
 
+def test_too_few_samples_give_no_coherence_and_say_why(watched: Watched) -> None:
+    reply = watched.page.ask("/api/channels/m/x0/cyclic")
+    assert reply.status == 404
+    assert "got 256 samples" in reply.json["error"]
+
+
 def test_a_source_without_pulses_has_no_spectrum_of_the_angular_speed(watched: Watched) -> None:
     reply = watched.page.ask("/api/channels/m/x0/ias")
     assert (reply.status, reply.json["error"]) == (404, "no spectrum of the angular speed is kept yet")
