@@ -104,9 +104,11 @@ def outcome(one: Recorded, steady: dict[float, tuple[str, float]], tachos: bool)
     return Outcome(one.case, one.fault, one.run, {"one speed": steady[nearest][0], **verdicts}, h, status)
 
 
-def outcomes(seed: int, sizes: int) -> Iterator[Outcome]:
-    """Yield what is said of all blocks by the six-degree-of-freedom model."""
+def outcomes(seed: int, sizes: int, *, only_tachos: bool = False) -> Iterator[Outcome]:
+    """Yield what is said of all blocks by the six-degree-of-freedom model, or of those with all tachos."""
     for case, fault, scene in scenes(seed, sizes):
+        if only_tachos and not case.endswith(("healthy", "2")):
+            continue
         steady = at_one_speed(scene, case, fault, seed)
         for name, profile in runs(seed).items():
             turning = replace(scene, speed_profile=profile)
@@ -227,23 +229,24 @@ def main() -> None:
     parser.add_argument("--json", type=Path, metavar="FILE", help="write the same figures to this file")
     parser.add_argument("--quick", action="store_true", help="one size of each fault, without the angular model")
     parser.add_argument("--judged", action="store_true", help="seeds that nothing was fitted to")
+    parser.add_argument("--tachos", action="store_true", help="the table of tachos alone")
     options = parser.parse_args()
     seeds = JUDGED if options.judged else DEVELOPMENT
     began = time.process_time()
-    found = [one for seed in seeds for one in outcomes(seed, 1 if options.quick else 3)]
-    tables = {"names": name_rows(found), "h": h_rows(found, ("same block", "one speed")), "tacho": tacho_rows(found)}
+    sizes = 1 if options.quick else 3
+    found = [one for seed in seeds for one in outcomes(seed, sizes, only_tachos=options.tachos)]
+    tables: dict[str, list[Row]] = {}
+    if not options.tachos:
+        tables["names, six_dof"] = name_rows(found)
+        tables["H, six_dof"] = h_rows(found, ("same block", "one speed"))
+    tables["tachos, six_dof"] = tacho_rows(found)
     if refused := refusals(found):
-        tables["refused"] = refused
-    print_table("names, six_dof", tables["names"])
-    print_table("H of the fault's family, six_dof", tables["h"])
-    print_table("tachos with faults, six_dof", tables["tacho"])
-    if refused:
-        print_table("blocks without an angle", refused)
-    if not options.quick:
+        tables["without an angle, six_dof"] = refused
+    if not (options.quick or options.tachos):
         angular = [one for seed in seeds[:1] for one in by_angular_model(seed)]
-        tables |= {"names, angular": name_rows(angular), "h, angular": h_rows(angular, ("same block",))}
-        print_table("names, angular", tables["names, angular"])
-        print_table("H, angular", tables["h, angular"])
+        tables |= {"names, angular": name_rows(angular), "H, angular": h_rows(angular, ("same block",))}
+    for title, rows in tables.items():
+        print_table(title, rows)
     tables["run"] = [{"seeds": ", ".join(map(str, seeds)), "processor s": time.process_time() - began}]
     write_json(options.json, tables)
 
