@@ -120,7 +120,7 @@ export const QUANTITIES = {
   envelope: { quantity: "envelope of the acceleration", unit: "g", si: RMS * GRAVITY * 1e6, decibel: "dB re 1 µm/s², RMS" },
   acceleration: { quantity: "acceleration, peak of a line", unit: "g", si: RMS * GRAVITY * 1e6, decibel: "dB re 1 µm/s², RMS" },
   cyclic: { quantity: "squared coherence", unit: null, si: 1, decibel: "dB re 1" },
-  ias: { quantity: "angular speed, peak of a line", unit: "rad/s", si: RMS * 1e6, decibel: "dB re 1 µrad/s, RMS", scale: "log" },
+  ias: { quantity: "angular speed, peak", unit: "rad/s", si: RMS * 1e6, decibel: "dB re 1 µrad/s, RMS", scale: "log" },
   velocity: { quantity: "velocity, RMS of a line", unit: "mm/s", si: 1e6, decibel: "dB re 1 nm/s, RMS" },
 };
 
