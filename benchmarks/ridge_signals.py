@@ -59,9 +59,9 @@ def plain(rotation: Rotation, fault: str, snr_db: float, rng: np.random.Generato
     signal /= signal.std()
     if fault != "none":
         slip = 1.0 - rng.uniform(0.0, 0.01)
-        hits = _impacts(rotation, fault, slip, 0.01, 0.0, rng)
-        ringing = _ringing(0.23 * RATE, 0.03)
-        rung = np.convolve(hits, ringing)[: turns.size]
+        hits = impacts_of(rotation, fault, slip, 0.01, 0.0, rng)
+        shape = ringing(0.23 * RATE, 0.03)
+        rung = np.convolve(hits, shape)[: turns.size]
         signal = signal + rung / rung.std()
     return signal + 10.0 ** (-snr_db / 20.0) * rng.standard_normal(turns.size)
 
@@ -84,9 +84,9 @@ def for_judging(rotation: Rotation, fault: str, snr_db: float, rng: np.random.Ge
         signal += size * depth * np.real(response * wave)
     signal /= signal.std()
     if fault != "none":
-        hits = _impacts(rotation, fault, 1.0 - rng.uniform(0.0, 0.015), 0.004, 0.003, rng)
+        hits = impacts_of(rotation, fault, 1.0 - rng.uniform(0.0, 0.015), 0.004, 0.003, rng)
         rung = sum(
-            np.convolve(hits, _ringing(rng.uniform(0.08, 0.4) * RATE, rng.uniform(0.01, 0.06)))[: time.size]
+            np.convolve(hits, ringing(rng.uniform(0.08, 0.4) * RATE, rng.uniform(0.01, 0.06)))[: time.size]
             for _ in range(2)
         )
         signal = signal + rng.uniform(0.3, 1.5) * np.asarray(rung) / np.std(rung)
@@ -123,7 +123,7 @@ def modelled(rotation: Rotation, fault: str, snr_db: float, rng: np.random.Gener
     return signal / signal.std() + 10.0 ** (-snr_db / 20.0) * rng.standard_normal(signal.size)
 
 
-def _impacts(
+def impacts_of(
     rotation: Rotation, fault: str, slip: float, jitter: float, walk: float, rng: np.random.Generator
 ) -> Array:
     """Return the impacts of a fault at the samples of a block: jitter and random walk in passages."""
@@ -142,6 +142,7 @@ def _impacts(
     return impacts
 
 
-def _ringing(frequency: float, damping: float) -> Array:
+def ringing(frequency: float, damping: float) -> Array:
+    """Return how a resonance rings, 10 ms at ``RATE``."""
     time = np.arange(int(0.01 * RATE)) / RATE
     return np.exp(-2.0 * np.pi * frequency * damping * time) * np.sin(2.0 * np.pi * frequency * time)
