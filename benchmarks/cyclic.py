@@ -122,7 +122,7 @@ def false_alarms(count: int) -> dict[str, Any]:
     """Return the share of blocks of white noise that exceed the stated limit anywhere."""
     exceeded = 0
     for trial in range(count):
-        rng = np.random.default_rng([SEED, 7, trial])
+        rng = np.random.default_rng([SEED, 8, trial])
         rotation = rotation_of("hunting 10 %", rng)
         found = cyclic_coherence(rng.standard_normal(int(RATE * SECONDS)), RATE, HIGHEST, rotation)
         exceeded += bool(np.any(found.enhanced > found.limit))

@@ -35,7 +35,7 @@ _SPARE_BINS = 2
 """Distance of bins beyond the highest cyclic frequency that is summed over, for the width of the window."""
 _LEAST_CYCLES = 3
 """Cyclic frequencies below so many cycles a block are those of its trend."""
-_INDEPENDENT = 0.52
+_INDEPENDENT = 0.45
 """Independent values a bin of a Hann window, in the mean of the coherence over a band (``benchmarks.cyclic``)."""
 _PIECE = 4096
 """Windows that are transformed at once."""
