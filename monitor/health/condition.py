@@ -138,7 +138,7 @@ def known_sd(speed: Quantity, settings: ConditionSettings) -> float | None:
 def speed_flags(speed: Quantity, limits: SpeedLimits, rotation: Rotation | None = None) -> tuple[str, ...]:
     """Return the flag of a block beyond the limits of its speed, or nothing; ``rotation`` where its angle is known."""
     if rotation is not None:
-        return check_speed(rotation.speed_range, rotation.acceleration, limits)
+        return check_speed(rotation.speed_range, rotation.steepest, limits)
     return check_speed(None if speed.value is None else (speed.value, speed.value), None, limits)
 
 

@@ -176,7 +176,7 @@ class SpeedLimits:
     Attributes:
         least: Hz.
         most: Hz.
-        acceleration: largest absolute change of the speed over a block, Hz/s.
+        acceleration: largest absolute change of the speed within a block, Hz/s.
     """
 
     least: float | None = None

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from models.errors import SpallwatchError
 from monitor.health.rotation.slow import slow_course
 from monitor.health.rotation.train import PulseTrain
 
@@ -22,11 +23,11 @@ MIN_MARKS = 2
 _FAST_PRIMES = (2, 3, 5, 7, 11)
 
 
-class TooFewPulsesError(ValueError):
+class TooFewPulsesError(SpallwatchError, ValueError):
     """Too few marks a turn, or too few turns."""
 
 
-class UnevenPulsesError(ValueError):
+class UnevenPulsesError(SpallwatchError, ValueError):
     """Elapsed times that have no slow course, as where the shaft stands still in between."""
 
 

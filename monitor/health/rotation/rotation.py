@@ -12,6 +12,9 @@ _NEWTON_STEPS = 30
 _SETTLED = 1e-13
 """Newton's method ends where no time moves by more than this share of the block: mostly after three steps."""
 
+_PARTS = 32
+"""Parts of a block whose mean speeds tell how steeply it changes: jitter of the pulses averages out in each."""
+
 
 @dataclass(frozen=True, eq=False)
 class Rotation:
@@ -117,6 +120,13 @@ class Rotation:
         inside = self.time[(self.time > 0.0) & (self.time < self.duration)]
         speeds = self.speed_at(np.concatenate(([0.0], inside, [self.duration])))
         return float(speeds.min()), float(speeds.max())
+
+    @cached_property
+    def steepest(self) -> float:
+        """Largest change of the speed within the block, Hz/s, either way: between the means of 32nds of the block."""
+        part = self.duration / _PARTS
+        speeds = np.diff(self.turns_at(np.linspace(0.0, self.duration, _PARTS + 1))) / part
+        return float(np.max(np.abs(np.diff(speeds)))) / part
 
     @property
     def acceleration(self) -> float:

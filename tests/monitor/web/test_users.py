@@ -189,6 +189,7 @@ def test_a_removed_user_is_out_with_the_next_request(served: tuple[Page, Path]) 
     users.chmod(0o644)
     assert page.ask("/api/machines", headers={"cookie": cookie}).status == 401
     assert sign_in(page, "Cleo").status == 401
+    users.unlink()
 
 
 def test_a_code_sets_a_password_once(served: tuple[Page, Path], path: Path) -> None:

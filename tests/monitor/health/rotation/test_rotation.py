@@ -31,6 +31,15 @@ def test_a_ramp_between_two_knots_is_exact() -> None:
     assert rotation.acceleration == pytest.approx(6.0)
 
 
+def test_hunting_is_steep_though_the_speed_ends_where_it_began() -> None:
+    time = np.linspace(0.0, 5.0, 201)
+    angle = 2.0 * np.pi * 0.4 * time
+    rotation = Rotation(time, 20.0 * time - 2.0 / (0.8 * np.pi) * np.cos(angle), 20.0 + 2.0 * np.sin(angle), 5.0)
+    assert rotation.acceleration == pytest.approx(0.0, abs=1e-6)
+    assert rotation.steepest == pytest.approx(2.0 * 0.8 * np.pi, rel=0.03)
+    assert ramp(10.0, 40.0, 5.0, 9).steepest == pytest.approx(6.0)
+
+
 def test_beyond_the_knots_the_speed_stays() -> None:
     rotation = constant(30.0, 2.0)
     np.testing.assert_allclose(rotation.turns_at([-1.0, 3.0]), [-30.0, 90.0])
