@@ -36,7 +36,8 @@ from models.simulate import simulate
 from monitor.health.damage import tracker as damage
 from monitor.health.damage.tracker import TrackMethod
 from monitor.service.setup import part_map
-from streams.rig import INTERVAL, RADIAL_BEARING, SimulatedRig, machine_of
+from streams.rig import INTERVAL, SimulatedRig
+from streams.rig_machine import RADIAL_BEARING, machine_of
 
 Floats = NDArray[np.float64]
 

@@ -74,7 +74,7 @@ def draw(result: Replay, rows: np.ndarray, path: Path) -> None:
         color=GREY,
     )
     middle.set_xlabel("block (one file of 0.1 s every 10 s)")
-    frequency, amplitude, lines, label = result.spectra[CHANNEL]
+    frequency, amplitude, lines, label, *_ = result.spectra[CHANNEL]
     bottom.plot(frequency, amplitude, color=GREY, lw=1.0)
     for order in range(1, 6):
         bottom.axvline(order * lines["outer"], color=ORANGE, lw=0.9, ls=":")

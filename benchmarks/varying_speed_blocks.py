@@ -208,7 +208,7 @@ def reference_h(one: Recorded, judged: Judged) -> float:
     spectrum = np.fft.fft(one.signal)
     frequency = np.abs(np.fft.fftfreq(SAMPLES, 1.0 / RATE))
     passed = np.fft.ifft(np.where((frequency >= BAND[0]) & (frequency <= BAND[1]), spectrum, 0.0)).real
-    envelope = np.abs(hilbert(passed))
+    envelope = np.abs(np.asarray(hilbert(passed)))
     count = 1 << 18
     turned = float(one.turns[-1])
     times = one.time_at(turned * np.arange(count) / count)

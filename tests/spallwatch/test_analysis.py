@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 import xarray as xr
@@ -115,8 +117,9 @@ def test_a_dead_sensor_is_said(outer):
     ],
 )
 def test_wrong_arguments_are_named(outer, wrong, message):
+    arguments: dict[str, Any] = {"bearing": "6205", "speed_hz": SPEED, **wrong}
     with pytest.raises(sw.SpallwatchError, match=message):
-        sw.features(outer, **{"bearing": "6205", "speed_hz": SPEED, **wrong})
+        sw.features(outer, **arguments)
 
 
 def test_one_channel_is_named_at_a_time(outer):
