@@ -18,7 +18,7 @@ from models.response import Response
 from models.scene import Defect, Floor, Scene, Waviness
 from models.simulate import simulate
 from tests.effort import effort_count
-from tests.periods import orbit_of, period_of, run, simulate_plainly
+from tests.periods import orbit_of, period_of, run, simulate_plainly, solve_scene
 
 SPALL = Defect(math.radians(20.0), 20e-6)
 SCENE = Scene(40.0, 4000.0, defect=SPALL)
@@ -98,7 +98,8 @@ def agrees(response: Response, level: float, spread: float) -> bool:
 @pytest.mark.parametrize("group", range(2))
 def test_what_is_called_converged_is_where_simulating_on_ends(group: int) -> None:
     """Random light loads. A few scenes have a second motion, in which a simulation from rest ends: there one from the
-    orbit that was found, pushed by 1 %, must come back to it.
+    orbit that was found, pushed by 1 %, must come back to it. Which of two is found may depend on the last digits of
+    the linear algebra, which are another processor's (scene 2: 4.26 or 4.67 m/s2, both attract).
     """
     count, second = effort_count(quick=8, full=150) // 2, 0
     statuses = []
@@ -113,11 +114,11 @@ def test_what_is_called_converged_is_where_simulating_on_ends(group: int) -> Non
         plain = simulate_plainly(period, 300, 240)
         if not agrees(response, plain.mean, plain.spread):
             second += 1
-            start = orbit_of(scene)[1]
+            found = solve_scene(scene, Request.accuracy)
             push = 1.0 + 1e-2 * np.random.default_rng(seed).standard_normal((2, 6))
-            near = simulate_plainly(period_of(scene), 300, 240, start * push)
+            near = simulate_plainly(found.period, 300, 240, found.state * push)
             assert agrees(response, near.mean, near.spread), seed
-    assert second <= 0.01 * count
+    assert second <= max(1.0, 0.01 * count)
     assert statuses.count("converged") >= 0.7 * count
     assert statuses.count("not_converged") <= 0.05 * count
 
