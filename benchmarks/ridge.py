@@ -119,7 +119,7 @@ def summary(rows: list[dict[str, Any]], key: str) -> list[dict[str, Any]]:
 
 
 def without_shaft(count: int) -> dict[str, Any]:
-    """Return how often an angle is given where nothing of a shaft is heard: noise, hum, or a race alone."""
+    """Return how often an angle is given where no shaft is in the signal: noise, hum, or a race alone."""
     given = 0
     for trial in range(count):
         rng = np.random.default_rng([90_011, trial])

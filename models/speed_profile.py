@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from models.checks import check_positive
+from models.cubic_phase import time_of_turns
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
@@ -25,7 +26,6 @@ if TYPE_CHECKING:
 PHASE_ERROR = 1e-8
 """Of a cubic between knots against the formula of a profile, revolutions."""
 _LEAST_KNOTS, _MOST_KNOTS = 16, 1_000_000
-_NEWTON_STEPS = 40
 _SETTLED = 1e-15
 # Waves that make a random wander, and their frequencies over that of the hunting.
 _WANDER_WAVES = 12
@@ -87,15 +87,19 @@ class SpeedProfile:
         place = np.searchsorted(begin[1:], wanted, side="right")
         return wanted - begin[place], cubics[place]
 
+    def _evaluate(self, time: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return revolutions and speed at some times."""
+        s, c = self._at(time)
+        turns = c[..., 0] + s * (c[..., 1] + s * (c[..., 2] + s * c[..., 3]))
+        return turns, c[..., 1] + s * (2.0 * c[..., 2] + 3.0 * s * c[..., 3])
+
     def turns_at(self, time: ArrayLike) -> NDArray[np.float64]:
         """Return the revolutions since time zero at some times, s; the shape is that of the times."""
-        s, c = self._at(time)
-        return c[..., 0] + s * (c[..., 1] + s * (c[..., 2] + s * c[..., 3]))
+        return self._evaluate(time)[0]
 
     def speed_at(self, time: ArrayLike) -> NDArray[np.float64]:
         """Return the speed at some times, Hz."""
-        s, c = self._at(time)
-        return c[..., 1] + s * (2.0 * c[..., 2] + 3.0 * s * c[..., 3])
+        return self._evaluate(time)[1]
 
     def acceleration_at(self, time: ArrayLike) -> NDArray[np.float64]:
         """Return the change of the speed at some times, Hz/s; at a knot that of what follows."""
@@ -104,20 +108,7 @@ class SpeedProfile:
 
     def time_at(self, turns: ArrayLike) -> NDArray[np.float64]:
         """Return when the shaft has turned so many revolutions, s: to rounding, by Newton's method within a piece."""
-        wanted = np.asarray(turns, dtype=np.float64)
-        time, phase, speed = self._arrays
-        found = np.interp(wanted, phase, time)
-        found = np.where(wanted < 0.0, wanted / speed[0], found)
-        found = np.where(wanted > phase[-1], time[-1] + (wanted - phase[-1]) / speed[-1], found)
-        piece = np.searchsorted(phase, wanted, side="right")
-        low, high = np.concatenate(([-np.inf], time))[piece], np.concatenate((time, [np.inf]))[piece]
-        for _ in range(_NEWTON_STEPS):
-            following = np.clip(found - (self.turns_at(found) - wanted) / self.speed_at(found), low, high)
-            moved = np.max(np.abs(following - found), initial=0.0)
-            found = following
-            if moved <= _SETTLED * max(self.duration, float(np.max(np.abs(found), initial=0.0))):
-                break
-        return found
+        return time_of_turns(turns, self._arrays, self._evaluate, duration=self.duration, settled=_SETTLED)
 
     @property
     def duration(self) -> float:

@@ -54,7 +54,7 @@ EncoderStatus = Literal[
 ENCODER_STATUSES: tuple[EncoderStatus, ...] = (
     *("ok", "learning", "not_repeatable", "other_wheel", "not_aligned", "slipped", "irregular", "too_few"),
 )
-"""What becomes of a block: its error is removed; it is still learned; nothing repeats from turn to turn; the wheel has
+"""Of a block: the error of its marks is removed; it is still learned; nothing repeats from turn to turn; the wheel has
 another number of marks; the pattern is not the learned one; it wanders or jumps within the block; a pulse too few or
 too many; too few turns or marks."""
 

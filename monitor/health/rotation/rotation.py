@@ -8,7 +8,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-_NEWTON_STEPS = 30
+from models.cubic_phase import time_of_turns
+
 _SETTLED = 1e-13
 """Newton's method ends where no time moves by more than this share of the block: mostly after three steps."""
 
@@ -74,21 +75,8 @@ class Rotation:
 
     def time_at(self, turns: ArrayLike) -> NDArray[np.float64]:
         """Return when the shaft had turned so many revolutions, s; the shape is that of the revolutions."""
-        wanted = np.asarray(turns, dtype=np.float64)
-        found = np.interp(wanted, self.turns, self.time)
-        found = np.where(wanted < self.turns[0], self.time[0] + (wanted - self.turns[0]) / self.speed[0], found)
-        found = np.where(wanted > self.turns[-1], self.time[-1] + (wanted - self.turns[-1]) / self.speed[-1], found)
-        piece = np.searchsorted(self.turns, wanted, side="right")
-        low = np.concatenate(([-np.inf], self.time))[piece]
-        high = np.concatenate((self.time, [np.inf]))[piece]
-        for _ in range(_NEWTON_STEPS):
-            at, slope = self._evaluate(found)
-            following = np.clip(found - (at - wanted) / slope, low, high)
-            moved = np.max(np.abs(following - found), initial=0.0)
-            found = following
-            if moved <= _SETTLED * self.duration:
-                break
-        return found
+        knots = self.time, self.turns, self.speed
+        return time_of_turns(turns, knots, self._evaluate, duration=self.duration, settled=_SETTLED)
 
     def _evaluate(self, time: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return revolutions and speed at some times."""
