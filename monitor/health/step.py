@@ -184,7 +184,7 @@ def _analyse(
     states: dict[str, ChannelState] = {}
     outputs: dict[str, ChannelOutput] = {}
     # The channels of a machine share a shaft and mostly a condition: its angle is found once.
-    conditions = {channel.condition for channel in settings.channels.values()}
+    conditions = dict.fromkeys(channel.condition for channel in settings.channels.values())
     angles = {condition: find_rotation(block, condition, state.encoder, learn=not flags) for condition in conditions}
     encoder = next((found.encoder for found in angles.values() if found.encoder is not None), state.encoder)
     views = {
