@@ -4,6 +4,8 @@ VENV := .venv
 # Tests of the kernels that are small enough to be interpreted.
 INTERPRETED := tests/contracts/test_models.py tests/models/test_response.py tests/models/test_orbit.py
 BIN := $(VENV)/bin
+# Collecting the tests keeps their modules with rewritten assertions; what is wrong with them the tests say.
+REWRITE = env -u PYTHONDONTWRITEBYTECODE $(BIN)/python -m pytest --collect-only -qq >/dev/null 2>&1
 READY := $(VENV)/.ready
 
 .PHONY: help setup demo test without-posix coverage check site bench lock clean install-service uninstall-service
@@ -24,7 +26,9 @@ help:
 $(READY): requirements.lock pyproject.toml
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { echo "spallwatch needs Python 3.11 or newer; set PYTHON=/path/to/python3.11"; exit 2; }
 	$(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --require-hashes -r requirements.lock
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile --require-hashes -r requirements.lock
+	@# All cores at once, which pip does not; some packages ship files that are not meant for this Python.
+	@$(BIN)/python -m compileall -qq -j 0 $(VENV)/lib || true
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation -e .
 	@touch $(READY)
 
@@ -34,8 +38,8 @@ demo: $(READY)
 	$(BIN)/spallwatch demo --out demo-out $(if $(MODEL),--model $(MODEL))
 
 test: $(READY)
-	@# Kernels are compiled once, not by each of the workers at the same time.
-	$(BIN)/spallwatch warmup --quiet
+	@# Kernels are compiled and assertions rewritten once, not by each of the workers at the same time.
+	@test -d tests/__pycache__ || $(REWRITE) & $(BIN)/spallwatch warmup --quiet && wait
 	$(BIN)/python -m pytest --numprocesses auto --dist worksteal
 
 # Tests of replay, run, page and demo whose own code needs nothing that only POSIX has.
