@@ -130,11 +130,12 @@ class FeCache:
             temporary = Path(name)
             with os.fdopen(handle, "wb") as stream:
                 np.savez(stream, allow_pickle=False, **{_HEADER: np.array(header)}, **arrays)
-            if temporary.stat().st_size > self._max_bytes:
+            size = temporary.stat().st_size
+            if size > self._max_bytes:
                 return
             temporary.chmod(0o644)
             temporary.replace(path)
-            self._evict(path)
+            self._evict(path, size)
         except OSError as error:
             self._report(f"{path.parent}: nothing is kept there ({error.strerror or error})")
         finally:
@@ -142,8 +143,11 @@ class FeCache:
                 with suppress(OSError):
                     temporary.unlink()
 
-    def _evict(self, newest: Path) -> None:
-        """Delete entries, those not used for longest first, until all fit; another process may delete them too."""
+    def _evict(self, newest: Path, total: int) -> None:
+        """Delete entries, those not used for longest first, until all fit; another process may delete them too.
+
+        ``total`` is the size of the newest.
+        """
         entries: list[tuple[float, int, Path]] = []
         for path in newest.parent.iterdir():
             with suppress(OSError):
@@ -152,7 +156,7 @@ class FeCache:
                     entries.append((status.st_mtime, status.st_size, path))
                 elif path.suffix == ".part" and status.st_mtime < time.time() - _STALE_S:
                     path.unlink()
-        total = newest.stat().st_size + sum(size for _, size, _ in entries)
+        total += sum(size for _, size, _ in entries)
         for _, size, path in sorted(entries):
             if total <= self._max_bytes:
                 break

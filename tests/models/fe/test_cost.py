@@ -1,0 +1,89 @@
+from pathlib import Path
+
+import pytest
+
+from models.fe import cost
+from models.fe.cost import (
+    Memory,
+    MemoryBoundError,
+    check_memory,
+    factor_cost,
+    group_memory,
+    machine_memory,
+    memory_bound,
+)
+
+GB = 1e9
+
+
+def test_cost_grows_faster_than_the_unknowns() -> None:
+    small, large = factor_cost(10_000), factor_cost(20_000)
+    assert large.memory > 2.0 * small.memory
+    assert large.seconds > 4.0 * small.seconds
+
+
+def test_a_mesh_that_the_machine_cannot_hold_is_refused_with_both_amounts(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(cost, "free_memory", lambda: [Memory(0.1 * GB, "memory of the machine")])
+    assert check_memory(5_000, "element").unknowns == 5_000
+    with pytest.raises(MemoryBoundError, match="outer ring of 60,000 unknowns needs about") as raised:
+        check_memory(60_000, "outer ring")
+    assert "0.1 GB are free (memory of the machine)" in str(raised.value)
+    assert raised.value.exit_code == 2
+
+
+def test_the_tightest_limit_refuses(monkeypatch: pytest.MonkeyPatch) -> None:
+    limits = [Memory(100 * GB, "memory of the machine"), Memory(0.1 * GB, "control group of the process")]
+    for order in (limits, limits[::-1]):
+        monkeypatch.setattr(cost, "free_memory", lambda order=order: order)
+        with pytest.raises(MemoryBoundError, match="control group"):
+            check_memory(60_000)
+
+
+def test_where_nothing_is_known_nothing_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(cost, "free_memory", list)
+    assert check_memory(10**7).memory > 100 * GB
+
+
+def test_the_bound_counts_what_the_process_holds_and_ends_with_its_block() -> None:
+    with memory_bound(1.0), pytest.raises(MemoryBoundError, match=r"0 GB are free \(bound of 1e-09 GB"):
+        check_memory(100)
+    assert check_memory(100).unknowns == 100
+    with pytest.raises(RuntimeError), memory_bound(1.0):
+        raise RuntimeError
+    assert check_memory(100).unknowns == 100
+
+
+def test_memory_of_the_machine(tmp_path: Path) -> None:
+    (tmp_path / "meminfo").write_text("MemTotal:  16000000 kB\nMemFree: 12 kB\nMemAvailable:   8000000 kB\n")
+    assert machine_memory(tmp_path / "meminfo") == 8_000_000 * 1024
+    assert machine_memory(tmp_path / "missing") is None
+
+
+def group(folder: Path, names: dict[str, str]) -> None:
+    folder.mkdir(parents=True, exist_ok=True)
+    for name, text in names.items():
+        (folder / name).write_text(text)
+
+
+def test_a_control_group_is_limited_by_those_above(tmp_path: Path) -> None:
+    """Version 2; pages of files that can be dropped are free."""
+    root, membership = tmp_path / "cgroup", tmp_path / "own"
+    membership.write_text("0::/slice/service\n")
+    group(root / "slice/service", {"memory.max": "max\n", "memory.current": "5\n", "memory.stat": "inactive_file 1\n"})
+    assert group_memory(membership, root) is None
+    group(root / "slice", {"memory.max": "1000\n", "memory.current": "700\n", "memory.stat": "inactive_file 100"})
+    assert group_memory(membership, root) == 400.0
+    group(root / "slice/service", {"memory.max": "300\n"})
+    assert group_memory(membership, root) == 296.0
+
+
+def test_a_control_group_of_version_one(tmp_path: Path) -> None:
+    root, membership = tmp_path / "cgroup", tmp_path / "own"
+    membership.write_text("8:pids:/job\n4:cpu,memory:/job\n0::/\n")
+    names = {"memory.usage_in_bytes": "100", "memory.stat": "total_inactive_file 40"}
+    group(root / "memory/job", names | {"memory.limit_in_bytes": "9223372036854771712"})
+    assert group_memory(membership, root) is None
+    # Inside a container the own group is mounted at the top.
+    group(root / "memory", names | {"memory.limit_in_bytes": "1000"})
+    assert group_memory(membership, root) == 940.0
+    assert group_memory(tmp_path / "missing", root) is None
