@@ -83,6 +83,17 @@ def spline(x: NDArray[np.float64], y: NDArray[np.float64]) -> Callable[[NDArray[
     return CubicSpline(x, y)
 
 
+def smooth_curve(
+    x: NDArray[np.float64], y: NDArray[np.float64], *, flat_start: bool = False, flat_end: bool = False
+) -> Any:
+    """Return SciPy's cubic spline through points of ascending x, its slope zero at an end that is called flat."""
+    from scipy.interpolate import CubicSpline
+
+    method: Any = CubicSpline
+    ends = tuple((1, 0.0) if flat else "not-a-knot" for flat in (flat_start, flat_end))
+    return method(x, y, bc_type=ends)
+
+
 def summed(signal: NDArray[np.float64], step: float) -> NDArray[np.float64]:
     """Return the integral of equally spaced values from the first on, by Simpson's rule; shape of the signal."""
     from scipy.integrate import cumulative_simpson
