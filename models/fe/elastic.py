@@ -31,6 +31,10 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    Held = Sequence[int] | NDArray[np.float64]
+    # Boundary name or node -> held components, or directions (k, dim).
+    Supports = Mapping[str, Held] | Mapping[str | int, Held]
+
 _ELEMENTS_AT_ONCE = 256
 # A rigid motion of norm 1 of which the supports stop less than this, squared, is not held.
 _HELD_SHARE = 1e-14
@@ -48,7 +52,8 @@ class ElasticBody:
         modulus: Young's modulus, Pa.
         poisson: Poisson's ratio, from 0 to below 0.5.
         fixed: boundary name -> components that are zero on it, such as ``{"x0": (0,), "bore": (0, 1, 2)}``; or, for a
-            plane at an angle, an array (k, dim) of directions along which it does not move.
+            plane at an angle, an array (k, dim) of directions along which it does not move. An integer instead of a
+            name is one node: a body under loads in equilibrium is held at one, whose reaction then is zero.
         order: order of the displacement, 1 or 2; by default that of the mesh.
 
     Attributes:
@@ -70,7 +75,7 @@ class ElasticBody:
         mesh: FeMesh,
         modulus: float,
         poisson: float,
-        fixed: Mapping[str, Sequence[int] | NDArray[np.float64]],
+        fixed: Supports,
         *,
         order: int | None = None,
     ) -> None:
@@ -194,14 +199,18 @@ def _jacobians(
     return np.asarray(np.linalg.inv(jacobian), np.float64), np.abs(volume)
 
 
-def _admissible(body: ElasticBody, fixed: Mapping[str, Sequence[int] | NDArray[np.float64]]) -> SparseMatrix:
+def _admissible(body: ElasticBody, fixed: Supports) -> SparseMatrix:
     """Return the orthonormal basis of the displacements that the supports allow, sparse (dim * nodes, unknowns)."""
     nodes = body.nodes.shape[1]
     held: dict[int, list[NDArray[np.float64]]] = {}
     plain = np.zeros((nodes, body.dim), bool)
     for name, what in fixed.items():
-        facets = boundary_facets(body.mesh, name)
-        on = np.unique(np.asarray(body.dofs.get_facet_dofs(facets).flatten()))
+        if isinstance(name, str):
+            on = np.unique(np.asarray(body.dofs.get_facet_dofs(boundary_facets(body.mesh, name)).flatten()))
+        elif 0 <= name < nodes:
+            on = np.array([name])
+        else:
+            raise FeError(f"fixed: expected a node from 0 to {nodes - 1}, got {name}")
         directions = np.asarray(what)
         if directions.ndim == 1:
             plain[np.ix_(on, _components(name, directions, body.dim))] = True
@@ -224,7 +233,7 @@ def _admissible(body: ElasticBody, fixed: Mapping[str, Sequence[int] | NDArray[n
     return sparse_matrix(*entries, (body.dim * nodes, count))
 
 
-def _components(name: str, components: NDArray[Any], dim: int) -> NDArray[np.int64]:
+def _components(name: str | int, components: NDArray[Any], dim: int) -> NDArray[np.int64]:
     """Return the held components of a boundary, checked."""
     if components.size and not (
         np.issubdtype(components.dtype, np.integer) and components.min() >= 0 and components.max() < dim
