@@ -19,8 +19,8 @@ SECONDS = (0.004, 2.16)
 """Processor time of n unknowns, s: a (n / 1000)^p."""
 ENTRY_BYTES = 12.0
 """Value and index."""
-MATRIX_BYTES = 2_100.0
-"""Bytes of the matrix an unknown, with the copies of its assembly."""
+MATRIX_BYTES = 4_200.0
+"""Bytes of the matrix an unknown, with and without supports."""
 _RESERVE_BYTES = 200e6
 """Left to the system where the limit is what the machine has."""
 

@@ -1,9 +1,11 @@
+import json
 from pathlib import Path
 
 import pytest
 
 from models.fe import cost
 from models.fe.cost import (
+    MATRIX_BYTES,
     Memory,
     MemoryBoundError,
     check_memory,
@@ -13,7 +15,21 @@ from models.fe.cost import (
     memory_bound,
 )
 
+ROOT = Path(__file__).resolve().parents[3]
 GB = 1e9
+
+
+def test_the_law_is_above_what_was_measured_and_not_far() -> None:
+    rows = json.loads((ROOT / "benchmarks/results/fe_cost.json").read_text())["factorisation"]
+    rows = [row for row in rows if row["unknowns"] > 5000]
+    assert len(rows) > 15
+    for row in rows:
+        law = factor_cost(row["unknowns"])
+        # The process of the benchmark held the matrix once.
+        memory = law.memory - 0.5 * MATRIX_BYTES * row["unknowns"]
+        limit = 1.35 if row["body"] == "cube" else 2.2
+        assert 0.95 < law.factor_entries / row["factor entries"] < limit
+        assert 0.85 < memory / row["peak bytes"] < limit
 
 
 def test_cost_grows_faster_than_the_unknowns() -> None:
