@@ -1,0 +1,142 @@
+"""Mesh of an eighth of a cylindrical roller: x, y, z >= 0, contact at (0, R, z), refined about it.
+
+The quarter disc is three blocks that meet in its middle: the fan about the contact, one at the far end of the arc and
+one at the axis, so that no corner of an element is flat. The layers along the roller follow the grid of the contact;
+its rounded edge is one layer more. A profile (crown, logarithm) is micrometres and belongs to the gap, not to the mesh.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from models.fe.grid import (
+    Block,
+    Chooser,
+    FeMesh,
+    FeMeshError,
+    Mapper,
+    Order,
+    Section,
+    build,
+    extrude,
+    fan,
+    lattice,
+    on_surface,
+    within,
+)
+from models.fe.sizing import ContactGrid, MeshRule
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from models.fe.geometry import FeGeometry
+
+# Where the three blocks of a quarter disc of radius one meet: on the arc at 45 degrees, on both straight sides, within.
+_ARC = math.sqrt(0.5)
+_SIDE, _MIDDLE = 0.5, 0.42
+
+
+def roller_mesh(
+    geometry: FeGeometry, grid: ContactGrid, rule: MeshRule | None = None, order: Order = 2, *, half: bool = True
+) -> FeMesh:
+    """Return the eighth of a roller, or with ``half=False`` the quarter x, y >= 0 at its full length.
+
+    Boundaries: contact (the patch), race (the rest of the rolling surface), x0, y0, z0, side (the rounded edge and the
+    end face).
+
+    Raises:
+        FeMeshError: the sizes do not fit the roller.
+    """
+    rule = rule or MeshRule()
+    radius = geometry.element_radius
+    if geometry.effective_length is None or geometry.roller_length is None:
+        raise FeMeshError(f"{geometry.designation}: a ball has no roller mesh")
+    section = fan_section(grid, _ARC * radius, rule)
+    rows = max(1, math.ceil(0.35 * section.deep.size / rule.coarse))
+    blocks = _disc(section, rows, roller_lines(geometry, grid, half=half), _edge(geometry))
+    end = 0.5 * geometry.roller_length
+    surface = on_surface(lambda p: np.hypot(p[0], p[1]) - radius, radius)
+    outside: dict[str, Chooser] = {
+        "contact": within(surface, float(grid.x[-1]), float(grid.z[-1])),
+        "race": surface,
+        "x0": on_surface(lambda p: p[0], radius),
+        "y0": on_surface(lambda p: p[1], radius),
+        "side": lambda p: np.all(np.abs(p[2]) > 0.5 * end, axis=0),
+    }
+    if half:
+        outside = {"z0": on_surface(lambda p: p[2], radius), **outside}
+    return build(blocks, outside, order)
+
+
+def roller_lines(geometry: FeGeometry, grid: ContactGrid, *, half: bool = True) -> NDArray[np.float64]:
+    """Return the lines along a roller, m: those of the contact and the end beyond the rounded edge."""
+    assert geometry.roller_length is not None
+    end = 0.5 * geometry.roller_length
+    lines = grid.z if end <= grid.z[-1] * (1.0 + 1e-9) else np.append(grid.z, end)
+    return lines if half else np.concatenate((-lines[:0:-1], lines))
+
+
+def fan_section(grid: ContactGrid, size: float, rule: MeshRule) -> Section:
+    """Return the fan about a contact in a square of a given size, m; its coordinates go from 0 to 1.
+
+    Raises:
+        FeMeshError: the square cannot hold the patch.
+    """
+    inner = float(grid.x[grid.columns])
+    first = float(grid.x[grid.columns + 1])
+    if first > 0.9 * size:
+        raise FeMeshError(f"the patch reaches {first!r} m from the contact, the body holds {size!r} m")
+    # Layer after layer as thick as its elements are wide, or by the growth where that is less.
+    layers = math.ceil(math.log(size / first) / math.log(rule.growth) - 1e-9)
+    outer = first * (size / first) ** (np.arange(1, layers + 1) / max(layers, 1))
+    return fan(grid.columns, np.concatenate(([inner, first], outer)) / size)
+
+
+def _disc(section: Section, rows: int, lines: NDArray[np.float64], edge: Mapper) -> list[Block]:
+    """Return the three blocks of a quarter disc of radius one, extruded along lines and mapped by ``edge``."""
+    steps = np.linspace(0.0, 1.0, rows + 1)
+    side, low, middle = np.array([0.0, _SIDE]), np.array([_SIDE, 0.0]), np.array([_MIDDLE, _MIDDLE])
+
+    def contact(point: NDArray[np.float64]) -> NDArray[np.float64]:
+        u, v = point[0], point[1]
+        # The surface has its tangent coordinate for u: exact lines of the contact's grid.
+        x = _ARC * u
+        top = np.array([x, np.sqrt(1.0 - x**2)])
+        bottom = side[:, None] * (1.0 - u) + middle[:, None] * u
+        return edge(np.concatenate((top * (1.0 - v) + bottom * v, point[2:])))
+
+    def far(point: NDArray[np.float64]) -> NDArray[np.float64]:
+        u, v = point[0], point[1]
+        angle = 0.25 * math.pi * (1.0 - u)
+        top = np.array([np.cos(angle), np.sin(angle)])
+        bottom = middle[:, None] * (1.0 - u) + low[:, None] * u
+        return edge(np.concatenate((top * (1.0 - v) + bottom * v, point[2:])))
+
+    def axis(point: NDArray[np.float64]) -> NDArray[np.float64]:
+        u, v = point[0], point[1]
+        top = side[:, None] * (1.0 - u) + middle[:, None] * u
+        return edge(np.concatenate((top * (1.0 - v) + np.array([u * low[0], 0.0 * u]) * v, point[2:])))
+
+    return [
+        Block(extrude(section.quads, lines), contact),
+        Block(extrude(lattice(steps, section.far), lines), far),
+        Block(extrude(lattice(section.deep, steps), lines), axis),
+    ]
+
+
+def _edge(geometry: FeGeometry) -> Mapper:
+    """Return the map of the unit disc to the roller's disc at z, smaller at the rounded edge."""
+    assert geometry.effective_length is not None
+    half, radius, rounded = 0.5 * geometry.effective_length, geometry.element_radius, geometry.edge_radius
+
+    def scale(point: NDArray[np.float64]) -> NDArray[np.float64]:
+        over = np.clip(np.abs(point[2]) - half, 0.0, rounded)
+        disc: NDArray[np.float64] = radius - (rounded - np.sqrt(rounded**2 - over**2))
+        smaller = point.copy()
+        smaller[:2] *= disc
+        return smaller
+
+    return scale

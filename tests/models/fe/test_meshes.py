@@ -1,0 +1,152 @@
+"""Meshes of rollers, balls and rings: no element inside out, volumes, boundaries, sizes at the contact."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from models.bearing import catalogue_entry
+from models.fe.extra import has_extra
+from models.fe.geometry import FeGeometry, fe_geometry
+from models.fe.grid import Block, FeMeshError, build, extrude, lattice, mesh_quality
+from models.fe.ring_mesh import ring_mesh
+from models.fe.roller_mesh import roller_mesh
+from models.fe.sizing import ContactGrid, MeshRule, contact_grid
+from tests.effort import effort_count
+
+pytestmark = pytest.mark.skipif(not has_extra(), reason="scikit-fem (extra fe) is not installed")
+
+SMALL = MeshRule(patch=1.6, size=0.8, growth=2.5, along=3, coarse=3.0)
+EXAMPLES = settings(max_examples=effort_count(quick=5, full=60), deadline=None)
+ROLLER = fe_geometry(catalogue_entry("NU 202 ECP"))
+
+
+def check_boundaries(mesh: Any) -> None:
+    """Each facet of the surface belongs to one boundary."""
+    named = np.sort(np.concatenate(list(mesh.boundaries.values())))
+    assert np.array_equal(named, np.sort(mesh.boundary_facets()))
+
+
+def contact_lines(mesh: Any, axis: int) -> np.ndarray:
+    places = mesh.doflocs[axis, mesh.facets[:, mesh.boundaries["contact"]]].ravel()
+    return np.unique(np.round(places, 10))
+
+
+def roller_volume(geometry: FeGeometry) -> float:
+    """Volume of an eighth."""
+    edge, radius = geometry.edge_radius, geometry.element_radius
+    inner = radius - edge
+    rounded = inner**2 * edge + 2.0 * inner * edge**2 * math.pi / 4.0 + 2.0 / 3.0 * edge**3
+    return 0.25 * math.pi * (radius**2 * 0.5 * (geometry.effective_length or 0.0) + rounded)
+
+
+rollers = st.builds(
+    lambda radius, slim, edge, length: replace(
+        ROLLER,
+        element_radius=radius,
+        inner_race_radius=4.0 * radius,
+        outer_race_radius=6.0 * radius,
+        bore_radius=(4.0 - slim) * radius,
+        outside_radius=(6.0 + slim) * radius,
+        edge_radius=edge * radius,
+        effective_length=length * radius,
+        roller_length=(length + 2.0 * edge) * radius,
+        width=(length + 2.0 * edge + 0.7) * radius,
+    ),
+    st.floats(2e-3, 20e-3),
+    st.floats(0.3, 1.5),
+    st.floats(0.02, 0.2),
+    st.floats(1.0, 6.0),
+)
+
+
+@EXAMPLES
+@given(rollers, st.floats(1e7, 3e9), st.sampled_from([1, 2]))
+def test_rollers_of_any_size(geometry: FeGeometry, pressure: float, order: Any):
+    """``pressure`` is force by projected area."""
+    grid = contact_grid(geometry, "inner", pressure * geometry.element_radius**2 * 0.02, SMALL)
+    mesh = roller_mesh(geometry, grid, SMALL, order)
+    quality = mesh_quality(mesh)
+    assert quality.least_jacobian > 0.2
+    assert quality.volume == pytest.approx(roller_volume(geometry), rel=0.12 if order == 1 else 2e-3)
+    check_boundaries(mesh)
+    assert contact_lines(mesh, 0) == pytest.approx(grid.x, abs=1e-9)
+    assert contact_lines(mesh, 2) == pytest.approx(grid.z, abs=1e-9)
+
+
+@EXAMPLES
+@given(rollers, st.sampled_from(["inner", "outer"]), st.floats(0.1, math.pi), st.sampled_from([1, 2]))
+def test_plain_rings_of_any_size(geometry: FeGeometry, race: Any, angle: float, order: Any):
+    grid = contact_grid(geometry, race, 1e8 * geometry.element_radius**2, SMALL)
+    mesh = ring_mesh(geometry, race, grid, SMALL, order, angle=angle)
+    quality = mesh_quality(mesh)
+    radii = geometry.race_radius(race) ** 2 - geometry.back_radius(race) ** 2
+    assert quality.least_jacobian > 0.2
+    assert quality.volume == pytest.approx(0.25 * angle * geometry.width * abs(radii), rel=0.05 if order == 1 else 1e-3)
+    check_boundaries(mesh)
+    assert ("cut" in mesh.boundaries) == (angle < math.pi)
+    assert contact_lines(mesh, 0) == pytest.approx(grid.x, abs=1e-9)
+    assert contact_lines(mesh, 2) == pytest.approx(grid.z, abs=1e-9)
+
+
+@pytest.mark.parametrize("race", ["inner", "outer"])
+@pytest.mark.parametrize("force", [37.0, 3706.0])
+def test_the_default_rule_has_the_unknowns_that_it_states(race: Any, force: float):
+    grid = contact_grid(ROLLER, race, force)
+    assert np.diff(grid.x)[0] == pytest.approx(0.4 * grid.half_width)
+    assert 10_000 < 3 * mesh_quality(roller_mesh(ROLLER, grid)).nodes < 20_000
+    assert 20_000 < 3 * mesh_quality(ring_mesh(ROLLER, race, grid)).nodes < 40_000
+
+
+def test_full_width_is_twice_half():
+    grid = contact_grid(ROLLER, "inner", 1e3, SMALL)
+    for make in (
+        lambda half: roller_mesh(ROLLER, grid, SMALL, half=half),
+        lambda half: ring_mesh(ROLLER, "inner", grid, SMALL, half=half),
+    ):
+        whole, half = make(False), make(True)
+        assert mesh_quality(whole).volume == pytest.approx(2.0 * mesh_quality(half).volume, rel=1e-12)
+        assert "z0" not in whole.boundaries
+        check_boundaries(whole)
+
+
+def test_a_patch_that_the_ring_cannot_hold_is_refused():
+    thin = replace(ROLLER, bore_radius=9.6e-3)
+    grid = contact_grid(thin, "inner", 1e3, SMALL)
+    with pytest.raises(FeMeshError, match="the body holds"):
+        ring_mesh(thin, "inner", grid, SMALL)
+    with pytest.raises(FeMeshError, match="angle"):
+        ring_mesh(ROLLER, "inner", grid, SMALL, angle=4.0)
+
+
+def test_elements_inside_out_and_facets_without_name_are_refused():
+    lines = np.linspace(0.0, 1.0, 3)
+    corners = extrude(lattice(lines, lines), lines)
+    with pytest.raises(FeMeshError, match="inside out"):
+        build([Block(corners, lambda p: np.array([p[0] * (1.0 - 1.5 * p[1]), p[1], p[2]]))], {})
+    with pytest.raises(FeMeshError, match="belong to no boundary"):
+        build([Block(corners, lambda p: p)], {}, 1)
+    with pytest.raises(FeMeshError, match="order"):
+        build([Block(corners, lambda p: p)], {}, 3)  # pyright: ignore[reportArgumentType]
+
+
+def test_a_mirrored_block_is_turned_round():
+    lines = np.linspace(0.0, 1.0, 3)
+    corners = extrude(lattice(lines, lines), lines)
+    everywhere = {"all": lambda p: np.ones(p.shape[2], dtype=np.bool_)}
+    mesh = build([Block(corners, lambda p: np.array([p[1], p[0], p[2]]))], everywhere)
+    assert mesh_quality(mesh).volume == pytest.approx(1.0)
+
+
+def test_grids_are_shared():
+    """Both bodies of a contact have facets with the borders of the cells."""
+    grid: ContactGrid = contact_grid(ROLLER, "outer", 1e3)
+    element, ring = roller_mesh(ROLLER, grid), ring_mesh(ROLLER, "outer", grid)
+    assert contact_lines(element, 0) == pytest.approx(contact_lines(ring, 0), abs=1e-12)
+    assert len(element.boundaries["contact"]) == len(ring.boundaries["contact"]) == grid.cells()[0].size
