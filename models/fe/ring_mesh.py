@@ -61,7 +61,7 @@ def ring_mesh(
     or outside (outer ring), cut.
 
     Raises:
-        FeMeshError: the sizes do not fit the ring, or the groove is deeper than the ring.
+        FeMeshError: the sizes do not fit the ring.
     """
     rule = rule or MeshRule()
     if not 0.0 < angle <= math.pi * (1.0 + 1e-12):
@@ -69,9 +69,6 @@ def ring_mesh(
     radius, back = geometry.race_radius(race), geometry.back_radius(race)
     thickness = abs(back - radius)
     rise = race_rise(geometry, race)
-    height = float(rise(np.array([0.5 * geometry.width]))[0])
-    if race == "outer" and geometry.spherical_outer and height <= -thickness:
-        raise FeMeshError(f"{geometry.designation}: the spherical race meets the outside within half the width")
     lines = ring_lines(geometry, race, grid, rule)
     reference = _section(grid, radius * angle, thickness, rule)
     place = _placed(geometry, race, rise, float(grid.x[-1]), angle)
@@ -109,11 +106,11 @@ def ring_lines(geometry: FeGeometry, race: Race, grid: ContactGrid, rule: MeshRu
     stops = [side]
     if geometry.groove_radius(race) is not None:
         stops.insert(0, groove_reach(geometry, race))
-    lines = grid.z
+    lines, size = grid.z, float(grid.z[-1] - grid.z[-2])
     for stop in stops:
         if stop - lines[-1] > 1e-3 * side:
-            size = float(lines[-1] - lines[-2])
             lines = np.concatenate((lines, growing_lines(float(lines[-1]), stop, size, rule.growth, largest)[1:]))
+            size = max(size, float(lines[-1] - lines[-2]))
     return lines
 
 

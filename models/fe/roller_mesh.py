@@ -55,7 +55,7 @@ def roller_mesh(
     if geometry.effective_length is None or geometry.roller_length is None:
         raise FeMeshError(f"{geometry.designation}: a ball has no roller mesh")
     section = fan_section(grid, _ARC * radius, rule)
-    rows = max(1, math.ceil(0.35 * section.deep.size / rule.coarse))
+    rows = max(2, grid.columns // 2)
     blocks = _disc(section, rows, roller_lines(geometry, grid, half=half), _edge(geometry))
     end = 0.5 * geometry.roller_length
     surface = on_surface(lambda p: np.hypot(p[0], p[1]) - radius, radius)

@@ -47,7 +47,7 @@ class MeshRule:
     along: int = 5
     along_patch: float = 1.3
     end: float = 0.25
-    coarse: float = 1.5
+    coarse: float = 3.0
     max_size: float = math.inf
 
     def __post_init__(self) -> None:
@@ -166,7 +166,7 @@ def groove_reach(geometry: FeGeometry, race: Race) -> float:
     if groove is None:
         raise WrongInputError(f"{geometry.designation}: the {race} race has no groove")
     if race == "outer" and geometry.spherical_outer:
-        return 0.5 * geometry.width
+        return min(0.5 * geometry.width, 0.9 * groove)
     height = min(geometry.shoulder_height, groove)
     return min(math.sqrt(groove**2 - (groove - height) ** 2), 0.5 * geometry.width)
 

@@ -12,10 +12,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from models.bearing import catalogue_entry
+from models.fe.ball_mesh import ball_mesh
 from models.fe.extra import has_extra
 from models.fe.geometry import FeGeometry, fe_geometry
 from models.fe.grid import Block, FeMeshError, build, extrude, lattice, mesh_quality
-from models.fe.ring_mesh import ring_mesh
+from models.fe.ring_mesh import race_rise, ring_mesh
 from models.fe.roller_mesh import roller_mesh
 from models.fe.sizing import ContactGrid, MeshRule, contact_grid
 from tests.effort import effort_count
@@ -25,6 +26,7 @@ pytestmark = pytest.mark.skipif(not has_extra(), reason="scikit-fem (extra fe) i
 SMALL = MeshRule(patch=1.6, size=0.8, growth=2.5, along=3, coarse=3.0)
 EXAMPLES = settings(max_examples=effort_count(quick=5, full=60), deadline=None)
 ROLLER = fe_geometry(catalogue_entry("NU 202 ECP"))
+BALL = fe_geometry(catalogue_entry("6210"))
 
 
 def check_boundaries(mesh: Any) -> None:
@@ -95,8 +97,77 @@ def test_plain_rings_of_any_size(geometry: FeGeometry, race: Any, angle: float, 
     assert contact_lines(mesh, 2) == pytest.approx(grid.z, abs=1e-9)
 
 
-@pytest.mark.parametrize("race", ["inner", "outer"])
-@pytest.mark.parametrize("force", [37.0, 3706.0])
+balls = st.builds(
+    lambda radius, slim, inner, outer, shoulder: replace(
+        BALL,
+        element_radius=radius,
+        inner_race_radius=3.0 * radius,
+        outer_race_radius=5.0 * radius,
+        bore_radius=(3.0 - slim) * radius,
+        outside_radius=(5.0 + slim) * radius,
+        inner_groove_radius=inner * radius,
+        outer_groove_radius=outer * radius,
+        shoulder_height=shoulder * radius,
+        width=2.8 * radius,
+    ),
+    st.floats(2e-3, 20e-3),
+    st.floats(0.3, 1.5),
+    st.floats(1.02, 1.2),
+    st.floats(1.02, 1.2),
+    st.floats(0.2, 0.6),
+)
+
+
+@EXAMPLES
+@given(balls, st.floats(1e6, 4e7), st.sampled_from([1, 2]))
+def test_balls_of_any_size(geometry: FeGeometry, pressure: float, order: Any):
+    """``pressure`` is force by the square of the ball's radius."""
+    grid = contact_grid(geometry, "outer", pressure * geometry.element_radius**2, SMALL)
+    mesh = ball_mesh(geometry, grid, SMALL, order)
+    quality = mesh_quality(mesh)
+    assert quality.least_jacobian > 0.05
+    exact = math.pi / 6.0 * geometry.element_radius**3
+    assert quality.volume == pytest.approx(exact, rel=0.08 if order == 1 else 1e-3)
+    check_boundaries(mesh)
+    assert contact_lines(mesh, 0) == pytest.approx(grid.x, abs=1e-9)
+    assert contact_lines(mesh, 2) == pytest.approx(grid.z, abs=1e-9)
+
+
+@EXAMPLES
+@given(balls, st.sampled_from(["inner", "outer"]), st.floats(0.15, math.pi), st.sampled_from([1, 2]))
+def test_grooved_rings_of_any_size(geometry: FeGeometry, race: Any, angle: float, order: Any):
+    grid = contact_grid(geometry, race, 4e6 * geometry.element_radius**2, SMALL)
+    mesh = ring_mesh(geometry, race, grid, SMALL, order, angle=angle)
+    quality = mesh_quality(mesh)
+    z = np.linspace(0.0, 0.5 * geometry.width, 4001)
+    surface = geometry.race_radius(race) + (1.0 if race == "inner" else -1.0) * race_rise(geometry, race)(z)
+    area = np.trapezoid(0.5 * np.abs(surface**2 - geometry.back_radius(race) ** 2), z)
+    assert quality.least_jacobian > 0.05
+    assert quality.volume == pytest.approx(angle * area, rel=0.06 if order == 1 else 2e-3)
+    check_boundaries(mesh)
+    assert contact_lines(mesh, 0) == pytest.approx(grid.x, abs=1e-9)
+    assert contact_lines(mesh, 2) == pytest.approx(grid.z, abs=1e-9)
+
+
+def test_a_spherical_race_lies_on_its_sphere():
+    geometry = fe_geometry(catalogue_entry("1205 ETN9"))
+    grid = contact_grid(geometry, "outer", 200.0, SMALL)
+    mesh = ring_mesh(geometry, "outer", grid, SMALL, angle=0.5)
+    nodes = mesh.doflocs[:, mesh.facets[:, np.concatenate([mesh.boundaries["contact"], mesh.boundaries["race"]])]]
+    assert np.sqrt(np.sum(nodes**2, axis=0)) == pytest.approx(geometry.outer_race_radius, rel=1e-9)
+    assert "shoulder" not in mesh.boundaries
+    check_boundaries(mesh)
+
+
+@pytest.mark.parametrize(("race", "force"), [("inner", 219.0), ("outer", 10052.0)])
+def test_the_default_rule_on_the_ball_bearing(race: Any, force: float):
+    grid = contact_grid(BALL, race, force)
+    assert np.diff(grid.x)[0] == pytest.approx(0.4 * grid.half_width)
+    assert 10_000 < 3 * mesh_quality(ball_mesh(BALL, grid)).nodes < 26_000
+    assert 20_000 < 3 * mesh_quality(ring_mesh(BALL, race, grid)).nodes < 42_000
+
+
+@pytest.mark.parametrize(("race", "force"), [("inner", 37.0), ("outer", 3706.0)])
 def test_the_default_rule_has_the_unknowns_that_it_states(race: Any, force: float):
     grid = contact_grid(ROLLER, race, force)
     assert np.diff(grid.x)[0] == pytest.approx(0.4 * grid.half_width)
@@ -109,6 +180,7 @@ def test_full_width_is_twice_half():
     for make in (
         lambda half: roller_mesh(ROLLER, grid, SMALL, half=half),
         lambda half: ring_mesh(ROLLER, "inner", grid, SMALL, half=half),
+        lambda half: ball_mesh(BALL, contact_grid(BALL, "inner", 1e3, SMALL), SMALL, half=half),
     ):
         whole, half = make(False), make(True)
         assert mesh_quality(whole).volume == pytest.approx(2.0 * mesh_quality(half).volume, rel=1e-12)
