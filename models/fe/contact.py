@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from models.fe.elastic import FeError
-from models.fe.sparse import cholesky_solve, lower_solve
+from models.fe.sparse import cholesky_solve, triangular_solve
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -237,7 +237,7 @@ def _tangent(
     if not len(held):
         return 0.0, True
     factor = _cholesky(matrix, ridge, held)
-    forward = lower_solve(factor, scale[held])
+    forward = triangular_solve(factor, scale[held][:, None])[:, 0]
     diagonal = np.diag(factor)
     return float(forward @ forward), bool(diagonal.min() > _SINGULAR * diagonal.max())
 

@@ -14,6 +14,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from models.errors import WrongInputError
+from models.fe.cholesky import Cholesky
+from models.fe.dissection import Plan
+from models.fe.dissection import plan as dissect
 from models.fe.shape import (
     FeDofs,
     FeElement,
@@ -24,7 +27,7 @@ from models.fe.shape import (
     quadrature,
     shapes,
 )
-from models.fe.sparse import SparseMatrix, sparse_lu, sparse_matrix
+from models.fe.sparse import SparseMatrix, sparse_matrix
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -94,7 +97,8 @@ class ElasticBody:
         self.admissible: SparseMatrix = _admissible(self, fixed)
         _refuse_rigid_motion(self)
         self.stiffness: SparseMatrix = _assemble(self)
-        self._factor: Any = None
+        self._plan: Plan | None = None
+        self._factor: Cholesky | None = None
 
     @property
     def unknowns(self) -> int:
@@ -102,41 +106,52 @@ class ElasticBody:
         return int(self.admissible.shape[1])
 
     @property
+    def plan(self) -> Plan:
+        """Order of the factorisation, and its exact entries, operations and memory before it is made."""
+        if self._plan is None:
+            node_of = np.asarray(self.admissible.indices)[self.admissible.indptr[:-1]] // self.dim
+            self._plan = dissect(np.asarray(self.dofs.element_dofs, np.int64), self.nodes, node_of)
+        return self._plan
+
+    @property
     def factor_entries(self) -> int | None:
-        """Entries of the triangular factor, or None before it is made."""
-        return None if self._factor is None else int(self._factor.L.nnz)
+        """Entries of the triangular factor, 8 bytes each, or None before it is made."""
+        return None if self._factor is None else self._factor.entries
 
     @property
     def memory_bytes(self) -> int:
         """Bytes of stiffness and factor as they are now."""
         held = sum(int(part.nbytes) for part in (self.stiffness.data, self.stiffness.indices, self.stiffness.indptr))
-        return held if self._factor is None else held + 12 * (int(self._factor.L.nnz) + int(self._factor.U.nnz))
+        return held + 8 * (self.factor_entries or 0)
 
     def factorise(self) -> None:
         """Factorise the stiffness of the free unknowns, unless that was done."""
-        if self._factor is not None:
-            return
-        free = (self.admissible.T @ self.stiffness @ self.admissible).tocsc()
-        self._factor = sparse_lu(free)
+        self._factorised()
 
     def solve(self, loads: Any) -> NDArray[np.float64]:
         """Return the displacement, m, under loads, N, shape (dim * nodes,) or (dim * nodes, cases), dense or sparse."""
-        self.factorise()
-        free: Any = self.admissible.T @ loads
-        if hasattr(free, "toarray"):
-            free = free.toarray()
-        solution: NDArray[np.float64] = self.admissible @ self._factor.solve(np.ascontiguousarray(free))
-        return solution
+        solution: NDArray[np.float64] = self.admissible @ self._factorised().solve(self._free(loads))
+        return solution[:, 0] if len(loads.shape) == 1 else solution
 
     def flexibility(self, loads: Any, at: Any = None) -> NDArray[np.float64]:
         """Return at' K^-1 loads, shape (columns of ``at``, columns of ``loads``), for dense or sparse columns.
 
-        With ``at`` left out it is that of the loads themselves, and symmetric to the last digit.
+        With ``at`` left out it is that of the loads themselves, exactly symmetric, at half the cost.
         """
-        u = self.solve(loads)
-        other: Any = loads if at is None else at
-        matrix = np.asarray(other.T @ u)
-        return 0.5 * (matrix + matrix.T) if at is None else matrix
+        half = self._factorised().forward(self._free(loads))
+        return np.asarray((half if at is None else self._factorised().forward(self._free(at))).T @ half, np.float64)
+
+    def _free(self, loads: Any) -> NDArray[np.float64]:
+        """Return loads on the free unknowns, dense, shape (unknowns, cases)."""
+        free: Any = self.admissible.T @ loads
+        dense = np.asarray(free.toarray() if hasattr(free, "toarray") else free, float)
+        return dense[:, None] if dense.ndim == 1 else dense
+
+    def _factorised(self) -> Cholesky:
+        """Return the factor, made at the first call."""
+        if self._factor is None:
+            self._factor = Cholesky(self.admissible.T @ self.stiffness @ self.admissible, self.plan)
+        return self._factor
 
 
 def _assemble(body: ElasticBody) -> SparseMatrix:
