@@ -18,6 +18,9 @@ if TYPE_CHECKING:
 
     from models.fe.dissection import Front, Plan
 
+# A pivot that elimination has brought below this share of the matrix' own is rounding of zero.
+_PIVOT = 1e-13
+
 
 class Cholesky:
     """Factor L of P K P' = L L', stored as dense blocks.
@@ -27,13 +30,14 @@ class Cholesky:
         plan: order and fronts of its pattern.
 
     Raises:
-        numpy.linalg.LinAlgError: if the matrix is not positive definite.
+        numpy.linalg.LinAlgError: if the matrix is not positive definite, up to rounding.
     """
 
     def __init__(self, matrix: SparseMatrix, plan: Plan) -> None:
         """Factorise."""
         self.plan = plan
         ordered = matrix[plan.order][:, plan.order].tocsc()
+        pivots = np.asarray(ordered.diagonal())
         self._diagonal: list[NDArray[np.float64]] = []
         self._below: list[NDArray[np.float64]] = []
         waiting: dict[int, NDArray[np.float64]] = {}
@@ -43,6 +47,8 @@ class Cholesky:
                 _extend(dense, front, waiting.pop(child), plan.fronts[child])
             own = front.stop - front.start
             diagonal = dense_cholesky(dense[:own, :own])
+            if np.any(np.diag(diagonal) ** 2 < _PIVOT * pivots[front.start : front.stop]):
+                raise np.linalg.LinAlgError("not positive definite")
             below = right_solve(diagonal, dense[own:, :own])
             self._diagonal.append(diagonal)
             self._below.append(below)

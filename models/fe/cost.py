@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Generator, Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from models.errors import WrongInputError
@@ -72,18 +72,22 @@ def memory_bound(most: float | None) -> Generator[None]:
         _bound = before
 
 
-def check_memory(unknowns: int, body: str = "a body") -> Cost:
+def check_memory(unknowns: int, body: str = "a body", *, memory: float | None = None) -> Cost:
     """Return the cost of a factorisation that the memory allows; ``body`` is its name in the refusal.
+
+    ``memory``, bytes, replaces the estimate where the plan of the factorisation is known.
 
     Raises:
         MemoryBoundError: it needs more than is free.
     """
     cost = factor_cost(unknowns)
-    for memory in free_memory():
-        if cost.memory > memory.free:
+    if memory is not None:
+        cost = replace(cost, memory=memory)
+    for limit in free_memory():
+        if cost.memory > limit.free:
             raise MemoryBoundError(
                 f"{body} of {unknowns:,} unknowns needs about {_gb(cost.memory)} of memory to be factorised; "
-                f"{_gb(max(memory.free, 0.0))} are free ({memory.limit}): take a coarser mesh or more memory"
+                f"{_gb(max(limit.free, 0.0))} are free ({limit.limit}): take a coarser mesh or more memory"
             )
     return cost
 

@@ -15,6 +15,7 @@ import numpy as np
 
 from models.errors import WrongInputError
 from models.fe.cholesky import Cholesky
+from models.fe.cost import check_memory
 from models.fe.dissection import Plan
 from models.fe.dissection import plan as dissect
 from models.fe.shape import (
@@ -58,6 +59,7 @@ class ElasticBody:
             plane at an angle, an array (k, dim) of directions along which it does not move. An integer instead of a
             name is one node: a body under loads in equilibrium is held at one, whose reaction then is zero.
         order: order of the displacement, 1 or 2; by default that of the mesh.
+        name: what messages call the body.
 
     Attributes:
         mesh, element, dofs: mesh, element of the displacement and scikit-fem's table of scalar unknowns.
@@ -81,12 +83,14 @@ class ElasticBody:
         fixed: Supports,
         *,
         order: int | None = None,
+        name: str = "a body",
     ) -> None:
         """Assemble the stiffness and apply the supports; nothing is factorised."""
         if not (np.isfinite(modulus) and modulus > 0.0):
             raise FeError(f"modulus must be positive and finite, Pa, got {modulus!r}")
         if not 0.0 <= poisson < 0.5:
             raise FeError(f"poisson must be from 0 to below 0.5, got {poisson!r}")
+        self.name = name
         self.mesh: FeMesh = mesh
         self.modulus, self.poisson = float(modulus), float(poisson)
         self.element: FeElement = displacement_element(mesh, order)
@@ -125,7 +129,12 @@ class ElasticBody:
         return held + 8 * (self.factor_entries or 0)
 
     def factorise(self) -> None:
-        """Factorise the stiffness of the free unknowns, unless that was done."""
+        """Factorise the stiffness of the free unknowns, unless that was done.
+
+        Raises:
+            MemoryBoundError: if it needs more memory than there is, known from the plan before it begins.
+            FeError: if the stiffness is not positive definite, such as of a body in pieces of which one is not held.
+        """
         self._factorised()
 
     def solve(self, loads: Any) -> NDArray[np.float64]:
@@ -150,7 +159,11 @@ class ElasticBody:
     def _factorised(self) -> Cholesky:
         """Return the factor, made at the first call."""
         if self._factor is None:
-            self._factor = Cholesky(self.admissible.T @ self.stiffness @ self.admissible, self.plan)
+            check_memory(self.unknowns, self.name, memory=8.0 * self.plan.peak_entries)
+            try:
+                self._factor = Cholesky(self.admissible.T @ self.stiffness @ self.admissible, self.plan)
+            except np.linalg.LinAlgError:
+                raise FeError(f"{self.name}: the stiffness is not positive definite; is every piece held?") from None
         return self._factor
 
 
@@ -287,4 +300,6 @@ def _refuse_rigid_motion(body: ElasticBody) -> None:
         return
     names = ("x", "y", "turning") if body.dim == 2 else ("x", "y", "z", "about x", "about y", "about z")
     free = ", ".join(names[i] for i in np.nonzero(np.abs(kinds[-1]) > 0.3)[0])
-    raise FeError(f"supports leave a rigid motion ({free}): hold boundaries so that the body cannot move as a whole")
+    raise FeError(
+        f"{body.name}: supports leave a rigid motion ({free}): hold boundaries so that it cannot move as a whole"
+    )

@@ -7,6 +7,7 @@ import pytest
 
 from models.errors import WrongInputError
 from models.fe.condense import ContactCells, cell_loads, compliance
+from models.fe.cost import MemoryBoundError, memory_bound
 from models.fe.elastic import ElasticBody, FeError, rigid_motions
 from tests.models.fe.bodies import KINDS, MODULUS, POISSON, block_mesh, cut_free, name_sides, skfem, unit_mesh
 
@@ -131,3 +132,20 @@ def test_the_compliance_is_symmetric_to_the_last_digit_and_definite_where_cells_
     matrix = compliance(cut_free(unit_mesh("MeshHex2")), "contact", ContactCells.grid(edges, edges))
     assert np.array_equal(matrix, matrix.T)
     assert np.linalg.eigvalsh(matrix)[0] > 0.0
+
+
+def test_a_piece_that_is_not_held_is_refused() -> None:
+    held = unit_mesh("MeshQuad1")
+    places = np.hstack((held.p, held.p + 5.0))
+    pieces = skfem.MeshQuad1(places, np.hstack((held.t, held.t + held.p.shape[1]))).with_boundaries(
+        {"x0": lambda x: np.abs(x[0]) < 1e-9, "y0": lambda x: np.abs(x[1]) < 1e-9}
+    )
+    with pytest.raises(FeError, match="the hub: the stiffness is not positive definite"):
+        ElasticBody(pieces, MODULUS, POISSON, {"x0": (0,), "y0": (1,)}, name="the hub").factorise()
+
+
+def test_memory_is_refused_before_the_factorisation() -> None:
+    body = ElasticBody(unit_mesh("MeshQuad1"), MODULUS, POISSON, {"x0": (0,), "y0": (1,)}, name="the hub")
+    with memory_bound(1e6), pytest.raises(MemoryBoundError, match="the hub of 12 unknowns"):
+        body.factorise()
+    assert body.factor_entries is None
