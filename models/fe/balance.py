@@ -190,7 +190,7 @@ def _state(
 ) -> Balance:
     """Return the forces and the stiffness at one displacement."""
     wanted = normals @ u - gaps
-    approach = _pressed(law, mutual, wanted, begin)
+    approach = pressed_together(law, mutual, wanted, begin)
     forces, tangent = law.force(approach)
     coupled = np.linalg.solve(np.eye(len(tangent)) + tangent[:, None] * mutual, tangent[:, None] * normals)
     stiffness = normals.T @ coupled
@@ -198,10 +198,10 @@ def _state(
     return Balance(u, forces, approach, 0.5 * (stiffness + stiffness.T), residual)
 
 
-def _pressed(
+def pressed_together(
     law: Law, mutual: NDArray[np.float64], wanted: NDArray[np.float64], begin: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Return the approaches c that solve c + mutual Q(c) = wanted."""
+    """Return the approaches c, m, that solve c + mutual Q(c) = wanted, shape (elements,); ``begin`` is a guess."""
     if not mutual.any():
         return wanted
     approach = begin

@@ -1,0 +1,88 @@
+"""Rings at full width, a contact at the contact angle, and the law of a ball: against geometry and Hertz."""
+
+import math
+
+import numpy as np
+import pytest
+
+from models import hertz
+from models.bearing import catalogue_entry
+from models.fe.elastic import FeError
+from models.fe.extra import has_extra
+from models.fe.oblique import oblique_geometry
+from models.fe.oblique_bodies import fitted_law, groove_height, oblique_contact, row_influence, single_row
+from models.fe.oblique_mesh import contact_frame, oblique_ring_mesh, race_profile
+from models.fe.sizing import MeshRule, contact_grid
+
+GEOMETRY = oblique_geometry(catalogue_entry("1205 ETN9"))
+COARSE = MeshRule(patch=1.25, size=1.25, growth=3.5, along=1, along_patch=1.25, coarse=2.0)
+needs_extra = pytest.mark.skipif(not has_extra(), reason="needs the extra fe (scikit-fem)")
+
+
+@needs_extra
+@pytest.mark.parametrize("race", ["inner", "outer"])
+def test_half_a_ring_has_its_volume_and_boundaries(race: str) -> None:
+    profile = race_profile(GEOMETRY, race)  # type: ignore[arg-type]
+    grid = contact_grid(single_row(GEOMETRY), race, 400.0, COARSE)  # type: ignore[arg-type]
+    mesh = oblique_ring_mesh(GEOMETRY, race, grid, COARSE)  # type: ignore[arg-type]
+    z = np.linspace(-7.5e-3, 7.5e-3, 20001)
+    section = 0.5 * np.abs(profile.race(z) ** 2 - profile.back**2)
+    exact = math.pi * float(np.sum(0.5 * (section[1:] + section[:-1]))) * (z[1] - z[0])
+    points, weights = (np.array(part) for part in np.polynomial.legendre.leggauss(3))
+    q = np.array(np.meshgrid(points, points, points)).reshape(3, -1)
+    w = np.einsum("i,j,k->jik", weights, weights, weights).ravel() / 8.0
+    volume = float(np.sum(mesh.mapping().detDF(0.5 * (q + 1.0)) @ w))
+    assert volume == pytest.approx(exact, rel=5e-3)
+    assert set(mesh.boundaries) == {"race", "x0", "side", "bore" if race == "inner" else "outside"}
+    on_race = mesh.doflocs[:, mesh.facets[:, mesh.boundaries["race"]].ravel()]
+    np.testing.assert_allclose(np.hypot(on_race[0], on_race[1]), profile.race(on_race[2]), rtol=1e-9)
+
+
+def test_frame_of_the_contact_follows_element_and_row() -> None:
+    profile = race_profile(GEOMETRY, "inner")
+    for turn, mirrored in ((0.0, False), (0.7, True)):
+        frame = contact_frame(profile, turn, mirrored=mirrored)
+        np.testing.assert_allclose(frame.axes @ frame.axes.T, np.eye(3), atol=1e-15)
+        # All normals pass through the centre of the sphere.
+        np.testing.assert_allclose(frame.origin, GEOMETRY.inner_contact_distance * frame.axes[1], atol=1e-18)
+
+
+def test_groove_height_lies_on_the_torus() -> None:
+    profile = race_profile(GEOMETRY, "inner")
+    frame = contact_frame(profile)
+    x, z = np.array([0.0, 0.3e-3, 0.0, -0.5e-3]), np.array([0.0, 0.0, 1.2e-3, -1.0e-3])
+    height = groove_height(profile, x, z)
+    places = frame.origin[:, None] + frame.axes.T @ np.stack((x, height, z))
+    np.testing.assert_allclose(np.hypot(places[0], places[1]), profile.race(places[2]), rtol=1e-12)
+    assert abs(height[0]) < 1e-17
+    assert height[1] == pytest.approx(-(0.3e-3**2) / (2 * GEOMETRY.inner_contact_distance), rel=1e-2)
+
+
+@needs_extra
+def test_coarse_contact_is_near_hertz_and_its_ring_passes_little_on() -> None:
+    contact = oblique_contact(GEOMETRY, "inner", 400.0, COARSE)
+    state = contact.press(400.0)
+    assert state.converged
+    assert state.force == pytest.approx(100.0)
+    approach = (400.0 / hertz.point_contact_stiffness(*GEOMETRY.relative_radii[0], "elliptic")) ** (2 / 3)
+    assert state.approach == pytest.approx(approach, rel=0.15)
+    assert contact.asymmetry(state) < 1e-2
+    influence = row_influence(GEOMETRY, contact, contact)
+    assert 0.0 < np.abs(influence.same).max() < 1e-2 * state.approach / 400.0
+    np.testing.assert_allclose(influence.other, influence.other[::-1])
+
+
+def test_law_of_a_ball_is_recovered_and_its_noise_reported() -> None:
+    loads = np.array([7.0, 15.0, 30.0, 60.0, 120.0, 240.0])
+    exact = 3.2e-7 * loads ** (2 / 3) - 1.4e-9 * loads
+    fit = fitted_law(loads, exact)
+    assert (fit.hertz, fit.depth) == pytest.approx((3.2e-7, 1.4e-9), rel=1e-9)
+    assert fit.residual < 1e-12
+    noisy = fitted_law(loads, exact * (1 + 0.01 * np.array([1, -1, 1, -1, 1, -1])))
+    assert 0.005 < noisy.residual < 0.015
+    force, tangent = noisy.law().force(np.array([1e-9, 5e-6]))
+    # Hertz's exponent holds down to nothing, whatever the noise.
+    assert tangent[0] * 1e-9 / force[0] == pytest.approx(1.5, abs=5e-3)
+    assert noisy.law().mesh_error == noisy.residual
+    with pytest.raises(FeError, match="expected 3 loads at least"):
+        fitted_law(np.array([1.0, 2.0]), np.array([1e-6, 2e-6]))
