@@ -36,6 +36,10 @@ if TYPE_CHECKING:
     from models.fe.geometry import FeGeometry, Race
 
 
+# Rows far from the contact span this at most, rad.
+MAX_ROW_ANGLE = 0.35
+
+
 def ring_mesh(
     geometry: FeGeometry,
     race: Race,
@@ -70,7 +74,8 @@ def ring_mesh(
     thickness = abs(back - radius)
     rise = race_rise(geometry, race)
     lines = ring_lines(geometry, race, grid, rule)
-    reference = _section(grid, radius * angle, thickness, rule)
+    rows = min(rule.coarse * thickness, rule.max_size, MAX_ROW_ANGLE * radius)
+    reference = _section(grid, radius * angle, thickness, rule, rows)
     place = _placed(geometry, race, rise, float(grid.x[-1]), angle)
     mesh_lines = lines if half else np.concatenate((-lines[:0:-1], lines))
     return build([Block(extrude(reference, mesh_lines), place)], _boundaries(geometry, race, grid, angle, half), order)
@@ -114,12 +119,11 @@ def ring_lines(geometry: FeGeometry, race: Race, grid: ContactGrid, rule: MeshRu
     return lines
 
 
-def _section(grid: ContactGrid, length: float, thickness: float, rule: MeshRule) -> NDArray[np.float64]:
+def _section(grid: ContactGrid, length: float, thickness: float, rule: MeshRule, largest: float) -> NDArray[np.float64]:
     """Return quadrilaterals (2, 4, n) in length along the race and depth, m: a fan, then rows along the longer side."""
     size = min(length, thickness)
     section = fan_section(grid, size, rule)
     last = size * (1.0 - 1.0 / max(rule.growth, 1.2))
-    largest = min(rule.coarse * size, rule.max_size)
     parts = [size * section.quads]
     if length > size * (1.0 + 1e-6):
         lines = growing_lines(size, length, last, rule.growth, largest)
