@@ -26,7 +26,7 @@ from models.fe.grid import (
     on_surface,
     within,
 )
-from models.fe.roller_mesh import fan_section
+from models.fe.roller_mesh import contact_section, inner_rows
 from models.fe.sizing import ContactGrid, MeshRule, growing_lines
 
 if TYPE_CHECKING:
@@ -39,9 +39,11 @@ if TYPE_CHECKING:
     # A curve over the unit interval: points (n,) to places (3, n).
     Curve = Callable[[NDArray[np.float64]], NDArray[np.float64]]
 
-# Where the blocks of an octant of radius one meet: on the axes, in the middle of the plane faces, within.
-_AXIS, _FACE, _WITHIN = 0.5, 0.42, 0.36
+# How far from the centre the blocks of an octant of radius one meet: on the axes, in the plane faces, within.
+_AXIS, _FACE, _WITHIN = 0.5, 0.6, 0.62
 _DIAGONAL = math.sqrt(0.5)
+# Share of the contact's block over which its lines turn from straight ones to great circles.
+_FADE = 0.4
 # The contact's block reaches this much further along the shaft than its grid, and this far at least and at most.
 _BEYOND, _LEAST_REACH, _MOST_REACH = 1.1, _DIAGONAL, 0.88
 
@@ -62,10 +64,10 @@ def ball_mesh(
         raise FeMeshError(f"{geometry.designation}: a roller has no ball mesh")
     if grid.z[-1] > _MOST_REACH / 1.05 * radius:
         raise FeMeshError(f"{geometry.designation}: the contact reaches {grid.z[-1]!r} m along a ball of {radius!r} m")
-    section = fan_section(grid, _DIAGONAL * radius, rule)
+    section = contact_section(grid, _DIAGONAL * radius, (1.0 - _AXIS) * radius, rule)
     reach = min(max(_BEYOND * float(grid.z[-1]) / radius, _LEAST_REACH), _MOST_REACH)
     lines = _along(grid, reach * radius, rule) / (reach * radius)
-    steps = np.linspace(0.0, 1.0, max(2, grid.columns // 2) + 1)
+    steps = np.linspace(0.0, 1.0, inner_rows(grid, _AXIS * radius, rule) + 1)
     octant = _Octant(radius, reach, float(grid.x[-1]) / (_DIAGONAL * radius))
     blocks = [
         Block(extrude(section.quads, lines), octant.contact),
@@ -115,17 +117,29 @@ class _Octant:
     def contact(self, point: NDArray[np.float64]) -> NDArray[np.float64]:
         """Map (u, depth, along) of the block at the contact."""
         u, v, w = point
-        _, corner = self._corners()
-        fade = np.square(np.clip((u - self.exact) / (1.0 - self.exact), 0.0, 1.0))
-        x = _DIAGONAL * u * (1.0 - (1.0 - corner[0] / _DIAGONAL) * fade * w**2)
-        z = self.reach * w * (1.0 - (1.0 - corner[2] / self.reach) * fade * w**2)
+        corner = self._corner()
+
+        def on_axis(t: NDArray[np.float64]) -> NDArray[np.float64]:
+            return np.array([0.0 * t, np.sqrt(1.0 - (self.reach * t) ** 2), self.reach * t])
+
+        def on_z0(t: NDArray[np.float64]) -> NDArray[np.float64]:
+            return np.array([_DIAGONAL * t, np.sqrt(1.0 - (_DIAGONAL * t) ** 2), 0.0 * t])
+
+        # Great circles away from the contact, lines that are straight in the tangent plane about it.
+        far = _arc(np.array([_DIAGONAL, _DIAGONAL, 0.0]), corner)
+        beyond = _arc(np.array([0.0, math.sqrt(1.0 - self.reach**2), self.reach]), corner)
+        circles = _patch(u, w, on_axis, far, on_z0, beyond)
+        x, z = _DIAGONAL * u, self.reach * w
+        share = np.clip((u - self.exact) / min(_FADE, 1.0 - self.exact), 0.0, 1.0)
+        share = share**2 * (3.0 - 2.0 * share)
+        x, z = x + share * (circles[0] - x), z + share * (circles[2] - z)
         surface = np.array([x, np.sqrt(1.0 - x**2 - z**2), z])
         return self._deep(surface, self._inner(u, np.ones_like(u), w), v)
 
     def side(self, point: NDArray[np.float64]) -> NDArray[np.float64]:
         """Map (from the x axis to the contact's block, depth, along) of the block at the x axis."""
         n, v, w = point
-        _, corner = self._corners()
+        corner = self._corner()
         end = corner[2] / math.hypot(corner[0], corner[2])
 
         def at_contact(t: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -143,7 +157,7 @@ class _Octant:
     def beyond(self, point: NDArray[np.float64]) -> NDArray[np.float64]:
         """Map (u, depth, from the z axis to the contact's block) of the block beyond the contact along the shaft."""
         u, v, n = point
-        _, corner = self._corners()
+        corner = self._corner()
         end = corner[0] / math.hypot(corner[0], corner[2])
         turn = math.acos(self.reach)
 
@@ -168,32 +182,39 @@ class _Octant:
 
     def _ridge(self, t: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the border of the blocks at the x axis and the z axis on the sphere, from y = 0 to the contact's."""
-        _, corner = self._corners()
+        corner = self._corner()
         low = np.array([corner[0], 0.0, corner[2]]) / math.hypot(corner[0], corner[2])
-        chord = low[:, None] * (1.0 - t) + corner[:, None] * t
-        return chord / np.linalg.norm(chord, axis=0)
+        return _arc(low, corner)(t)
 
-    def _corners(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return the stretch of the axes for the reach, and where the three blocks meet on the sphere."""
-        stretch = np.array([1.0, math.sqrt(2.0 * (1.0 - self.reach**2)), math.sqrt(2.0) * self.reach])
-        return stretch, stretch / float(np.linalg.norm(stretch))
+    def _corner(self) -> NDArray[np.float64]:
+        """Return where the blocks at the three axes meet on the sphere."""
+        corner = np.array([_DIAGONAL, math.sqrt(1.0 - self.reach**2), self.reach])
+        return corner / float(np.linalg.norm(corner))
 
     def _inner(self, u: NDArray[np.float64], n: NDArray[np.float64], w: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the trilinear map of the cube at the centre, whose far faces the other blocks rest on."""
-        stretch, _ = self._corners()
-        lengths = np.array([0.0, _AXIS, _FACE, _WITHIN])
-        place = np.zeros((3, *np.shape(u)))
-        for corner in np.ndindex(2, 2, 2):
-            count = sum(corner)
-            scale = stretch if count > 1 else np.ones(3)
-            share = np.prod([c if bit else 1.0 - c for c, bit in zip((u, n, w), corner, strict=True)], axis=0)
-            place += (lengths[count] * scale * np.array(corner))[:, None] * share
-        return place
+        corner = self._corner()
+        low = np.array([corner[0], 0.0, corner[2]]) / math.hypot(corner[0], corner[2])
+        side = np.array([0.0, math.sqrt(1.0 - self.reach**2), self.reach])
+        a, b, c = 1.0 - u, 1.0 - n, 1.0 - w
+        axes = np.array([u * b * c, a * n * c, a * b * w])
+        faces = u * n * c * np.array([[_DIAGONAL], [_DIAGONAL], [0.0]]) + a * n * w * side[:, None]
+        return _AXIS * axes + _FACE * (faces + u * b * w * low[:, None]) + _WITHIN * u * n * w * corner[:, None]
 
     def _deep(
         self, surface: NDArray[np.float64], inner: NDArray[np.float64], v: NDArray[np.float64]
     ) -> NDArray[np.float64]:
         return self.radius * (surface * (1.0 - v) + inner * v)
+
+
+def _arc(start: NDArray[np.float64], end: NDArray[np.float64]) -> Curve:
+    """Return the arc of a great circle between two points of the unit sphere."""
+
+    def curve(t: NDArray[np.float64]) -> NDArray[np.float64]:
+        chord = start[:, None] * (1.0 - t) + end[:, None] * t
+        return chord / np.linalg.norm(chord, axis=0)
+
+    return curve
 
 
 def _patch(

@@ -25,7 +25,7 @@ from models.fe.grid import (
     on_surface,
     within,
 )
-from models.fe.roller_mesh import fan_section
+from models.fe.roller_mesh import fan_section, row_lines
 from models.fe.sizing import ContactGrid, MeshRule, groove_reach, growing_lines
 
 if TYPE_CHECKING:
@@ -120,7 +120,11 @@ def ring_lines(geometry: FeGeometry, race: Race, grid: ContactGrid, rule: MeshRu
 
 
 def _section(grid: ContactGrid, length: float, thickness: float, rule: MeshRule, largest: float) -> NDArray[np.float64]:
-    """Return quadrilaterals (2, 4, n) in length along the race and depth, m: a fan, then rows along the longer side."""
+    """Return quadrilaterals (2, 4, n) in length along the race and depth, m: in the rule's layout.
+
+    A fan fills the smaller of both; rows follow along the longer."""
+    if rule.layout == "rows":
+        return lattice(row_lines(grid, length, rule), row_lines(grid, thickness, rule))
     size = min(length, thickness)
     section = fan_section(grid, size, rule)
     last = size * (1.0 - 1.0 / max(rule.growth, 1.2))

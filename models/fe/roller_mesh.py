@@ -25,9 +25,10 @@ from models.fe.grid import (
     fan,
     lattice,
     on_surface,
+    tensor_section,
     within,
 )
-from models.fe.sizing import ContactGrid, MeshRule
+from models.fe.sizing import ContactGrid, MeshRule, growing_lines
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -54,8 +55,8 @@ def roller_mesh(
     radius = geometry.element_radius
     if geometry.effective_length is None or geometry.roller_length is None:
         raise FeMeshError(f"{geometry.designation}: a ball has no roller mesh")
-    section = fan_section(grid, _ARC * radius, rule)
-    rows = max(2, grid.columns // 2)
+    section = contact_section(grid, _ARC * radius, (1.0 - _SIDE) * radius, rule)
+    rows = inner_rows(grid, _SIDE * radius, rule)
     blocks = _disc(section, rows, roller_lines(geometry, grid, half=half), _edge(geometry))
     end = 0.5 * geometry.roller_length
     surface = on_surface(lambda p: np.hypot(p[0], p[1]) - radius, radius)
@@ -89,10 +90,38 @@ def fan_section(grid: ContactGrid, size: float, rule: MeshRule) -> Section:
     first = float(grid.x[grid.columns + 1])
     if first > 0.9 * size:
         raise FeMeshError(f"the patch reaches {first!r} m from the contact, the body holds {size!r} m")
-    # Layer after layer as thick as its elements are wide, or by the growth where that is less.
     layers = math.ceil(math.log(size / first) / math.log(rule.growth) - 1e-9)
     outer = first * (size / first) ** (np.arange(1, layers + 1) / max(layers, 1))
     return fan(grid.columns, np.concatenate(([inner, first], outer)) / size)
+
+
+def contact_section(grid: ContactGrid, width: float, depth: float, rule: MeshRule) -> Section:
+    """Return the section about a contact, of a given width and depth, m, in the rule's layout.
+
+    Raises:
+        FeMeshError: the section cannot hold the patch.
+    """
+    if rule.layout == "fan":
+        return fan_section(grid, width, rule)
+    return tensor_section(row_lines(grid, width, rule) / width, row_lines(grid, depth, rule) / depth)
+
+
+def row_lines(grid: ContactGrid, end: float, rule: MeshRule) -> NDArray[np.float64]:
+    """Return the lines of the contact's grid and growing ones from there to ``end``, m.
+
+    Raises:
+        FeMeshError: the patch is larger.
+    """
+    start = float(grid.x[-1])
+    if start > 0.95 * end:
+        raise FeMeshError(f"the patch reaches {start!r} m from the contact, the body holds {end!r} m")
+    size = min(rule.growth * (start - float(grid.x[-2])), rule.max_size)
+    return np.concatenate((grid.x, growing_lines(start, end, size, rule.growth, rule.max_size)[1:]))
+
+
+def inner_rows(grid: ContactGrid, length: float, rule: MeshRule) -> int:
+    """Return how many rows the blocks away from the contact have over a length, m."""
+    return max(2, grid.columns // 2 if rule.layout == "fan" else 1, math.ceil(length / rule.max_size))
 
 
 def _disc(section: Section, rows: int, lines: NDArray[np.float64], edge: Mapper) -> list[Block]:

@@ -18,7 +18,7 @@ from models.fe.geometry import FeGeometry, fe_geometry
 from models.fe.grid import Block, FeMeshError, build, extrude, lattice, mesh_quality
 from models.fe.ring_mesh import race_rise, ring_mesh
 from models.fe.roller_mesh import roller_mesh
-from models.fe.sizing import ContactGrid, MeshRule, contact_grid
+from models.fe.sizing import ContactGrid, MeshRule, chapter_rule, contact_grid, uniform_rule
 from tests.effort import effort_count
 
 pytestmark = pytest.mark.skipif(not has_extra(), reason="scikit-fem (extra fe) is not installed")
@@ -76,7 +76,7 @@ def test_rollers_of_any_size(geometry: FeGeometry, pressure: float, order: Any):
     mesh = roller_mesh(geometry, grid, SMALL, order)
     quality = mesh_quality(mesh)
     assert quality.least_jacobian > 0.2
-    assert quality.volume == pytest.approx(roller_volume(geometry), rel=0.12 if order == 1 else 2e-3)
+    assert quality.volume == pytest.approx(roller_volume(geometry), rel=0.12 if order == 1 else 6e-3)
     check_boundaries(mesh)
     assert contact_lines(mesh, 0) == pytest.approx(grid.x, abs=1e-9)
     assert contact_lines(mesh, 2) == pytest.approx(grid.z, abs=1e-9)
@@ -125,7 +125,7 @@ def test_balls_of_any_size(geometry: FeGeometry, pressure: float, order: Any):
     grid = contact_grid(geometry, "outer", pressure * geometry.element_radius**2, SMALL)
     mesh = ball_mesh(geometry, grid, SMALL, order)
     quality = mesh_quality(mesh)
-    assert quality.least_jacobian > 0.05
+    assert quality.least_jacobian > 0.3
     exact = math.pi / 6.0 * geometry.element_radius**3
     assert quality.volume == pytest.approx(exact, rel=0.08 if order == 1 else 1e-3)
     check_boundaries(mesh)
@@ -147,6 +147,32 @@ def test_grooved_rings_of_any_size(geometry: FeGeometry, race: Any, angle: float
     check_boundaries(mesh)
     assert contact_lines(mesh, 0) == pytest.approx(grid.x, abs=1e-9)
     assert contact_lines(mesh, 2) == pytest.approx(grid.z, abs=1e-9)
+
+
+@pytest.mark.parametrize("geometry", [ROLLER, BALL], ids=["roller", "ball"])
+def test_elements_of_one_size(geometry: FeGeometry):
+    size = 0.2 * geometry.element_radius
+    rule = uniform_rule(geometry, "inner", 2e3, size)
+    grid = contact_grid(geometry, "inner", 2e3, rule)
+    assert np.diff(grid.x) == pytest.approx(size)
+    element = (roller_mesh if geometry.element == "roller" else ball_mesh)(geometry, grid, rule)
+    ring = ring_mesh(geometry, "inner", grid, rule, angle=0.3)
+    for mesh in (element, ring):
+        edges = mesh.doflocs[:, mesh.edges[0]] - mesh.doflocs[:, mesh.edges[1]]
+        assert np.linalg.norm(edges, axis=0).max() < 1.6 * size
+        check_boundaries(mesh)
+    assert mesh_quality(element).least_jacobian > 0.3
+
+
+def test_the_chapters_rule():
+    """Table 8, third row: one element of 1.5 a over the half patch, four layers on half the roller."""
+    rule = chapter_rule(ROLLER, "outer", 3706.0, 0.5)
+    grid = contact_grid(ROLLER, "outer", 3706.0, rule)
+    assert (grid.columns, grid.z.size) == (1, 5)
+    assert grid.x[1] == pytest.approx(1.5 * grid.half_width)
+    mesh = roller_mesh(ROLLER, grid, rule)
+    edges = mesh.doflocs[:2, mesh.edges[0]] - mesh.doflocs[:2, mesh.edges[1]]
+    assert np.linalg.norm(edges, axis=0).max() < 2.0 * rule.max_size
 
 
 def test_a_spherical_race_lies_on_its_sphere():
