@@ -89,6 +89,17 @@ class ContactCells:
         i, k = (index.ravel() for index in np.meshgrid(range(len(across) - 1), range(len(along) - 1), indexing="ij"))
         return cls(across[i], across[i + 1], along[k], along[k + 1])
 
+    def split(self, along_x: int = 2, along_z: int = 2) -> ContactCells:
+        """Return the cells cut into equal parts, those of one after the other.
+
+        Two parts a quadratic facet are the finest cells whose pressure is unique, and four times as accurate in force
+        and approach as one (benchmarks/fe_hertz.py).
+        """
+        i, k = (index.ravel() for index in np.meshgrid(range(along_x), range(along_z), indexing="ij"))
+        x, z = (self.x1 - self.x0)[:, None] / along_x, (self.z1 - self.z0)[:, None] / along_z
+        x0, z0 = self.x0[:, None] + i * x, self.z0[:, None] + k * z
+        return ContactCells(x0.ravel(), (x0 + x).ravel(), z0.ravel(), (z0 + z).ravel())
+
     def __len__(self) -> int:
         """Return the number of cells."""
         return len(self.x0)

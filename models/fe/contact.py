@@ -3,8 +3,9 @@
 With the compliance C of both bodies together (the sum of theirs), m^3/Pa, areas A, m^2, undeformed gap g, m, and
 approach delta, m, the pressures p minimise 1/2 p' C p - p' A (delta - g) subject to p >= 0; equivalently the opening
 w = C p / A - (delta - g) obeys p >= 0, w >= 0, p w = 0. Solved by block principal pivoting (Portugal, Judice and
-Vicente, Mathematics of Computation 63 (1994) 625), which is Newton's method on the active set with a rule that ends any
-cycle. delta is the rigid closing of the two bodies' supports along the contact normal beyond touching.
+Vicente, Mathematics of Computation 63 (1994) 625), which is Newton's method on the active set; where the cells keep
+changing sides it gives over to non-negative least squares (Lawson and Hanson 1974), which is slower and always ends.
+delta is the rigid closing of the two bodies' supports along the contact normal beyond touching.
 
 Where C is singular (cells finer than the facets) infinitely many pressures give the same displacement. A ridge of
 ``RIDGE`` times the mean diagonal, in variables weighted with sqrt(A), then picks nearly the smoothest; force and
@@ -20,7 +21,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from models.fe.elastic import FeError
-from models.fe.sparse import cholesky_solve, triangular_solve
+from models.fe.sparse import cholesky_solve, non_negative, triangular_solve
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -33,7 +34,7 @@ TOLERANCE = 1e-8
 FORCE_TOLERANCE = 1e-9
 # A compliance whose Cholesky diagonal spans more than this does not fix the pressure.
 _SINGULAR = 1e-5
-# Block exchanges without fewer infeasible cells before single exchanges begin.
+# Exchanges without fewer wrong cells before they are given up.
 _PATIENCE = 10
 
 
@@ -193,8 +194,7 @@ def _exchange(
         held = np.nonzero(active)[0]
         if len(held):
             x[held] = _solve(matrix, ridge, held, load[held])
-        rest = matrix @ x - load
-        wrong = np.where(active, x < 0.0, rest < -small)
+        wrong = np.where(active, x < 0.0, matrix @ x - load < -small)
         count = int(wrong.sum())
         if count == 0:
             return x, active, iteration, True
@@ -203,12 +203,23 @@ def _exchange(
         elif patience > 0:
             patience -= 1
         else:
-            # Murty's rule: only the last infeasible cell changes sides; it ends for every definite matrix.
-            last = int(np.nonzero(wrong)[0][-1])
-            wrong = np.zeros(len(load), bool)
-            wrong[last] = True
+            return *_one_by_one(matrix, ridge, load), iteration, True
         active = active ^ wrong
     return np.maximum(x, 0.0), active, max_iterations, False
+
+
+def _one_by_one(
+    matrix: NDArray[np.float64], ridge: float, load: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    """Return the solution and its active cells by non-negative least squares, which descends and cannot cycle."""
+    factor = _cholesky(matrix, ridge, np.arange(len(load)))
+    size = float(np.abs(load).max()) / float(factor[0, 0])
+    x = non_negative(factor.T, triangular_solve(factor, load[:, None])[:, 0] / size) * size
+    active = x > 0.0
+    held = np.nonzero(active)[0]
+    again = np.zeros(len(load))
+    again[held] = _solve(matrix, ridge, held, load[held])
+    return (x, active) if np.any(again < 0.0) else (again, active)
 
 
 def _solve(

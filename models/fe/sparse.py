@@ -41,6 +41,16 @@ def breadth_first(graph: SparseMatrix, start: int) -> NDArray[np.float64]:
     return np.where(np.isfinite(steps), steps, steps[np.isfinite(steps)].max() + 1.0)
 
 
+def non_negative(matrix: NDArray[np.float64], right: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return x >= 0 of the least |matrix x - right|; zeros where the method gives up, which no caller takes for it."""
+    from scipy.optimize import nnls
+
+    try:
+        return np.asarray(cast("Any", nnls)(matrix, right, maxiter=30 * len(right))[0], np.float64)
+    except RuntimeError:
+        return np.zeros(matrix.shape[1])
+
+
 def dense_cholesky(matrix: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the lower Cholesky factor of a matrix whose lower triangle is given.
 

@@ -108,3 +108,12 @@ def test_cells_that_do_not_lie_on_the_surface_are_refused(x: list[float], says: 
 def test_an_unknown_surface_is_named() -> None:
     with pytest.raises(WrongInputError, match="no boundary 'race'"):
         cell_loads(cut_free(unit_mesh("MeshQuad2")), "race", ContactCells.grid(np.array([0.0, 1.0])))
+
+
+def test_split_cells_cover_the_same_places() -> None:
+    cells = ContactCells.grid(np.array([0.0, 0.3, 1.0]), np.array([0.0, 0.4]))
+    parts = cells.split(2, 3)
+    assert len(parts) == 12
+    assert parts.area.reshape(2, 6).sum(axis=1) == pytest.approx(cells.area)
+    assert parts.centre.reshape(2, 2, 6).mean(axis=2) == pytest.approx(cells.centre)
+    assert [parts.x0.min(), parts.x1.max(), parts.z0.min(), parts.z1.max()] == pytest.approx([0.0, 1.0, 0.0, 0.4])

@@ -87,6 +87,22 @@ def test_the_force_asked_for_is_met_from_any_start(seed: int, cells: int, force:
     assert again.approach == pytest.approx(state.approach, rel=1e-6, abs=1e-12)
 
 
+@settings(max_examples=effort_count(quick=10, full=300), deadline=None)
+@given(seed=st.integers(0, 2**32 - 1), nodes=st.integers(2, 8), parts=st.integers(1, 6))
+def test_a_singular_compliance_does_not_break_the_active_set(seed: int, nodes: int, parts: int) -> None:
+    # Facets of linear trace between nodes, each under several cells: pressures of no load exist, but none that is
+    # positive, as of any body.
+    rng = np.random.default_rng(seed)
+    factor = rng.normal(size=(nodes, nodes))
+    edges = np.linspace(0.0, nodes - 1.0, parts * (nodes - 1) + 1)
+    centre, width = 0.5 * (edges[1:] + edges[:-1]), np.diff(edges)
+    loads = np.maximum(0.0, 1.0 - np.abs(centre - np.arange(nodes)[:, None])) * width
+    gap = rng.uniform(0.0, 2e-5, len(centre))
+    state = press(loads.T @ (factor @ factor.T) @ loads * 1e-15, gap, width, 1.5e-5)
+    assert state.converged
+    assert state.pressure_unique or parts > 1
+
+
 def test_bodies_apart_carry_nothing() -> None:
     matrix, gap, area = _random(3, 5, 5)
     state = press(matrix, gap + 1e-6, area, 1e-6)

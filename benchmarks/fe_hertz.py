@@ -1,0 +1,298 @@
+"""Contacts of finite elements against Hertz and closed forms for the stated supports, and their order of convergence.
+
+Run as ``python -m benchmarks.fe_hertz [--quick] [--json FILE]``. Each body is pressed by a rigid one; two bodies of one
+kind are each other's mirror image. Bodies: a quarter of a block whose far sides move as those of a half space under
+the same force do (a circular and two elliptical contacts), an eighth of a ball between its middle plane and the
+contact, an eighth of a roller held along its axis (plane strain), and a block in plane strain as part of a half plane.
+Ball and roller have the meshes of the bearing. Each facet has two pressure cells a direction; the second table has one,
+two and three at the bearings' size.
+
+The half widths are those of Hertz's pressure with the second moment of the pressure found, the peak pressure is that
+of Hertz's profile fitted to the cells within 0.8 of the contact, so that both are finer than a cell.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from benchmarks.common import Row, arguments, print_table, write_json
+from benchmarks.fe_references import (
+    MODULUS,
+    PLANE_MODULUS,
+    POISSON,
+    Reference,
+    boussinesq,
+    cylinder_between_flats,
+    flamant,
+    half_plane_to_depth,
+    hertz_line,
+    hertz_point,
+    sphere_between_flats,
+)
+from models.fe.ball_mesh import ball_mesh
+from models.fe.condense import ContactCells, cell_loads
+from models.fe.contact import ContactState, press_to_force
+from models.fe.elastic import ElasticBody
+from models.fe.extra import require_skfem
+from models.fe.geometry import FeGeometry
+from models.fe.roller_mesh import roller_mesh
+from models.fe.sizing import ContactGrid, MeshRule, growing_lines
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from numpy.typing import NDArray
+
+COUNTS = {3: (2, 3, 4, 6), 2: (2, 3, 4, 6, 8, 12)}
+"""Elements over the patch of 1.6 half widths, in space and in plane strain; the rule of the bearings is 4."""
+QUICK_COUNTS = (3, 4)
+RULE_COUNT = 4
+RADIUS = 0.01
+PATCH, GROWTH, REACH = 1.6, 1.7, 25.0
+
+
+@dataclass(frozen=True)
+class Pressed:
+    """A body with its cells under a rigid body of two radii (None: a line) and a force on the cells, N."""
+
+    body: ElasticBody
+    cells: ContactCells
+    radii: tuple[float, float | None]
+    force: float
+    sphere: bool = False
+    far: NDArray[np.float64] | None = None
+
+
+def solve(case: Pressed) -> ContactState:
+    """Return the contact of a case; a far field is added to the compliance: it moves with the force."""
+    loads = cell_loads(case.body, "contact", case.cells)
+    compliance = case.body.flexibility(loads)
+    if case.far is not None:
+        moved = np.outer(far_motion(case, loads), case.cells.area)
+        compliance = compliance + 0.5 * (moved + moved.T)
+    return press_to_force(compliance, gaps(case), case.cells.area, case.force)
+
+
+def far_motion(case: Pressed, loads: Any) -> NDArray[np.float64]:
+    """Return how far the cells yield, m^3 per N on the cells, where the fixed far sides move as prescribed."""
+    assert case.far is not None
+    body = case.body
+    fixed = case.far - body.admissible @ (body.admissible.T @ case.far)
+    return np.asarray(loads.T @ (fixed - body.solve(body.stiffness @ fixed)))
+
+
+def gaps(case: Pressed) -> NDArray[np.float64]:
+    """Return the mean gap of each cell, m: exact for parabolas, by 3 x 3 Gauss points for a sphere."""
+    nodes, weights = np.polynomial.legendre.leggauss(3)
+    c = case.cells
+    x = 0.5 * (c.x0 + c.x1) + 0.5 * (c.x1 - c.x0) * nodes[:, None]
+    z = 0.5 * (c.z0 + c.z1) + 0.5 * (c.z1 - c.z0) * nodes[:, None]
+    radius, other = case.radii
+    if case.sphere:
+        squares = x[:, None] ** 2 + z[None] ** 2
+        height = radius - np.sqrt(radius**2 - squares)
+    elif other is None:
+        height = (radius - np.sqrt(radius**2 - x**2))[:, None] + 0.0 * z[None]
+    else:
+        height = (x**2 / (2.0 * radius))[:, None] + (z**2 / (2.0 * other))[None]
+    return np.einsum("i,j,ijm->m", 0.5 * weights, 0.5 * weights, height)
+
+
+def half_space(size: float, ratio: float) -> tuple[Pressed, Reference]:
+    """Return a quarter block, far sides moved as Boussinesq says, under a rigid body of radii R and ``ratio`` R."""
+    skfem = require_skfem()
+    force = 4.0 * (0.02 * RADIUS) ** 3 * PLANE_MODULUS / (3.0 * RADIUS)
+    reference = hertz_point(RADIUS, ratio * RADIUS, force)
+    assert reference.half_length is not None
+    x, z = (lines(half, size) for half in (reference.half_width, reference.half_length))
+    reach = REACH * reference.half_length
+    grow = (GROWTH, math.inf)
+    across, along = (np.append(e, growing_lines(e[-1], reach, GROWTH * (e[-1] - e[-2]), *grow)[1:]) for e in (x, z))
+    down = growing_lines(0.0, reach, x[1], *grow)
+    mesh = skfem.MeshHex2.from_mesh(skfem.MeshHex1.init_tensor(across, -down[::-1], along))
+    mesh = mesh.with_boundaries(
+        {
+            "contact": lambda p: np.abs(p[1]) < 1e-9 * reach,
+            "x0": lambda p: np.abs(p[0]) < 1e-9 * reach,
+            "z0": lambda p: np.abs(p[2]) < 1e-9 * reach,
+            "far": lambda p: np.max(np.abs(p), axis=0) > (1.0 - 1e-9) * reach,
+        }
+    )
+    body = ElasticBody(mesh, MODULUS, POISSON, {"x0": (0,), "z0": (2,), "far": (0, 1, 2)})
+    # The force on the quarter is a quarter of that of the point load.
+    field = far_field(body, lambda p: 4.0 * boussinesq(p), reach)
+    return Pressed(body, ContactCells.grid(x, z), (RADIUS, ratio * RADIUS), 0.25 * force, far=field), reference
+
+
+def far_field(
+    body: ElasticBody, displacement: Callable[[NDArray[np.float64]], NDArray[np.float64]], reach: float
+) -> NDArray[np.float64]:
+    """Return a displacement at the nodes of the far sides, zero elsewhere, shape (dim * nodes,)."""
+    far = np.max(np.abs(body.nodes), axis=0) > (1.0 - 1e-9) * reach
+    values = np.zeros(body.nodes.shape)
+    values[:, far] = displacement(body.nodes[:, far])
+    return values.T.ravel()
+
+
+def lines(half: float, size: float) -> NDArray[np.float64]:
+    """Return grid lines over the patch of a contact, m."""
+    return np.linspace(0.0, PATCH * half, round(PATCH / size) + 1)
+
+
+def ball(size: float) -> tuple[Pressed, Reference]:
+    """Return an eighth of a ball between its middle plane and a rigid flat."""
+    force = 4.0 * (0.02 * RADIUS) ** 3 * PLANE_MODULUS / (3.0 * RADIUS)
+    reference = sphere_between_flats(RADIUS, force)
+    x = lines(reference.half_width, size)
+    grid = ContactGrid(reference.half_width, reference.half_width, len(x) - 1, one_more(x), one_more(x))
+    mesh = ball_mesh(_bearing("ball"), grid, MeshRule(patch=PATCH, size=size, growth=GROWTH))
+    body = ElasticBody(mesh, MODULUS, POISSON, {"x0": (0,), "y0": (1,), "z0": (2,)})
+    cells = ContactCells.grid(grid.x, grid.z)
+    return Pressed(body, cells, (RADIUS, RADIUS), 0.25 * force, sphere=True), reference
+
+
+def roller(size: float) -> tuple[Pressed, Reference]:
+    """Return an eighth of a roller of two layers, held along its axis, between its middle plane and a rigid flat."""
+    half_width = 0.02 * RADIUS
+    load = math.pi * PLANE_MODULUS * half_width**2 / (4.0 * RADIUS)
+    reference = hertz_line(RADIUS, load, cylinder_between_flats(RADIUS))
+    length = 2.0 * half_width
+    x = lines(half_width, size)
+    grid = ContactGrid(half_width, 0.5 * length, len(x) - 1, one_more(x), np.linspace(0.0, 0.5 * length, 3))
+    mesh = roller_mesh(_bearing("roller", length), grid, MeshRule(patch=PATCH, size=size, growth=GROWTH))
+    body = ElasticBody(mesh, MODULUS, POISSON, {"x0": (0,), "y0": (1,), "z0": (2,), "side": (2,)})
+    cells = ContactCells.grid(grid.x, grid.z)
+    return Pressed(body, cells, (RADIUS, None), 0.25 * load * length), reference
+
+
+def one_more(x: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return lines with a larger cell beyond the patch, as the meshes of the bearings have."""
+    return np.append(x, x[-1] + GROWTH * (x[-1] - x[-2]))
+
+
+def half_plane(size: float) -> tuple[Pressed, Reference]:
+    """Return half a block in plane strain, far sides moved as Flamant says, under a rigid cylinder."""
+    skfem = require_skfem()
+    half_width = 0.02 * RADIUS
+    load = math.pi * PLANE_MODULUS * half_width**2 / (4.0 * RADIUS)
+    reach = REACH * half_width
+    reference = hertz_line(RADIUS, load, half_plane_to_depth(reach))
+    x = lines(half_width, size)
+    across = np.append(x, growing_lines(x[-1], reach, GROWTH * x[1], GROWTH, math.inf)[1:])
+    down = growing_lines(0.0, reach, x[1], GROWTH, math.inf)
+    mesh = skfem.MeshQuad2.from_mesh(skfem.MeshQuad1.init_tensor(across, -down[::-1]))
+    mesh = mesh.with_boundaries(
+        {
+            "contact": lambda p: np.abs(p[1]) < 1e-9 * reach,
+            "x0": lambda p: np.abs(p[0]) < 1e-9 * reach,
+            "far": lambda p: np.max(np.abs(p), axis=0) > (1.0 - 1e-9) * reach,
+        }
+    )
+    body = ElasticBody(mesh, MODULUS, POISSON, {"x0": (0,), "far": (0, 1)})
+    field = far_field(body, lambda p: 2.0 * flamant(p, reach), reach)
+    return Pressed(body, ContactCells.grid(x), (RADIUS, None), 0.5 * load, far=field), reference
+
+
+def _bearing(element: Any, length: float | None = None) -> FeGeometry:
+    """Return a bearing of which only the element is used."""
+    groove = 1.04 * RADIUS if element == "ball" else None
+    return FeGeometry(
+        designation="benchmark", element=element, n_elements=8, rows=1, contact_angle=0.0, element_radius=RADIUS,
+        inner_race_radius=2.0 * RADIUS, outer_race_radius=4.0 * RADIUS, bore_radius=RADIUS,
+        outside_radius=5.0 * RADIUS, width=4.0 * RADIUS, inner_groove_radius=groove, outer_groove_radius=groove,
+        shoulder_height=0.4 * RADIUS if groove else 0.0, effective_length=length, roller_length=length,
+        modulus=MODULUS, poisson=POISSON,
+    )  # fmt: skip
+
+
+CASES: dict[str, Callable[[float], tuple[Pressed, Reference]]] = {
+    "half space, circle": lambda size: half_space(size, 1.0),
+    "half space, ellipse, radii 1:4": lambda size: half_space(size, 4.0),
+    "half space, ellipse, radii 1:25": lambda size: half_space(size, 25.0),
+    "ball, middle plane to contact": ball,
+    "roller, plane strain, middle to contact": roller,
+    "half plane to depth 25 b": half_plane,
+}
+
+
+def row(name: str, count: int, parts: int = 2) -> Row:
+    """Solve one case; return its errors against the reference, percent."""
+    began = time.process_time()
+    size = PATCH / count
+    case, reference = CASES[name](size)
+    case = replace(case, cells=case.cells.split(parts, 1 if reference.half_length is None else parts))
+    state = solve(case)
+    cells = case.cells
+    share = cells.area * state.pressure / state.force
+    moments = [
+        float(share @ (centre**2 + width**2 / 12.0))
+        for centre, width in zip(cells.centre, (cells.x1 - cells.x0, cells.z1 - cells.z0), strict=True)
+    ]
+    # Second moments of Hertz's pressure: b^2 / 4 of a line, b^2 / 5 of an ellipse.
+    factor = 4.0 if reference.half_length is None else 5.0
+    length = reference.half_length
+    return {
+        "case": name,
+        "size by b": size,
+        "cells a facet": parts,
+        "unknowns": case.body.unknowns,
+        "approach %": percent(state.approach, reference.approach),
+        "half width %": percent(math.sqrt(factor * moments[0]), reference.half_width),
+        "half length %": None if length is None else percent(math.sqrt(factor * moments[1]), length),
+        "peak pressure %": percent(fitted_peak(case, state, reference), reference.peak),
+        "residual": state.residual,
+        "converged": str(state.converged),
+        "s": time.process_time() - began,
+    }
+
+
+def percent(value: float, reference: float) -> float:
+    """Return the difference from a reference, percent."""
+    return 100.0 * (value / reference - 1.0)
+
+
+def fitted_peak(case: Pressed, state: ContactState, reference: Reference) -> float:
+    """Return the peak of p^2 = p0^2 - c_x x^2 - c_z z^2 fitted to the cells within 0.8 of Hertz's contact, Pa."""
+    x, z = case.cells.centre
+    line = reference.half_length is None
+    along = np.zeros_like(z) if line else z / float(reference.half_length or 1.0)
+    inside = (x / reference.half_width) ** 2 + along**2 < 0.8**2
+    columns = [np.ones(inside.sum()), (x[inside] / reference.half_width) ** 2]
+    if not line:
+        columns.append(along[inside] ** 2)
+    fit, *_ = np.linalg.lstsq(np.stack(columns, axis=1), state.pressure[inside] ** 2, rcond=None)
+    return math.sqrt(float(fit[0]))
+
+
+def order(rows: list[Row]) -> float:
+    """Return the slope of the logarithms of approach error and size, without the coarsest mesh."""
+    rows = rows[1:]
+    sizes = np.log([float(row["size by b"] or 0.0) for row in rows])
+    errors = np.log([abs(float(row["approach %"] or 0.0)) for row in rows])
+    return float(np.polyfit(sizes, errors, 1)[0])
+
+
+def main() -> None:
+    """Measure, print and write."""
+    options = arguments(__doc__.splitlines()[0] if __doc__ else "")
+    rows: list[Row] = []
+    orders: list[Row] = []
+    for name in CASES:
+        counts = QUICK_COUNTS if options.quick else COUNTS[2 if "plane" in name.split(",")[0] else 3]
+        found = [row(name, count) for count in counts]
+        print_table(name, found)
+        rows += found
+        orders.append({"case": name, "order of the approach": order(found)})
+    parts = [row(name, RULE_COUNT, part) for name in CASES for part in ((1, 2) if options.quick else (1, 2, 3))]
+    print_table("cells a facet and direction", parts)
+    print_table("order of convergence", orders)
+    write_json(options.json, {"contacts": rows, "cells": parts, "orders": orders})
+
+
+if __name__ == "__main__":
+    main()
