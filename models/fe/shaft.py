@@ -10,19 +10,18 @@ z runs along the shaft from its first end, y along the load. SI units.
 
 from __future__ import annotations
 
-import itertools
 import math
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from models.checks import check_numbers
 from models.fe.elastic import ElasticBody
-from models.fe.extra import require_skfem
-from models.fe.shaft_mesh import ShaftMeshRule, Step, shaft_mesh
+from models.fe.shaft_mesh import ShaftMeshRule, Step, check_shaft, shaft_mesh
 from models.fe.spring import RadialSpring
+from models.fe.traction import boundary_points, mean_weights, traction_loads
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -31,8 +30,12 @@ if TYPE_CHECKING:
 
 PER_SEAT = 3
 """Motions of a seat: shift along the load, shift along the shaft, tilt about the axis across both."""
+# Of the shift of the seats: how far each spring's displacement may be from the seat's.
 _TOLERANCE = 1e-10
+# Of the largest force or moment on a seat: what may be left of the balance.
+_BALANCE = 1e-8
 _STEPS = 60
+_NO_FORCE = 1e-9
 
 
 @dataclass(frozen=True)
@@ -96,6 +99,15 @@ class SteppedShaft:
             raise ValueError("a shaft needs one step at least, got none")
 
     @property
+    def seats(self) -> dict[str, Seat]:
+        """Seats by the names of their surfaces: "loaded", "support0", "support1" and so on."""
+        return {"loaded": self.loaded} | {f"support{i}": support.seat for i, support in enumerate(self.supports)}
+
+    def check_seats(self) -> None:
+        """Raise a ValueError where steps do not touch, a seat is not on one step, or two of them overlap."""
+        check_shaft(self.steps, {name: (seat.begin, seat.end) for name, seat in self.seats.items()})
+
+    @property
     def length(self) -> float:
         """Whole length, m."""
         return sum(step.length for step in self.steps)
@@ -117,7 +129,7 @@ class CondensedShaft:
             shape (2,): the end of the shaft next to the load, the loaded seat.
         observed_motion: the same over the motions of the seats, shape (2, 3 seats).
         unknowns: of the factorised body.
-        volume: of the mesh, m3.
+        volume: m3.
     """
 
     stiffness: NDArray[np.float64]
@@ -138,7 +150,7 @@ class ShaftState:
         reactions: force of each spring on the shaft against the load, N, shape (supports,).
         end, seat: mean shift of the end next to the load, and of the loaded seat, m.
         iterations: of Newton's method.
-        converged: whether the forces balance to 1e-10 of the load.
+        converged: whether the forces balance and each spring is displaced as its seat is.
     """
 
     load: float
@@ -190,16 +202,16 @@ def condense_shaft(shaft: SteppedShaft, rule: ShaftMeshRule | None = None) -> Co
         ValueError: if a seat is not on one step, or two of them overlap.
         MissingExtraError: scikit-fem is missing.
     """
-    seats = {"loaded": shaft.loaded} | {f"support{i}": s.seat for i, s in enumerate(shaft.supports)}
-    ordered = sorted(seats.values(), key=lambda seat: seat.begin)
-    if any(after.begin < before.end for before, after in itertools.pairwise(ordered)):
-        raise ValueError(f"seats of the shaft overlap: {ordered!r}")
+    shaft.check_seats()
+    seats = shaft.seats
     mesh = shaft_mesh(shaft.steps, {name: (seat.begin, seat.end) for name, seat in seats.items()}, rule)
     held = [name for name in seats if name != "loaded"]
     body = ElasticBody(mesh, shaft.modulus, shaft.poisson, {"x0": (0,)} | dict.fromkeys(held, (0, 1, 2)))
     motions = np.concatenate([_rigid_motions(body, name, seats[name].middle) for name in held], axis=1)
     push = _sinusoidal_push(body, "loaded")
-    observe = np.stack([_mean_shift(body, shaft.loaded_end), _mean_shift(body, "loaded")], axis=1)
+    observe = np.stack(
+        [mean_weights(body, boundary_points(body, name), 1) for name in (shaft.loaded_end, "loaded")], axis=1
+    )
     # The whole shaft is twice the half that is meshed.
     pulled = body.stiffness @ motions
     moved = motions - body.solve(pulled)
@@ -211,69 +223,64 @@ def condense_shaft(shaft: SteppedShaft, rule: ShaftMeshRule | None = None) -> Co
         observed_flexibility=np.asarray(observe.T @ pushed),
         observed_motion=np.asarray(observe.T @ moved),
         unknowns=body.unknowns,
-        volume=_volume(body),
+        volume=sum(math.pi * step.length * (step.diameter**2 - step.bore**2) / 4.0 for step in shaft.steps),
     )
 
 
 def settle_shaft(condensed: CondensedShaft, supports: Sequence[Support], load: float) -> ShaftState:
     """Return the state of a condensed shaft on its springs under a load, N.
 
-    Newton's method on the balance of the seats, each step halved until the imbalance falls. The first support holds
-    the shaft along its axis; the others let it slide.
+    Newton's method on motions and spring forces together: each spring gives a displacement for a force, which is
+    defined within its play too, where a force for a displacement has no slope. The first support holds the shaft along
+    its axis; the others let it slide.
     """
-    shift = np.arange(len(supports)) * PER_SEAT
-    slide, tilt = shift + 1, shift + 2
-    # The axial shift of the first seat is zero; that of the others costs nothing.
-    free = np.setdiff1d(np.arange(PER_SEAT * len(supports)), slide[:1])
-    tilting = np.array([support.tilt_stiffness for support in supports])
-    target = load * condensed.carried
-
-    def balance(q: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return what is missing to equilibrium (3 seats,) and its derivative."""
-        held = [support.spring.force(float(q[i])) for support, i in zip(supports, shift, strict=True)]
-        missing, slope = target - condensed.stiffness @ q, condensed.stiffness.copy()
-        missing[shift] -= [force for force, _ in held]
-        missing[tilt] -= tilting * q[tilt]
-        slope[shift, shift] += [stiffness for _, stiffness in held]
-        slope[tilt, tilt] += tilting
-        return missing, slope
-
-    q = _start(condensed, supports, load, free)
-    missing, slope = balance(q)
-    # Moments are weighed against forces by the distance between the seats, which the stiffness itself holds.
-    scale = np.sqrt(np.diag(condensed.stiffness))[free]
-    level = float(np.linalg.norm(missing[free] / scale))
-    goal = _TOLERANCE * float(np.linalg.norm(target[free] / scale))
-    iterations = 0
-    while level > goal and iterations < _STEPS:
-        step = np.zeros_like(q)
-        step[free] = np.linalg.solve(slope[np.ix_(free, free)], missing[free])
-        share = 1.0
-        while True:
-            trial = q + share * step
-            missing, slope = balance(trial)
-            reached = float(np.linalg.norm(missing[free] / scale))
-            if reached < level or share < 1e-6:
-                break
-            share *= 0.5
-        q, level = trial, reached
+    count, motions = len(supports), PER_SEAT * len(supports)
+    shift = PER_SEAT * np.arange(count)
+    # The shift of the first seat along the shaft is zero; that of the others costs nothing.
+    kept = np.setdiff1d(np.arange(motions), [1])
+    base = np.zeros((motions + count, motions + count))
+    base[:motions, :motions] = condensed.stiffness
+    base[shift + 2, shift + 2] += [support.tilt_stiffness for support in supports]
+    base[shift, motions + np.arange(count)] = base[motions + np.arange(count), shift] = 1.0
+    known = np.concatenate((load * condensed.carried, np.zeros(count)))
+    used = np.concatenate((kept, motions + np.arange(count)))
+    forces = np.full(count, load)
+    # In units of a stiffness of the supports, both kinds of unknowns are displacements.
+    unit = load / supports[0].spring.displacement_at(load)
+    scale = np.concatenate((np.ones(motions), np.full(count, unit)))[used]
+    q, miss, iterations = np.zeros(motions), math.inf, 0
+    while miss > _TOLERANCE and iterations < _STEPS:
+        springs = [_spring_shift(support.spring, float(r), load) for support, r in zip(supports, forces, strict=True)]
+        matrix, right = base.copy(), known.copy()
+        at = motions + np.arange(count)
+        # q - u(R) = 0 is linear in R about the forces so far.
+        matrix[at, at] = [-slope for _, slope in springs]
+        right[at] = [u - slope * r for (u, slope), r in zip(springs, forces, strict=True)]
+        scaled = matrix[np.ix_(used, used)] * scale
+        solution = scale * np.linalg.solve(scaled, right[used])
+        q[kept] = solution[: len(kept)]
+        forces = solution[len(kept) :]
+        found = np.array([_spring_shift(s.spring, float(r), load)[0] for s, r in zip(supports, forces, strict=True)])
+        miss = float(np.abs(q[shift] - found).max() / np.abs(q[shift]).max())
         iterations += 1
     end, seat = (load * condensed.observed_flexibility + condensed.observed_motion @ q).tolist()
-    reactions = np.array([s.spring.force(float(q[i]))[0] for s, i in zip(supports, shift, strict=True)])
-    return ShaftState(load, q.reshape(-1, PER_SEAT), reactions, end, seat, iterations, bool(level <= goal))
+    left = (base[:motions] @ np.concatenate((q, forces)) - known[:motions])[kept]
+    balanced = float(np.abs(left).max()) <= _BALANCE * float(np.abs(known).max())
+    converged = bool(miss <= _TOLERANCE) and balanced
+    return ShaftState(load, q.reshape(-1, PER_SEAT), forces, end, seat, iterations, converged)
 
 
-def _start(
-    condensed: CondensedShaft, supports: Sequence[Support], load: float, free: NDArray[np.int64]
-) -> NDArray[np.float64]:
-    """Return the motions on linear springs, those of the supports under a load of this size."""
-    slope = condensed.stiffness.copy()
-    for number, support in enumerate(supports):
-        slope[PER_SEAT * number, PER_SEAT * number] += load / support.spring.displacement_at(load)
-        slope[PER_SEAT * number + 2, PER_SEAT * number + 2] += support.tilt_stiffness
-    q = np.zeros(len(slope))
-    q[free] = np.linalg.solve(slope[np.ix_(free, free)], load * condensed.carried[free])
-    return q
+def _spring_shift(spring: RadialSpring, force: float, load: float) -> tuple[float, float]:
+    """Return the displacement of a spring under a force of either sign, m, and its slope, m/N.
+
+    Within a billionth of the load the displacement goes evenly through the play, so that it is one of the force.
+    """
+    least = _NO_FORCE * load
+    size = max(abs(force), least)
+    shift = spring.displacement_at(size)
+    if abs(force) < least:
+        return force / least * shift, shift / least
+    return math.copysign(shift, force), 1.0 / spring.force(shift)[1]
 
 
 def _rigid_motions(body: ElasticBody, name: str, middle: float) -> NDArray[np.float64]:
@@ -288,40 +295,13 @@ def _rigid_motions(body: ElasticBody, name: str, middle: float) -> NDArray[np.fl
     return motions.reshape(-1, PER_SEAT)
 
 
-def _facet_basis(body: ElasticBody, name: str) -> tuple[Any, NDArray[np.float64]]:
-    """Return scikit-fem's basis on a boundary, and the values of the shape functions (functions, facets, points)."""
-    basis = require_skfem().FacetBasis(
-        body.mesh, body.element, facets=np.asarray(body.mesh.boundaries[name]), intorder=6
-    )
-    return basis, np.stack([np.asarray(basis.basis[i][0]) for i in range(basis.Nbfun)])
-
-
 def _sinusoidal_push(body: ElasticBody, name: str) -> NDArray[np.float64]:
     """Return the loads, (3 nodes,), of a pressure of 1 N along y on the whole shaft, 1/2 N on its meshed half.
 
     The pressure goes with the cosine of the angle from the load, over the half that faces it (thesis, Fig. 21).
     """
-    basis, values = _facet_basis(body, name)
-    normals = np.asarray(basis.normals)
-    pressure = np.maximum(-normals[1], 0.0) * np.asarray(basis.dx)
-    pressure *= 0.5 / float(np.sum(-normals[1] * pressure))
-    push = np.zeros((body.nodes.shape[1], 3))
-    for component in range(3):
-        shares = np.einsum("afq,fq->af", values, -normals[component] * pressure)
-        np.add.at(push[:, component], np.asarray(basis.element_dofs), shares)
-    return push.ravel()
-
-
-def _mean_shift(body: ElasticBody, name: str) -> NDArray[np.float64]:
-    """Return the weights of the mean shift along y of a boundary, (3 nodes,)."""
-    basis, values = _facet_basis(body, name)
-    weights = np.zeros((body.nodes.shape[1], 3))
-    shares = np.einsum("afq,fq->af", values, np.asarray(basis.dx))
-    np.add.at(weights[:, 1], np.asarray(basis.element_dofs), shares / float(np.sum(basis.dx)))
-    return weights.ravel()
-
-
-def _volume(body: ElasticBody) -> float:
-    """Return the volume of the whole shaft, m3."""
-    basis = require_skfem().Basis(body.mesh, body.element, intorder=4)
-    return 2.0 * float(np.sum(basis.dx))
+    points = boundary_points(body, name)
+    facing = -points.normals[1]
+    pressure = np.maximum(facing, 0.0)
+    pressure *= 0.5 / float(np.sum(pressure * facing * points.weights))
+    return traction_loads(body, points, -pressure * points.normals)

@@ -20,6 +20,7 @@ import numpy as np
 from models.checks import check_numbers, check_whole
 from models.fe.extra import require_skfem
 from models.fe.shape import FeMesh
+from models.numerics import find_root
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -90,6 +91,7 @@ def shaft_mesh(
         MissingExtraError: scikit-fem is missing.
     """
     rule = rule or ShaftMeshRule()
+    check_shaft(steps, seats)
     skfem = require_skfem()
     ends = _step_ends(steps)
     size = rule.size * min(step.diameter for step in steps)
@@ -104,6 +106,29 @@ def shaft_mesh(
     places = _mapped(mesh.doflocs, radii[0])
     kind: Any = skfem.MeshHex1 if rule.order == 1 else skfem.MeshHex2
     return kind(places, mesh.t).with_boundaries(named)
+
+
+def check_shaft(steps: Sequence[Step], seats: dict[str, tuple[float, float]]) -> None:
+    """Raise a ValueError where steps do not touch, or a seat is not on one step or overlaps another seat."""
+    ends = _step_ends(steps)
+    near = _SAME * ends[-1]
+    for name, (begin, end) in seats.items():
+        step = _step_at(0.5 * (begin + end), ends)
+        if not (end > begin and begin >= ends[step] - near and end <= ends[step + 1] + near):
+            raise ValueError(
+                f"seat {name!r} from {begin!r} to {end!r} m must lie on one step of the shaft, which are cut at "
+                f"{', '.join(f'{place:.6g}' for place in ends)} m"
+            )
+    for (name, first), (other, second) in itertools.pairwise(sorted(seats.items(), key=lambda item: item[1])):
+        if second[0] < first[1] - near:
+            raise ValueError(
+                f"seats {name!r} to {first[1]!r} m and {other!r} from {second[0]!r} m of the shaft overlap"
+            )
+
+
+def _step_at(place: float, ends: list[float]) -> int:
+    """Return the number of the step at a place, the nearest one of a place beyond the shaft."""
+    return min(max(int(np.searchsorted(ends, place)) - 1, 0), len(ends) - 2)
 
 
 def _step_ends(steps: Sequence[Step]) -> list[float]:
@@ -126,19 +151,33 @@ def _distinct(values: list[float], whole: float) -> list[float]:
 
 
 def _divided(marks: list[float], size: float, finest: float) -> NDArray[np.float64]:
-    """Return marks with divisions between them: as long as ``finest`` at the marks, twice as long one by one inwards.
+    """Return marks with divisions between them: as long as ``finest`` at the marks, growing inwards up to the size.
 
-    None is longer than the size. Strains are singular where a diameter steps or a rigid seat ends.
+    Strains are singular where a diameter steps or a rigid seat ends.
     """
     places = [marks[0]]
     for low, high in itertools.pairwise(marks):
-        half, parts = 0.5 * (high - low), [min(finest, size)]
-        while sum(parts) < half * (1.0 - _SAME):
-            parts.append(min(2.0 * parts[-1], size))
-        shares = np.array(parts + parts[::-1]) * half / sum(parts)
-        places.extend((low + np.cumsum(shares)).tolist())
+        parts = _growing(0.5 * (high - low), min(finest, size), size)
+        places.extend((low + np.cumsum([*parts, *parts[::-1]])).tolist())
         places[-1] = high
     return np.array(places)
+
+
+def _growing(length: float, first: float, size: float) -> list[float]:
+    """Return lengths that add up to a length, the first one as given or less, each at most twice the one before."""
+    count, total, last = 1, first, first
+    while total < length * (1.0 - _SAME):
+        last = min(2.0 * last, size)
+        count, total = count + 1, total + last
+
+    def parts(factor: float) -> list[float]:
+        return [min(first * factor**i, size) for i in range(count)]
+
+    factor = 1.0
+    if sum(parts(1.0)) < length < total:
+        factor = find_root(lambda factor: sum(parts(factor)) / length - 1.0, 1.0, 2.0, rtol=1e-12)
+    found = parts(factor)
+    return [part * length / sum(found) for part in found]
 
 
 def _section(
@@ -184,8 +223,7 @@ def _extruded(
     whole[2] = np.repeat(planes, many)
     cells: list[NDArray[np.int64]] = []
     for layer in range(len(planes) - 1):
-        middle = 0.5 * float(planes[layer] + planes[layer + 1])
-        step = steps[int(np.searchsorted(ends, middle)) - 1]
+        step = steps[_step_at(0.5 * float(planes[layer] + planes[layer + 1]), ends)]
         a, b, c, d = quads[:, (rings < 0.5 * step.diameter) & (rings >= 0.5 * step.bore)] + layer * many
         # The order of scikit-fem: its corners 0, 3, 6, 2 run round the first face, 1, 5, 7, 4 round the one above.
         cells.append(np.stack((a, a + many, d, b, d + many, b + many, c, c + many)))
@@ -201,13 +239,7 @@ def _boundaries(
     radius, near = np.maximum(np.abs(x), np.abs(y)), _SAME * ends[-1]
     named = {"x0": facets[x < near], "first": facets[z < near], "last": facets[z > ends[-1] - near]}
     for name, (begin, end) in seats.items():
-        middle = 0.5 * (begin + end)
-        step = min(int(np.searchsorted(ends, middle)) - 1, len(steps) - 1)
-        if not (end > begin and begin >= ends[step] - near and end <= ends[step + 1] + near):
-            raise ValueError(
-                f"seat {name!r} from {begin!r} to {end!r} m must lie on one step of the shaft, which are cut at "
-                f"{', '.join(f'{place:.6g}' for place in ends)} m"
-            )
+        step = _step_at(0.5 * (begin + end), ends)
         outside = np.abs(radius - 0.5 * steps[step].diameter) < near
         named[name] = facets[outside & (z > begin) & (z < end)]
     return named

@@ -204,6 +204,16 @@ def load_config(path: Path) -> Config:
     Raises:
         ConfigError: with one line for each problem: the file, the line, the key, what was found and what is allowed.
     """
+    text, values = read_toml(path)
+    return validate(values, path, find_lines(text))
+
+
+def read_toml(path: Path) -> tuple[str, dict[str, Any]]:
+    """Return the text of a TOML file and its tables.
+
+    Raises:
+        ConfigError: it cannot be read or is not TOML, with one line for each problem.
+    """
     try:
         text = path.read_text(encoding="utf-8-sig")
     except UnicodeDecodeError as error:
@@ -215,7 +225,7 @@ def load_config(path: Path) -> Config:
         values = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         raise ConfigError("\n".join(f"{path}:{line}" for line in syntax_problems(text, str(error)))) from None
-    return validate(values, path, find_lines(text))
+    return text, values
 
 
 def validate(values: dict[str, Any], path: Path, lines: Mapping[Place, int] | None = None) -> Config:
@@ -234,16 +244,18 @@ def validate(values: dict[str, Any], path: Path, lines: Mapping[Place, int] | No
         places = {place for place, _ in problems}
         loose = [(place, f"{place_words(place)}: {text}") for place, text in find_loose_ends(values)]
         problems += [problem for problem in loose if problem[0] not in places]
-        raise ConfigError(_in_order(problems, path, lines or {})) from None
+        raise ConfigError(sort_problems(problems, path, lines or {})) from None
     config = config.with_absolute_paths(path.resolve().parent)
     try:
         config.posterior_of(config.own_bearing.to_entry())
     except ValueError as error:
-        raise ConfigError(_in_order([(("rig", "posterior"), f"rig.posterior: {error}")], path, lines or {})) from None
+        raise ConfigError(
+            sort_problems([(("rig", "posterior"), f"rig.posterior: {error}")], path, lines or {})
+        ) from None
     return config
 
 
-def _in_order(problems: Sequence[tuple[Place, str]], path: Path, lines: Mapping[Place, int]) -> str:
+def sort_problems(problems: Sequence[tuple[Place, str]], path: Path, lines: Mapping[Place, int]) -> str:
     """Return one line for each problem, in the order of the file."""
     located = [(line_of(place, lines), text) for place, text in problems]
     located.sort(key=lambda pair: pair[0] or 0)

@@ -75,6 +75,29 @@ def test_shaft_reactions_statics() -> None:
     )
 
 
+def test_shaft_play_and_third_support() -> None:
+    """Springs with play, and one support more than statics determines; its force is that of its spring."""
+    loose = replace(SPRING, displacement=(1.1e-5, 2e-5), play=1e-5)
+    supports = (
+        Support(Seat(0.25, 0.254), loose, 50.0),
+        Support(Seat(0.4, 0.404), SPRING),
+        Support(Seat(0.59, 0.594), loose),
+    )
+    state = ShaftModel(replace(SLENDER, supports=supports), COARSE).solve(300.0)
+    assert state.converged
+    places = np.array([support.seat.middle for support in supports])
+    held = [s.spring.force(float(q))[0] for s, q in zip(supports, state.seats[:, 0], strict=True)]
+    assert held == pytest.approx(state.reactions.tolist(), rel=1e-6)
+    assert state.reactions.sum() == pytest.approx(300.0, rel=1e-6)
+    moment = float(places @ state.reactions) - 50.0 * state.seats[0, 2]
+    assert moment == pytest.approx(300.0 * SLENDER.loaded.middle, abs=1e-3)
+
+
+def test_shaft_not_converged_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("models.fe.shaft._STEPS", 1)
+    assert not slender().solve(300.0).converged
+
+
 def test_shaft_cantilever() -> None:
     length, radius = 0.4, 0.01
     shaft = SteppedShaft(
