@@ -205,7 +205,8 @@ def uniform_rule(geometry: FeGeometry, race: Race, force: float, size: float, al
     half_length, half_width = half_sizes(geometry, race, force)
     relative = size / half_width
     columns = max(1, math.ceil(1.5 / relative))
-    layers = max(1, math.ceil(half_length / size)) if along is None else along
+    reach = half_length if geometry.element == "roller" else 1.3 * half_length
+    layers = max(1, math.ceil(reach / size)) if along is None else along
     return MeshRule(
         patch=columns * relative,
         size=relative,
@@ -230,12 +231,14 @@ def _line_layers(half_length: float, rule: MeshRule) -> NDArray[np.float64]:
 
 
 def growing_lines(start: float, end: float, first: float, growth: float, largest: float) -> NDArray[np.float64]:
-    """Return lines from ``start`` to ``end``, m, whose spacings grow from about ``first`` up to about ``largest``."""
+    """Return lines from ``start`` to ``end``, m, whose spacings grow from about ``first`` up to ``largest``."""
     span = end - start
     sizes: list[float] = []
     size = min(first, largest)
     while sum(sizes) + 0.5 * size < span or not sizes:
         sizes.append(size)
         size = min(size * growth, largest)
+    if max(sizes) * span / sum(sizes) > 1.02 * largest:
+        sizes.append(size)
     lines = np.concatenate(([0.0], np.cumsum(sizes)))
     return start + span * lines / lines[-1]

@@ -159,7 +159,8 @@ def test_elements_of_one_size(geometry: FeGeometry):
     ring = ring_mesh(geometry, "inner", grid, rule, angle=0.3)
     for mesh in (element, ring):
         edges = mesh.doflocs[:, mesh.edges[0]] - mesh.doflocs[:, mesh.edges[1]]
-        assert np.linalg.norm(edges, axis=0).max() < 1.8 * size
+        # Twice the size where columns below a shoulder are longer than those below the groove.
+        assert np.linalg.norm(edges, axis=0).max() < 2.0 * size
         check_boundaries(mesh)
     assert mesh_quality(element).least_jacobian > 0.3
 
