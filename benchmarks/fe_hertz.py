@@ -4,8 +4,8 @@ Run as ``python -m benchmarks.fe_hertz [--quick] [--json FILE]``. Each body is p
 kind are each other's mirror image. Bodies: a quarter of a block whose far sides move as those of a half space under
 the same force do (a circular and two elliptical contacts), an eighth of a ball between its middle plane and the
 contact, an eighth of a roller held along its axis (plane strain), and a block in plane strain as part of a half plane.
-Ball and roller have the meshes of the bearing. Each facet has two pressure cells a direction; the second table has one,
-two and three at the bearings' size.
+Ball and roller have the meshes of the bearing. The pressure cells lie about the nodes; the second table has other cells
+at the bearings' size of elements: whole facets, halves and thirds.
 
 The half widths are those of Hertz's pressure with the second moment of the pressure found, the peak pressure is that
 of Hertz's profile fitted to the cells within 0.8 of the contact, so that both are finer than a cell.
@@ -48,10 +48,11 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-COUNTS = {3: (2, 3, 4, 6), 2: (2, 3, 4, 6, 8, 12)}
+COUNTS = {3: (2, 3, 4, 5, 6), 2: (2, 3, 4, 5, 6, 8, 12)}
 """Elements over the patch of 1.6 half widths, in space and in plane strain; the rule of the bearings is 4."""
 QUICK_COUNTS = (3, 4)
 RULE_COUNT = 4
+CELLS = {"facets": 1, "halves": 2, "thirds": 3}
 RADIUS = 0.01
 PATCH, GROWTH, REACH = 1.6, 1.7, 25.0
 
@@ -220,12 +221,30 @@ CASES: dict[str, Callable[[float], tuple[Pressed, Reference]]] = {
 }
 
 
-def row(name: str, count: int, parts: int = 2) -> Row:
+def cells_of(case: Pressed, kind: str, line: bool) -> ContactCells:
+    """Return the cells of a kind over the facets of a case; a line's stay whole facets along it."""
+    x, z = (
+        np.unique(np.concatenate(edges)) for edges in ((case.cells.x0, case.cells.x1), (case.cells.z0, case.cells.z1))
+    )
+    if kind == "about nodes":
+        about = ContactCells.about_nodes(x, None if line else z)
+        return ContactCells.grid(np.append(np.unique(about.x0), x[-1]), z) if line else about
+    parts = CELLS[kind]
+    return ContactCells.grid(cut(x, parts), z if line else cut(z, parts))
+
+
+def cut(edges: NDArray[np.float64], parts: int) -> NDArray[np.float64]:
+    """Return edges with each interval in equal parts."""
+    steps = np.arange(len(edges) * parts - parts + 1) / parts
+    return np.interp(steps, np.arange(len(edges)), edges)
+
+
+def row(name: str, count: int, kind: str = "about nodes") -> Row:
     """Solve one case; return its errors against the reference, percent."""
     began = time.process_time()
     size = PATCH / count
     case, reference = CASES[name](size)
-    case = replace(case, cells=case.cells.split(parts, 1 if reference.half_length is None else parts))
+    case = replace(case, cells=cells_of(case, kind, reference.half_length is None))
     state = solve(case)
     cells = case.cells
     share = cells.area * state.pressure / state.force
@@ -239,12 +258,14 @@ def row(name: str, count: int, parts: int = 2) -> Row:
     return {
         "case": name,
         "size by b": size,
-        "cells a facet": parts,
+        "cells": kind,
         "unknowns": case.body.unknowns,
         "approach %": percent(state.approach, reference.approach),
         "half width %": percent(math.sqrt(factor * moments[0]), reference.half_width),
         "half length %": None if length is None else percent(math.sqrt(factor * moments[1]), length),
         "peak pressure %": percent(fitted_peak(case, state, reference), reference.peak),
+        "pressure rms %": 100.0 * scatter(case, state, reference),
+        "pressure unique": str(state.pressure_unique),
         "residual": state.residual,
         "converged": str(state.converged),
         "s": time.process_time() - began,
@@ -269,6 +290,17 @@ def fitted_peak(case: Pressed, state: ContactState, reference: Reference) -> flo
     return math.sqrt(float(fit[0]))
 
 
+def scatter(case: Pressed, state: ContactState, reference: Reference) -> float:
+    """Return the rms difference from Hertz's pressure where that exceeds half its peak, by the peak."""
+    x, z = case.cells.centre
+    squares = (x / reference.half_width) ** 2
+    if reference.half_length is not None:
+        squares = squares + (z / reference.half_length) ** 2
+    hertz = np.sqrt(np.maximum(1.0 - squares, 0.0))
+    error = (state.pressure / reference.peak - hertz)[hertz > 0.5]
+    return math.sqrt(float(np.average(error**2, weights=case.cells.area[hertz > 0.5])))
+
+
 def order(rows: list[Row]) -> float:
     """Return the slope of the logarithms of approach error and size, without the coarsest mesh."""
     rows = rows[1:]
@@ -288,10 +320,10 @@ def main() -> None:
         print_table(name, found)
         rows += found
         orders.append({"case": name, "order of the approach": order(found)})
-    parts = [row(name, RULE_COUNT, part) for name in CASES for part in ((1, 2) if options.quick else (1, 2, 3))]
-    print_table("cells a facet and direction", parts)
+    kinds = [row(name, RULE_COUNT, kind) for name in CASES for kind in ("about nodes", *CELLS)]
+    print_table("other cells", kinds)
     print_table("order of convergence", orders)
-    write_json(options.json, {"contacts": rows, "cells": parts, "orders": orders})
+    write_json(options.json, {"contacts": rows, "cells": kinds, "orders": orders})
 
 
 if __name__ == "__main__":

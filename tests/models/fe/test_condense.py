@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from models.errors import WrongInputError
 from models.fe.condense import ContactCells, ContactFrame, cell_loads, compliance
 from models.fe.elastic import ElasticBody
-from tests.models.fe.bodies import MODULUS, POISSON, block_mesh, cut_free, skfem, unit_mesh
+from tests.models.fe.bodies import MODULUS, POISSON, block_mesh, cut_free, name_sides, skfem, unit_mesh
 
 
 @settings(max_examples=15, deadline=None)
@@ -110,10 +110,23 @@ def test_an_unknown_surface_is_named() -> None:
         cell_loads(cut_free(unit_mesh("MeshQuad2")), "race", ContactCells.grid(np.array([0.0, 1.0])))
 
 
-def test_split_cells_cover_the_same_places() -> None:
-    cells = ContactCells.grid(np.array([0.0, 0.3, 1.0]), np.array([0.0, 0.4]))
-    parts = cells.split(2, 3)
-    assert len(parts) == 12
-    assert parts.area.reshape(2, 6).sum(axis=1) == pytest.approx(cells.area)
-    assert parts.centre.reshape(2, 2, 6).mean(axis=2) == pytest.approx(cells.centre)
-    assert [parts.x0.min(), parts.x1.max(), parts.z0.min(), parts.z1.max()] == pytest.approx([0.0, 1.0, 0.0, 0.4])
+@pytest.mark.parametrize(("order", "edges"), [(1, [0.0, 0.1, 0.6, 1.0]), (2, [0.0, 0.05, 0.15, 0.4, 0.8, 1.0])])
+def test_cells_about_nodes(order: int, edges: list[float]) -> None:
+    cells = ContactCells.about_nodes(np.array([0.0, 0.2, 1.0]), np.array([0.0, 1.0]), order=order)
+    assert np.unique(cells.x0) == pytest.approx(edges[:-1])
+    assert cells.area.sum() == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize("kind", ["MeshHex1", "MeshHex2"])
+def test_cells_about_nodes_are_as_many_as_the_surface_tells_apart(kind: str) -> None:
+    thirds = np.linspace(0.0, 1.0, 4)
+    mesh = skfem.MeshHex1.init_tensor(thirds, np.array([0.0, 1.0]), thirds)
+    body = cut_free(name_sides(mesh if kind == "MeshHex1" else skfem.MeshHex2.from_mesh(mesh)))
+    cells = ContactCells.about_nodes(thirds, thirds, order=int(kind[-1]))
+    sizes = np.linalg.eigvalsh(compliance(body, "contact", cells) / np.sqrt(np.outer(cells.area, cells.area)))
+    assert sizes[0] > 1e-3 * sizes[-1]
+    halves = np.linspace(0.0, 1.0, 7)
+    if kind == "MeshHex2":
+        alternating = ContactCells.grid(halves, halves)
+        worse = np.linalg.eigvalsh(compliance(body, "contact", alternating) / alternating.area[0])
+        assert worse[0] < 0.3 * sizes[0]
