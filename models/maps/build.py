@@ -242,6 +242,8 @@ def map_attributes(plan: MapPlan) -> dict[str, Any]:
     }
     if plan.rig_draws > 0 and plan.rig_posterior is None:
         flat |= {name: getattr(plan, name) for name in ("rig_spread", "rig_spread_k_r", "rig_seed")}
+        if plan.rig_spread_k_c is not None:
+            flat["rig_spread_k_c"] = plan.rig_spread_k_c
     parts: list[tuple[str, object]] = [("bearing", plan.bearing), ("rig", plan.rig), ("floor", plan.floor)]
     if plan.slip is not None:
         parts.append(("slip", plan.slip))

@@ -257,6 +257,8 @@ def drawn_rig(plan: MapPlan, number: int) -> AnyRig:
     if plan.model == Rig.model:
         names = (*_UNCERTAIN, "k_r")
         sd = np.array([plan.rig_spread] * len(_UNCERTAIN) + [plan.rig_spread_k_r])
+    if plan.rig_spread_k_c is not None:
+        sd[names.index("k_c")] = plan.rig_spread_k_c
     factors = np.exp(sd * rng.standard_normal(len(sd)))
     return replace(plan.rig, **{n: getattr(plan.rig, n) * float(f) for n, f in zip(names, factors, strict=True)})
 

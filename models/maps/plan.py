@@ -65,6 +65,7 @@ class MapPlan:
         rig_draws: number of rigs drawn around ``rig`` for the spread over its uncertain parameters, or 0.
         rig_spread: relative standard deviation of m_r, k_c, c_i, c_r, alpha_c and beta_c between draws.
         rig_spread_k_r: relative standard deviation of k_r, which a resonance peak determines best.
+        rig_spread_k_c: that of k_c, as finite elements give it; None for ``rig_spread``.
         rig_posterior: the draws, from the posterior of the identification of ``rig``; without it they are factors of
             ``rig_spread`` around ``rig``.
         second_bearing, axial_load: as in ``models.scene.Scene``.
@@ -93,6 +94,7 @@ class MapPlan:
     rig_posterior: RigDraws | None = None
     second_bearing: Bearing | None = None
     axial_load: float = 0.0
+    rig_spread_k_c: float | None = None
 
     def __post_init__(self) -> None:
         """Raise a MapError that names the field of an unusable value."""
@@ -116,9 +118,12 @@ class MapPlan:
     def _check_rig_draws(self) -> None:
         if self.rig_draws < 0 or self.rig_draws == 1:
             raise MapError(f"rig_draws must be 0 or at least 2, got {self.rig_draws!r}")
-        for name in ("rig_spread", "rig_spread_k_r"):
-            if not 0.0 <= getattr(self, name) <= 0.5:
-                raise MapError(f"{name} must lie between 0 and 0.5, got {getattr(self, name)!r}")
+        for name in ("rig_spread", "rig_spread_k_r", "rig_spread_k_c"):
+            spread = getattr(self, name)
+            if spread is not None and not 0.0 <= spread <= 0.5:
+                raise MapError(f"{name} must lie between 0 and 0.5, got {spread!r}")
+        if self.rig_spread_k_c is not None and "k_c" not in self.rig.uncertain:
+            raise MapError(f"rig_spread_k_c is given, but the rig of {self.model} has no k_c that is drawn")
         if self.rig_posterior is not None:
             if not isinstance(self.rig, Rig):
                 raise MapError(f"rig_posterior is one of {Rig.model}, the rig is that of {self.rig.model}")
@@ -154,6 +159,8 @@ class MapPlan:
         assumed = f"+-{100.0 * self.rig_spread:g} % of parameters"
         if self.model == Rig.model:
             assumed += f", +-{100.0 * self.rig_spread_k_r:g} % of k_r"
+        if self.rig_spread_k_c is not None:
+            assumed += f", +-{100.0 * self.rig_spread_k_c:g} % of k_c"
         return f"assumed spread of {assumed}" if self.rig_draws else "none: no rig was drawn"
 
     @property
@@ -172,6 +179,8 @@ class MapPlan:
             del fields["second_bearing"]
         if self.axial_load == 0.0:
             del fields["axial_load"]
+        if self.rig_spread_k_c is None:
+            del fields["rig_spread_k_c"]
         return json.dumps(fields, sort_keys=True)
 
     @classmethod

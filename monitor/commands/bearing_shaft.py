@@ -30,6 +30,7 @@ def shaft_values(shaft: SteppedShaft, load: float, rule: ShaftMeshRule | None = 
     error = _REMAINDER * abs(coarser.solve(load).stiffness / state.stiffness - 1.0)
     converged = all(one.converged for one in (*states, state))
     return {
+        "load_newton": load,
         "k_i_newton_per_m": state.stiffness,
         "k_i_seat_newton_per_m": state.seat_stiffness,
         "mesh_error_percent": 100.0 * error,

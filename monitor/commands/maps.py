@@ -83,6 +83,7 @@ def command() -> None:
     "--rig-spread", type=click.FloatRange(0, 0.5), help="Relative sd of parameters, not a posterior's. [0.035]"
 )
 @click.option("--rig-spread-k-r", type=click.FloatRange(0, 0.5), help="Relative sd of k_r, likewise. [0.014]")
+@click.option("--rig-spread-k-c", type=click.FloatRange(0, 0.5), help="Relative sd of k_c, likewise. [--rig-spread]")
 @click.option("--rig-seed", type=option.WHOLE, default=0, help="Seed of the rigs.")
 @click.option(
     "--interpolation-tolerance",
@@ -215,7 +216,8 @@ def _slip(options: Mapping[str, Any]) -> Slip | None:
 
 def _rig_draws(posterior: RigDraws | None, options: Mapping[str, Any]) -> dict[str, Any]:
     """Return the settings of the spread over rigs: of the posterior, unless another spread is asked for."""
-    spreads = {name: options[name] for name in ("rig_spread", "rig_spread_k_r") if options[name] is not None}
+    names = ("rig_spread", "rig_spread_k_r", "rig_spread_k_c")
+    spreads = {name: options[name] for name in names if options[name] is not None}
     count = options["rig_draws"]
     if posterior is None or spreads:
         return {"rig_draws": count or 0, **spreads}
