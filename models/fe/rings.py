@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import numpy as np
 
@@ -18,8 +18,9 @@ from models.numerics import smooth_curve
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-# The bore or the outside fixed to a rigid body; the bore under a sinusoidal pressure; the bore on a meshed solid shaft.
-Support = Literal["rigid", "sinusoidal", "shaft"]
+# The bore (and the outside of the outer ring) fixed to a rigid body; the bore under a sinusoidal pressure.
+Support = Literal["rigid-shaft", "sinusoidal"]
+SUPPORTS: tuple[Support, ...] = get_args(Support)
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,7 +38,7 @@ class RingInfluence:
     angle: NDArray[np.float64]
     race: NDArray[np.float64]
     own: float = 0.0
-    support: Support = "rigid"
+    support: Support = "rigid-shaft"
 
     def __post_init__(self) -> None:
         """Refuse angles that do not ascend to pi."""
