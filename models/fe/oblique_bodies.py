@@ -244,18 +244,18 @@ def _race_displacement(
     size = 0.05 * geometry.ball_radius
 
     def away(step: float, *, mirrored: bool) -> float:
-        turn = spacing * min(step, count - step)
+        turn = spacing * step
         # Within the half ring; at its end the patch lies on this side of it.
         low, high = (-size, 0.0) if turn > np.pi - 1e-9 else (-size, size)
-        if abs(turn) < 1e-9:
-            return 0.0
         patch = ContactCells.grid(np.array([low, high]), np.array([-size, size]))
         read = cell_loads(contact.ring, "race", patch, contact_frame(profile, turn, mirrored=mirrored))
         return float((read.T @ u)[0] / patch.area[0])
 
-    same = np.array([away(float(k), mirrored=False) for k in range(count)])
-    other = np.array([away(k + 0.5, mirrored=True) for k in range(count)])
-    return same, other
+    # Both sides of the ring are alike: those beyond half a turn mirror the others.
+    near = np.array([0.0] + [away(float(k), mirrored=False) for k in range(1, count // 2 + 1)])
+    across = np.array([away(k + 0.5, mirrored=True) for k in range((count + 1) // 2)])
+    index = np.arange(count)
+    return near[np.minimum(index, count - index)], across[np.minimum(index, count - 1 - index)]
 
 
 @dataclass(frozen=True, eq=False)
