@@ -44,17 +44,13 @@ def tet_roller(radius: float, length: float, edge_radius: float, patches: tuple[
         raise WrongInputError(f"edge_radius: expected 0 to the roller's radius and half length, got {edge_radius!r} m")
 
     def build(occ: Any) -> int:
-        points = [occ.addPoint(0.0, y, z) for y, z in ((0.0, 0.0), (-r, 0.0), (-r, half - edge))]
+        outline = _Outline(occ, 0.0, 0.0)
+        outline.line(-r, 0.0)
+        outline.line(-r, half - edge)
         if edge > 0.0:
-            centre = occ.addPoint(0.0, -r + edge, half - edge)
-            points += [occ.addPoint(0.0, -r + edge, half)]
-            lines = [occ.addLine(points[0], points[1]), occ.addLine(points[1], points[2])]
-            lines += [occ.addCircleArc(points[2], centre, points[3])]
-        else:
-            lines = [occ.addLine(points[0], points[1]), occ.addLine(points[1], points[2])]
-        points += [occ.addPoint(0.0, 0.0, half)]
-        lines += [occ.addLine(points[-2], points[-1]), occ.addLine(points[-1], points[0])]
-        return _revolved(occ, lines, math.pi)
+            outline.arc((-r + edge, half - edge), -r + edge, half)
+        outline.line(0.0, half)
+        return _revolved(occ, outline.closed(), math.pi)
 
     def off_contact(p: NDArray[np.float64]) -> NDArray[np.float64]:
         across = np.hypot(p[0], p[1])
@@ -78,10 +74,11 @@ def tet_ball(radius: float, patches: tuple[Patch, Patch], rule: TetRule) -> Any:
     r = radius * MM
 
     def build(occ: Any) -> int:
-        centre, foot, pole = (occ.addPoint(0.0, y, z) for y, z in ((0.0, 0.0), (-r, 0.0), (0.0, r)))
         # About the shaft's direction: the degenerate pole of the sphere is then far from both contacts.
-        lines = [occ.addLine(centre, foot), occ.addCircleArc(foot, centre, pole), occ.addLine(pole, centre)]
-        return _revolved(occ, lines, math.pi)
+        outline = _Outline(occ, 0.0, 0.0)
+        outline.line(-r, 0.0)
+        outline.arc((0.0, 0.0), 0.0, r)
+        return _revolved(occ, outline.closed(), math.pi)
 
     surfaces = _element_surfaces(lambda p: np.sqrt(np.sum(p**2, axis=0)) - r)
     return tet_mesh(
@@ -101,6 +98,7 @@ class RaceSector:
         angle: half a pitch of the elements, rad.
         groove_radius: of the groove across the rolling direction, m; None for a cylindrical race.
         groove_depth: from the shoulder to the bottom of the groove, m.
+        corner_radius: of the rounding between bore or outside and side, m.
     """
 
     race_radius: float
@@ -109,6 +107,7 @@ class RaceSector:
     angle: float
     groove_radius: float | None = None
     groove_depth: float | None = None
+    corner_radius: float = 0.0
 
 
 def tet_race(sector: RaceSector, patch: Patch, rule: TetRule) -> Any:
@@ -116,7 +115,7 @@ def tet_race(sector: RaceSector, patch: Patch, rule: TetRule) -> Any:
 
     Returns:
         A skfem mesh in m with the boundaries "x0", "z0", "cut" (the other radial plane), "race", "bore" or
-        "outside", "side" and, with a groove, "shoulder".
+        "outside", "side" and, where there are such, "shoulder" and "corner".
 
     Raises:
         MissingExtraError, WrongInputError, MeshingError: as ``tet_roller``.
@@ -128,19 +127,21 @@ def tet_race(sector: RaceSector, patch: Patch, rule: TetRule) -> Any:
     away = math.copysign(1.0, race - back)  # +1 for an inner ring: the element is outside
     groove = None if sector.groove_radius is None else MM * sector.groove_radius
     rise, rim = (0.0, 0.0) if groove is None else _shoulder(sector)
-    shoulder = race + away * rise
+    shoulder, corner = race + away * rise, MM * sector.corner_radius
+    inside = back + away * corner
+    if not 0.0 <= corner < min(abs(race - back), half):
+        raise WrongInputError(f"corner_radius: expected 0 to the ring's thickness and half width, got {sector!r}")
 
     def build(occ: Any) -> int:
-        corners = [(shoulder, half), (back, half), (back, 0.0), (race, 0.0)]
-        points = [occ.addPoint(0.0, y, z) for y, z in corners]
-        lines = [occ.addLine(points[i], points[i + 1]) for i in range(3)]
-        if groove is None:
-            lines += [occ.addLine(points[3], points[0])]
-        else:
-            edge = occ.addPoint(0.0, shoulder, rim)
-            centre = occ.addPoint(0.0, race + away * groove, 0.0)
-            lines += [occ.addCircleArc(points[3], centre, edge), occ.addLine(edge, points[0])]
-        return _revolved(occ, lines, -sector.angle)
+        outline = _Outline(occ, shoulder, half)
+        outline.line(inside, half)
+        if corner > 0.0:
+            outline.arc((inside, half - corner), back, half - corner)
+        outline.line(back, 0.0)
+        outline.line(race, 0.0)
+        if groove is not None:
+            outline.arc((race + away * groove, 0.0), shoulder, rim)
+        return _revolved(occ, outline.closed(), -sector.angle)
 
     def off_race(p: NDArray[np.float64]) -> NDArray[np.float64]:
         across = np.hypot(p[0], p[1])
@@ -160,6 +161,8 @@ def tet_race(sector: RaceSector, patch: Patch, rule: TetRule) -> Any:
     }
     if groove is not None:
         surfaces["shoulder"] = lambda p: np.hypot(p[0], p[1]) - shoulder
+    if corner > 0.0:
+        surfaces["corner"] = lambda p: np.hypot(np.hypot(p[0], p[1]) - inside, p[2] - half + corner) - corner
     name = "inner race" if away > 0.0 else "outer race"
     return tet_mesh(TetBody(name, build, ((race, patch),), depth, surfaces), rule)
 
@@ -175,6 +178,31 @@ def _shoulder(sector: RaceSector) -> tuple[float, float]:
     if not (0.0 < rise < radius and rim < MM * sector.half_width):
         raise WrongInputError(f"groove_depth: expected the rim of the groove inside the half width, got {sector!r}")
     return rise, rim
+
+
+class _Outline:
+    """The outline of a cross-section in the plane x = 0, from point to point (y, z), mm."""
+
+    def __init__(self, occ: Any, y: float, z: float) -> None:
+        self._occ = occ
+        self._first = self._last = occ.addPoint(0.0, y, z)
+        self._lines: list[int] = []
+
+    def line(self, y: float, z: float) -> None:
+        """Go straight to a point."""
+        end = self._occ.addPoint(0.0, y, z)
+        self._lines.append(self._occ.addLine(self._last, end))
+        self._last = end
+
+    def arc(self, centre: tuple[float, float], y: float, z: float) -> None:
+        """Go to a point on a circle."""
+        end = self._occ.addPoint(0.0, y, z)
+        self._lines.append(self._occ.addCircleArc(self._last, self._occ.addPoint(0.0, *centre), end))
+        self._last = end
+
+    def closed(self) -> list[int]:
+        """Return all lines, the last straight to the first point."""
+        return [*self._lines, self._occ.addLine(self._last, self._first)]
 
 
 def _revolved(occ: Any, lines: list[int], angle: float) -> int:
