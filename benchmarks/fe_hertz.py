@@ -7,8 +7,11 @@ contact, an eighth of a roller held along its axis (plane strain), and a block i
 Ball and roller have the meshes of the bearing. The pressure cells lie about the nodes; the second table has other cells
 at the bearings' size of elements: whole facets, halves and thirds.
 
-The half widths are those of Hertz's pressure with the second moment of the pressure found, the peak pressure is that
-of Hertz's profile fitted to the cells within 0.8 of the contact, so that both are finer than a cell.
+Each mesh is loaded so that the half width is 0.85 to 1.15 of the one it was made for, which moves the contact's edge
+through the cells: errors are root mean squares over these loads, "worst" the largest. Half width and length are those
+of a Hertzian pressure with the second moments found, the peak is that of Hertz's profile p^2 = p0^2 - c x^2 - d z^2
+fitted to the cells within 0.8 of the contact; "scatter" is the rms difference of the cells' pressure from Hertz's, by
+the peak, where that exceeds half of it.
 """
 
 from __future__ import annotations
@@ -54,29 +57,39 @@ QUICK_COUNTS = (3, 4)
 RULE_COUNT = 4
 CELLS = {"facets": 1, "halves": 2, "thirds": 3}
 RADIUS = 0.01
+HALF_WIDTH = 0.02 * RADIUS
+POINT_FORCE = 4.0 * HALF_WIDTH**3 * PLANE_MODULUS / (3.0 * RADIUS)
+LINE_LOAD = math.pi * PLANE_MODULUS * HALF_WIDTH**2 / (4.0 * RADIUS)
 PATCH, GROWTH, REACH = 1.6, 1.7, 25.0
+SCALES = tuple(np.linspace(0.85, 1.15, 7))
+"""Half widths of the contacts by the one that the mesh is made for."""
 
 
 @dataclass(frozen=True)
 class Pressed:
-    """A body with its cells under a rigid body of two radii (None: a line) and a force on the cells, N."""
+    """A body with its cells under a rigid body of two radii (None: a line), and the motion of its far sides per N."""
 
     body: ElasticBody
     cells: ContactCells
     radii: tuple[float, float | None]
-    force: float
+    line: bool = False
     sphere: bool = False
     far: NDArray[np.float64] | None = None
 
 
-def solve(case: Pressed) -> ContactState:
-    """Return the contact of a case; a far field is added to the compliance: it moves with the force."""
+# A body under its cells, the share of the whole force, or of the force a metre, on them, and references by the scale of
+# the half width.
+Case = tuple[Pressed, float, "Callable[[float], Reference]"]
+
+
+def condensed(case: Pressed) -> NDArray[np.float64]:
+    """Return the compliance of the cells; a far field is added to it, as it moves with the force."""
     loads = cell_loads(case.body, "contact", case.cells)
     compliance = case.body.flexibility(loads)
-    if case.far is not None:
-        moved = np.outer(far_motion(case, loads), case.cells.area)
-        compliance = compliance + 0.5 * (moved + moved.T)
-    return press_to_force(compliance, gaps(case), case.cells.area, case.force)
+    if case.far is None:
+        return compliance
+    moved = np.outer(far_motion(case, loads), case.cells.area)
+    return compliance + 0.5 * (moved + moved.T)
 
 
 def far_motion(case: Pressed, loads: Any) -> NDArray[np.float64]:
@@ -104,12 +117,10 @@ def gaps(case: Pressed) -> NDArray[np.float64]:
     return np.einsum("i,j,ijm->m", 0.5 * weights, 0.5 * weights, height)
 
 
-def half_space(size: float, ratio: float) -> tuple[Pressed, Reference]:
+def half_space(size: float, ratio: float) -> Case:
     """Return a quarter block, far sides moved as Boussinesq says, under a rigid body of radii R and ``ratio`` R."""
     skfem = require_skfem()
-    force = 4.0 * (0.02 * RADIUS) ** 3 * PLANE_MODULUS / (3.0 * RADIUS)
-    reference = hertz_point(RADIUS, ratio * RADIUS, force)
-    assert reference.half_length is not None
+    reference = hertz_point(RADIUS, ratio * RADIUS, POINT_FORCE)
     x, z = (lines(half, size) for half in (reference.half_width, reference.half_length))
     reach = REACH * reference.half_length
     grow = (GROWTH, math.inf)
@@ -127,7 +138,8 @@ def half_space(size: float, ratio: float) -> tuple[Pressed, Reference]:
     body = ElasticBody(mesh, MODULUS, POISSON, {"x0": (0,), "z0": (2,), "far": (0, 1, 2)})
     # The force on the quarter is a quarter of that of the point load.
     field = far_field(body, lambda p: 4.0 * boussinesq(p), reach)
-    return Pressed(body, ContactCells.grid(x, z), (RADIUS, ratio * RADIUS), 0.25 * force, far=field), reference
+    case = Pressed(body, ContactCells.grid(x, z), (RADIUS, ratio * RADIUS), far=field)
+    return case, 0.25, lambda scale: hertz_point(RADIUS, ratio * RADIUS, scale**3 * POINT_FORCE)
 
 
 def far_field(
@@ -145,30 +157,27 @@ def lines(half: float, size: float) -> NDArray[np.float64]:
     return np.linspace(0.0, PATCH * half, round(PATCH / size) + 1)
 
 
-def ball(size: float) -> tuple[Pressed, Reference]:
+def ball(size: float) -> Case:
     """Return an eighth of a ball between its middle plane and a rigid flat."""
-    force = 4.0 * (0.02 * RADIUS) ** 3 * PLANE_MODULUS / (3.0 * RADIUS)
-    reference = sphere_between_flats(RADIUS, force)
-    x = lines(reference.half_width, size)
-    grid = ContactGrid(reference.half_width, reference.half_width, len(x) - 1, one_more(x), one_more(x))
+    half = hertz_point(RADIUS, RADIUS, POINT_FORCE).half_width
+    x = lines(half, size)
+    grid = ContactGrid(half, half, len(x) - 1, one_more(x), one_more(x))
     mesh = ball_mesh(_bearing("ball"), grid, MeshRule(patch=PATCH, size=size, growth=GROWTH))
     body = ElasticBody(mesh, MODULUS, POISSON, {"x0": (0,), "y0": (1,), "z0": (2,)})
-    cells = ContactCells.grid(grid.x, grid.z)
-    return Pressed(body, cells, (RADIUS, RADIUS), 0.25 * force, sphere=True), reference
+    case = Pressed(body, ContactCells.grid(grid.x, grid.z), (RADIUS, RADIUS), sphere=True)
+    return case, 0.25, lambda scale: sphere_between_flats(RADIUS, scale**3 * POINT_FORCE)
 
 
-def roller(size: float) -> tuple[Pressed, Reference]:
+def roller(size: float) -> Case:
     """Return an eighth of a roller of two layers, held along its axis, between its middle plane and a rigid flat."""
-    half_width = 0.02 * RADIUS
-    load = math.pi * PLANE_MODULUS * half_width**2 / (4.0 * RADIUS)
-    reference = hertz_line(RADIUS, load, cylinder_between_flats(RADIUS))
-    length = 2.0 * half_width
-    x = lines(half_width, size)
-    grid = ContactGrid(half_width, 0.5 * length, len(x) - 1, one_more(x), np.linspace(0.0, 0.5 * length, 3))
+    length = 2.0 * HALF_WIDTH
+    x = lines(HALF_WIDTH, size)
+    grid = ContactGrid(HALF_WIDTH, 0.5 * length, len(x) - 1, one_more(x), np.linspace(0.0, 0.5 * length, 3))
     mesh = roller_mesh(_bearing("roller", length), grid, MeshRule(patch=PATCH, size=size, growth=GROWTH))
     body = ElasticBody(mesh, MODULUS, POISSON, {"x0": (0,), "y0": (1,), "z0": (2,), "side": (2,)})
-    cells = ContactCells.grid(grid.x, grid.z)
-    return Pressed(body, cells, (RADIUS, None), 0.25 * load * length), reference
+    case = Pressed(body, ContactCells.grid(grid.x, grid.z), (RADIUS, None), line=True)
+    flats = cylinder_between_flats(RADIUS)
+    return case, 0.25 * length, lambda scale: hertz_line(RADIUS, scale**2 * LINE_LOAD, flats)
 
 
 def one_more(x: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -176,14 +185,11 @@ def one_more(x: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.append(x, x[-1] + GROWTH * (x[-1] - x[-2]))
 
 
-def half_plane(size: float) -> tuple[Pressed, Reference]:
+def half_plane(size: float) -> Case:
     """Return half a block in plane strain, far sides moved as Flamant says, under a rigid cylinder."""
     skfem = require_skfem()
-    half_width = 0.02 * RADIUS
-    load = math.pi * PLANE_MODULUS * half_width**2 / (4.0 * RADIUS)
-    reach = REACH * half_width
-    reference = hertz_line(RADIUS, load, half_plane_to_depth(reach))
-    x = lines(half_width, size)
+    reach = REACH * HALF_WIDTH
+    x = lines(HALF_WIDTH, size)
     across = np.append(x, growing_lines(x[-1], reach, GROWTH * x[1], GROWTH, math.inf)[1:])
     down = growing_lines(0.0, reach, x[1], GROWTH, math.inf)
     mesh = skfem.MeshQuad2.from_mesh(skfem.MeshQuad1.init_tensor(across, -down[::-1]))
@@ -196,7 +202,9 @@ def half_plane(size: float) -> tuple[Pressed, Reference]:
     )
     body = ElasticBody(mesh, MODULUS, POISSON, {"x0": (0,), "far": (0, 1)})
     field = far_field(body, lambda p: 2.0 * flamant(p, reach), reach)
-    return Pressed(body, ContactCells.grid(x), (RADIUS, None), 0.5 * load, far=field), reference
+    case = Pressed(body, ContactCells.grid(x), (RADIUS, None), line=True, far=field)
+    support = half_plane_to_depth(reach)
+    return case, 0.5, lambda scale: hertz_line(RADIUS, scale**2 * LINE_LOAD, support)
 
 
 def _bearing(element: Any, length: float | None = None) -> FeGeometry:
@@ -211,7 +219,7 @@ def _bearing(element: Any, length: float | None = None) -> FeGeometry:
     )  # fmt: skip
 
 
-CASES: dict[str, Callable[[float], tuple[Pressed, Reference]]] = {
+CASES: dict[str, Callable[[float], Case]] = {
     "half space, circle": lambda size: half_space(size, 1.0),
     "half space, ellipse, radii 1:4": lambda size: half_space(size, 4.0),
     "half space, ellipse, radii 1:25": lambda size: half_space(size, 25.0),
@@ -221,16 +229,16 @@ CASES: dict[str, Callable[[float], tuple[Pressed, Reference]]] = {
 }
 
 
-def cells_of(case: Pressed, kind: str, line: bool) -> ContactCells:
+def cells_of(case: Pressed, kind: str) -> ContactCells:
     """Return the cells of a kind over the facets of a case; a line's stay whole facets along it."""
     x, z = (
         np.unique(np.concatenate(edges)) for edges in ((case.cells.x0, case.cells.x1), (case.cells.z0, case.cells.z1))
     )
     if kind == "about nodes":
-        about = ContactCells.about_nodes(x, None if line else z)
-        return ContactCells.grid(np.append(np.unique(about.x0), x[-1]), z) if line else about
+        about = ContactCells.about_nodes(x, None if case.line else z)
+        return ContactCells.grid(np.append(np.unique(about.x0), x[-1]), z) if case.line else about
     parts = CELLS[kind]
-    return ContactCells.grid(cut(x, parts), z if line else cut(z, parts))
+    return ContactCells.grid(cut(x, parts), z if case.line else cut(z, parts))
 
 
 def cut(edges: NDArray[np.float64], parts: int) -> NDArray[np.float64]:
@@ -240,65 +248,60 @@ def cut(edges: NDArray[np.float64], parts: int) -> NDArray[np.float64]:
 
 
 def row(name: str, count: int, kind: str = "about nodes") -> Row:
-    """Solve one case; return its errors against the reference, percent."""
+    """Solve one case under all loads; return its errors against the references, percent."""
     began = time.process_time()
     size = PATCH / count
-    case, reference = CASES[name](size)
-    case = replace(case, cells=cells_of(case, kind, reference.half_length is None))
-    state = solve(case)
-    cells = case.cells
-    share = cells.area * state.pressure / state.force
-    moments = [
-        float(share @ (centre**2 + width**2 / 12.0))
-        for centre, width in zip(cells.centre, (cells.x1 - cells.x0, cells.z1 - cells.z0), strict=True)
-    ]
-    # Second moments of Hertz's pressure: b^2 / 4 of a line, b^2 / 5 of an ellipse.
-    factor = 4.0 if reference.half_length is None else 5.0
-    length = reference.half_length
+    case, share, reference_of = CASES[name](size)
+    case = replace(case, cells=cells_of(case, kind))
+    compliance, gap = condensed(case), gaps(case)
+    states: list[ContactState] = []
+    errors: list[dict[str, float]] = []
+    for scale in SCALES:
+        reference = reference_of(scale)
+        force = share * (scale**2 * LINE_LOAD if case.line else scale**3 * POINT_FORCE)
+        states.append(press_to_force(compliance, gap, case.cells.area, force))
+        errors.append(differences(case, states[-1], reference))
+    found = {name: np.array([error[name] for error in errors]) for name in errors[0]}
     return {
         "case": name,
         "size by b": size,
         "cells": kind,
         "unknowns": case.body.unknowns,
-        "approach %": percent(state.approach, reference.approach),
-        "half width %": percent(math.sqrt(factor * moments[0]), reference.half_width),
-        "half length %": None if length is None else percent(math.sqrt(factor * moments[1]), length),
-        "peak pressure %": percent(fitted_peak(case, state, reference), reference.peak),
-        "pressure rms %": 100.0 * scatter(case, state, reference),
-        "pressure unique": str(state.pressure_unique),
-        "residual": state.residual,
-        "converged": str(state.converged),
+        **{f"{name} %": float(np.sqrt(np.mean(values**2))) for name, values in found.items()},
+        **{f"worst {name} %": float(np.abs(found[name]).max()) for name in ("approach", "half width", "peak")},
+        "residual": max(state.residual for state in states),
+        "converged": str(all(state.converged for state in states)),
+        "unique": str(all(state.pressure_unique for state in states)),
         "s": time.process_time() - began,
+    }
+
+
+def differences(case: Pressed, state: ContactState, reference: Reference) -> dict[str, float]:
+    """Return the differences of a state from its reference, percent; those of the pressure are of its scatter."""
+    x, z = case.cells.centre
+    columns = [np.ones(len(x)), (x / reference.half_width) ** 2]
+    if not case.line:
+        columns.append((z / reference.half_length) ** 2)
+    hertz = np.sqrt(np.maximum(2.0 - np.sum(columns, axis=0), 0.0))
+    scatter = (state.pressure / reference.peak - hertz)[hertz > 0.5]
+    fit, *_ = np.linalg.lstsq(np.stack(columns, axis=1)[hertz > 0.6], state.pressure[hertz > 0.6] ** 2, rcond=None)
+    # Second moments of Hertz's pressure: b^2 / 4 of a line, b^2 / 5 of an ellipse.
+    share = case.cells.area * state.pressure / state.force
+    factor = 4.0 if case.line else 5.0
+    widths = np.stack((case.cells.x1 - case.cells.x0, case.cells.z1 - case.cells.z0))
+    axes = np.sqrt(factor * (np.stack((x, z)) ** 2 + widths**2 / 12.0) @ share)
+    return {
+        "approach": percent(state.approach, reference.approach),
+        "half width": percent(axes[0], reference.half_width),
+        "half length": 0.0 if case.line else percent(axes[1], reference.half_length),
+        "peak": percent(math.sqrt(fit[0]), reference.peak),
+        "scatter": 100.0 * math.sqrt(float(np.average(scatter**2, weights=case.cells.area[hertz > 0.5]))),
     }
 
 
 def percent(value: float, reference: float) -> float:
     """Return the difference from a reference, percent."""
     return 100.0 * (value / reference - 1.0)
-
-
-def fitted_peak(case: Pressed, state: ContactState, reference: Reference) -> float:
-    """Return the peak of p^2 = p0^2 - c_x x^2 - c_z z^2 fitted to the cells within 0.8 of Hertz's contact, Pa."""
-    x, z = case.cells.centre
-    line = reference.half_length is None
-    along = np.zeros_like(z) if line else z / float(reference.half_length or 1.0)
-    inside = (x / reference.half_width) ** 2 + along**2 < 0.8**2
-    columns = [np.ones(inside.sum()), (x[inside] / reference.half_width) ** 2]
-    if not line:
-        columns.append(along[inside] ** 2)
-    fit, *_ = np.linalg.lstsq(np.stack(columns, axis=1), state.pressure[inside] ** 2, rcond=None)
-    return math.sqrt(float(fit[0]))
-
-
-def scatter(case: Pressed, state: ContactState, reference: Reference) -> float:
-    """Return the rms difference from Hertz's pressure where that exceeds half its peak, by the peak."""
-    x, z = case.cells.centre
-    squares = (x / reference.half_width) ** 2
-    if reference.half_length is not None:
-        squares = squares + (z / reference.half_length) ** 2
-    hertz = np.sqrt(np.maximum(1.0 - squares, 0.0))
-    error = (state.pressure / reference.peak - hertz)[hertz > 0.5]
-    return math.sqrt(float(np.average(error**2, weights=case.cells.area[hertz > 0.5])))
 
 
 def order(rows: list[Row]) -> float:

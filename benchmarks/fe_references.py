@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from models.fe.contact import press_to_force
-from models.hertz import contact_shape, point_contact_semi_axes, point_contact_stiffness
+from models.hertz import point_contact_semi_axes, point_contact_stiffness
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -31,11 +31,11 @@ SERIES_TERMS, RINGS = 8000, 100
 
 @dataclass(frozen=True)
 class Reference:
-    """Approach of one body, m; semi-axes along x and z (None: a line), m; peak pressure, Pa."""
+    """Approach of one body, m; semi-axes along x and z (of a line: infinite), m; peak pressure, Pa."""
 
     approach: float
     half_width: float
-    half_length: float | None
+    half_length: float
     peak: float
 
 
@@ -45,7 +45,6 @@ def hertz_point(radius_x: float, radius_z: float, force: float) -> Reference:
     # E' of models.hertz is twice the modulus of contact; the rigid body leaves that of one half space.
     axes = point_contact_semi_axes(radius_x, radius_z, force, "elliptic", modulus=2.0 * modulus)
     stiffness = point_contact_stiffness(radius_x, radius_z, "elliptic", modulus=2.0 * modulus)
-    assert contact_shape(radius_z / radius_x, "elliptic").kappa >= 1.0
     peak = 1.5 * force / (math.pi * axes[0] * axes[1])
     return Reference((force / stiffness) ** (2.0 / 3.0), axes[1], axes[0], peak)
 
@@ -53,7 +52,7 @@ def hertz_point(radius_x: float, radius_z: float, force: float) -> Reference:
 def hertz_line(radius: float, load: float, approach_of: Line) -> Reference:
     """Return Hertz's line contact of a body with a rigid one, ``load`` in N/m, with the approach of its supports."""
     half_width = math.sqrt(4.0 * load * radius / (math.pi * PLANE_MODULUS))
-    return Reference(approach_of(load, half_width), half_width, None, 2.0 * load / (math.pi * half_width))
+    return Reference(approach_of(load, half_width), half_width, math.inf, 2.0 * load / (math.pi * half_width))
 
 
 class Line:

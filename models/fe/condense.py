@@ -1,10 +1,12 @@
 """Contact cells of the tangent plane, and the compliance of a body under uniform pressure on each of them.
 
-The pressure p_m is constant on cell m, a rectangle of the tangent plane (x along rolling, z along the shaft), and acts
-on the surface along the contact normal, so that both bodies carry the same cells whatever their meshes, the force is
-sum A_m p_m exactly, and a uniform pressure passes through unequal meshes (patch test). The load of cell m on body i is
-b_m = - integral over the cell of N n dA, n the outward contact normal, the area being that of the tangent plane: on a
-surface of radius R the slope x / R is neglected in the direction of the pressure, as in Hertz's theory.
+The pressure p_m is constant on cell m, a rectangle of the tangent plane (x along rolling, z along the shaft), so that
+both bodies carry the same cells whatever their meshes, the force along the contact normal y is sum A_m p_m exactly, and
+a uniform pressure passes through unequal meshes (patch test). It acts at right angles to the surface y = h(x, z) in
+which the bodies touch: b_m = -+ integral over the cell of N (-dh/dx, 1, -dh/dz) dx dz. The same vector reads how far
+the surface recedes along y at fixed x and z. By default h is flat, as in Hertz's theory; where the contact is long
+against the radii (a groove's ellipse with a / R = 0.5) the slope of the common surface matters: the mean of both
+bodies' for equal moduli, as both yield alike; that of a rigid one where one is rigid.
 
 C_mn = b_m' K^-1 b_n, m^3/Pa: what the surface of cell m yields, integrated over it, per pressure on cell n. It is
 symmetric and positive semi-definite; it is singular where there are more cells than the trace of the displacement can
@@ -23,10 +25,15 @@ from models.fe.sparse import sparse_matrix
 from models.fe.surface import Pieces, cut_facets, piece_points, surface_values
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from numpy.typing import NDArray
 
     from models.fe.elastic import ElasticBody
     from models.fe.sparse import SparseMatrix
+
+    # Slopes (dy/dx, dy/dz) at places (x, z) of the tangent plane, m, shapes (p,).
+    Slope = Callable[[NDArray[np.float64], NDArray[np.float64]], tuple[NDArray[np.float64], NDArray[np.float64]]]
 
 # A cell whose covered area differs from its own by more than this share reaches beyond the surface.
 COVER_TOLERANCE = 1e-6
@@ -125,7 +132,13 @@ def _about(lines: NDArray[np.float64], order: int) -> NDArray[np.float64]:
     return np.concatenate((lines[:1], inner.ravel(), lines[-1:]))
 
 
-def cell_loads(body: ElasticBody, surface: str, cells: ContactCells, frame: ContactFrame | None = None) -> SparseMatrix:
+def cell_loads(
+    body: ElasticBody,
+    surface: str,
+    cells: ContactCells,
+    frame: ContactFrame | None = None,
+    slope: Slope | None = None,
+) -> SparseMatrix:
     """Return the loads of unit pressures on the cells, N/Pa, sparse (dim * nodes, cells).
 
     The same matrix reads displacements: its transpose times a displacement is how far the surface of each cell gives
@@ -135,6 +148,9 @@ def cell_loads(body: ElasticBody, surface: str, cells: ContactCells, frame: Cont
         surface: boundary of the mesh on which the cells lie; its facets may be larger or smaller than the cells and of
             any shape, those that face away from the contact normal are left out.
         frame: where the contact is; by default along the axes of the mesh.
+        slope: of the surface in which both bodies touch, in the frame: (dy/dx, dy/dz) at (x, z), arrays in m. By
+            default it is flat. Give both bodies the same surface (each in its own frame): for equal moduli the mean of
+            both undeformed ones.
 
     Raises:
         FeError: if cells reach beyond the surface, or it faces both ways under a cell.
@@ -145,9 +161,14 @@ def cell_loads(body: ElasticBody, surface: str, cells: ContactCells, frame: Cont
     points = piece_points(pieces)
     nodes, values = surface_values(body, points, frame)
     weighted = values * points.weight
-    normal = -outward * frame.axes[1]
+    normal = np.repeat(frame.axes[1][:, None], len(points.weight), axis=1)
+    if slope is not None:
+        along = points.place[:, 1] if body.dim == 3 else np.zeros(len(points.weight))
+        tilt = slope(points.place[:, 0], along)
+        for axis, part in zip((0, 2)[: body.dim - 1], tilt, strict=False):
+            normal -= np.multiply.outer(frame.axes[axis], np.asarray(part))
     rows = np.stack([body.dim * nodes + i for i in range(body.dim)])
-    entries = np.stack([normal[i] * weighted for i in range(body.dim)])
+    entries = np.stack([-outward * normal[i] * weighted for i in range(body.dim)])
     columns = np.broadcast_to(points.cell, rows.shape)
     loads = sparse_matrix(entries.ravel(), rows.ravel(), columns.ravel(), (body.nodes.size, len(cells)))
     loads.eliminate_zeros()
@@ -155,10 +176,14 @@ def cell_loads(body: ElasticBody, surface: str, cells: ContactCells, frame: Cont
 
 
 def compliance(
-    body: ElasticBody, surface: str, cells: ContactCells, frame: ContactFrame | None = None
+    body: ElasticBody,
+    surface: str,
+    cells: ContactCells,
+    frame: ContactFrame | None = None,
+    slope: Slope | None = None,
 ) -> NDArray[np.float64]:
     """Return C of one body, m^3/Pa, shape (cells, cells), symmetric; arguments and errors as of :func:`cell_loads`."""
-    return body.flexibility(cell_loads(body, surface, cells, frame))
+    return body.flexibility(cell_loads(body, surface, cells, frame, slope))
 
 
 def _refuse_uncovered(pieces: Pieces, cells: ContactCells, surface: str) -> None:

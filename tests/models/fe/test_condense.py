@@ -130,3 +130,31 @@ def test_cells_about_nodes_are_as_many_as_the_surface_tells_apart(kind: str) -> 
         alternating = ContactCells.grid(halves, halves)
         worse = np.linalg.eigvalsh(compliance(body, "contact", alternating) / alternating.area[0])
         assert worse[0] < 0.3 * sizes[0]
+
+
+@pytest.mark.parametrize("kind", ["MeshHex2", "MeshQuad1"])
+def test_a_pressure_acts_at_right_angles_to_the_common_surface(kind: str) -> None:
+    mesh = unit_mesh(kind)
+    places = mesh.doflocs.copy()
+    tilt = np.array([0.2, -0.1])
+    places[1] *= 1.0 + tilt[0] * places[0] + (tilt[1] * places[2] if mesh.dim() == 3 else 0.0)
+    body = cut_free(type(mesh)(places, mesh.t).with_boundaries(mesh.boundaries))
+    edges = np.array([0.0, 0.3, 1.0])
+    cells = ContactCells.grid(edges, edges if body.dim == 3 else None)
+
+    def slope(x: np.ndarray, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        return np.full(x.shape, tilt[0]), np.full(z.shape, tilt[-1])
+
+    loads = cell_loads(body, "contact", cells, slope=slope)
+    force = loads.toarray().reshape(-1, body.dim, len(cells)).sum(axis=0)
+    along_x = np.array([1.0, tilt[0], 0.0])[: body.dim]
+    assert along_x @ force == pytest.approx(np.zeros(len(cells)), abs=1e-15)
+    assert -force[1] == pytest.approx(cells.area, rel=1e-12)
+    if body.dim == 3:
+        assert np.array([0.0, tilt[1], 1.0]) @ force == pytest.approx(np.zeros(len(cells)), abs=1e-15)
+    matrix = compliance(body, "contact", cells, slope=slope)
+    assert np.array_equal(matrix, matrix.T)
+    # A tilted plane that slides along itself opens no gap.
+    slide = np.zeros((body.nodes.shape[1], body.dim))
+    slide[:, :2] = along_x[:2]
+    assert loads.T @ slide.ravel() == pytest.approx(np.zeros(len(cells)), abs=1e-15)
