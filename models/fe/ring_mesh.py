@@ -111,7 +111,8 @@ def ring_lines(geometry: FeGeometry, race: Race, grid: ContactGrid, rule: MeshRu
     stops = [side]
     if geometry.groove_radius(race) is not None:
         stops.insert(0, groove_reach(geometry, race))
-    lines, size = grid.z, float(grid.z[-1] - grid.z[-2])
+    # Thin layers on a roller's rounded edge are as abrupt outside as inside.
+    lines, size = grid.z, float(np.diff(grid.z)[-(rule.over + 1) :].max())
     for stop in stops:
         if stop - lines[-1] > 1e-3 * side:
             lines = np.concatenate((lines, growing_lines(float(lines[-1]), stop, size, rule.growth, largest)[1:]))

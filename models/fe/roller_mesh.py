@@ -17,7 +17,6 @@ from models.fe.grid import (
     Chooser,
     FeMesh,
     FeMeshError,
-    Mapper,
     Order,
     Section,
     build,
@@ -57,12 +56,13 @@ def roller_mesh(
         raise FeMeshError(f"{geometry.designation}: a ball has no roller mesh")
     section = contact_section(grid, _ARC * radius, (1.0 - _SIDE) * radius, rule)
     rows = inner_rows(grid, _SIDE * radius, rule)
-    blocks = _disc(section, rows, roller_lines(geometry, grid, half=half), _edge(geometry))
+    blocks = _disc(geometry, section, rows, float(grid.x[-1]), roller_lines(geometry, grid, half=half))
     end = 0.5 * geometry.roller_length
-    surface = on_surface(lambda p: np.hypot(p[0], p[1]) - radius, radius)
+    straight = 0.5 * geometry.effective_length * (1.0 + 1e-9)
+    surface = on_surface(lambda p: np.hypot(p[0], p[1]) - radius * _disc_share(geometry, p[2]), radius)
     outside: dict[str, Chooser] = {
         "contact": within(surface, float(grid.x[-1]), float(grid.z[-1])),
-        "race": surface,
+        "race": lambda p: surface(p) & np.all(np.abs(p[2]) <= straight, axis=0),
         "x0": on_surface(lambda p: p[0], radius),
         "y0": on_surface(lambda p: p[1], radius),
         "side": lambda p: np.all(np.abs(p[2]) > 0.5 * end, axis=0),
@@ -124,30 +124,36 @@ def inner_rows(grid: ContactGrid, length: float, rule: MeshRule) -> int:
     return max(2, grid.columns // 2 if rule.layout == "fan" else 1, math.ceil(length / rule.max_size))
 
 
-def _disc(section: Section, rows: int, lines: NDArray[np.float64], edge: Mapper) -> list[Block]:
-    """Return the three blocks of a quarter disc of radius one, extruded along lines and mapped by ``edge``."""
+def _disc(geometry: FeGeometry, section: Section, rows: int, exact: float, lines: NDArray[np.float64]) -> list[Block]:
+    """Return the three blocks of a quarter disc, extruded along lines; ``exact`` ends the grid of the contact, m."""
     steps = np.linspace(0.0, 1.0, rows + 1)
+    radius, held = geometry.element_radius, exact / (_ARC * geometry.element_radius)
     side, low, middle = np.array([0.0, _SIDE]), np.array([_SIDE, 0.0]), np.array([_MIDDLE, _MIDDLE])
 
+    def deep(
+        top: NDArray[np.float64], bottom: NDArray[np.float64], point: NDArray[np.float64], disc: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        plane = radius * (top * (1.0 - point[1]) + disc * bottom * point[1])
+        return np.concatenate((plane, point[2:]))
+
     def contact(point: NDArray[np.float64]) -> NDArray[np.float64]:
-        u, v = point[0], point[1]
-        # The surface has its tangent coordinate for u: exact lines of the contact's grid.
-        x = _ARC * u
-        top = np.array([x, np.sqrt(1.0 - x**2)])
-        bottom = side[:, None] * (1.0 - u) + middle[:, None] * u
-        return edge(np.concatenate((top * (1.0 - v) + bottom * v, point[2:])))
+        u, disc = point[0], _disc_share(geometry, point[2])
+        # The surface has its tangent coordinate for u: exact lines of the contact's grid, on the rounded edge too.
+        fade = np.clip((u - held) / (1.0 - held), 0.0, 1.0)
+        x = _ARC * u * (1.0 - (1.0 - disc) * fade)
+        top = np.array([x, np.sqrt(disc**2 - x**2)])
+        return deep(top, side[:, None] * (1.0 - u) + middle[:, None] * u, point, disc)
 
     def far(point: NDArray[np.float64]) -> NDArray[np.float64]:
-        u, v = point[0], point[1]
+        u, disc = point[0], _disc_share(geometry, point[2])
         angle = 0.25 * math.pi * (1.0 - u)
-        top = np.array([np.cos(angle), np.sin(angle)])
-        bottom = middle[:, None] * (1.0 - u) + low[:, None] * u
-        return edge(np.concatenate((top * (1.0 - v) + bottom * v, point[2:])))
+        top = disc * np.array([np.cos(angle), np.sin(angle)])
+        return deep(top, middle[:, None] * (1.0 - u) + low[:, None] * u, point, disc)
 
     def axis(point: NDArray[np.float64]) -> NDArray[np.float64]:
-        u, v = point[0], point[1]
-        top = side[:, None] * (1.0 - u) + middle[:, None] * u
-        return edge(np.concatenate((top * (1.0 - v) + np.array([u * low[0], 0.0 * u]) * v, point[2:])))
+        u, disc = point[0], _disc_share(geometry, point[2])
+        top = disc * (side[:, None] * (1.0 - u) + middle[:, None] * u)
+        return deep(top, np.array([u * low[0], 0.0 * u]), point, disc)
 
     return [
         Block(extrude(section.quads, lines), contact),
@@ -156,16 +162,9 @@ def _disc(section: Section, rows: int, lines: NDArray[np.float64], edge: Mapper)
     ]
 
 
-def _edge(geometry: FeGeometry) -> Mapper:
-    """Return the map of the unit disc to the roller's disc at z, smaller at the rounded edge."""
+def _disc_share(geometry: FeGeometry, z: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the radius of a roller at z by its largest, below one at the rounded edge."""
     assert geometry.effective_length is not None
-    half, radius, rounded = 0.5 * geometry.effective_length, geometry.element_radius, geometry.edge_radius
-
-    def scale(point: NDArray[np.float64]) -> NDArray[np.float64]:
-        over = np.clip(np.abs(point[2]) - half, 0.0, rounded)
-        disc: NDArray[np.float64] = radius - (rounded - np.sqrt(rounded**2 - over**2))
-        smaller = point.copy()
-        smaller[:2] *= disc
-        return smaller
-
-    return scale
+    rounded = geometry.edge_radius
+    over = np.clip(np.abs(z) - 0.5 * geometry.effective_length, 0.0, rounded)
+    return 1.0 - (rounded - np.sqrt(rounded**2 - over**2)) / geometry.element_radius

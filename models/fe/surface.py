@@ -236,12 +236,14 @@ def _inverse(
     nodes = np.asarray(mesh.doflocs)[:, np.asarray(mesh.dofs.element_dofs)[:, element]]
     flat: NDArray[np.float64] = np.einsum("ti,iap->tap", tangent, np.asarray(nodes - frame.origin[:, None, None]))
     size = np.abs(flat - flat[:, :1]).max(axis=(0, 1))
+    # Of a small facet far from the frame's origin, coordinates are known to their rounding.
+    least = 1e-12 * size + 1e-15 * np.abs(flat).max(axis=(0, 1))
     steps = np.full(place.shape, 1.0 / 3.0, np.float64)
     for _ in range(_NEWTON_STEPS):
         reference = origin + np.asarray(np.einsum("pt,pti->pi", steps, edges), np.float64)
         values, gradients = shapes(mesh.elem(), reference.T)
         miss = place - np.einsum("tap,ap->pt", flat, values)
-        if np.all(np.abs(miss).max(axis=1) <= 1e-12 * size):
+        if np.all(np.abs(miss).max(axis=1) <= least):
             return reference
         slope = np.asarray(np.einsum("tap,akp,psk->pts", flat, gradients, edges, optimize=True), np.float64)
         steps += np.asarray(np.linalg.solve(slope, miss[:, :, None]), np.float64)[:, :, 0]

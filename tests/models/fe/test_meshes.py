@@ -165,6 +165,22 @@ def test_elements_of_one_size(geometry: FeGeometry):
     assert mesh_quality(element).least_jacobian > 0.3
 
 
+def test_the_rounded_edge_has_cells_of_its_own():
+    rule = replace(SMALL, over=2)
+    grid = contact_grid(ROLLER, "inner", 3e3, rule)
+    assert grid.z.size == SMALL.along + 3
+    assert ROLLER.drop(grid.z[-1:])[0] == pytest.approx(
+        1.5 * grid.half_width**2 * (1 / 2.75e-3 + 1 / 9.65e-3), rel=0.05
+    )
+    for mesh in (roller_mesh(ROLLER, grid, rule), ring_mesh(ROLLER, "inner", grid, rule)):
+        assert contact_lines(mesh, 0) == pytest.approx(grid.x, abs=1e-10)
+        assert contact_lines(mesh, 2) == pytest.approx(grid.z, abs=1e-10)
+        check_boundaries(mesh)
+    mesh = roller_mesh(ROLLER, grid, rule)
+    nodes = mesh.doflocs[:, mesh.facets[:, mesh.boundaries["contact"]]]
+    assert np.hypot(nodes[0], nodes[1]) == pytest.approx(ROLLER.element_radius - ROLLER.drop(nodes[2]), abs=1e-12)
+
+
 def test_the_chapters_rule():
     """Table 8, third row: one element of 1.5 a over the half patch, four layers on half the roller."""
     rule = chapter_rule(ROLLER, "outer", 3706.0, 0.5)
