@@ -47,6 +47,7 @@ if TYPE_CHECKING:
     from spallwatch.figures import plot_scene as plot_scene
     from spallwatch.figures import plot_signal as plot_signal
     from spallwatch.figures import plot_spectrum as plot_spectrum
+    from spallwatch.finite_elements import fe_stiffness as fe_stiffness
     from spallwatch.orders import order_spectrum as order_spectrum
     from spallwatch.recordings import blocks as blocks
     from spallwatch.recordings import read as read
@@ -79,6 +80,7 @@ _HOMES = {
     "cyclic_coherence": "spallwatch.cyclic",
     "envelope_spectrum": "spallwatch.analysis",
     "fault_frequencies": "spallwatch.bearings",
+    "fe_stiffness": "spallwatch.finite_elements",
     "features": "spallwatch.analysis",
     "ias_spectrum": "spallwatch.angular_speed",
     "map_dataset": "spallwatch.scenes",

@@ -107,6 +107,11 @@ def free_memory() -> list[Memory]:
     return found
 
 
+def peak_memory() -> float | None:
+    """Return the most memory that this process has held, bytes; None where the system does not say."""
+    return _kilobytes(Path("/proc/self/status"), "VmHWM:")
+
+
 def machine_memory(meminfo: Path) -> float | None:
     """Return the memory that the machine can give without swapping, bytes; None where it does not say."""
     return _kilobytes(meminfo, "MemAvailable:")

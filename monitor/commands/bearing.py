@@ -5,34 +5,27 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import click
-import numpy as np
 
 from models.bearing import Bearing, CatalogueEntry, kinematics
 from models.contact_estimates import StiffnessEstimate, estimate_stiffness
-from models.hertz import contact_patches, contact_stiffness, l10h_life, mean_bearing_stiffness
+from models.hertz import contact_stiffness, l10h_life
 from models.line_contact import LINE_CONTACTS, LineContact
-from models.load_distribution import (
-    StiffnessPassage,
-    load_distribution,
-    load_zone,
-    stiffness_against_load,
-    stiffness_over_passage,
-)
 from models.published.thesis import published_figures
-from models.rigs.six_dof import Rig, natural_frequencies
 from models.scene import Defect
 from monitor.commands import option
 from monitor.commands.bearing_balls import BallCase, ball_case, ball_lines, ball_values, draw_balls
+from monitor.commands.bearing_fe import FeOptions, fe_answer, fe_options
+from monitor.commands.bearing_fe_values import fe_lines
 from monitor.commands.bearing_origins import origin_lines, origin_values
+from monitor.commands.bearing_statics import analytic_statics, areas_known, static_lines
 from monitor.commands.common import PICTURES, InputError, check_suffix, emit, find_entry, read_machine
 from monitor.config.load import Config
 
-LOAD_STEPS = (0.25, 0.5, 1.0, 2.0, 4.0)
-"""Multiples of the load at which the radial stiffness is printed."""
 _PRINTED = ("place", "quantity", "condition", "unit", "relation", "printed", "obtained")
 
 
@@ -48,7 +41,8 @@ _PRINTED = ("place", "quantity", "condition", "unit", "relation", "printed", "ob
 @click.option("--statics", type=click.Choice(["balls"]), help="balls: forces and contact angles ball by ball.")
 @click.option("--axial-load-newton", type=float, help="Ball by ball, with an axial load.")
 @click.option("--tilt-mrad", type=float, help="Ball by ball; positive: the loaded side moves against the axial load.")
-@click.option("--plot", type=option.OUT_FILE, help="Draw the balls (PNG, SVG or HTML).")
+@click.option("--plot", type=option.OUT_FILE, help="Draw the balls, or what --fe found (PNG, SVG or HTML).")
+@fe_options
 @option.line_contact
 @option.output
 def command(
@@ -64,6 +58,7 @@ def command(
     axial_load_newton: float | None,
     tilt_mrad: float | None,
     plot: Path | None,
+    fe: FeOptions | None,
     line_contact: LineContact,
     as_json: bool,
     quiet: bool,
@@ -71,7 +66,9 @@ def command(
     """Print fault frequencies, contacts, load distribution, radial stiffness, natural frequencies and L10h life.
 
     With --dphi-deg the stiffness of the damaged bearing is printed beside that of the healthy one. --statics balls, an
-    axial load, a tilt or --plot add the equilibrium of each ball, with its centrifugal force.
+    axial load, a tilt or --plot add the equilibrium of each ball, with its centrifugal force. --fe adds what finite
+    elements say of contacts and stiffness under the radial load, beside the analytic answer (half a minute or so;
+    results are kept).
 
     DESIGNATION, or --bearing, is a bearing of the configuration or of the catalogue, such as 6205-2RS/C3 or NU205.
     Without a configuration, the test bench of the thesis is used: a 1205 ETN9 at 40 Hz and 4000 N.
@@ -88,19 +85,22 @@ def command(
     if clearance_um is not None:
         clearance = clearance_um * 1e-6
     defect = None if dphi_deg is None else Defect(math.radians(dphi_deg), h_d_um * 1e-6)
-    values: dict[str, Any] = {"ball_statics": None}
-    if any(given is not None for given in (statics, axial_load_newton, tilt_mrad, plot)):
+    if plot is not None:
+        check_suffix("--plot", plot, PICTURES)
+    law = contact_law(config, entry, load, line_contact)
+    values = describe(config, entry, load, speed, clearance, law, defect) | {"ball_statics": None, "fe": None}
+    if fe is not None:
+        _refuse_with_fe(statics, axial_load_newton, tilt_mrad)
+        values["fe"] = fe_answer(entry, load, clearance, values, law.partner, fe, plot=plot, quiet=quiet)
+    elif any(given is not None for given in (statics, axial_load_newton, tilt_mrad, plot)):
         axial = config.operating.axial_load_newton if axial_load_newton is None else axial_load_newton
         tilt = 0.0 if tilt_mrad is None else 1e-3 * tilt_mrad
-        values = {"ball_statics": _ball_by_ball(ball_case(entry, load, axial, tilt, speed, clearance), plot)}
-    values = describe(config, entry, load, speed, clearance, defect, line_contact) | values
+        values["ball_statics"] = _ball_by_ball(ball_case(entry, load, axial, tilt, speed, clearance), plot)
     emit(values, _lines(bearing, load, speed, values), as_json=as_json)
 
 
 def _ball_by_ball(case: BallCase, plot: Path | None) -> dict[str, Any]:
     """Return what is printed ball by ball; draw it where a file is given."""
-    if plot is not None:
-        check_suffix("--plot", plot, PICTURES)
     try:
         states = case.passage()
     except (ValueError, RuntimeError) as error:
@@ -111,21 +111,44 @@ def _ball_by_ball(case: BallCase, plot: Path | None) -> dict[str, Any]:
     return values
 
 
-def describe(
-    config: Config,
-    entry: CatalogueEntry,
-    load: float,
-    speed: float,
-    clearance: float,
-    defect: Defect | None = None,
-    line_contact: LineContact = "palmgren",
-) -> dict[str, Any]:
-    """Return the keys of the interface; None for values that need data missing from the catalogue."""
+def _refuse_with_fe(statics: str | None, axial_load: float | None, tilt: float | None) -> None:
+    for given, words in ((statics, "--statics"), (axial_load, "--axial-load-newton"), (tilt, "--tilt-mrad")):
+        if given is not None:
+            raise InputError(f"--fe and {words}: finite elements take a radial load alone; leave one of them out")
+
+
+@dataclass(frozen=True)
+class ContactLaw:
+    """Contact stiffness k_c of a bearing by all that is known of it, N/m^1.5 or N/m^(10/9); None where unknown.
+
+    Attributes:
+        configured: of ``[rig]``.
+        geometry, elliptic: from the radii, by the thesis' formulas and by exact elliptic Hertz.
+        estimate: where radii are unknown, with its bound.
+        formulas: of rollers, by formula of the line contact.
+        used: the one with which stiffness is computed.
+        filled: the bearing with estimates in the place of unknown radii.
+    """
+
+    configured: float | None
+    geometry: float | None
+    elliptic: float | None
+    estimate: StiffnessEstimate | None
+    formulas: dict[str, dict[str, Any]] | None
+    used: float | None
+    filled: Bearing
+
+    @property
+    def partner(self) -> tuple[Bearing, float] | None:
+        """Bearing and k_c of the analytic answer, None where there is none."""
+        return None if self.used is None else (self.filled, self.used)
+
+
+def contact_law(config: Config, entry: CatalogueEntry, load: float, line_contact: LineContact) -> ContactLaw:
+    """Return the contact stiffness of a bearing under a load, N."""
     bearing = entry.bearing
-    lines = kinematics(bearing, speed)
-    rig = config.rig_of(entry)
     configured = bearing.element == "ball" or config.rig.k_c_newton_per_m109 is not None
-    k_c = rig.k_c if config.owns_rig(entry) and configured else None
+    k_c = config.rig_of(entry).k_c if config.owns_rig(entry) and configured else None
     geometry, elliptic = contact_stiffnesses(bearing)
     estimate = None if geometry is not None and not entry.estimated else _estimate(entry, line_contact, load)
     formulas = None if bearing.element == "ball" else _formulas(entry, load)
@@ -135,6 +158,22 @@ def describe(
     if formulas is not None and line_contact != "palmgren":
         used = formulas[line_contact]["value"]
     filled = bearing if estimate is None else estimate.bearing
+    return ContactLaw(k_c, geometry, elliptic, estimate, formulas, used, filled)
+
+
+def describe(
+    config: Config,
+    entry: CatalogueEntry,
+    load: float,
+    speed: float,
+    clearance: float,
+    law: ContactLaw,
+    defect: Defect | None = None,
+) -> dict[str, Any]:
+    """Return the keys of the interface; None for values that need data missing from the catalogue."""
+    bearing = entry.bearing
+    lines = kinematics(bearing, speed)
+    k_c = law.configured
     life = None
     if bearing.dynamic_load_rating is not None:
         life = l10h_life(bearing.dynamic_load_rating, load, speed, bearing.element) / 86400.0
@@ -147,13 +186,13 @@ def describe(
         "bsf_hz": lines.bsf,
         "k_c_newton_per_m15": k_c if bearing.element == "ball" else None,
         "k_c_newton_per_m109": k_c if bearing.element == "roller" else None,
-        f"k_c_geometry_newton_per_{_power(bearing)}": geometry,
-        "k_c_elliptic_newton_per_m15": elliptic,
-        f"k_c_estimate_newton_per_{_power(bearing)}": None if estimate is None else _bounded(estimate),
-        "k_c_line_contact_newton_per_m109": formulas,
+        f"k_c_geometry_newton_per_{_power(bearing)}": law.geometry,
+        "k_c_elliptic_newton_per_m15": law.elliptic,
+        f"k_c_estimate_newton_per_{_power(bearing)}": None if law.estimate is None else _bounded(law.estimate),
+        "k_c_line_contact_newton_per_m109": law.formulas,
         **origin_values(entry),
-        **statics(bearing, rig, load, used, clearance, defect),
-        "contact_areas_um": None if used is None else _areas_known(filled, load, used, clearance),
+        **analytic_statics(bearing, config.rig_of(entry), load, law.used, clearance, defect),
+        "contact_areas_um": None if law.used is None else areas_known(law.filled, load, law.used, clearance),
         "l10h_days": life,
         "published": [
             {
@@ -200,86 +239,6 @@ def _bounded(estimate: StiffnessEstimate) -> dict[str, Any]:
     }
 
 
-_STATICS = (
-    "k_xx_newton_per_m",
-    "k_yy_newton_per_m",
-    "natural_frequencies_hz",
-    "displacement_um",
-    "load_zone_deg",
-    "largest_element_load_newton",
-    "load_distribution",
-    "stiffness_over_passage",
-    "stiffness_over_damaged_passage",
-    "radial_stiffness",
-)
-
-
-def statics(
-    bearing: Bearing, rig: Rig, load: float, k_c: float | None, clearance: float, defect: Defect | None
-) -> dict[str, Any]:
-    """Return what follows from the contact stiffness k_c; all None if it is unknown."""
-    if k_c is None:
-        return dict.fromkeys(_STATICS)
-    mean = mean_bearing_stiffness(bearing, load, k_c, clearance=clearance)
-    k_yy, k_xx = float(mean[0, 0]), float(mean[1, 1])
-    shared = load_distribution(bearing, load, k_c, clearance=clearance)
-    order = np.argsort(shared.angles, kind="stable")
-    loads = [share * load for share in LOAD_STEPS]
-    displacement, stiffness = stiffness_against_load(bearing, loads, k_c, clearance=clearance)
-    values = (
-        k_xx,
-        k_yy,
-        [float(f) for f in natural_frequencies(rig, k_xx, k_yy)],
-        1e6 * float(shared.displacement[0]),
-        math.degrees(load_zone(float(shared.displacement[0]), clearance)),
-        float(shared.loads.max()),
-        [{"angle_deg": math.degrees(shared.angles[i]), "load_newton": float(shared.loads[i])} for i in order],
-        _passage(stiffness_over_passage(bearing, load, k_c, clearance=clearance)),
-        defect and _passage(stiffness_over_passage(bearing, load, k_c, clearance=clearance, defect=defect)),
-        [
-            {
-                "load_newton": at,
-                "displacement_um": 1e6 * float(u),
-                "k_xx_newton_per_m": float(k[1, 1]),
-                "k_yy_newton_per_m": float(k[0, 0]),
-            }
-            for at, u, k in zip(loads, displacement, stiffness, strict=True)
-        ],
-    )
-    return dict(zip(_STATICS, values, strict=True))
-
-
-def _passage(passage: StiffnessPassage) -> dict[str, float]:
-    """Return the extremes of the stiffness, N/m, and the swing that they make, % of the mean."""
-    low, high = passage.matrix.min(axis=0), passage.matrix.max(axis=0)
-    return {
-        "k_xx_least_newton_per_m": float(low[1, 1]),
-        "k_xx_largest_newton_per_m": float(high[1, 1]),
-        "k_xx_swing_percent": 100.0 * float(passage.swing[1]),
-        "k_yy_least_newton_per_m": float(low[0, 0]),
-        "k_yy_largest_newton_per_m": float(high[0, 0]),
-        "k_yy_swing_percent": 100.0 * float(passage.swing[0]),
-        "k_xy_largest_newton_per_m": passage.largest_coupling,
-    }
-
-
-def _areas_known(bearing: Bearing, load: float, k_c: float, clearance: float) -> dict[str, dict[str, float]] | None:
-    """Return ``_areas``, or None where a radius is unknown."""
-    try:
-        return _areas(bearing, load, k_c, clearance)
-    except ValueError:
-        return None
-
-
-def _areas(bearing: Bearing, load: float, k_c: float, clearance: float) -> dict[str, dict[str, float]]:
-    """Return half length and half width of the most loaded contacts, um."""
-    patches = contact_patches(bearing, float(load_distribution(bearing, load, k_c, clearance=clearance).loads.max()))
-    return {
-        race: {"half_length": 1e6 * half_length, "half_width": 1e6 * half_width}
-        for race, (half_length, half_width) in zip(("inner", "outer"), patches, strict=True)
-    }
-
-
 def _lines(bearing: Bearing, load: float, speed: float, values: dict[str, Any]) -> Iterator[str]:
     yield f"{bearing.designation} at {speed:g} Hz and {load:g} N ({bearing.source})"
     yield f"cage (FTF)          {values['ftf_hz']:9.2f} Hz"
@@ -307,43 +266,17 @@ def _lines(bearing: Bearing, load: float, speed: float, values: dict[str, Any]) 
     if values["k_xx_newton_per_m"] is None:
         yield "radial stiffness    not computed: the catalogue lacks radii of races or grooves"
     else:
-        yield from _static_lines(values)
+        yield from static_lines(values)
     if values["ball_statics"] is not None:
         yield from ball_lines(values["ball_statics"])
+    if values["fe"] is not None:
+        yield from fe_lines(values["fe"])
     if values["l10h_days"] is not None:
         yield f"L10h life           {values['l10h_days']:.2f} days"
     verdicts = Counter(figure["verdict"] for figure in values["published"])
     if verdicts:
         counts = ", ".join(f"{count} {verdict}" for verdict, count in verdicts.items())
         yield f"printed figures     {counts} (--json lists them)"
-
-
-def _static_lines(values: dict[str, Any]) -> Iterator[str]:
-    yield (
-        f"radial stiffness    {values['k_xx_newton_per_m'] / 1e6:.1f} MN/m across the load, "
-        f"{values['k_yy_newton_per_m'] / 1e6:.1f} MN/m along it; displacement {values['displacement_um']:.2f} um"
-    )
-    for key, words in (("stiffness_over_passage", "healthy"), ("stiffness_over_damaged_passage", "damaged")):
-        if values[key] is not None:
-            yield (
-                f"swing of stiffness  {values[key]['k_xx_swing_percent']:.2f} % across, "
-                f"{values[key]['k_yy_swing_percent']:.3f} % along, while the elements pass ({words})"
-            )
-    loaded = sum(element["load_newton"] > 0.0 for element in values["load_distribution"])
-    yield (
-        f"load distribution   {loaded} elements within {values['load_zone_deg']:.0f} deg, "
-        f"{values['largest_element_load_newton']:.0f} N on the most loaded"
-    )
-    for row in values["radial_stiffness"]:
-        yield (
-            f"  at {row['load_newton']:8g} N     {row['k_xx_newton_per_m'] / 1e6:.1f} and "
-            f"{row['k_yy_newton_per_m'] / 1e6:.1f} MN/m, {row['displacement_um']:.2f} um"
-        )
-    if values["contact_areas_um"] is not None:
-        for race, area in values["contact_areas_um"].items():
-            size = f"{2 * area['half_length']:.0f} x {2 * area['half_width']:.0f} um"
-            yield f"contact area        {size} on the {race} race"
-    yield "natural frequencies " + ", ".join(f"{f:.1f}" for f in values["natural_frequencies_hz"]) + " Hz"
 
 
 def _power(bearing: Bearing) -> str:

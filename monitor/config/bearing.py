@@ -37,6 +37,8 @@ STIFFNESS_KEYS = {"ball": "k_c_newton_per_m15", "roller": "k_c_newton_per_m109"}
 _IDENTIFICATION = r"^(sha256:)?[0-9a-f]{16,64}(-[0-9a-f]{8})?$"
 _NO_DIMENSIONS = ("element", "rows", "rotating_ring")
 _REQUIRED = ("n_elements", "element_diameter_mm", "pitch_diameter_mm")
+RING_KEYS = ("bore_mm", "outside_mm", "width_mm")
+"""Keys of the rings' dimensions, which finite elements alone need: no record depends on them."""
 
 
 class BearingSection(Section):
@@ -55,11 +57,15 @@ class BearingSection(Section):
     outer_groove_radius_mm: Positive | None = None
     element: Literal["ball", "roller"] | None = None
     element_length_mm: Positive | None = None
+    bore_mm: Positive | None = None
+    outside_mm: Positive | None = None
+    width_mm: Positive | None = None
     rotating_ring: Literal["inner", "outer"] = "inner"
     clearance_um: NotNegative = 0.0
 
     @model_validator(mode="after")
     def _complete(self) -> Self:
+        self._check_rings()
         if self.designation is not None:
             try:
                 entry = catalogue_entry(self.designation)
@@ -84,6 +90,12 @@ class BearingSection(Section):
         if self.element_length_mm is not None and element != "roller":
             raise ValueError("element_length_mm is the length of the contact of a roller; this bearing has balls")
 
+    def _check_rings(self) -> None:
+        given = [key for key in RING_KEYS if getattr(self, key) is not None]
+        if given and len(given) < len(RING_KEYS):
+            missing = ", ".join(key for key in RING_KEYS if key not in given)
+            raise ValueError(f"{', '.join(RING_KEYS)} belong together; missing: {missing}")
+
     def to_bearing(self) -> Bearing:
         """Return the geometry in SI; keys of the configuration take precedence over the catalogue."""
         return self.to_entry().bearing
@@ -94,17 +106,25 @@ class BearingSection(Section):
         origins = {name: Origin("configured") for name in given if name not in _NO_DIMENSIONS}
         if self.designation is None:
             bearing = Bearing(designation=self.name, source="configuration", **given)
-            return CatalogueEntry(bearing, origins, ((bearing.n_elements, 1.0),))
+            return CatalogueEntry(bearing, origins, ((bearing.n_elements, 1.0),), dimensions=self._dimensions())
         entry = catalogue_entry(self.designation)
         bearing = replace(entry.bearing, **given)
         counts = entry.counts if self.n_elements is None else ((bearing.n_elements, 1.0),)
-        return replace(entry, bearing=bearing, origins={**entry.origins, **origins}, counts=counts)
+        dimensions = self._dimensions() or entry.dimensions
+        origins = {**entry.origins, **origins}
+        return replace(entry, bearing=bearing, origins=origins, counts=counts, dimensions=dimensions)
+
+    def _dimensions(self) -> tuple[float, float, float] | None:
+        """Return bore, outside diameter and width, m, or None where they are not given."""
+        if self.bore_mm is None or self.outside_mm is None or self.width_mm is None:
+            return None
+        return 1e-3 * self.bore_mm, 1e-3 * self.outside_mm, 1e-3 * self.width_mm
 
     def _given(self) -> dict[str, Any]:
         """Return the fields of a bearing that are given here, SI."""
         given: dict[str, Any] = {}
         for key, value in self:
-            if value is None or key in ("name", "designation", "clearance_um"):
+            if value is None or key in ("name", "designation", "clearance_um", *RING_KEYS):
                 continue
             if key == "element_length_mm":
                 given["effective_length"] = value * 1e-3

@@ -20,7 +20,7 @@ from models.rigs.rotor import RotorRig
 from models.rigs.six_dof import Calibration, Rig
 from monitor.config.advice import AdviceSection
 from monitor.config.alarms import AlarmsSection
-from monitor.config.bearing import BearingSection, RigSection
+from monitor.config.bearing import RING_KEYS, BearingSection, RigSection
 from monitor.config.connections import find_loose_ends
 from monitor.config.explain import explain_problems, further_problems, place_words
 from monitor.config.fields import LocatedError, Section
@@ -177,6 +177,7 @@ class Config(Section):
             "publish": True,
             "retention": True,
             "shaft": True,
+            "bearing": {"__all__": set(RING_KEYS)},
             "rig": {"posterior"},
             "operating": {"axial_load_newton", "opcua"},
         }

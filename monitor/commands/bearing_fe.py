@@ -1,0 +1,236 @@
+"""``spallwatch bearing --fe``: contacts and stiffness from finite elements, beside the analytic answer."""
+
+from __future__ import annotations
+
+import functools
+import sys
+import time
+from collections.abc import Callable, Generator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
+
+import click
+import numpy as np
+from numpy.typing import NDArray
+
+from models.bearing import CatalogueEntry
+from models.contact_estimates import estimate_stiffness
+from models.fe.named_rules import NAMED_RULES, MeshName
+from models.fe.rings import SUPPORTS, Support
+from models.hertz import contact_exponent
+from monitor.commands import option
+from monitor.commands.bearing_fe_values import Partner, fe_picture, fe_values
+from monitor.commands.bearing_statics import LOAD_STEPS
+from monitor.commands.common import PROGRESS_AFTER_S, InputError, check_writable, output_errors, say
+
+if TYPE_CHECKING:
+    from models.fe.assembled import FePassage, FeState
+    from models.fe.bearing import FeBearing
+
+P = ParamSpec("P")
+R = TypeVar("R")
+
+
+@dataclass(frozen=True)
+class FeOptions:
+    """The options that ``--fe`` reads."""
+
+    support: Support
+    mesh: MeshName
+    memory_gb: float | None
+    use_cache: bool
+
+
+def fe_options(function: Callable[P, R]) -> Callable[..., R]:
+    """Add the options of finite elements; the command gets them as ``fe``, None without ``--fe``."""
+
+    @click.option("--fe", "wanted", is_flag=True, help="Contacts and rings by finite elements too (extra fe).")
+    @click.option(
+        "--fe-support",
+        "support",
+        type=click.Choice(SUPPORTS),
+        default="rigid-shaft",
+        help="What carries the inner ring; sinusoidal: the load on its bore, as in the thesis.",
+    )
+    @click.option(
+        "--fe-mesh",
+        "mesh",
+        type=click.Choice(tuple(NAMED_RULES)),
+        default="default",
+        help="Size of the elements by the width of the contact.",
+    )
+    @click.option("--memory-gb", type=option.POSITIVE, help="Most memory of this process with --fe.")
+    @click.option("--no-cache", is_flag=True, help="With --fe: compute anew, keep nothing.")
+    @functools.wraps(function)
+    def command(
+        *args: Any,
+        wanted: bool,
+        support: Support,
+        mesh: MeshName,
+        memory_gb: float | None,
+        no_cache: bool,
+        **rest: Any,
+    ) -> R:
+        context = click.get_current_context()
+        given = [name for name in ("support", "mesh", "memory_gb", "no_cache") if _is_given(context, name)]
+        if given and not wanted:
+            raise InputError(f"{_OPTION_NAMES[given[0]]}: only with --fe")
+        fe = FeOptions(support, mesh, memory_gb, not no_cache) if wanted else None
+        return function(*args, fe=fe, **rest)  # pyright: ignore[reportCallIssue]
+
+    return command
+
+
+_OPTION_NAMES = {
+    "support": "--fe-support", "mesh": "--fe-mesh", "memory_gb": "--memory-gb", "no_cache": "--no-cache"
+}  # fmt: skip
+
+
+def _is_given(context: click.Context, name: str) -> bool:
+    return context.get_parameter_source(name) is click.core.ParameterSource.COMMANDLINE
+
+
+@dataclass(frozen=True, eq=False)
+class FeCase:
+    """A bearing under a radial load (N) with a radial clearance (m), computed.
+
+    Attributes:
+        estimated: names of the dimensions that are estimates.
+        passage: over one spacing of the elements; the first state has one under the load.
+        loads: N, with displacement along the load, m, (loads,), and stiffness, N/m, (loads, 2, 2), of each: means over
+            a spacing.
+        seconds: of wall time.
+    """
+
+    designation: str
+    bearing: FeBearing
+    load: float
+    clearance: float
+    exponent: float
+    estimated: tuple[str, ...]
+    passage: FePassage
+    loads: tuple[float, ...]
+    displacement: NDArray[np.float64]
+    stiffness: NDArray[np.float64]
+    options: FeOptions
+    seconds: float
+    from_cache: bool
+
+    @property
+    def first(self) -> FeState:
+        """The state with an element under the load."""
+        return self.passage.states[0]
+
+
+def fe_case(entry: CatalogueEntry, load: float, clearance: float, options: FeOptions, *, quiet: bool) -> FeCase:
+    """Compute a bearing by finite elements; loads in N, radial clearance in m. Progress goes to standard error.
+
+    Raises:
+        WrongInputError: the extra is missing, a dimension unknown, the kind of bearing not modelled, or the memory too
+            small.
+    """
+    from models.fe.bearing import fe_bearing
+    from models.fe.cache import FeCache, default_folder
+    from models.fe.cost import memory_bound
+    from models.fe.extra import require_skfem
+    from models.fe.geometry import fe_geometry
+
+    require_skfem()
+    entry, estimated = _with_estimates(entry)
+    geometry = fe_geometry(entry)
+    began = time.perf_counter()
+    kept = FeCache(default_folder() if options.use_cache else None, report=lambda text: say(text, quiet=quiet))
+    bound = None if options.memory_gb is None else 1e9 * options.memory_gb
+    with memory_bound(bound), _progress(quiet=quiet) as progress:
+        bearing = fe_bearing(
+            geometry,
+            load,
+            clearance=clearance,
+            support=options.support,
+            rule=NAMED_RULES[options.mesh],
+            cache=kept,
+            progress=progress,
+        )
+    passage = bearing.assembled.stiffness_over_passage(load)
+    loads = tuple(share * load for share in LOAD_STEPS)
+    displacement, stiffness = bearing.assembled.stiffness_against_load(loads)
+    return FeCase(
+        entry.bearing.designation,
+        bearing,
+        load,
+        clearance,
+        contact_exponent(entry.bearing),
+        estimated,
+        passage,
+        loads,
+        displacement,
+        stiffness,
+        options,
+        time.perf_counter() - began,
+        kept.made == 0 and kept.found > 0,
+    )
+
+
+def fe_answer(
+    entry: CatalogueEntry,
+    load: float,
+    clearance: float,
+    analytic: Mapping[str, Any],
+    partner: Partner | None,
+    options: FeOptions,
+    *,
+    plot: Path | None,
+    quiet: bool,
+) -> dict[str, Any]:
+    """Return the answer of finite elements beside the analytic one; draw it where a file is given.
+
+    Raises:
+        WrongInputError: as of :func:`fe_case`, or the file cannot be written.
+    """
+    if plot is not None:
+        check_writable("--plot", plot)
+    case = fe_case(entry, load, clearance, options, quiet=quiet)
+    values = fe_values(case, analytic, partner)
+    if plot is not None:
+        from monitor.report.figures.fe_bearing import bearing_sheet
+        from monitor.report.figures.sheet import write_sheet
+
+        with output_errors("--plot", plot):
+            write_sheet(bearing_sheet(fe_picture(case, values, partner)), plot)
+    return values
+
+
+def _with_estimates(entry: CatalogueEntry) -> tuple[CatalogueEntry, tuple[str, ...]]:
+    """Return a bearing whose unknown groove radii or roller length are estimates, and their names."""
+    bearing = entry.bearing
+    unknown = (
+        bearing.effective_length is None
+        if bearing.element == "roller"
+        else bearing.inner_groove_radius is None or bearing.outer_groove_radius is None
+    )
+    if not unknown:
+        return entry, ()
+    try:
+        found = estimate_stiffness(entry)
+    except ValueError:
+        return entry, ()
+    names = tuple(name for name in found.estimated if hasattr(found.bearing, name))
+    return replace(entry, bearing=found.bearing), names
+
+
+@contextmanager
+def _progress(*, quiet: bool) -> Generator[Callable[[str, int, int], None]]:
+    """Give a callback (what is done now, steps done, steps in all) that shows progress on a terminal."""
+    from tqdm import tqdm
+
+    hidden = quiet or not sys.stderr.isatty()
+    with tqdm(delay=PROGRESS_AFTER_S, file=sys.stderr, unit="step", leave=False, disable=hidden) as bar:
+
+        def show(what: str, done: int, total: int) -> None:
+            bar.total = total
+            bar.set_description(what, refresh=False)
+            bar.update(done - bar.n)
+
+        yield show
