@@ -31,9 +31,8 @@ if TYPE_CHECKING:
     from models.fe.oblique_mesh import RaceProfile
     from models.fe.sparse import SparseMatrix
 
-RULE = MeshRule(patch=1.5, size=0.5, growth=1.8, along=4, along_patch=1.25, coarse=0.8)
-"""Rule of the meshes at full width: about 30,000 unknowns a ring."""
-CELLS_PER_ELEMENT = 2
+RULE = MeshRule(patch=1.4, size=0.35, growth=2.0, along=5, along_patch=1.25, coarse=0.8)
+"""Rule of the meshes at full width: about 60,000 unknowns a ring."""
 SHARES = (0.12, 0.25, 0.5, 1.0)
 """Loads that one mesh serves, as shares of the one that it was made for."""
 MIN_SAMPLES = 3
@@ -129,14 +128,8 @@ def oblique_contact(geometry: ObliqueGeometry, race: Race, force: float, rule: M
 
 
 def _quarter(grid: ContactGrid) -> ContactCells:
-    """Return the cells of a contact: those of the patch, each element parted."""
-    x, z = (_parted(lines) for lines in (grid.x[: grid.columns + 1], grid.z))
-    return ContactCells.grid(x, z)
-
-
-def _parted(lines: NDArray[np.float64]) -> NDArray[np.float64]:
-    shares = np.arange(CELLS_PER_ELEMENT) / CELLS_PER_ELEMENT
-    return np.append((lines[:-1, None] + np.diff(lines)[:, None] * shares).ravel(), lines[-1])
+    """Return the cells of a contact, one about each node of its patch."""
+    return ContactCells.about_nodes(grid.x[: grid.columns + 1], grid.z)
 
 
 def _mean(
