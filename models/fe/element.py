@@ -24,7 +24,6 @@ from models.fe.sizing import ContactGrid, MeshRule, contact_grid, half_sizes
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from models.bearing import Element
     from models.fe.geometry import FeGeometry, Race
 
 # What is done, steps done, and steps in all.
@@ -136,15 +135,6 @@ def element_body(geometry: FeGeometry, grid: ContactGrid, rule: MeshRule) -> Ela
     return ElasticBody(mesh, geometry.modulus, geometry.poisson, {"x0": (0,), "y0": (1,), "z0": (2,)})
 
 
-def contact_cells(grid: ContactGrid, element: Element) -> ContactCells:
-    """Return the quarter cells of a contact: two a facet, along a roller one, where its pressure is even."""
-    return ContactCells.grid(_halved(grid.x), _halved(grid.z) if element == "ball" else grid.z)
-
-
-def _halved(lines: NDArray[np.float64]) -> NDArray[np.float64]:
-    return np.sort(np.concatenate((lines, 0.5 * (lines[1:] + lines[:-1]))))
-
-
 def surface_gap(geometry: FeGeometry, race: Race, cells: ContactCells) -> NDArray[np.float64]:
     """Return the mean distance of element and race over each cell while they just touch, m, shape (cells,).
 
@@ -173,7 +163,7 @@ def element_mesh(geometry: FeGeometry, load: float, rule: MeshRule, progress: Pr
         FeError, WrongInputError: the sizes do not fit the bodies.
     """
     grids: dict[Race, ContactGrid] = {race: contact_grid(geometry, race, load, rule) for race in RACES}
-    cells: dict[Race, ContactCells] = {race: contact_cells(grid, geometry.element) for race, grid in grids.items()}
+    cells: dict[Race, ContactCells] = {race: ContactCells.about_nodes(grid.x, grid.z) for race, grid in grids.items()}
     flexibility: dict[Race, NDArray[np.float64]] = {}
     unknowns: dict[str, int] = {}
     done = 0

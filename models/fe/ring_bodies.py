@@ -120,7 +120,7 @@ class RingBody:
 
 
 @dataclass(frozen=True, eq=False)
-class _Balanced:
+class BalancedRing:
     """Ring whose bore nothing holds: loads are balanced by a pressure cos(angle) on it, shape (3 nodes,)."""
 
     body: ElasticBody
@@ -128,8 +128,8 @@ class _Balanced:
     shift: NDArray[np.float64]
 
     @classmethod
-    def of(cls, ring: RingBody) -> _Balanced:
-        body = ring.free()
+    def of(cls, body: ElasticBody) -> BalancedRing:
+        """Return it for half a ring that one node holds along the y axis; its boundary "bore" carries the load."""
         shift = np.zeros(body.nodes.size)
         shift[1 :: body.dim] = 1.0
         return cls(body, bore_traction(body, np.cos), shift)
@@ -178,7 +178,7 @@ def ring_influence(
     under = held.solve(force)
     if not balanced:
         return RingInfluence(half.angle, readers.T @ under)
-    u = _Balanced.of(half).solve(force)
+    u = BalancedRing.of(half.free()).solve(force)
     return RingInfluence(half.angle, readers.T @ u, float(4.0 * force @ (u - under)), "sinusoidal")
 
 
@@ -197,7 +197,7 @@ def bore_load(
     if not 0.0 < extent <= math.pi * (1.0 + 1e-12):
         raise FeError(f"extent of the pressure must be above 0 and up to pi, got {extent!r}")
     half = RingBody.of(geometry, "inner", load or influence_load(geometry), rule or INFLUENCE_RULE)
-    ring = _Balanced.of(half)
+    ring = BalancedRing.of(half.free())
     pressure = bore_traction(ring.body, lambda angle: np.maximum(np.cos(np.pi / extent * angle), 0.0), extent)
     u = ring.solve(pressure / (4.0 * float(pressure @ ring.shift)))
     force, readers = half.element_load(ring.body), half.readers(ring.body)
@@ -219,7 +219,7 @@ def bore_traction(body: ElasticBody, shape: Traction, extent: float = 2.0 * math
     skfem = require_skfem()
     facets = boundary_facets(body.mesh, "bore")
     basis: Any = skfem.FacetBasis(body.mesh, body.element, facets=facets, intorder=_BORE_DEGREE)
-    x, y, _ = np.asarray(basis.global_coordinates())
+    x, y = np.asarray(basis.global_coordinates())[:2]
     angle = np.abs(np.arctan2(x, y))
     weight = np.where(2.0 * angle <= extent, shape(angle), 0.0) * np.asarray(basis.dx)
     load = np.zeros((body.nodes.shape[1], body.dim))
