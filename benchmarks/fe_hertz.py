@@ -312,6 +312,17 @@ def order(rows: list[Row]) -> float:
     return float(np.polyfit(sizes, errors, 1)[0])
 
 
+def series() -> list[Row]:
+    """Return the approach of a sphere between flats by the series against Hertz's, percent, over the contact's size."""
+    rows: list[Row] = []
+    for share in (0.02, 0.05, 0.1):
+        force = 4.0 * (share * RADIUS) ** 3 * PLANE_MODULUS / (3.0 * RADIUS)
+        hertz = hertz_point(RADIUS, RADIUS, force).approach
+        along = [percent(sphere_between_flats(RADIUS, force, along_axis=a).approach, hertz) for a in (True, False)]
+        rows.append({"half width by radius": share, "approach %": along[0], "pressure along the normals %": along[1]})
+    return rows
+
+
 def main() -> None:
     """Measure, print and write."""
     options = arguments(__doc__.splitlines()[0] if __doc__ else "")
@@ -326,7 +337,9 @@ def main() -> None:
     kinds = [row(name, RULE_COUNT, kind) for name in CASES for kind in ("about nodes", *CELLS)]
     print_table("other cells", kinds)
     print_table("order of convergence", orders)
-    write_json(options.json, {"contacts": rows, "cells": kinds, "orders": orders})
+    sphere = series()
+    print_table("sphere between flats by the series, against Hertz", sphere)
+    write_json(options.json, {"contacts": rows, "cells": kinds, "orders": orders, "sphere": sphere})
 
 
 if __name__ == "__main__":

@@ -107,10 +107,11 @@ def flamant(places: NDArray[np.float64], depth: float) -> NDArray[np.float64]:
     return np.stack((across, -below)) / (2.0 * math.pi * SHEAR)
 
 
-def sphere_compliance(angles: NDArray[np.float64]) -> NDArray[np.float64]:
+def sphere_compliance(angles: NDArray[np.float64], *, along_axis: bool = True) -> NDArray[np.float64]:
     """Return C of a unit sphere, m^3/Pa, for rings between angles from both poles, (rings, rings).
 
     The pressure is along the axis, per area of the tangent plane, and so is the displacement read: a flat stays flat.
+    With ``along_axis=False`` both are along the normals of the sphere.
     """
     count = len(angles) - 1
     nodes, weights = np.polynomial.legendre.leggauss(4)
@@ -126,6 +127,8 @@ def sphere_compliance(angles: NDArray[np.float64]) -> NDArray[np.float64]:
         return (values * measure).reshape(-1, len(nodes), count).sum(axis=1)
 
     normal, turning = over_rings(cosine * p[2::2]), over_rings(-sine * slope)
+    if not along_axis:
+        normal, turning = over_rings(p[2::2] / cosine), np.zeros_like(turning)
     modes = _sphere_modes(n[:, 0])
     spread = (n * (n + 1.0))[:, 0]
     scale = 2.0 * math.pi * (2.0 * n[:, 0] + 1.0)
@@ -134,7 +137,7 @@ def sphere_compliance(angles: NDArray[np.float64]) -> NDArray[np.float64]:
     matrix += np.einsum("na,n,nb->ab", turning, scale * modes[:, 1, 0], normal, optimize=True)
     matrix += np.einsum("na,n,nb->ab", turning, scale * modes[:, 1, 1] / spread, turning, optimize=True)
     # The mean pressure, n = 0, compresses the sphere evenly.
-    mean = over_rings(cosine[None])[0]
+    mean = over_rings((cosine if along_axis else 1.0 / cosine)[None])[0]
     matrix += 2.0 * math.pi * (1.0 - 2.0 * POISSON) / MODULUS * np.outer(mean, mean)
     return 0.5 * (matrix + matrix.T)
 
@@ -163,13 +166,13 @@ def legendre(x: NDArray[np.float64], highest: int) -> NDArray[np.float64]:
     return values
 
 
-def sphere_between_flats(radius: float, force: float) -> Reference:
+def sphere_between_flats(radius: float, force: float, *, along_axis: bool = True) -> Reference:
     """Return the contact of a sphere with one of two flats: approach from its middle plane, by the series."""
     hertz = hertz_point(radius, radius, force)
     angles = np.linspace(0.0, 1.6 * hertz.half_width / radius, RINGS + 1)
     area = math.pi * radius**2 * np.diff(np.sin(angles) ** 2)
     # Mean of R (1 - cos theta) over the area of the tangent plane.
     gap = radius * (1.0 + 2.0 / 3.0 * np.diff(np.cos(angles) ** 3) / np.diff(np.sin(angles) ** 2))
-    state = press_to_force(radius**3 * sphere_compliance(angles), gap, area, force)
+    state = press_to_force(radius**3 * sphere_compliance(angles, along_axis=along_axis), gap, area, force)
     assert state.converged
     return Reference(state.approach, hertz.half_width, hertz.half_length, hertz.peak)
