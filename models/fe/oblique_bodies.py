@@ -28,6 +28,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from models.fe.condense import Slope
     from models.fe.oblique_mesh import RaceProfile
     from models.fe.sparse import SparseMatrix
 
@@ -118,9 +119,11 @@ def oblique_contact(geometry: ObliqueGeometry, race: Race, force: float, rule: M
     cells = _quarter(grid)
     frame = contact_frame(profile)
     lower_cells = ContactCells(cells.x0, cells.x1, -cells.z1, -cells.z0)
-    upper, lower = (cell_loads(ring, "race", part, frame) for part in (cells, lower_cells))
+    slope = _slope(geometry, race)
+    upper, lower = (cell_loads(ring, "race", part, frame, slope) for part in (cells, lower_cells))
     ball_frame = ContactFrame(np.array([0.0, geometry.ball_radius, 0.0]), np.eye(3))
-    own = ball.flexibility(cell_loads(ball, "contact", cells, ball_frame))
+    # The ball's normal is the ring's own at the outer race, and the opposite at the inner one.
+    own = ball.flexibility(cell_loads(ball, "contact", cells, ball_frame, _slope(geometry, race, ball=True)))
     total = own + 0.5 * ring.flexibility(upper + lower)
     gaps = [_mean(part, lambda x, z: _gap(geometry, profile, race, x, z)) for part in (cells, lower_cells)]
     gap = 0.5 * (gaps[0] + gaps[1])
@@ -153,6 +156,23 @@ def _gap(
         r_o = geometry.sphere_radius
         return ball - (r_o - np.sqrt(r_o**2 - x**2 - z**2))
     return ball - groove_height(profile, x, z)
+
+
+def _slope(geometry: ObliqueGeometry, race: Race, *, ball: bool = False) -> Slope:
+    """Return the slopes of the mean surface of ball and race, in the frame of the ring or of the ball."""
+    r_b, inner = geometry.ball_radius, race == "inner"
+
+    def slope(x: NDArray[np.float64], z: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        height = np.sqrt(r_b**2 - x**2 - z**2)
+        if inner:
+            across = 0.5 * x * (1.0 / height - 1.0 / geometry.inner_contact_distance)
+            along = 0.5 * z * (1.0 / height + 1.0 / np.sqrt(geometry.groove_radius**2 - z**2))
+        else:
+            mean = -0.5 * (1.0 / height + 1.0 / np.sqrt(geometry.sphere_radius**2 - x**2 - z**2))
+            across, along = mean * x, mean * z
+        return (-across, -along) if inner and ball else (across, along)
+
+    return slope
 
 
 def groove_height(profile: RaceProfile, x: NDArray[np.float64], z: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -10,7 +10,7 @@ from models.bearing import catalogue_entry
 from models.fe.elastic import FeError
 from models.fe.extra import has_extra
 from models.fe.oblique import oblique_geometry
-from models.fe.oblique_bodies import fitted_law, groove_height, oblique_contact, row_influence, single_row
+from models.fe.oblique_bodies import _gap, _slope, fitted_law, groove_height, oblique_contact, row_influence, single_row
 from models.fe.oblique_mesh import contact_frame, oblique_ring_mesh, race_profile
 from models.fe.sizing import MeshRule, contact_grid
 
@@ -86,3 +86,23 @@ def test_law_of_a_ball_is_recovered_and_its_noise_reported() -> None:
     assert noisy.law().mesh_error == noisy.residual
     with pytest.raises(FeError, match="expected 3 loads at least"):
         fitted_law(np.array([1.0, 2.0]), np.array([1e-6, 2e-6]))
+
+
+@pytest.mark.parametrize("race", ["inner", "outer"])
+def test_slopes_are_those_of_the_mean_surface(race: str) -> None:
+    x, z, step = np.array([0.1e-3, 0.3e-3]), np.array([0.5e-3, -0.8e-3]), 1e-7
+    profile, r_b = race_profile(GEOMETRY, race), GEOMETRY.ball_radius  # type: ignore[arg-type]
+    sign = 1.0 if race == "inner" else -1.0
+
+    def surface(x: np.ndarray, z: np.ndarray) -> np.ndarray:
+        ball = r_b - np.sqrt(r_b**2 - x**2 - z**2)
+        return sign * (ball - 0.5 * _gap(GEOMETRY, profile, race, x, z))  # type: ignore[arg-type]
+
+    found = _slope(GEOMETRY, race)(x, z)  # type: ignore[arg-type]
+    across = (surface(x + step, z) - surface(x - step, z)) / (2 * step)
+    along = (surface(x, z + step) - surface(x, z - step)) / (2 * step)
+    # The torus turns its slope along rolling by the contact angle: a second-order part.
+    np.testing.assert_allclose(found[0], across, atol=0.02 * 0.3e-3 / r_b)
+    np.testing.assert_allclose(found[1], along, atol=0.02 * 0.8e-3 / r_b)
+    on_ball = _slope(GEOMETRY, race, ball=True)(x, z)  # type: ignore[arg-type]
+    np.testing.assert_allclose(np.array(on_ball), -sign * np.array(found))
