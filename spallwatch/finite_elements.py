@@ -57,7 +57,7 @@ def fe_stiffness(
         if value is not None and not value > 0.0:
             raise WrongInputError(f"{name} must be positive, got {value!r}")
     options = FeOptions(support, mesh, memory_gb, use_cache)
-    case = fe_case(_entry(bearing, dimensions_mm), load_newton, 1e-6 * clearance_um, options, quiet=True)
+    case = fe_case(_entry(bearing, dimensions_mm), load_newton, 1e-6 * clearance_um, options)
     first = case.first
     axes = ["along", "across"]
     pressures = contact_pressures(case)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -87,11 +87,14 @@ def command(
     defect = None if dphi_deg is None else Defect(math.radians(dphi_deg), h_d_um * 1e-6)
     if plot is not None:
         check_suffix("--plot", plot, PICTURES)
+    if fe is not None:
+        _refuse_with_fe(statics, axial_load_newton, tilt_mrad)
     law = contact_law(config, entry, load, line_contact)
     values = describe(config, entry, load, speed, clearance, law, defect) | {"ball_statics": None, "fe": None}
     if fe is not None:
-        _refuse_with_fe(statics, axial_load_newton, tilt_mrad)
-        values["fe"] = fe_answer(entry, load, clearance, values, law.partner, fe, plot=plot, quiet=quiet)
+        rig_name = designation or name or config.bearing[0].name
+        options = replace(fe, plot=plot, rig_name=rig_name, quiet=quiet)
+        values["fe"] = fe_answer(entry, load, clearance, values, law.partner, options)
     elif any(given is not None for given in (statics, axial_load_newton, tilt_mrad, plot)):
         axial = config.operating.axial_load_newton if axial_load_newton is None else axial_load_newton
         tilt = 0.0 if tilt_mrad is None else 1e-3 * tilt_mrad

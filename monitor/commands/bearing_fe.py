@@ -18,12 +18,16 @@ from numpy.typing import NDArray
 from models.bearing import CatalogueEntry
 from models.contact_estimates import estimate_stiffness
 from models.fe.named_rules import NAMED_RULES, MeshName
+from models.fe.rig import rig_stiffness
 from models.fe.rings import SUPPORTS, Support
 from models.hertz import contact_exponent
 from monitor.commands import option
 from monitor.commands.bearing_fe_values import Partner, fe_picture, fe_values
+from monitor.commands.bearing_rig import rig_text
+from monitor.commands.bearing_shaft import shaft_values
 from monitor.commands.bearing_statics import LOAD_STEPS
-from monitor.commands.common import PROGRESS_AFTER_S, InputError, check_writable, output_errors, say
+from monitor.commands.common import PROGRESS_AFTER_S, InputError, check_writable, input_errors, output_errors, say
+from monitor.config.fe_shaft import read_shaft
 
 if TYPE_CHECKING:
     from models.fe.assembled import FePassage, FeState
@@ -35,12 +39,17 @@ R = TypeVar("R")
 
 @dataclass(frozen=True)
 class FeOptions:
-    """The options that ``--fe`` reads."""
+    """The options that ``--fe`` reads; ``rig_name`` is that of the bearing in the configuration, for ``[rig]``."""
 
     support: Support
     mesh: MeshName
     memory_gb: float | None
     use_cache: bool
+    shaft: Path | None = None
+    write_rig: Path | None = None
+    plot: Path | None = None
+    rig_name: str = ""
+    quiet: bool = True
 
 
 def fe_options(function: Callable[P, R]) -> Callable[..., R]:
@@ -63,6 +72,8 @@ def fe_options(function: Callable[P, R]) -> Callable[..., R]:
     )
     @click.option("--memory-gb", type=option.POSITIVE, help="Most memory of this process with --fe.")
     @click.option("--no-cache", is_flag=True, help="With --fe: compute anew, keep nothing.")
+    @click.option("--shaft", type=option.FILE, help="With --fe: k_i of a stepped shaft on its bearings (TOML).")
+    @click.option("--write-rig", type=option.OUT_FILE, help="With --fe: write k_c, and k_i of --shaft, as [rig].")
     @functools.wraps(function)
     def command(
         *args: Any,
@@ -71,21 +82,28 @@ def fe_options(function: Callable[P, R]) -> Callable[..., R]:
         mesh: MeshName,
         memory_gb: float | None,
         no_cache: bool,
+        shaft: Path | None,
+        write_rig: Path | None,
         **rest: Any,
     ) -> R:
         context = click.get_current_context()
-        given = [name for name in ("support", "mesh", "memory_gb", "no_cache") if _is_given(context, name)]
+        given = [name for name in _OPTION_NAMES if _is_given(context, name)]
         if given and not wanted:
             raise InputError(f"{_OPTION_NAMES[given[0]]}: only with --fe")
-        fe = FeOptions(support, mesh, memory_gb, not no_cache) if wanted else None
+        fe = FeOptions(support, mesh, memory_gb, not no_cache, shaft, write_rig) if wanted else None
         return function(*args, fe=fe, **rest)  # pyright: ignore[reportCallIssue]
 
     return command
 
 
 _OPTION_NAMES = {
-    "support": "--fe-support", "mesh": "--fe-mesh", "memory_gb": "--memory-gb", "no_cache": "--no-cache"
-}  # fmt: skip
+    "support": "--fe-support",
+    "mesh": "--fe-mesh",
+    "memory_gb": "--memory-gb",
+    "no_cache": "--no-cache",
+    "shaft": "--shaft",
+    "write_rig": "--write-rig",
+}
 
 
 def _is_given(context: click.Context, name: str) -> bool:
@@ -124,7 +142,7 @@ class FeCase:
         return self.passage.states[0]
 
 
-def fe_case(entry: CatalogueEntry, load: float, clearance: float, options: FeOptions, *, quiet: bool) -> FeCase:
+def fe_case(entry: CatalogueEntry, load: float, clearance: float, options: FeOptions) -> FeCase:
     """Compute a bearing by finite elements; loads in N, radial clearance in m. Progress goes to standard error.
 
     Raises:
@@ -141,9 +159,9 @@ def fe_case(entry: CatalogueEntry, load: float, clearance: float, options: FeOpt
     entry, estimated = _with_estimates(entry)
     geometry = fe_geometry(entry)
     began = time.perf_counter()
-    kept = FeCache(default_folder() if options.use_cache else None, report=lambda text: say(text, quiet=quiet))
+    kept = FeCache(default_folder() if options.use_cache else None, report=lambda text: say(text, quiet=options.quiet))
     bound = None if options.memory_gb is None else 1e9 * options.memory_gb
-    with memory_bound(bound), _progress(quiet=quiet) as progress:
+    with memory_bound(bound), _progress(quiet=options.quiet) as progress:
         bearing = fe_bearing(
             geometry,
             load,
@@ -180,26 +198,41 @@ def fe_answer(
     analytic: Mapping[str, Any],
     partner: Partner | None,
     options: FeOptions,
-    *,
-    plot: Path | None,
-    quiet: bool,
 ) -> dict[str, Any]:
-    """Return the answer of finite elements beside the analytic one; draw it where a file is given.
+    """Return the answer of finite elements beside the analytic one; write the files that are asked for.
 
     Raises:
-        WrongInputError: as of :func:`fe_case`, or the file cannot be written.
+        WrongInputError: as of :func:`fe_case`; a file cannot be read or written; there is no result to write.
     """
-    if plot is not None:
-        check_writable("--plot", plot)
-    case = fe_case(entry, load, clearance, options, quiet=quiet)
-    values = fe_values(case, analytic, partner)
-    if plot is not None:
+    for words, path in (("--plot", options.plot), ("--write-rig", options.write_rig)):
+        if path is not None:
+            check_writable(words, path)
+    shaft = None if options.shaft is None else read_shaft(options.shaft)
+    case = fe_case(entry, load, clearance, options)
+    values: dict[str, Any] = fe_values(case, analytic, partner)
+    values["shaft"] = None if shaft is None else shaft_values(shaft, load)
+    if options.write_rig is not None:
+        _write_rig(case, partner, values, options.write_rig)
+    if options.plot is not None:
         from monitor.report.figures.fe_bearing import bearing_sheet
         from monitor.report.figures.sheet import write_sheet
 
-        with output_errors("--plot", plot):
-            write_sheet(bearing_sheet(fe_picture(case, values, partner)), plot)
+        with output_errors("--plot", options.plot):
+            write_sheet(bearing_sheet(fe_picture(case, values, partner)), options.plot)
     return values
+
+
+def _write_rig(case: FeCase, partner: Partner | None, values: Mapping[str, Any], path: Path) -> None:
+    from monitor.report.tables import write_whole
+
+    if partner is None or values["status"] != "converged":
+        raise InputError(f"--write-rig {path}: there is no contact stiffness to write: {values['status']}")
+    bearing = partner[0]
+    k_c = rig_stiffness(
+        case.bearing.assembled, bearing, case.load, clearance=case.clearance, mesh_error=case.first.mesh_error
+    )
+    with output_errors("--write-rig", path), input_errors(f"--write-rig {path}"):
+        write_whole(path, rig_text(case.options.rig_name, bearing.element, k_c, values["shaft"]))
 
 
 def _with_estimates(entry: CatalogueEntry) -> tuple[CatalogueEntry, tuple[str, ...]]:

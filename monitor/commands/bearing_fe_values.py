@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from models.bearing import Bearing
 from models.hertz import BALL_EXPONENT
 from models.load_distribution import load_distribution, stiffness_against_load, stiffness_over_passage
+from monitor.commands.bearing_shaft import shaft_lines
 from monitor.commands.bearing_statics import LOAD_STEPS, distribution_rows, load_rows, passage_values
 from monitor.commands.common import finite
 from monitor.words.numbers import figure
@@ -255,6 +256,9 @@ def fe_lines(values: Mapping[str, Any]) -> Iterator[str]:
                 f"  at {row['load_newton']:8g} N     {row['k_xx_newton_per_m'] / 1e6:.1f} and "
                 f"{row['k_yy_newton_per_m'] / 1e6:.1f} MN/m, {row['displacement_um']:.2f} um"
             )
+
+    if values["shaft"] is not None:
+        yield from shaft_lines(values["shaft"])
 
 
 def _range(values: Mapping[str, Any]) -> str:

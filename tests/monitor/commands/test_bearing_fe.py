@@ -9,8 +9,9 @@ from __future__ import annotations
 import json
 import math
 import sys
+import tomllib
 from dataclasses import replace
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from typing import Any, cast
 
@@ -34,6 +35,7 @@ from models.fe.named_rules import NAMED_RULES
 from models.fe.sizing import half_sizes
 from models.hertz import contact_stiffness
 from monitor.commands.bearing import command
+from monitor.commands.bearing_fe_values import fe_lines
 from monitor.commands.common import InputError
 
 REAL = models.fe.bearing.fe_bearing
@@ -73,6 +75,12 @@ def analytic_bearing(
 @pytest.fixture(autouse=True)
 def _analytic_bodies(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setattr(models.fe.bearing, "fe_bearing", analytic_bearing)
+    monkeypatch.setattr("monitor.commands.bearing.published_figures", lambda designation: [])
+    # Each state costs milliseconds, and a command takes hundreds.
+    whole = AssembledBearing.stiffness_over_passage
+    monkeypatch.setattr(
+        AssembledBearing, "stiffness_over_passage", lambda self, load, points=0: whole(self, load, points=24)
+    )
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
 
 
@@ -94,7 +102,7 @@ def test_both_answers_stand_side_by_side_and_agree(designation: str) -> None:
     assert found["status"] == "converged"
     assert found["mesh_error_percent"] == pytest.approx(100.0 * MESH_ERROR)
     for key in ("k_xx_newton_per_m", "k_yy_newton_per_m", "displacement_um", "largest_element_load_newton"):
-        assert found[key] == pytest.approx(whole[key], rel=5e-3)
+        assert found[key] == pytest.approx(whole[key], rel=0.01)
     rows = {row["quantity"]: row for row in found["beside"]}
     assert len(rows) == len(found["beside"]) >= 15
     for words, row in rows.items():
@@ -130,28 +138,30 @@ def test_with_clearance_the_load_zone_is_smaller() -> None:
 
 
 def test_a_load_beyond_the_meshes_has_a_status_and_no_stiffness(monkeypatch: pytest.MonkeyPatch) -> None:
-    def weak(geometry: FeGeometry, load: float, **rest: Any) -> FeBearing:
-        return analytic_bearing(geometry, load, highest=300.0, **rest)
-
-    monkeypatch.setattr(models.fe.bearing, "fe_bearing", weak)
+    monkeypatch.setattr(models.fe.bearing, "fe_bearing", partial(analytic_bearing, highest=300.0))
     found = values.__wrapped__(ROLLER, "--load-newton", "2500")["fe"]
     assert found["status"] == "outside_law"
     assert found["k_xx_newton_per_m"] is None
     assert found["stiffness_over_passage"]["k_yy_swing_percent"] is None
     known = [row["k_yy_newton_per_m"] is not None for row in found["radial_stiffness"]]
     assert known == [True, False, False, False, False]
-    text = invoke(ROLLER, "--load-newton", "2500").stdout
+    text = "\n".join(fe_lines(found))
     assert "outside_law (an element carries more than the meshes were made for)" in text
     assert "not computed: beyond the loads of the meshes" in text
 
 
-def test_people_read_the_same_with_differences(tmp_path: Path) -> None:
-    text = invoke(ROLLER, "--load-newton", "2500").stdout
+def test_people_read_the_same_and_get_a_sheet_and_a_rig(tmp_path: Path) -> None:
+    sheet, rig = tmp_path / "bearing.png", tmp_path / "rig.toml"
+    text = invoke(ROLLER, "--load-newton", "2500", "--plot", str(sheet), "--write-rig", str(rig)).stdout
     assert "finite elements     rigid-shaft, default mesh: converged; mesh error 0.4 %" in text
     assert "inner ring 20,000, outer ring 18,000, roller 9,000" in text
     line = next(line for line in text.splitlines() if "stiffness across the load, k_xx, MN/m" in line)
     analytic, found = (float(word) for word in line.split()[-4:-2])
-    assert found == pytest.approx(analytic, rel=5e-3)
+    assert found == pytest.approx(analytic, rel=0.01)
+    assert sheet.read_bytes()[1:4] == b"PNG"
+    written = tomllib.loads(rig.read_text())["rig"]
+    assert written["bearing"] == ROLLER
+    assert written["k_c_newton_per_m109"] == pytest.approx(contact_stiffness(from_catalogue(ROLLER)), rel=0.02)
 
 
 def test_estimated_dimensions_are_named() -> None:
@@ -160,16 +170,22 @@ def test_estimated_dimensions_are_named() -> None:
     assert values(BALL, "--load-newton", "2500")["fe"]["estimated"] == []
 
 
-@pytest.mark.parametrize("suffix", [".png", ".html"])
-def test_the_sheet_is_drawn(tmp_path: Path, suffix: str) -> None:
-    path = tmp_path / f"bearing{suffix}"
-    assert invoke(ROLLER, "--plot", str(path), "--load-newton", "2500").exit_code == 0
-    content = path.read_bytes()
-    assert content[1:4] == b"PNG" if suffix == ".png" else b"Stiffness over a pass" in content
+def test_a_stiffness_without_status_is_not_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(models.fe.bearing, "fe_bearing", partial(analytic_bearing, highest=300.0))
+    with pytest.raises(InputError, match=r"--write-rig .*: there is no contact stiffness to write: outside_law"):
+        invoke(ROLLER, "--load-newton", "2500", "--write-rig", str(tmp_path / "rig.toml"))
+    assert not (tmp_path / "rig.toml").exists()
+
+
+def test_a_shaft_is_read_before_anything_is_computed(tmp_path: Path) -> None:
+    path = tmp_path / "shaft.toml"
+    path.write_text("[[step]]\nlength = 5\n")
+    with pytest.raises(WrongInputError, match=r"shaft\.toml:2: step\[0\]\.length"):
+        invoke(ROLLER, "--shaft", str(path))
 
 
 def test_options_of_finite_elements_need_them() -> None:
-    for options in (["--fe-mesh", "fine"], ["--memory-gb", "2"], ["--no-cache"]):
+    for options in (["--fe-mesh", "fine"], ["--memory-gb", "2"], ["--no-cache"], ["--write-rig", "x"]):
         with pytest.raises(InputError, match=f"^{options[0]}: only with --fe$"):
             CliRunner().invoke(command, [ROLLER, *options], catch_exceptions=False)
 
@@ -245,7 +261,7 @@ def test_the_python_interface_gives_the_same() -> None:
     assert found.stiffness.sel(axis="along", axis_of_force="along").mean() == pytest.approx(answer["k_yy_newton_per_m"])
     assert found.element_load.max() == pytest.approx(answer["largest_element_load_newton"])
     assert found.attrs["k_c_newton_per_m109"] == pytest.approx(answer["k_c_newton_per_m109"])
-    assert math.degrees(float(found.cage_angle[1])) < 1.0
+    assert math.degrees(float(found.cage_angle[1])) < 2.0
     with pytest.raises(WrongInputError, match="load_newton must be positive"):
         sw.fe_stiffness(ROLLER, load_newton=0.0)
     with pytest.raises(WrongInputError, match="no such"):
