@@ -1,0 +1,225 @@
+"""What RMS maps and V_eq change when the stiffness of finite elements replaces the analytic one.
+
+The bearing is the thesis' 1205 ETN9 on its rig. The k_c of finite elements is that with which the lumped bearing has
+the mean stiffness along the load of a meshed one (``models.fe.rig``), k_i that of the shaft of ``fe_shaft.toml``.
+
+1. Maps of RMS over extent and depth with each rig: ratio to the map of the analytic rig, node by node.
+2. Records of lives that were simulated with the rig of finite elements (growth, rough floors, scatter), tracked through
+   both maps by the filter: ratio of both V_eq of the same records, and how far each is from the truth.
+
+    python -m benchmarks.fe_maps [--json FILE] [--quick]
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmarks.common import Row, arguments, print_table, write_json
+from benchmarks.filter import FEATURES, follow, slices_of
+from models.bearing import catalogue_entry
+from models.fe.oblique import Axial, ObliqueBearing, oblique_geometry
+from models.fe.oblique_bodies import ObliqueResult, oblique_bearing
+from models.fe.rig import LOAD_STEPS, POINTS, BearingAnswer, EffectiveStiffness, effective_stiffness
+from models.fe.shaft import ShaftModel
+from models.hertz import contact_stiffness
+from models.lives.life import simulate_lives
+from models.lives.population import Population
+from models.maps.build import build_map
+from models.maps.data import RmsMap
+from models.maps.plan import MapPlan
+from models.rigs.six_dof import Rig
+from monitor.config.fe_shaft import read_shaft
+from monitor.health.damage.filter.particle_filter import FilterSettings
+
+Floats = NDArray[np.float64]
+
+ENTRY = catalogue_entry("1205 ETN9")
+LOAD, SPEED = 4000.0, 40.0
+SHAFT = Path(__file__).with_name("fe_shaft.toml")
+# Loads of the most loaded ball that the meshes are made for: 1.7 kN is that under twice the load.
+BALL_LOADS = (30.0, 220.0, 1800.0)
+LIFE_SEED = 2115
+PLAN = MapPlan(
+    load=(LOAD,),
+    speed=(SPEED,),
+    h_d=tuple(2e-6 * i for i in range(17)),
+    dphi_d=tuple(math.radians(i) for i in range(51)),
+    rms_band=(0.0, 9500.0),
+)
+
+
+def answer(bearing: ObliqueBearing, load: float, axial: Axial) -> BearingAnswer:
+    """Return the mean answer over the passage of a ball."""
+    turns = bearing.spacing * np.arange(POINTS) / POINTS
+    shift = float(np.mean([bearing.state(load, cage_angle=float(turn), axial=axial).displacement[0] for turn in turns]))
+    mean = np.mean([bearing.stiffness(load, cage_angle=float(turn), axial=axial) for turn in turns], axis=0)
+    return BearingAnswer(load, shift, float(mean[0, 0]), float(mean[1, 1]))
+
+
+def computed() -> ObliqueResult:
+    """Return the meshed 1205."""
+    return oblique_bearing(oblique_geometry(ENTRY), BALL_LOADS)
+
+
+def stiffnesses(result: ObliqueResult) -> tuple[list[Row], EffectiveStiffness]:
+    """Return k_c by each way, and that of finite elements with the shaft as the seat of the rings."""
+    rigid = replace(result.bearing, influence=type(result.bearing.influence).none(result.bearing.n_elements))
+    ways: dict[str, tuple[ObliqueBearing, Axial]] = {
+        "finite elements, ring held axially": (result.bearing, "held"),
+        "finite elements, ring free axially": (result.bearing, "free"),
+        "finite elements, balls do not act on each other": (rigid, "held"),
+    }
+    rows: list[Row] = [
+        _plain("printed (Table 14)", Rig.k_c),
+        _plain("Hertz, fits of Brewe and Hamrock", contact_stiffness(ENTRY.bearing)),
+        _plain("Hertz, exact", contact_stiffness(ENTRY.bearing, "elliptic")),
+    ]
+    found: list[EffectiveStiffness] = []
+    for name, (bearing, axial) in ways.items():
+        answers = [answer(bearing, step * LOAD, axial) for step in LOAD_STEPS]
+        one = effective_stiffness(ENTRY.bearing, answers, LOAD, mesh_error=result.law.residual)
+        found.append(one)
+        rows.append(
+            {
+                "k_c": name,
+                "value": one.value / 1e6,
+                "low": one.low / 1e6,
+                "high": one.high / 1e6,
+                "spread_percent": 100.0 * one.spread,
+                "mesh_percent": 100.0 * one.mesh_error,
+                "k_yy": answers[1].k_yy / 1e6,
+                "k_xx": answers[1].k_xx / 1e6,
+            }
+        )
+    return rows, found[0]
+
+
+def _plain(name: str, k_c: float) -> Row:
+    blank = dict.fromkeys(("low", "high", "spread_percent", "mesh_percent", "k_yy", "k_xx"))
+    return {"k_c": name, "value": k_c / 1e6, **blank}
+
+
+def ratio_row(name: str, rig: Rig, ratio: Floats) -> Row:
+    """Return how a ratio is spread over nodes or records."""
+    low, quarter, middle, upper, high = np.percentile(ratio, (5.0, 25.0, 50.0, 75.0, 95.0))
+    return {
+        "rig": name,
+        "k_c": rig.k_c / 1e6,
+        "k_i": rig.k_i / 1e6,
+        "median": float(middle),
+        "from_25": float(quarter),
+        "to_75": float(upper),
+        "from_5": float(low),
+        "to_95": float(high),
+        "least": float(ratio.min()),
+        "most": float(ratio.max()),
+    }
+
+
+def map_rows(maps: Mapping[str, RmsMap], rigs: Mapping[str, Rig], first: str) -> list[Row]:
+    """Return the ratio of the RMS of each map to that of the first over the damaged nodes."""
+    own = maps[first].rms[0, 0, 1:, 1:]
+    return [ratio_row(name, rigs[name], maps[name].rms[0, 0, 1:, 1:] / own) for name in maps if name != first]
+
+
+def extent_rows(maps: Mapping[str, RmsMap], first: str, other: str) -> list[Row]:
+    """Return the ratio of the RMS of two maps over ranges of the extent, all depths."""
+    ratio = maps[other].rms[0, 0, 1:] / np.where(maps[first].rms[0, 0, 1:] > 0.0, maps[first].rms[0, 0, 1:], np.nan)
+    extents = np.degrees(maps[first].dphi_d)
+    rows: list[Row] = []
+    for low, high in ((0.0, 5.0), (5.0, 10.0), (10.0, 20.0), (20.0, 35.0), (35.0, 50.0)):
+        values = ratio[:, (extents > low) & (extents <= high)]
+        least, middle, most = np.percentile(values, (5.0, 50.0, 95.0))
+        rows.append(
+            {
+                "dphi_d_deg": f"{low:g} to {high:g}",
+                "nodes": int(values.size),
+                "median": float(middle),
+                "from_5": float(least),
+                "to_95": float(most),
+            }
+        )
+    return rows
+
+
+def volume_rows(maps: Mapping[str, RmsMap], rigs: Mapping[str, Rig], first: str, truth: str, lives: int) -> list[Row]:
+    """Return V_eq of records of the rig ``truth`` through each map over that through its own, and over the truth."""
+    population = Population(
+        rig=rigs[truth], rig_spread=(), load=(LOAD, LOAD), speed=(SPEED, SPEED), interval=900.0, seed=LIFE_SEED
+    )
+    histories = list(simulate_lives(population, range(lives)))
+    rows: list[Row] = []
+    for features, lines in FEATURES.items():
+        tracked = {
+            name: follow(histories, slices_of(one), FilterSettings(one.part_radius, lines=lines))
+            for name, one in maps.items()
+        }
+        own = tracked[truth]
+        for name, one in tracked.items():
+            known = np.isfinite(one.v_eq) & np.isfinite(own.v_eq)
+            error = np.log(one.v_eq[known] / one.true[known])
+            rows.append(
+                {
+                    "features": features,
+                    "records": int(known.sum()),
+                    **ratio_row(name, rigs[name], one.v_eq[known] / own.v_eq[known]),
+                    "within_interval": float(
+                        np.mean((one.lower[known] <= one.true[known]) & (one.true[known] <= one.upper[known]))
+                    ),
+                    "bias_ln": float(np.mean(error)),
+                    "rms_ln": float(np.sqrt(np.mean(error**2))),
+                }
+            )
+    return rows
+
+
+def main() -> None:
+    """Run the benchmark."""
+    options = arguments(__doc__ or "")
+    lives = 2 if options.quick else 8
+    plan = replace(PLAN, h_d=PLAN.h_d[::4], dphi_d=PLAN.dphi_d[::2]) if options.quick else PLAN
+    began = time.process_time()
+    stiffness, k_c = stiffnesses(computed())
+    seconds = time.process_time() - began
+    k_i = ShaftModel(read_shaft(SHAFT)).solve(LOAD).stiffness
+    first, own = "analytic, as printed", "finite elements"
+    rigs = {
+        first: Rig(),
+        "analytic, exact Hertz": Rig(k_c=contact_stiffness(ENTRY.bearing, "elliptic")),
+        own: Rig(k_c=k_c.value),
+        "finite elements, k_i of the shaft": Rig(k_c=k_c.value, k_i=k_i),
+        "finite elements, low": Rig(k_c=k_c.low),
+        "finite elements, high": Rig(k_c=k_c.high),
+    }
+    maps = {name: build_map(replace(plan, rig=rig)) for name, rig in rigs.items()}
+    spread = build_map(
+        replace(plan, rig=rigs[own], rig_draws=8, rig_spread=0.0, rig_spread_k_r=0.0, rig_spread_k_c=k_c.spread)
+    )
+    damaged = spread.rms_rig_std[0, 0, 1:, 1:] / spread.rms[0, 0, 1:, 1:]
+    tables: dict[str, list[Row]] = {
+        "stiffness": stiffness,
+        "rms": map_rows(maps, rigs, first),
+        "rms_by_extent": extent_rows(maps, first, own),
+        "rms_spread_of_k_c": [
+            {
+                "spread_of_k_c_percent": 100.0 * k_c.spread,
+                "median_percent": 100.0 * float(np.median(damaged)),
+                "to_95_percent": 100.0 * float(np.percentile(damaged, 95.0)),
+            }
+        ],
+        "v_eq": volume_rows({name: maps[name] for name in (first, own)}, rigs, first, own, lives),
+    }
+    for title, rows in tables.items():
+        print_table(title, rows)
+    write_json(options.json, {**tables, "cost": {"finite_elements_cpu_s": seconds}})
+
+
+if __name__ == "__main__":
+    main()
