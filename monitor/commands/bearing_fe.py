@@ -32,6 +32,7 @@ from monitor.config.fe_shaft import read_shaft
 if TYPE_CHECKING:
     from models.fe.assembled import FePassage, FeState
     from models.fe.bearing import FeBearing
+    from models.fe.geometry import FeGeometry
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -123,6 +124,7 @@ class FeCase:
     """
 
     designation: str
+    geometry: FeGeometry
     bearing: FeBearing
     load: float
     clearance: float
@@ -176,6 +178,7 @@ def fe_case(entry: CatalogueEntry, load: float, clearance: float, options: FeOpt
     displacement, stiffness = bearing.assembled.stiffness_against_load(loads)
     return FeCase(
         entry.bearing.designation,
+        geometry,
         bearing,
         load,
         clearance,

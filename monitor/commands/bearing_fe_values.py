@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.bearing import Bearing
-from models.hertz import BALL_EXPONENT
+from models.hertz import BALL_EXPONENT, point_contact_semi_axes
 from models.load_distribution import load_distribution, stiffness_against_load, stiffness_over_passage
 from monitor.commands.bearing_shaft import shaft_lines
 from monitor.commands.bearing_statics import LOAD_STEPS, distribution_rows, load_rows, passage_values
@@ -20,6 +20,7 @@ from monitor.words.numbers import figure
 if TYPE_CHECKING:
     from models.fe.assembled import FePassage
     from models.fe.bearing import FeContact
+    from models.fe.geometry import FeGeometry, Race
     from monitor.commands.bearing_fe import FeCase
     from monitor.report.figures.fe_bearing import BearingPicture, Pressure
 
@@ -40,6 +41,7 @@ _BESIDE: tuple[tuple[str, str, str, float], ...] = (
     ("load of the most loaded element", "largest_element_load_newton", "N", 1.0),
     ("approach of the races there", "approach_um", "um", 1.0),
     ("contact stiffness k_c", "k_c", "", 1.0),
+    ("the same by exact elliptic Hertz", "k_c_elliptic", "", 1.0),
     ("pressure in the middle, inner race", "contacts.inner.middle_pressure_mpa", "MPa", 1.0),
     ("pressure in the middle, outer race", "contacts.outer.middle_pressure_mpa", "MPa", 1.0),
     ("largest pressure of a cell, inner race", "contacts.inner.largest_pressure_mpa", "MPa", 1.0),
@@ -89,7 +91,7 @@ def fe_values(case: FeCase, analytic: Mapping[str, Any], partner: Partner | None
         ],
         "approach_um": 1e6 * approach,
         **law_values(case, top),
-        "contacts": {race: _contact_values(contact, ball=_is_ball(case)) for race, contact in made.contacts.items()},
+        "contacts": {race: _contact_values(case, race, contact) for race, contact in made.contacts.items()},
         "unknowns": dict(made.unknowns),
         "seconds": case.seconds,
         "from_cache": case.from_cache,
@@ -134,27 +136,38 @@ def law_values(case: FeCase, top: float) -> dict[str, Any]:
     }
 
 
-def _contact_values(contact: FeContact, *, ball: bool) -> dict[str, float]:
+def _contact_values(case: FeCase, race: Race, contact: FeContact) -> dict[str, float]:
+    ball = _is_ball(case)
+    length, width = _hertz_sizes(case.geometry, race, contact.force)
     return {
         "load_newton": contact.force,
         "middle_pressure_mpa": 1e-6 * _middle(contact, ball=ball),
         "largest_pressure_mpa": 1e-6 * float(contact.pressure.max()),
-        "hertz_pressure_mpa": 1e-6 * _hertz_peak(contact, ball=ball),
+        "hertz_pressure_mpa": 1e-6 * _peak(contact.force, width, length, ball=ball),
         "approach_um": 1e6 * contact.approach,
         "half_width_um": 1e6 * contact.found_half_width,
-        "hertz_half_width_um": 1e6 * contact.half_width,
+        "hertz_half_width_um": 1e6 * width,
         "half_length_um": 1e6 * contact.found_half_length,
-        "hertz_half_length_um": 1e6 * contact.half_length,
+        "hertz_half_length_um": 1e6 * length,
     }
+
+
+def _hertz_sizes(geometry: FeGeometry, race: Race, force: float) -> tuple[float, float]:
+    """Return half length and half width of a contact by Hertz, without the fits of Eqs. 8 to 10, m."""
+    from models.fe.sizing import half_sizes
+
+    groove = geometry.groove_radius(race)
+    if groove is None:
+        return half_sizes(geometry, race, force)
+    curvature = 1.0 / geometry.element_radius
+    rolling = 1.0 / (curvature + (1.0 if race == "inner" else -1.0) / geometry.race_radius(race))
+    across = 1.0 / (curvature - 1.0 / groove)
+    modulus = geometry.modulus / (1.0 - geometry.poisson**2)
+    return point_contact_semi_axes(rolling, across, force, "elliptic", modulus=modulus)
 
 
 def _is_ball(case: FeCase) -> bool:
     return case.exponent == BALL_EXPONENT
-
-
-def _hertz_peak(contact: FeContact, *, ball: bool) -> float:
-    """Return the pressure in the middle of Hertz's contact, Pa."""
-    return _peak(contact.force, contact.half_width, contact.half_length, ball=ball)
 
 
 def _middle(contact: FeContact, *, ball: bool) -> float:
@@ -182,20 +195,19 @@ def _beside(
     ball = _is_ball(case)
     unit = "m15" if ball else "m109"
     other = dict(analytic)
-    areas: dict[str, Any] = analytic["contact_areas_um"] or {}
     top = analytic["largest_element_load_newton"]
-    other["contacts"] = {
-        race: {"half_width_um": area["half_width"], "half_length_um": area["half_length"]}
-        | {"middle_pressure_mpa": 1e6 * _peak(top, area["half_width"], area["half_length"], ball=ball)}
-        for race, area in areas.items()
-    }
-    if partner is not None:
+    other["contacts"] = {} if top is None else {race: _hertz_values(case, race, top) for race in case.bearing.contacts}
+    if partner is not None and top is not None:
         other["k_c"] = partner[1]
+        other["k_c_elliptic"] = analytic["k_c_elliptic_newton_per_m15"]
         other["approach_um"] = 1e6 * (top / partner[1]) ** (1.0 / case.exponent)
-    own = {**values, "k_c": values[f"k_c_newton_per_{unit}"]}
+    k_c = values[f"k_c_newton_per_{unit}"]
+    own = {**values, "k_c": k_c, "k_c_elliptic": k_c}
     for words, key, shown, factor in _BESIDE:
+        if key == "k_c_elliptic" and other.get(key) is None:
+            continue
         found, known = _at(own, key), _at(other, key)
-        shown = f"N/m^{'1.5' if ball else '(10/9)'}" if key == "k_c" else shown
+        shown = f"N/m^{'1.5' if ball else '(10/9)'}" if key.startswith("k_c") else shown
         difference = None
         if found is not None and known:
             difference = found - known if shown == "%" else 100.0 * (found / known - 1.0)
@@ -209,6 +221,15 @@ def _beside(
             "finite_elements": None if found is None else factor * found,
             "difference_percent": difference,
         }
+
+
+def _hertz_values(case: FeCase, race: Race, force: float) -> dict[str, float]:
+    length, width = _hertz_sizes(case.geometry, race, force)
+    return {
+        "half_length_um": 1e6 * length,
+        "half_width_um": 1e6 * width,
+        "middle_pressure_mpa": 1e-6 * _peak(force, width, length, ball=_is_ball(case)),
+    }
 
 
 def _at(values: Mapping[str, Any], key: str) -> float | None:
@@ -284,7 +305,7 @@ def fe_picture(case: FeCase, values: Mapping[str, Any], partner: Partner | None)
         f"{figure(case.load)} N radial, radial clearance {figure(1e6 * case.clearance, 2)} µm, {case.options.support}, "
         f"{case.options.mesh} mesh: {status_in_words(values['status'])}.",
         _facts(values),
-        {race: _pressure(contact, ball=_is_ball(case)) for race, contact in made.contacts.items()},
+        {race: _pressure(case, race, contact) for race, contact in made.contacts.items()},
         first.angles,
         (None if known is None else known[0], first.loads),
         case.passage.cage_angle,
@@ -299,7 +320,7 @@ def _facts(values: Mapping[str, Any]) -> list[tuple[str, str]]:
     return [
         ("Mesh error", "unknown" if error is None else f"{figure(error, 2)} % of the approach"),
         ("Unknowns", ", ".join(f"{name} {count:,}" for name, count in values["unknowns"].items())),
-        ("Estimated", ", ".join(values["estimated"]).replace("_", " ") or "nothing"),
+        *([("Estimated", ", ".join(values["estimated"]).replace("_", " "))] if values["estimated"] else []),
     ]
 
 
@@ -320,12 +341,13 @@ def _analytic(
     return shared.loads, matrix, stiffness
 
 
-def _pressure(contact: FeContact, *, ball: bool) -> Pressure:
+def _pressure(case: FeCase, race: Race, contact: FeContact) -> Pressure:
     from monitor.report.figures.fe_bearing import Pressure
 
     cells = contact.cells
     x = np.append(np.unique(cells.x0), cells.x1.max())
     z = np.append(np.unique(cells.z0), cells.z1.max())
     pressure = contact.pressure.reshape(len(x) - 1, len(z) - 1)
-    peak = _hertz_peak(contact, ball=ball)
-    return Pressure(x, z, pressure, contact.half_width, contact.half_length, peak, not ball)
+    length, width = _hertz_sizes(case.geometry, race, contact.force)
+    ball = _is_ball(case)
+    return Pressure(x, z, pressure, width, length, _peak(contact.force, width, length, ball=ball), not ball)
