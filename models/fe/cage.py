@@ -100,7 +100,7 @@ def squeeze_law(
     length: float,
     modulus: float,
     poisson: float,
-    strip: float,
+    strip: float | None,
     *,
     highest: float,
     lowest: float | None = None,
@@ -114,20 +114,23 @@ def squeeze_law(
 
     Args:
         radius, length: of the roller, m; the bars are flat and as long.
-        strip: half width s of the strip on the cage's mesh, m; more than the half width of the contact.
+        strip: half width s of the strip on the cage's mesh, m, more than the half width of the contact; None for bars
+            that do not yield at all: b is then smaller by the root of two, and their part is left out.
         highest, lowest: forces between which the law is tabulated, N; a thousandth part by default.
 
     Raises:
         ValueError: if an argument is out of range, or the contact is as wide as the strip.
     """
-    check_positive(radius=radius, length=length, modulus=modulus, strip=strip, highest=highest)
+    check_positive(radius=radius, length=length, modulus=modulus, highest=highest)
     effective = modulus / (1.0 - poisson**2)
     loads = np.geomspace(highest * 1e-3 if lowest is None else lowest, highest, 13)
-    widths = np.array([math.sqrt(8.0 * radius * force / (math.pi * length * effective)) for force in loads])
-    if widths[-1] >= strip:
-        raise ValueError(f"strip {strip!r} m must exceed the half width of the contact, {widths[-1]!r} m")
+    widths = np.sqrt((4.0 if strip is None else 8.0) * radius * loads / (math.pi * length * effective))
     share = 2.0 * loads / (math.pi * effective * length)
-    approach = share * (2.0 * np.log(4.0 * radius / widths) - 1.0) + 2.0 * share * (np.log(4.0 * strip / widths) - 1.0)
+    approach = share * (2.0 * np.log(4.0 * radius / widths) - 1.0)
+    if strip is not None:
+        if not widths[-1] < strip:
+            raise ValueError(f"strip {strip!r} m must exceed the half width of the contact, {float(widths[-1])!r} m")
+        approach = approach + 2.0 * share * (np.log(4.0 * strip / widths) - 1.0)
     return ElementLaw(loads, approach, 0.0)
 
 

@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from benchmarks.fe_wide import plane_check
 from models.bearing import catalogue_entry
 from models.fe.balance import PowerLaw
 from models.fe.cage import (
@@ -25,6 +26,7 @@ from models.fe.sizing import MeshRule
 from models.hertz import bearing_stiffness, contact_stiffness
 
 ENTRY = catalogue_entry("NU 202 ECP")
+LOAD_ON_ROLLER = 3706.0
 K_C = contact_stiffness(ENTRY.bearing)
 LAW = PowerLaw(K_C, 10 / 9)
 STEEL = (210e9, 0.3)
@@ -89,6 +91,10 @@ def test_squeeze_grows_with_the_force_and_softens_with_the_strip() -> None:
     assert SQUEEZE.approach_of(force)[0] == pytest.approx(expected, rel=1e-4)
     wider = squeeze_law(radius, length, *STEEL, 2 * strip, highest=2000.0)
     assert wider.approach_of(force)[0] - expected == pytest.approx(2 * share * math.log(2), rel=1e-3)
+    rigid = squeeze_law(radius, length, *STEEL, None, highest=2000.0)
+    assert rigid.approach_of(force)[0] == pytest.approx(
+        share * (2 * math.log(4 * radius / (b / math.sqrt(2))) - 1), rel=1e-4
+    )
     with pytest.raises(ValueError, match="must exceed the half width"):
         squeeze_law(radius, length, *STEEL, 0.05e-3, highest=2000.0)
 
@@ -129,3 +135,10 @@ def test_what_is_no_cage_is_refused() -> None:
         CageCoupling(BULGE, SQUEEZE, np.array([[1.0, 0.0, 0.0], [0.5, 1.0, 0.0], [0.0, 0.0, 1.0]]))
     with pytest.raises(ValueError, match="play must be finite"):
         drawn_angles(11, -1e-6, 12e-3, np.random.default_rng(0))
+
+
+@needs_extra
+def test_model_of_the_bars_agrees_with_both_contacts_of_one_disc() -> None:
+    row = plane_check(LOAD_ON_ROLLER, 5, 2)
+    assert row["bars_by_load"] == pytest.approx(row["model_bars_by_load"], rel=0.01)
+    assert row["less_approach_percent"] == pytest.approx(row["model_less_approach_percent"], rel=0.01)
