@@ -1,0 +1,61 @@
+"""Bound of what friction takes off the approach of a contact, from the slip of the frictionless solution.
+
+Friction of coefficient mu on the pressure p found without it dissipates at most mu times the integral of p |s| over the
+slip s of that solution: the minimum of energy plus dissipation lies between the energies with and without. At a given
+force that bounds the approach from below by 2 mu sum(p |s| A) / Q. Equal steels press the same tangential displacement
+into both surfaces (Dundurs' beta is 0), so that s is what their different shapes leave.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from models.fe.common_surface import common_slopes
+from models.fe.condense import ContactCells, ContactFrame, cell_loads
+from models.fe.contact import press_to_force
+from models.fe.elastic import ElasticBody
+from models.fe.element import element_body, surface_gap
+from models.fe.geometry import FeGeometry, Race
+from models.fe.ring_mesh import ring_mesh
+from models.fe.sector import sector_cells
+from models.fe.sizing import MeshRule, contact_grid
+from models.fe.surface import cut_facets, piece_points, surface_values
+
+FRICTION = 0.05
+
+
+def slip_bound(geometry: FeGeometry, race: Race, force: float, rule: MeshRule) -> tuple[float, float]:
+    """Return the largest slip of pressed cells and the bound of friction's effect, both by the approach.
+
+    The back of the ring is rigid here (bore or outside), half the pitch wide.
+    """
+    grid = contact_grid(geometry, race, force, rule)
+    cells = sector_cells(grid)
+    back = "bore" if race == "inner" else "outside"
+    mesh = ring_mesh(geometry, race, grid, rule, angle=np.pi / geometry.n_elements)
+    fixed = {back: (0, 1, 2), "x0": (0,), "z0": (2,)}
+    bodies = (element_body(geometry, grid, rule), ElasticBody(mesh, geometry.modulus, geometry.poisson, fixed))
+    loads = [
+        cell_loads(body, "contact", cells, slope=slope)
+        for body, slope in zip(bodies, common_slopes(geometry, race), strict=True)
+    ]
+    compliance = sum(body.flexibility(load) for body, load in zip(bodies, loads, strict=True))
+    state = press_to_force(np.asarray(compliance), surface_gap(geometry, race, cells), cells.area, 0.25 * force)
+    slips = np.zeros((2, len(cells)))
+    for body, load, sense in zip(bodies, loads, (1.0, -1.0), strict=True):
+        slips += sense * _tangential(body, cells, body.solve(np.asarray(load @ state.pressure)))
+    slip = np.hypot(*slips)
+    bound = 2.0 * FRICTION * float(np.sum(state.pressure * slip * cells.area)) / (0.25 * force * state.approach)
+    return float(slip[state.active].max()) / state.approach, bound
+
+
+def _tangential(body: ElasticBody, cells: ContactCells, displacement: np.ndarray) -> np.ndarray:
+    """Return the mean displacement of each cell along x and z, m, shape (2, cells)."""
+    pieces, _ = cut_facets(body, "contact", cells, ContactFrame.aligned())
+    points = piece_points(pieces)
+    nodes, values = surface_values(body, points, ContactFrame.aligned())
+    found = []
+    for component in (0, 2):
+        at = np.sum(values * np.asarray(displacement).ravel()[3 * nodes + component], axis=0)
+        found.append(np.bincount(points.cell, at * points.weight, minlength=len(cells)) / cells.area)
+    return np.array(found)
