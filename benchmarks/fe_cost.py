@@ -1,10 +1,9 @@
-"""What the factorisation of a body costs, against its unknowns: the law of ``models.fe.cost``.
+"""What the factorisation of a body costs, against its unknowns: the law by which ``models.fe.cost`` refuses meshes.
 
 Run as ``python -m benchmarks.fe_cost [--quick] [--json FILE]``. Bodies of 27-node hexahedra, three displacements a
-node, one end fixed: a cube, which fills in most, a bar of 1:1:6 and a plate of 5:5:1, each at several sizes. Each is
-made and factorised in a process of its own. "planned" are the entries at the peak that the plan of the factorisation
-says before it begins, by which meshes are refused; "peak" is the rise of the resident set over all of it: assembly,
-matrix, factor and work space.
+node, one end fixed: a cube, which fills in most, a bar of 1:1:6 and a plate of 5:5:1, each at several sizes, each in a
+process of its own; the peak memory is the rise of the resident set from before the body was assembled. Beside it stands
+SuperLU with minimum degree, as scipy has it, for the same matrix, where it is not too dear.
 """
 
 from __future__ import annotations
@@ -21,41 +20,61 @@ from models.fe.elastic import ElasticBody
 from models.fe.extra import require_skfem
 
 SHAPES: dict[str, tuple[int, int, int]] = {"cube": (1, 1, 1), "bar": (1, 1, 6), "plate": (5, 5, 1)}
-UNKNOWNS = (2_000, 5_000, 10_000, 20_000, 34_000, 50_000, 72_000)
+UNKNOWNS = (2_000, 5_000, 10_000, 20_000, 34_000, 50_000, 72_000, 110_000)
+SUPERLU_UNKNOWNS = 40_000
 MODULUS, POISSON = 210e9, 0.3
+SOLUTIONS = 100
+
+
+def body_of(shape: tuple[int, int, int]) -> ElasticBody:
+    """Return a body of ``shape`` cubes whose end z = 0 is fixed."""
+    fem = require_skfem()
+    mesh = fem.MeshHex2.from_mesh(fem.MeshHex1.init_tensor(*(np.arange(count + 1.0) for count in shape)))
+    return ElasticBody(mesh.with_boundaries({"end": lambda x: x[2] < 1e-9}), MODULUS, POISSON, {"end": (0, 1, 2)})
 
 
 def measure(shape: tuple[int, int, int]) -> Row:
-    """Make and factorise a body of ``shape`` cubes; return its size and its cost."""
-    fem = require_skfem()
-    grid = fem.MeshHex.init_tensor(*(np.linspace(0.0, count, count + 1) for count in shape))
-    mesh = fem.MeshHex2.from_mesh(grid).with_boundaries({"end": lambda x: x[2] < 1e-9})
-    # Loads what is loaded once: the libraries of sparse matrices and of the factorisation.
-    ElasticBody(
-        fem.MeshHex2().with_boundaries({"end": lambda x: x[2] < 1e-9}), MODULUS, POISSON, {"end": (0, 1, 2)}
-    ).factorise()
-    before = _resident()
-    began = time.process_time()
-    body = ElasticBody(mesh, MODULUS, POISSON, {"end": (0, 1, 2)})
-    assembled = time.process_time()
-    planned = body.plan
-    decided = time.process_time()
+    """Assemble and factorise one body; return its size and its cost."""
+    body_of((1, 1, 1)).factorise()
+    before, times = _resident(), [time.process_time()]
+    body = body_of(shape)
+    times.append(time.process_time())
+    plan = body.plan
+    times.append(time.process_time())
     body.factorise()
-    done = time.process_time()
-    load = np.zeros((3 * body.nodes.shape[1], 64))
-    load[-3:] = 1.0
-    body.solve(load)
+    times.append(time.process_time())
+    # Before the solutions and SuperLU, which need more.
+    peak = 1024 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before
+    loads = np.zeros((body.nodes.size, SOLUTIONS))
+    loads[np.arange(SOLUTIONS) + body.nodes.size - SOLUTIONS, np.arange(SOLUTIONS)] = 1.0
+    began = time.process_time()
+    body.solve(loads)
+    seconds = (time.process_time() - began) / SOLUTIONS
+    lu_seconds, lu_entries = _superlu(body) if body.unknowns < SUPERLU_UNKNOWNS else (None, None)
     return {
         "unknowns": body.unknowns,
-        "entries": planned.entries,
-        "planned": planned.peak_entries,
-        "Gflop": 1e-9 * planned.operations,
-        "s to assemble": assembled - began,
-        "s to plan": decided - assembled,
-        "s to factorise": done - decided,
-        "s a solution": (time.process_time() - done) / 64,
-        "peak bytes": 1024 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before,
+        "matrix entries": int(body.stiffness.nnz),
+        "factor entries": plan.entries,
+        "peak entries": plan.peak_entries,
+        "operations": plan.operations,
+        "assembly s": times[1] - times[0],
+        "plan s": times[2] - times[1],
+        "factor s": times[3] - times[2],
+        "s a solution": seconds,
+        "peak bytes": peak,
+        "SuperLU s": lu_seconds,
+        "SuperLU entries": lu_entries,
     }
+
+
+def _superlu(body: ElasticBody) -> tuple[float, int]:
+    """Return processor time, s, and entries of both factors of SuperLU for a body."""
+    from scipy.sparse.linalg import splu
+
+    matrix = (body.admissible.T @ body.stiffness @ body.admissible).tocsc()
+    began = time.process_time()
+    factor = splu(matrix, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
+    return time.process_time() - began, int(factor.L.nnz + factor.U.nnz)
 
 
 def _resident() -> int:
@@ -74,6 +93,7 @@ def main() -> None:
             shape = tuple(max(1, round(part * count)) for part in ratio)
             with context.Pool(1) as pool:
                 rows.append({"body": name, **pool.apply(measure, (shape,))})
+            print(rows[-1], flush=True)
     print_table("Factorisation", rows)
     write_json(options.json, {"factorisation": rows})
 

@@ -13,14 +13,14 @@ from pathlib import Path
 
 from models.errors import WrongInputError
 
-ENTRIES = (0.29, 1.52)
-"""Entries of both triangular factors of n unknowns: 1e6 a (n / 1000)^p."""
-SECONDS = (0.004, 2.16)
-"""Processor time of n unknowns, s: a (n / 1000)^p."""
-ENTRY_BYTES = 12.0
-"""Value and index."""
-MATRIX_BYTES = 4_200.0
-"""Bytes of the matrix an unknown, with and without supports."""
+ENTRIES = (0.168, 1.4)
+"""Entries of the triangular factor of n unknowns: 1e6 a (n / 1000)^p."""
+SECONDS = (0.03, 1.36)
+"""Processor time of assembly, plan and factorisation of n unknowns, s: a (n / 1000)^p."""
+PEAK_BYTES = 13.0
+"""Bytes at the peak of the factorisation an entry of the factor: 8 for itself, the rest for fronts that wait."""
+MATRIX_BYTES = 7_000.0
+"""Bytes of the matrix an unknown: without supports, with them, and in the order of elimination."""
 _RESERVE_BYTES = 200e6
 """Left to the system where the limit is what the machine has."""
 
@@ -51,7 +51,7 @@ def factor_cost(unknowns: int) -> Cost:
     """Return what the factorisation of a body of so many unknowns costs at most."""
     thousands = 1e-3 * unknowns
     entries = 1e6 * ENTRIES[0] * thousands ** ENTRIES[1]
-    memory = ENTRY_BYTES * entries + MATRIX_BYTES * unknowns
+    memory = PEAK_BYTES * entries + MATRIX_BYTES * unknowns
     return Cost(unknowns, entries, memory, SECONDS[0] * thousands ** SECONDS[1])
 
 

@@ -159,7 +159,8 @@ class ElasticBody:
     def _factorised(self) -> Cholesky:
         """Return the factor, made at the first call."""
         if self._factor is None:
-            check_memory(self.unknowns, self.name, memory=8.0 * self.plan.peak_entries)
+            # Three copies of the stiffness are made: with the supports, and two on the way to the order of elimination.
+            check_memory(self.unknowns, self.name, memory=8.0 * self.plan.peak_entries + 3.0 * self.memory_bytes)
             try:
                 self._factor = Cholesky(self.admissible.T @ self.stiffness @ self.admissible, self.plan)
             except np.linalg.LinAlgError:
@@ -177,8 +178,8 @@ def _assemble(body: ElasticBody) -> SparseMatrix:
     rows = (body.dim * table.T[:, :, None] + np.arange(body.dim)).reshape(elements, wide).astype(np.int32)
     total = sparse_matrix(np.zeros(0), np.zeros(0, int), np.zeros(0, int), (size, size))
     # One sum a batch of chunks keeps the triplets, 12 bytes for each of wide^2 entries an element, within bounds.
-    for start in range(0, elements, 8 * _ELEMENTS_AT_ONCE):
-        stop = min(start + 8 * _ELEMENTS_AT_ONCE, elements)
+    for start in range(0, elements, 4 * _ELEMENTS_AT_ONCE):
+        stop = min(start + 4 * _ELEMENTS_AT_ONCE, elements)
         blocks = [
             _element_stiffness(body, np.arange(a, min(a + _ELEMENTS_AT_ONCE, stop)), points, weights)
             for a in range(start, stop, _ELEMENTS_AT_ONCE)

@@ -12,7 +12,7 @@ from models.fe.condense import ContactCells, compliance
 from models.fe.contact import FORCE_TOLERANCE, TOLERANCE, ContactState, press, press_to_force
 from models.fe.elastic import FeError
 from tests.effort import effort_count
-from tests.models.fe.bodies import block_mesh, cut_free
+from tests.models.fe.bodies import MODULUS, POISSON, block_mesh, cut_free, unit_mesh
 
 Problem = tuple[np.ndarray, np.ndarray, np.ndarray]
 
@@ -101,6 +101,21 @@ def test_a_singular_compliance_does_not_break_the_active_set(seed: int, nodes: i
     state = press(loads.T @ (factor @ factor.T) @ loads * 1e-15, gap, width, 1.5e-5)
     assert state.converged
     assert state.pressure_unique or parts > 1
+
+
+@pytest.mark.parametrize(
+    ("one", "other"), [("MeshHex2", "MeshTet1"), ("MeshTet2", "MeshHex1"), ("MeshQuad2", "MeshTri2")]
+)
+def test_a_uniform_pressure_passes_between_unequal_meshes(one: str, other: str) -> None:
+    bodies = [cut_free(unit_mesh(kind)) for kind in (one, other)]
+    edges = np.array([0.0, 0.3, 0.6, 1.0])
+    cells = ContactCells.grid(edges, edges if bodies[0].dim == 3 else None)
+    both = sum((compliance(body, "contact", cells) for body in bodies), np.zeros((len(cells), len(cells))))
+    state = press(both, np.zeros(len(cells)), cells.area, 2e-6)
+    modulus = MODULUS if bodies[0].dim == 3 else MODULUS / (1.0 - POISSON**2)
+    assert state.converged
+    assert state.pressure == pytest.approx(np.full(len(cells), 1e-6 * modulus), rel=1e-9)
+    assert state.stiffness == pytest.approx(0.5 * modulus, rel=1e-9)
 
 
 def test_bodies_apart_carry_nothing() -> None:

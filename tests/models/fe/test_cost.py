@@ -5,7 +5,6 @@ import pytest
 
 from models.fe import cost
 from models.fe.cost import (
-    MATRIX_BYTES,
     Memory,
     MemoryBoundError,
     check_memory,
@@ -25,17 +24,18 @@ def test_the_law_is_above_what_was_measured_and_not_far() -> None:
     assert len(rows) > 15
     for row in rows:
         law = factor_cost(row["unknowns"])
-        # The process of the benchmark held the matrix once.
-        memory = law.memory - 0.5 * MATRIX_BYTES * row["unknowns"]
         limit = 1.35 if row["body"] == "cube" else 2.2
         assert 0.95 < law.factor_entries / row["factor entries"] < limit
-        assert 0.85 < memory / row["peak bytes"] < limit
+        assert 0.9 < law.memory / row["peak bytes"] < limit
+        # A body is refused by its plan and the copies of its matrix, one of which it has already.
+        planned = 8.0 * row["peak entries"] + 4.0 * (12.0 * row["matrix entries"])
+        assert 0.9 < planned / row["peak bytes"] < 1.3
 
 
 def test_cost_grows_faster_than_the_unknowns() -> None:
     small, large = factor_cost(10_000), factor_cost(20_000)
     assert large.memory > 2.0 * small.memory
-    assert large.seconds > 4.0 * small.seconds
+    assert large.seconds > 2.0 * small.seconds
 
 
 def test_a_mesh_that_the_machine_cannot_hold_is_refused_with_both_amounts(monkeypatch: pytest.MonkeyPatch) -> None:
