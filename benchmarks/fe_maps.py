@@ -183,7 +183,7 @@ def volume_rows(maps: Mapping[str, RmsMap], rigs: Mapping[str, Rig], first: str,
 def main() -> None:
     """Run the benchmark."""
     options = arguments(__doc__ or "")
-    lives = 2 if options.quick else 8
+    lives = 2 if options.quick else 24
     plan = replace(PLAN, h_d=PLAN.h_d[::4], dphi_d=PLAN.dphi_d[::2]) if options.quick else PLAN
     began = time.process_time()
     stiffness, k_c = stiffnesses(computed())

@@ -75,13 +75,18 @@ class ShaftMeshRule:
 
 
 def shaft_mesh(
-    steps: Sequence[Step], seats: dict[str, tuple[float, float]], rule: ShaftMeshRule | None = None
+    steps: Sequence[Step],
+    seats: dict[str, tuple[float, float]],
+    rule: ShaftMeshRule | None = None,
+    *,
+    upper: bool = False,
 ) -> FeMesh:
     """Return half of a shaft of hexahedra.
 
     Args:
         steps: from the first end to the last.
         seats: first and last place along the shaft, m, of surfaces of the outside that get their own boundary.
+        upper: whether only the half above the axis, y >= 0, is meshed.
 
     Returns:
         A mesh with the boundaries "x0" (plane of symmetry), "first" and "last" (the ends) and those of the seats.
@@ -99,6 +104,9 @@ def shaft_mesh(
     marks = [*ends, *(place for seat in seats.values() for place in seat)]
     planes = _divided(_distinct(sorted(marks), ends[-1]), size, rule.finest * size)
     points, quads, rings = _section(radii, rule.eighth, size, rule.finest * size)
+    if upper:
+        above = points[1][quads].mean(axis=0) > 0.0
+        quads, rings = quads[:, above], rings[above]
     shifted, cells = _extruded(points, quads, rings, planes, steps, ends)
     flat = skfem.MeshHex1(shifted, cells).remove_unused_nodes()
     mesh = flat if rule.order == 1 else skfem.MeshHex2.from_mesh(flat)

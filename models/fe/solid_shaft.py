@@ -18,11 +18,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from models.checks import check_whole
-from models.fe.balance import Balance, settle
 from models.fe.elastic import ElasticBody
+from models.fe.fit_contact import Fit, FitFound, FitProblem, settle_fit
 from models.fe.ring_bodies import INFLUENCE_RULE, RingBody, bore_traction, influence_load
+from models.fe.ring_mesh import ring_mesh
 from models.fe.shaft_mesh import ShaftMeshRule, Step, shaft_mesh
-from models.fe.sizing import MeshRule
+from models.fe.sizing import MeshRule, contact_grid
 from models.fe.traction import BoundaryPoints, boundary_points, traction_loads
 
 if TYPE_CHECKING:
@@ -31,9 +32,7 @@ if TYPE_CHECKING:
     from models.fe.assembled import AssembledBearing
     from models.fe.geometry import FeGeometry
 
-_TOLERANCE = 1e-9
 _BALANCE = 1e-8
-_EXCHANGES = 200
 _SURFACE = "seat"
 
 
@@ -69,7 +68,8 @@ class FittedState:
         displacement: of the bore along the load, its first harmonic, m.
         bore_line: of the bore where the plane of the load meets it, m.
         pressure: at the points of the bore, Pa, shape (rule.angles, rule.layers).
-        parted: angle from the load from which on the shaft does not touch the bore, rad; pi where it does all around.
+        parted: angle from the load from which on the shaft does not touch the bore, rad; the end of the ring where it
+            touches all along.
         exchanges: of the active sets.
         converged: whether forces balance, and no pressure or force pulls where nothing overlaps.
     """
@@ -113,13 +113,19 @@ class SolidShaft:
     Args:
         geometry: of the bearing.
         rule: of meshes and pressures.
+        cut: whether only the half towards the load is there, as the thesis cuts its models (3.4.2); elements beyond it
+            are left out.
     """
 
-    def __init__(self, geometry: FeGeometry, rule: FitRule | None = None) -> None:
+    def __init__(self, geometry: FeGeometry, rule: FitRule | None = None, *, cut: bool = False) -> None:
         """Mesh the ring; ring and shaft are factorised when they are first needed."""
         self.geometry = geometry
         self.rule = rule or FitRule()
-        self.ring = RingBody.of(geometry, "inner", influence_load(geometry), self.rule.ring)
+        self.extent = 0.5 * math.pi if cut else math.pi
+        grid = contact_grid(geometry, "inner", influence_load(geometry), self.rule.ring)
+        mesh = ring_mesh(geometry, "inner", grid, self.rule.ring, angle=self.extent)
+        # The angles are those of the elements, which differ from state to state.
+        self.ring = RingBody(geometry, "inner", mesh, grid, np.array([self.extent]))
 
     @property
     def unknowns(self) -> dict[str, int]:
@@ -138,7 +144,8 @@ class SolidShaft:
     @cached_property
     def _disc(self) -> _Balanced:
         steel, half = self.geometry, 0.5 * self.geometry.width
-        mesh = shaft_mesh((Step(half, 2.0 * steel.bore_radius),), {_SURFACE: (0.0, half)}, self.rule.shaft)
+        steps, seats = (Step(half, 2.0 * steel.bore_radius),), {_SURFACE: (0.0, half)}
+        mesh = shaft_mesh(steps, seats, self.rule.shaft, upper=self.extent < math.pi)
         places = np.asarray(mesh.doflocs)
         lonely = int(np.argmin(places[1]))
         body = ElasticBody(mesh, steel.modulus, steel.poisson, {"x0": (0,), "first": (2,), lonely: (1,)})
@@ -170,7 +177,7 @@ class SolidShaft:
         ``sense`` is 1 for loads along the outward normal, -1 against it.
         """
         x, y, z = points.places
-        around = np.arctan2(x, y) * ((self.rule.angles - 1) / math.pi)
+        around = np.arctan2(x, y) * ((self.rule.angles - 1) / self.extent)
         along = z * ((self.rule.layers - 1) / (0.5 * self.geometry.width))
         columns: list[NDArray[np.float64]] = []
         for i in range(self.rule.angles):
@@ -180,21 +187,22 @@ class SolidShaft:
         return np.stack(columns, axis=1)
 
     def solve(
-        self, bearing: AssembledBearing, load: float, *, between: bool = False, bilateral: bool = False
+        self, bearing: AssembledBearing, load: float, *, between: bool = False, fit: Fit = "touching"
     ) -> FittedState:
         """Return the state of a bearing under a load, N.
 
         Args:
             bearing: its law, clearance and outer ring; what it has for the inner ring is not used.
             between: whether the load is between two elements; by default one stands in its direction.
-            bilateral: whether the shaft holds the bore where it would part from it.
+            fit: whether the shaft touches the bore, holds it, or is a sinusoidal pressure.
         """
         problem = self._problem(bearing, load, between=between)
-        return _finished(problem, _settle(problem, bilateral=bilateral), self.rule)
+        return self._finished(problem, settle_fit(problem, fit))
 
-    def _problem(self, bearing: AssembledBearing, load: float, *, between: bool) -> _Problem:
+    def _problem(self, bearing: AssembledBearing, load: float, *, between: bool) -> FitProblem:
         angles = bearing.angles(0.5 * bearing.spacing if between else 0.0)
-        angles = angles[angles <= math.pi * (1.0 + 1e-9)]
+        # An element at the end of a cut ring carries nothing.
+        angles = angles[angles <= (self.extent * (1.0 - 1e-3) if self.extent < math.pi else math.pi * (1.0 + 1e-9))]
         edge = (angles < 1e-9) | (angles > math.pi - 1e-9)
         many = np.where(edge, 1.0, 2.0)
         bore = self._bore
@@ -204,11 +212,12 @@ class SolidShaft:
         yields = readers.T @ pushed
         yields[np.diag_indices(len(angles))] -= own
         line = self.ring.bore_readers(self._free.body, np.zeros(1))[:, 0]
-        return _Problem(
+        return FitProblem(
             bearing=bearing,
             load=load,
             angles=angles,
             many=many,
+            cosine=np.cos(np.repeat(np.linspace(0.0, self.extent, self.rule.angles), self.rule.layers)),
             resultant=bore.resultant,
             bodies=bore.push.T @ bore.ring + bore.disc,
             bore_by_elements=bore.push.T @ pushed,
@@ -216,6 +225,29 @@ class SolidShaft:
             elements=yields + _outer(bearing, angles, many),
             centre=bore.centre,
             line=(line @ bore.ring, line @ pushed),
+        )
+
+    def _finished(self, problem: FitProblem, found: FitFound) -> FittedState:
+        """Return the state with its checks."""
+        pressure, forces = found.pressure, found.forces
+        carried = float(problem.many * np.cos(problem.angles) @ forces)
+        shown = 4.0 * float(problem.resultant @ pressure)
+        off = max(abs(carried / problem.load - 1.0), abs(shown / problem.load - 1.0))
+        displacement = float(found.balance.displacement[0])
+        by_pressure, by_forces = problem.line
+        grid = pressure.reshape(self.rule.angles, self.rule.layers)
+        angles = np.linspace(0.0, self.extent, self.rule.angles)
+        open_at = np.nonzero(~(grid > 0.0).any(axis=1))[0]
+        return FittedState(
+            load=problem.load,
+            angles=problem.angles,
+            loads=forces,
+            displacement=displacement,
+            bore_line=displacement + float(by_pressure @ pressure + by_forces @ forces),
+            pressure=grid,
+            parted=float(angles[open_at[0]]) if len(open_at) else self.extent,
+            exchanges=found.exchanges,
+            converged=found.settled and off < _BALANCE,
         )
 
 
@@ -230,71 +262,6 @@ class _Bore:
     resultant: NDArray[np.float64]
 
 
-@dataclass(frozen=True, eq=False)
-class _Problem:
-    """What is to be solved; P points of the bore, Z elements of one side.
-
-    Attributes:
-        many: elements that stand for each: 2, and 1 on the plane of the load, shape (Z,).
-        resultant: force along y of a unit pressure at each point on a quarter of the bore, m2, shape (P,).
-        bodies: by how much ring and shaft make room at the points, weighted, by unit pressures, m3/Pa, (P, P).
-        bore_by_elements, elements_by_bore: the same by unit forces on elements, (P, Z); inwards yield of the race under
-            elements by unit pressures, m/Pa, (Z, P).
-        elements: inwards yield of both races under elements by unit forces, beyond the element law, m/N, (Z, Z).
-        centre: room that a newton at the shaft's centre takes, m3/N, (P,).
-        line: shift of the bore's line on the plane of the load by unit pressures and by unit forces.
-    """
-
-    bearing: AssembledBearing
-    load: float
-    angles: NDArray[np.float64]
-    many: NDArray[np.float64]
-    resultant: NDArray[np.float64]
-    bodies: NDArray[np.float64]
-    bore_by_elements: NDArray[np.float64]
-    elements_by_bore: NDArray[np.float64]
-    elements: NDArray[np.float64]
-    centre: NDArray[np.float64]
-    line: tuple[NDArray[np.float64], NDArray[np.float64]]
-
-    def fitted(self, active: NDArray[np.bool_]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return pressures and the shaft's shift against the ring over the forces, with the bore closed where active.
-
-        Both (P + 1,) without forces on elements, and (P + 1, Z) by each of them; linear between.
-        """
-        on = np.nonzero(active)[0]
-        count = len(on)
-        matrix = np.zeros((count + 1, count + 1))
-        unit = float(np.abs(self.bodies).max()) / float(np.abs(self.resultant).max())
-        matrix[:count, :count] = self.bodies[np.ix_(on, on)]
-        matrix[:count, count] = -unit * self.resultant[on]
-        matrix[count, :count] = unit * 4.0 * self.resultant[on]
-        right = np.zeros((count + 1, 1 + len(self.many)))
-        right[:count, 0] = self.load * self.centre[on]
-        right[:count, 1:] = -self.bore_by_elements[on]
-        right[count, 0] = unit * self.load
-        found = np.linalg.solve(matrix, right)
-        whole = np.zeros((len(active) + 1, right.shape[1]))
-        whole[on], whole[-1] = found[:count], unit * found[count]
-        return whole[:, 0], whole[:, 1:]
-
-    def room(self, pressure: NDArray[np.float64], shift: float, forces: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return how far shaft and bore are apart at the points, weighted, m3, shape (P,)."""
-        taken = self.load * self.centre + shift * self.resultant
-        return self.bodies @ pressure + self.bore_by_elements @ forces - taken
-
-
-@dataclass(frozen=True, eq=False)
-class _Found:
-    """Pressures, Pa, (P,), forces on elements, N, (Z,), their balance, exchanges of the active set, and its end."""
-
-    pressure: NDArray[np.float64]
-    forces: NDArray[np.float64]
-    balance: Balance
-    exchanges: int
-    settled: bool
-
-
 def _readers(ring: RingBody, body: ElasticBody, angles: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return columns for the inwards yield of the race under elements at angles, shape (3 nodes, Z)."""
     beside = angles > 1e-9
@@ -304,66 +271,6 @@ def _readers(ring: RingBody, body: ElasticBody, angles: NDArray[np.float64]) -> 
         # There the race is the patch of the contact; a quarter of its load is one of a quarter of the ring.
         columns[:, ~beside] = 4.0 * ring.element_load(body)[:, None]
     return columns
-
-
-def _settle(problem: _Problem, *, bilateral: bool) -> _Found:
-    """Return the state in which no pressure pulls and nothing overlaps, by exchange of the closed points."""
-    active = np.ones(len(problem.resultant), dtype=bool) if bilateral else problem.resultant > 0.0
-    exchanges = 0
-    while True:
-        pressure, shift, forces, balance = _closed(problem, active)
-        room = problem.room(pressure, shift, forces)
-        pulls = active & (pressure < -_TOLERANCE * float(np.abs(pressure).max()))
-        overlaps = ~active & (room < -_TOLERANCE * float(np.abs(problem.load * problem.centre).max()))
-        settled = bilateral or not (pulls.any() or overlaps.any())
-        if settled or exchanges == _EXCHANGES:
-            return _Found(pressure, forces, balance, exchanges, settled)
-        active = (active & ~pulls) | overlaps
-        exchanges += 1
-
-
-def _closed(
-    problem: _Problem, active: NDArray[np.bool_]
-) -> tuple[NDArray[np.float64], float, NDArray[np.float64], Balance]:
-    """Return pressures, shift of the shaft, forces on elements and their balance with the bore closed where active."""
-    alone, by_forces = problem.fitted(active)
-    influence = problem.elements + problem.elements_by_bore @ by_forces[:-1]
-    # Each pair of elements has one row and two columns.
-    pairs = np.repeat(np.arange(len(problem.many)), problem.many.astype(int))
-    balance = settle(
-        np.cos(problem.angles[pairs])[:, None],
-        problem.bearing.law,
-        np.array([problem.load]),
-        influence=(influence / problem.many)[np.ix_(pairs, pairs)],
-        clearance=problem.bearing.clearance + (problem.elements_by_bore @ alone[:-1])[pairs],
-    )
-    forces = balance.forces[np.searchsorted(pairs, np.arange(len(problem.many)))]
-    state = alone + by_forces @ forces
-    return state[:-1], float(state[-1]), forces, balance
-
-
-def _finished(problem: _Problem, found: _Found, rule: FitRule) -> FittedState:
-    """Return the state with its checks."""
-    pressure, forces = found.pressure, found.forces
-    carried = float(problem.many * np.cos(problem.angles) @ forces)
-    shown = 4.0 * float(problem.resultant @ pressure)
-    off = max(abs(carried / problem.load - 1.0), abs(shown / problem.load - 1.0))
-    displacement = float(found.balance.displacement[0])
-    by_pressure, by_forces = problem.line
-    grid = pressure.reshape(rule.angles, rule.layers)
-    angles = np.linspace(0.0, math.pi, rule.angles)
-    open_at = np.nonzero(~(grid > 0.0).any(axis=1))[0]
-    return FittedState(
-        load=problem.load,
-        angles=problem.angles,
-        loads=forces,
-        displacement=displacement,
-        bore_line=displacement + float(by_pressure @ pressure + by_forces @ forces),
-        pressure=grid,
-        parted=float(angles[open_at[0]]) if len(open_at) else math.pi,
-        exchanges=found.exchanges,
-        converged=found.settled and off < _BALANCE,
-    )
 
 
 def _outer(bearing: AssembledBearing, angles: NDArray[np.float64], many: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -12,7 +12,9 @@ import pytest
 from models.bearing import catalogue_entry
 from models.fe.assembled import AssembledBearing
 from models.fe.bearing import analytic_law
+from models.fe.fit_contact import Fit
 from models.fe.geometry import FeGeometry, fe_geometry
+from models.fe.ring_bodies import bore_load, influence_load, ring_influence
 from models.fe.shaft_mesh import ShaftMeshRule
 from models.fe.sizing import MeshRule
 from models.fe.solid_shaft import FitRule, FittedState, SolidShaft
@@ -45,9 +47,9 @@ def bearing() -> AssembledBearing:
     return AssembledBearing(analytic_law(geometry()), geometry().n_elements)
 
 
-def solve(load: float = 1000.0, *, between: bool = False, bilateral: bool = False) -> FittedState:
+def solve(load: float = 1000.0, *, between: bool = False, fit: Fit = "touching") -> FittedState:
     """Return the state of the bearing on its shaft."""
-    return fitted().solve(bearing(), load, between=between, bilateral=bilateral)
+    return fitted().solve(bearing(), load, between=between, fit=fit)
 
 
 def test_forces_balance_and_nothing_pulls() -> None:
@@ -63,7 +65,7 @@ def test_forces_balance_and_nothing_pulls() -> None:
 
 
 def test_shaft_that_holds_the_bore_pulls_and_is_stiffer_or_equal() -> None:
-    touching, held = solve(), solve(bilateral=True)
+    touching, held = solve(), solve(fit="held")
     assert held.pressure.min() < 0.0
     assert held.converged
     assert held.loads.sum() == pytest.approx(touching.loads.sum(), rel=0.02)
@@ -93,7 +95,7 @@ def test_shares_on_shaft_are_those_of_rigid_rings_within_percents() -> None:
 
 
 def test_exchanges_that_do_not_end_are_said(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("models.fe.solid_shaft._EXCHANGES", 0)
+    monkeypatch.setattr("models.fe.fit_contact._EXCHANGES", 0)
     assert not solve().converged
 
 
@@ -101,3 +103,23 @@ def test_clearance_narrows_the_zone() -> None:
     state = fitted().solve(replace(bearing(), clearance=2e-5), 1000.0)
     assert state.converged
     assert np.count_nonzero(state.loads) < np.count_nonzero(solve().loads)
+
+
+def test_given_pressure_is_that_of_the_assembled_bearing() -> None:
+    """The sinusoidal pressure as of ``models.fe.ring_bodies``, on the same mesh: another way to the same numbers."""
+    load = influence_load(geometry())
+    own = ring_influence(geometry(), "inner", load, balanced=True, rule=COARSE.ring)
+    bore = bore_load(geometry(), load, rule=COARSE.ring)
+    expected = replace(bearing(), inner=own, bore_load=bore).state(1000.0)
+    state = solve(fit="sinusoidal")
+    assert state.converged
+    assert state.loads == pytest.approx(expected.loads[: len(state.loads)], rel=0.01)
+    assert state.displacement == pytest.approx(float(expected.displacement[0]), rel=0.01)
+    assert state.bore_line == pytest.approx(expected.bore_line, rel=0.02)
+
+
+def test_cut_bodies_leave_out_the_unloaded_half() -> None:
+    state = SolidShaft(geometry(), COARSE, cut=True).solve(bearing(), 1000.0)
+    assert state.converged
+    assert len(state.angles) == 3
+    assert state.loads[0] + 2.0 * float(np.cos(state.angles[1:]) @ state.loads[1:]) == pytest.approx(1000.0)
