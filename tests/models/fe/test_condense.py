@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import functools
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -19,7 +21,7 @@ from tests.models.fe.bodies import MODULUS, POISSON, block_mesh, cut_free, name_
     kind=st.sampled_from(["MeshHex2", "MeshTet2", "MeshHex1", "MeshTet1"]),
 )
 def test_loads_of_any_cells_have_the_force_and_moments_of_their_pressure(x: list[float], kind: str) -> None:
-    body = _BODIES[kind]
+    body = _body(kind)
     cells = ContactCells.grid(np.array([0.0, *sorted(x), 1.0]), np.array([0.0, 0.37, 1.0]))
     loads = cell_loads(body, "contact", cells).toarray().reshape(-1, 3, len(cells))
     assert np.abs(loads[:, [0, 2]]).max() == 0.0
@@ -29,7 +31,9 @@ def test_loads_of_any_cells_have_the_force_and_moments_of_their_pressure(x: list
         assert moment == pytest.approx(cells.area * centre, rel=1e-11)
 
 
-_BODIES = {kind: cut_free(unit_mesh(kind)) for kind in ("MeshHex2", "MeshTet2", "MeshHex1", "MeshTet1")}
+@functools.cache
+def _body(kind: str) -> ElasticBody:
+    return cut_free(unit_mesh(kind))
 
 
 def test_loads_of_a_quadratic_facet_are_the_exact_integrals() -> None:
