@@ -109,6 +109,12 @@ def _local(front: Front, rows: NDArray[np.int64]) -> NDArray[np.int64]:
 
 
 def _extend(dense: NDArray[np.float64], front: Front, remainder: NDArray[np.float64], child: Front) -> None:
-    """Add the remainder of a child to a front."""
+    """Add the lower triangle of the remainder of a child to a front, a run of neighbouring columns at a time."""
     places = _local(front, child.boundary)
-    dense[np.ix_(places, places)] += remainder
+    if not len(places):
+        return
+    breaks = np.flatnonzero(np.diff(places) != 1) + 1
+    for begin, end in zip((0, *breaks), (*breaks, len(places)), strict=True):
+        # Both are stored by columns: their transposes are read and written along them.
+        columns = dense.T[places[begin] : places[begin] + end - begin]
+        columns[:, places[begin:]] += remainder.T[begin:end, begin:]
