@@ -158,7 +158,7 @@ def draw(path: Path) -> None:
         ):
             draw_boundary(place, mesh, boundary, shown, near)
             place.set_title(title, fontsize=9)
-    figure.savefig(path, dpi=110)
+    figure.savefig(path, dpi=85)
 
 
 def main() -> None:

@@ -21,8 +21,7 @@ Profile = Literal["straight", "crowned", "logarithmic"]
 
 STEEL_MODULUS = 210e9
 STEEL_POISSON = 0.3
-# Height of the shoulders over the bottom of the groove by the ball's diameter, where no drawing is known: makers'
-# abutment diameters of the series 60 to 63 lie between 0.17 and 0.25.
+# Height of the shoulders over the bottom of the groove by the ball's diameter, where no drawing is known: assumed.
 SHOULDER_HEIGHT = 0.2
 # Radius of a roller's rounded edge by its diameter, where no drawing is known: 0.2 mm of the 5.5 mm of NU 202 ECP
 # (thesis, section 3.2.1).
