@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from models.bearing import CatalogueEntry
 from models.contact_estimates import estimate_stiffness
+from models.fe.geometry import fe_geometry
 from models.fe.named_rules import NAMED_RULES, MeshName
 from models.fe.rig import rig_stiffness
 from models.fe.rings import SUPPORTS, Support
@@ -32,7 +33,9 @@ from monitor.config.fe_shaft import read_shaft
 if TYPE_CHECKING:
     from models.fe.assembled import FePassage, FeState
     from models.fe.bearing import FeBearing
-    from models.fe.geometry import FeGeometry
+    from models.fe.cache import FeCache
+    from models.fe.element import Progress
+    from models.fe.self_aligning import SelfAligningBearing
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -116,6 +119,7 @@ class FeCase:
     """A bearing under a radial load (N) with a radial clearance (m), computed.
 
     Attributes:
+        entry: unknown dimensions filled in.
         estimated: names of the dimensions that are estimates.
         passage: over one spacing of the elements; the first state has one under the load.
         loads: N, with displacement along the load, m, (loads,), and stiffness, N/m, (loads, 2, 2), of each: means over
@@ -123,9 +127,8 @@ class FeCase:
         seconds: of wall time.
     """
 
-    designation: str
-    geometry: FeGeometry
-    bearing: FeBearing
+    entry: CatalogueEntry
+    bearing: FeBearing | SelfAligningBearing
     load: float
     clearance: float
     exponent: float
@@ -151,34 +154,25 @@ def fe_case(entry: CatalogueEntry, load: float, clearance: float, options: FeOpt
         WrongInputError: the extra is missing, a dimension unknown, the kind of bearing not modelled, or the memory too
             small.
     """
-    from models.fe.bearing import fe_bearing
     from models.fe.cache import FeCache, default_folder
     from models.fe.cost import memory_bound
     from models.fe.extra import require_skfem
-    from models.fe.geometry import fe_geometry
 
     require_skfem()
     entry, estimated = _with_estimates(entry)
-    geometry = fe_geometry(entry)
     began = time.perf_counter()
     kept = FeCache(default_folder() if options.use_cache else None, report=lambda text: say(text, quiet=options.quiet))
     bound = None if options.memory_gb is None else 1e9 * options.memory_gb
     with memory_bound(bound), _progress(quiet=options.quiet) as progress:
-        bearing = fe_bearing(
-            geometry,
-            load,
-            clearance=clearance,
-            support=options.support,
-            rule=NAMED_RULES[options.mesh],
-            cache=kept,
-            progress=progress,
-        )
+        if entry.bearing.contact_angle == 0.0:
+            bearing = _symmetric(entry, load, clearance, options, kept, progress)
+        else:
+            bearing = _oblique(entry, load, clearance, options, kept, progress)
     passage = bearing.assembled.stiffness_over_passage(load)
     loads = tuple(share * load for share in LOAD_STEPS)
     displacement, stiffness = bearing.assembled.stiffness_against_load(loads)
     return FeCase(
-        entry.bearing.designation,
-        geometry,
+        entry,
         bearing,
         load,
         clearance,
@@ -192,6 +186,36 @@ def fe_case(entry: CatalogueEntry, load: float, clearance: float, options: FeOpt
         time.perf_counter() - began,
         kept.made == 0 and kept.found > 0,
     )
+
+
+def _symmetric(
+    entry: CatalogueEntry, load: float, clearance: float, options: FeOptions, kept: FeCache, progress: Progress
+) -> FeBearing:
+    from models.fe.bearing import fe_bearing
+
+    return fe_bearing(
+        fe_geometry(entry),
+        load,
+        clearance=clearance,
+        support=options.support,
+        rule=NAMED_RULES[options.mesh],
+        cache=kept,
+        progress=progress,
+    )
+
+
+def _oblique(
+    entry: CatalogueEntry, load: float, clearance: float, options: FeOptions, kept: FeCache, progress: Progress
+) -> SelfAligningBearing:
+    from models.fe.oblique import oblique_geometry
+    from models.fe.self_aligning import self_aligning_bearing
+
+    geometry = oblique_geometry(entry)
+    if options.support != "rigid-shaft" or options.mesh != "default":
+        raise InputError(
+            f"{entry.bearing.designation}: a self-aligning bearing takes --fe-support rigid-shaft and --fe-mesh default"
+        )
+    return self_aligning_bearing(geometry, load, clearance=clearance, cache=kept, progress=progress)
 
 
 def fe_answer(

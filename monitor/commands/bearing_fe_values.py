@@ -10,6 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.bearing import Bearing
+from models.fe.geometry import fe_geometry
+from models.fe.sizing import half_sizes
 from models.hertz import BALL_EXPONENT, point_contact_semi_axes
 from models.load_distribution import load_distribution, stiffness_against_load, stiffness_over_passage
 from monitor.commands.bearing_shaft import shaft_lines
@@ -25,6 +27,7 @@ if TYPE_CHECKING:
     from monitor.report.figures.fe_bearing import BearingPicture, Pressure
 
 Partner = tuple[Bearing, float]
+_MAX_BODIES = 4
 _STATUS_WORDS = {
     "not_in_equilibrium": "the forces of the elements do not balance the load",
     "contact_violated": "an element is loaded with an open contact, or free with a closed one",
@@ -138,7 +141,7 @@ def law_values(case: FeCase, top: float) -> dict[str, Any]:
 
 def _contact_values(case: FeCase, race: Race, contact: FeContact) -> dict[str, float]:
     ball = _is_ball(case)
-    length, width = _hertz_sizes(case.geometry, race, contact.force)
+    length, width = _hertz_sizes(fe_geometry(case.entry), race, contact.force)
     return {
         "load_newton": contact.force,
         "middle_pressure_mpa": 1e-6 * _middle(contact, ball=ball),
@@ -154,8 +157,6 @@ def _contact_values(case: FeCase, race: Race, contact: FeContact) -> dict[str, f
 
 def _hertz_sizes(geometry: FeGeometry, race: Race, force: float) -> tuple[float, float]:
     """Return half length and half width of a contact by Hertz, without the fits of Eqs. 8 to 10, m."""
-    from models.fe.sizing import half_sizes
-
     groove = geometry.groove_radius(race)
     if groove is None:
         return half_sizes(geometry, race, force)
@@ -207,6 +208,8 @@ def _beside(
         if key == "k_c_elliptic" and other.get(key) is None:
             continue
         found, known = _at(own, key), _at(other, key)
+        if found is None and known is None:
+            continue
         shown = f"N/m^{'1.5' if ball else '(10/9)'}" if key.startswith("k_c") else shown
         difference = None
         if found is not None and known:
@@ -224,7 +227,7 @@ def _beside(
 
 
 def _hertz_values(case: FeCase, race: Race, force: float) -> dict[str, float]:
-    length, width = _hertz_sizes(case.geometry, race, force)
+    length, width = _hertz_sizes(fe_geometry(case.entry), race, force)
     return {
         "half_length_um": 1e6 * length,
         "half_width_um": 1e6 * width,
@@ -248,7 +251,7 @@ def fe_lines(values: Mapping[str, Any]) -> Iterator[str]:
     """Yield the lines of finite elements for people."""
     status = values["status"]
     error = values["mesh_error_percent"]
-    unknowns = ", ".join(f"{name} {count:,}" for name, count in values["unknowns"].items())
+    unknowns = _unknowns(values)
     yield (
         f"finite elements     {values['support']}, {values['mesh']} mesh: {status_in_words(status)}"
         + f"; mesh error {'unknown' if error is None else f'{error:.2g} %'}"
@@ -282,6 +285,14 @@ def fe_lines(values: Mapping[str, Any]) -> Iterator[str]:
         yield from shaft_lines(values["shaft"])
 
 
+def _unknowns(values: Mapping[str, Any]) -> str:
+    """Return the unknowns of all bodies, of many only how many."""
+    counts: dict[str, int] = values["unknowns"]
+    if len(counts) > _MAX_BODIES:
+        return f"{len(counts)} bodies, up to {max(counts.values()):,}"
+    return ", ".join(f"{name} {count:,}" for name, count in counts.items())
+
+
 def _range(values: Mapping[str, Any]) -> str:
     key = next(key for key in values if key.startswith("k_c_range_"))
     low, high = values[key]
@@ -301,13 +312,12 @@ def fe_picture(case: FeCase, values: Mapping[str, Any], partner: Partner | None)
     made, first = case.bearing, case.first
     known = None if partner is None else _analytic(case, *partner)
     return BearingPicture(
-        f"{case.designation} by finite elements",
+        f"{case.entry.bearing.designation} by finite elements",
         f"{figure(case.load)} N radial, radial clearance {figure(1e6 * case.clearance, 2)} µm, {case.options.support}, "
         f"{case.options.mesh} mesh: {status_in_words(values['status'])}.",
         _facts(values),
         {race: _pressure(case, race, contact) for race, contact in made.contacts.items()},
-        first.angles,
-        (None if known is None else known[0], first.loads),
+        (None if known is None else known[0], (first.angles, first.loads)),
         case.passage.cage_angle,
         (None if known is None else known[1], case.passage.matrix),
         np.array(case.loads),
@@ -319,15 +329,15 @@ def _facts(values: Mapping[str, Any]) -> list[tuple[str, str]]:
     error = values["mesh_error_percent"]
     return [
         ("Mesh error", "unknown" if error is None else f"{figure(error, 2)} % of the approach"),
-        ("Unknowns", ", ".join(f"{name} {count:,}" for name, count in values["unknowns"].items())),
+        ("Unknowns", _unknowns(values)),
         *([("Estimated", ", ".join(values["estimated"]).replace("_", " "))] if values["estimated"] else []),
     ]
 
 
 def _analytic(
     case: FeCase, bearing: Bearing, k_c: float
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Return loads of the elements, N, stiffness over the same passage, N/m, and mean stiffness against the load."""
+) -> tuple[tuple[NDArray[np.float64], NDArray[np.float64]], NDArray[np.float64], NDArray[np.float64]]:
+    """Return angles, rad, and loads, N, of elements, and stiffness, N/m: over the same passage, against the load."""
     shared = load_distribution(bearing, case.load, k_c, clearance=case.clearance)
     passage = stiffness_over_passage(bearing, case.load, k_c, clearance=case.clearance)
     _, stiffness = stiffness_against_load(bearing, case.loads, k_c, clearance=case.clearance)
@@ -338,7 +348,7 @@ def _analytic(
     for i in range(2):
         for j in range(2):
             matrix[:, i, j] = np.interp(turns, passage.cage_angle, passage.matrix[:, i, j], period=spacing)
-    return shared.loads, matrix, stiffness
+    return (shared.angles, shared.loads), matrix, stiffness
 
 
 def _pressure(case: FeCase, race: Race, contact: FeContact) -> Pressure:
@@ -348,6 +358,6 @@ def _pressure(case: FeCase, race: Race, contact: FeContact) -> Pressure:
     x = np.append(np.unique(cells.x0), cells.x1.max())
     z = np.append(np.unique(cells.z0), cells.z1.max())
     pressure = contact.pressure.reshape(len(x) - 1, len(z) - 1)
-    length, width = _hertz_sizes(case.geometry, race, contact.force)
+    length, width = _hertz_sizes(fe_geometry(case.entry), race, contact.force)
     ball = _is_ball(case)
     return Pressure(x, z, pressure, width, length, _peak(contact.force, width, length, ball=ball), not ball)

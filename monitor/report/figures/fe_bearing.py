@@ -68,8 +68,8 @@ class BearingPicture:
     """What is drawn of a bearing under a radial load; of a pair the first is analytic, None if unknown.
 
     Attributes:
-        pressures: of the most loaded element, by race.
-        angles: of the elements from the load, rad, shape (elements,), with loads, N, of the same shape.
+        pressures: of the most loaded element, by race; none where contacts are not kept.
+        element_loads: angles from the load, rad, and loads of the elements, N, shape (elements,).
         cage_angle: over one spacing, rad, shape (points,), with stiffness, N/m, shape (points, 2, 2), axis 0 along
             the load.
         loads: radial loads, N, shape (steps,), with mean stiffness, N/m, shape (steps, 2, 2).
@@ -79,8 +79,7 @@ class BearingPicture:
     lead: str
     facts: Sequence[tuple[str, str]]
     pressures: Mapping[str, Pressure]
-    angles: Values
-    element_loads: tuple[Values | None, Values]
+    element_loads: tuple[tuple[Values, Values] | None, tuple[Values, Values]]
     cage_angle: Values
     passage: tuple[Values | None, Values]
     loads: Values
@@ -89,7 +88,8 @@ class BearingPicture:
 
 def bearing_sheet(shown: BearingPicture) -> Sheet:
     """Return the report of a bearing by finite elements."""
-    parts = [_pressure_part(shown), _profile_part(shown), _zone_part(shown), _passage_part(shown), _load_part(shown)]
+    pressure = [_pressure_part(shown), _profile_part(shown)] if shown.pressures else []
+    parts = [*pressure, _zone_part(shown), _passage_part(shown), _load_part(shown)]
     return Sheet(shown.title, shown.lead, parts, shown.facts)
 
 
@@ -163,23 +163,24 @@ def _profile_part(shown: BearingPicture) -> Part:
 
 
 def _zone_part(shown: BearingPicture) -> Part:
-    degrees = np.degrees(shown.angles)
-    analytic, found = shown.element_loads
+    analytic, (angles, found) = shown.element_loads
+    degrees = np.degrees(angles)
 
     def draw(made: FigureBase) -> None:
         axes = made.subplots(1, 1)
         width = 140.0 / len(degrees)
         axes.bar(degrees, found, width=width, color=BLUE, label="finite elements")
         if analytic is not None:
-            axes.bar(
-                degrees, analytic, width=width, fill=False, edgecolor=VERMILION, lw=1.4, label="analytic, rigid rings"
-            )
+            outline: Any = {"fill": False, "edgecolor": VERMILION, "lw": 1.4, "label": "analytic, rigid rings"}
+            axes.bar(np.degrees(analytic[0]), analytic[1], width=width, **outline)
         axes.set(xlabel="place of an element, from the load (degrees)", ylabel="load (N)", xlim=(-180.0, 180.0))
         axes.set_xticks(range(-180, 181, 60))
         legend_above(axes, 2)
 
     caption = "The load of each element when one of them is under the radial load."
-    data: dict[str, Any] = {"place_deg": degrees, "load_newton": found, "analytic_load_newton": analytic}
+    data: dict[str, Any] = {"place_deg": degrees, "load_newton": found}
+    if analytic is not None:
+        data |= {"analytic_place_deg": np.degrees(analytic[0]), "analytic_load_newton": analytic[1]}
     return Part("Load zone", caption, "Loads of the elements around the bearing.", 2.5, draw, data, "zone")
 
 

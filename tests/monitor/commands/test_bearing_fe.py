@@ -10,6 +10,7 @@ import json
 import math
 import sys
 import tomllib
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import cache, partial
 from pathlib import Path
@@ -32,14 +33,15 @@ from models.fe.extra import has_extra
 from models.fe.geometry import FeGeometry, Race
 from models.fe.law import ElementLaw
 from models.fe.named_rules import NAMED_RULES
+from models.fe.oblique import ObliqueBearing, ObliqueGeometry, RowInfluence
+from models.fe.oblique_bodies import ObliqueResult, fitted_law
 from models.fe.sizing import half_sizes
 from models.hertz import contact_stiffness
 from monitor.commands.bearing import command
 from monitor.commands.bearing_fe_values import fe_lines
 from monitor.commands.common import InputError
 
-REAL = models.fe.bearing.fe_bearing
-ROLLER, BALL = "NU 202 ECP", "6210"
+ROLLER, BALL, SELF_ALIGNING = "NU 202 ECP", "6210", "1205 ETN9"
 MESH_ERROR = 0.004
 
 pytestmark = pytest.mark.skipif(not has_extra(), reason="needs the extra fe (scikit-fem)")
@@ -193,7 +195,6 @@ def test_options_of_finite_elements_need_them() -> None:
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        (["30205"], "tapered"),
         ([ROLLER, "--memory-gb", "0.001"], r"inner ring of 20,000 unknowns needs about .* \(bound of 0.001 GB"),
         ([ROLLER, "--axial-load-newton", "100"], "--fe and --axial-load-newton: finite elements take a radial load"),
         ([ROLLER, "--plot", "picture.gif"], "--plot picture.gif: expected a name that ends in .png, .svg or .html"),
@@ -205,10 +206,41 @@ def test_what_cannot_be_computed_is_refused(options: list[str], words: str) -> N
         invoke(*options)
 
 
-def test_bearings_of_other_kinds_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(models.fe.bearing, "fe_bearing", REAL)
-    with pytest.raises(WrongInputError, match=r"1205 ETN9.*one row"):
-        invoke("1205 ETN9")
+@pytest.mark.parametrize(
+    ("designation", "reason"),
+    [
+        ("30205", "tapered rollers touch both races at different angles"),
+        ("22207", "barrel rollers"),
+        ("7205", "one row"),
+    ],
+)
+def test_bearings_of_other_kinds_are_refused_with_the_reason(designation: str, reason: str) -> None:
+    with pytest.raises(WrongInputError, match=f"^{designation}: .*{reason}"):
+        invoke(designation, "--load-newton", "2000")
+
+
+def test_a_self_aligning_bearing_has_two_rows_and_no_symmetric_contact(monkeypatch: pytest.MonkeyPatch) -> None:
+    def rows(geometry: ObliqueGeometry, loads: Sequence[float], *, progress: Callable[[str], None]) -> ObliqueResult:
+        progress("inner contact")
+        forces = np.geomspace(10.0, max(loads), 5)
+        law = fitted_law(forces, (forces / 5.45e9) ** (2.0 / 3.0) * (1.0 + 1e-3 * np.array([1, -1, 0, 1, -1])))
+        alone = RowInfluence.none(geometry.n_elements)
+        bearing = ObliqueBearing(geometry.n_elements, geometry.contact_angle, law.law(), alone)
+        return ObliqueResult(bearing, law, {"inner ring": 50_000}, 1e-4, converged=True)
+
+    monkeypatch.setattr("models.fe.self_aligning.oblique_bearing", rows)
+    whole = values.__wrapped__(SELF_ALIGNING, "--load-newton", "4000")
+    found = whole["fe"]
+    assert found["status"] == "converged"
+    assert len(found["load_distribution"]) == len(whole["load_distribution"]) == 24
+    assert found["contacts"] == {}
+    assert found["mesh_error_percent"] == pytest.approx(0.1, rel=0.3)
+    # The ring moves along the shaft, so that an element across the load does not touch with one point of its path only.
+    held = whole["stiffness_over_passage"]["k_xx_swing_percent"]
+    assert 0.5 * held < found["stiffness_over_passage"]["k_xx_swing_percent"] < held
+    assert values.__wrapped__(SELF_ALIGNING, "--load-newton", "4000")["fe"]["from_cache"]
+    with pytest.raises(InputError, match="takes --fe-support rigid-shaft and --fe-mesh default"):
+        invoke(SELF_ALIGNING, "--fe-mesh", "fine")
 
 
 @pytest.mark.parametrize("load", ["0", "-5", "nan"])
