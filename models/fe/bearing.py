@@ -19,7 +19,7 @@ from models.fe.element import ELEMENT_STEPS, MAX_SHARE, RACES, ElementMesh, FeCo
 from models.fe.law import ElementLaw
 from models.fe.ring_bodies import INFLUENCE_RULE, bore_load, influence_load, ring_influence
 from models.fe.rings import SUPPORTS, BoreLoad, RingInfluence, Support
-from models.fe.sizing import MeshRule
+from models.fe.sizing import MeshRule, contact_grid
 from models.hertz import BALL_EXPONENT, PALMGREN, ROLLER_EXPONENT, in_series, point_contact_stiffness
 
 if TYPE_CHECKING:
@@ -38,7 +38,8 @@ class FeBearing:
     """Assembled bearing with what it was made of.
 
     Attributes:
-        assembled: valid from a quarter of the load to four times it.
+        assembled: valid from a quarter of the load to four times it, as far as the contacts stay on the races; a state
+            beyond that is not converged.
         load: N, on the bearing.
         contacts: of the most loaded element under the load, one element standing in its direction.
         unknowns: largest number of unknowns of each body.
@@ -118,7 +119,12 @@ def fe_bearing(
         )
     builder = _Builder(geometry, rule or MeshRule(), cache or FeCache(None), progress or _silent)
     largest = largest_load(geometry, load, clearance)
-    loads = mesh_loads(largest / (2.0 * VALID_SHARE), _MARGIN * VALID_SHARE * largest)
+    loads = _that_fit(
+        geometry, builder.rule, mesh_loads(largest / (2.0 * VALID_SHARE), _MARGIN * VALID_SHARE * largest)
+    )
+    if not loads or MAX_SHARE * loads[-1] < _MARGIN * largest:
+        # The next mesh of the series has a contact that the races do not hold: one for this load alone.
+        loads = (*loads, largest * _MARGIN / MAX_SHARE)
     builder.total = ELEMENT_STEPS * len(loads) + 2 + (support == "sinusoidal")
     meshes = [builder.element(made_for) for made_for in loads]
     law = ElementLaw.from_tables([mesh.table() for mesh in meshes])
@@ -130,6 +136,18 @@ def fe_bearing(
     contacts: dict[Race, FeContact] = {race: serving.contact(race, found) for race in RACES}
     unknowns = {name: max(mesh.unknowns[name] for mesh in meshes) for name in meshes[0].unknowns}
     return FeBearing(assembled, load, contacts, unknowns)
+
+
+def _that_fit(geometry: FeGeometry, rule: MeshRule, loads: tuple[float, ...]) -> tuple[float, ...]:
+    """Return the loads whose contacts stay on the races and are small beside the element."""
+
+    def fits(load: float) -> bool:
+        try:
+            return all(contact_grid(geometry, race, load, rule).half_width > 0.0 for race in RACES)
+        except WrongInputError:
+            return False
+
+    return tuple(load for load in loads if fits(load))
 
 
 def _extent(geometry: FeGeometry, load: float, clearance: float) -> float:

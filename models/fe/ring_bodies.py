@@ -208,8 +208,10 @@ def bore_load(
     return BoreLoad(angles, race, float(line[:, 0] @ u), line.T @ under)
 
 
-def bore_traction(body: ElasticBody, shape: Traction, extent: float = 2.0 * math.pi) -> NDArray[np.float64]:
-    """Return the load of a traction on the bore of half a ring, along its radius outwards, shape (3 nodes,).
+def bore_traction(
+    body: ElasticBody, shape: Traction, extent: float = 2.0 * math.pi, *, surface: str = "bore"
+) -> NDArray[np.float64]:
+    """Return the load of a traction on a surface of half a ring, along its radius outwards, shape (3 nodes,).
 
     Args:
         body: half a ring, its contact on the y axis.
@@ -217,7 +219,7 @@ def bore_traction(body: ElasticBody, shape: Traction, extent: float = 2.0 * math
         extent: beyond half of it there is none, rad.
     """
     skfem = require_skfem()
-    facets = boundary_facets(body.mesh, "bore")
+    facets = boundary_facets(body.mesh, surface)
     basis: Any = skfem.FacetBasis(body.mesh, body.element, facets=facets, intorder=_BORE_DEGREE)
     x, y = np.asarray(basis.global_coordinates())[:2]
     angle = np.abs(np.arctan2(x, y))
