@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from models.fe.common_surface import common_slopes
 from models.fe.condense import ContactCells, compliance
 from models.fe.contact import ContactState, press_to_force
 from models.fe.elastic import ElasticBody, FeError
@@ -169,12 +170,14 @@ def element_mesh(geometry: FeGeometry, load: float, rule: MeshRule, progress: Pr
     done = 0
     for race in RACES:
         # The element has a mesh for each contact: cells are facets of both bodies there.
-        for name, make in ((f"{race} ring", _ring_at(race)), (geometry.element, element_body)):
+        of_element, of_ring = common_slopes(geometry, race)
+        parts = ((f"{race} ring", _ring_at(race), of_ring), (geometry.element, element_body, of_element))
+        for name, make, slope in parts:
             if progress is not None:
                 progress(f"{name} at {load:.4g} N", done, ELEMENT_STEPS)
             body = make(geometry, grids[race], rule)
             unknowns[name] = max(body.unknowns, unknowns.get(name, 0))
-            found = compliance(body, "contact", cells[race])
+            found = compliance(body, "contact", cells[race], slope=slope)
             flexibility[race] = flexibility[race] + found if race in flexibility else found
             done += 1
     gap: dict[Race, NDArray[np.float64]] = {race: surface_gap(geometry, race, cells[race]) for race in RACES}
