@@ -1,4 +1,4 @@
-"""Integrals over a boundary of a body of hexahedra: loads of a traction, weights of a mean displacement.
+"""Integrals over a boundary of a body: loads of a traction, weights of a mean displacement.
 
 The points are placed on the facets of the reference element and not sought from places in space, so that cells of any
 shape are served.
@@ -43,24 +43,22 @@ class BoundaryPoints:
 
 
 def boundary_points(body: ElasticBody, name: str) -> BoundaryPoints:
-    """Return the points of integration on a boundary, by four Gauss points each way on every facet.
+    """Return the points of integration on a boundary: four Gauss points each way on every facet, or on a triangle six.
 
     Raises:
-        FeError: the body is not of hexahedra.
+        FeError: the body is plane.
         WrongInputError: the mesh has no boundary of that name.
     """
     mesh: Any = body.mesh
     facets = boundary_facets(mesh, name)
     domain = mesh.elem.refdom
-    if len(domain.facets[0]) != _CORNERS:
-        raise FeError(f"boundary {name!r}: integrals over it need hexahedra, the mesh has other elements")
+    if body.dim != 3:
+        raise FeError(f"boundary {name!r}: integrals over it need a body in space, this one is plane")
     element = np.asarray(mesh.f2t)[0, facets]
     local = np.argmax(np.asarray(mesh.t2f)[:, element] == facets, axis=0)
     nodes = np.asarray(body.dofs.element_dofs)[:, element].astype(np.int64)
     corners = np.asarray(mesh.doflocs, dtype=np.float64)[:, np.asarray(mesh.dofs.element_dofs)[:, element]]
-    line, line_weights = np.polynomial.legendre.leggauss(_POINTS)
-    s, t = (grid.ravel() for grid in np.meshgrid(0.5 + 0.5 * line, 0.5 + 0.5 * line))
-    share = 0.25 * np.outer(line_weights, line_weights).ravel()
+    s, t, share = _square_rule() if len(domain.facets[0]) == _CORNERS else _triangle_rule()
     values = np.empty((len(nodes), len(facets), len(s)))
     places, edges = np.empty((3, len(facets), len(s))), np.empty((2, 3, len(facets), len(s)))
     for number in np.unique(local):
@@ -77,6 +75,21 @@ def boundary_points(body: ElasticBody, name: str) -> BoundaryPoints:
     middle = corners.mean(axis=1)
     outward = np.sign(np.sum(area * (places - middle[:, :, None]), axis=0))
     return BoundaryPoints(nodes, values, places, outward * area / size, size * share)
+
+
+def _square_rule() -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Return places (s, t) and weights on the unit square, degree 7."""
+    line, weights = np.polynomial.legendre.leggauss(_POINTS)
+    s, t = (grid.ravel() for grid in np.meshgrid(0.5 + 0.5 * line, 0.5 + 0.5 * line))
+    return s, t, 0.25 * np.outer(weights, weights).ravel()
+
+
+def _triangle_rule() -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Return places (s, t) and weights on the unit triangle, degree 4 (Strang and Fix 1973)."""
+    a, b, weight = 0.445948490915965, 0.091576213509771, 0.223381589678011
+    s = np.array([a, a, 1.0 - 2.0 * a, b, b, 1.0 - 2.0 * b])
+    t = np.array([a, 1.0 - 2.0 * a, a, b, 1.0 - 2.0 * b, b])
+    return s, t, 0.5 * np.array([weight] * 3 + [1.0 / 3.0 - weight] * 3)
 
 
 def traction_loads(body: ElasticBody, points: BoundaryPoints, traction: NDArray[np.float64]) -> NDArray[np.float64]:

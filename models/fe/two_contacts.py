@@ -16,12 +16,13 @@ import numpy as np
 
 from models.fe.condense import ContactFrame, cell_loads
 from models.fe.contact import ContactState, press_to_force
-from models.fe.extra import require_skfem
 from models.fe.shape import boundary_facets
+from models.fe.traction import boundary_points, traction_loads
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from models.fe.common_surface import Slopes
     from models.fe.condense import ContactCells
     from models.fe.elastic import ElasticBody
 
@@ -40,10 +41,21 @@ FOUNDATION = 1e-3
 
 @dataclass(frozen=True)
 class GappedCells:
-    """Cells of one contact in the quarter x >= 0, z >= 0, and the mean gap over each, m, shape (cells,)."""
+    """Cells of one contact in the quarter x >= 0, z >= 0.
+
+    Attributes:
+        gap: mean over each cell, along y, m, shape (cells,).
+        slopes: of the common surface in the frames of element and race, from ``common_slopes``; by default flat.
+    """
 
     cells: ContactCells
     gap: NDArray[np.float64]
+    slopes: tuple[Slopes, Slopes] | None = None
+
+    def loads(self, body: ElasticBody, surface: str, frame: ContactFrame | None = None) -> Any:
+        """Return ``cell_loads`` on the element (a surface of its own name) or a race ("race")."""
+        slope = None if self.slopes is None else self.slopes[1 if surface == "race" else 0]
+        return cell_loads(body, surface, self.cells, frame, slope)
 
 
 @dataclass(frozen=True)
@@ -99,16 +111,16 @@ class TwoContacts:
         below = ContactFrame(np.zeros(3), np.diag([1.0, -1.0, 1.0]))
         cells = [contact.cells for contact in contacts]
         on_element = (
-            cell_loads(element, "contact_inner", cells[0], below),
-            cell_loads(element, "contact_outer", cells[1]),
+            contacts[0].loads(element, "contact_inner", below),
+            contacts[1].loads(element, "contact_outer"),
         )
         c = element.flexibility(_dense(*on_element))
-        on_inner = (cell_loads(inner, "race", cells[0]), bore_pressure(inner, spread), bore_reader(inner))
+        on_inner = (contacts[0].loads(inner, "race"), bore_pressure(inner, spread), bore_reader(inner))
         ring = inner.flexibility(_dense(*on_inner))
         n = len(cells[0])
         self._cross = c[:n, n:]
         self._inner = _on_foundation(c[:n, :n] + ring[:n, :n], cells[0].area)
-        on_outer = c[n:, n:] + outer.flexibility(cell_loads(outer, "race", cells[1]))
+        on_outer = c[n:, n:] + outer.flexibility(contacts[1].loads(outer, "race"))
         self._outer = _on_foundation(on_outer, cells[1].area)
         # Per newton on the quarter of the bore: yield of the race, m^3, and displacement of the bore's line, m.
         self._race_under_bore, self._line_under_bore = ring[:n, n], float(ring[n + 1, n])
@@ -142,20 +154,14 @@ class TwoContacts:
 
 def bore_pressure(inner: ElasticBody, spread: BoreSpread = "cosine") -> NDArray[np.float64]:
     """Return the loads, N, shape (3 * nodes, 1), of an outward pressure on the boundary "bore", in all 1 N along y."""
-    skfem = require_skfem()
-    facets = boundary_facets(inner.mesh, "bore")
-    basis: Any = skfem.FacetBasis(inner.mesh, inner.element, facets=facets, intorder=6)
-    places, weights = np.asarray(basis.global_coordinates(), np.float64), np.asarray(basis.dx, np.float64)
-    angle = np.arctan2(places[0], places[1])
-    corners = np.asarray(inner.mesh.p, np.float64)[:, np.unique(inner.mesh.facets[:, facets])]
+    points = boundary_points(inner, "bore")
+    corners = np.asarray(inner.mesh.p, np.float64)[
+        :, np.unique(inner.mesh.facets[:, boundary_facets(inner.mesh, "bore")])
+    ]
     slower = 1.0 if spread == "cosine" else 0.5 * np.pi / float(np.max(np.arctan2(corners[0], corners[1])))
-    pressure = np.cos(slower * angle) * weights
-    loads = np.zeros((inner.nodes.shape[1], 3))
-    for i in range(int(basis.Nbfun)):
-        share = np.asarray(basis.basis[i][0], np.float64) * pressure
-        for axis, direction in ((0, np.sin(angle)), (1, np.cos(angle))):
-            np.add.at(loads[:, axis], np.asarray(basis.element_dofs)[i], np.sum(share * direction, axis=1))
-    return (loads / loads[:, 1].sum()).reshape(-1, 1)
+    pressure = np.cos(slower * np.arctan2(points.places[0], points.places[1]))
+    loads = traction_loads(inner, points, -pressure * points.normals)
+    return (loads / loads[1::3].sum()).reshape(-1, 1)
 
 
 def bore_reader(inner: ElasticBody) -> NDArray[np.float64]:
