@@ -31,6 +31,10 @@ AXIAL: tuple[Axial, ...] = get_args(Axial)
 ROWS = 2
 # How far the two printed radii of an outer race may differ and still be one sphere.
 SAME_RADIUS = 1e-3
+_BARREL_REASON = (
+    "the profile of its barrel rollers is not in the catalogue, and by its osculation the contact is anything from a "
+    "point to a line, and the stiffness uncertain by a half; give the law of a crowned roller to ObliqueBearing"
+)
 
 
 class ObliqueError(WrongInputError):
@@ -167,10 +171,7 @@ def _refusal(bearing: Bearing) -> str | None:
             "load; flange and angles are not in the catalogue, and a law along one normal does not describe them"
         )
     if bearing.element == "roller":
-        return (
-            "the profile of its barrel rollers is not in the catalogue, and by its osculation the contact is anything "
-            "from a point to a line; give the law of a crowned roller to ObliqueBearing"
-        )
+        return _BARREL_REASON
     if bearing.rows != ROWS:
         return "one row at a contact angle needs an axial load, which changes its angle: models.ball_statics does that"
     r_o, r_go = bearing.outer_race_radius, bearing.outer_groove_radius

@@ -20,8 +20,8 @@ from models.fe.elastic import ElasticBody, FeError
 from models.fe.geometry import FeGeometry, Race
 from models.fe.law import ElementLaw
 from models.fe.oblique import ObliqueBearing, ObliqueGeometry, RowInfluence
-from models.fe.oblique_mesh import contact_frame, oblique_ring_mesh, race_profile
-from models.fe.sizing import ContactGrid, MeshRule, contact_grid
+from models.fe.oblique_mesh import contact_frame, largest_half_length, oblique_ring_mesh, race_profile
+from models.fe.sizing import ContactGrid, MeshRule, contact_grid, half_sizes
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -101,6 +101,12 @@ def single_row(geometry: ObliqueGeometry) -> FeGeometry:
         modulus=geometry.modulus,
         poisson=geometry.poisson,
     )
+
+
+def largest_ball_load(geometry: ObliqueGeometry, rule: MeshRule = RULE) -> float:
+    """Return the load of a ball, N, whose patch reaches the edge of the inner groove; no mesh is made for more."""
+    half_length, _ = half_sizes(single_row(geometry), "inner", 1.0)
+    return (largest_half_length(geometry) / (rule.along_patch * half_length)) ** 3
 
 
 def oblique_contact(geometry: ObliqueGeometry, race: Race, force: float, rule: MeshRule = RULE) -> ObliqueContact:

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from models.fe.condense import ContactFrame
-from models.fe.grid import Block, Chooser, FeMesh, build, extrude, on_surface, tensor_section
+from models.fe.grid import Block, Chooser, FeMesh, FeMeshError, build, extrude, on_surface, tensor_section
 from models.fe.roller_mesh import fan_section
 from models.fe.sizing import ContactGrid, MeshRule, growing_lines
 
@@ -103,12 +103,27 @@ def contact_frame(profile: RaceProfile, turn: float = 0.0, *, mirrored: bool = F
     return ContactFrame(origin, np.stack((rolling, normal, along)))
 
 
+def largest_half_length(geometry: ObliqueGeometry) -> float:
+    """Return how far from the contact the groove of the inner ring holds a patch, m, a twentieth within its edge."""
+    profile = race_profile(geometry, "inner")
+    low = min(edge for edge in profile.edges() if edge > 0.0)
+    # The edge in the frame of the contact; the other one is farther.
+    radial, axial = profile.race(np.array([low]))[0] - profile.contact_radius, low - profile.contact_z
+    tangent = -math.sin(profile.angle) * radial + math.cos(profile.angle) * axial
+    return 0.95 * abs(float(tangent))
+
+
 def axial_lines(profile: RaceProfile, grid: ContactGrid, rule: MeshRule) -> NDArray[np.float64]:
     """Return the axial grid lines of a ring, m: the contact's own, then growing ones with a line at each corner."""
     tangent = np.concatenate((-grid.z[:0:-1], grid.z))
     patch = profile.place(tangent)
     largest = min(rule.coarse * abs(profile.contact_radius - profile.back), rule.max_size)
     edges = np.array(profile.edges())
+    if profile.land is not None and bool(np.any((edges > patch[0]) & (edges < patch[-1]))):
+        raise FeMeshError(
+            f"the patch of the inner contact, {1e3 * float(patch[0]):.3g} to {1e3 * float(patch[-1]):.3g} mm along the "
+            "shaft, reaches over the edge of its groove: the load is too large"
+        )
     above = _outwards(float(patch[-1]), float(patch[-1] - patch[-2]), edges[edges > patch[-1]], rule.growth, largest)
     below = _outwards(
         -float(patch[0]), float(patch[1] - patch[0]), -edges[edges < patch[0]][::-1], rule.growth, largest

@@ -17,7 +17,7 @@ from models.fe.assembled import CONTACT_TOLERANCE, EQUILIBRIUM_TOLERANCE, FePass
 from models.fe.balance import condensed
 from models.fe.cache import FeCache, Kept
 from models.fe.oblique import ObliqueBearing, RowInfluence
-from models.fe.oblique_bodies import RULE, BallLaw, oblique_bearing
+from models.fe.oblique_bodies import RULE, BallLaw, largest_ball_load, oblique_bearing
 from models.path.defect import wrap
 
 if TYPE_CHECKING:
@@ -120,6 +120,8 @@ def self_aligning_bearing(
 ) -> SelfAligningBearing:
     """Return a self-aligning ball bearing under a radial load, N, both rings on rigid seats.
 
+    The law ends at the load of a ball whose contact reaches the edge of the inner groove.
+
     Args:
         clearance: radial clearance, m; along the contact normals it is less by the cosine of their angle.
         cache: where results are kept; nowhere if None.
@@ -134,7 +136,8 @@ def self_aligning_bearing(
     radial = math.cos(geometry.contact_angle)
     largest = VALID_SHARE * _LARGEST_SHARE * load / (2.0 * geometry.n_elements * radial)
     last = math.ceil(math.log(largest) / math.log(LOAD_STEP) - 1e-9)
-    loads = (LOAD_STEP ** (last - 1), LOAD_STEP**last)
+    limit = largest_ball_load(geometry)
+    loads = (min(LOAD_STEP ** (last - 1), limit / LOAD_STEP), min(LOAD_STEP**last, limit))
     done = 0
 
     def step(what: str) -> None:

@@ -9,9 +9,19 @@ from models import hertz
 from models.bearing import catalogue_entry
 from models.fe.elastic import FeError
 from models.fe.extra import has_extra
+from models.fe.grid import FeMeshError
 from models.fe.oblique import oblique_geometry
-from models.fe.oblique_bodies import _gap, _slope, fitted_law, groove_height, oblique_contact, row_influence, single_row
-from models.fe.oblique_mesh import contact_frame, oblique_ring_mesh, race_profile
+from models.fe.oblique_bodies import (
+    _gap,
+    _slope,
+    fitted_law,
+    groove_height,
+    largest_ball_load,
+    oblique_contact,
+    row_influence,
+    single_row,
+)
+from models.fe.oblique_mesh import axial_lines, contact_frame, oblique_ring_mesh, race_profile
 from models.fe.sizing import MeshRule, contact_grid
 
 GEOMETRY = oblique_geometry(catalogue_entry("1205 ETN9"))
@@ -106,3 +116,15 @@ def test_slopes_are_those_of_the_mean_surface(race: str) -> None:
     np.testing.assert_allclose(found[1], along, atol=0.02 * 0.8e-3 / r_b)
     on_ball = _slope(GEOMETRY, race, ball=True)(x, z)  # type: ignore[arg-type]
     np.testing.assert_allclose(np.array(on_ball), -sign * np.array(found))
+
+
+def test_a_patch_ends_within_the_groove_or_is_refused() -> None:
+    limit = largest_ball_load(GEOMETRY, COARSE)
+    profile, row = race_profile(GEOMETRY, "inner"), single_row(GEOMETRY)
+    lines = axial_lines(profile, contact_grid(row, "inner", 0.99 * limit, COARSE), COARSE)
+    edges = np.array(profile.edges())
+    assert np.all(np.abs(lines[:, None] - edges).min(axis=0) < 1e-12)
+    with pytest.raises(FeMeshError, match="reaches over the edge of its groove"):
+        axial_lines(profile, contact_grid(row, "inner", 1.4 * limit, COARSE), COARSE)
+    # The static rating of 3.3 kN presses a ball with five times its share.
+    assert limit > 5.0 * 3300.0 / 24.0
