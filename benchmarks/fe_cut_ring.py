@@ -1,7 +1,7 @@
 """The inner ring cut at 90 degrees from the load, as in the thesis' model (section 3.4.2), against the whole ring.
 
-Used by ``benchmarks.fe_bearing``. The thesis removes the unloaded halves of the rings; an inner ring whose ends are free
-bends more easily under a pressure on its bore. The outer ring is fixed at its outside, so that the cut matters little
+Used by ``benchmarks.fe_bearing``. The thesis removes the unloaded halves of the rings; an inner ring whose ends are
+free bends otherwise under a pressure on its bore. The outer ring is fixed at its outside, so that the cut matters little
 there and is not modelled. The load is along the middle of the ring, the elements stand symmetrically about it.
 """
 
@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field, replace
+from functools import cache
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -77,6 +78,11 @@ def cut_ring(geometry: FeGeometry, angles: NDArray[np.float64], extent: float = 
     return CutRing(angles, change, line @ bent, readers.T @ pressed, float(line @ pressed))
 
 
+@cache
+def _kept(geometry: FeGeometry, angles: tuple[float, ...], extent: float) -> CutRing:
+    return cut_ring(geometry, np.array(angles), extent)
+
+
 def _reader(body: ElasticBody, angle: float, width: float, lines: NDArray[np.float64]) -> NDArray[np.float64]:
     here = angle < 1e-9
     cells = ContactCells.grid(np.array([0.0, width] if here else [-width, 0.0, width]), lines)
@@ -96,8 +102,9 @@ def cut_stiffness(bearing: AssembledBearing, geometry: FeGeometry, load: float, 
     turn = (position - 1) * 0.5 * bearing.spacing
     angles = bearing.angles(turn)
     around = np.abs((angles + math.pi) % (2.0 * math.pi) - math.pi)
-    side = np.sort(np.unique(np.round(around[around < 0.5 * math.pi - 0.02], 9)))
-    ring = cut_ring(geometry, side, extent)
+    loaded = around[around < 0.5 * math.pi - 0.02]
+    ring = _kept(geometry, tuple(sorted({round(float(angle), 9) for angle in loaded})), extent)
+    side = ring.angles
     place = np.array([int(np.argmin(np.abs(side - angle))) for angle in around])
     within = around < 0.5 * math.pi - 0.02
     pair = np.where(side < 1e-9, 1.0, 0.5)

@@ -129,7 +129,7 @@ def fe_bearing(
     meshes = [builder.element(made_for) for made_for in loads]
     law = ElementLaw.from_tables([mesh.table() for mesh in meshes])
     inner, outer = (builder.ring(race, support) for race in RACES)
-    bore = builder.bore(_extent(geometry, load, clearance)) if support == "sinusoidal" else None
+    bore = builder.bore(bore_extent(geometry, load, clearance)) if support == "sinusoidal" else None
     assembled = AssembledBearing(law, geometry.n_elements, clearance, inner, outer, bore)
     found = float(assembled.state(load).loads.max())
     serving = min((mesh for mesh in meshes if found <= MAX_SHARE * mesh.made_for), key=lambda mesh: mesh.made_for)
@@ -150,7 +150,7 @@ def _that_fit(geometry: FeGeometry, rule: MeshRule, loads: tuple[float, ...]) ->
     return tuple(load for load in loads if fits(load))
 
 
-def _extent(geometry: FeGeometry, load: float, clearance: float) -> float:
+def bore_extent(geometry: FeGeometry, load: float, clearance: float) -> float:
     """Return the load zone of Eq. 26 from the analytic law, rad: the extent of the pressure on the bore."""
     if clearance <= 0.0:
         return math.pi
