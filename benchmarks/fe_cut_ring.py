@@ -1,8 +1,8 @@
 """The inner ring cut at 90 degrees from the load, as in the thesis' model (section 3.4.2), against the whole ring.
 
 Used by ``benchmarks.fe_bearing``. The thesis removes the unloaded halves of the rings; an inner ring whose ends are
-free bends otherwise under a pressure on its bore. The outer ring is fixed at its outside, so that the cut matters little
-there and is not modelled. The load is along the middle of the ring, the elements stand symmetrically about it.
+free bends otherwise under a pressure on its bore. The outer ring is fixed at its outside, so that the cut matters
+little there and is not modelled. The load is along the middle of the ring, the elements stand symmetrically about it.
 """
 
 from __future__ import annotations

@@ -1,6 +1,10 @@
 """A radially loaded bearing from its dimensions: the meshes that a load needs, and the assembled bearing.
 
 Meshes are made for loads of one series, so that bearings at different loads share them, in a cache too.
+
+On a rigid shaft and in a rigid housing a bearing is stiffer than the analytic one: its rings are thin and stick to what
+does not yield, while Hertz' half spaces yield to any depth and Palmgren's formula was measured on thick plates. Under
+a pressure on its bore the inner ring bends, which takes most of that away.
 """
 
 from __future__ import annotations
