@@ -3,7 +3,7 @@
 python -m benchmarks.published [--quick] [--json FILE] [--document docs/evidence/published-figures.md]
 
 One line for each place and quantity; --json holds every figure. ``--quick`` changes nothing: it takes a few seconds.
-``--document`` renews the three tables in that file, between the lines that MARKS and the like name.
+``--document`` renews the four tables in that file, between the lines that MARKS and the like name.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from benchmarks.common import Row, print_table, write_json
+from benchmarks.published_fe import fe_rows
 from models.published import beat, ceruti, marin, thibault, thibault_shaft
 from models.published.figure import Figure, worst
 from models.published.thesis import published_figures
@@ -34,6 +35,10 @@ ACCEPTANCE_MARKS: Marks = (
 UNCOMPUTED_MARKS: Marks = (
     "<!-- uncomputed table of benchmarks.published -->\n",
     "<!-- end of the uncomputed table -->\n",
+)
+FE_MARKS: Marks = (
+    "<!-- finite-element table of benchmarks.published -->\n",
+    "<!-- end of the finite-element table -->\n",
 )
 # The rows of each model.
 ACCEPTANCE: tuple[Callable[[], list[AcceptanceRow]], ...] = (
@@ -173,12 +178,17 @@ def main() -> None:
     accepted, uncomputed = acceptance_table(), uncomputed_table()
     print_table("acceptance table of the other models", accepted)
     print_table("not computed", uncomputed)
-    tables = {"figures": figure_rows(figures), "acceptance": accepted, "uncomputed": uncomputed}
+    elements = fe_rows()
+    print_table("finite elements", elements)
+    tables = {
+        "figures": figure_rows(figures), "acceptance": accepted, "finite_elements": elements, "uncomputed": uncomputed
+    }  # fmt: skip
     write_json(options.json, tables)
     if options.document is not None:
         text = options.document.read_text(encoding="utf-8")
         text = renewed(text, markdown_table(group_rows(figures)))
         text = renewed(text, markdown_table(accepted), ACCEPTANCE_MARKS)
+        text = renewed(text, markdown_table(elements), FE_MARKS)
         text = renewed(text, markdown_table(uncomputed), UNCOMPUTED_MARKS)
         options.document.write_text(text, encoding="utf-8")
 

@@ -1,6 +1,6 @@
 """A self-aligning ball bearing as the others are asked: states, passage of the elements, stiffness against the load.
 
-Both rows stand at a contact angle; the inner ring finds its place along the shaft. See ``models.fe.oblique``.
+Both rows stand at a contact angle. See ``models.fe.oblique``.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from models.errors import WrongInputError
 from models.fe.assembled import CONTACT_TOLERANCE, EQUILIBRIUM_TOLERANCE, FePassage, FeState, FeStatus
 from models.fe.balance import condensed
 from models.fe.cache import FeCache, Kept
-from models.fe.oblique import ObliqueBearing, RowInfluence
+from models.fe.oblique import Axial, ObliqueBearing, RowInfluence
 from models.fe.oblique_bodies import RULE, BallLaw, largest_ball_load, oblique_bearing
 from models.path.defect import wrap
 
@@ -37,9 +37,10 @@ VALID_SHARE = 4.0
 
 @dataclass(frozen=True, eq=False)
 class SelfAligning:
-    """Two rows between a spherical outer race and an inner ring that is free along the shaft.
+    """Two rows between a spherical outer race and an inner ring on rigid seats.
 
     Attributes:
+        axial: whether the inner ring is held along the shaft, as the analytic answer has it, or free.
         oblique: the assembled rows.
         law: of one ball between both races; its mesh error is the largest difference of its samples.
         contacts_converged: whether all contacts of its samples are.
@@ -48,10 +49,11 @@ class SelfAligning:
     oblique: ObliqueBearing
     law: ElementLaw
     contacts_converged: bool
+    axial: Axial = "held"
 
     def state(self, load: float, *, cage_angle: float = 0.0) -> FeState:
         """Return the equilibrium under a radial load, N, at a cage angle, rad."""
-        balance = self.oblique.state(load, cage_angle=cage_angle)
+        balance = self.oblique.state(load, cage_angle=cage_angle, axial=self.axial)
         stiffness = condensed(balance.stiffness, 2) if len(balance.stiffness) == 3 else balance.stiffness
         # The approach of the law's inverse, and the one that the displacements leave: no part of the iteration.
         gap = balance.approach - self.law.approach_of(balance.forces)

@@ -265,7 +265,7 @@ def roller() -> list[Figure]:
                 note="16.36 deg is 180/n_b: half the sector of a roller (so is the 18 deg of the 6210)"),
         *group(ROLLER, "Fig. 27 (text)", "stiffness of position 1 against 2", "%", [
             ("500 N", "7.5", 100.0 * abs(first / second - 1.0)),
-        ], note="a finite-element result: rigid rings (Eq. 19) do not have it"),
+        ], note="a finite-element result: rigid rings (Eq. 19) do not have it; by finite elements: table of chapter 3"),
     ]  # fmt: skip
 
 

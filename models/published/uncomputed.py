@@ -1,6 +1,7 @@
 """Figures that the five sources print and this program does not compute, each with the reason.
 
-"INPUT" is a datum that the models take as printed, "NO" a result that cannot be computed here.
+"INPUT" is a datum that the models take as printed, "NO" a result that cannot be computed here, "FE" one that finite
+elements obtain: docs/evidence/finite-elements.md, and the table of them in docs/evidence/published-figures.md.
 """
 
 from __future__ import annotations
@@ -27,11 +28,11 @@ class UncomputedFigure(NamedTuple):
     places: tuple[str, ...]
     quantity: str
     printed: str
-    status: Literal["INPUT", "NO"]
+    status: Literal["INPUT", "NO", "FE"]
     reason: str
 
 
-_FINITE_ELEMENTS = "finite elements are outside this program"
+_OTHER_ELEMENTS = "shells and plates by finite elements are outside this program"
 _SIGNALS = "needs the measured signals, which are not at hand"
 _HISTORIES = "needs the measured histories, which are not at hand"
 _DRAWN = "drawn, without values"
@@ -54,20 +55,21 @@ def _thesis() -> list[UncomputedFigure]:
             "measured; the angular extents that follow are in the first table",
         ),
         UncomputedFigure(
-            THESIS, _tables(5, 6, 9), "sizes and nodes of the meshes", "mm, -", "NO", _FINITE_ELEMENTS
+            THESIS, _tables(5, 6, 9), "sizes and nodes of the meshes", "mm, -", "FE",
+            "meshes of the same sizes; nodes differ with the mesher",
         ),
         UncomputedFigure(
             THESIS, _tables(7, 8, 10), "stiffness against Hertz, and computing time", "-1.1 to 17.6 %, 1 to 129 s",
-            "NO", _FINITE_ELEMENTS,
+            "FE", "sub-model of section 3.3 with hexahedra and tetrahedra",
         ),
         UncomputedFigure(
             THESIS, ("Figs. 22 to 28 (text)",), "differences of finite elements", "3, 3.3, 4.6, 6.7, 7.5, 12.3 %",
-            "NO", _FINITE_ELEMENTS + "; Eq. 19, with which they are compared, is computed",
+            "FE", "assembled bearings; Eq. 19, with which they are compared, is in the first table",
         ),
         UncomputedFigure(THESIS, _tables(14), "masses and stiffnesses", "kg, N/m", "INPUT", "models.rigs.six_dof.Rig"),
         UncomputedFigure(
-            THESIS, _tables(15), "stiffness of the shaft", "73.72 to 75.93 MN/m", "NO",
-            _FINITE_ELEMENTS + "; 75 MN/m is a datum",
+            THESIS, _tables(15), "stiffness of the shaft", "73.72 to 75.93 MN/m", "FE",
+            "as a trend: the shaft's dimensions are not printed; 75 MN/m is a datum",
         ),
         UncomputedFigure(
             THESIS, _tables(16), "limits of the parameters", "0.1 to 15 %, 0.1 to 5 kg, 0.1 to 10 GN/m", "INPUT",
@@ -183,7 +185,7 @@ def _sassi() -> list[UncomputedFigure]:
     return [
         UncomputedFigure(
             SASSI, ("Table 1", "Table 2"), "finite elements beside the formulas", "631 N; 10,460 and 3828 Hz", "NO",
-            _FINITE_ELEMENTS,
+            _OTHER_ELEMENTS,
         ),
         UncomputedFigure(
             SASSI, ("Section 4.1", "Section 4.2"), "stiffness of rings and ball", "248, 59.6 and 8300 MN/m", "INPUT",

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from models.bearing import Bearing
+from models.fe.assembled import AssembledBearing
 from models.fe.geometry import fe_geometry
 from models.fe.sizing import half_sizes
 from models.hertz import BALL_EXPONENT, point_contact_semi_axes
@@ -92,6 +94,7 @@ def fe_values(case: FeCase, analytic: Mapping[str, Any], partner: Partner | None
             {key: _finite(value) for key, value in row.items()}
             for row in load_rows(case.loads, case.displacement, case.stiffness)
         ],
+        "k_xx_swing_axially_free_percent": _free_swing(case),
         "approach_um": 1e6 * approach,
         **law_values(case, top),
         "contacts": {race: _contact_values(case, race, contact) for race, contact in made.contacts.items()},
@@ -116,6 +119,14 @@ def status_in_words(status: str) -> str:
 
 def _finite(value: Any) -> float | None:
     return finite(float(value))
+
+
+def _free_swing(case: FeCase) -> float | None:
+    """Return the swing of k_xx of a ring that is free along the shaft, None where that changes nothing."""
+    assembled = case.bearing.assembled
+    if isinstance(assembled, AssembledBearing):
+        return None
+    return _finite(100.0 * replace(assembled, axial="free").stiffness_over_passage(case.load).swing[1])
 
 
 def _loaded_zone(passage: FePassage) -> float:
@@ -271,6 +282,9 @@ def fe_lines(values: Mapping[str, Any]) -> Iterator[str]:
             f"  by the bore's line under the load, as in the thesis: {values['bore_line_displacement_um']:.3g} um, "
             f"{1e-6 * values['bore_line_stiffness_newton_per_m']:.4g} MN/m"
         )
+    free = values["k_xx_swing_axially_free_percent"]
+    if free is not None:
+        yield f"  the ring is held along the shaft; free, k_xx swings by {free:.2f} %"
     yield f"  k_c follows Q = k_c delta^{values['exponent']:.3f} there, over load/4 to 4 load {_range(values)}"
     for row in values["radial_stiffness"]:
         if row["k_xx_newton_per_m"] is None or row["k_yy_newton_per_m"] is None:

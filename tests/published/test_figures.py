@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import json
 import math
 from collections import Counter
 from dataclasses import replace
@@ -15,6 +16,7 @@ import pytest
 from benchmarks.common import Row
 from benchmarks.published import (
     ACCEPTANCE_MARKS,
+    FE_MARKS,
     UNCOMPUTED_MARKS,
     acceptance_table,
     group_rows,
@@ -22,6 +24,7 @@ from benchmarks.published import (
     renewed,
     uncomputed_table,
 )
+from benchmarks.published_fe import fe_rows
 from models.bearing import Bearing, from_catalogue
 from models.hertz import (
     in_series,
@@ -147,9 +150,28 @@ def test_document_holds_the_table_as_computed() -> None:
     )
     assert renewed(text, markdown_table(group_rows(all_figures()))) == text
     assert renewed(text, markdown_table(accepted()), ACCEPTANCE_MARKS) == text
+    assert renewed(text, markdown_table(fe_rows()), FE_MARKS) == text
     assert renewed(text, markdown_table(uncomputed_table()), UNCOMPUTED_MARKS) == text
     with pytest.raises(ValueError, match="lacks the lines"):
         renewed("nothing", "")
+
+
+def test_a_result_of_finite_elements_agrees_within_its_tolerance_only(tmp_path: Path) -> None:
+    row = {"place": "Fig. 24", "bearing": "6210", "quantity": "k", "condition": "", "unit": "%", "printed": 4.6}
+    elsewhere = row | {"place": "Table 10", "unit": "MN/m", "printed": 100.0}
+    cases = [
+        row | {"obtained": 7.5},
+        row | {"obtained": 7.7},
+        row | {"obtained": 7.7, "status": "CALIB", "note": "why"},
+        row | {"printed": "2 to 4", "obtained": 1.0},
+        elsewhere | {"obtained": 102.9},
+        elsewhere | {"obtained": 96.9},
+    ]
+    (tmp_path / "fe_x.json").write_text(json.dumps({"published": cases}))
+    (tmp_path / "fe_y.json").write_text("{}")
+    found = fe_rows(tmp_path)
+    assert [row["place"] for row in found] == ["Table 10"] * 2 + ["Fig. 24"] * 4
+    assert [row["status"] for row in found] == ["agrees", "differs", "agrees", "differs", "CALIB", "in kind"]
 
 
 TABLES = {
