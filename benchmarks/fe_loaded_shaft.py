@@ -95,24 +95,28 @@ def sizes(geometry: FeGeometry, load: float) -> list[Row]:
     base = FitRule()
     rules = {
         "default": base,
-        "49 points around": replace(base, angles=49),
+        "17 points around": replace(base, angles=17),
+        "37 points around, finer shaft": replace(base, angles=37, shaft=ShaftMeshRule(eighth=12, size=0.2, finest=0.5)),
         "5 points along": replace(base, layers=5),
         "finer ring": replace(base, ring=replace(INFLUENCE_RULE, size=0.4, coarse=0.35, along=5)),
-        "finer shaft": replace(base, shaft=ShaftMeshRule(eighth=9, size=0.12, finest=0.5)),
     }
     first: NDArray[np.float64] | None = None
+    first_cut: NDArray[np.float64] | None = None
     rows: list[Row] = []
     for name, rule in rules.items():
         state = SolidShaft(geometry, rule).solve(bearing, load)
         loaded = state.loads[state.loads > 0.0]
         first = loaded if first is None else first
+        cut = SolidShaft(geometry, rule, cut=True).solve(bearing, load)
+        first_cut = cut.loads if first_cut is None else first_cut
         rows.append(
             {
                 "rule": name,
                 **{f"load_{i}": float(value) for i, value in enumerate(loaded)},
                 "largest_change_percent": 100.0 * float(np.abs(loaded / first - 1.0).max()),
                 "displacement_um": 1e6 * state.displacement,
-                "converged": str(state.converged),
+                "cut_largest_change_percent": 100.0 * float(np.abs(cut.loads / first_cut - 1.0).max()),
+                "converged": str(state.converged and cut.converged),
             }
         )
     return rows
