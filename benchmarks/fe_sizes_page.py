@@ -21,8 +21,53 @@ def renew(page: Path, tables: Mapping[str, Sequence[Row]]) -> None:
         if start in text:
             before, rest = text.split(start, 1)
             after = rest.split(end, 1)[1]
-            text = f"{before}{start}\n{markdown(rows)}\n{end}{after}"
+            text = f"{before}{start}\n{markdown(_SHAPES.get(name, list)(rows))}\n{end}{after}"
     page.write_text(text, encoding="utf-8")
+
+
+def _by_load(rows: Sequence[Row]) -> list[Row]:
+    """Return the rows of both loads of a table of the thesis in one."""
+    return [
+        {
+            "table, row": f"{low['place']}, {low['row']}",
+            "w": low["w/b"],
+            "l": low["l/b"],
+            "Q_1: printed": low["printed %"],
+            "here": low["obtained %"],
+            "Q_2: printed": high["printed %"],
+            "here ": high["obtained %"],
+            "unknowns Q_1": low["unknowns"],
+            "s Q_1": low["seconds"],
+            "unknowns Q_2": high["unknowns"],
+            "s Q_2": high["seconds"],
+        }
+        for low, high in zip(rows[::2], rows[1::2], strict=True)
+    ]
+
+
+def _by_variant(rows: Sequence[Row]) -> list[Row]:
+    """Return one row a variant of the rule: error of each bearing, the largest, and the mean cost by the own rule's."""
+    cases = list(dict.fromkeys((row["bearing"], row["Q N"]) for row in rows))
+    found: list[Row] = []
+    own = _sums(rows, "own")
+    for what in dict.fromkeys(row["rule"] for row in rows if row["rule"] != "reference"):
+        errors = {
+            f"{name}, {load:g} N": next(
+                row["error %"] for row in rows if row["rule"] == what and (row["bearing"], row["Q N"]) == (name, load)
+            )
+            for name, load in cases
+        }
+        unknowns, seconds = _sums(rows, str(what))
+        found.append({"rule": what, **errors, "unknowns by own": unknowns / own[0], "time by own": seconds / own[1]})
+    return found
+
+
+def _sums(rows: Sequence[Row], what: str) -> tuple[float, float]:
+    chosen = [row for row in rows if row["rule"] == what]
+    return sum(float(row["unknowns"] or 0) for row in chosen), sum(float(row["seconds"] or 0) for row in chosen)
+
+
+_SHAPES = {"tables": _by_load, "rule": _by_variant}
 
 
 def markdown(rows: Sequence[Row]) -> str:
@@ -65,5 +110,5 @@ def diagram(tables: Mapping[str, Sequence[Row]], target: Path) -> None:
             panel.set_ylabel("error of the approach, %")
             panel.set_title(f"NU 202 ECP, inner contact, Q = {load:g} N", fontsize=9)
             panel.grid(visible=True, which="both", alpha=0.25)
-            panel.legend(fontsize=8)
+    panels[0][0].legend(fontsize=8, loc="lower left")
     figure.savefig(target, dpi=110)

@@ -1,9 +1,10 @@
 """Bound of what friction takes off the approach of a contact, from the slip of the frictionless solution.
 
-Friction of coefficient mu on the pressure p found without it dissipates at most mu times the integral of p |s| over the
-slip s of that solution: the minimum of energy plus dissipation lies between the energies with and without. At a given
-force that bounds the approach from below by 2 mu sum(p |s| A) / Q. Equal steels press the same tangential displacement
-into both surfaces (Dundurs' beta is 0), so that s is what their different shapes leave.
+By Betti's theorem tangential tractions q on a contact under a force Q change its approach by - sum(q s A) / Q with the
+slip s of the frictionless solution: first order in q, the pressed cells kept. Friction of coefficient mu has |q| up to
+mu p, whatever sticks or slips, so that it takes off mu sum(p |s| A) / Q at most. Equal steels press nearly the same
+tangential displacement into both surfaces (Dundurs' beta is 0); what is left comes from their different shapes, above
+all along the shaft: a roller's free ends, a ball in its groove.
 """
 
 from __future__ import annotations
@@ -45,7 +46,7 @@ def slip_bound(geometry: FeGeometry, race: Race, force: float, rule: MeshRule) -
     for body, load, sense in zip(bodies, loads, (1.0, -1.0), strict=True):
         slips += sense * _tangential(body, cells, body.solve(np.asarray(load @ state.pressure)))
     slip = np.hypot(*slips)
-    bound = 2.0 * FRICTION * float(np.sum(state.pressure * slip * cells.area)) / (0.25 * force * state.approach)
+    bound = FRICTION * float(np.sum(state.pressure * slip * cells.area)) / (0.25 * force * state.approach)
     return float(slip[state.active].max()) / state.approach, bound
 
 
