@@ -123,7 +123,8 @@ def ring_body(geometry: FeGeometry, race: Race, grid: ContactGrid, rule: MeshRul
     """Return half a ring with its back fixed to a rigid body."""
     back = "bore" if race == "inner" else "outside"
     mesh = ring_mesh(geometry, race, grid, rule)
-    return ElasticBody(mesh, geometry.modulus, geometry.poisson, {back: (0, 1, 2), "x0": (0,), "z0": (2,)})
+    fixed = {back: (0, 1, 2), "x0": (0,), "z0": (2,)}
+    return ElasticBody(mesh, geometry.modulus, geometry.poisson, fixed, name=f"{race} ring")
 
 
 def element_body(geometry: FeGeometry, grid: ContactGrid, rule: MeshRule) -> ElasticBody:
@@ -133,7 +134,8 @@ def element_body(geometry: FeGeometry, grid: ContactGrid, rule: MeshRule) -> Ela
     else:
         from models.fe.ball_mesh import ball_mesh as element_mesh
     mesh = element_mesh(geometry, grid, rule)
-    return ElasticBody(mesh, geometry.modulus, geometry.poisson, {"x0": (0,), "y0": (1,), "z0": (2,)})
+    fixed = {"x0": (0,), "y0": (1,), "z0": (2,)}
+    return ElasticBody(mesh, geometry.modulus, geometry.poisson, fixed, name=geometry.element)
 
 
 def surface_gap(geometry: FeGeometry, race: Race, cells: ContactCells) -> NDArray[np.float64]:

@@ -138,6 +138,18 @@ def test_what_was_computed_is_kept(coarse: Maker, parts: FeCache, monkeypatch: p
     assert steps[-1][1] == steps[-1][2] - 1
 
 
+def test_meshes_whose_contact_leaves_the_race_are_left_out():
+    # At 78 kN on a ball the contact of the 6210 would reach over the shoulder.
+    assert bearing._that_fit(BALL, MeshRule(), (3125.0, 15625.0, 78125.0)) == (3125.0, 15625.0)  # pyright: ignore[reportPrivateUsage]
+
+
+def test_the_pressure_on_the_bore_spans_the_load_zone():
+    assert bearing.bore_extent(ROLLER, 1000.0, 0.0) == math.pi
+    loose = [bearing.bore_extent(ROLLER, load, 2e-5) for load in (100.0, 1000.0, 10000.0)]
+    # Table 12 has 38.0, 82.4 and 138.2 degrees, from smeared rollers.
+    np.testing.assert_allclose(np.degrees(loose), [38.0, 82.4, 138.2], atol=5.0)
+
+
 def test_wrong_input_is_refused_by_name():
     with pytest.raises(WrongInputError, match="load"):
         fe_bearing(ROLLER, 0.0)
