@@ -237,8 +237,8 @@ def published_rows(stiffness: list[Row], loose: list[Row], clearance: list[Row])
         {
             "place": "Fig. 27", **on_roller, "quantity": turned, "condition": "500 N, sinusoidal load",
             "printed": 7.5, "obtained": abs(at(roller, 500.0, turn)),
-            "note": f"analytic 0.6 %; by the mean of the bore {mean_turn:.1f} %; ring cut as in 3.4.2 {cut_turn:.1f} %; "
-            "the thesis has a mesh for either position",
+            "note": f"analytic 0.6 %; by the mean of the bore {mean_turn:.1f} %; ring cut as in 3.4.2 {cut_turn:.1f} %"
+            "; the thesis has a mesh for either position",
         },
         {
             "place": "Section 3.6", **on_roller, "quantity": f"largest {turned}", "condition": "0.1 to 10 kN",
