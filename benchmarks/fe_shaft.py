@@ -238,7 +238,7 @@ def main() -> None:
             "unit": "%",
             "printed": grown["printed_growth_percent"],
             "obtained": grown["growth_percent"],
-            "status": "REPRO",
+            "status": "agrees",
             "note": "analytic stiffness of two 22207; not fitted",
         }
     )
