@@ -23,7 +23,7 @@ from models.fe.assembled import AssembledBearing
 from models.fe.condense import ContactCells, ContactFrame, cell_loads, compliance
 from models.fe.contact import press_to_force
 from models.fe.elastic import ElasticBody
-from models.fe.law import ElementLaw, LawTable
+from models.fe.law import ElementLaw
 from models.fe.ring_bodies import BalancedRing, bore_traction
 from models.fe.rings import BoreLoad, RingInfluence
 
@@ -247,7 +247,8 @@ def assembled(load: float, fine: Fineness, *, sinusoidal: bool) -> AssembledBear
         unit = _hertz(body, surface, cells, half_width(race, load))
         readers = _readers(body, surface, angles, fine.patch * half_width(race, load))
         influence[race] = RingInfluence(angles, readers.T @ body.solve(unit))
-    law = ElementLaw.from_tables([LawTable(law_loads, approach, load)])
+    # Between its loads, not fitted: compared is how bodies are put together.
+    law = ElementLaw(law_loads, approach)
     if not sinusoidal:
         return AssembledBearing(law, N_ELEMENTS, 0.0, influence["inner"], influence["outer"])
     cells = cells_of("inner", load, fine)

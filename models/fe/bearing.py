@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -20,6 +21,7 @@ from models.fe.assembled import AssembledBearing
 from models.fe.cache import FeCache, Kept
 from models.fe.condense import ContactCells
 from models.fe.element import ELEMENT_STEPS, MAX_SHARE, RACES, ElementMesh, FeContact, Progress, element_mesh
+from models.fe.grid import FeMeshError
 from models.fe.law import ElementLaw
 from models.fe.ring_bodies import INFLUENCE_RULE, bore_load, influence_load, ring_influence
 from models.fe.rings import SUPPORTS, BoreLoad, RingInfluence, Support
@@ -126,11 +128,8 @@ def fe_bearing(
     loads = _that_fit(
         geometry, builder.rule, mesh_loads(largest / (2.0 * VALID_SHARE), _MARGIN * VALID_SHARE * largest)
     )
-    if not loads or MAX_SHARE * loads[-1] < _MARGIN * largest:
-        # The next mesh of the series has a contact that the races do not hold: one for this load alone.
-        loads = (*loads, largest * _MARGIN / MAX_SHARE)
     builder.total = ELEMENT_STEPS * len(loads) + 2 + (support == "sinusoidal")
-    meshes = [builder.element(made_for) for made_for in loads]
+    meshes = _meshes(builder, loads, _MARGIN * largest)
     law = ElementLaw.from_tables([mesh.table() for mesh in meshes])
     inner, outer = (builder.ring(race, support) for race in RACES)
     bore = builder.bore(bore_extent(geometry, load, clearance)) if support == "sinusoidal" else None
@@ -152,6 +151,18 @@ def _that_fit(geometry: FeGeometry, rule: MeshRule, loads: tuple[float, ...]) ->
             return False
 
     return tuple(load for load in loads if fits(load))
+
+
+def _meshes(builder: _Builder, loads: tuple[float, ...], highest: float) -> list[ElementMesh]:
+    """Return meshes for loads, as far as the bodies hold them, and up to a highest load on an element, N, at least."""
+    meshes: list[ElementMesh] = []
+    with suppress(FeMeshError):
+        for made_for in loads:
+            meshes.append(builder.element(made_for))  # noqa: PERF401
+    if not meshes or MAX_SHARE * meshes[-1].made_for < highest:
+        # The next mesh of the series has a contact that the bodies do not hold: one for this load alone.
+        meshes.append(builder.element(highest / MAX_SHARE))
+    return meshes
 
 
 def bore_extent(geometry: FeGeometry, load: float, clearance: float) -> float:
