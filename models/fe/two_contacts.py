@@ -64,7 +64,7 @@ class TwoContactState:
 
     Attributes:
         force: on the whole element, N.
-        approach: mean displacement along y of the nodes of the bore on the plane of the load, m.
+        approach: mean displacement along y of the bore's line on the plane of the load, m.
         inner, outer: contacts of the quarter; the force of each is a quarter of ``force``.
         rounds: of the coupling through the element.
         converged: whether both contacts and the coupling are within their tolerances.
@@ -165,14 +165,20 @@ def bore_pressure(inner: ElasticBody, spread: BoreSpread = "cosine") -> NDArray[
 
 
 def bore_reader(inner: ElasticBody) -> NDArray[np.float64]:
-    """Return the weights, (3 * nodes, 1), of the mean displacement along y of the bore's nodes on x = 0."""
+    """Return the weights, (3 * nodes, 1), of the mean displacement along y of the bore's line on x = 0.
+
+    Each node counts with its share of the line: the plain mean of the nodes, as in the thesis, moves by 2 % of the
+    whole approach with their density, which falls away from the contact.
+    """
     on = [
         np.asarray(inner.dofs.get_facet_dofs(boundary_facets(inner.mesh, name)).flatten(), np.int64)
         for name in ("bore", "x0")
     ]
     nodes = np.unique(on[0][np.isin(on[0], on[1])])
+    nodes = nodes[np.argsort(inner.nodes[2, nodes])]
+    gaps = np.diff(inner.nodes[2, nodes], prepend=inner.nodes[2, nodes[0]], append=inner.nodes[2, nodes[-1]])
     reader = np.zeros((inner.nodes.size, 1))
-    reader[inner.dim * nodes + 1] = 1.0 / nodes.size
+    reader[inner.dim * nodes + 1, 0] = (gaps[1:] + gaps[:-1]) / (2.0 * gaps.sum())
     return reader
 
 
