@@ -1,7 +1,7 @@
 """The bearing from its dimensions, on meshes of a few hundred unknowns."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import cache
 
@@ -12,11 +12,12 @@ from models.bearing import catalogue_entry
 from models.errors import WrongInputError
 from models.fe import bearing, ring_bodies
 from models.fe.bearing import FeBearing, analytic_law, fe_bearing, largest_load, mesh_loads
-from models.fe.cache import FeCache
+from models.fe.cache import FeCache, Kept
 from models.fe.condense import ContactCells
-from models.fe.element import MAX_SHARE, MIN_SHARE, surface_gap
+from models.fe.element import MAX_SHARE, MIN_SHARE, ElementMesh, Progress, element_mesh, surface_gap
 from models.fe.extra import has_extra
-from models.fe.geometry import fe_geometry
+from models.fe.geometry import FeGeometry, fe_geometry
+from models.fe.grid import FeMeshError
 from models.fe.rings import Support
 from models.fe.sizing import MeshRule, half_sizes
 from models.hertz import contact_stiffness
@@ -141,6 +142,34 @@ def test_what_was_computed_is_kept(coarse: Maker, parts: FeCache, monkeypatch: p
 def test_meshes_whose_contact_leaves_the_race_are_left_out():
     # At 78 kN on a ball the contact of the 6210 would reach over the shoulder.
     assert bearing._that_fit(BALL, MeshRule(), (3125.0, 15625.0, 78125.0)) == (3125.0, 15625.0)  # pyright: ignore[reportPrivateUsage]
+
+
+@needs_extra
+def test_a_mesh_that_a_body_cannot_hold_is_replaced_by_one_for_the_load(
+    coarse: Maker, parts: FeCache, monkeypatch: pytest.MonkeyPatch
+):
+    made = list[float]()
+
+    def small_only(geometry: FeGeometry, load: float, rule: MeshRule, progress: Progress | None) -> ElementMesh:
+        if load > 1000.0:
+            raise FeMeshError("the patch reaches too far")
+        made.append(load)
+        return element_mesh(geometry, load, rule, progress)
+
+    coarse("rigid-shaft")
+    monkeypatch.setattr(bearing, "VALID_SHARE", 1.0)
+    monkeypatch.setattr(bearing, "element_mesh", small_only)
+    # Nothing that is kept may stand for what is refused.
+    monkeypatch.setattr(parts, "get", lambda key, make: make() if key["kind"] == "element" else _get(parts, key, make))
+    largest = largest_load(ROLLER, LOAD)
+    found = fe_bearing(ROLLER, LOAD, rule=COARSE, cache=parts)
+    assert made == pytest.approx([625.0, largest])
+    assert found.assembled.state(LOAD).converged
+    assert not found.assembled.law.covers(2.0 * largest)
+
+
+def _get(parts: FeCache, key: Mapping[str, object], make: Callable[[], Kept]) -> Kept:
+    return FeCache.get(parts, key, make)
 
 
 def test_the_pressure_on_the_bore_spans_the_load_zone():
