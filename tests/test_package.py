@@ -158,7 +158,7 @@ with tempfile.TemporaryDirectory() as folder, Store.open(Path(folder) / "state.d
 # Without the extra fe its modules load all the same, so that they can say what is missing.
 import importlib, pkgutil
 import models.fe
-for found in pkgutil.iter_modules(models.fe.__path__, "models.fe."):
+for found in pkgutil.walk_packages(models.fe.__path__, "models.fe."):
     importlib.import_module(found.name)
 """
     loaded = modules_after(code)

@@ -24,6 +24,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from platformdirs import user_cache_dir
 
+import models.fe
+
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
@@ -52,8 +54,9 @@ def default_folder() -> Path:
 def computation() -> str:
     """Return the version of the computation: a hash of the sources of ``models.fe``, so that none is forgotten."""
     digest = hashlib.sha256()
-    for path in sorted(Path(__file__).parent.glob("*.py")):
-        digest.update(path.name.encode() + b"\0" + path.read_bytes())
+    folder = Path(models.fe.__path__[0])
+    for path in sorted(folder.rglob("*.py")):
+        digest.update(path.relative_to(folder).as_posix().encode() + b"\0" + path.read_bytes())
     return digest.hexdigest()[:16]
 
 
