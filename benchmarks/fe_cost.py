@@ -1,4 +1,4 @@
-"""What the factorisation of a body costs, against its unknowns: the law by which ``models.fe.cost`` refuses meshes.
+"""What factorising a body costs, against its unknowns: the law by which ``models.fe.solid.cost`` refuses meshes.
 
 Run as ``python -m benchmarks.fe_cost [--quick] [--json FILE]``. Bodies of 27-node hexahedra, three displacements a
 node, one end fixed: a cube, which fills in most, a bar of 1:1:6 and a plate of 5:5:1, each at several sizes, each in a
@@ -16,8 +16,8 @@ import time
 import numpy as np
 
 from benchmarks.common import Row, arguments, print_table, write_json
-from models.fe.elastic import ElasticBody
 from models.fe.extra import require_skfem
+from models.fe.solid.elastic import ElasticBody
 
 SHAPES: dict[str, tuple[int, int, int]] = {"cube": (1, 1, 1), "bar": (1, 1, 6), "plate": (5, 5, 1)}
 UNKNOWNS = (2_000, 5_000, 10_000, 20_000, 34_000, 50_000, 72_000, 110_000)

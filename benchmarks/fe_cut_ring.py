@@ -14,18 +14,18 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from models.fe.assembled import AssembledBearing
-from models.fe.condense import ContactCells, ContactFrame, cell_loads
-from models.fe.elastic import ElasticBody
-from models.fe.ring_bodies import INFLUENCE_RULE, BalancedRing, bore_traction, influence_load
-from models.fe.ring_mesh import ring_mesh
-from models.fe.rings import RingInfluence
-from models.fe.sizing import contact_grid
+from models.fe.bearings.assembled import AssembledBearing
+from models.fe.bearings.ring_bodies import INFLUENCE_RULE, BalancedRing, bore_traction, influence_load
+from models.fe.bearings.rings import RingInfluence
+from models.fe.meshes.ring_mesh import ring_mesh
+from models.fe.meshes.sizing import contact_grid
+from models.fe.solid.condense import ContactCells, ContactFrame, cell_loads
+from models.fe.solid.elastic import ElasticBody
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from models.fe.geometry import FeGeometry
+    from models.fe.meshes.geometry import FeGeometry
 
 _STEP = 0.01
 

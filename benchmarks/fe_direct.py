@@ -4,8 +4,8 @@ Run as ``python -m benchmarks.fe_direct [--quick] [--json FILE]``. Plane strain 
 rollers (a hole of 0.3 of the radius: a mesh of rings alone), one roller under the load, half of it by symmetry. The
 direct solution has the rings refined at all loaded rollers, all rollers, and the pressures of all contacts in one
 active set: pressures need not be symmetric about a roller, and rollers bend as they like. The assembled bearing has the
-law of one roller and the influence of rings with one contact, on other meshes, as ``models.fe.bearing`` makes them in
-space. Compared: loads, displacement, and stiffness along the load by a difference of two direct solutions.
+law of one roller and the influence of rings with one contact, on other meshes, as ``models.fe.bearings.bearing`` makes
+them in space. Compared: loads, displacement, and stiffness along the load by a difference of two direct solutions.
 """
 
 from __future__ import annotations
@@ -19,13 +19,13 @@ import numpy as np
 
 from benchmarks.common import Row, arguments, print_table, write_json
 from benchmarks.fe_plane import Fineness, annulus, depth_lines, lines_about
-from models.fe.assembled import AssembledBearing
-from models.fe.condense import ContactCells, ContactFrame, cell_loads, compliance
-from models.fe.contact import press_to_force
-from models.fe.elastic import ElasticBody
-from models.fe.law import ElementLaw
-from models.fe.ring_bodies import BalancedRing, bore_traction
-from models.fe.rings import BoreLoad, RingInfluence
+from models.fe.bearings.assembled import AssembledBearing
+from models.fe.bearings.law import ElementLaw
+from models.fe.bearings.ring_bodies import BalancedRing, bore_traction
+from models.fe.bearings.rings import BoreLoad, RingInfluence
+from models.fe.solid.condense import ContactCells, ContactFrame, cell_loads, compliance
+from models.fe.solid.contact import press_to_force
+from models.fe.solid.elastic import ElasticBody
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -37,14 +37,14 @@ from benchmarks.fe_references import (
     hertz_point,
     sphere_between_flats,
 )
-from models.fe.ball_mesh import ball_mesh
-from models.fe.condense import ContactCells, cell_loads
-from models.fe.contact import ContactState, press_to_force
-from models.fe.elastic import ElasticBody
 from models.fe.extra import require_skfem
-from models.fe.geometry import FeGeometry
-from models.fe.roller_mesh import roller_mesh
-from models.fe.sizing import ContactGrid, MeshRule, growing_lines
+from models.fe.meshes.ball_mesh import ball_mesh
+from models.fe.meshes.geometry import FeGeometry
+from models.fe.meshes.roller_mesh import roller_mesh
+from models.fe.meshes.sizing import ContactGrid, MeshRule, growing_lines
+from models.fe.solid.condense import ContactCells, cell_loads
+from models.fe.solid.contact import ContactState, press_to_force
+from models.fe.solid.elastic import ElasticBody
 
 if TYPE_CHECKING:
     from collections.abc import Callable

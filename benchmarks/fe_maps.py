@@ -1,7 +1,8 @@
 """What RMS maps and V_eq change when the stiffness of finite elements replaces the analytic one.
 
 The bearing is the thesis' 1205 ETN9 on its rig. The k_c of finite elements is that with which the lumped bearing has
-the mean stiffness along the load of a meshed one (``models.fe.rig``), k_i that of the shaft of ``fe_shaft.toml``.
+the mean stiffness along the load of a meshed one (``models.fe.bearings.rig``), k_i that of the shaft of
+``fe_shaft.toml``.
 
 1. Maps of RMS over extent and depth with each rig: ratio to the map of the analytic rig, node by node.
 2. Records of lives that were simulated with the rig of finite elements (growth, rough floors, scatter), tracked through
@@ -24,10 +25,10 @@ from numpy.typing import NDArray
 from benchmarks.common import Row, arguments, print_table, write_json
 from benchmarks.filter import FEATURES, follow, slices_of
 from models.bearing import catalogue_entry
-from models.fe.oblique import oblique_geometry
-from models.fe.rig import EffectiveStiffness, rig_stiffness
-from models.fe.self_aligning import self_aligning_bearing
-from models.fe.shaft import ShaftModel
+from models.fe.bearings.oblique import oblique_geometry
+from models.fe.bearings.rig import EffectiveStiffness, rig_stiffness
+from models.fe.bearings.self_aligning import self_aligning_bearing
+from models.fe.shafts.shaft import ShaftModel
 from models.hertz import contact_stiffness
 from models.lives.life import simulate_lives
 from models.lives.population import Population

@@ -17,17 +17,17 @@ from typing import Any
 
 from benchmarks.common import Row, print_table, write_json
 from models.bearing import catalogue_entry
-from models.fe.ball_mesh import ball_mesh
-from models.fe.common_surface import common_slopes
-from models.fe.condense import ContactCells, compliance
-from models.fe.contact import press_to_force
-from models.fe.elastic import ElasticBody
-from models.fe.element import surface_gap
-from models.fe.geometry import FeGeometry, Race, fe_geometry
-from models.fe.grid import mesh_quality
-from models.fe.ring_mesh import ring_mesh
-from models.fe.roller_mesh import roller_mesh
-from models.fe.sizing import MeshRule, contact_grid
+from models.fe.bearings.element import surface_gap
+from models.fe.meshes.ball_mesh import ball_mesh
+from models.fe.meshes.common_surface import common_slopes
+from models.fe.meshes.geometry import FeGeometry, Race, fe_geometry
+from models.fe.meshes.grid import mesh_quality
+from models.fe.meshes.ring_mesh import ring_mesh
+from models.fe.meshes.roller_mesh import roller_mesh
+from models.fe.meshes.sizing import MeshRule, contact_grid
+from models.fe.solid.condense import ContactCells, compliance
+from models.fe.solid.contact import press_to_force
+from models.fe.solid.elastic import ElasticBody
 
 RULES = {
     "default": MeshRule(),

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from models.fe.extra import require_skfem
-from models.fe.sizing import growing_lines
+from models.fe.meshes.sizing import growing_lines
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from models.fe.contact import press_to_force
+from models.fe.solid.contact import press_to_force
 from models.hertz import point_contact_semi_axes, point_contact_stiffness
 
 if TYPE_CHECKING:

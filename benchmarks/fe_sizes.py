@@ -2,8 +2,8 @@
 
 Run as ``python -m benchmarks.fe_sizes [PART...] [--json FILE] [--page FILE]``: all parts, or some of tables, reference,
 widths, orders, friction, uniform, rule, held_out, whose rows in the file are replaced. The sector is that of section
-3.3 (``models.fe.sector``). Seconds are processor time of one thread with meshing, assembly, factorisation and contact,
-in the same run as the error beside it.
+3.3 (``models.fe.submodel.sector``). Seconds are processor time of one thread with meshing, assembly, factorisation and
+contact, in the same run as the error beside it.
 
 The rings are as wide as their bores carry load: 9.5 mm of NU 202 ECP's 11 mm and 19 mm of 6210's 20 mm. The chamfers
 are not printed; these widths were chosen in view of the finest rows of Tables 8 and 10 (the table of widths shows what
@@ -24,10 +24,10 @@ from benchmarks.fe_sizes_page import diagram, renew
 from benchmarks.fe_sizes_rule import held_out_rows, rule_rows, uniform_rows
 from benchmarks.fe_sizes_slip import slip_bound
 from models.bearing import catalogue_entry, from_catalogue
-from models.fe.element import RACES
-from models.fe.geometry import FeGeometry, fe_geometry
-from models.fe.sector import SectorState, sector
-from models.fe.sizing import MeshRule, half_sizes
+from models.fe.bearings.element import RACES
+from models.fe.meshes.geometry import FeGeometry, fe_geometry
+from models.fe.meshes.sizing import MeshRule, half_sizes
+from models.fe.submodel.sector import SectorState, sector
 from models.hertz import ROLLER_EXPONENT, contact_stiffness
 from models.line_contact import LINE_CONTACTS, line_contact_stiffness
 

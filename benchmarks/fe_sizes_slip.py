@@ -11,16 +11,16 @@ from __future__ import annotations
 
 import numpy as np
 
-from models.fe.common_surface import common_slopes
-from models.fe.condense import ContactCells, ContactFrame, cell_loads
-from models.fe.contact import press_to_force
-from models.fe.elastic import ElasticBody
-from models.fe.element import element_body, surface_gap
-from models.fe.geometry import FeGeometry, Race
-from models.fe.ring_mesh import ring_mesh
-from models.fe.sector import sector_cells
-from models.fe.sizing import MeshRule, contact_grid
-from models.fe.surface import cut_facets, piece_points, surface_values
+from models.fe.bearings.element import element_body, surface_gap
+from models.fe.meshes.common_surface import common_slopes
+from models.fe.meshes.geometry import FeGeometry, Race
+from models.fe.meshes.ring_mesh import ring_mesh
+from models.fe.meshes.sizing import MeshRule, contact_grid
+from models.fe.solid.condense import ContactCells, ContactFrame, cell_loads
+from models.fe.solid.contact import press_to_force
+from models.fe.solid.elastic import ElasticBody
+from models.fe.solid.surface import cut_facets, piece_points, surface_values
+from models.fe.submodel.sector import sector_cells
 
 FRICTION = 0.05
 

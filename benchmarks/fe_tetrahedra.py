@@ -27,11 +27,11 @@ from typing import TYPE_CHECKING, Any
 
 from benchmarks.common import Row, print_table, write_json
 from models.bearing import catalogue_entry
-from models.fe.geometry import FeGeometry, Race, fe_geometry
-from models.fe.sizing import half_sizes
-from models.fe.tet_sector import TetSector, tet_meshes, tet_sector
-from models.fe.tetrahedra import Order, Patch, TetRule
-from models.fe.two_contacts import BoreSpread
+from models.fe.meshes.geometry import FeGeometry, Race, fe_geometry
+from models.fe.meshes.sizing import half_sizes
+from models.fe.meshes.tetrahedra import Order, Patch, TetRule
+from models.fe.submodel.tet_sector import TetSector, tet_meshes, tet_sector
+from models.fe.submodel.two_contacts import BoreSpread
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

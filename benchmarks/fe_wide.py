@@ -25,8 +25,8 @@ import numpy as np
 from benchmarks.common import Row, arguments, print_table, write_json
 from models import hertz
 from models.bearing import catalogue_entry
-from models.fe.balance import PowerLaw
-from models.fe.cage import (
+from models.fe.bearings.balance import PowerLaw
+from models.fe.bearings.cage import (
     CageCoupling,
     caged_state,
     drawn_angles,
@@ -36,21 +36,21 @@ from models.fe.cage import (
     spacing_bound,
     squeeze_law,
 )
-from models.fe.cage_mesh import CageGeometry, CageRule, cage_opening, roller_bulge
-from models.fe.condense import ContactCells, ContactFrame, cell_loads
-from models.fe.contact import ContactState, press, press_to_force
-from models.fe.elastic import ElasticBody
-from models.fe.element import element_law
+from models.fe.bearings.cage_mesh import CageGeometry, CageRule, cage_opening, roller_bulge
+from models.fe.bearings.element import element_law
+from models.fe.bearings.law import ElementLaw
+from models.fe.bearings.oblique import AXIAL, ObliqueBearing, RowInfluence, oblique_geometry
+from models.fe.bearings.oblique_bodies import RULE as OBLIQUE_RULE
+from models.fe.bearings.oblique_bodies import oblique_bearing
+from models.fe.bearings.profiles import END_SIZE, lundberg_load, roller_on_race
+from models.fe.bearings.profiles import RULE as PROFILE_RULE
 from models.fe.extra import require_skfem
-from models.fe.geometry import FeGeometry, fe_geometry
-from models.fe.grid import FeMesh
-from models.fe.law import ElementLaw
-from models.fe.oblique import AXIAL, ObliqueBearing, RowInfluence, oblique_geometry
-from models.fe.oblique_bodies import RULE as OBLIQUE_RULE
-from models.fe.oblique_bodies import oblique_bearing
-from models.fe.profiles import END_SIZE, lundberg_load, roller_on_race
-from models.fe.profiles import RULE as PROFILE_RULE
-from models.fe.sizing import MeshRule
+from models.fe.meshes.geometry import FeGeometry, fe_geometry
+from models.fe.meshes.grid import FeMesh
+from models.fe.meshes.sizing import MeshRule
+from models.fe.solid.condense import ContactCells, ContactFrame, cell_loads
+from models.fe.solid.contact import ContactState, press, press_to_force
+from models.fe.solid.elastic import ElasticBody
 from models.numerics import find_root
 
 ROLLER, SELF_ALIGNING = "NU 202 ECP", "1205 ETN9"

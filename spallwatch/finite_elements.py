@@ -15,8 +15,8 @@ from spallwatch.bearings import BearingError
 if TYPE_CHECKING:
     import xarray as xr
 
-    from models.fe.named_rules import MeshName
-    from models.fe.rings import Support
+    from models.fe.bearings.rings import Support
+    from models.fe.meshes.named_rules import MeshName
 
 
 def fe_stiffness(

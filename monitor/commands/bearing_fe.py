@@ -17,10 +17,10 @@ from numpy.typing import NDArray
 
 from models.bearing import CatalogueEntry
 from models.contact_estimates import estimate_stiffness
-from models.fe.geometry import fe_geometry
-from models.fe.named_rules import NAMED_RULES, MeshName
-from models.fe.rig import rig_stiffness
-from models.fe.rings import SUPPORTS, Support
+from models.fe.bearings.rig import rig_stiffness
+from models.fe.bearings.rings import SUPPORTS, Support
+from models.fe.meshes.geometry import fe_geometry
+from models.fe.meshes.named_rules import NAMED_RULES, MeshName
 from models.hertz import contact_exponent
 from monitor.commands import option
 from monitor.commands.bearing_fe_values import Partner, fe_picture, fe_values
@@ -31,11 +31,11 @@ from monitor.commands.common import PROGRESS_AFTER_S, InputError, check_writable
 from monitor.config.fe_shaft import read_shaft
 
 if TYPE_CHECKING:
-    from models.fe.assembled import FePassage, FeState
-    from models.fe.bearing import FeBearing
+    from models.fe.bearings.assembled import FePassage, FeState
+    from models.fe.bearings.bearing import FeBearing
+    from models.fe.bearings.element import Progress
+    from models.fe.bearings.self_aligning import SelfAligningBearing
     from models.fe.cache import FeCache
-    from models.fe.element import Progress
-    from models.fe.self_aligning import SelfAligningBearing
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -155,8 +155,8 @@ def fe_case(entry: CatalogueEntry, load: float, clearance: float, options: FeOpt
             small.
     """
     from models.fe.cache import FeCache, default_folder
-    from models.fe.cost import memory_bound
     from models.fe.extra import require_skfem
+    from models.fe.solid.cost import memory_bound
 
     require_skfem()
     entry, estimated = _with_estimates(entry)
@@ -191,7 +191,7 @@ def fe_case(entry: CatalogueEntry, load: float, clearance: float, options: FeOpt
 def _symmetric(
     entry: CatalogueEntry, load: float, clearance: float, options: FeOptions, kept: FeCache, progress: Progress
 ) -> FeBearing:
-    from models.fe.bearing import fe_bearing
+    from models.fe.bearings.bearing import fe_bearing
 
     return fe_bearing(
         fe_geometry(entry),
@@ -207,8 +207,8 @@ def _symmetric(
 def _oblique(
     entry: CatalogueEntry, load: float, clearance: float, options: FeOptions, kept: FeCache, progress: Progress
 ) -> SelfAligningBearing:
-    from models.fe.oblique import oblique_geometry
-    from models.fe.self_aligning import self_aligning_bearing
+    from models.fe.bearings.oblique import oblique_geometry
+    from models.fe.bearings.self_aligning import self_aligning_bearing
 
     geometry = oblique_geometry(entry)
     if options.support != "rigid-shaft" or options.mesh != "default":

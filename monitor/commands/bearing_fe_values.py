@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.bearing import Bearing
-from models.fe.assembled import AssembledBearing
-from models.fe.geometry import fe_geometry
-from models.fe.sizing import half_sizes
+from models.fe.bearings.assembled import AssembledBearing
+from models.fe.meshes.geometry import fe_geometry
+from models.fe.meshes.sizing import half_sizes
 from models.hertz import BALL_EXPONENT, point_contact_semi_axes
 from models.load_distribution import load_distribution, stiffness_against_load, stiffness_over_passage
 from monitor.commands.bearing_shaft import shaft_lines
@@ -22,9 +22,9 @@ from monitor.commands.common import finite
 from monitor.words.numbers import figure
 
 if TYPE_CHECKING:
-    from models.fe.assembled import FePassage
-    from models.fe.bearing import FeContact
-    from models.fe.geometry import FeGeometry, Race
+    from models.fe.bearings.assembled import FePassage
+    from models.fe.bearings.bearing import FeContact
+    from models.fe.meshes.geometry import FeGeometry, Race
     from monitor.commands.bearing_fe import FeCase
     from monitor.report.figures.fe_bearing import BearingPicture, Pressure
 
@@ -65,7 +65,7 @@ def fe_values(case: FeCase, analytic: Mapping[str, Any], partner: Partner | None
         analytic: the analytic answer of the command, for the values side by side.
         partner: bearing and contact stiffness of the analytic answer, None where there is none.
     """
-    from models.fe.cost import factor_cost, peak_memory
+    from models.fe.solid.cost import factor_cost, peak_memory
 
     made, first = case.bearing, case.first
     assembled = made.assembled

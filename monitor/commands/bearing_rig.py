@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any
 
-from models.fe.rig import EffectiveStiffness
+from models.fe.bearings.rig import EffectiveStiffness
 from monitor.config.bearing import RIG_KEYS, STIFFNESS_KEYS
 
 

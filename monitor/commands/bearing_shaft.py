@@ -6,8 +6,8 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import Any
 
-from models.fe.shaft import ShaftModel, SteppedShaft
-from models.fe.shaft_mesh import ShaftMeshRule
+from models.fe.meshes.shaft_mesh import ShaftMeshRule
+from models.fe.shafts.shaft import ShaftModel, SteppedShaft
 
 LOAD_STEPS = (0.25, 0.5, 1.0, 2.0, 4.0)
 """Multiples of the load at which k_i is given."""

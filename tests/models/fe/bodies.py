@@ -10,7 +10,7 @@ import pytest
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from models.fe.elastic import ElasticBody
+    from models.fe.solid.elastic import ElasticBody
 
 skfem: Any = pytest.importorskip("skfem", reason="needs the extra fe (scikit-fem)")
 
@@ -43,7 +43,7 @@ def name_sides(mesh: Any) -> Any:
 
 def cut_free(mesh: Any, *, order: int | None = None) -> ElasticBody:
     """A body on three planes of symmetry, in which a uniform pressure makes a uniform stress."""
-    from models.fe.elastic import ElasticBody
+    from models.fe.solid.elastic import ElasticBody
 
     planes = {name: (i,) for i, name in enumerate(("x0", "y0", "z0")[: mesh.dim()])}
     return ElasticBody(mesh, MODULUS, POISSON, planes, order=order)

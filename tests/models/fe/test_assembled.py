@@ -10,10 +10,10 @@ from hypothesis import strategies as st
 
 from models.bearing import from_catalogue
 from models.errors import WrongInputError
-from models.fe import assembled
-from models.fe.assembled import AssembledBearing
-from models.fe.law import ElementLaw
-from models.fe.rings import BoreLoad, RingInfluence
+from models.fe.bearings import assembled
+from models.fe.bearings.assembled import AssembledBearing
+from models.fe.bearings.law import ElementLaw
+from models.fe.bearings.rings import BoreLoad, RingInfluence
 from models.hertz import bearing_stiffness, contact_exponent, contact_stiffness
 from models.load_distribution import load_distribution, stiffness_against_load, stiffness_over_passage
 

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from models.fe.balance import PowerLaw, condensed, settle
+from models.fe.bearings.balance import PowerLaw, condensed, settle
 from models.hertz import contact_forces, static_equilibrium
 
 LAW = PowerLaw(1e10, 1.5)

@@ -10,16 +10,16 @@ import pytest
 
 from models.bearing import catalogue_entry
 from models.errors import WrongInputError
-from models.fe import bearing, ring_bodies
-from models.fe.bearing import FeBearing, analytic_law, fe_bearing, largest_load, mesh_loads
+from models.fe.bearings import bearing, ring_bodies
+from models.fe.bearings.bearing import FeBearing, analytic_law, fe_bearing, largest_load, mesh_loads
+from models.fe.bearings.element import MAX_SHARE, MIN_SHARE, ElementMesh, Progress, element_mesh, surface_gap
+from models.fe.bearings.rings import Support
 from models.fe.cache import FeCache, Kept
-from models.fe.condense import ContactCells
-from models.fe.element import MAX_SHARE, MIN_SHARE, ElementMesh, Progress, element_mesh, surface_gap
 from models.fe.extra import has_extra
-from models.fe.geometry import FeGeometry, fe_geometry
-from models.fe.grid import FeMeshError
-from models.fe.rings import Support
-from models.fe.sizing import MeshRule, half_sizes
+from models.fe.meshes.geometry import FeGeometry, fe_geometry
+from models.fe.meshes.grid import FeMeshError
+from models.fe.meshes.sizing import MeshRule, half_sizes
+from models.fe.solid.condense import ContactCells
 from models.hertz import contact_stiffness
 from models.load_distribution import largest_element_load
 

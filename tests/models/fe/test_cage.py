@@ -8,8 +8,8 @@ import pytest
 
 from benchmarks.fe_wide import plane_check
 from models.bearing import catalogue_entry
-from models.fe.balance import PowerLaw
-from models.fe.cage import (
+from models.fe.bearings.balance import PowerLaw
+from models.fe.bearings.cage import (
     CageCoupling,
     caged_state,
     drawn_angles,
@@ -19,10 +19,10 @@ from models.fe.cage import (
     spacing_bound,
     squeeze_law,
 )
-from models.fe.cage_mesh import CageGeometry, cage_opening, roller_bulge
+from models.fe.bearings.cage_mesh import CageGeometry, cage_opening, roller_bulge
 from models.fe.extra import has_extra
-from models.fe.geometry import fe_geometry
-from models.fe.sizing import MeshRule
+from models.fe.meshes.geometry import fe_geometry
+from models.fe.meshes.sizing import MeshRule
 from models.hertz import bearing_stiffness, contact_stiffness
 
 ENTRY = catalogue_entry("NU 202 ECP")

@@ -8,9 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import nnls
 
-from models.fe.condense import ContactCells, compliance
-from models.fe.contact import FORCE_TOLERANCE, TOLERANCE, ContactState, press, press_to_force
-from models.fe.elastic import FeError
+from models.fe.solid.condense import ContactCells, compliance
+from models.fe.solid.contact import FORCE_TOLERANCE, TOLERANCE, ContactState, press, press_to_force
+from models.fe.solid.elastic import FeError
 from tests.effort import effort_count
 from tests.models.fe.bodies import MODULUS, POISSON, block_mesh, cut_free, unit_mesh
 

@@ -3,8 +3,8 @@ from pathlib import Path
 
 import pytest
 
-from models.fe import cost
-from models.fe.cost import (
+from models.fe.solid import cost
+from models.fe.solid.cost import (
     Memory,
     MemoryBoundError,
     check_memory,

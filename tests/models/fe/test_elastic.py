@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from models.errors import WrongInputError
-from models.fe.condense import ContactCells, cell_loads, compliance
-from models.fe.cost import MemoryBoundError, memory_bound
-from models.fe.elastic import ElasticBody, FeError, rigid_motions
+from models.fe.solid.condense import ContactCells, cell_loads, compliance
+from models.fe.solid.cost import MemoryBoundError, memory_bound
+from models.fe.solid.elastic import ElasticBody, FeError, rigid_motions
 from tests.models.fe.bodies import KINDS, MODULUS, POISSON, block_mesh, cut_free, name_sides, skfem, unit_mesh
 
 

@@ -9,8 +9,8 @@ import pytest
 
 from models.bearing import Bearing, CatalogueEntry, catalogue_entry
 from models.errors import WrongInputError
-from models.fe.geometry import FeGeometryError, fe_geometry
-from models.fe.sizing import MeshRule, contact_grid, groove_reach, half_sizes
+from models.fe.meshes.geometry import FeGeometryError, fe_geometry
+from models.fe.meshes.sizing import MeshRule, contact_grid, groove_reach, half_sizes
 from models.hertz import contact_patches
 
 

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from models.fe.law import ElementLaw, LawError, LawTable
+from models.fe.bearings.law import ElementLaw, LawError, LawTable
 
 
 def hertz_and_ring(loads: np.ndarray) -> np.ndarray:

@@ -12,13 +12,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from models.bearing import catalogue_entry
-from models.fe.ball_mesh import ball_mesh
 from models.fe.extra import has_extra
-from models.fe.geometry import FeGeometry, fe_geometry
-from models.fe.grid import Block, FeMeshError, build, extrude, lattice, mesh_quality
-from models.fe.ring_mesh import race_rise, ring_mesh
-from models.fe.roller_mesh import roller_mesh
-from models.fe.sizing import ContactGrid, MeshRule, chapter_rule, contact_grid, uniform_rule
+from models.fe.meshes.ball_mesh import ball_mesh
+from models.fe.meshes.geometry import FeGeometry, fe_geometry
+from models.fe.meshes.grid import Block, FeMeshError, build, extrude, lattice, mesh_quality
+from models.fe.meshes.ring_mesh import race_rise, ring_mesh
+from models.fe.meshes.roller_mesh import roller_mesh
+from models.fe.meshes.sizing import ContactGrid, MeshRule, chapter_rule, contact_grid, uniform_rule
 from tests.effort import effort_count
 
 pytestmark = pytest.mark.skipif(not has_extra(), reason="scikit-fem (extra fe) is not installed")

@@ -8,8 +8,8 @@ import pytest
 
 from models import ball_statics, hertz
 from models.bearing import Bearing, catalogue_entry
-from models.fe.balance import PowerLaw, condensed
-from models.fe.oblique import ObliqueBearing, ObliqueError, RowInfluence, oblique_geometry
+from models.fe.bearings.balance import PowerLaw, condensed
+from models.fe.bearings.oblique import ObliqueBearing, ObliqueError, RowInfluence, oblique_geometry
 from models.load_distribution import stiffness_over_passage
 
 K_C = 5410.29e6

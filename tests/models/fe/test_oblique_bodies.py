@@ -7,11 +7,8 @@ import pytest
 
 from models import hertz
 from models.bearing import catalogue_entry
-from models.fe.elastic import FeError
-from models.fe.extra import has_extra
-from models.fe.grid import FeMeshError
-from models.fe.oblique import oblique_geometry
-from models.fe.oblique_bodies import (
+from models.fe.bearings.oblique import oblique_geometry
+from models.fe.bearings.oblique_bodies import (
     _gap,
     _slope,
     fitted_law,
@@ -21,8 +18,11 @@ from models.fe.oblique_bodies import (
     row_influence,
     single_row,
 )
-from models.fe.oblique_mesh import axial_lines, contact_frame, oblique_ring_mesh, race_profile
-from models.fe.sizing import MeshRule, contact_grid
+from models.fe.bearings.oblique_mesh import axial_lines, contact_frame, oblique_ring_mesh, race_profile
+from models.fe.extra import has_extra
+from models.fe.meshes.grid import FeMeshError
+from models.fe.meshes.sizing import MeshRule, contact_grid
+from models.fe.solid.elastic import FeError
 
 GEOMETRY = oblique_geometry(catalogue_entry("1205 ETN9"))
 COARSE = MeshRule(patch=1.25, size=1.25, growth=3.5, along=1, along_patch=1.25, coarse=2.0)

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 from models.bearing import catalogue_entry
-from models.fe.elastic import FeError
+from models.fe.bearings.profiles import RollerOnRace, lundberg_load, profile_lines, roller_on_race
 from models.fe.extra import has_extra
-from models.fe.geometry import fe_geometry
-from models.fe.profiles import RollerOnRace, lundberg_load, profile_lines, roller_on_race
-from models.fe.sizing import MeshRule
+from models.fe.meshes.geometry import fe_geometry
+from models.fe.meshes.sizing import MeshRule
+from models.fe.solid.elastic import FeError
 
 ENTRY = catalogue_entry("NU 202 ECP")
 STRAIGHT = fe_geometry(ENTRY)

@@ -11,9 +11,9 @@ import pytest
 
 from models.bearing import Bearing, from_catalogue
 from models.errors import WrongInputError
-from models.fe.assembled import AssembledBearing
-from models.fe.law import ElementLaw
-from models.fe.rig import BearingAnswer, bearing_answers, effective_stiffness, rig_stiffness
+from models.fe.bearings.assembled import AssembledBearing
+from models.fe.bearings.law import ElementLaw
+from models.fe.bearings.rig import BearingAnswer, bearing_answers, effective_stiffness, rig_stiffness
 from models.hertz import contact_stiffness
 from models.load_distribution import stiffness_against_load
 from models.maps.nodes import drawn_rig

@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from models.fe.elastic import FeError
+from models.fe.bearings.ring_bodies import bore_load, ring_influence
+from models.fe.bearings.rings import BoreLoad, RingInfluence
 from models.fe.extra import has_extra
-from models.fe.geometry import FeGeometry
-from models.fe.ring_bodies import bore_load, ring_influence
-from models.fe.rings import BoreLoad, RingInfluence
-from models.fe.sizing import MeshRule
+from models.fe.meshes.geometry import FeGeometry
+from models.fe.meshes.sizing import MeshRule
+from models.fe.solid.elastic import FeError
 
 pytestmark = pytest.mark.skipif(not has_extra(), reason="scikit-fem is not installed")
 

@@ -10,13 +10,13 @@ import pytest
 
 from models.bearing import catalogue_entry
 from models.fe.extra import has_extra
-from models.fe.geometry import FeGeometry, Race, fe_geometry
-from models.fe.sizing import MeshRule
+from models.fe.meshes.geometry import FeGeometry, Race, fe_geometry
+from models.fe.meshes.sizing import MeshRule
 
 if not has_extra():
     pytest.skip("extra fe (scikit-fem) is not installed", allow_module_level=True)
 
-from models.fe.sector import SectorState, sector
+from models.fe.submodel.sector import SectorState, sector
 
 RULE = MeshRule(patch=1.5, size=0.75, growth=3.0, along=2, end=1.0)
 LENGTHS = (

@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 
 from models.bearing import from_catalogue
-from models.fe.shaft import PER_SEAT, Seat, ShaftModel, SteppedShaft, Support, condense_shaft
-from models.fe.shaft_mesh import ShaftMeshRule, Step, shaft_mesh
-from models.fe.spring import RadialSpring, bearing_spring, table_spring
+from models.fe.meshes.shaft_mesh import ShaftMeshRule, Step, shaft_mesh
+from models.fe.shafts.shaft import PER_SEAT, Seat, ShaftModel, SteppedShaft, Support, condense_shaft
+from models.fe.shafts.spring import RadialSpring, bearing_spring, table_spring
 from models.hertz import contact_stiffness
 from models.load_distribution import stiffness_against_load
 from models.shaft_beam import Shaft, element_matrices
@@ -94,7 +94,7 @@ def test_shaft_play_and_third_support() -> None:
 
 
 def test_shaft_not_converged_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("models.fe.shaft._STEPS", 1)
+    monkeypatch.setattr("models.fe.shafts.shaft._STEPS", 1)
     assert not slender().solve(300.0).converged
 
 

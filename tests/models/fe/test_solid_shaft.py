@@ -10,14 +10,14 @@ import numpy as np
 import pytest
 
 from models.bearing import catalogue_entry
-from models.fe.assembled import AssembledBearing
-from models.fe.bearing import analytic_law
-from models.fe.fit_contact import Fit
-from models.fe.geometry import FeGeometry, fe_geometry
-from models.fe.ring_bodies import bore_load, influence_load, ring_influence
-from models.fe.shaft_mesh import ShaftMeshRule
-from models.fe.sizing import MeshRule
-from models.fe.solid_shaft import FitRule, FittedState, SolidShaft
+from models.fe.bearings.assembled import AssembledBearing
+from models.fe.bearings.bearing import analytic_law
+from models.fe.bearings.ring_bodies import bore_load, influence_load, ring_influence
+from models.fe.meshes.geometry import FeGeometry, fe_geometry
+from models.fe.meshes.shaft_mesh import ShaftMeshRule
+from models.fe.meshes.sizing import MeshRule
+from models.fe.shafts.fit_contact import Fit
+from models.fe.shafts.solid_shaft import FitRule, FittedState, SolidShaft
 
 pytest.importorskip("skfem", reason="needs the extra fe")
 
@@ -95,7 +95,7 @@ def test_shares_on_shaft_are_those_of_rigid_rings_within_percents() -> None:
 
 
 def test_exchanges_that_do_not_end_are_said(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("models.fe.fit_contact._EXCHANGES", 0)
+    monkeypatch.setattr("models.fe.shafts.fit_contact._EXCHANGES", 0)
     assert not solve().converged
 
 
@@ -106,7 +106,7 @@ def test_clearance_narrows_the_zone() -> None:
 
 
 def test_given_pressure_is_that_of_the_assembled_bearing() -> None:
-    """The sinusoidal pressure as of ``models.fe.ring_bodies``, on the same mesh: another way to the same numbers."""
+    """The sinusoidal pressure of ``models.fe.bearings.ring_bodies`` on the same mesh: another way to its numbers."""
     load = influence_load(geometry())
     own = ring_influence(geometry(), "inner", load, balanced=True, rule=COARSE.ring)
     bore = bore_load(geometry(), load, rule=COARSE.ring)

@@ -12,8 +12,8 @@ import pytest
 
 from models.errors import WrongInputError
 from models.fe.extra import MissingExtraError, require_gmsh, require_skfem
-from models.fe.tet_bodies import RaceSector, tet_ball, tet_race, tet_roller
-from models.fe.tetrahedra import MeshingError, Patch, TetRule, estimated_nodes
+from models.fe.meshes.tet_bodies import RaceSector, tet_ball, tet_race, tet_roller
+from models.fe.meshes.tetrahedra import MeshingError, Patch, TetRule, estimated_nodes
 
 RADIUS, LENGTH, EDGE = 2.75e-3, 6e-3, 0.2e-3
 ANGLE = math.pi / 11.0

@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 
 from models.bearing import catalogue_entry
-from models.fe.condense import ContactCells
-from models.fe.elastic import ElasticBody
 from models.fe.extra import MissingExtraError, require_gmsh, require_skfem
-from models.fe.geometry import fe_geometry
-from models.fe.tet_bodies import RaceSector, tet_race, tet_roller
-from models.fe.tet_sector import tet_sector
-from models.fe.tetrahedra import MeshingError, Patch, TetRule
-from models.fe.two_contacts import GappedCells, TwoContacts, bore_pressure, bore_reader, nearest_node
+from models.fe.meshes.geometry import fe_geometry
+from models.fe.meshes.tet_bodies import RaceSector, tet_race, tet_roller
+from models.fe.meshes.tetrahedra import MeshingError, Patch, TetRule
+from models.fe.solid.condense import ContactCells
+from models.fe.solid.elastic import ElasticBody
+from models.fe.submodel.tet_sector import tet_sector
+from models.fe.submodel.two_contacts import GappedCells, TwoContacts, bore_pressure, bore_reader, nearest_node
 
 MODULUS, POISSON = 210e9, 0.3
 RADIUS, HALF_LENGTH = 2.75e-3, 2.8e-3

@@ -20,22 +20,22 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-import models.fe.bearing
+import models.fe.bearings.bearing
 import spallwatch as sw
 from models.bearing import from_catalogue
 from models.errors import WrongInputError
-from models.fe.assembled import AssembledBearing
-from models.fe.bearing import FeBearing
-from models.fe.condense import ContactCells
-from models.fe.cost import check_memory
-from models.fe.element import RACES, FeContact
+from models.fe.bearings.assembled import AssembledBearing
+from models.fe.bearings.bearing import FeBearing
+from models.fe.bearings.element import RACES, FeContact
+from models.fe.bearings.law import ElementLaw
+from models.fe.bearings.oblique import ObliqueBearing, ObliqueGeometry, RowInfluence
+from models.fe.bearings.oblique_bodies import ObliqueResult, fitted_law
 from models.fe.extra import has_extra
-from models.fe.geometry import FeGeometry, Race
-from models.fe.law import ElementLaw
-from models.fe.named_rules import NAMED_RULES
-from models.fe.oblique import ObliqueBearing, ObliqueGeometry, RowInfluence
-from models.fe.oblique_bodies import ObliqueResult, fitted_law
-from models.fe.sizing import half_sizes
+from models.fe.meshes.geometry import FeGeometry, Race
+from models.fe.meshes.named_rules import NAMED_RULES
+from models.fe.meshes.sizing import half_sizes
+from models.fe.solid.condense import ContactCells
+from models.fe.solid.cost import check_memory
 from models.hertz import contact_stiffness
 from monitor.commands.bearing import command
 from monitor.commands.bearing_fe_values import fe_lines
@@ -76,7 +76,7 @@ def analytic_bearing(
 
 @pytest.fixture(autouse=True)
 def _analytic_bodies(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.setattr(models.fe.bearing, "fe_bearing", analytic_bearing)
+    monkeypatch.setattr(models.fe.bearings.bearing, "fe_bearing", analytic_bearing)
     monkeypatch.setattr("monitor.commands.bearing.published_figures", lambda designation: [])
     # Each state costs milliseconds, and a command takes hundreds.
     whole = AssembledBearing.stiffness_over_passage
@@ -140,7 +140,7 @@ def test_with_clearance_the_load_zone_is_smaller() -> None:
 
 
 def test_a_load_beyond_the_meshes_has_a_status_and_no_stiffness(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(models.fe.bearing, "fe_bearing", partial(analytic_bearing, highest=300.0))
+    monkeypatch.setattr(models.fe.bearings.bearing, "fe_bearing", partial(analytic_bearing, highest=300.0))
     found = values.__wrapped__(ROLLER, "--load-newton", "2500")["fe"]
     assert found["status"] == "outside_law"
     assert found["k_xx_newton_per_m"] is None
@@ -173,7 +173,7 @@ def test_estimated_dimensions_are_named() -> None:
 
 
 def test_a_stiffness_without_status_is_not_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(models.fe.bearing, "fe_bearing", partial(analytic_bearing, highest=300.0))
+    monkeypatch.setattr(models.fe.bearings.bearing, "fe_bearing", partial(analytic_bearing, highest=300.0))
     with pytest.raises(InputError, match=r"--write-rig .*: there is no contact stiffness to write: outside_law"):
         invoke(ROLLER, "--load-newton", "2500", "--write-rig", str(tmp_path / "rig.toml"))
     assert not (tmp_path / "rig.toml").exists()
@@ -228,7 +228,7 @@ def test_a_self_aligning_bearing_has_two_rows_and_no_symmetric_contact(monkeypat
         bearing = ObliqueBearing(geometry.n_elements, geometry.contact_angle, law.law(), alone)
         return ObliqueResult(bearing, law, {"inner ring": 50_000}, 1e-4, converged=True)
 
-    monkeypatch.setattr("models.fe.self_aligning.oblique_bearing", rows)
+    monkeypatch.setattr("models.fe.bearings.self_aligning.oblique_bearing", rows)
     whole = values.__wrapped__(SELF_ALIGNING, "--load-newton", "4000")
     found = whole["fe"]
     assert found["status"] == "converged"

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from models.contact_estimates import estimate_stiffness
-from models.fe.shaft_mesh import ShaftMeshRule
+from models.fe.meshes.shaft_mesh import ShaftMeshRule
 from monitor.commands.bearing_shaft import shaft_lines, shaft_values
 from monitor.config.fe_shaft import ShaftFile, SupportSection, read_shaft
 from monitor.config.load import ConfigError

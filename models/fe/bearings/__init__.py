@@ -1,0 +1,1 @@
+"""Elements, rings and cages put together: stiffness of bearings from condensed bodies."""
