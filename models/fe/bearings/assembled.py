@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from models.errors import WrongInputError
+from models.fe.bearings.balance import descend
 from models.load_distribution import LoadDistribution, StiffnessPassage
 from models.path.defect import wrap
 
@@ -36,9 +37,6 @@ FeStatus = Literal["converged", "not_in_equilibrium", "contact_violated", "outsi
 # Of the load, and of the largest approach. Rounding leaves 1e-13; these are checked on the finished state.
 EQUILIBRIUM_TOLERANCE = 1e-9
 CONTACT_TOLERANCE = 1e-9
-_MAX_STEPS = 200
-_MAX_ELEMENT_STEPS = 60
-_MAX_HALVINGS = 40
 
 
 @dataclass(frozen=True, eq=False)
@@ -161,9 +159,10 @@ class AssembledBearing:
                 raise WrongInputError(f"expected a gap of each of {self.n_elements} elements, got shape {gaps.shape}")
             slack = slack + gaps
         problem = _Problem.of(self, angles, slack, load)
-        u = _first_guess(problem) if start is None else start.displacement
-        u, delta = _settle(problem, u)
-        return _finished(self, problem, u, delta)
+        moved = slack + problem.bore @ problem.load
+        begin = None if start is None else start.displacement
+        found = descend(problem.normals.T, self.law, problem.load, problem.influence, moved, begin)
+        return _finished(self, problem, found.displacement, found.approach)
 
     def load_distribution(self, load: float, *, cage_angle: float = 0.0) -> LoadDistribution:
         """Return the loads of the elements at a cage angle; NaN where the state is not converged."""
@@ -224,71 +223,6 @@ class _Problem:
     def tangent(self, slope: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return dQ/d(reach), N/m, shape (Z, Z), symmetric, of dQ/d delta of the law (Z,)."""
         return _solve(np.eye(len(slope)) + slope[:, None] * self.influence, np.diag(slope))
-
-
-def _elements(
-    problem: _Problem, u: NDArray[np.float64], delta: NDArray[np.float64] | None
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Return delta, Q and dQ/d delta at a displacement: delta + S Q(delta) = reach (Newton with halved steps)."""
-    reach, influence = problem.reach(u), problem.influence
-    if not np.any(influence):
-        return reach, *problem.law.force(reach)
-    delta = reach if delta is None else delta
-    force, slope = problem.law.force(delta)
-    residual = reach - delta - influence @ force
-    size = float(np.abs(residual).max())
-    tolerance = 1e-13 * float(np.abs(reach).max())
-    for _ in range(_MAX_ELEMENT_STEPS):
-        if size <= tolerance:
-            break
-        step = _solve(np.eye(len(reach)) + influence * slope, residual)
-        for _ in range(_MAX_HALVINGS):
-            trial = delta + step
-            trial_force, trial_slope = problem.law.force(trial)
-            trial_residual = reach - trial - influence @ trial_force
-            trial_size = float(np.abs(trial_residual).max())
-            if trial_size < size:
-                break
-            step = 0.5 * step
-        else:
-            break
-        delta, force, slope, residual, size = trial, trial_force, trial_slope, trial_residual, trial_size
-    return delta, force, slope
-
-
-def _first_guess(problem: _Problem) -> NDArray[np.float64]:
-    """Return a displacement along the load that presses an element: without one there is no gradient to follow."""
-    load, cosine = float(problem.load[0]), problem.normals[0]
-    share = problem.law.approach_of(np.array([5.0 * load / len(cosine)]))[0]
-    return np.array([(float(np.max(problem.slack)) + share) / float(cosine.max()), 0.0])
-
-
-def _settle(problem: _Problem, u: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return displacement and delta of the equilibrium: damped Newton on the convex elastic energy.
-
-    A step is halved while the energy rises at its end, which its slope there tells; the damping (Levenberg) helps
-    where one element in contact leaves the direction across it without stiffness.
-    """
-    delta, force, slope = _elements(problem, u, None)
-    residual = problem.load - problem.normals @ force
-    damping, unit = 1e-3, np.eye(2)
-    for _ in range(_MAX_STEPS):
-        if float(np.abs(residual).max()) <= 1e-12 * float(problem.load[0]):
-            break
-        stiffness = problem.normals @ problem.tangent(slope) @ problem.normals.T
-        step = _solve(stiffness + damping * float(np.trace(stiffness)) * unit, residual)
-        downhill = float(step @ residual)
-        for _ in range(_MAX_HALVINGS):
-            delta_t, force_t, slope_t = _elements(problem, u + step, delta)
-            residual_t = problem.load - problem.normals @ force_t
-            if np.any(force_t > 0.0) and float(step @ residual_t) >= -0.5 * downhill:
-                break
-            step, downhill, damping = 0.5 * step, 0.5 * downhill, 10.0 * damping
-        else:
-            break
-        u, delta, force, slope, residual = u + step, delta_t, force_t, slope_t, residual_t
-        damping = max(0.1 * damping, 1e-14)
-    return u, delta
 
 
 def _finished(

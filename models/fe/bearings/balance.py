@@ -16,7 +16,8 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 RESIDUAL = 1e-10
-"""Largest unbalanced force in equilibrium, as a share of the load."""
+"""Largest unbalanced force in equilibrium, as a share of the load or, without one, of the largest force."""
+_MOST_DAMPING = 1e12
 _OUTER_STEPS = 200
 _INNER_STEPS = 60
 _HALVINGS = 30
@@ -56,6 +57,7 @@ class Balance:
         approach: of each by which its law is pressed, m, negative where it does not touch, shape (elements,).
         stiffness: derivative of the load by the displacement, N/m, symmetric, shape (dimensions, dimensions).
         residual: largest unbalanced force, N.
+        settled: whether that is ``RESIDUAL`` of the load at most.
     """
 
     displacement: NDArray[np.float64]
@@ -63,6 +65,7 @@ class Balance:
     approach: NDArray[np.float64]
     stiffness: NDArray[np.float64]
     residual: float
+    settled: bool
 
 
 def settle(
@@ -93,26 +96,42 @@ def settle(
         RuntimeError: if the load leaves a direction in which nothing holds the ring, or the iteration does not settle.
     """
     normals = np.asarray(normals, dtype=np.float64)
-    count, dimensions = normals.shape
+    count = len(normals)
     gaps = np.broadcast_to(np.asarray(clearance, dtype=np.float64), (count,))
     mutual = np.zeros((count, count)) if influence is None else np.asarray(influence, dtype=np.float64)
     load = np.asarray(load, dtype=np.float64)
     _check(normals, load, gaps, mutual)
+    u = None if begin is None else np.array(begin, dtype=np.float64)
+    balance = descend(normals, law, load, mutual, gaps, u)
+    if balance.settled:
+        return balance
+    if not np.any(balance.forces > 0.0):
+        raise RuntimeError("the load presses no element: the ring is not held in its direction")
     size = float(np.abs(load).max())
-    u = _first_guess(normals, law, load, gaps) if begin is None else np.array(begin, dtype=np.float64)
-    if size == 0.0:
-        u = np.zeros(dimensions)
-    approach = normals @ u - gaps
-    damping = 1e-6
-    balance = _state(normals, law, mutual, gaps, load, u, approach)
+    raise RuntimeError(
+        f"no equilibrium found for load {load.tolist()!r}: {balance.residual:.3g} N of {size:.3g} N are not balanced"
+    )
+
+
+def descend(
+    normals: NDArray[np.float64],
+    law: Law,
+    load: NDArray[np.float64],
+    mutual: NDArray[np.float64],
+    gaps: NDArray[np.float64],
+    begin: NDArray[np.float64] | None,
+) -> Balance:
+    """Return what :func:`settle` does, unchecked, and also where the iteration ends out of equilibrium."""
+    if begin is None:
+        begin = _first_guess(normals, law, load, gaps)
+    damping, unit = 1e-6, np.eye(normals.shape[1])
+    balance = _state(normals, law, mutual, gaps, load, begin, normals @ begin - gaps)
     for _ in range(_OUTER_STEPS):
-        if balance.residual <= RESIDUAL * size:
-            return balance
-        missing = load - normals.T @ balance.forces
         scale = float(np.trace(balance.stiffness))
-        if scale == 0.0:
-            raise RuntimeError("the load presses no element: the ring is not held in its direction")
-        step = np.linalg.solve(balance.stiffness + damping * scale * np.eye(dimensions), missing)
+        if balance.settled or scale == 0.0 or damping > _MOST_DAMPING:
+            break
+        missing = load - normals.T @ balance.forces
+        step = np.linalg.solve(balance.stiffness + damping * scale * unit, missing)
         tried = _state(normals, law, mutual, gaps, load, balance.displacement + step, balance.approach)
         still = load - normals.T @ tried.forces
         # Along the step the energy falls while the missing force still points along it: convexity needs no energy.
@@ -122,11 +141,7 @@ def settle(
             balance = tried
         else:
             damping *= 10.0
-            if damping > 1e12:
-                break
-    raise RuntimeError(
-        f"no equilibrium found for load {load.tolist()!r}: {balance.residual:.3g} N of {size:.3g} N are not balanced"
-    )
+    return balance
 
 
 def condensed(stiffness: NDArray[np.float64], free: int) -> NDArray[np.float64]:
@@ -195,7 +210,8 @@ def _state(
     coupled = np.linalg.solve(np.eye(len(tangent)) + tangent[:, None] * mutual, tangent[:, None] * normals)
     stiffness = normals.T @ coupled
     residual = float(np.abs(load - normals.T @ forces).max())
-    return Balance(u, forces, approach, 0.5 * (stiffness + stiffness.T), residual)
+    size = float(np.abs(load).max()) or float(forces.max())
+    return Balance(u, forces, approach, 0.5 * (stiffness + stiffness.T), residual, residual <= RESIDUAL * size)
 
 
 def pressed_together(

@@ -15,7 +15,7 @@ with the pockets' opening C of the meshed cage. SI units; angles from the load, 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -223,7 +223,7 @@ def caged_state(
         if change <= _SAME_FORCE or not bars.any():
             mutual = np.zeros((count, count)) if influence is None else influence
             stiffness = _stiffness(_normals(angles), law.force(state.approach)[1], mutual - coupling.bulge * slope)
-            whole = Balance(state.displacement, state.forces, state.approach, stiffness, state.residual)
+            whole = replace(state, stiffness=stiffness)
             return CagedState(whole, bars, turn, change)
     raise RuntimeError(f"bars and races do not settle: the bars' forces still change by {change:.3g} of the largest")
 

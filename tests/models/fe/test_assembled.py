@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from models.bearing import from_catalogue
 from models.errors import WrongInputError
-from models.fe.bearings import assembled
+from models.fe.bearings import assembled, balance
 from models.fe.bearings.assembled import AssembledBearing
 from models.fe.bearings.law import ElementLaw
 from models.fe.bearings.rings import BoreLoad, RingInfluence
@@ -167,7 +167,7 @@ def test_a_load_beyond_the_law_is_not_called_converged():
 
 
 def test_forces_that_do_not_balance_the_load_are_not_called_converged(monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(assembled, "_MAX_STEPS", 1)
+    monkeypatch.setattr(balance, "_OUTER_STEPS", 1)
     assert flexible().state(3000.0).status == "not_in_equilibrium"
 
 
