@@ -51,6 +51,7 @@ def test_without_an_identification_the_hash_is_that_of_earlier_versions() -> Non
         fields["axial_load"],
         fields["part"],
         fields["rig_posterior"],
+        fields["rig_spread_k_c"],
         fields["rig"]["identification"],
     )
     text = f"{PLAN.model} {MODEL_VERSION} {json.dumps(fields, sort_keys=True)}"
