@@ -15,7 +15,7 @@ from models.errors import WrongInputError
 
 ENTRIES = (0.168, 1.4)
 """Entries of the triangular factor of n unknowns: 1e6 a (n / 1000)^p."""
-SECONDS = (0.03, 1.36)
+SECONDS = (0.017, 1.4)
 """Processor time of assembly, plan and factorisation of n unknowns, s: a (n / 1000)^p."""
 PEAK_BYTES = 13.0
 """Bytes at the peak of the factorisation an entry of the factor: 8 for itself, the rest for fronts that wait."""
