@@ -28,10 +28,13 @@ from models.fe.bearings.element import RACES
 from models.fe.meshes.geometry import FeGeometry, fe_geometry
 from models.fe.meshes.sizing import MeshRule, half_sizes
 from models.fe.submodel.sector import SectorState, sector
-from models.hertz import ROLLER_EXPONENT, contact_stiffness
+from models.hertz import BALL_EXPONENT, ROLLER_EXPONENT, contact_stiffness
 from models.line_contact import LINE_CONTACTS, line_contact_stiffness
 
 WIDTHS = {"NU 202 ECP": 9.5e-3, "6210": 19e-3}
+# As printed in sections 3.3.2 and 3.3.3, N/mm^n in N/m^n: the differences of the tables are from these. That of the ball
+# is 2.5 % above Eq. 17 with its misprint mended.
+PRINTED_K_C = {"NU 202 ECP": 172549.0 * 1e3**ROLLER_EXPONENT, "6210": 426124.0 * 1e3**BALL_EXPONENT}
 LOADS = {"NU 202 ECP": (37.0, 3706.0), "6210": (219.0, 10052.0)}
 REFERENCE = MeshRule(patch=1.6, size=0.27, growth=1.5, along=7)
 OWN = MeshRule()
@@ -69,8 +72,8 @@ def geometry_of(name: str, width: float | None = None) -> FeGeometry:
 
 
 def difference(name: str, state: SectorState) -> float:
-    """Return k_c against Palmgren (Eq. 15) or Hertz (Eq. 17), per cent."""
-    return 100.0 * (state.k_c / contact_stiffness(from_catalogue(name)) - 1.0)
+    """Return k_c against the printed value of Palmgren (Eq. 15) or Hertz (Eq. 17), per cent."""
+    return 100.0 * (state.k_c / PRINTED_K_C[name] - 1.0)
 
 
 def chapter_row_rule(name: str, patch: float, size: float) -> MeshRule:
