@@ -32,7 +32,7 @@ from models.hertz import BALL_EXPONENT, ROLLER_EXPONENT, contact_stiffness
 from models.line_contact import LINE_CONTACTS, line_contact_stiffness
 
 WIDTHS = {"NU 202 ECP": 9.5e-3, "6210": 19e-3}
-# As printed in sections 3.3.2 and 3.3.3, N/mm^n in N/m^n: the differences of the tables are from these. That of the ball
+# As printed in sections 3.3.2 and 3.3.3, N/mm^n in N/m^n: the tables differ from these. That of the ball
 # is 2.5 % above Eq. 17 with its misprint mended.
 PRINTED_K_C = {"NU 202 ECP": 172549.0 * 1e3**ROLLER_EXPONENT, "6210": 426124.0 * 1e3**BALL_EXPONENT}
 LOADS = {"NU 202 ECP": (37.0, 3706.0), "6210": (219.0, 10052.0)}
