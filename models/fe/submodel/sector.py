@@ -20,11 +20,10 @@ from models.fe.bearings.element import RACES, surface_gap
 from models.fe.meshes.common_surface import common_slopes
 from models.fe.meshes.ring_mesh import ring_mesh
 from models.fe.meshes.sizing import ContactGrid, MeshRule, contact_grid
-from models.fe.solid.condense import ContactCells, ContactFrame, cell_loads
+from models.fe.solid.condense import ContactCells, cell_loads
 from models.fe.solid.contact import ContactState, press_to_force
 from models.fe.solid.elastic import ElasticBody, FeError
-from models.fe.solid.shape import boundary_facets
-from models.fe.solid.surface import cut_facets, piece_points, surface_values
+from models.fe.submodel.two_contacts import bore_pressure, bore_reader
 from models.hertz import BALL_EXPONENT, ROLLER_EXPONENT
 
 if TYPE_CHECKING:
@@ -136,7 +135,7 @@ def sector_contact(
     else:
         node = _bore_node(mesh, geometry)
         ring = ElasticBody(mesh, geometry.modulus, geometry.poisson, {"x0": (0,), "z0": (2,), node: (1,)})
-        flexibility, line = _under_bore_load(ring, cells, ring_slope, geometry.bore_radius)
+        flexibility, line = _under_bore_load(ring, cells, ring_slope)
     compliance = element.flexibility(cell_loads(element, "contact", cells, slope=element_slope))
     gap = surface_gap(geometry, race, cells)
     seconds = time.process_time() - start
@@ -211,43 +210,14 @@ def _bore_node(mesh: FeMesh, geometry: FeGeometry) -> int:
 
 
 def _under_bore_load(
-    ring: ElasticBody, cells: ContactCells, slope: Slopes, bore_radius: float
+    ring: ElasticBody, cells: ContactCells, slope: Slopes
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return the compliance against the bore's displacement as its pressure weights it, and ``bore_line``."""
-    push = bore_push(ring, bore_radius)
+    push = bore_pressure(ring)[:, 0]
     loads = cell_loads(ring, "contact", cells, slope=slope)
     # Each newton on the race is balanced by one on the bore: the reaction of the held node is zero.
     balanced = np.asarray(loads.toarray(), float) + np.outer(push, cells.area)
     displacement = ring.solve(balanced)
     flexibility = balanced.T @ displacement
-    line = (bore_line_weights(ring, bore_radius) - push) @ displacement
+    line = (bore_reader(ring)[:, 0] - push) @ displacement
     return 0.5 * (flexibility + flexibility.T), line
-
-
-def bore_push(ring: ElasticBody, bore_radius: float) -> NDArray[np.float64]:
-    """Return the loads, (3 nodes,), of a pressure on the bore of a sector that goes with cos(angle), 1 N along y."""
-    facets = boundary_facets(ring.mesh, "bore")
-    on = np.asarray(ring.mesh.doflocs)[:, np.unique(np.asarray(ring.mesh.facets)[:, facets])]
-    x, z = (np.array([on[i].min(), on[i].max()], float) for i in (0, 2))
-    # In the tangent plane a pressure p pushes p along y and p tan(angle) along x.
-    pieces, _ = cut_facets(ring, "bore", ContactCells.grid(x, z), ContactFrame.aligned())
-    points = piece_points(pieces)
-    nodes, values = surface_values(ring, points, ContactFrame.aligned())
-    sine = np.clip(points.place[:, 0] / bore_radius, 0.0, 1.0 - 1e-9)
-    cosine = np.sqrt(1.0 - sine**2)
-    push = np.zeros((ring.nodes.shape[1], 3))
-    np.add.at(push[:, 1], nodes, values * (points.weight * cosine))
-    np.add.at(push[:, 0], nodes, values * (points.weight * sine))
-    return (push / push[:, 1].sum()).ravel()
-
-
-def bore_line_weights(ring: ElasticBody, bore_radius: float) -> NDArray[np.float64]:
-    """Return the weights, (3 nodes,), of the mean displacement along y of the bore's line on the plane of the load."""
-    x, y, z = ring.nodes
-    on = np.nonzero((np.abs(x) < 1e-7 * bore_radius) & (np.abs(y - bore_radius) < 1e-6 * bore_radius))[0]
-    on = on[np.argsort(z[on])]
-    half = 0.5 * np.diff(z[on])
-    weights = np.zeros((ring.nodes.shape[1], 3))
-    weights[on[:-1], 1] += half
-    weights[on[1:], 1] += half
-    return (weights / weights.sum()).ravel()
