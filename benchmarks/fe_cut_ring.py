@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from models.fe.bearings.assembled import AssembledBearing
-from models.fe.bearings.ring_bodies import INFLUENCE_RULE, BalancedRing, bore_traction, influence_load
+from models.fe.bearings.ring_bodies import INFLUENCE_RULE, BalancedBody, bore_traction, influence_load
 from models.fe.bearings.rings import RingInfluence
 from models.fe.meshes.ring_mesh import ring_mesh
 from models.fe.meshes.sizing import contact_grid
@@ -64,7 +64,7 @@ def cut_ring(geometry: FeGeometry, angles: NDArray[np.float64], extent: float = 
     supports = {"x0": (0,), "z0": (2,)}
     held = ElasticBody(mesh, geometry.modulus, geometry.poisson, {"bore": (0, 1, 2), **supports})
     lonely = int(np.argmin(np.abs(np.asarray(mesh.doflocs)[1])))
-    free = BalancedRing.of(ElasticBody(mesh, geometry.modulus, geometry.poisson, {lonely: (1,), **supports}))
+    free = BalancedBody.ring(ElasticBody(mesh, geometry.modulus, geometry.poisson, {lonely: (1,), **supports}))
     width = float(grid.x[-1])
     readers = np.stack([_reader(held, float(angle), width, grid.z) for angle in angles], axis=1)
     # A quarter of the ring carries a quarter of a force on the plane of the load, half of one beside it.

@@ -21,7 +21,7 @@ from benchmarks.common import Row, arguments, print_table, write_json
 from benchmarks.fe_plane import Fineness, annulus, depth_lines, lines_about
 from models.fe.bearings.assembled import AssembledBearing
 from models.fe.bearings.law import ElementLaw
-from models.fe.bearings.ring_bodies import BalancedRing, bore_traction
+from models.fe.bearings.ring_bodies import BalancedBody, bore_traction
 from models.fe.bearings.rings import BoreLoad, RingInfluence
 from models.fe.solid.condense import ContactCells, ContactFrame, cell_loads, compliance
 from models.fe.solid.contact import press_to_force
@@ -153,7 +153,7 @@ class DirectBearing:
             self.motion[places[0], 1 + k], self.motion[places[1], 1 + k] = -self.area[places[0]], self.area[places[1]]
             first = {race: first[race] + counts[race][k] for race in first}
         self.halves = np.repeat(np.arange(2 * LOADED), [n for race in counts for n in counts[race]])
-        self.balanced = BalancedRing.of(self.rings["inner"]) if sinusoidal else None
+        self.balanced = BalancedBody.ring(self.rings["inner"]) if sinusoidal else None
 
     def solve(self, load: float) -> Direct:
         """Return the equilibrium under a load on the bearing, N/m."""
@@ -252,7 +252,7 @@ def assembled(load: float, fine: Fineness, *, sinusoidal: bool) -> AssembledBear
     if not sinusoidal:
         return AssembledBearing(law, N_ELEMENTS, 0.0, influence["inner"], influence["outer"])
     cells = cells_of("inner", load, fine)
-    free = BalancedRing.of(ring("inner", load, centre, fine, held=False))
+    free = BalancedBody.ring(ring("inner", load, centre, fine, held=False))
     unit = _hertz(free.body, "high", cells, half_width("inner", load))
     readers = _readers(free.body, "high", angles, fine.patch * half_width("inner", load))
     under = free.solve(unit)

@@ -14,6 +14,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
@@ -120,26 +121,38 @@ class RingBody:
 
 
 @dataclass(frozen=True, eq=False)
-class BalancedRing:
-    """Ring whose bore nothing holds: loads are balanced by a pressure cos(angle) on it, shape (3 nodes,)."""
+class BalancedBody:
+    """Body that nothing holds along y: loads are balanced by a traction that goes with cos(angle) on its round.
+
+    Attributes:
+        body: held along y at one node.
+        cosine: loads of that traction, shape (3 nodes,).
+    """
 
     body: ElasticBody
     cosine: NDArray[np.float64]
-    shift: NDArray[np.float64]
 
     @classmethod
-    def of(cls, body: ElasticBody) -> BalancedRing:
-        """Return it for half a ring that one node holds along the y axis; its boundary "bore" carries the load."""
-        shift = np.zeros(body.nodes.size)
-        shift[1 :: body.dim] = 1.0
-        return cls(body, bore_traction(body, np.cos), shift)
+    def ring(cls, body: ElasticBody) -> BalancedBody:
+        """Return it for half a ring, whose boundary "bore" carries the traction."""
+        return cls(body, bore_traction(body, np.cos))
+
+    @cached_property
+    def shift(self) -> NDArray[np.float64]:
+        """Unit shift along y, shape (3 nodes,)."""
+        shift = np.zeros(self.body.nodes.size)
+        shift[1 :: self.body.dim] = 1.0
+        return shift
 
     def solve(self, load: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the displacement under a load and its balance; the bore's first harmonic is zero."""
+        """Return the displacement under a load, or loads (3 nodes, cases), and their balance.
+
+        The first harmonic of the round is zero.
+        """
         stiffness = float(self.cosine @ self.shift)
-        u = self.body.solve(load - float(load @ self.shift) / stiffness * self.cosine)
-        # The pressure cos(angle) is also the measure of the first harmonic: a shift by one has one.
-        return u - float(self.cosine @ u) / stiffness * self.shift
+        u = self.body.solve(load - np.multiply.outer(self.cosine, self.shift @ load) / stiffness)
+        # The traction cos(angle) is also the measure of the first harmonic: a shift by one has one.
+        return u - np.multiply.outer(self.shift, self.cosine @ u) / stiffness
 
 
 def influence_load(geometry: FeGeometry) -> float:
@@ -178,7 +191,7 @@ def ring_influence(
     under = held.solve(force)
     if not balanced:
         return RingInfluence(half.angle, readers.T @ under)
-    u = BalancedRing.of(half.free()).solve(force)
+    u = BalancedBody.ring(half.free()).solve(force)
     return RingInfluence(half.angle, readers.T @ u, float(4.0 * force @ (u - under)), "sinusoidal")
 
 
@@ -197,7 +210,7 @@ def bore_load(
     if not 0.0 < extent <= math.pi * (1.0 + 1e-12):
         raise FeError(f"extent of the pressure must be above 0 and up to pi, got {extent!r}")
     half = RingBody.of(geometry, "inner", load or influence_load(geometry), rule or INFLUENCE_RULE)
-    ring = BalancedRing.of(half.free())
+    ring = BalancedBody.ring(half.free())
     pressure = bore_traction(ring.body, lambda angle: np.maximum(np.cos(np.pi / extent * angle), 0.0), extent)
     u = ring.solve(pressure / (4.0 * float(pressure @ ring.shift)))
     force, readers = half.element_load(ring.body), half.readers(ring.body)

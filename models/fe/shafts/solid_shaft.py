@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from models.checks import check_whole
-from models.fe.bearings.ring_bodies import INFLUENCE_RULE, RingBody, bore_traction, influence_load
+from models.fe.bearings.ring_bodies import INFLUENCE_RULE, BalancedBody, RingBody, influence_load
 from models.fe.meshes.ring_mesh import ring_mesh
 from models.fe.meshes.shaft_mesh import ShaftMeshRule, Step, shaft_mesh
 from models.fe.meshes.sizing import MeshRule, contact_grid
@@ -85,28 +85,6 @@ class FittedState:
     converged: bool
 
 
-@dataclass(frozen=True, eq=False)
-class _Balanced:
-    """A body that nothing holds: loads are balanced by a pressure cos(angle); its surface has no first harmonic."""
-
-    body: ElasticBody
-    cosine: NDArray[np.float64]
-
-    @property
-    def shift(self) -> NDArray[np.float64]:
-        """A unit shift along the load, (3 nodes,)."""
-        shift = np.zeros(self.body.nodes.size)
-        shift[1::3] = 1.0
-        return shift
-
-    def solve(self, loads: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return displacements under loads, each (3 nodes, cases)."""
-        shift = self.shift
-        stiffness = float(self.cosine @ shift)
-        u = self.body.solve(loads - np.outer(self.cosine, shift @ loads) / stiffness)
-        return u - np.outer(shift, self.cosine @ u) / stiffness
-
-
 class SolidShaft:
     """Inner ring and shaft of a bearing, factorised once; ``solve`` serves any law, load and symmetric place.
 
@@ -137,12 +115,11 @@ class SolidShaft:
         return self.ring.held()
 
     @cached_property
-    def _free(self) -> _Balanced:
-        body = self.ring.free()
-        return _Balanced(body, bore_traction(body, np.cos))
+    def _free(self) -> BalancedBody:
+        return BalancedBody.ring(self.ring.free())
 
     @cached_property
-    def _disc(self) -> _Balanced:
+    def _disc(self) -> BalancedBody:
         steel, half = self.geometry, 0.5 * self.geometry.width
         steps, seats = (Step(half, 2.0 * steel.bore_radius),), {_SURFACE: (0.0, half)}
         mesh = shaft_mesh(steps, seats, self.rule.shaft, upper=self.extent < math.pi)
@@ -150,7 +127,7 @@ class SolidShaft:
         lonely = int(np.argmin(places[1]))
         body = ElasticBody(mesh, steel.modulus, steel.poisson, {"x0": (0,), "first": (2,), lonely: (1,)})
         points = boundary_points(body, _SURFACE)
-        return _Balanced(body, traction_loads(body, points, points.normals * points.normals[1]))
+        return BalancedBody(body, traction_loads(body, points, points.normals * points.normals[1]))
 
     @cached_property
     def _bore(self) -> _Bore:
