@@ -38,7 +38,6 @@ _QUARTER = 0.25
 # Loads of a table by the load that its mesh was made for: the half width spans 0.45 to 1.14 (line) of the mesh's own.
 MIN_SHARE, MAX_SHARE = 0.2, 1.3
 TABLE_SHARES = tuple(np.geomspace(MIN_SHARE, MAX_SHARE, 6).tolist())
-_GAUSS = np.polynomial.legendre.leggauss(4)
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,20 +142,18 @@ def surface_gap(geometry: FeGeometry, race: Race, cells: ContactCells) -> NDArra
 
     From the exact circles and the roller's profile, along the contact normal.
     """
-    points, weights = 0.5 + 0.5 * _GAUSS[0], 0.5 * _GAUSS[1]
-    x = (cells.x0 + np.multiply.outer(points, cells.x1 - cells.x0))[:, None]
-    z = (cells.z0 + np.multiply.outer(points, cells.z1 - cells.z0))[None]
-    radius, groove = geometry.element_radius, geometry.groove_radius(race)
-    if groove is None:
-        element, rise = radius - np.sqrt(radius**2 - x**2) + geometry.drop(z), np.zeros_like(z)
-    else:
-        element, rise = radius - np.sqrt(radius**2 - x**2 - z**2), groove - np.sqrt(groove**2 - z**2)
-    bottom = geometry.race_radius(race)
-    if race == "inner":
-        gap = element + bottom - np.sqrt((bottom + rise) ** 2 - x**2)
-    else:
-        gap = element + np.sqrt((bottom - rise) ** 2 - x**2) - bottom
-    return np.asarray(np.einsum("i,k,ikm->m", weights, weights, gap), dtype=np.float64)
+    radius, groove, bottom = geometry.element_radius, geometry.groove_radius(race), geometry.race_radius(race)
+
+    def gap(x: NDArray[np.float64], z: NDArray[np.float64]) -> NDArray[np.float64]:
+        if groove is None:
+            element, rise = radius - np.sqrt(radius**2 - x**2) + geometry.drop(z), np.zeros_like(z)
+        else:
+            element, rise = radius - np.sqrt(radius**2 - x**2 - z**2), groove - np.sqrt(groove**2 - z**2)
+        if race == "inner":
+            return element + bottom - np.sqrt((bottom + rise) ** 2 - x**2)
+        return element + np.sqrt((bottom - rise) ** 2 - x**2) - bottom
+
+    return cells.mean(gap)
 
 
 def element_mesh(geometry: FeGeometry, load: float, rule: MeshRule, progress: Progress | None = None) -> ElementMesh:

@@ -37,8 +37,6 @@ RULE = MeshRule(patch=1.4, size=0.35, growth=2.0, along=5, along_patch=1.25, coa
 SHARES = (0.12, 0.25, 0.5, 1.0)
 """Loads that one mesh serves, as shares of the one that it was made for."""
 MIN_SAMPLES = 3
-_GAUSS = np.array([-0.861136311594053, -0.339981043584856, 0.339981043584856, 0.861136311594053])
-_GAUSS_WEIGHTS = np.array([0.173927422568727, 0.326072577431273, 0.326072577431273, 0.173927422568727])
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,7 +129,7 @@ def oblique_contact(geometry: ObliqueGeometry, race: Race, force: float, rule: M
     # The ball's normal is the ring's own at the outer race, and the opposite at the inner one.
     own = ball.flexibility(cell_loads(ball, "contact", cells, ball_frame, _slope(geometry, race, ball=True)))
     total = own + 0.5 * ring.flexibility(upper + lower)
-    gaps = [_mean(part, lambda x, z: _gap(geometry, profile, race, x, z)) for part in (cells, lower_cells)]
+    gaps = [part.mean(lambda x, z: _gap(geometry, profile, race, x, z)) for part in (cells, lower_cells)]
     gap = 0.5 * (gaps[0] + gaps[1])
     return ObliqueContact(race, ring, cells, total, gap, (upper, lower), (ball.unknowns, ring.unknowns))
 
@@ -139,17 +137,6 @@ def oblique_contact(geometry: ObliqueGeometry, race: Race, force: float, rule: M
 def _quarter(grid: ContactGrid) -> ContactCells:
     """Return the cells of a contact, one about each node of its patch."""
     return ContactCells.about_nodes(grid.x[: grid.columns + 1], grid.z)
-
-
-def _mean(
-    cells: ContactCells, function: Callable[[NDArray[np.float64], NDArray[np.float64]], NDArray[np.float64]]
-) -> NDArray[np.float64]:
-    """Return the mean of a function of the tangent plane over each cell."""
-    x = 0.5 * (cells.x0 + cells.x1)[:, None] + 0.5 * (cells.x1 - cells.x0)[:, None] * _GAUSS
-    z = 0.5 * (cells.z0 + cells.z1)[:, None] + 0.5 * (cells.z1 - cells.z0)[:, None] * _GAUSS
-    shape = (len(cells), len(_GAUSS), len(_GAUSS))
-    values = function(np.broadcast_to(x[:, :, None], shape), np.broadcast_to(z[:, None, :], shape))
-    return np.einsum("cij,i,j->c", values, _GAUSS_WEIGHTS, _GAUSS_WEIGHTS)
 
 
 def _gap(
