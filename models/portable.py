@@ -19,8 +19,8 @@ import signal
 import stat
 import threading
 import time
-from collections.abc import Callable, Iterable, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Generator, Iterable, Sequence
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -333,6 +333,29 @@ def on_signals(numbers: Iterable[signal.Signals], function: Callable[[], Any]) -
             loop.add_signal_handler(number, function)
         except NotImplementedError:
             signal.signal(number, wake)
+
+
+@contextmanager
+def sigpipe_kept() -> Generator[None]:
+    """Let no call of a foreign library change what a broken pipe does, by default an error where one writes to it.
+
+    In every thread, where ``signal.signal`` does not work.
+    """
+    number = getattr(signal, "SIGPIPE", None)
+    if number is None:
+        yield
+        return
+    import ctypes
+
+    handle = ctypes.CDLL(None).signal
+    handle.argtypes, handle.restype = (ctypes.c_int, ctypes.c_void_p), ctypes.c_void_p
+    # The C library tells a handler only when another one takes its place.
+    before = handle(number, int(signal.SIG_IGN))
+    handle(number, before)
+    try:
+        yield
+    finally:
+        handle(number, before)
 
 
 def process_memory(pid: int | None) -> float | None:

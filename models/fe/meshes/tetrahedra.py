@@ -18,6 +18,7 @@ import numpy as np
 
 from models.errors import SpallwatchError, WrongInputError
 from models.fe.extra import require_gmsh, require_skfem
+from models.portable import sigpipe_kept
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Generator
@@ -117,7 +118,9 @@ def _session() -> Generator[Any]:
     with _LOCK:
         if gmsh.isInitialized():
             raise MeshingError("gmsh is in use by this process: its state is global; call gmsh.finalize() first")
-        gmsh.initialize([], readConfigFiles=False, run=False, interruptible=False)
+        # PETSc, which is in it, lets a broken pipe end the process.
+        with sigpipe_kept():
+            gmsh.initialize([], readConfigFiles=False, run=False, interruptible=False)
         try:
             for option, value in {
                 "General.Terminal": 0,
