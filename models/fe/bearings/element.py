@@ -20,7 +20,7 @@ from models.fe.meshes.ring_mesh import ring_mesh
 from models.fe.meshes.sizing import ContactGrid, MeshRule, contact_grid, half_sizes
 from models.fe.solid.condense import ContactCells, compliance
 from models.fe.solid.contact import ContactState, press_to_force
-from models.fe.solid.elastic import ElasticBody, FeError
+from models.fe.solid.elastic import ElasticBody, NotConvergedError
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -88,12 +88,12 @@ class ElementMesh:
         """Return the contact with a race under a load on the element, N.
 
         Raises:
-            FeError: the active set does not converge.
+            NotConvergedError: the active set does not converge.
         """
         cells = self.cells[race]
         state = press_to_force(self.compliance[race], self.gap[race], cells.area, _QUARTER * load, start=start)
         if not state.converged:
-            raise FeError(
+            raise NotConvergedError(
                 f"{self.geometry.designation}: the contact with the {race} race did not converge at {load:g} N: "
                 f"residual {state.residual:.2g}, force off by {state.force_error:.2g}"
             )
@@ -105,7 +105,7 @@ class ElementMesh:
         """Return the approach of the races under loads of given shares of the meshes' own, ascending.
 
         Raises:
-            FeError: a contact does not converge.
+            NotConvergedError: a contact does not converge.
         """
         loads = [share * self.made_for for share in shares]
         approach = np.zeros(len(loads))
@@ -197,7 +197,8 @@ def element_law(
 
     Raises:
         LawError: the loads are not ascending, or the tables make no law.
-        FeError, WrongInputError: the sizes do not fit the bodies, or a contact does not converge.
+        FeError, WrongInputError: the sizes do not fit the bodies.
+        NotConvergedError: a contact does not converge.
     """
     rule = rule or MeshRule()
     return ElementLaw.from_tables([element_mesh(geometry, load, rule, progress).table() for load in loads])

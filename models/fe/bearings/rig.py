@@ -15,6 +15,7 @@ import numpy as np
 
 from models.checks import check_numbers
 from models.errors import WrongInputError
+from models.fe.solid.elastic import NotConvergedError
 from models.hertz import contact_exponent
 from models.load_distribution import stiffness_against_load
 from models.numerics import find_root
@@ -82,12 +83,14 @@ def bearing_answers(
     """Return answers from what ``stiffness_against_load`` gives: (loads,) m and (loads, 2, 2) N/m.
 
     Raises:
-        WrongInputError: at a load there is no answer, because a state did not converge (NaN).
+        NotConvergedError: at a load there is no answer (NaN).
     """
     found = np.isfinite(displacement) & np.isfinite(stiffness).all(axis=(1, 2))
     missing = [load for load, known in zip(loads, found, strict=True) if not known]
     if missing:
-        raise WrongInputError(f"no state of the bearing converged under {', '.join(f'{load:g}' for load in missing)} N")
+        raise NotConvergedError(
+            f"no state of the bearing converged under {', '.join(f'{load:g}' for load in missing)} N"
+        )
     return tuple(
         BearingAnswer(float(load), float(u), float(k[0, 0]), float(k[1, 1]))
         for load, u, k in zip(loads, displacement, stiffness, strict=True)

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from models.errors import WrongInputError
+from models.errors import SpallwatchError, WrongInputError
 from models.fe.solid.cholesky import Cholesky
 from models.fe.solid.cost import check_memory
 from models.fe.solid.dissection import Plan
@@ -46,6 +46,10 @@ _HELD_SHARE = 1e-14
 
 class FeError(WrongInputError):
     """A body or contact of finite elements that cannot be computed; the message says why."""
+
+
+class NotConvergedError(SpallwatchError):
+    """A contact or an equilibrium of finite elements that was not found; the message says how far off it is."""
 
 
 class ElasticBody:

@@ -22,7 +22,7 @@ from models.fe.meshes.ring_mesh import ring_mesh
 from models.fe.meshes.sizing import ContactGrid, MeshRule, contact_grid
 from models.fe.solid.condense import ContactCells, cell_loads
 from models.fe.solid.contact import ContactState, press_to_force
-from models.fe.solid.elastic import ElasticBody, FeError
+from models.fe.solid.elastic import ElasticBody, NotConvergedError
 from models.fe.submodel.two_contacts import bore_pressure, bore_reader
 from models.hertz import BALL_EXPONENT, ROLLER_EXPONENT
 
@@ -66,11 +66,13 @@ class SectorContact:
         """Return the state under a force on the whole contact, N, and the approach of its back to the element, m.
 
         Raises:
-            FeError: the active set does not converge.
+            NotConvergedError: the active set does not converge.
         """
         state = press_to_force(self.element + self.ring, self.gap, self.cells.area, _QUARTER * force)
         if not state.converged:
-            raise FeError(f"contact with the {self.race} race under {force:g} N: residual {state.residual:.2g}")
+            raise NotConvergedError(
+                f"contact with the {self.race} race under {force:g} N: residual {state.residual:.2g}"
+            )
         return state, state.approach + float(self.bore_line @ state.pressure)
 
 
@@ -153,7 +155,8 @@ def sector(
     """Return the sector under a force on the element, N, on meshes made for this force; arguments as above.
 
     Raises:
-        FeError, WrongInputError: the sizes do not fit the bodies, or a contact does not converge.
+        FeError, WrongInputError: the sizes do not fit the bodies.
+        NotConvergedError: a contact does not converge.
     """
     rule_of = dict.fromkeys(RACES, rules or MeshRule()) if not isinstance(rules, Mapping) else dict(rules)
     contacts = [

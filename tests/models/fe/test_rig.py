@@ -14,6 +14,7 @@ from models.errors import WrongInputError
 from models.fe.bearings.assembled import AssembledBearing
 from models.fe.bearings.law import ElementLaw
 from models.fe.bearings.rig import BearingAnswer, bearing_answers, effective_stiffness, rig_stiffness
+from models.fe.solid.elastic import NotConvergedError
 from models.hertz import contact_stiffness
 from models.load_distribution import stiffness_against_load
 from models.maps.nodes import drawn_rig
@@ -66,10 +67,10 @@ def test_k_c_is_refused() -> None:
         effective_stiffness(BALLS, [answer], 2000.0)
     with pytest.raises(WrongInputError, match=r"not beyond the clearance"):
         effective_stiffness(BALLS, [answer], 1000.0, clearance=2e-5)
-    with pytest.raises(WrongInputError, match=r"no state of the bearing converged under 2000 N"):
+    with pytest.raises(NotConvergedError, match=r"no state of the bearing converged under 2000 N"):
         bearing_answers([1000.0, 2000.0], np.array([1e-5, math.nan]), np.ones((2, 2, 2)))
     law = ElementLaw.from_power(1e9, 1.5, 1.0, 100.0)
-    with pytest.raises(WrongInputError, match=r"converged under 1000 N"):
+    with pytest.raises(NotConvergedError, match=r"converged under 1000 N"):
         rig_stiffness(AssembledBearing(law, BALLS.n_elements), BALLS, 1000.0)
 
 
