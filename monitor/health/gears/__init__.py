@@ -1,1 +1,1 @@
-"""Damaged gears beside a bearing: which wheels there are, what each turn of a wheel looks like, and which is damaged."""
+"""Gears beside a bearing: which wheels there are, what a turn of each looks like, and which one is damaged."""
