@@ -17,6 +17,7 @@ WRONG_INPUT = {
     "FeGeometryError",
     "FeMeshError",
     "LocatedError",
+    "GearTableError",
     "HistoryError",
     "InputError",
     "LawError",
