@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 from monitor.config.positions import Place
@@ -45,6 +45,11 @@ def _leads(place: Place, name: Any, known: list[str], who: str) -> Iterator[tupl
     """Yield a name that is none of the known ones; without any, the missing section is the problem."""
     if not isinstance(name, str) or not known or name in known:
         return
+    yield place, f"{who}{place[-1]} {lost_name(name, known)}"
+
+
+def lost_name(name: str, known: Sequence[str]) -> str:
+    """Return in words that a name is none of the known ones, with the one that is probably meant."""
     near = difflib.get_close_matches(name, known, n=1)
     hint = f"; did you mean {near[0]!r}?" if near else ""
-    yield place, f"{who}{place[-1]} {name!r} is not one of {', '.join(sorted(known))}{hint}"
+    return f"{name!r} is not one of {', '.join(sorted(known))}{hint}"

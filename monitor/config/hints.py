@@ -74,13 +74,15 @@ _USUAL_NAMES: dict[str, dict[str, str]] = {
         "clearance_um": "clearance",
         "element_length_mm": "roller_length_mm",
     },
+    "gear.wheel": {"teeth": "z n_teeth tooth_count number_of_teeth", "name": "wheel id"},
+    "gear.pair": {"wheels": "wheel gears", "module_mm": "module m_n normal_module_mm"},
 }
 """Other names of keys, by section and key (or a key that is converted further)."""
 _SYNONYMS = {
     section: {name: key for key, names in keys.items() for name in names.split()}
     for section, keys in _USUAL_NAMES.items()
 }
-_TABLES = ("bearing", "source", "channel", "interference")
+_TABLES = ("bearing", "source", "channel", "interference", "gear.wheel", "gear.pair", "gear.shaft")
 """Sections that are arrays of tables."""
 _UNITS = {
     "mv": ("V", 1e-3),
@@ -173,8 +175,9 @@ def _line(key: str, value: Any, factor: float) -> str:
 
 def wrong_value(section: str, key: str, value: Any) -> str:
     """Return what to write in the place of a value of another kind, "" where nothing is known."""
-    if isinstance(value, dict) and section == "" and key in _TABLES:
-        return f"write [[{key}]] with double brackets"
+    table = f"{section}.{key}".removeprefix(".")
+    if isinstance(value, dict) and table in _TABLES:
+        return f"write [[{table}]] with double brackets"
     if isinstance(value, list) and section == "" and value and isinstance(value[0], dict):
         return f"write [{key}] with single brackets"
     if key == "speed" and isinstance(value, int | float):
