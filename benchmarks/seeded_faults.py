@@ -223,13 +223,19 @@ def realise(plan: Plan) -> Seeded:
         x *= 1.0 + 2.0 * plan.level * np.exp(8.0 * (np.cos(2.0 * np.pi * turns) - 1.0))
     elif plan.part is not None:
         damage, line = _damage(rng, plan, plan.part, n)
-        inside = _in_band(damage, plan)
-        x += damage * (plan.level * _in_band(x, plan) / max(inside, 1e-30))
+        inside = band_rms(damage, plan)
+        x += damage * (plan.level * band_rms(x, plan) / max(inside, 1e-30))
     x += _shaft_and_gear(rng, plan, t)
     return Seeded(plan, x.astype(np.float32), line)
 
 
-def _in_band(x: Samples, plan: Plan) -> float:
+def noise_of(plan: Plan) -> Samples:
+    """Return the noise of a record, of which shaft, damage and gears are left out, shape (n,)."""
+    n = round(plan.rate * plan.duration)
+    return _noise(np.random.default_rng([71, plan.seed]), plan, n, np.arange(n) / plan.rate)
+
+
+def band_rms(x: Samples, plan: Plan) -> float:
     """Return the RMS in the band."""
     power = np.square(np.abs(np.fft.rfft(x)))
     frequency = np.arange(power.size) * (plan.rate / x.size)
@@ -240,7 +246,7 @@ def _noise(rng: np.random.Generator, plan: Plan, n: int, t: Samples) -> Samples:
     """Return coloured noise, some of it through the structure, that balls and shaft modulate."""
     frequency = np.fft.rfftfreq(n, 1.0 / plan.rate)
     gain = (1.0 + np.square(frequency / (0.05 * plan.rate))) ** (-0.5 * plan.colour)
-    gain = gain * (1.0 + rng.uniform(0.0, 1.0) * np.abs(_resonance(frequency, plan)))
+    gain = gain * (1.0 + rng.uniform(0.0, 1.0) * np.abs(resonance(frequency, plan)))
     x = np.fft.irfft(np.fft.rfft(rng.standard_normal(n)) * gain, n)
     x /= x.std()
     passing = plan.lines.bpfo * (1.0 - plan.slip)
@@ -250,7 +256,7 @@ def _noise(rng: np.random.Generator, plan: Plan, n: int, t: Samples) -> Samples:
     return x * np.maximum(swing, 0.0)
 
 
-def _resonance(frequency: NDArray[np.floating], plan: Plan) -> NDArray[np.complex128]:
+def resonance(frequency: NDArray[np.floating], plan: Plan) -> NDArray[np.complex128]:
     """Return the response of the structure, 1 far above its resonance."""
     share = frequency / plan.resonance
     return -np.square(share) / (1.0 - np.square(share) + 2j * plan.damping * share)
@@ -291,7 +297,7 @@ def _damage(rng: np.random.Generator, plan: Plan, part: Part, n: int) -> tuple[S
     x = x[pieces.shape[1] : pieces.shape[1] + n]
     inside = times[times >= 0.0]
     found = (inside.size - 1) / (inside[-1] - inside[0]) if inside.size > 1 else line
-    return np.fft.irfft(np.fft.rfft(x) * _resonance(np.fft.rfftfreq(n, 1.0 / plan.rate), plan), n), float(found)
+    return np.fft.irfft(np.fft.rfft(x) * resonance(np.fft.rfftfreq(n, 1.0 / plan.rate), plan), n), float(found)
 
 
 def _pieces(plan: Plan, part: Part) -> tuple[Samples, Samples]:
@@ -360,6 +366,6 @@ def _shaft_and_gear(rng: np.random.Generator, plan: Plan, t: Samples) -> Samples
         train = np.zeros(t.size)
         knocks = np.arange(rng.uniform(0.0, 1.0), plan.duration * gear.other, 1.0) / gear.other
         train[np.minimum((knocks * plan.rate).astype(np.intp), t.size - 1)] = 1.0
-        rings = np.fft.irfft(np.fft.rfft(train) * _resonance(np.fft.rfftfreq(t.size, 1.0 / plan.rate), plan), t.size)
+        rings = np.fft.irfft(np.fft.rfft(train) * resonance(np.fft.rfftfreq(t.size, 1.0 / plan.rate), plan), t.size)
         x += gear.knock * rings / max(float(np.abs(rings).max()), 1e-30)
     return x
