@@ -26,6 +26,7 @@ _COMMANDS = {
     "check": ("check:command", "Validate a configuration and list what would be monitored."),
     "redate": ("redate:command", "Choose anew what dates the later blocks of a source."),
     "bearing": ("bearing:command", "Fault frequencies, stiffness, natural frequencies and life."),
+    "gear": ("gear:command", "A gear train: speeds, mesh orders, forces, levels."),
     "ias": ("ias:command", "Angular speed of a shaft from the pulses of an encoder."),
     "cyclic": ("cyclic:command", "Spectral coherence of a recording over the orders of its shaft."),
     "simulate": ("simulate:command", "One scene of the bearing model."),

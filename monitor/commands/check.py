@@ -18,6 +18,7 @@ from monitor.commands.check_extras import missing_extras
 from monitor.commands.check_interference import interference_lines, proposal_words, propose_interference, taken_families
 from monitor.commands.check_tacho import tacho_words
 from monitor.commands.common import emit, read_config
+from monitor.commands.gear_kinematics import gear_lines
 from monitor.commands.model_parameters import effects_of
 from monitor.commands.redate import DatingPreview, keep_previews, preview_dating
 from monitor.config.load import Config, ConfigError
@@ -308,6 +309,7 @@ def _lines(config: Config, problems: list[str], dated: Mapping[str, DatingPrevie
                 if channel.name in levels:
                     yield f"    level: {levels[channel.name]}"
     yield from _shaft_lines(config)
+    yield from gear_lines(config)
     yield from interference_lines(config)
     detect = config.detect
     length = f"{detect.learn_hours:g} h" if detect.learn_hours else f"{detect.to_settings().learn_blocks} blocks"
