@@ -35,6 +35,8 @@ WRONG_INPUT = {
     "PageError",
     "RefusedError",
     "ReportError",
+    "TransferVectorError",
+    "WavError",
     "ScoreError",
     "SourceError",
     "StoreError",
