@@ -1,0 +1,181 @@
+"""Trains of gears: kinematics, linear motion, integration with loss of contact."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from models.dynamics.gear_train import simulate_train
+from models.gears.damping import mesh_mass, with_rayleigh
+from models.gears.linear import matrices, mean_state, natural_frequencies
+from models.gears.mesh import MeshStiffness
+from models.gears.train import Body, GearTrain, Mesh, Support, Torsion, Wheel, alike, line_of_action
+
+ANGLE = math.radians(20.0)
+RADIUS = 0.0695
+
+
+def pair(speed: float = 30.0, *, load: float = 100.0, backlash: float = 50e-6, share: float = 0.5) -> GearTrain:
+    """A pair of 37 and 41 teeth on two supports, with 5 % of damping in the mesh."""
+    stiffness = MeshStiffness.rectangular((37, 41), 5e8, share, 1.6, samples=32)
+    lines = [line_of_action(0.0, ANGLE, counterclockwise=True, back=back) for back in (False, True)]
+    train = GearTrain(
+        bodies=(
+            Body("first", 6.0, 1e-2, (Support("a", alike(4e8), alike(2e3)),)),
+            Body("second", 7.0, 1.5e-2, (Support("b", alike(4e8), alike(2e3)),), torque=-load),
+        ),
+        wheels=(Wheel("pinion", "first", 37, RADIUS), Wheel("gear", "second", 41, RADIUS * 41 / 37)),
+        meshes=(Mesh("pinion", "gear", stiffness, *lines, backlash=backlash),),
+        drive="first",
+        speed=speed,
+    )
+    mesh = train.meshes[0]
+    damped = replace(mesh, damping=0.1 * math.sqrt(5e8 * mesh_mass(train, mesh)))
+    return replace(train, meshes=(damped,))
+
+
+def chain() -> GearTrain:
+    """A motor on a shaft with 20 teeth, an intermediate shaft with 50 and 25, and one with 75."""
+    stiffness = MeshStiffness.harmonic((20, 50), 4e8, [4e7], samples=16)
+    second = MeshStiffness.harmonic((25, 75), 6e8, [6e7], samples=16)
+    held = {name: (Support(name, alike(3e8), alike(1e3)),) for name in "abc"}
+    return GearTrain(
+        bodies=(
+            Body("motor", inertia=0.05, translates=False),
+            Body("in", 3.0, 2e-3, held["a"]),
+            Body("middle", 8.0, 2e-2, held["b"]),
+            Body("out", 15.0, 9e-2, held["c"], torque=-300.0),
+        ),
+        wheels=(
+            Wheel("w20", "in", 20, 0.03),
+            Wheel("w50", "middle", 50, 0.075),
+            Wheel("w25", "middle", 25, 0.04),
+            Wheel("w75", "out", 75, 0.12),
+        ),
+        meshes=(
+            Mesh("w20", "w50", stiffness, 1.2, damping=500.0, backlash=8e-5),
+            Mesh("w25", "w75", second, -0.4, damping=500.0, backlash=8e-5),
+        ),
+        torsions=(Torsion("motor", "in", 1e4, 1.0),),
+        drive="motor",
+        speed=25.0,
+    )
+
+
+def test_speeds_orders_and_torques_follow_from_the_teeth() -> None:
+    train = chain()
+    assert train.speeds() == pytest.approx({"motor": 25.0, "in": 25.0, "middle": 10.0, "out": 10.0 / 3.0})
+    assert train.mesh_frequencies() == pytest.approx({"w20-w50": 500.0, "w25-w75": 250.0})
+    assert train.mesh_orders("middle") == pytest.approx({"w20-w50": 50.0, "w25-w75": 25.0})
+    assert train.hunting_tooth_frequencies() == pytest.approx({"w20-w50": 5.0, "w25-w75": 10.0 / 3.0})
+    assert train.drive_torque() == pytest.approx(300.0 / 7.5)
+    force = mean_state(train).mesh_force
+    assert force == pytest.approx([40.0 / 0.03, 100.0 / 0.04])
+
+
+def test_the_drive_also_accelerates_the_inertias() -> None:
+    train = replace(chain(), acceleration=2.0)
+    inertia = 0.05 + 2e-3 + 2e-2 / 2.5**2 + 9e-2 / 7.5**2
+    assert train.drive_torque() == pytest.approx(40.0 + 4.0 * math.pi * inertia)
+    assert sum(train.torques()[name] * ratio for name, ratio in train.ratios().items()) == pytest.approx(0.0, abs=1e-12)
+
+
+def test_what_does_not_fit_together_is_named() -> None:
+    train = pair()
+    with pytest.raises(ValueError, match="no body 'x'"):
+        replace(train, drive="x")
+    with pytest.raises(ValueError, match="base radii"):
+        replace(train, wheels=(train.wheels[0], replace(train.wheels[1], base_radius=0.08)))
+    with pytest.raises(ValueError, match="body third is not joined to the drive"):
+        replace(train, bodies=(*train.bodies, Body("third", inertia=1.0, translates=False)))
+    with pytest.raises(ValueError, match="body first: is the drive"):
+        replace(train, bodies=(replace(train.bodies[0], torque=1.0), train.bodies[1]))
+    with pytest.raises(ValueError, match="supports hold it in no or one direction"):
+        Body("loose", 1.0, 1.0)
+    with pytest.raises(ValueError, match="whole pitches"):
+        replace(train, meshes=(replace(train.meshes[0], driver_start=0.01),))
+    with pytest.raises(ValueError, match="would turn"):
+        replace(train, torsions=(Torsion("first", "second", 1.0),))
+
+
+def test_mean_state_refuses_torques_that_press_the_other_flanks() -> None:
+    with pytest.raises(ValueError, match="swap driver and driven"):
+        mean_state(pair(load=-100.0))
+
+
+def test_natural_frequencies_of_a_pair_on_rigid_supports_are_those_of_one_mass() -> None:
+    train = pair()
+    held = tuple(replace(body, translates=False, supports=()) for body in train.bodies)
+    train = replace(train, bodies=held)
+    modes = natural_frequencies(train)
+    expected = math.sqrt(5e8 / mesh_mass(train, train.meshes[0])) / (2.0 * math.pi)
+    assert modes.frequencies == pytest.approx([0.0, expected], abs=1e-9 * expected)
+    assert modes.damping_ratios[1] == pytest.approx(0.05)
+
+
+def test_rayleigh_dampers_are_those_of_each_element() -> None:
+    train = with_rayleigh(chain(), 1.0, {"in": 1e-4, "w20-w50": 5e-4}, default=2e-4)
+    assert train.bodies[1].supports[0].damping == alike(3.0 + 1e-4 * 3e8)
+    mesh = train.meshes[0]
+    assert mesh.damping == pytest.approx(mesh_mass(train, mesh) + 5e-4 * 4e8)
+    assert train.torsions[0].damping == pytest.approx(0.05 * 2e-3 / 0.052 + 2e-4 * 1e4)
+    with pytest.raises(ValueError, match="'x' is none of"):
+        with_rayleigh(chain(), 1.0, {"x": 1.0})
+
+
+def test_without_excitation_the_train_stays_where_it_rests() -> None:
+    train = pair(share=0.0)
+    motion = simulate_train(train, duration=0.01, settle=0.0)
+    rest = mean_state(train)
+    np.testing.assert_allclose(motion.displacement[-1], rest.displacement, rtol=1e-9, atol=1e-15)
+    np.testing.assert_allclose(motion.mesh_force[-1], rest.mesh_force, rtol=1e-9)
+    np.testing.assert_allclose(motion.bearing_forces()["b"][-1], rest.support_force["b"], rtol=1e-9)
+
+
+def test_torques_and_energies_balance_where_flanks_part() -> None:
+    motion = simulate_train(pair(90.0), duration=0.1, rate=20000.0, settle=0.1)
+    assert motion.finite
+    assert motion.out_of_contact[0] > 0.3
+    assert motion.touches[0] > 300
+    assert motion.energy_residual() < 1e-5
+    # 100 N m on the base radius of 41 teeth.
+    assert motion.mesh_force.mean() == pytest.approx(100.0 / (RADIUS * 41 / 37), rel=0.02)
+    parted = motion.mesh_displacement[:, 0] < 0.0
+    assert (motion.mesh_force[parted, 0] == 0.0).all()
+
+
+def test_a_run_goes_on_where_another_ended() -> None:
+    train = pair(90.0)
+    whole = simulate_train(train, duration=0.02, rate=10000.0, settle=0.0)
+    first = simulate_train(train, duration=0.01, rate=10000.0, settle=0.0)
+    second = simulate_train(train, duration=0.0101, rate=10000.0, start=first.end)
+    np.testing.assert_allclose(second.displacement[:100], whole.displacement[99:199], rtol=1e-6, atol=1e-13)
+
+
+def test_motion_is_that_of_the_linear_matrices_while_flanks_touch() -> None:
+    """A load that is given to the train at rest at another load: modal sum against the kernel."""
+    train = pair(share=0.0, backlash=0.0)
+    parts, modes = matrices(train), natural_frequencies(train)
+    loaded = replace(train, bodies=(train.bodies[0], replace(train.bodies[1], torque=-150.0)))
+    step = mean_state(train).displacement - mean_state(loaded).displacement
+    start = simulate_train(train, duration=1e-4, settle=0.0).end
+    motion = simulate_train(loaded, duration=2e-3, rate=50000.0, step=5e-6, start=start)
+    k, c = parts.with_meshes(np.array([5e8]), np.array([train.meshes[0].damping]))
+    system = np.block(
+        [
+            [np.zeros_like(k), np.eye(len(k))],
+            [-k / parts.mass[:, None], -c / parts.mass[:, None]],
+        ]
+    )
+    values, vectors = np.linalg.eig(system)
+    time = np.arange(len(motion.displacement)) / motion.rate
+    weights = np.linalg.solve(vectors, np.concatenate([step, np.zeros(len(k))]))
+    expected = ((vectors * weights) @ np.exp(np.outer(values, time))).real.T[:, : len(k)]
+    found = motion.displacement - mean_state(loaded).displacement
+    # The rotation as a whole, which nothing resists, is left out of both.
+    turned = modes.shapes[:, modes.frequencies > 0.0]
+    kept = turned @ (turned.T * parts.mass)
+    np.testing.assert_allclose(found @ kept.T, expected @ kept.T, rtol=0.0, atol=3e-8 * np.abs(expected).max())
