@@ -7,7 +7,9 @@ from dataclasses import asdict
 from typing import Any
 
 from models.bearing import kinematics
+from monitor.config.interference import families_removed, words_of
 from monitor.config.load import Config, ConfigError
+from monitor.config.removed import removed_lines
 from monitor.health.output import ChannelOutput
 from monitor.health.spectrum.interference import Interference, all_combs
 from monitor.health.spectrum.interference_search import Proposal, propose
@@ -21,18 +23,18 @@ _DEPTH = 0.1
 
 def interference_lines(config: Config) -> Iterator[str]:
     """Yield what is removed before the envelope."""
-    for section in config.interference:
-        yield f"interference {section.words}, removed before the envelope"
+    for lines in removed_lines(config):
+        yield f"interference {words_of(lines)}, removed before the envelope"
 
 
 def taken_families(config: Config) -> Iterator[str]:
-    """Yield which ``[[interference]]`` would remove the comb of a part of a bearing."""
+    """Yield which ``[[interference]]``, or mesh of ``[gear]``, would remove the comb of a part of a bearing."""
     speed = config.operating.speed_hz
-    for place, section in enumerate(config.interference):
+    for place, lines in enumerate(removed_lines(config)):
         for bearing in config.bearing if speed is not None else ():
             assert speed is not None
-            for fault in section.families_removed(kinematics(bearing.to_bearing(), speed)):
-                who = section.name or f"number {place + 1}"
+            for fault in families_removed(lines, kinematics(bearing.to_bearing(), speed)):
+                who = lines.name or f"number {place + 1}"
                 yield (
                     f"interference {who}: within 2 % of the {fault} line of bearing {bearing.name!r}: "
                     "damage of that part can be removed with it"

@@ -50,17 +50,29 @@ class InterferenceSection(Section):
     @property
     def words(self) -> str:
         """What is removed, for people."""
-        what = [f"order {order:g}" for order in self.orders] + [f"{line:g} Hz" for line in self.lines_hz]
-        many = "all multiples" if self.harmonics is None else f"{self.harmonics} multiples"
-        sides = f", {self.sidebands} sidebands each" if self.sidebands else ""
-        name = f"{self.name}: " if self.name else ""
-        return f"{name}{', '.join(what)}, {many}{sides}"
+        return words_of(self.to_interference())
 
     def families_removed(self, kinematics: Kinematics) -> tuple[str, ...]:
         """Return the fault families whose own comb would be removed, at the speed of ``kinematics``."""
-        lines = [comb.fundamental for comb in self.to_interference().combs(kinematics.speed)]
-        return tuple(
-            fault
-            for fault, first in fundamentals(kinematics).items()
-            if any(abs(line / first - 1.0) < _CLOSE for line in lines)
-        )
+        return families_removed(self.to_interference(), kinematics)
+
+
+def words_of(lines: Interference) -> str:
+    """Return what is removed, for people."""
+    what = [f"order {order:g}" for order in lines.orders] + [f"{line:g} Hz" for line in lines.lines]
+    many = "all multiples" if lines.harmonics is None else f"{lines.harmonics} multiples"
+    sides = f", {lines.sidebands} sidebands each" if lines.sidebands else ""
+    apart = (lines.spacing, *lines.beside)
+    of = f" at {' and '.join(f'{spacing:g}' for spacing in apart)} orders" if lines.beside else ""
+    name = f"{lines.name}: " if lines.name else ""
+    return f"{name}{', '.join(what)}, {many}{sides}{of}"
+
+
+def families_removed(lines: Interference, kinematics: Kinematics) -> tuple[str, ...]:
+    """Return the fault families whose own comb would be removed, at the speed of ``kinematics``."""
+    places = [comb.fundamental for comb in lines.combs(kinematics.speed)]
+    return tuple(
+        fault
+        for fault, first in fundamentals(kinematics).items()
+        if any(abs(place / first - 1.0) < _CLOSE for place in places)
+    )

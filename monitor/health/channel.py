@@ -8,6 +8,7 @@ from __future__ import annotations
 import statistics
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,7 +26,7 @@ from monitor.health.spectrum.average import RecentSpectra
 from monitor.health.spectrum.bands import BandVotes, candidate_bands
 from monitor.health.spectrum.family import comb_depth
 from monitor.health.spectrum.features import FAULTS, BlockFeatures, FeatureSettings, block_features, fundamentals
-from monitor.health.spectrum.interference import all_combs
+from monitor.health.spectrum.interference import all_combs, wheel_turns
 from monitor.health.spectrum.search import FamilySearch, family_searches, slip_searches
 from monitor.health.spectrum.transform import Band
 from monitor.health.state import ChannelSettings, ChannelState, Named
@@ -237,13 +238,19 @@ def _name(
 
     The ranges in which the families were sought count where the geometry is an estimate.
     """
-    tolerance = settings.condition.speed_tolerance
     searches = {} if settings.uncertainty.known else searches
     assert features.speed is not None
-    lines = kinematics(settings.bearing, features.speed)
+    ask = partial(
+        name_fault,
+        kinematics=kinematics(settings.bearing, features.speed),
+        searches=searches,
+        verified=features.shaft is not None,
+        tolerance=settings.condition.speed_tolerance,
+        speed_sd=0.0 if features.shaft is None else features.shaft.sd,
+        turns=wheel_turns(settings.interference),
+    )
     namings = [
-        name_fault(spectrum, lines, families, searches, verified=features.shaft is not None, tolerance=tolerance)
-        for spectrum, families in zip(features.sought, features.families, strict=True)
+        ask(spectrum, families=families) for spectrum, families in zip(features.sought, features.families, strict=True)
     ]
     if features.shaft is not None and features.shaft.measured and features.speed_factor is not None:
         factors = (*state.speed_factors, features.speed_factor)[-HELD_BLOCKS:]

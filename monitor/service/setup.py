@@ -19,6 +19,7 @@ from models.rigs import AnyRig
 from models.rigs.six_dof import Calibration
 from models.scene import PARTS, Part
 from monitor.config.load import Config, ConfigError
+from monitor.config.removed import removed_lines
 from monitor.config.source import ChannelSection, SourceSection
 from monitor.config.stages import method_or_best
 from monitor.health.damage import EdvStatus
@@ -260,7 +261,7 @@ def _channel_settings(
         samples=samples,
         bands=None if channel.band_hz == "auto" else tuple(channel.band_hz),
         rms_band=channel.rms_band_hz,
-        interference=tuple(section.to_interference() for section in config.interference),
+        interference=removed_lines(config),
         average_blocks=channel.average_blocks,
         condition=config.operating.to_condition(pulses=source.pulses is not None),
         detect=config.detect.to_settings(),

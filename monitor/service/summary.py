@@ -9,7 +9,9 @@ from typing import Any
 
 from models.rigs.six_dof import Calibration
 from monitor import __version__
+from monitor.config.interference import words_of
 from monitor.config.load import Config
+from monitor.config.removed import removed_lines
 from monitor.health.detect import Episode, Mark
 from monitor.health.machine import patience_of, weigh
 from monitor.health.output import basis_of
@@ -64,8 +66,8 @@ def run_attributes(config: Config, channels: Mapping[str, ChannelSettings]) -> d
         attributes["advice"] = json.dumps(own, ensure_ascii=False)
     if config.machine.iso_class is not None:
         attributes["iso_class"] = config.machine.iso_class
-    if config.interference:
-        attributes["interference"] = "; ".join(section.words for section in config.interference)
+    if removed := removed_lines(config):
+        attributes["interference"] = "; ".join(map(words_of, removed))
     if with_prior:
         attributes |= {
             "interval_level": config.forecast.interval,

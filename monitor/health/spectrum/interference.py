@@ -14,6 +14,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
@@ -53,6 +54,8 @@ class Interference:
         spacing: of the sidebands, orders of the shaft.
         tolerance: the lines are sought within this share of where they should be.
         name: for people.
+        beside: further spacings of sidebands, orders of the shaft: those of both wheels of a pair stand beside its
+            mesh, and their sums and differences up to ``sidebands`` steps in all.
     """
 
     orders: tuple[float, ...] = ()
@@ -62,15 +65,17 @@ class Interference:
     spacing: float = 1.0
     tolerance: float = 0.005
     name: str = ""
+    beside: tuple[float, ...] = ()
 
     def combs(self, speed: float | None) -> tuple[Comb, ...]:
         """Return the combs at a shaft speed, Hz; without one, those of the fixed lines, without sidebands."""
         sidebands = 0 if speed is None else self.sidebands
         spacing = 0.0 if speed is None else self.spacing * speed
+        beside = () if speed is None else tuple(other * speed for other in self.beside)
         lines = [] if speed is None else [(order * speed, True) for order in self.orders]
         lines += [(line, False) for line in self.lines]
         return tuple(
-            Comb(line, self.harmonics, sidebands, spacing, self.tolerance, of_shaft) for line, of_shaft in lines
+            Comb(line, self.harmonics, sidebands, spacing, self.tolerance, of_shaft, beside) for line, of_shaft in lines
         )
 
 
@@ -85,6 +90,7 @@ class Comb:
         spacing: of the sidebands, Hz.
         tolerance: share by which the fundamental is uncertain.
         of_shaft: whether the fundamental is a multiple of the shaft speed.
+        beside: further spacings of sidebands, Hz.
     """
 
     fundamental: float
@@ -93,14 +99,39 @@ class Comb:
     spacing: float
     tolerance: float
     of_shaft: bool = False
+    beside: tuple[float, ...] = ()
 
     def centres(self, low: float, high: float) -> NDArray[np.float64]:
         """Return the harmonics from ``low`` to ``high``, Hz."""
-        reach = self.sidebands * self.spacing
+        reach = 0.5 * self.fundamental if self.beside else self.sidebands * self.spacing
         last = math.floor((high + reach) / self.fundamental)
         last = last if self.harmonics is None else min(last, self.harmonics)
         first = max(1, math.ceil((low - reach) / self.fundamental))
         return self.fundamental * np.arange(first, last + 1, dtype=np.float64)
+
+    def sides(self, resolution: float) -> tuple[NDArray[np.float64], float]:
+        """Return the offsets of a harmonic's lines from it, rising, and the least distance between lines, Hz.
+
+        A sideband closer than ``MIN_SPACING_BINS`` to one of fewer steps is left out: the block cannot resolve it.
+        """
+        least = MIN_SPACING_BINS * resolution
+        if not self.beside:
+            count = self.sidebands if self.spacing >= least else 0
+            sides = self.spacing * np.arange(-count, count + 1, dtype=np.float64)
+            return sides, min(self.fundamental, self.spacing) if count else self.fundamental
+        steps = range(-self.sidebands, self.sidebands + 1)
+        ways = product(steps, repeat=1 + len(self.beside))
+        nearest = sorted((sum(map(abs, way)), way) for way in ways if sum(map(abs, way)) <= self.sidebands)
+        kept = [0.0]
+        for _, way in nearest:
+            place = sum(n * spacing for n, spacing in zip(way, (self.spacing, *self.beside), strict=True))
+            # Beyond half the way to the next harmonic its own sidebands stand.
+            if abs(place) <= 0.5 * self.fundamental and min(abs(place - other) for other in kept) >= least:
+                kept.append(place)
+        sides = np.sort(np.array(kept))
+        across = self.fundamental - float(sides[-1] - sides[0])
+        between = float(np.diff(sides).min(initial=self.fundamental))
+        return sides, between if across < least else min(between, across)
 
 
 def all_combs(settings: Iterable[Interference], speed: float | None) -> tuple[Comb, ...]:
@@ -108,9 +139,15 @@ def all_combs(settings: Iterable[Interference], speed: float | None) -> tuple[Co
     return tuple(comb for one in settings for comb in one.combs(speed))
 
 
+def wheel_turns(settings: Iterable[Interference]) -> tuple[float, ...]:
+    """Return the turns of all wheels of pairs, in a turn of the shaft, each once."""
+    found = (turn for one in settings if one.beside for turn in (one.spacing, *one.beside))
+    return tuple(dict.fromkeys(found))
+
+
 def fixed_combs(combs: Iterable[Comb]) -> tuple[Comb, ...]:
     """Return the combs whose lines do not follow the shaft, without their sidebands, which do."""
-    return tuple(replace(comb, sidebands=0) for comb in combs if not comb.of_shaft)
+    return tuple(replace(comb, sidebands=0, beside=()) for comb in combs if not comb.of_shaft)
 
 
 def remove_lines(
@@ -128,14 +165,11 @@ def remove_lines(
     """
     first, last = max(1, math.ceil(low / resolution)), min(spectrum.size - 2, math.floor(high / resolution))
     for comb in combs:
-        centres, spacing = comb.centres(low, high), comb.fundamental
-        sidebands = comb.sidebands if comb.spacing >= MIN_SPACING_BINS * resolution else 0
-        if centres.size == 0 or spacing < MIN_SPACING_BINS * resolution:
+        centres = comb.centres(low, high)
+        if centres.size == 0 or comb.fundamental < MIN_SPACING_BINS * resolution:
             continue
         centres *= _factor(spectrum, resolution, centres[:_SOUGHT], comb.tolerance)
-        if sidebands:
-            spacing = min(spacing, comb.spacing)
-        sides = comb.spacing * np.arange(-sidebands, sidebands + 1)
+        sides, spacing = comb.sides(resolution)
         places = np.add.outer(centres, sides).ravel() / resolution
         places = places[(places >= first) & (places <= last)]
         lowest = places[: _SOUGHT * sides.size]

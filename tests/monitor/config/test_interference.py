@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from models.bearing import kinematics
+from monitor.commands.check_interference import interference_lines, taken_families
 from monitor.config.load import Config
 from monitor.health.spectrum.interference import Interference
 from monitor.service.setup import source_settings
@@ -121,3 +123,36 @@ def test_a_recording_without_a_usable_block_is_refused(tmp_path: Path) -> None:
     done = run_command("check", "--config", "m.toml", "--recording", "x.csv", cwd=tmp_path)
     assert done.returncode == 2
     assert "no block of it is accepted" in done.stderr
+
+
+GEARS: dict[str, object] = {
+    "wheel": [{"name": "pinion", "teeth": 23}, {"name": "wheel", "teeth": 71}],
+    "pair": [{"wheels": ["pinion", "wheel"]}],
+}
+
+
+def with_gears(operating: Mapping[str, object]) -> Config:
+    values = {**MINIMAL, "gear": GEARS, "interference": [{"lines_hz": [50]}]}
+    return validate({**values, "operating": {"speed_hz": 30.0, **operating}}, Path("machine.toml"))
+
+
+def test_the_meshes_of_gears_are_removed_by_themselves_as_far_as_the_speed_may_be_off() -> None:
+    for operating, tolerance in (({}, 0.02), ({"speed_exact": True}, 0.005), ({"speed_tolerance": 0.001}, 0.005)):
+        config = with_gears(operating)
+        (channel,) = source_settings(config, config.source[0]).channels.values()
+        mains, gear = channel.interference
+        assert mains.lines == (50.0,)
+        assert (gear.orders, gear.sidebands, gear.tolerance) == ((23.0,), 3, tolerance)
+        assert (gear.spacing, *gear.beside) == pytest.approx((1.0, 23 / 71))
+        said = run_attributes(config, {"x": channel})["interference"]
+        assert said.endswith("; gear pinion, wheel: order 23, all multiples, 3 sidebands each at 1 and 0.323944 orders")
+
+
+def test_gears_whose_mesh_is_the_comb_of_a_part_are_a_problem() -> None:
+    assert list(taken_families(with_gears({}))) == []
+    # The outer line of this bearing is 7.09 times the shaft.
+    few = {"wheel": [{"name": "a", "teeth": 7}, {"name": "b", "teeth": 40}], "pair": [{"wheels": ["a", "b"]}]}
+    values = {**MINIMAL, "gear": few, "bearing": [{"name": "test", "designation": "ZA-2115"}]}
+    (said,) = taken_families(validate(values, Path("machine.toml")))
+    assert said.startswith("interference gear a, b: within 2 % of the outer line of bearing 'test'")
+    assert list(interference_lines(with_gears({})))[-1].endswith("orders, removed before the envelope")
