@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from monitor.commands.common import InputError, finite
-from monitor.config.gear import GearSection
+from monitor.config.gears.section import GearSection
 from monitor.config.load import Config, ConfigError, read_toml, validate
 from monitor.config.positions import find_lines
 

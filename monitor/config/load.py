@@ -24,7 +24,7 @@ from monitor.config.bearing import RING_KEYS, BearingSection, RigSection
 from monitor.config.connections import find_loose_ends
 from monitor.config.explain import explain_problems, further_problems, place_words
 from monitor.config.fields import LocatedError, Section
-from monitor.config.gear import GearSection
+from monitor.config.gears.section import GearSection, model_keys
 from monitor.config.interference import InterferenceSection
 from monitor.config.machine import MachineSection, OperatingSection, RetentionSection
 from monitor.config.outputs import NotifySection, PublishSection, WebSection
@@ -187,8 +187,7 @@ class Config(Section):
             left_out["operating"] = {"axial_load_newton": True, "opcua": self.operating.opcua.ways}
         if not self.interference:
             left_out["interference"] = True
-        if self.gear is None:
-            left_out["gear"] = True
+        left_out["gear"] = True if self.gear is None else model_keys()
         if self.forecast.library is None:
             left_out["forecast"] = {"library"}
         # Keys that are newer than the hash, where they are not given: that of an older configuration stays.

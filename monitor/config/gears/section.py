@@ -1,54 +1,48 @@
-"""``[gear]``: the gears of a machine, their shafts and meshes."""
+"""``[gear]``: the gears of a machine, their shafts and meshes; which of them turns how fast."""
 
 from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator, Mapping
 from fractions import Fraction
-from typing import Annotated, Self
+from typing import Any, Self
 
 from pydantic import Field, model_validator
 
 from monitor.config.connections import lost_name
-from monitor.config.fields import LocatedError, Name, Section
+from monitor.config.fields import LocatedError, Name, NotNegative, Positive, Section
+from monitor.config.gears.parts import (
+    GearPairSection,
+    GearShaftSection,
+    GearSupportSection,
+    GearTorsionSection,
+    GearWheelSection,
+)
 from monitor.config.positions import Place
 from monitor.health.gears.settings import GearPairing, GearSettings, GearWheel
 
 Problems = Iterator[tuple[Place, str]]
 
 
-class GearWheelSection(Section):
-    """A wheel; without ``shaft`` it has one of its own, of the same name."""
-
-    name: Name
-    teeth: Annotated[int, Field(ge=4, le=2000)]
-    shaft: Name | None = None
-
-    @property
-    def on(self) -> str:
-        """Name of its shaft."""
-        return self.shaft or self.name
-
-
-class GearPairSection(Section):
-    """Two wheels in mesh: the driver, then the driven one."""
-
-    wheels: tuple[Name, Name]
-
-    @property
-    def words(self) -> str:
-        """The wheels, for people."""
-        return " and ".join(map(repr, self.wheels))
-
-
 class GearSection(Section):
     """Gears beside the monitored bearings.
 
     ``bearing_shaft`` is the shaft of the monitored bearings, on which the speed of ``[operating]`` counts; by default
-    that of the first wheel.
+    that of the first wheel. ``drive`` is the shaft that is driven from outside, by default that of the first pair's
+    driver, and ``load`` the one that takes the power off. All other keys are those of the model: see ``gears.train``.
     """
 
     bearing_shaft: Name | None = None
+    drive: Name | None = None
+    load: Name | None = None
+    torque_newton_m: Positive | None = None
+    power_kw: Positive | None = None
+    turns_from_x_to_y: bool = True
+    alpha_c_per_s: NotNegative = 0.0
+    beta_c_s: NotNegative | None = None
+    shaft: tuple[GearShaftSection, ...] = ()
+    support: tuple[GearSupportSection, ...] = ()
+    torsion: tuple[GearTorsionSection, ...] = ()
     wheel: tuple[GearWheelSection, ...] = Field(min_length=2)
     pair: tuple[GearPairSection, ...] = Field(min_length=1)
 
@@ -79,9 +73,30 @@ class GearSection(Section):
             elif both in meshing:
                 yield place, f"the pair of {pair.words} is given twice"
             meshing.add(both)
-        shafts = list(dict.fromkeys(wheel.on for wheel in self.wheel))
-        if self.bearing_shaft is not None and self.bearing_shaft not in shafts:
-            yield ("bearing_shaft",), f"shaft {lost_name(self.bearing_shaft, shafts)}"
+        yield from self._lost_shafts()
+
+    def _lost_shafts(self) -> Problems:
+        """Yield names of shafts that are given twice or lead nowhere."""
+        shafts = self.shafts
+        for key in ("bearing_shaft", "drive", "load"):
+            name = getattr(self, key)
+            if name is not None and name not in shafts:
+                yield (key,), f"shaft {lost_name(name, shafts)}"
+        for key, tables in (("shaft", self.shaft), ("support", self.support)):
+            counts = Counter(table.name for table in tables)
+            for index, table in enumerate(tables):
+                if counts[table.name] > 1:
+                    yield (key, index, "name"), f"[[gear.{key}]] name {table.name!r} is given twice"
+        for index, support in enumerate(self.support):
+            if support.shaft not in shafts:
+                yield ("support", index, "shaft"), f"shaft {lost_name(support.shaft, shafts)}"
+        for index, torsion in enumerate(self.torsion):
+            place: Place = ("torsion", index, "shafts")
+            for name in torsion.shafts:
+                if name not in shafts:
+                    yield place, f"shaft {lost_name(name, shafts)}"
+            if torsion.shafts[0] == torsion.shafts[1]:
+                yield place, f"expected two shafts, got {torsion.shafts[0]!r} twice"
 
     def _turning_problems(self) -> Problems:
         """Yield pairs that cannot turn, and wheels that nothing turns."""
@@ -94,6 +109,13 @@ class GearSection(Section):
                 yield place, f"wheels {pair.words} are on one shaft, {at[first]!r}: they cannot mesh"
             elif at[first] in turns and turns[at[second]] != _driven(turns[at[first]], self.teeth, pair.wheels):
                 yield place, f"the train locks: other pairs do not let {pair.words} turn as their teeth demand"
+        for index, torsion in enumerate(self.torsion):
+            one, other = torsion.shafts
+            if turns.get(one) != turns.get(other):
+                yield ("torsion", index, "shafts"), f"the train locks: {one!r} and {other!r} do not turn alike"
+        for index, shaft in enumerate(self.shaft):
+            if shaft.name not in turns and shaft.name not in at.values():
+                yield ("shaft", index, "name"), f"no wheel is on shaft {shaft.name!r}, and no [[gear.torsion]] joins it"
         meshing = {name for pair in self.pair for name in pair.wheels}
         for index, wheel in enumerate(self.wheel):
             if wheel.name not in meshing:
@@ -103,6 +125,16 @@ class GearSection(Section):
                     ("wheel", index, "shaft"),
                     f"no [[gear.pair]] joins shaft {wheel.on!r} of wheel {wheel.name!r} to shaft {self.speed_shaft!r}",
                 )
+
+    @property
+    def shafts(self) -> list[str]:
+        """Names of all shafts: those of wheels, then those that have none."""
+        return list(dict.fromkeys([*(wheel.on for wheel in self.wheel), *(shaft.name for shaft in self.shaft)]))
+
+    @property
+    def drive_shaft(self) -> str:
+        """The shaft that is driven from outside."""
+        return self.drive or self.shaft_of[self.pair[0].wheels[0]]
 
     @property
     def speed_shaft(self) -> str:
@@ -134,6 +166,11 @@ class GearSection(Section):
                     if at[known] in found and at[other] not in found:
                         found[at[other]] = _driven(found[at[known]], self.teeth, (known, other))
                         growing = True
+            for torsion in self.torsion:
+                for one, other in (torsion.shafts, torsion.shafts[::-1]):
+                    if one in found and other not in found:
+                        found[other] = found[one]
+                        growing = True
         return found
 
     def to_settings(self) -> GearSettings:
@@ -143,6 +180,21 @@ class GearSection(Section):
             wheels=tuple(GearWheel(wheel.name, wheel.teeth, abs(turns[wheel.on])) for wheel in self.wheel),
             pairs=tuple(GearPairing(*pair.wheels) for pair in self.pair),
         )
+
+
+def model_keys() -> dict[str, Any]:
+    """Return the keys of ``[gear]`` on which no record depends: those that the model alone takes."""
+    keys: dict[str, Any] = {name: True for name in GearSection.model_fields if name not in _OF_RECORDS}
+    for name, (section, kept) in _OF_TABLES.items():
+        keys[name] = {"__all__": set(section.model_fields) - kept}
+    return keys
+
+
+_OF_RECORDS = {"bearing_shaft", "wheel", "pair"}
+_OF_TABLES: dict[str, tuple[type[Section], set[str]]] = {
+    "wheel": (GearWheelSection, {"name", "teeth", "shaft"}),
+    "pair": (GearPairSection, {"wheels"}),
+}
 
 
 def _driven(turns: Fraction, teeth: Mapping[str, int], wheels: tuple[str, str]) -> Fraction:

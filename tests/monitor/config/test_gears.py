@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from monitor.config.gear import GearSection
+from monitor.config.gears.section import GearSection
 from monitor.config.load import Config, ConfigError
 from tests.monitor.config.test_config import MINIMAL, validate
 

@@ -1,0 +1,188 @@
+"""``[gear]`` as a train of the model: what each key becomes, and which are missing."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from models.gears.geometry import GearPair, ToothedWheel
+from models.gears.phase import begin_of_mesh, turns_between
+from models.gears.train import GearTrain
+from monitor.config.fields import LocatedError
+from monitor.config.gears.section import GearSection
+from monitor.config.gears.train import TrainBuilder
+
+NAMES = ("driver", "intermediate", "driven")
+APPENDIX: dict[str, Any] = {
+    "power_kw": 50.0,
+    "alpha_c_per_s": 1.0,
+    "beta_c_s": 1e-4,
+    "shaft": [
+        {"name": name, "mass_kg": mass, "inertia_kg_m2": inertia}
+        for name, mass, inertia in zip(NAMES, (15.88, 16.85, 10.69), (2.36e-2, 5.38e-2, 1.72e-2), strict=True)
+    ],
+    "support": [{"name": f"b{n}", "shaft": name, "stiffness_newton_per_m": 1.82e9} for n, name in enumerate(NAMES)],
+    "wheel": [{"name": str(n), "teeth": 37, "shaft": name} for n, name in zip((1, 3, 5), NAMES, strict=True)],
+    "pair": [
+        {"wheels": ["1", "3"], "module_mm": 4.0, "stiffness_newton_per_m": 7.73e8},
+        {"wheels": ["3", "5"], "module_mm": 4.0, "stiffness_newton_per_m": 7.73e8, "beta_c_s": 5e-4},
+    ],
+}
+"""The train of the appendix (Table 24, inertias with 10^-2); the module is not printed, 4 mm is ours."""
+TOOTHED = {"face_width_mm": 30.0, "bore_mm": 60.0}
+
+
+def changed(where: str, index: int, **values: object) -> dict[str, Any]:
+    """Return the train with keys of one table changed; None removes a key."""
+    tables = [dict(table) for table in APPENDIX[where]]
+    tables[index] = {key: value for key, value in {**tables[index], **values}.items() if value is not None}
+    return {**APPENDIX, where: tables}
+
+
+def without(*keys: str) -> dict[str, Any]:
+    return {key: value for key, value in APPENDIX.items() if key not in keys}
+
+
+def build(tables: dict[str, Any], speed: float = 8.44) -> GearTrain:
+    return TrainBuilder(GearSection.model_validate(tables), speed).build()
+
+
+def test_the_appendix_turns_at_943_newton_metres() -> None:
+    # 50 kW at 8.44 Hz: 942.9 N m; the mesh at 37 times 8.44 Hz.
+    train = build(APPENDIX)
+    assert train.drive_torque() == pytest.approx(942.86, abs=0.01)
+    assert train.torques()["driven"] == pytest.approx(-942.86, abs=0.01)
+    assert train.mesh_frequencies() == pytest.approx({"1-3": 312.28, "3-5": 312.28})
+    assert [mesh.damping for mesh in train.meshes] == pytest.approx([77300.0, 386500.0], rel=1e-3)
+    assert train.wheels[0].base_radius == pytest.approx(0.074 * math.cos(math.radians(20.0)))
+
+
+def test_torque_and_power_say_the_same_whatever_shaft_the_speed_is_of() -> None:
+    wheels = [{**wheel, "teeth": teeth} for wheel, teeth in zip(APPENDIX["wheel"], (20, 40, 30), strict=True)]
+    base = {**APPENDIX, "wheel": wheels, "bearing_shaft": "intermediate"}
+    train = build(base, speed=5.0)
+    assert train.speeds() == pytest.approx({"driver": 10.0, "intermediate": 5.0, "driven": 20.0 / 3.0})
+    torque = 5e4 / (2 * math.pi * 10.0)
+    assert train.drive_torque() == pytest.approx(torque)
+    by_torque = build({**{k: v for k, v in base.items() if k != "power_kw"}, "torque_newton_m": torque}, speed=5.0)
+    assert by_torque.torques() == pytest.approx(train.torques())
+    loads = [{**shaft, "load_torque_newton_m": 100.0} if n else shaft for n, shaft in enumerate(base["shaft"])]
+    both = build({**{k: v for k, v in base.items() if k != "power_kw"}, "shaft": loads}, speed=5.0)
+    assert both.drive_torque() == pytest.approx(100.0 * 0.5 + 100.0 * 2.0 / 3.0)
+
+
+def test_the_force_on_each_driven_wheel_turns_it_as_it_turns() -> None:
+    # Whatever the first shaft's sense: the moment of the force about the driven wheel has the sign of its turning.
+    for forward in (True, False):
+        train = build({**APPENDIX, "turns_from_x_to_y": forward})
+        for mesh, opposite in zip(train.meshes, (True, False), strict=True):
+            # The contact lies at the pitch point, seen from the driven wheel in the direction of the driver, -x.
+            moment = -math.sin(mesh.line_of_action)
+            assert (moment > 0.0) is (forward is not opposite)
+
+
+@pytest.mark.parametrize("direction", [0.0, 70.0, 180.0])
+def test_an_idler_gives_its_second_mesh_a_phase(direction: float) -> None:
+    wheels = [{**wheel, **TOOTHED} for wheel in APPENDIX["wheel"]]
+    pairs = [APPENDIX["pair"][0], {**APPENDIX["pair"][1], "direction_deg": direction}]
+    first, second = build({**APPENDIX, "wheel": wheels, "pair": pairs}).meshes
+    assert (first.driver_start, first.driven_start) == (0.0, 0.0)
+    pair = GearPair(ToothedWheel(37, 0.03, 0.03), ToothedWheel(37, 0.03, 0.03), 0.004)
+    one = begin_of_mesh(pair, 0.0, counterclockwise=True)[1]
+    two = begin_of_mesh(pair, math.radians(direction), counterclockwise=False)[0]
+    # The idler turns clockwise: a tooth that began the second mesh so many turns before stands there by now.
+    pitches = (two - one - math.tau * second.driver_start) / (math.tau / 37)
+    assert pitches == pytest.approx(round(pitches), abs=1e-9)
+    given = build({**APPENDIX, "wheel": wheels, "pair": [pairs[0], {**pairs[1], "phase_pitches": 0.25}]}).meshes[1]
+    assert given.driver_start * 37 == pytest.approx(0.25)
+
+
+@pytest.mark.parametrize("counterclockwise", [True, False])
+def test_flanks_touch_where_a_tooth_begins_its_mesh(counterclockwise: bool) -> None:
+    """Both flanks, placed by their centre lines, pass through A; the tip of the driven wheel is there."""
+    pair = GearPair(
+        ToothedWheel(23, 0.02, 0.01, profile_shift=0.3), ToothedWheel(71, 0.02, 0.02), 0.003, centre_distance=0.1423
+    )
+    to_driven = 0.4
+    lines = begin_of_mesh(pair, to_driven, counterclockwise=counterclockwise)
+    centres = (0.0, pair.distance * np.exp(1j * to_driven))
+    tip = pair.profiles[1].tip_radius
+    touched: list[complex] = []
+    for side, (profile, line, centre) in enumerate(zip(pair.profiles, lines, centres, strict=True)):
+        radius = tip if side else math.hypot(profile.base_radius, pair.contact_path[0])
+        half = float(profile.half_angle(radius))
+        # The driver pushes with the flank ahead of its centre line, on the one behind of the driven wheel: both lie
+        # on the same side, as the wheels turn against each other.
+        sign = 1.0 if counterclockwise else -1.0
+        touched.append(centre + radius * np.exp(1j * (line + sign * half)))
+    assert abs(touched[0] - touched[1]) < 1e-12
+
+
+def test_turns_between_directions_count_in_the_sense_of_the_wheel() -> None:
+    assert turns_between(0.0, math.pi / 2.0, counterclockwise=True) == pytest.approx(0.25)
+    assert turns_between(0.0, math.pi / 2.0, counterclockwise=False) == pytest.approx(-0.25)
+
+
+def test_geometry_gives_the_backlash_of_its_centre_distance() -> None:
+    wheels = [{**wheel, **TOOTHED} for wheel in APPENDIX["wheel"]]
+    pairs = [{**pair, "centre_distance_mm": 148.1} for pair in APPENDIX["pair"]]
+    train = build({**APPENDIX, "wheel": wheels, "pair": pairs})
+    pair = GearPair(ToothedWheel(37, 0.03, 0.03), ToothedWheel(37, 0.03, 0.03), 0.004, centre_distance=0.1481)
+    assert train.meshes[0].backlash == pytest.approx(pair.backlash)
+    assert build(changed("pair", 0, backlash_um=80.0)).meshes[0].backlash == pytest.approx(80e-6)
+    assert build(APPENDIX).meshes[0].backlash == math.inf
+
+
+def test_stiffness_is_given_as_a_mean_a_share_or_a_course(tmp_path: Path) -> None:
+    mesh = build(changed("pair", 0, stiffness_variation=0.3, contact_ratio=1.6)).meshes[0].stiffness
+    assert mesh.mean == pytest.approx(7.73e8)
+    assert np.ptp(mesh.base) == pytest.approx(0.3 * 7.73e8)
+    course = tmp_path / "k.csv"
+    course.write_text("pitch,stiffness_newton_per_m\n0,2e8\n0.5,4e8\n")
+    mesh = build(changed("pair", 0, stiffness_csv=str(course))).meshes[0].stiffness
+    assert (mesh.mean, mesh.base.max() / mesh.base.min()) == (pytest.approx(7.73e8), pytest.approx(2.0))
+    mesh = build(changed("pair", 0, stiffness_csv=str(course), stiffness_newton_per_m=None)).meshes[0].stiffness
+    assert mesh.mean == pytest.approx(3e8)
+
+
+@pytest.mark.parametrize(
+    ("tables", "said"),
+    [
+        (without("shaft"), ["shaft", "name = 'driver'", "mass and inertia"]),
+        (changed("shaft", 1, mass_kg=None), ["('shaft', 1, 'mass_kg')", "missing", "'intermediate'", "fixed_axis"]),
+        (changed("shaft", 1, inertia_kg_m2=None), ["inertia_kg_m2", "missing", "constant_speed"]),
+        (changed("support", 1, shaft="driven"), ["support", "'intermediate'", "at least one"]),
+        (changed("shaft", 1, fixed_axis=True), ["support", "'intermediate'", "expected none"]),
+        (changed("pair", 1, module_mm=None), ["('pair', 1, 'module_mm')", "'3' and '5'"]),
+        (changed("pair", 1, stiffness_newton_per_m=None), ["stiffness_newton_per_m", "stiffness_csv", "'3' and '5'"]),
+        (changed("pair", 1, module_mm=5.0), ["wheel '3' has another module"]),
+        (changed("pair", 1, centre_distance_mm=120.0), ["centre_distance_mm", "139.07", "120"]),
+        (changed("pair", 1, wheels=["5", "3"]), ["('pair', 1, 'wheels')", "'3' drives '5'", '["3", "5"]']),
+        (without("power_kw"), ["torque_newton_m, power_kw and load_torque", "found none"]),
+        ({**APPENDIX, "torque_newton_m": 9.0}, ["found torque_newton_m, power_kw"]),
+        ({**APPENDIX, "load": "driver"}, ["another shaft than the drive"]),
+        ({**APPENDIX, "drive": "intermediate"}, ["('load',)", "driver, driven", "'3' drives '1'"]),
+        (without("beta_c_s"), ["beta_c_s", "no motion settles"]),
+    ],
+)
+def test_a_missing_key_is_named(tables: dict[str, Any], said: list[str]) -> None:
+    with pytest.raises(LocatedError) as raised:
+        build(tables)
+    found = "\n".join(f"{place} {text}" for place, text in raised.value.problems)
+    for words in said:
+        assert words in found
+
+
+def test_a_shaft_that_nothing_joins_is_refused() -> None:
+    with pytest.raises(ValueError, match="no wheel is on shaft 'drivr'"):
+        GearSection.model_validate(changed("shaft", 0, name="drivr"))
+
+
+def test_all_problems_of_geometry_name_the_pair() -> None:
+    wheels = [{**wheel, **TOOTHED, "teeth": 12} for wheel in APPENDIX["wheel"]]
+    with pytest.raises(LocatedError, match="'1' and '3': driver profile_shift must be at least"):
+        build({**APPENDIX, "wheel": wheels})
