@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from fnmatch import fnmatchcase
 from typing import Any
 
@@ -34,6 +35,23 @@ def read_uff(data: bytes, name: str, patterns: Sequence[str] = (), zone: str = "
         ReaderError: ``empty``; ``incomplete`` where a data set is not closed or too short; ``wrong_shape`` where
             nothing matches or lengths differ; ``wrong_rate`` for uneven abscissas and different rates; ``unreadable``.
     """
+    with universal_file(data, name) as file:
+        functions = _functions(file, name, patterns)
+        si = is_si(file)
+    if not functions:
+        raise ReaderError(
+            "wrong_shape", f"{name}: no time response of data set 58 matches {', '.join(patterns) or '*'}"
+        )
+    return _described(functions, si, name, zone)
+
+
+@contextmanager
+def universal_file(data: bytes, name: str) -> Iterator[Any]:
+    """Give the bytes as a ``pyuff.UFF``; whatever goes wrong with it inside the context is a ReaderError.
+
+    Raises:
+        ReaderError: ``empty``, ``incomplete`` where a data set is not closed, or ``unreadable``.
+    """
     if not data:
         raise ReaderError("empty", f"{name}: the file has 0 bytes")
     tags = _count_tags(data)
@@ -47,18 +65,11 @@ def read_uff(data: bytes, name: str, patterns: Sequence[str] = (), zone: str = "
         raise ReaderError("unreadable", f'{name}: needs pyuff: pip install "spallwatch[uff]"') from error
     try:
         with memory_file(data) as path:
-            file = pyuff.UFF(path)
-            functions = _functions(file, name, patterns)
-            si = _is_si(file)
+            yield pyuff.UFF(path)
     except (ReaderError, MemoryError):
         raise
     except Exception as error:  # Any exception may come of corrupt input.
         raise ReaderError("unreadable", f"{name}: not a readable universal file ({type(error).__name__})") from error
-    if not functions:
-        raise ReaderError(
-            "wrong_shape", f"{name}: no time response of data set 58 matches {', '.join(patterns) or '*'}"
-        )
-    return _described(functions, si, name, zone)
 
 
 def _functions(file: Any, name: str, patterns: Sequence[str]) -> list[Function]:
@@ -99,7 +110,8 @@ def _node(function: Function) -> str:
     return f"{int(function.get('rsp_node') or 0)}:{_DIRECTIONS.get(direction, direction)}"
 
 
-def _is_si(file: Any) -> bool:
+def is_si(file: Any) -> bool:
+    """Return whether the first data set 164 of a ``pyuff.UFF`` says SI; False without one."""
     for index, kind in enumerate(file.get_set_types()):
         if int(kind) == 164:
             return int(file.read_sets(index).get("units_code", 0)) == 1

@@ -16,6 +16,7 @@ WRONG_INPUT = {
     "FeError",
     "FeGeometryError",
     "FeMeshError",
+    "FrfError",
     "LocatedError",
     "GearTableError",
     "HistoryError",
