@@ -44,6 +44,19 @@ _LEAST_PART = 1e-9
 # Parts of an interval of the tables shorter than this are rounding.
 _TINY_PART = 1e-9
 ENERGIES = 3
+STAGES = 6
+# Row k: the slopes that lead to stage k + 1, at _NODES[k] of the step; the last leads to its end.
+_NODES = np.array([1.0 / 5.0, 3.0 / 10.0, 4.0 / 5.0, 8.0 / 9.0, 1.0, 1.0])
+_WEIGHTS = np.array(
+    [
+        [1.0 / 5.0, 0.0, 0.0, 0.0, 0.0, 0.0],
+        [3.0 / 40.0, 9.0 / 40.0, 0.0, 0.0, 0.0, 0.0],
+        [44.0 / 45.0, -56.0 / 15.0, 32.0 / 9.0, 0.0, 0.0, 0.0],
+        [19372.0 / 6561.0, -25360.0 / 2187.0, 64448.0 / 6561.0, -212.0 / 729.0, 0.0, 0.0],
+        [9017.0 / 3168.0, -355.0 / 33.0, 46732.0 / 5247.0, 49.0 / 176.0, -5103.0 / 18656.0, 0.0],
+        [35.0 / 384.0, 0.0, 500.0 / 1113.0, 125.0 / 192.0, -2187.0 / 6784.0, 11.0 / 84.0],
+    ]
+)
 
 
 class Plan(NamedTuple):
@@ -176,76 +189,70 @@ def _gap(plan: Plan, course: Course, contact: Index, t: float, z: NDArray[np.flo
 
 
 @inlined
-def _add_mesh(
-    plan: Plan, course: Course, mesh: Index, t: float, z: NDArray[np.float64], out: NDArray[np.float64]
-) -> None:
+def _add_mesh(plan: Plan, course: Course, mesh: Index, t: float, z: NDArray[np.float64], stage: Index) -> None:
     """Add the forces of a mesh to those on the degrees of freedom, and its power to the energies."""
-    n = plan.inverse.shape[0]
+    n, out = plan.inverse.shape[0], course.slope
     along = plan.begin[mesh] + plan.per_turn[mesh] * _turns(plan, t) - course.at[mesh]
-    rate = _samples_per_second(plan, mesh, t)
+    per_second = _samples_per_second(plan, mesh, t)
     k, c = course.k[mesh] + along * course.k_slope[mesh], plan.mesh_damping[mesh]
+    error, error_rate = course.e[mesh] + along * course.e_slope[mesh], course.e_slope[mesh] * per_second
     both = course.touching[2 * mesh] or course.touching[2 * mesh + 1]
-    for side in range(2):
-        contact = 2 * mesh + side
-        touches = course.touching[contact]
-        if not touches and (both or side == 1 or not plan.film[mesh]):
+    for contact in range(2 * mesh, 2 * mesh + 2):
+        touches, sign = course.touching[contact], 1.0 - 2.0 * (contact % 2)
+        if not touches and (both or contact % 2 == 1 or not plan.film[mesh]):
             continue
-        gap, closing = _gap(plan, course, contact, t, z)
+        gap, closing = -sign * error - plan.free[contact], -sign * error_rate
+        for i in range(n):
+            gap += plan.row[contact, i] * z[i]
+            closing += plan.row[contact, i] * z[n + i]
         force = c * closing
         if touches:
             force += k * gap
-            out[2 * n + 2] += 0.5 * course.k_slope[mesh] * rate * gap * gap
-        out[2 * n + 1] += c * closing * closing
-        out[2 * n + 2] -= force * (1.0 - 2.0 * side) * course.e_slope[mesh] * rate
+            out[stage, 2 * n + 2] += 0.5 * course.k_slope[mesh] * per_second * gap * gap
+        out[stage, 2 * n + 1] += c * closing * closing
+        out[stage, 2 * n + 2] -= force * sign * error_rate
         for i in range(n):
-            out[n + i] -= force * plan.row[contact, i]
+            out[stage, n + i] -= force * plan.row[contact, i]
 
 
-@kernel
-def slope_of(plan: Plan, course: Course, t: float, z: NDArray[np.float64], out: NDArray[np.float64]) -> None:
-    """Write the time derivative of a state, with the contacts that are held."""
-    n = plan.inverse.shape[0]
-    out[2 * n] = 0.0
-    out[2 * n + 1] = 0.0
-    out[2 * n + 2] = 0.0
+@inlined
+def _fill_slope(plan: Plan, course: Course, t: float, z: NDArray[np.float64], stage: Index) -> None:
+    """Write the time derivative of a state at a stage, with the contacts that are held."""
+    n, out = plan.inverse.shape[0], course.slope
+    did, took = 0.0, 0.0
     for i in range(n):
         springs, dampers = 0.0, 0.0
         for j in range(n):
             springs += plan.stiffness[i, j] * z[j]
             dampers += plan.damping[i, j] * z[n + j]
-        out[i] = z[n + i]
-        out[n + i] = plan.force[i] - springs - dampers
-        out[2 * n] += plan.force[i] * z[n + i]
-        out[2 * n + 1] += dampers * z[n + i]
+        out[stage, i] = z[n + i]
+        out[stage, n + i] = plan.force[i] - springs - dampers
+        did += plan.force[i] * z[n + i]
+        took += dampers * z[n + i]
+    out[stage, 2 * n], out[stage, 2 * n + 1], out[stage, 2 * n + 2] = did, took, 0.0
     for mesh in range(plan.per_turn.shape[0]):
-        _add_mesh(plan, course, mesh, t, z, out)
+        _add_mesh(plan, course, mesh, t, z, stage)
     for i in range(n):
-        out[n + i] *= plan.inverse[i]
-
-
-@inlined
-def _stage(course: Course, h: float, a0: float, a1: float, a2: float, a3: float, a4: float, a5: float) -> None:
-    """Write into ``trial`` the state plus h times a sum of slopes."""
-    s = course.slope
-    for i in range(course.state.shape[0]):
-        rise = a0 * s[0, i] + a1 * s[1, i] + a2 * s[2, i] + a3 * s[3, i] + a4 * s[4, i] + a5 * s[5, i]
-        course.trial[i] = course.state[i] + h * rise
+        out[stage, n + i] *= plan.inverse[i]
 
 
 @kernel
-def _try(plan: Plan, course: Course, t: float, h: float) -> None:
+def _begin(plan: Plan, course: Course, t: float) -> None:
+    """Write the first slope of a step."""
+    _fill_slope(plan, course, t, course.state, 0)
+
+
+@kernel
+def _step(plan: Plan, course: Course, t: float, h: float) -> None:
     """Write into ``trial`` the state after a step, whose first slope is written (Dormand, Prince 1980, order 5)."""
-    _stage(course, h, 1.0 / 5.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-    slope_of(plan, course, t + h / 5.0, course.trial, course.slope[1])
-    _stage(course, h, 3.0 / 40.0, 9.0 / 40.0, 0.0, 0.0, 0.0, 0.0)
-    slope_of(plan, course, t + 3.0 * h / 10.0, course.trial, course.slope[2])
-    _stage(course, h, 44.0 / 45.0, -56.0 / 15.0, 32.0 / 9.0, 0.0, 0.0, 0.0)
-    slope_of(plan, course, t + 4.0 * h / 5.0, course.trial, course.slope[3])
-    _stage(course, h, 19372.0 / 6561.0, -25360.0 / 2187.0, 64448.0 / 6561.0, -212.0 / 729.0, 0.0, 0.0)
-    slope_of(plan, course, t + 8.0 * h / 9.0, course.trial, course.slope[4])
-    _stage(course, h, 9017.0 / 3168.0, -355.0 / 33.0, 46732.0 / 5247.0, 49.0 / 176.0, -5103.0 / 18656.0, 0.0)
-    slope_of(plan, course, t + h, course.trial, course.slope[5])
-    _stage(course, h, 35.0 / 384.0, 0.0, 500.0 / 1113.0, 125.0 / 192.0, -2187.0 / 6784.0, 11.0 / 84.0)
+    for stage in range(STAGES):
+        for i in range(course.state.shape[0]):
+            rise = 0.0
+            for k in range(stage + 1):
+                rise += _WEIGHTS[stage, k] * course.slope[k, i]
+            course.trial[i] = course.state[i] + h * rise
+        if stage + 1 < STAGES:
+            _fill_slope(plan, course, t + _NODES[stage] * h, course.trial, stage + 1)
 
 
 @inlined
@@ -287,7 +294,7 @@ def first_crossing(g0: float, s0: float, g1: float, s1: float) -> float:
     return 2.0
 
 
-@inlined
+@kernel
 def _wrong(plan: Plan, course: Course, contact: Index, t: float, z: NDArray[np.float64]) -> tuple[float, float]:
     """Return how far a contact is on the other side of zero than held, m, and its rate, m/s."""
     gap, rate = _gap(plan, course, contact, t, z)
@@ -320,7 +327,7 @@ def _cut(plan: Plan, course: Course, contact: Index, t: float, h: float, guess: 
     least = _LEAST_PART * h
     low, high, length = least, h, max(guess * h, least)
     for _ in range(MOST_TRIALS):
-        _try(plan, course, t, length)
+        _step(plan, course, t, length)
         value, rate = _wrong(plan, course, contact, t + length, course.trial)
         if value > 0.0:
             high = length
@@ -356,22 +363,23 @@ def _advance(plan: Plan, course: Course, t: float, end: float, longest: float) -
         steps = math.ceil(rest / longest - 1e-9)
         h = rest / steps if steps > 1 else rest
         if fresh:
-            slope_of(plan, course, t, course.state, course.slope[0])
-        _try(plan, course, t, h)
+            _begin(plan, course, t)
+        _step(plan, course, t, h)
         contact, part = _first_change(plan, course, t, h)
         changed = False
         if contact >= 0:
             length = _cut(plan, course, contact, t, h, part)
             changed, h = length > 0.0, abs(length)
         _add_times(course, h)
-        course.state[:] = course.trial
+        for i in range(course.state.shape[0]):
+            course.state[i] = course.trial[i]
         t = end if h == rest else t + h
         fresh = changed
         if changed:
             course.touching[contact] = not course.touching[contact]
             course.changes[contact] += 1 if course.touching[contact] else 0
         else:
-            slope_of(plan, course, t, course.state, course.slope[0])
+            _begin(plan, course, t)
 
 
 @kernel
@@ -395,7 +403,7 @@ def write_motion(
         The energy stored in masses and springs, J.
     """
     n, stored = plan.inverse.shape[0], 0.0
-    slope_of(plan, course, t, course.state, course.slope[0])
+    _begin(plan, course, t)
     for i in range(n):
         motion[0, i], motion[1, i], motion[2, i] = course.state[i], course.state[n + i], course.slope[0, n + i]
         springs = _dot(plan.stiffness[i], course.state, 0)
@@ -452,7 +460,8 @@ def integrate(
                 t = when
             to_sample(plan, course, mesh, course.at[mesh] + 1)
         energy[j, 0] = write_motion(plan, course, t, motion[j], meshes[j])
-        energy[j, 1:] = course.state[2 * n :]
+        for i in range(ENERGIES):
+            energy[j, 1 + i] = course.state[2 * n + i]
         if not math.isfinite(energy[j, 0]):
             return STATUS_NOT_FINITE
     return STATUS_OK
