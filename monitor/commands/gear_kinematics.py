@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from monitor.commands.common import InputError, finite
+from monitor.config.explain import place_words
 from monitor.config.gears.section import GearSection
-from monitor.config.load import Config, ConfigError, read_toml, validate
-from monitor.config.positions import find_lines
+from monitor.config.load import Config, ConfigError, read_toml, sort_problems, validate
+from monitor.config.positions import Place, find_lines
 
 _TEETH = re.compile(r"(\d{1,5})/(\d{1,5})")
 _REST: dict[str, Any] = {
@@ -21,7 +23,29 @@ _REST: dict[str, Any] = {
 """Sections that a configuration needs and a gear train alone has not."""
 
 
-def read_gears(path: Path | None, stages: Sequence[str]) -> Config:
+@dataclass(frozen=True)
+class GearInput:
+    """A configuration with gears, and where it is from.
+
+    Attributes:
+        config: that has ``gear``.
+        gear: its section.
+        name: of the file or the stages, for messages.
+        lines: of the values in the file.
+    """
+
+    config: Config
+    gear: GearSection
+    name: str
+    lines: Mapping[Place, int] = field(default_factory=dict[Place, int])
+
+    def refusal(self, problems: Sequence[tuple[Place, str]]) -> InputError:
+        """Return the error of problems at places below ``[gear]``, one line each with that of the file."""
+        located = [(("gear", *place), f"{place_words(('gear', *place))}: {text}") for place, text in problems]
+        return InputError(sort_problems(located, Path(self.name), self.lines))
+
+
+def read_gears(path: Path | None, stages: Sequence[str]) -> GearInput:
     """Return a configuration that has gears: of a file, or of stages such as ``23/71``, one behind the other.
 
     The file may be that of a machine, or hold the gears alone. Without either, it is that of the working directory.
@@ -33,7 +57,10 @@ def read_gears(path: Path | None, stages: Sequence[str]) -> Config:
     if stages and path is not None:
         raise InputError(f"{' '.join(stages)} and --config {path}: give one of them")
     if stages:
-        return _validate({"gear": _tables(stages)}, Path("gear"))
+        name = " ".join(stages)
+        config = _validate({"gear": _tables(stages)}, Path(name))
+        assert config.gear is not None
+        return GearInput(config, config.gear, name)
     if path is None:
         path = Path("config.toml")
         if not path.exists():
@@ -47,7 +74,7 @@ def read_gears(path: Path | None, stages: Sequence[str]) -> Config:
     config = _validate(values, path, text)
     if config.gear is None:
         raise InputError(f"{path}: has no [gear]; expected [[gear.wheel]] with name and teeth, and [[gear.pair]]")
-    return config
+    return GearInput(config, config.gear, str(path), find_lines(text))
 
 
 def _validate(values: dict[str, Any], path: Path, text: str = "") -> Config:

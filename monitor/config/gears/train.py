@@ -42,9 +42,7 @@ class TrainBuilder:
             LocatedError: a key that the model needs is missing, or values do not fit together; places are those below
                 ``[gear]``.
         """
-        problems = [*self._missing(), *self._geometry_problems()]
-        if problems:
-            raise LocatedError(problems)
+        self.check()
         radii = {name: self._base_radii(pair)[side] for pair in self.gear.pair for side, name in enumerate(pair.wheels)}
         try:
             train = GearTrain(
@@ -58,6 +56,12 @@ class TrainBuilder:
             return with_rayleigh(train, self.gear.alpha_c_per_s, self._betas, default=self.gear.beta_c_s or 0.0)
         except ValueError as error:
             raise LocatedError([((), str(error))]) from None
+
+    def check(self) -> None:
+        """Raise a LocatedError with all keys that the model lacks and all pairs that cannot mesh."""
+        problems = [*self._missing(), *self._geometry_problems()]
+        if problems:
+            raise LocatedError(problems)
 
     @cached_property
     def turns(self) -> dict[str, float]:

@@ -1,0 +1,159 @@
+"""``spallwatch gear`` with the train of the model: forces, loss of contact, files, refusals."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from monitor.commands.common import InputError
+from monitor.commands.gear_forces import GearRun, amplitudes, build_train, force_lines, force_values, run_train
+from monitor.commands.gear_kinematics import GearInput
+from monitor.config.load import validate
+from tests.commands import run_command
+from tests.monitor.config.test_config import MINIMAL
+from tests.monitor.config.test_gear_train import APPENDIX, changed
+
+RATE = 20480.0
+
+
+def given(tables: dict[str, Any]) -> GearInput:
+    config = validate({**MINIMAL, "gear": tables}, Path("machine.toml"))
+    assert config.gear is not None
+    return GearInput(config, config.gear, "machine.toml")
+
+
+def run_of(tables: dict[str, Any], speed: float = 8.44, duration: float = 0.1) -> GearRun:
+    return run_train(build_train(given(tables), speed), duration, RATE)
+
+
+VARIED = {
+    **APPENDIX,
+    "pair": [{**pair, "stiffness_variation": 0.3, "contact_ratio": 1.65} for pair in APPENDIX["pair"]],
+}
+
+
+@pytest.fixture(scope="module")
+def varied() -> dict[str, Any]:
+    return force_values(run_of(VARIED))
+
+
+def test_mean_forces_are_those_of_statics(varied: dict[str, Any]) -> None:
+    # W = T / r_b along the line of action at 70 degrees; the idler carries both of its meshes, which cancel along x.
+    force = varied["torque_newton_m"] / (0.074 * math.cos(math.radians(20.0)))
+    assert [mesh["force_newton"] for mesh in varied["meshes"]] == pytest.approx([force, force], rel=1e-3)
+    angle = math.radians(70.0)
+    means = {support["name"]: support["mean_newton"] for support in varied["supports"]}
+    along, across = force * math.cos(angle), force * math.sin(angle)
+    assert means["b0"] == pytest.approx([-along, -across], rel=2e-3)
+    assert means["b1"] == pytest.approx([0.0, 2.0 * across], rel=2e-3, abs=1e-3 * force)
+    assert means["b2"] == pytest.approx([along, -across], rel=2e-3)
+
+
+def test_the_appendix_has_nine_modes_and_settles(varied: dict[str, Any]) -> None:
+    assert len(varied["natural_frequencies_hz"]) == 9
+    assert varied["natural_frequencies_hz"][0] == 0.0
+    assert varied["damping_ratios"][0] is None
+    assert varied["status"] == "settled"
+    assert varied["energy_residual"] < 1e-3
+    assert [mesh["out_of_contact"] for mesh in varied["meshes"]] == [0.0, 0.0]
+    assert varied["meshes"][0]["stiffness_variation"] == pytest.approx(0.3)
+    lines = varied["supports"][0]["lines"]
+    assert [line["hz"] for line in lines] == pytest.approx([312.28 * n for n in range(1, 7)])
+    assert all(max(line["amplitude_newton"]) > 1.0 for line in lines)
+
+
+def test_without_torque_enough_the_teeth_part() -> None:
+    tables = {key: value for key, value in VARIED.items() if key != "power_kw"}
+    tables["pair"] = [
+        {**pair, "stiffness_variation": 0.9, "backlash_um": 60.0, "beta_c_s": 1e-6} for pair in tables["pair"]
+    ]
+    tables["beta_c_s"] = 1e-5
+    values = force_values(run_of({**tables, "torque_newton_m": 10.0}, speed=20.0))
+    assert max(mesh["out_of_contact"] for mesh in values["meshes"]) > 0.01
+    assert any("out of contact" in line for line in force_lines(values))
+
+
+def test_a_motion_that_has_not_settled_is_no_settled_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    from models.dynamics import gear_train
+
+    undamped = {**VARIED, "beta_c_s": 2e-7, "alpha_c_per_s": 0.0}
+    undamped["pair"] = [{**pair, "beta_c_s": 2e-7} for pair in undamped["pair"]]
+    monkeypatch.setattr(gear_train, "settling", lambda train: 0.0)
+    run = run_of(undamped)
+    assert run.status == "not_settled"
+    assert any("not settled" in line for line in force_lines(force_values(run)))
+
+
+@pytest.mark.parametrize("phase", [0.0, 1.1])
+def test_amplitudes_are_peaks_whatever_the_mean(phase: float) -> None:
+    time = np.arange(5000) / RATE
+    signal = 7.0 + 3.0 * np.cos(2.0 * math.pi * 312.28 * time + phase)
+    found = amplitudes(signal[:, None], RATE, np.array([312.28, 624.56]))[:, 0]
+    assert abs(found[0] - 3.0 * np.exp(1j * phase)) < 2e-3
+    assert abs(found[1]) < 2e-3
+
+
+def toml(tables: dict[str, Any]) -> str:
+    """Return ``[gear]`` as text, one key a line."""
+    lines = ["[operating]", "speed_hz = 8.44", "[gear]"]
+    lines += [f"{key} = {json.dumps(value)}" for key, value in tables.items() if not isinstance(value, list)]
+    for key, entries in tables.items():
+        for entry in entries if isinstance(entries, list) else []:
+            lines += [f"[[gear.{key}]]", *(f"{name} = {json.dumps(value)}" for name, value in entry.items())]
+    return "\n".join(lines)
+
+
+def test_the_command_prints_and_writes(tmp_path: Path) -> None:
+    (tmp_path / "gear.toml").write_text(toml(VARIED))
+    arguments = ("--config", "gear.toml", "--duration-s", 0.1, "--rate-hz", RATE, "--csv", "f.csv")
+    done = run_command("gear", *arguments, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert "drive: 942.86 N m, 50 kW" in done.stdout
+    assert "bearing b1: force" in done.stdout
+    rows = np.genfromtxt(tmp_path / "f.csv", delimiter=",", skip_header=1)
+    head = (tmp_path / "f.csv").read_text().splitlines()[0]
+    assert head == "time_s,b0_x_newton,b0_y_newton,b1_x_newton,b1_y_newton,b2_x_newton,b2_y_newton," + (
+        "mesh_1-3_newton,mesh_3-5_newton"
+    )
+    assert rows.shape == (round(RATE / 8.44), 9)
+
+
+@pytest.mark.parametrize(
+    ("tables", "options", "said"),
+    [
+        (changed("shaft", 1, mass_kg=None), [], ["gear.toml:11: gear.shaft[1].mass_kg: is missing"]),
+        ({**APPENDIX, "load": "driver"}, [], ["gear.load: expected another shaft"]),
+        (APPENDIX, ["--csv", "f.txt"], ["--csv f.txt", ".csv"]),
+        (APPENDIX, ["--csv", "no/f.csv"], ["--csv no/f.csv", "cannot be written"]),
+        (APPENDIX, ["--rate-hz", "1000", "--speed-hz", "20"], ["--rate-hz 1000", "1480 Hz"]),
+        (changed("pair", 0, stiffness_csv="k.csv"), [], ["k.csv", "cannot be read"]),
+    ],
+)
+def test_what_the_model_lacks_is_named(
+    tables: dict[str, Any], options: list[str], said: list[str], tmp_path: Path
+) -> None:
+    (tmp_path / "gear.toml").write_text(toml(tables))
+    done = run_command("gear", "--config", "gear.toml", "--duration-s", "0.01", *options, cwd=tmp_path)
+    assert (done.returncode, done.stdout) == (2, "")
+    for words in said:
+        assert words in done.stderr
+
+
+def test_forces_need_a_train_and_a_speed(tmp_path: Path) -> None:
+    done = run_command("gear", "23/71", "--csv", "f.csv", cwd=tmp_path)
+    assert (done.returncode, "23/71: --csv needs the train itself" in done.stderr) == (2, True)
+    with pytest.raises(InputError, match=r"machine.toml: forces need a speed"):
+        build_train(given(APPENDIX), None)
+
+
+def test_a_train_that_grows_without_limit_has_no_levels(varied: dict[str, Any]) -> None:
+    run = run_of(VARIED)
+    object.__setattr__(run.motion, "finite", False)
+    values = force_values(GearRun(run.builder, run.train, run.motion))
+    assert (values["status"], values["supports"], values["energy_residual"]) == ("not_finite", [], None)
+    assert any("more damping is needed" in line for line in force_lines(values))
