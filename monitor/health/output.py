@@ -22,6 +22,8 @@ from monitor.health.alarms import (
 from monitor.health.condition import Quantity
 from monitor.health.damage import Damage, Remaining
 from monitor.health.detect import LINES, DetectOutput, DetectState
+from monitor.health.gears.naming import GearsOutput
+from monitor.health.gears.values import gear_values
 from monitor.health.machine import BearingVerdict
 from monitor.health.naming import Naming
 from monitor.health.quality import Verdict
@@ -72,6 +74,7 @@ class ChannelOutput:
         pulses: what was repaired in the pulses, None without pulses.
         level_rms: RMS over what its learned dependence on speed and load gives, None where none is learned.
         level_status: "ok", or why not; None where none is configured.
+        gears: what is said of the wheels, None without gears.
     """
 
     verdict: Verdict
@@ -94,6 +97,7 @@ class ChannelOutput:
     pulses: PulseCounts | None = None
     level_rms: float | None = None
     level_status: str | None = None
+    gears: GearsOutput | None = None
 
 
 def record_values(
@@ -144,14 +148,14 @@ def record_values(
         values["edv_status"] = output.damage.status
         values["p_no_growth"] = p_no_growth(output)
     if output.forecasts:
-        values |= _forecast_values(output.forecasts)
-        values["p_crossed"] = output.forecasts[0].p_crossed
+        values |= {**_forecast_values(output.forecasts), "p_crossed": output.forecasts[0].p_crossed}
     values |= _alarm_time_values(output.to_alarm)
     if output.features is not None:
         for name, quantity in (("speed", output.speed), ("load", output.load)):
             values |= {f"{name}_source": quantity.source, f"{name}_sd": quantity.sd}
     if output.damage is not None:
         values |= truth or {}
+    values |= gear_values(output.gears)
     return {name: plain(value) for name, value in values.items()}
 
 

@@ -289,3 +289,14 @@ def with_flags(verdict: Verdict, flags: tuple[str, ...]) -> Verdict:
     merged = tuple(flag for flag in FLAGS if flag in flags or flag in verdict.flags)
     status = verdict.status if verdict.status != "ok" else merged[0]
     return Verdict(status, merged, verdict.reason or ", ".join(flags))
+
+
+def verdict_of_block(verdicts: Mapping[str, Verdict], order_flags: tuple[str, ...]) -> Verdict:
+    """Return the verdict on a block: rejected only where all its channels are."""
+    reason = "; ".join(f"{name}: {verdict.reason}" for name, verdict in verdicts.items() if verdict.reason)
+    accepted = [verdict for verdict in verdicts.values() if verdict.accepted]
+    if not accepted:
+        return Verdict(next(iter(verdicts.values())).status, (), reason)
+    raised = {*order_flags, *(flag for verdict in accepted for flag in verdict.flags)}
+    flags = tuple(flag for flag in FLAGS if flag in raised)
+    return Verdict(flags[0] if flags else "ok", flags, reason)

@@ -12,6 +12,9 @@ from typing import Literal
 from monitor.health.condition import SOURCES as CONDITION_SOURCES
 from monitor.health.damage import EdvStatus, TtStatus
 from monitor.health.detect import STAGES
+from monitor.health.gears.naming import KINDS as GEAR_KINDS
+from monitor.health.gears.naming import STATUSES as GEAR_STATUSES
+from monitor.health.gears.values import UNNAMED
 from monitor.health.quality import FLAGS, REJECTIONS
 from monitor.health.spectrum.velocity import VELOCITY_STATUSES
 from monitor.health.trend import LEVEL_SOURCES, TtaStatus
@@ -40,13 +43,15 @@ TT_STATUSES = tuple(map(str, TtStatus))
 TTA_STATUSES = tuple(map(str, TtaStatus))
 
 DIMENSION_SIZES = {"fault": len(FAULTS), "harmonic": 5, "bpfo_harmonic": 6, "coefficient": 3}
-"""Sizes of the dimensions that are the same everywhere; ``band`` and ``threshold`` have as many as are configured."""
-OPTIONAL_DIMENSIONS = frozenset({"band", "threshold"})
-"""Dimensions that a value may leave out where there is only one band or threshold."""
+"""Sizes of the dimensions that are the same everywhere; ``band``, ``threshold`` and ``gear``
+have as many as are configured."""
+OPTIONAL_DIMENSIONS = frozenset({"band", "threshold", "gear"})
+"""Dimensions that a value may leave out where there is only one band, threshold or wheel."""
 
 Kind = Literal["float", "int", "flag", "mask"]
 
 _SEARCH = "monitor/health/spectrum/lines.py"
+GEARS = "monitor/health/gears"
 
 
 @dataclass(frozen=True)
@@ -284,6 +289,42 @@ _TABLE: list[Variable] = [
     ),
     Variable("pulses_missing", (), "1", "pulses that were put in", "", ROTATION, "int", optional=True),
     Variable("pulses_extra", (), "1", "pulses that were left out", "", ROTATION, "int", optional=True),
+    Variable(
+        "gear_status",
+        ("gear",),
+        None,
+        "whether a wheel was judged",
+        "",
+        GEARS,
+        "flag",
+        GEAR_STATUSES,
+        optional=True,
+    ),
+    Variable(
+        "gear_fault",
+        ("gear",),
+        None,
+        "whether a wheel is named as damaged, and a hint of how",
+        "",
+        GEARS,
+        "flag",
+        (UNNAMED, *GEAR_KINDS),
+        optional=True,
+    ),
+    *_floats(
+        "1",
+        f"""
+        gear_score | | evidence of damage of a wheel over its threshold | {GEARS}
+        gear_turns | N | turns of a wheel in its synchronous average | {GEARS}
+        fm0 | FM0 | peak to peak of the average of a wheel over its mesh lines | Stewart, 1977
+        fm4 | FM4 | kurtosis of the difference signal of a wheel | Stewart, 1977
+        m6a | M6A | normalised sixth moment of the difference signal of a wheel | Martin, 1989
+        na4 | NA4 | fourth moment of the residual of a wheel over its learned variance squared | Zakrajsek et al., 1993
+        sideband_level | SLF | first sidebands of the mesh over the deviation of the average | Lebold et al., 2000
+        """,
+        ("gear",),
+        optional=True,
+    ),
 ]
 
 VARIABLES: dict[str, Variable] = {variable.name: variable for variable in _TABLE}

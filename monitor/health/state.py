@@ -1,7 +1,7 @@
 """A source and its channels: what is configured, SI, and what is carried from block to block.
 
 The state is frozen, versioned and writable as JSON. A store keeps its parts under names of their own (``source:S``,
-``machine:S``, ``encoder:S``, ``channel:S:C``, ``alarms:S:C``, ``waterfall:S:C``), each with its version.
+``machine:S``, ``encoder:S``, ``channel:S:C``, ``alarms:S:C``, ``waterfall:S:C``, ``gears:S:C``), each with its version.
 """
 
 from __future__ import annotations
@@ -19,6 +19,8 @@ from monitor.health.damage.filter.particle_filter import FilterState
 from monitor.health.damage.library.forecaster import LibraryState
 from monitor.health.damage.tracker import DamageSettings, DamageState
 from monitor.health.detect import DetectSettings, DetectState
+from monitor.health.gears.naming import GearsState
+from monitor.health.gears.settings import GearSettings
 from monitor.health.machine import MachineState
 from monitor.health.quality import OrderState
 from monitor.health.record import Record
@@ -59,6 +61,7 @@ class ChannelSettings:
             tracked.
         map_hash: of the RMS map, or None.
         machine_class: by which a zone is given to the velocity, or None.
+        gears: whose wheels are judged too, or None.
     """
 
     name: str
@@ -83,6 +86,7 @@ class ChannelSettings:
     trend: TrendSettings = field(default_factory=TrendSettings)
     waterfall: WaterfallSettings = field(default_factory=WaterfallSettings)
     machine_class: MachineClass | None = None
+    gears: GearSettings | None = None
 
     @property
     def absolute(self) -> bool:
@@ -243,7 +247,7 @@ def _damage_of_version_1(stored: Mapping[str, Any]) -> dict[str, Any]:
     }
 
 
-_Part = TypeVar("_Part", OrderState, ChannelState, AlarmState, WaterfallState, EncoderState)
+_Part = TypeVar("_Part", OrderState, ChannelState, AlarmState, WaterfallState, EncoderState, GearsState)
 
 
 def _part(kind: type[_Part], stored: Mapping[str, Any] | None) -> _Part:
@@ -273,6 +277,7 @@ class SourceState:
         channels: stages up to the forecast, by channel.
         alarms: by channel.
         waterfalls: by channel of which spectra are kept.
+        gears: by channel whose wheels are judged.
         machine: what its channels name, by which those of a bearing are weighed together.
         encoder: errors of the marks of its tacho or encoder.
         latest: record of the latest block that was analysed, or None. It is not part of what is stored: the store
@@ -287,6 +292,7 @@ class SourceState:
     machine: MachineState = field(default_factory=MachineState)
     encoder: EncoderState = field(default_factory=EncoderState)
     latest: Record | None = None
+    gears: Mapping[str, GearsState] = field(default_factory=dict[str, GearsState])
 
     @classmethod
     def begin(
@@ -306,6 +312,7 @@ class SourceState:
         """
         source, channels = settings.name, settings.channels
         drawn = [name for name, channel in channels.items() if channel.waterfall.rows > 0]
+        geared = [name for name, channel in channels.items() if channel.gears is not None]
         parts = stored or {}
         states = {name: _part(ChannelState, parts.get(f"channel:{source}:{name}")) for name in channels}
         return cls(
@@ -317,11 +324,12 @@ class SourceState:
             machine=_machine(parts.get(f"machine:{source}"), states),
             encoder=_part(EncoderState, parts.get(f"encoder:{source}")),
             latest=latest,
+            gears={name: _part(GearsState, parts.get(f"gears:{source}:{name}")) for name in geared},
         )
 
     def to_stored(self) -> Stored:
         """Return the parts by name as plain values for JSON, to be committed with the record of the latest block."""
-        kinds = {"channel": self.channels, "alarms": self.alarms, "waterfall": self.waterfalls}
+        kinds = {"channel": self.channels, "alarms": self.alarms, "waterfall": self.waterfalls, "gears": self.gears}
         stored = {f"source:{self.source}": self.order.to_dict(), f"machine:{self.source}": self.machine.to_dict()}
         if self.encoder.pattern is not None:
             stored[f"encoder:{self.source}"] = self.encoder.to_dict()

@@ -1,9 +1,9 @@
 """One block of one source through all stages: one state and the block in, one state and one record out.
 
 The stages in order: place in the stream, quality, speed and load, features, onset, name of the damaged part, damage,
-forecast, kept spectra, alarms, what the channels of a bearing say together. Nothing here reads a clock or a file, so
-that a daemon, a restarted one and a replay give the same records, and to roll a block back is to go on with the state
-before it.
+forecast, wheels, kept spectra, alarms, what the channels of a bearing say together. Nothing here reads a clock or a
+file, so that a daemon, a restarted one and a replay give the same records, and to roll a block back is to go on with
+the state before it.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ from monitor.health.channel import ChannelBlock, analyse, check_channel, conclud
 from monitor.health.condition import ConditionSettings, load_of, speed_flags, speed_of
 from monitor.health.crosstalk import ChannelView, beside_neighbours
 from monitor.health.detect import DetectState
+from monitor.health.gears.stage import gear_events, gears_step
 from monitor.health.machine import BearingVerdict
 from monitor.health.machine import step as machine_step
 from monitor.health.output import (
@@ -34,12 +35,12 @@ from monitor.health.output import (
     stage_events,
 )
 from monitor.health.quality import (
-    FLAGS,
     Verdict,
     bands_above_nyquist,
     check_order,
     check_rate,
     rejected,
+    verdict_of_block,
     with_flags,
 )
 from monitor.health.record import Record, storable
@@ -199,7 +200,8 @@ def _analyse(
     for name, found in beside_neighbours(views, analysed).items():
         view = views[name]
         states[name], outputs[name] = conclude(view.state, view.block, view.settings, found)
-    verdict = _block_verdict({name: output.verdict for name, output in outputs.items()}, flags)
+    gears, outputs = gears_step(state.gears, views, outputs)
+    verdict = verdict_of_block({name: output.verdict for name, output in outputs.items()}, flags)
     forecasts: list[dict[str, Any]] = []
     events: list[dict[str, Any]] = []
     for name, output in outputs.items():
@@ -207,6 +209,7 @@ def _analyse(
         forecasts += issued_forecasts(name, output, "thesis" if damage is None else damage.forecast_method)
         events += stage_events(name, states[name].detect, output)
         events += baseline_events(name, block.sequence, output)
+        events += gear_events(name, block.sequence, output.gears)
     record = _record(
         block,
         verdict,
@@ -215,7 +218,7 @@ def _analyse(
         events=tuple(events),
     )
     waterfalls, spectra = _spectra(state.waterfalls, block, states, outputs, settings, angles)
-    after = replace(state, channels=states, waterfalls=waterfalls, encoder=encoder)
+    after = replace(state, channels=states, waterfalls=waterfalls, encoder=encoder, gears=gears)
     return after, SourceOutput(record, spectra, outputs)
 
 
@@ -283,17 +286,6 @@ def _channel_block(
 def _time_of(block: Block) -> float | None:
     """Return seconds of the first sample, UTC where dated, else since the first block; None where unknown."""
     return block.start if block.start is not None else block.elapsed
-
-
-def _block_verdict(verdicts: Mapping[str, Verdict], order_flags: tuple[str, ...]) -> Verdict:
-    """Return the verdict on a block: rejected only where all its channels are."""
-    reason = "; ".join(f"{name}: {verdict.reason}" for name, verdict in verdicts.items() if verdict.reason)
-    accepted = [verdict for verdict in verdicts.values() if verdict.accepted]
-    if not accepted:
-        return Verdict(next(iter(verdicts.values())).status, (), reason)
-    raised = {*order_flags, *(flag for verdict in accepted for flag in verdict.flags)}
-    flags = tuple(flag for flag in FLAGS if flag in raised)
-    return Verdict(flags[0] if flags else "ok", flags, reason)
 
 
 def _spectra(

@@ -277,6 +277,7 @@ def _channel_settings(
         trend=TrendSettings(interval=config.forecast.interval),
         waterfall=config.machine.to_waterfall(),
         machine_class=MACHINE_CLASSES.get(config.machine.iso_class or ""),
+        gears=None if config.gear is None else config.gear.to_settings(),
     )
 
 

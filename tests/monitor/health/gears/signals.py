@@ -51,7 +51,7 @@ class Meshing:
             depth += own * np.cos(2 * np.pi * wheel.turns * turns + phase[4])
         x = x * (1.0 + depth)
         if self.impact is not None:
-            at = (turns * gears.by_name[self.impact[0]].turns) % 1.0
-            width = 0.3 / gears.by_name[self.impact[0]].teeth
-            x += self.impact[1] * np.exp(-0.5 * ((at - 0.4) / width) ** 2) * np.sin(2 * np.pi * 2.4 * order * turns)
+            wheel = gears.by_name[self.impact[0]]
+            at = ((turns * wheel.turns) % 1.0 - 0.4) * wheel.teeth
+            x += self.impact[1] * np.exp(-0.5 * (at / 0.3) ** 2) * np.sin(2 * np.pi * 2.4 * at)
         return x + rng.normal(0.0, self.noise, time.size), turns

@@ -1,0 +1,138 @@
+"""The wheels of one channel in one block: angle, averages and indicators, and what is named of them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+from monitor.health.channel import ChannelBlock
+from monitor.health.crosstalk import ChannelView
+from monitor.health.detect import LEARNING
+from monitor.health.gears.angle import angle_of_mesh
+from monitor.health.gears.average import wheel_average
+from monitor.health.gears.indicators import gear_indicators, shared_orders
+from monitor.health.gears.naming import (
+    GearNamingSettings,
+    GearsInput,
+    GearsOutput,
+    GearsState,
+    WheelReading,
+    step,
+)
+from monitor.health.gears.settings import GearSettings
+from monitor.health.output import ChannelOutput
+from monitor.health.rotation.rotation import Rotation
+from monitor.health.state import ChannelSettings
+
+_SPREAD = 3.0
+"""Standard deviations of a known speed within which the mesh is sought."""
+_LEAST_ERROR = 1e-3
+"""Least relative range of that search: a shaft does not keep its mean speed."""
+
+
+def gears_step(
+    states: Mapping[str, GearsState], views: Mapping[str, ChannelView], outputs: Mapping[str, ChannelOutput]
+) -> tuple[dict[str, GearsState], dict[str, ChannelOutput]]:
+    """Take a block into the states of the wheels, by channel.
+
+    A block that may not enter a baseline leaves them as they are; its wheels have the status "bad_block".
+
+    Args:
+        states: of the channels of machines with gears.
+        views: the channels of the source, with their blocks.
+        outputs: of the stages before, by channel.
+
+    Returns:
+        The states after the block, and all outputs with what is said of the wheels.
+    """
+    after, found = dict(states), dict(outputs)
+    for name, state in states.items():
+        block, settings, output = views[name].block, views[name].settings, outputs[name]
+        if settings.gears is None or not block.verdict.accepted:
+            continue
+        usable = block.verdict.for_baseline
+        given = GearsInput(
+            block.sequence,
+            wheel_readings(block, settings, settings.gears, output) if usable else bad_block(settings.gears),
+            None if output.features is None else output.features.speed,
+            block.load.value,
+            learning=output.stage == LEARNING,
+        )
+        after[name], said = step(state, given, settings.gears, rules_of(settings))
+        found[name] = replace(output, gears=said)
+    return after, found
+
+
+def rules_of(settings: ChannelSettings) -> GearNamingSettings:
+    """Return rate and persistence as those of the detector."""
+    rules = settings.detect
+    return GearNamingSettings(rules.false_alarms_per_1000_blocks, rules.persist_blocks, rules.close_blocks)
+
+
+def bad_block(gears: GearSettings) -> dict[str, WheelReading]:
+    """Return the readings of a block that is not used."""
+    return {"|".join(group): WheelReading("bad_block") for group in gears.groups()}
+
+
+def wheel_readings(
+    block: ChannelBlock, settings: ChannelSettings, gears: GearSettings, output: ChannelOutput
+) -> dict[str, WheelReading]:
+    """Return what a block says of each wheel, those that turn alike joined by "|".
+
+    The angle is that of the block where there is one, else that of the mesh.
+    """
+    rotation = block.rotation
+    if rotation is None:
+        rotation = _angle(block, settings, gears, output)
+    found: dict[str, WheelReading] = {}
+    for group in gears.groups():
+        found["|".join(group)] = _reading(block, gears, group, rotation)
+    return found
+
+
+def _angle(
+    block: ChannelBlock, settings: ChannelSettings, gears: GearSettings, output: ChannelOutput
+) -> Rotation | None:
+    """Return the angle that the mesh shows near the speed of the block."""
+    features = output.features
+    if features is None or features.speed is None:
+        return None
+    shaft = features.shaft
+    error = settings.condition.speed_tolerance if shaft is None else _SPREAD * shaft.sd / shaft.speed
+    return angle_of_mesh(block.samples, block.rate, features.speed, max(error, _LEAST_ERROR), gears)
+
+
+def _reading(
+    block: ChannelBlock, gears: GearSettings, group: tuple[str, ...], rotation: Rotation | None
+) -> WheelReading:
+    wheels = [gears.by_name[name] for name in group]
+    turns, teeth = wheels[0].turns, tuple(sorted({wheel.teeth for wheel in wheels}))
+    average, status = wheel_average(block.samples, block.rate, rotation, turns, teeth)
+    if average is None:
+        return WheelReading(status)
+    others = [wheel.turns for wheel in gears.wheels if wheel.name not in group and not _holds(wheel.turns, turns)]
+    shared = shared_orders(turns, average.lines.size, others)
+    return WheelReading(status, gear_indicators(average, teeth, shared), average.turns)
+
+
+def _holds(slower: float, turns: float) -> bool:
+    """Tell whether a turn of a slower wheel is a whole number of turns of another: it has all orders of that one."""
+    ratio = turns / slower
+    return round(ratio) > 1 and abs(ratio / round(ratio) - 1.0) < 1e-6
+
+
+def gear_events(channel: str, sequence: int, output: GearsOutput | None) -> list[dict[str, Any]]:
+    """Return the event of a wheel that is named from a block on, or no longer; one or none."""
+    if output is None or not output.changed:
+        return []
+    return [
+        {
+            "kind": "fault_changed",
+            "channel": channel,
+            "block": sequence,
+            "from": None if output.replaced is None else f"gear:{output.replaced}",
+            "to": output.fault,
+            "gear_kind": output.kind,
+        }
+    ]
