@@ -8,11 +8,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from models.bearing import from_catalogue
 from models.dynamics.gear_train import simulate_train
+from models.gears.bearings import RollingSupport, with_bearings
 from models.gears.damping import mesh_mass, with_rayleigh
 from models.gears.linear import matrices, mean_state, natural_frequencies
 from models.gears.mesh import MeshStiffness
 from models.gears.train import Body, GearTrain, Mesh, Support, Torsion, Wheel, alike, line_of_action
+from models.hertz import mean_bearing_stiffness
 
 ANGLE = math.radians(20.0)
 RADIUS = 0.0695
@@ -179,3 +182,42 @@ def test_motion_is_that_of_the_linear_matrices_while_flanks_touch() -> None:
     turned = modes.shapes[:, modes.frequencies > 0.0]
     kept = turned @ (turned.T * parts.mass)
     np.testing.assert_allclose(found @ kept.T, expected @ kept.T, rtol=0.0, atol=3e-8 * np.abs(expected).max())
+
+
+def test_a_support_has_the_stiffness_of_its_bearing_at_the_mean_force() -> None:
+    train, bearing = pair(), from_catalogue("6206")
+    found = with_bearings(train, [RollingSupport("a", bearing, 8e9, 5e-6)])
+    force = mean_state(train).support_force["a"]
+    load, angle = float(np.hypot(*force)), math.atan2(force[1], force[0])
+    turn = np.array([[math.cos(angle), -math.sin(angle)], [math.sin(angle), math.cos(angle)]])
+    expected = turn @ mean_bearing_stiffness(bearing, load, 8e9, clearance=5e-6) @ turn.T
+    stiffness = np.array(found.body("first").supports[0].stiffness)
+    np.testing.assert_allclose(stiffness, expected, rtol=0.01, atol=0.005 * expected[0, 0])
+    assert found.body("second") == train.body("second")
+    assert mean_state(found).mesh_force == pytest.approx(mean_state(train).mesh_force)
+
+
+def test_two_bearings_and_a_spring_share_the_force_of_their_body() -> None:
+    train, bearing = pair(), from_catalogue("6206")
+    body = train.bodies[0]
+    held = replace(body, supports=(*body.supports, Support("c", alike(1.0)), Support("d", alike(1e6))))
+    both = [RollingSupport(name, bearing, 8e9) for name in ("a", "c")]
+    stiffness = [
+        support.stiffness
+        for support in with_bearings(replace(train, bodies=(held, train.bodies[1])), both).body("first").supports
+    ]
+    assert stiffness[0] == stiffness[1]
+    assert stiffness[2] == alike(1e6)
+    # Half the force on one bearing: less than the stiffness with all of it, more than half.
+    alone = with_bearings(train, both[:1]).body("first").supports[0].stiffness
+    assert 0.5 < stiffness[0][1][1] / alone[1][1] < 1.0
+
+
+def test_a_bearing_without_load_is_refused() -> None:
+    bearing = RollingSupport("a", from_catalogue("6206"), 8e9)
+    with pytest.raises(ValueError, match="no mean force loads"):
+        with_bearings(pair(load=0.0), [bearing])
+    with pytest.raises(ValueError, match="no support 'x'"):
+        with_bearings(pair(), [replace(bearing, support="x")])
+    weighted = with_bearings(pair(load=0.0), [bearing], forces={"first": (0.0, -60.0)})
+    assert weighted.body("first").supports[0].stiffness[1][1] > 1e6
