@@ -91,18 +91,22 @@ def draw_gears(seed: int, db: float = MAX_DB, state: GearState | None = None) ->
 
 
 def geared(seed: int, plan: Plan, gears: GearDraw) -> Seeded:
-    """Return the record of a plan with gears; ``plan`` has none of ``seeded_faults``."""
+    """Return the record of a plan with gears, in place of those of ``seeded_faults`` where it has some."""
     record = realise(replace(plan, gear=None))
-    x = record.samples.astype(np.float64)
-    added = gear_vibration(np.random.default_rng([31, seed]), plan, gears, x.size)
-    level = band_rms(noise_of(plan), plan) * 10.0 ** (gears.db / 20.0)
-    added *= level / max(band_rms(added, plan), 1e-30)
-    return Seeded(record.plan, (x + added).astype(np.float32), record.line)
+    return replace(record, samples=record.samples + added_gears(seed, plan, gears))
 
 
-def below_gears(plan: Plan, gears: GearDraw, db: float) -> Plan:
-    """Return the plan with damage whose RMS in the band is ``db`` over that of the gears."""
-    return replace(plan, level=10.0 ** ((gears.db + db) / 20.0))
+def added_gears(seed: int, plan: Plan, gears: GearDraw) -> NDArray[np.float32]:
+    """Return the vibration of gears at their level over the noise of a plan, shape (n,)."""
+    noise = noise_of(plan)
+    added = gear_vibration(np.random.default_rng([31, seed]), plan, gears, noise.size)
+    level = band_rms(noise, plan) * 10.0 ** (gears.db / 20.0)
+    return (added * (level / max(band_rms(added, plan), 1e-30))).astype(np.float32)
+
+
+def level_below(gears: GearDraw, db: float) -> float:
+    """Return the level of damage, as of ``Plan.level``, whose RMS in the band is ``db`` over that of the gears."""
+    return 10.0 ** ((gears.db + db) / 20.0)
 
 
 def gear_vibration(rng: np.random.Generator, plan: Plan, gears: GearDraw, n: int) -> NDArray[np.float64]:

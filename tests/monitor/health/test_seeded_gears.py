@@ -14,10 +14,10 @@ from benchmarks.seeded_gears import (
     GEAR_LIVES,
     GEAR_TRAINING,
     GearState,
-    below_gears,
     draw_gears,
     gear_vibration,
     geared,
+    level_below,
 )
 
 # (seed, speed, first samples) as before there were gears of another kind.
@@ -71,5 +71,5 @@ def test_loaded_gears_are_lines_of_the_mesh_and_the_turns_of_both_wheels() -> No
 
 def test_damage_is_so_far_below_the_gears() -> None:
     gears = draw_gears(SEED, 20.0, "loaded")
-    assert below_gears(plan(), gears, -20.0).level == pytest.approx(1.0)
-    assert below_gears(plan(), gears, -40.0).level == pytest.approx(0.1)
+    assert level_below(gears, -20.0) == pytest.approx(1.0)
+    assert level_below(gears, -40.0) == pytest.approx(0.1)
