@@ -43,6 +43,7 @@ from benchmarks.seeded_gears import (
 )
 from monitor.health.gears.interference import gear_interference
 from monitor.health.gears.settings import GearPairing, GearSettings, GearWheel
+from monitor.health.spectrum.shaft import ACCEPTED
 from monitor.health.state import SourceSettings
 from tests.recordings import judge
 from tests.steps import Steps
@@ -50,9 +51,7 @@ from tests.steps import Steps
 WAYS = ("nothing", "[gear]", "no gears")
 BELOW = tuple(range(0, -45, -5))
 """Level of the damage over that of the gears, dB."""
-TOLERANCE = 0.02
-"""Of the stated speed, as configured by default."""
-RECORDS = 100
+RECORDS = 60
 """Damaged machines."""
 
 
@@ -87,7 +86,7 @@ def settings_with(plan: Plan, gears: GearDraw, way: str) -> SourceSettings:
     if way != "[gear]":
         return settings
     wheels = GearWheel("driver", gears.driver, 1.0), GearWheel("driven", gears.driven, gears.turns)
-    lines = gear_interference(GearSettings(wheels, (GearPairing("driver", "driven"),)), TOLERANCE)
+    lines = gear_interference(GearSettings(wheels, (GearPairing("driver", "driven"),)), ACCEPTED)
     channels = {name: replace(channel, interference=lines) for name, channel in settings.channels.items()}
     return replace(settings, channels=channels)
 

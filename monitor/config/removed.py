@@ -5,16 +5,16 @@ from __future__ import annotations
 from monitor.config.load import Config
 from monitor.health.gears.interference import gear_interference
 from monitor.health.spectrum.interference import Interference
+from monitor.health.spectrum.shaft import ACCEPTED
 
 
 def removed_lines(config: Config) -> tuple[Interference, ...]:
     """Return all lines that are removed, in the order of the file, those of ``[gear]`` last.
 
-    The lines of gears are sought as far as the speed may be off.
+    The lines of gears are sought as far as the shaft itself is, unless its speed is exact.
     """
     found = tuple(section.to_interference() for section in config.interference)
     if config.gear is None:
         return found
-    operating = config.operating
-    doubt = 0.0 if operating.speed_exact else operating.speed_tolerance
-    return found + gear_interference(config.gear.to_settings(), max(Interference.tolerance, doubt))
+    tolerance = Interference.tolerance if config.operating.speed_exact else ACCEPTED
+    return found + gear_interference(config.gear.to_settings(), tolerance)

@@ -24,6 +24,8 @@ _STANDS_OUT = 12.0
 _PRESENT, _PRESENT_SD = 0.7, 3.0
 """A comb is removed if its lines stand higher than the places midway between by this, in mean log power, and by this
 over the root of their number: damage lifts both alike."""
+_HIGH = 4.6
+"""Mean log power of the harmonics of a mesh over the noise from which it is there, whatever stands between: 20 dB."""
 _CORE_BINS, _WANDER = 6.0, 5e-4
 """Least half width of a line: bins, as the spectrum is of the samples as they are, and share of its frequency, as no
 speed is constant over a block."""
@@ -173,7 +175,10 @@ def remove_lines(
         places = np.add.outer(centres, sides).ravel() / resolution
         places = places[(places >= first) & (places <= last)]
         lowest = places[: _SOUGHT * sides.size]
-        if lowest.size and _is_present(spectrum, lowest, spacing / resolution):
+        if lowest.size and (
+            _is_present(spectrum, lowest, spacing / resolution)
+            or (comb.beside and _stand_high(spectrum, centres[:_SOUGHT] / resolution, comb.fundamental / resolution))
+        ):
             _limit(spectrum, places, spacing / resolution, first, last)
 
 
@@ -187,6 +192,18 @@ def _is_present(spectrum: NDArray[np.complexfloating], places: NDArray[np.float6
         highest: NDArray[np.floating] = _power(spectrum, middles, reach).max(axis=1)
         levels.append(float(np.mean(np.log(np.maximum(highest, tiny)))))
     return levels[0] - max(levels[1:]) > _PRESENT + _PRESENT_SD / math.sqrt(places.size)
+
+
+def _stand_high(spectrum: NDArray[np.complexfloating], centres: NDArray[np.float64], spacing: float) -> bool:
+    """Return whether the harmonics of a mesh (in bins) stand high over the noise.
+
+    Its sidebands, of two wheels, may be so close together that the places between them tell nothing.
+    """
+    reach = max(1, math.ceil(_WANDER * float(centres.max())))
+    highest: NDArray[np.floating] = _power(spectrum, centres, reach).max(axis=1)
+    tiny = float(np.finfo(np.float32).tiny)
+    over = np.maximum(highest, tiny) / np.maximum(_noise(spectrum, centres, spacing), tiny)
+    return float(np.mean(np.log(over))) > _HIGH
 
 
 def _limit(

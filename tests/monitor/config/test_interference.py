@@ -136,8 +136,8 @@ def with_gears(operating: Mapping[str, object]) -> Config:
     return validate({**values, "operating": {"speed_hz": 30.0, **operating}}, Path("machine.toml"))
 
 
-def test_the_meshes_of_gears_are_removed_by_themselves_as_far_as_the_speed_may_be_off() -> None:
-    for operating, tolerance in (({}, 0.02), ({"speed_exact": True}, 0.005), ({"speed_tolerance": 0.001}, 0.005)):
+def test_the_meshes_of_gears_are_removed_by_themselves_as_far_as_the_shaft_is_sought() -> None:
+    for operating, tolerance in (({}, 0.085), ({"speed_exact": True}, 0.005)):
         config = with_gears(operating)
         (channel,) = source_settings(config, config.source[0]).channels.values()
         mains, gear = channel.interference

@@ -17,7 +17,14 @@ from monitor.health.gears.settings import GearPairing, GearSettings, GearWheel
 from monitor.health.naming import name_fault
 from monitor.health.spectrum.family import FaultLines
 from monitor.health.spectrum.features import BlockFeatures, FeatureSettings, block_features, fundamentals
-from monitor.health.spectrum.interference import MIN_SPACING_BINS, Comb, Interference, all_combs, wheel_turns
+from monitor.health.spectrum.interference import (
+    MIN_SPACING_BINS,
+    Comb,
+    Interference,
+    all_combs,
+    remove_lines,
+    wheel_turns,
+)
 from tests.signals import bearing_lines, impacts
 
 RATE, BAND, SPEED = 25600.0, (1000.0, 9000.0), 30.0
@@ -120,3 +127,22 @@ def test_the_part_is_named_unless_a_wheel_turns_as_often_as_it_is_hit() -> None:
     order = found.families[0]["outer"].fundamental / SPEED
     for turns, fault in (((), "outer"), ((1.0, 0.32), "outer"), ((1.0, order), None)):
         assert name_fault(found.sought[0], lines, found.families[0], verified=True, turns=turns).fault == fault
+
+
+def test_a_loud_mesh_is_removed_although_its_sidebands_leave_no_room_between_them() -> None:
+    # 19 and 25 teeth at 3 Hz for 8 s: lines of both wheels are 6 bins apart, and closer.
+    n, speed = round(8 * RATE), 3.0
+    turned = speed * np.arange(n) / RATE
+    height = (1.0 + 0.7 * np.cos(2 * np.pi * turned)) * (1.0 + 0.7 * np.cos(2 * np.pi * 19 / 25 * turned))
+    rng = np.random.default_rng(3)
+    x = 2.0 * height * sum(np.cos(2 * np.pi * 19 * k * turned + k * k) for k in range(5, 60)) + rng.standard_normal(n)
+    combs = all_combs(gear_interference(train(19, 25)), speed)
+    before = np.fft.rfft(x)
+    after = before.copy()
+    remove_lines(after, RATE / n, combs, *BAND)
+    inside = slice(round(BAND[0] * 8), round(BAND[1] * 8))
+    assert np.sum(np.abs(after[inside]) ** 2) < 0.5 * np.sum(np.abs(before[inside]) ** 2)
+    quiet = np.fft.rfft(rng.standard_normal(n))
+    kept = quiet.copy()
+    remove_lines(kept, RATE / n, combs, *BAND)
+    assert np.array_equal(kept, quiet)
