@@ -2,13 +2,27 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from monitor.commands import option
 from monitor.commands.common import InputError, check_suffix, emit
-from monitor.commands.gear_kinematics import kinematic_lines, kinematic_values, read_gears
+from monitor.commands.gear_kinematics import GearInput, kinematic_lines, kinematic_values, read_gears
+
+if TYPE_CHECKING:
+    from monitor.commands.gear_forces import GearRun
+    from monitor.commands.gear_transfer import Casing
+
+_FILES: dict[str, tuple[tuple[str, ...], str | None]] = {
+    "csv": ((".csv",), None),
+    "frf": ((".csv", ".uff", ".unv"), None),
+    "atv": ((".csv", ".npz"), "frf"),
+    "wav": ((".wav",), "frf"),
+}
+"""Options that name a file: what it may end in, and the option without which it has no use."""
 
 
 @click.command("gear")
@@ -16,18 +30,21 @@ from monitor.commands.gear_kinematics import kinematic_lines, kinematic_values, 
 @option.config
 @click.option("--speed-hz", type=option.POSITIVE, help="Of the bearings' shaft; default: that of [operating].")
 @click.option("--duration-s", type=click.FloatRange(0.01, 60.0), default=1.0, help="Of the motion; whole turns.")
-@click.option("--rate-hz", type=click.FloatRange(1000.0, 1e6), default=51200.0, help="Instants a second.")
-@click.option("--csv", "csv_path", type=option.OUT_FILE, help="Write the forces over time.")
+@click.option("--rate-hz", type=click.FloatRange(1000.0, 1e7), help="Instants a second; default 51200 or more.")
+@click.option("--csv", type=option.OUT_FILE, help="Write the forces over time.")
+@click.option("--frf", type=option.FILE, help="Responses of the casing to the bearings (CSV, UFF58).")
+@click.option("--atv", type=option.FILE, help="Acoustic transfer vectors of the surface (.npz, .csv).")
+@click.option("--wav", type=option.OUT_FILE, help="Write the sound at the microphones.")
 @option.output
 def command(
     stages: tuple[str, ...],
     config_path: Path | None,
     speed_hz: float | None,
     duration_s: float,
-    rate_hz: float,
-    csv_path: Path | None,
+    rate_hz: float | None,
     as_json: bool,
     quiet: bool,
+    **files: Path | None,
 ) -> None:
     """Print speeds, mesh orders and frequencies, sidebands and hunting teeth of a gear train.
 
@@ -35,27 +52,76 @@ def command(
     the next. The speed is that of the first shaft, or of bearing_shaft of [gear].
 
     Where [gear] has [[gear.shaft]], its motion is computed too: natural frequencies, forces of meshes and bearings,
-    loss of contact.
+    loss of contact. With --frf they become accelerations and third-octave levels; with --atv, or where the responses
+    are pressures, sound.
     """
-    del quiet
+    for name, (suffixes, needs) in _FILES.items():
+        path = files[name]
+        if path is None:
+            continue
+        check_suffix(f"--{name}", path, suffixes)
+        if needs is not None and files[needs] is None:
+            raise InputError(f"--{name} {path}: needs --{needs}")
     given = read_gears(config_path, stages)
     speed = speed_hz if speed_hz is not None else given.config.operating.speed_hz
-    values, lines = kinematic_values(given.gear, speed), []
-    wanted = [name for name, path in (("--csv", csv_path),) if path is not None]
-    if csv_path is not None:
-        check_suffix("--csv", csv_path, (".csv",))
+    values: dict[str, Any] = kinematic_values(given.gear, speed) | {"train": None, "casing": None, "sound": None}
+    lines = [*kinematic_lines(values)]
     if given.gear.shaft:
-        from monitor.commands.gear_forces import build_train, force_lines, force_values, run_train, write_forces
-
-        run = run_train(build_train(given, speed), duration_s, rate_hz)
-        forces = force_values(run)
-        values["train"], lines = forces, [*force_lines(forces)]
-        if csv_path is not None:
-            write_forces(run, csv_path)
-    elif wanted:
+        lines += _add_motion(given, speed, duration_s, rate_hz, files, values)
+    elif wanted := next((name for name, path in files.items() if path is not None), None):
         raise InputError(
-            f"{given.name}: {wanted[0]} needs the train itself: [[gear.shaft]] with mass and inertia, and more"
+            f"{given.name}: --{wanted} needs the train itself: [[gear.shaft]] with mass and inertia, and more"
         )
-    else:
-        values["train"] = None
-    emit(values, [*kinematic_lines(values), *lines], as_json=as_json)
+    emit(values, lines, as_json=as_json)
+
+
+def _add_motion(
+    given: GearInput,
+    speed: float | None,
+    duration: float,
+    rate: float | None,
+    files: Mapping[str, Path | None],
+    values: dict[str, Any],
+) -> Iterator[str]:
+    """Add the motion of the train, and what becomes of it, to the values; yield it as text, and write the files."""
+    from monitor.commands.gear_forces import build_train, force_lines, force_values, run_train, write_forces
+
+    builder = build_train(given, speed)
+    casing = None
+    if files["frf"] is not None:
+        from monitor.commands.gear_transfer import read_casing
+
+        casing = read_casing(given.gear, files["frf"], files["atv"])
+        if files["wav"] is not None and casing.pressure is None:
+            raise InputError(f"--wav {files['wav']}: there is no sound; give --atv, or responses in Pa")
+    run = run_train(builder, duration, rate, 0.0 if casing is None else casing.lead)
+    values["train"] = force_values(run)
+    yield from force_lines(values["train"])
+    if files["csv"] is not None:
+        write_forces(run, files["csv"])
+    if casing is not None and run.motion.finite:
+        yield from _add_levels(run, casing, files["wav"], values)
+
+
+def _add_levels(run: GearRun, casing: Casing, wav: Path | None, values: dict[str, Any]) -> Iterator[str]:
+    """Add acceleration and sound to the values; yield them as text, and write the sound."""
+    from monitor.commands.gear_transfer import (
+        felt,
+        motion_lines,
+        motion_values,
+        pressure_lines,
+        pressure_values,
+        write_sound,
+    )
+
+    if casing.motion is not None:
+        values["casing"] = motion_values(felt(run, casing.motion, casing.lead))
+        yield from motion_lines(values["casing"])
+    if casing.pressure is None:
+        return
+    heard = felt(run, casing.pressure, casing.lead)
+    values["sound"] = pressure_values(heard)
+    yield from pressure_lines(values["sound"])
+    if wav is not None:
+        values["sound"]["full_scale_pascal"] = write_sound(heard, wav)
+        yield f"wrote {wav}, full scale at {values['sound']['full_scale_pascal']:g} Pa"

@@ -30,6 +30,8 @@ Array = NDArray[np.float64]
 HARMONICS = 6
 """Harmonics of each mesh of which the forces on the bearings are given."""
 _SAME_LINE = 1e-6
+_RATE, _MESH_SAMPLES = 51200.0, 20
+"""Instants a second, and at least in a mesh period."""
 _STEADY, _STILL = 0.02, 1e-6
 """A motion is settled where the forces of both halves agree to this share of their RMS about the mean, or hardly move
 beside it."""
@@ -95,24 +97,30 @@ class GearRun:
         return "settled" if bool((steady | still).all()) else "not_settled"
 
 
-def run_train(builder: TrainBuilder, duration: float, rate: float) -> GearRun:
+def run_train(builder: TrainBuilder, duration: float, rate: float | None = None, lead: float = 0.0) -> GearRun:
     """Return the motion of the train of a builder over whole turns of its drive, at least one.
 
     Args:
         builder: that was checked.
         duration: wished for, s.
-        rate: instants a second, Hz.
+        rate: instants a second, Hz; by default 51200, doubled until it is high enough for the meshes.
+        lead: that is added before, s.
 
     Raises:
-        InputError: the torques do not press the flanks together that drive, or the rate is below twice a mesh.
+        InputError: the torques do not press the flanks together that drive, or the rate is too low for a mesh.
     """
     from models.dynamics.gear_train import simulate_train
 
     train = builder.build()
-    highest = max(train.mesh_frequencies().values())
-    if rate < 2.0 * highest:
-        raise InputError(f"--rate-hz {rate:g}: expected more than twice the mesh frequency, {2.0 * highest:.6g} Hz")
-    turns = max(1, round(duration * train.speed))
+    needed = _MESH_SAMPLES * max(train.mesh_frequencies().values())
+    if rate is None:
+        rate = _RATE * 2.0 ** max(0, math.ceil(math.log2(needed / _RATE)))
+    if rate < needed:
+        raise InputError(
+            f"--rate-hz {rate:g}: expected at least {_MESH_SAMPLES} times the mesh frequency, {needed:.6g} Hz, as "
+            "there is no filter against aliasing"
+        )
+    turns = max(1, round((duration + lead) * train.speed))
     try:
         motion = simulate_train(train, duration=turns / train.speed, rate=rate)
     except ValueError as error:

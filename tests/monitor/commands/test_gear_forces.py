@@ -89,6 +89,11 @@ def test_a_motion_that_has_not_settled_is_no_settled_one(monkeypatch: pytest.Mon
     assert any("not settled" in line for line in force_lines(force_values(run)))
 
 
+def test_the_rate_follows_a_fast_mesh() -> None:
+    builder = build_train(given(VARIED), 80.0)
+    assert run_train(builder, 0.02).motion.rate == 102400.0
+
+
 @pytest.mark.parametrize("phase", [0.0, 1.1])
 def test_amplitudes_are_peaks_whatever_the_mean(phase: float) -> None:
     time = np.arange(5000) / RATE
@@ -130,7 +135,7 @@ def test_the_command_prints_and_writes(tmp_path: Path) -> None:
         ({**APPENDIX, "load": "driver"}, [], ["gear.load: expected another shaft"]),
         (APPENDIX, ["--csv", "f.txt"], ["--csv f.txt", ".csv"]),
         (APPENDIX, ["--csv", "no/f.csv"], ["--csv no/f.csv", "cannot be written"]),
-        (APPENDIX, ["--rate-hz", "1000", "--speed-hz", "20"], ["--rate-hz 1000", "1480 Hz"]),
+        (APPENDIX, ["--rate-hz", "1000", "--speed-hz", "20"], ["--rate-hz 1000", "20 times", "14800 Hz"]),
         (changed("pair", 0, stiffness_csv="k.csv"), [], ["k.csv", "cannot be read"]),
     ],
 )
