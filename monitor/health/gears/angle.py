@@ -1,33 +1,38 @@
 """The angle of a shaft from the mesh of its gears, where nothing else gives it.
 
-The stated speed is first refined by a comb of mesh lines. Then the phase of the clearest mesh line is followed through
-the block, in parts that are long enough to keep its sidebands apart: a synchronous average over fifty turns of a wheel
-with 23 teeth needs the speed to 1e-5, which no shaft keeps. After Bonnardot et al., doi 10.1016/j.ymssp.2004.05.005.
+The stated speed is first refined by a comb of mesh lines. Then the phase of mesh lines is followed through the block,
+harmonic after harmonic, in parts that are long enough to keep their sidebands apart: a synchronous average over fifty
+turns of a wheel with 23 teeth needs the speed to 1e-5, which no shaft keeps. After Bonnardot et al.,
+doi 10.1016/j.ymssp.2004.05.005.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from monitor.health.gears.settings import GearSettings
-from monitor.health.rotation.rotation import Rotation
+from monitor.health.rotation.rotation import Rotation, constant
 
-LINES = 4
-"""Harmonics of each mesh by which the speed is sought."""
+LINES = 8
+"""Harmonics of each mesh by which the speed is sought and its phase followed: often not the first are high."""
 PART_TURNS = 8.0
 """Turns of the slower wheel of a pair in a part: under a Hann window its sidebands are eight bins from the line."""
 _NOISE_BINS = (3.0, 4.0, 5.0)
 """Bins on both sides of the line that neither it nor its sidebands reach."""
 _SOUGHT_TURNS = 16.0
 """Turns of the slowest wheel in the parts whose mean spectrum is searched."""
-MIN_PARTS = 4
+_OVERLAP = 4
+"""Beginnings of parts in the length of one: the phase must turn by less than half a turn from one to the next."""
+MIN_PARTS = 5
 MAX_PHASE_SD = 0.15
 """Largest error of the phase of the line that is followed, rad: at its third harmonic, the average reads 10 % low."""
-MIN_MARGIN = 1.0
+MAX_STEP = 2.2
+"""Largest step of the phase from part to part, rad: beyond half a turn it would be another one."""
+MIN_MARGIN = 0.7
 """Least mean height of the comb found over that of any other, ln of power: sidebands lie a turn of a wheel away."""
 _OTHER = 0.3
 """Turns of the slowest wheel, in its mesh order, beyond which a speed is another one."""
@@ -80,12 +85,11 @@ def angle_of_mesh(
     found = _sought_speed(samples, rate, (speed, error), lines, slowest)
     if found is None:
         return None
-    best: Rotation | None = None
-    for line in lines:
-        followed = _followed(samples, rate, found, line)
-        if followed is not None and (best is None or followed.turns_sd < best.turns_sd):
-            best = followed
-    return best
+    best = replace(constant(found, samples.size / rate, "phase"), turns_sd=math.inf)
+    for harmonic in range(1, LINES + 1):
+        for line in lines:
+            best = _followed(samples, rate, best, line, harmonic) or best
+    return best if math.isfinite(best.turns_sd) else None
 
 
 def _sought_speed(
@@ -134,33 +138,34 @@ def _mean_power(samples: NDArray[np.floating], rate: float, length: int) -> tupl
     return power / starts.size, rate / n_fft
 
 
-def _followed(samples: NDArray[np.floating], rate: float, speed: float, line: MeshLine) -> Rotation | None:
-    """Return the angle by the phase of a mesh line, from part to part of the block; None where it is not clear."""
-    duration = samples.size / rate
-    length = math.ceil(PART_TURNS / (line.spacing * speed) * rate)
-    parts = 2 * samples.size // length - 1
-    frequency = line.order * speed
-    if parts < MIN_PARTS or frequency > _NYQUIST * rate:
+def _followed(
+    samples: NDArray[np.floating], rate: float, known: Rotation, line: MeshLine, harmonic: int
+) -> Rotation | None:
+    """Return the angle by the phase of one mesh line beside the angle known so far; None where it knows no more."""
+    duration, order = samples.size / rate, line.order * harmonic
+    length = math.ceil(PART_TURNS / (line.spacing * known.mean_speed) * rate)
+    parts = _OVERLAP * (samples.size - length) // length + 1
+    if parts < MIN_PARTS or order * known.mean_speed > _NYQUIST * rate:
         return None
+    time = np.arange(samples.size) / rate
+    mixed = samples * np.exp(-2j * np.pi * order * known.turns_at(time))
     starts = np.linspace(0, samples.size - length, parts).astype(np.intp)
-    window = np.hanning(length + 2)[1:-1]
-    beside = np.array([sign * bins * rate / length for bins in _NOISE_BINS for sign in (-1.0, 1.0)])
-    time = np.arange(length) / rate
-    carrier = window * np.exp(-2j * np.pi * frequency * time)
-    around = np.exp(-2j * np.pi * np.outer(time, beside))
-    values, noise = np.empty(parts, dtype=np.complex128), np.empty(parts)
-    for place, start in enumerate(starts.tolist()):
-        mixed = samples[start : start + length] * carrier
-        values[place] = mixed.sum() * np.exp(-2j * np.pi * frequency * (start / rate))
-        noise[place] = float(np.median(np.square(np.abs(mixed @ around))) / math.log(2.0))
-    phase_sd = math.sqrt(0.5 * float(noise.mean()) / max(float(np.square(np.abs(values)).mean()), 1e-300))
-    if not phase_sd <= MAX_PHASE_SD:
+    cut = mixed[starts[:, None] + np.arange(length)] * np.hanning(length + 2)[1:-1]
+    values = cut.sum(axis=1)
+    bins = np.array([sign * bins for bins in _NOISE_BINS for sign in (-1.0, 1.0)])
+    beside = cut @ np.exp(-2j * np.pi * np.outer(np.arange(length) / length, bins))
+    noise = float(np.median(np.square(np.abs(beside)))) / math.log(2.0)
+    power = float(np.square(np.abs(values)).mean())
+    phase_sd = math.sqrt(0.5 * noise / power) if power > 0.0 else math.inf
+    turns_sd = phase_sd / (2.0 * np.pi * order)
+    steps = np.abs(np.angle(values[1:] * np.conj(values[:-1])))
+    if phase_sd > MAX_PHASE_SD or turns_sd >= known.turns_sd or float(steps.max()) > MAX_STEP:
         return None
     middles = np.asarray((starts + 0.5 * (length - 1)) / rate, dtype=np.float64)
-    turns = speed * middles + np.unwrap(np.angle(values)) / (2.0 * np.pi * line.order)
+    turns = known.turns_at(middles) + np.unwrap(np.angle(values)) / (2.0 * np.pi * order)
     slope = np.asarray(np.gradient(turns, middles), dtype=np.float64)
     try:
-        return Rotation(middles, turns, slope, duration, "phase", phase_sd / (2.0 * np.pi * line.order), 0.0)
+        return Rotation(middles, turns, slope, duration, "phase", turns_sd, 0.0)
     except ValueError:
         # The phase is lost: the shaft would turn back.
         return None

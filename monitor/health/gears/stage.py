@@ -6,6 +6,9 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from monitor.health.channel import ChannelBlock
 from monitor.health.crosstalk import ChannelView
 from monitor.health.detect import LEARNING
@@ -85,10 +88,14 @@ def wheel_readings(
     rotation = block.rotation
     if rotation is None:
         rotation = _angle(block, settings, gears, output)
-    found: dict[str, WheelReading] = {}
-    for group in gears.groups():
-        found["|".join(group)] = _reading(block, gears, group, rotation)
-    return found
+    return readings_of(block.samples, block.rate, rotation, gears)
+
+
+def readings_of(
+    samples: NDArray[np.floating], rate: float, rotation: Rotation | None, gears: GearSettings
+) -> dict[str, WheelReading]:
+    """Return what samples, shape (sample,), say of each wheel by the angle of the bearing's shaft over them."""
+    return {"|".join(group): _reading(samples, rate, rotation, (gears, group)) for group in gears.groups()}
 
 
 def _angle(
@@ -104,11 +111,15 @@ def _angle(
 
 
 def _reading(
-    block: ChannelBlock, gears: GearSettings, group: tuple[str, ...], rotation: Rotation | None
+    samples: NDArray[np.floating],
+    rate: float,
+    rotation: Rotation | None,
+    wanted: tuple[GearSettings, tuple[str, ...]],
 ) -> WheelReading:
+    gears, group = wanted
     wheels = [gears.by_name[name] for name in group]
     turns, teeth = wheels[0].turns, tuple(sorted({wheel.teeth for wheel in wheels}))
-    average, status = wheel_average(block.samples, block.rate, rotation, turns, teeth)
+    average, status = wheel_average(samples, rate, rotation, turns, teeth)
     if average is None:
         return WheelReading(status)
     others = [wheel.turns for wheel in gears.wheels if wheel.name not in group and not _holds(wheel.turns, turns)]
