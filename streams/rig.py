@@ -25,6 +25,7 @@ from models.scene import EFFECTS, PARTS, Floor, Scene
 from models.shaft_marks import ShaftMarks, time_of_turns
 from models.speed_profile import SpeedProfile, constant
 from streams.block import STANDARD_GRAVITY, Block
+from streams.rig_gears import OPTIONS, RigGears, gear_sound, gears_of
 from streams.rig_life import THRESHOLD, draw_life, perturbed
 from streams.rig_machine import Machine, machine_of
 from streams.rig_running import RUNS, TACHO_CHANNEL, Running
@@ -41,6 +42,10 @@ INTERVAL = 300.0
 
 _PATH = (1.0, 0.03, 0.02)
 """Share of the test bearing's vibration that reaches each sensor."""
+_PATH_OF_GEARS = np.array([1.0, 0.7, 0.7], dtype=np.float32)
+"""The same of the gears."""
+_BACKGROUND = 0.05 * STANDARD_GRAVITY
+"""RMS of the broadband noise, m/s2."""
 _TRIED_SECONDS = 0.05
 """Time over which a model is tried on the worst damage."""
 _REPEATED_SECONDS = 0.5
@@ -65,12 +70,13 @@ class SimulatedRig:
         speed: float = 40.0,
         machine: Machine | None = None,
         running: Running | None = None,
+        gears: RigGears | None = None,
     ) -> None:
         """Draw the life of a bearing; load in N, shaft speed in Hz.
 
         ``healthy_blocks`` come before the damage, ``blocks`` in all; None: until V_eq is 1.3 times the threshold. The
         true parameters deviate from the nominal ones of the machine. ``running`` says how the shaft turns, by default
-        steadily; its speed counts.
+        steadily; its speed counts. ``gears`` run beside the bearing.
 
         Raises:
             ValueError: the model does not describe how the shaft turns.
@@ -81,6 +87,7 @@ class SimulatedRig:
         self.running = Running(speed=speed) if running is None else running
         self.load, self.speed = load, self.running.speed
         self.machine = machine_of() if machine is None else machine
+        self.gears = gears
         self._check_running()
         self.bearing = self.machine.bearing
         self.rig: AnyRig = perturbed(self.machine.nominal, rng)
@@ -115,7 +122,8 @@ class SimulatedRig:
     @property
     def limits(self) -> tuple[str, ...]:
         """What differs from the bench of the thesis, in sentences; raises as ``sensor``."""
-        return () if self.machine.is_bench else tuple(self.machine.limits(self.sensor))
+        gears = () if self.gears is None else (self.gears.words,)
+        return gears if self.machine.is_bench else (*self.machine.limits(self.sensor), *gears)
 
     def __len__(self) -> int:
         """Return how many blocks there are."""
@@ -188,6 +196,8 @@ class SimulatedRig:
         samples = np.empty((len(self.channels), casing.size), dtype=np.float32)
         for row in range(len(CHANNELS)):
             samples[row] = self.machine.gain * _PATH[row] * casing + level * self._background(rng, speed, time)
+        if self.gears is not None:
+            samples[: len(CHANNELS)] += np.multiply.outer(_PATH_OF_GEARS, self._gear(sequence, turns))
         if self.running.marks is not None:
             samples[-1] = self._tacho(sequence, turns)
         return self._block(sequence, samples), turns
@@ -226,6 +236,13 @@ class SimulatedRig:
         time_at = time_of_turns(turns, RATE) if self.machine.model == AngularRig.model else profile.time_at
         return self.running.tacho(time_at, profile, sequence, turns.size, RATE)
 
+    def _gear(self, sequence: int, turns: NDArray[np.float64]) -> NDArray[np.float32]:
+        """Return the acceleration of the gears at the shaft's turns, m/s2, in a block that begins anywhere."""
+        assert self.gears is not None
+        heard = gear_sound(self.gears, self.speed, self.running.fastest, self.seed, RATE, _BACKGROUND)
+        begin = np.random.default_rng([self.seed, 6, sequence]).uniform(0.0, heard.turns)
+        return heard.at(turns + begin, RATE).astype(np.float32)
+
     @cached_property
     def _healthy(self) -> Response:
         return self._simulate(self.scene(0, self.speed, self.load))
@@ -235,9 +252,9 @@ class SimulatedRig:
         """What tells the blocks of other machines from those of the bench of the thesis."""
         machine = self.machine
         named = "" if machine.is_bench else f"{machine.model}-{machine.bearing.designation}-"
-        if self.running == Running(speed=self.speed):
-            return named
-        return named + hashlib.blake2b(repr(self.running).encode(), digest_size=6).hexdigest() + "-"
+        others = (None if self.running == Running(speed=self.speed) else self.running, self.gears)
+        hashes = (hashlib.blake2b(repr(one).encode(), digest_size=6).hexdigest() for one in others if one is not None)
+        return named + "".join(f"{one}-" for one in hashes)
 
     def _simulate(self, scene: Scene, duration: float | None = None) -> Response:
         """Return the response to a scene over a time, s; None is as long as a block needs.
@@ -265,7 +282,7 @@ class SimulatedRig:
     @staticmethod
     def _background(rng: np.random.Generator, speed: float, t: NDArray[np.float64]) -> NDArray[np.float32]:
         """Return shaft harmonics and broadband noise of 50 mg, m/s2; ``t``: times at which the shaft has a speed, s."""
-        noise = rng.standard_normal(t.size, dtype=np.float32) * np.float32(0.05 * STANDARD_GRAVITY)
+        noise = rng.standard_normal(t.size, dtype=np.float32) * np.float32(_BACKGROUND)
         for order, amplitude in ((1, 0.02), (2, 0.03), (3, 0.01)):
             phase = float(rng.uniform(0.0, 2.0 * np.pi))
             tone = amplitude * STANDARD_GRAVITY * np.cos(2.0 * np.pi * order * speed * t + phase)
@@ -295,17 +312,11 @@ _OPTIONS = {
     "tacho_jitter_us": float,
     "tacho_missing": float,
     "tacho_extra": float,
+    **OPTIONS,
 }
+_FROM_ZERO = ("tacho_error_deg", "tacho_jitter_us", "tacho_missing", "tacho_extra")
 _OF_MACHINE = ("model", "bearing", "sensor", "gain")
-_NOT_NEGATIVE = (
-    "seed",
-    "slip_deg",
-    "hunt_percent",
-    "tacho_error_deg",
-    "tacho_jitter_us",
-    "tacho_missing",
-    "tacho_extra",
-)
+_NOT_NEGATIVE = ("seed", "slip_deg", "hunt_percent", "gear_eccentricity_um", *_FROM_ZERO)
 _OF_RUN = {"speed_hz": "speed", "speed_to_hz": "speed_to", "run": "run", "run_s": "seconds", "hunt_hz": "hunt_hz"}
 _OF_MARKS = {"tacho_missing": ("missing", 1.0), "tacho_extra": ("extra", 1.0), "tacho_jitter_us": ("jitter", 1e-6)}
 
@@ -329,6 +340,7 @@ def open_rig(url: str, name: str) -> SimulatedRig:
             seed,
             **{argument: options.pop(key) for key, argument in kept.items() if key in options},
             machine=machine_of(**chosen),
+            gears=gears_of({key: options.pop(key) for key in OPTIONS if key in options}),
             running=_running(options, seed),
         )
         if not opened.machine.is_bench or opened.running != Running(speed=opened.speed):
@@ -356,7 +368,7 @@ def _options(url: str, where: str) -> dict[str, Any]:
             raise SourceError(f"{where}: {key}={value!r} is not a number") from None
         if _OPTIONS[key] is str or (key in _NOT_NEGATIVE and options[key] >= 0):
             continue
-        if key != "seed" and not options[key] > 0:
+        if key not in ("seed", "gear_db") and not options[key] > 0:
             raise SourceError(f"{where}: {key} must be positive, got {value}")
     return options
 

@@ -70,6 +70,11 @@ class Running:
             return self.speed_to
         return self.speed * {"ramp": 4.0, "coast": 0.25}.get(self.run, 1.0)
 
+    @property
+    def fastest(self) -> float:
+        """Highest speed of a run, Hz."""
+        return self.speed * (1.0 + self.share) if self.run == "hunt" else max(self.speed, self.end)
+
     def profile(self, seed: int, sequence: int, seconds: float) -> SpeedProfile:
         """Return the rotation over a block of so many seconds."""
         rng = np.random.default_rng([seed, 4, sequence])
