@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from models.gears.iso6336 import iso_stiffness
 from models.gears.linear import natural_frequencies
 from models.gears.train import GearTrain
 from monitor.commands.common import InputError, finite, output_errors
@@ -49,7 +50,7 @@ def build_train(given: GearInput, speed: float | None) -> TrainBuilder:
     """
     if speed is None:
         raise InputError(f"{given.name}: forces need a speed; give --speed-hz or speed_hz of [operating]")
-    builder = TrainBuilder(given.gear, speed)
+    builder = TrainBuilder(given.gear, speed, given.config)
     try:
         builder.check()
     except LocatedError as error:
@@ -148,6 +149,7 @@ def force_values(run: GearRun) -> dict[str, Any]:
     modes = natural_frequencies(run.train)
     torque = run.train.drive_torque()
     return {
+        "faults": [fault.words for fault in run.builder.gear.fault],
         "torque_newton_m": torque,
         "power_kw": 1e-3 * torque * 2.0 * math.pi * run.train.speed,
         "natural_frequencies_hz": [float(value) for value in modes.frequencies],
@@ -162,16 +164,19 @@ def force_values(run: GearRun) -> dict[str, Any]:
 
 
 def _mesh_values(run: GearRun, index: int) -> dict[str, Any]:
-    mesh, pair = run.train.meshes[index], run.builder.gear.pair[index]
-    geometry = run.builder.geometries[index]
+    mesh, model = run.train.meshes[index], run.builder.pairs[index]
     force, error = run.motion.mesh_force[:, index], run.motion.transmission_error[:, index]
     base, mean = mesh.stiffness.base, mesh.stiffness.mean
     return {
         "name": mesh.name,
         "stiffness_newton_per_m": mean,
+        "stiffness_source": model.excitation_words(mesh.stiffness),
+        "iso_6336_newton_per_m": None
+        if (pair := model.geometry) is None
+        else iso_stiffness(pair).mesh * pair.face_width,
         "stiffness_variation": float(np.ptp(base)) / mean,
-        "contact_ratio": pair.contact_ratio if geometry is None else geometry.contact_ratio,
-        "working_angle_deg": math.degrees(run.builder.working_angle(pair)),
+        "contact_ratio": model.contact_ratio,
+        "working_angle_deg": math.degrees(model.working_angle),
         "backlash_um": None if math.isinf(mesh.backlash) else 1e6 * mesh.backlash,
         "force_newton": finite(float(force.mean())),
         "force_rms_newton": finite(float(force.std())),
@@ -199,13 +204,17 @@ def _support_values(run: GearRun, name: str) -> dict[str, Any]:
 def force_lines(values: dict[str, Any]) -> Iterator[str]:
     """Yield what :func:`force_values` found, as text."""
     yield f"drive: {values['torque_newton_m']:.5g} N m, {values['power_kw']:.4g} kW"
+    yield from (f"fault: {words}" for words in values["faults"])
     modes = ", ".join(f"{value:.5g}" for value in values["natural_frequencies_hz"])
     yield f"natural frequencies at mean stiffness: {modes} Hz"
     for mesh in values["meshes"]:
         yield (
             f"mesh {mesh['name']}: stiffness {mesh['stiffness_newton_per_m'] / 1e6:.4g} MN/m, "
-            f"{100 * mesh['stiffness_variation']:.3g} % of it from least to most"
-            + _said(mesh["contact_ratio"], ", contact ratio {:.3f}")
+            f"{mesh['stiffness_source']}, {100 * mesh['stiffness_variation']:.3g} % of it from least to most"
+            + _said(mesh["iso_6336_newton_per_m"] and mesh["iso_6336_newton_per_m"] / 1e6, "; by ISO 6336 {:.4g} MN/m")
+        )
+        yield f"  working angle {mesh['working_angle_deg']:.4g}°" + (
+            _said(mesh["contact_ratio"], ", contact ratio {:.4g}") + _said(mesh["backlash_um"], ", backlash {:.4g} µm")
         )
         yield (
             f"  force {_number(mesh['force_newton'])} N, at most {_number(mesh['force_max_newton'])} N; transmission "

@@ -82,7 +82,18 @@ _SYNONYMS = {
     section: {name: key for key, names in keys.items() for name in names.split()}
     for section, keys in _USUAL_NAMES.items()
 }
-_TABLES = ("bearing", "source", "channel", "interference", "gear.wheel", "gear.pair", "gear.shaft")
+_TABLES = (
+    "bearing",
+    "source",
+    "channel",
+    "interference",
+    "gear.wheel",
+    "gear.pair",
+    "gear.shaft",
+    "gear.support",
+    "gear.torsion",
+    "gear.fault",
+)
 """Sections that are arrays of tables."""
 _UNITS = {
     "mv": ("V", 1e-3),

@@ -20,7 +20,7 @@ from models.rigs.rotor import RotorRig
 from models.rigs.six_dof import Calibration, Rig
 from monitor.config.advice import AdviceSection
 from monitor.config.alarms import AlarmsSection
-from monitor.config.bearing import RING_KEYS, BearingSection, RigSection
+from monitor.config.bearing import RING_KEYS, STIFFNESS_KEYS, BearingSection, RigSection
 from monitor.config.connections import find_loose_ends
 from monitor.config.explain import explain_problems, further_problems, place_words
 from monitor.config.fields import LocatedError, Section
@@ -138,6 +138,10 @@ class Config(Section):
     def owns_rig(self, entry: CatalogueEntry) -> bool:
         """Return whether the contact stiffness of ``[rig]`` is that of a bearing."""
         return self.own_bearing.to_entry().bearing == entry.bearing
+
+    def gives_contact_stiffness(self, entry: CatalogueEntry) -> bool:
+        """Return whether ``[rig]`` states the contact stiffness of a bearing, and not only by its default."""
+        return self.owns_rig(entry) and STIFFNESS_KEYS[entry.bearing.element] in self.rig.model_fields_set
 
     @property
     def own_bearing(self) -> BearingSection:

@@ -36,12 +36,24 @@ class GearSupportSection(Section):
 
     name: Name
     shaft: Name
-    stiffness_newton_per_m: Directions
+    stiffness_newton_per_m: Directions | None = None
+    bearing: str | None = None
+    clearance_um: NotNegative | None = None
+
+    @model_validator(mode="after")
+    def _one_stiffness(self) -> Self:
+        if (self.stiffness_newton_per_m is None) == (self.bearing is None):
+            raise ValueError("give stiffness_newton_per_m, or bearing, whose stiffness at the mean force is computed")
+        if self.clearance_um is not None and self.bearing is None:
+            raise ValueError("clearance_um belongs to bearing")
+        return self
 
     @property
-    def matrix(self) -> tuple[tuple[float, float], tuple[float, float]]:
-        """Stiffness of the directions x and y, N/m."""
+    def matrix(self) -> tuple[tuple[float, float], tuple[float, float]] | None:
+        """Stiffness of the directions x and y, N/m; None where it is that of a bearing."""
         given = self.stiffness_newton_per_m
+        if given is None:
+            return None
         x, y = given if isinstance(given, tuple) else (given, given)
         return ((x, 0.0), (0.0, y))
 

@@ -11,6 +11,7 @@ from pydantic import Field, model_validator
 
 from monitor.config.connections import lost_name
 from monitor.config.fields import LocatedError, Name, NotNegative, Positive, Section
+from monitor.config.gears.faults import GearFaultSection
 from monitor.config.gears.parts import (
     GearPairSection,
     GearShaftSection,
@@ -43,6 +44,7 @@ class GearSection(Section):
     shaft: tuple[GearShaftSection, ...] = ()
     support: tuple[GearSupportSection, ...] = ()
     torsion: tuple[GearTorsionSection, ...] = ()
+    fault: tuple[GearFaultSection, ...] = ()
     wheel: tuple[GearWheelSection, ...] = Field(min_length=2)
     pair: tuple[GearPairSection, ...] = Field(min_length=1)
 
@@ -73,6 +75,9 @@ class GearSection(Section):
             elif both in meshing:
                 yield place, f"the pair of {pair.words} is given twice"
             meshing.add(both)
+        for index, fault in enumerate(self.fault):
+            if fault.wheel not in wheels:
+                yield ("fault", index, "wheel"), f"wheel {lost_name(fault.wheel, list(wheels))}"
         yield from self._lost_shafts()
 
     def _lost_shafts(self) -> Problems:

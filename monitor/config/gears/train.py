@@ -3,24 +3,33 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 
+import numpy as np
+
+from models.bearing import CatalogueEntry, catalogue_entry
+from models.contact_estimates import estimate_stiffness
+from models.errors import WrongInputError
+from models.gears.bearings import RollingSupport, with_bearings
 from models.gears.damping import with_rayleigh
-from models.gears.geometry import GearPair, TipRelief, ToothedWheel
+from models.gears.linear import mean_state
 from models.gears.mesh import MeshStiffness
 from models.gears.phase import begin_of_mesh, turns_between
-from models.gears.rack import BasicRack
-from models.gears.stiffness_csv import GearTableError
-from models.gears.train import Body, GearTrain, Mesh, Support, Torsion, Wheel, line_of_action
+from models.gears.train import Body, GearTrain, Mesh, Support, Torsion, Wheel, alike, line_of_action
 from monitor.config.fields import LocatedError
-from monitor.config.gears.parts import GearPairSection, GearShaftSection, GearWheelSection
+from monitor.config.gears.meshes import PairModel
+from monitor.config.gears.parts import GearPairSection, GearShaftSection, GearSupportSection
 from monitor.config.gears.section import GearSection, Problems
+from monitor.config.load import Config
 from monitor.config.positions import Place
 
-_MM, _UM = 1e-3, 1e-6
 _SAME_RADIUS = 1e-6
+_NO_FORCE = 1e-9
+"""Share of the largest force on a mesh below which none is said to pass."""
+_FIRST_STIFFNESS = 1e8
+"""Of bearings, N/m, until their own is known at the mean force."""
 
 
 @dataclass(frozen=True)
@@ -30,10 +39,12 @@ class TrainBuilder:
     Attributes:
         gear: the section.
         speed: of its ``speed_shaft``, Hz.
+        config: that has the bearings which its supports name; without one they are those of the catalogue.
     """
 
     gear: GearSection
     speed: float
+    config: Config | None = None
 
     def build(self) -> GearTrain:
         """Return the train.
@@ -43,23 +54,44 @@ class TrainBuilder:
                 ``[gear]``.
         """
         self.check()
-        radii = {name: self._base_radii(pair)[side] for pair in self.gear.pair for side, name in enumerate(pair.wheels)}
+        radii = {
+            name: radius
+            for model in self.pairs
+            for name, radius in zip(model.section.wheels, model.base_radii, strict=True)
+        }
+        guess = [MeshStiffness.harmonic(model.teeth, model.mean_stiffness(), []) for model in self.pairs]
         try:
             train = GearTrain(
                 bodies=tuple(self._body(name) for name in self.gear.shafts),
                 wheels=tuple(Wheel(w.name, w.on, w.teeth, radii[w.name]) for w in self.gear.wheel),
-                meshes=tuple(self._meshes(radii)),
+                meshes=tuple(self._meshes(guess)),
                 torsions=tuple(Torsion(*t.shafts, t.stiffness_newton_m_per_rad) for t in self.gear.torsion),
                 drive=self.gear.drive_shaft,
                 speed=self.speed * abs(self.turns[self.gear.drive_shaft]),
             )
+            train = with_bearings(train, [*self._rolling()])
+            train = replace(train, meshes=tuple(self._stiff_meshes(train)))
             return with_rayleigh(train, self.gear.alpha_c_per_s, self._betas, default=self.gear.beta_c_s or 0.0)
-        except ValueError as error:
+        except WrongInputError:
+            raise
+        except (ValueError, RuntimeError) as error:
             raise LocatedError([((), str(error))]) from None
+
+    def _stiff_meshes(self, train: GearTrain) -> Iterator[Mesh]:
+        """Yield the meshes with their stiffness at the mean force."""
+        forces = mean_state(train).mesh_force
+        forces = np.where(forces > _NO_FORCE * forces.max(), forces, 0.0)
+        for index, (mesh, model) in enumerate(zip(train.meshes, self.pairs, strict=True)):
+            try:
+                yield replace(mesh, stiffness=model.stiffness(float(forces[index])))
+            except WrongInputError:
+                raise
+            except ValueError as error:
+                raise LocatedError([(("pair", index), f"{model.section.words}: {error}")]) from None
 
     def check(self) -> None:
         """Raise a LocatedError with all keys that the model lacks and all pairs that cannot mesh."""
-        problems = [*self._missing(), *self._geometry_problems()]
+        problems = [*self._missing(), *self._geometry_problems(), *self._bearing_problems()]
         if problems:
             raise LocatedError(problems)
 
@@ -69,13 +101,15 @@ class TrainBuilder:
         return dict(self.gear.turns())
 
     @cached_property
-    def geometries(self) -> dict[int, GearPair | None]:
-        """The pair of each index of ``[[gear.pair]]``, None where its wheels have no face width."""
-        return {index: self._geometry(pair) for index, pair in enumerate(self.gear.pair)}
+    def pairs(self) -> tuple[PairModel, ...]:
+        """The pairs with their wheels and faults."""
+        wheels = {wheel.name: wheel for wheel in self.gear.wheel}
 
-    @cached_property
-    def _wheels(self) -> dict[str, GearWheelSection]:
-        return {wheel.name: wheel for wheel in self.gear.wheel}
+        def of(pair: GearPairSection) -> PairModel:
+            first, second = (tuple(f for f in self.gear.fault if f.wheel == name) for name in pair.wheels)
+            return PairModel(pair, (wheels[pair.wheels[0]], wheels[pair.wheels[1]]), (first, second))
+
+        return tuple(map(of, self.gear.pair))
 
     @cached_property
     def _shafts(self) -> dict[str, GearShaftSection]:
@@ -100,7 +134,7 @@ class TrainBuilder:
         for index, pair in enumerate(self.gear.pair):
             if pair.module_mm is None:
                 yield ("pair", index, "module_mm"), f"is missing; the model needs it of {pair.words}"
-            yield from self._stiffness_missing(index, pair)
+            yield from self._stiffness_missing(index, self.pairs[index])
         yield from self._torque_problems()
         yield from self._reversed_pairs()
         if self.gear.beta_c_s is None and any(
@@ -108,13 +142,21 @@ class TrainBuilder:
         ):
             yield ("beta_c_s",), "is missing; without damping no motion settles; 0.00001 to 0.001 s are usual"
 
-    def _stiffness_missing(self, index: int, pair: GearPairSection) -> Problems:
-        if pair.stiffness_newton_per_m is not None or pair.stiffness_csv is not None:
-            return
-        yield (
-            ("pair", index, "stiffness_newton_per_m"),
-            f"is missing; the model needs it of {pair.words}, or stiffness_csv",
-        )
+    def _stiffness_missing(self, index: int, model: PairModel) -> Problems:
+        pair = model.section
+        if not model.computed and pair.stiffness_newton_per_m is None and pair.stiffness_csv is None:
+            yield (
+                ("pair", index, "stiffness_newton_per_m"),
+                f"is missing; the model needs it of {pair.words}, or stiffness_csv, or face_width_mm and bore_mm of "
+                "both wheels, from which it is computed",
+            )
+        shaping = [fault for side in model.faults for fault in side if fault.shapes_teeth]
+        if shaping and not model.computed:
+            yield (
+                ("fault", self.gear.fault.index(shaping[0])),
+                f"kind = {shaping[0].kind!r} of wheel {shaping[0].wheel!r} needs the stiffness from the teeth: give "
+                "face_width_mm and bore_mm of both wheels, and neither stiffness_csv nor stiffness_variation",
+            )
 
     def _torque_problems(self) -> Problems:
         given = [key for key in ("torque_newton_m", "power_kw") if getattr(self.gear, key) is not None]
@@ -170,78 +212,63 @@ class TrainBuilder:
         return ends[0] if len(ends) == 1 else None
 
     def _geometry_problems(self) -> Problems:
-        """Yield why a pair cannot be made or mesh."""
+        """Yield why a pair cannot be made or mesh, or does not have its fault."""
         radii: dict[str, float] = {}
-        for index, pair in enumerate(self.gear.pair):
+        for index, model in enumerate(self.pairs):
+            pair, place = model.section, ("pair", index)
             if pair.module_mm is None:
                 continue
-            place: Place = ("pair", index)
+            distance, least = pair.centre_distance_mm, 1e3 * sum(model.base_radii)
             try:
-                self._geometry(pair)
-                own = self._base_radii(pair)
+                assert model.geometry is None or model.geometry.contact_ratio > 0.0
             except ValueError as error:
                 yield place, f"{pair.words}: {error}"
-                continue
-            for name, radius in zip(pair.wheels, own, strict=True):
+            else:
+                if distance is not None and distance <= least:
+                    yield (
+                        (*place, "centre_distance_mm"),
+                        f"expected more than the base radii together, {least:.6g} mm, got {distance:g}",
+                    )
+            for name, radius in zip(pair.wheels, model.base_radii, strict=True):
                 if abs(radii.setdefault(name, radius) / radius - 1.0) > _SAME_RADIUS:
                     yield place, f"wheel {name!r} has another module or pressure angle in another pair"
-            distance = pair.centre_distance_mm
-            if distance is not None and distance * _MM <= sum(own):
-                yield (
-                    (*place, "centre_distance_mm"),
-                    f"expected more than the base radii together, {1e3 * sum(own):.6g} mm, got {distance:g}",
-                )
+        for index, fault in enumerate(self.gear.fault):
+            try:
+                fault.to_fault(self.gear.teeth[fault.wheel])
+            except ValueError as error:
+                yield ("fault", index), f"wheel {fault.wheel!r}: {error}"
 
-    def _geometry(self, pair: GearPairSection) -> GearPair | None:
-        first, second = (self._toothed(self._wheels[name]) for name in pair.wheels)
-        if first is None or second is None or pair.module_mm is None:
-            return None
-        return GearPair(
-            first,
-            second,
-            pair.module_mm * _MM,
-            math.radians(pair.pressure_angle_deg),
-            math.radians(pair.helix_angle_deg),
-            None if pair.centre_distance_mm is None else pair.centre_distance_mm * _MM,
-            BasicRack(pair.addendum, pair.dedendum, pair.fillet_radius),
-        )
+    def _entry(self, support: GearSupportSection) -> tuple[CatalogueEntry, float]:
+        """Return bearing and clearance, m, of a support; a ValueError where there is none of that name."""
+        assert support.bearing is not None
+        own = {} if self.config is None else {section.name: section for section in self.config.bearing}
+        if support.bearing in own:
+            entry, clearance = own[support.bearing].to_entry(), own[support.bearing].clearance_um
+        else:
+            try:
+                entry, clearance = catalogue_entry(support.bearing), 0.0
+            except KeyError as error:
+                raise ValueError(f"{error.args[0]}; or the name of a [[bearing]]: {', '.join(own) or 'none'}") from None
+        return entry, 1e-6 * (clearance if support.clearance_um is None else support.clearance_um)
 
-    @staticmethod
-    def _toothed(wheel: GearWheelSection) -> ToothedWheel | None:
-        if wheel.face_width_mm is None or wheel.bore_mm is None:
-            return None
-        relief = None
-        if wheel.tip_relief_um and wheel.tip_relief_length_mm is not None:
-            relief = TipRelief(wheel.tip_relief_um * _UM, wheel.tip_relief_length_mm * _MM, wheel.tip_relief_shape)
-        return ToothedWheel(
-            teeth=wheel.teeth,
-            face_width=wheel.face_width_mm * _MM,
-            hub_radius=0.5 * wheel.bore_mm * _MM,
-            profile_shift=wheel.profile_shift,
-            truncation=wheel.tip_truncation_mm * _MM,
-            tip_relief=relief,
-            modulus=wheel.modulus_gpa * 1e9,
-            poisson=wheel.poisson,
-        )
+    def _bearing_problems(self) -> Problems:
+        """Yield bearings that are not known or have no contact stiffness."""
+        for index, support in enumerate(self.gear.support):
+            if support.bearing is not None:
+                try:
+                    estimate_stiffness(self._entry(support)[0])
+                except ValueError as error:
+                    yield ("support", index, "bearing"), str(error)
 
-    def _base_radii(self, pair: GearPairSection) -> tuple[float, float]:
-        """Return the base radii of a pair, m."""
-        assert pair.module_mm is not None
-        helix = math.radians(pair.helix_angle_deg)
-        transverse = math.atan(math.tan(math.radians(pair.pressure_angle_deg)) / math.cos(helix))
-        per_tooth = 0.5 * pair.module_mm * _MM / math.cos(helix) * math.cos(transverse)
-        first, second = (per_tooth * self.gear.teeth[name] for name in pair.wheels)
-        return first, second
-
-    def working_angle(self, pair: GearPairSection) -> float:
-        """Return the transverse working pressure angle of a pair, rad."""
-        found = self.geometries[self.gear.pair.index(pair)]
-        if found is not None:
-            return found.working_angle
-        helix = math.radians(pair.helix_angle_deg)
-        if pair.centre_distance_mm is None:
-            return math.atan(math.tan(math.radians(pair.pressure_angle_deg)) / math.cos(helix))
-        return math.acos(sum(self._base_radii(pair)) / (pair.centre_distance_mm * _MM))
+    def _rolling(self) -> Iterator[RollingSupport]:
+        """Yield the supports whose stiffness is that of a bearing."""
+        for support in self.gear.support:
+            if support.bearing is not None:
+                entry, clearance = self._entry(support)
+                estimate = estimate_stiffness(entry)
+                given = self.config is not None and self.config.gives_contact_stiffness(entry)
+                k_c = self.config.rig_of(entry).k_c if self.config is not None and given else estimate.value
+                yield RollingSupport(support.name, estimate.bearing, k_c, clearance)
 
     def _body(self, name: str) -> Body:
         shaft = self._shafts[name]
@@ -250,7 +277,7 @@ class TrainBuilder:
             name=name,
             mass=shaft.mass_kg or 0.0,
             inertia=shaft.inertia_kg_m2 or 0.0,
-            supports=tuple(Support(support.name, support.matrix) for support in supports),
+            supports=tuple(Support(support.name, support.matrix or alike(_FIRST_STIFFNESS)) for support in supports),
             torque=self._torque(shaft),
             speed_damping=shaft.speed_damping_newton_m_s,
             translates=not shaft.fixed_axis,
@@ -270,78 +297,49 @@ class TrainBuilder:
             return -self.gear.torque_newton_m * abs(self.turns[self.gear.drive_shaft]) / turns
         return 0.0
 
-    def _meshes(self, radii: dict[str, float]) -> Iterator[Mesh]:
+    def _meshes(self, stiffness: Sequence[MeshStiffness]) -> Iterator[Mesh]:
         """Yield the meshes, each with the phase that those before leave it."""
         at = self.gear.shaft_of
         forward = self.gear.turns_from_x_to_y is (self.turns[self.gear.drive_shaft] > 0.0)
-        placed: dict[str, tuple[float, float]] = {}
-        for index, pair in enumerate(self.gear.pair):
-            driver, driven = pair.wheels
+        placed: dict[str, float] = {}
+        for model, course in zip(self.pairs, stiffness, strict=True):
+            driver, driven = model.section.wheels
             counterclockwise = forward is (self.turns[at[driver]] > 0.0)
-            to_driven, angle = math.radians(pair.direction_deg), self.working_angle(pair)
-            starts = self._starts(index, pair, placed, counterclockwise=counterclockwise)
+            to_driven, angle = math.radians(model.section.direction_deg), model.working_angle
+            starts = self._starts(model, placed, counterclockwise=counterclockwise)
             yield Mesh(
                 driver=driver,
                 driven=driven,
-                stiffness=self._stiffness(pair),
+                stiffness=course,
                 line_of_action=line_of_action(to_driven, angle, counterclockwise=counterclockwise),
                 back_line=line_of_action(to_driven, angle, counterclockwise=counterclockwise, back=True),
-                backlash=self._backlash(index, pair),
+                backlash=model.backlash,
                 driver_start=starts[0],
                 driven_start=starts[1],
-                base_helix=self._base_helix(pair),
+                base_helix=model.base_helix,
             )
 
-    def _starts(
-        self,
-        index: int,
-        pair: GearPairSection,
-        placed: dict[str, tuple[float, float]],
-        *,
-        counterclockwise: bool,
-    ) -> tuple[float, float]:
+    @staticmethod
+    def _starts(model: PairModel, placed: dict[str, float], *, counterclockwise: bool) -> tuple[float, float]:
         """Return the turns of both wheels at time 0 from where a tooth begins this mesh.
 
-        ``placed`` holds, of the wheels of meshes before, where a tooth stands at time 0; it is written.
+        ``placed`` holds, of the wheels of meshes before, the direction of a tooth at time 0, rad; it is written.
         """
-        z1, z2 = (self.gear.teeth[name] for name in pair.wheels)
-        geometry = self.geometries[index]
+        pair, teeth = model.section, model.teeth
         lines: tuple[float, ...] = ()
-        if geometry is not None:
-            lines = begin_of_mesh(geometry, math.radians(pair.direction_deg), counterclockwise=counterclockwise)
+        if model.geometry is not None:
+            lines = begin_of_mesh(model.geometry, math.radians(pair.direction_deg), counterclockwise=counterclockwise)
         pitches = pair.phase_pitches
-        for side, (name, teeth) in enumerate(zip(pair.wheels, (z1, z2), strict=True)):
+        for side, name in enumerate(pair.wheels):
             if pitches is None and lines and name in placed:
                 sense = counterclockwise is (side == 0)
-                pitches = teeth * turns_between(lines[side], placed[name][0], counterclockwise=sense)
+                pitches = teeth[side] * turns_between(lines[side], placed[name], counterclockwise=sense)
         pitches = math.fmod(pitches or 0.0, 1.0)
-        for side, (name, teeth) in enumerate(zip(pair.wheels, (z1, z2), strict=True)):
+        for side, name in enumerate(pair.wheels):
             if lines:
                 sense = 1.0 if counterclockwise is (side == 0) else -1.0
-                placed.setdefault(name, (lines[side] + sense * math.tau * pitches / teeth, pitches))
-        return pitches / z1, pitches / z2
-
-    def _stiffness(self, pair: GearPairSection) -> MeshStiffness:
-        z1, z2 = (self.gear.teeth[name] for name in pair.wheels)
-        mean = pair.stiffness_newton_per_m
-        if pair.stiffness_csv is not None:
-            found = read_course(pair, (z1, z2))
-            return found if mean is None else found.scaled_to(mean)
-        assert mean is not None
-        if pair.stiffness_variation is not None and pair.contact_ratio is not None:
-            return MeshStiffness.rectangular((z1, z2), mean, pair.stiffness_variation, pair.contact_ratio)
-        return MeshStiffness.harmonic((z1, z2), mean, [])
-
-    def _backlash(self, index: int, pair: GearPairSection) -> float:
-        """Return the backlash along the line of action, m; infinite where neither key nor centre distance give one."""
-        if pair.backlash_um is not None:
-            return pair.backlash_um * _UM
-        geometry = self.geometries[index]
-        return geometry.backlash if geometry is not None and geometry.backlash > 0.0 else math.inf
-
-    @staticmethod
-    def _base_helix(pair: GearPairSection) -> float:
-        return math.asin(math.sin(math.radians(pair.helix_angle_deg)) * math.cos(math.radians(pair.pressure_angle_deg)))
+                placed.setdefault(name, lines[side] + sense * math.tau * pitches / teeth[side])
+        return pitches / teeth[0], pitches / teeth[1]
 
     @property
     def _betas(self) -> dict[str, float]:
@@ -350,18 +348,3 @@ class TrainBuilder:
         found |= {"-".join(pair.wheels): pair.beta_c_s for pair in self.gear.pair}
         found |= {"-".join(torsion.shafts): torsion.beta_c_s for torsion in self.gear.torsion}
         return {name: beta for name, beta in found.items() if beta is not None}
-
-
-def read_course(pair: GearPairSection, teeth: tuple[int, int]) -> MeshStiffness:
-    """Return the mesh stiffness in the file of a pair.
-
-    Raises:
-        GearTableError: the file cannot be read or used.
-    """
-    path = pair.stiffness_csv
-    assert path is not None
-    try:
-        text = path.read_text(encoding="utf-8-sig")
-    except (OSError, UnicodeDecodeError) as error:
-        raise GearTableError(f"stiffness_csv {path}: cannot be read: {error}") from None
-    return MeshStiffness.from_csv(teeth, text, str(path))

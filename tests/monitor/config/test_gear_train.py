@@ -3,18 +3,22 @@
 from __future__ import annotations
 
 import math
+import re
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
+from models.gears.faults import Eccentricity, GearFault, PitchError, Pitting, ProfileError, ToothCrack, ToothSpall
 from models.gears.geometry import GearPair, ToothedWheel
 from models.gears.phase import begin_of_mesh, turns_between
+from models.gears.stiffness import mesh_stiffness
 from models.gears.train import GearTrain
 from monitor.config.fields import LocatedError
 from monitor.config.gears.section import GearSection
 from monitor.config.gears.train import TrainBuilder
+from tests.monitor.config.test_config import MINIMAL, validate
 
 NAMES = ("driver", "intermediate", "driven")
 APPENDIX: dict[str, Any] = {
@@ -33,6 +37,7 @@ APPENDIX: dict[str, Any] = {
     ],
 }
 """The train of the appendix (Table 24, inertias with 10^-2); the module is not printed, 4 mm is ours."""
+_MM, _UM = 1e-3, 1e-6
 TOOTHED = {"face_width_mm": 30.0, "bore_mm": 60.0}
 
 
@@ -147,6 +152,134 @@ def test_stiffness_is_given_as_a_mean_a_share_or_a_course(tmp_path: Path) -> Non
     assert (mesh.mean, mesh.base.max() / mesh.base.min()) == (pytest.approx(7.73e8), pytest.approx(2.0))
     mesh = build(changed("pair", 0, stiffness_csv=str(course), stiffness_newton_per_m=None)).meshes[0].stiffness
     assert mesh.mean == pytest.approx(3e8)
+
+
+def toothed(**more: object) -> dict[str, Any]:
+    """Return the train with stiffness from its teeth."""
+    wheels = [{**wheel, **TOOTHED} for wheel in APPENDIX["wheel"]]
+    pairs = [{key: value for key, value in p.items() if key != "stiffness_newton_per_m"} for p in APPENDIX["pair"]]
+    return {**APPENDIX, "wheel": wheels, "pair": pairs, **more}
+
+
+def test_stiffness_follows_from_the_teeth_at_the_mean_force() -> None:
+    pair = GearPair(ToothedWheel(37, 0.03, 0.03), ToothedWheel(37, 0.03, 0.03), 0.004)
+    train = build(toothed())
+    expected = mesh_stiffness(pair, train.drive_torque() / pair.base_radii[0])
+    np.testing.assert_allclose(train.meshes[0].stiffness.base, expected.base, rtol=1e-9)
+    scaled = build({**toothed(), "pair": APPENDIX["pair"]}).meshes[0].stiffness
+    assert scaled.mean == pytest.approx(7.73e8)
+    np.testing.assert_allclose(scaled.base / scaled.mean, expected.base / expected.mean, rtol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("fault", "made"),
+    [
+        (
+            {"kind": "crack", "tooth": 3, "depth_mm": 2.0, "angle_deg": 60.0},
+            ToothCrack(3, _MM * 2.0, math.radians(60.0)),
+        ),
+        (
+            {"kind": "spall", "depth_mm": 0.1, "length_mm": 1.0, "width_mm": 9.0},
+            ToothSpall(0, _MM, _MM * 9.0, _MM * 0.1),
+        ),
+        ({"kind": "pitting", "share": 0.2, "length_mm": 2.0}, Pitting(0, 0.2, _MM * 2.0)),
+        ({"kind": "pitch", "tooth": 5, "error_um": 12.0}, PitchError.of_tooth(37, 5, _UM * 12.0)),
+        ({"kind": "pitch", "seed": 5, "error_um": 12.0}, PitchError.drawn(37, _UM * 12.0, 5)),
+        ({"kind": "eccentricity", "error_um": 30.0, "phase_deg": 90.0}, Eccentricity(_UM * 30.0, math.pi / 2)),
+        ({"kind": "profile", "slope_um": -8.0, "waves": 3.0}, ProfileError(slope=_UM * -8.0, waves=3.0)),
+    ],
+)
+def test_each_kind_of_fault_becomes_one_of_its_wheel(fault: dict[str, Any], made: GearFault) -> None:
+    gear = GearSection.model_validate(toothed(fault=[{"wheel": "3", **fault}]))
+    assert gear.fault[0].to_fault(37) == made
+    sound, faulty = build(toothed()), TrainBuilder(gear, 8.44).build()
+    # Wheel 3 is driven in the first mesh and drives the second.
+    for mesh, other, side in zip(faulty.meshes, sound.meshes, ("driven", "driver"), strict=True):
+        tables = [getattr(mesh.stiffness, f"{side}_{kind}") for kind in ("loss", "error")]
+        assert any(table is not None and table.any() for table in tables)
+        opposite = "driver" if side == "driven" else "driven"
+        assert getattr(mesh.stiffness, f"{opposite}_loss") is None
+        np.testing.assert_array_equal(mesh.stiffness.base, other.stiffness.base)
+
+
+def test_an_eccentricity_needs_no_teeth() -> None:
+    fault = {"wheel": "1", "kind": "eccentricity", "error_um": 30.0}
+    error = build({**APPENDIX, "fault": [fault]}).meshes[0].stiffness.driver_error
+    assert error is not None
+    assert (error.max(), error.min()) == (pytest.approx(3e-5), pytest.approx(-3e-5, rel=1e-3))
+
+
+@pytest.mark.parametrize(
+    ("fault", "said"),
+    [
+        ({"kind": "crack"}, "kind = 'crack' needs depth_mm"),
+        ({"kind": "crack", "depth_mm": 2.0, "share": 0.5}, "share is no key of kind = 'crack'; expected angle_deg"),
+        ({"kind": "profile", "tooth": 1}, "needs slope_um, crown_um or waviness_um"),
+        ({"kind": "pitch", "error_um": 5.0}, "needs tooth, or seed"),
+        ({"kind": "pitch", "error_um": 5.0, "seed": 1, "tooth": 1}, "needs tooth, or seed"),
+        ({"kind": "eccentricity", "error_um": -5.0}, "must not be negative"),
+        ({"kind": "tooth", "error_um": -5.0}, "Input should be 'crack'"),
+        ({"kind": "crack", "depth_mm": 2.0, "wheel": "9"}, "wheel '9' is not one of 1, 3, 5"),
+    ],
+)
+def test_a_fault_that_cannot_be_is_refused(fault: dict[str, Any], said: str) -> None:
+    with pytest.raises(ValueError, match=re.escape(said)):
+        GearSection.model_validate(toothed(fault=[{"wheel": "3", **fault}]))
+
+
+@pytest.mark.parametrize(
+    ("tables", "place", "said"),
+    [
+        (toothed(fault=[{"wheel": "1", "kind": "crack", "tooth": 37, "depth_mm": 1.0}]), ("fault", 0), "0 to 36"),
+        ({**APPENDIX, "fault": [{"wheel": "1", "kind": "crack", "depth_mm": 1.0}]}, ("fault", 0), "face_width_mm"),
+        (toothed(fault=[{"wheel": "1", "kind": "crack", "depth_mm": 40.0}]), ("pair", 0), "crack depth"),
+        (toothed(load="intermediate"), ("pair", 1), "no torque passes this mesh"),
+    ],
+)
+def test_a_fault_or_torque_that_does_not_fit_its_mesh_is_named(
+    tables: dict[str, Any], place: tuple[str | int, ...], said: str
+) -> None:
+    with pytest.raises(LocatedError) as raised:
+        build(tables)
+    assert [at for at, text in raised.value.problems if said in text] == [place]
+
+
+def test_bearings_of_the_configuration_or_the_catalogue_carry_a_shaft() -> None:
+    supports = [{"name": s["name"], "shaft": s["shaft"], "bearing": "6311"} for s in APPENDIX["support"]]
+    config = validate({**MINIMAL, "gear": {**APPENDIX, "support": supports}}, Path("machine.toml"))
+    assert config.gear is not None
+    first, second, _ = TrainBuilder(config.gear, 8.44, config).build().bodies
+    (along, _), (_, across) = first.supports[0].stiffness
+    # The force on the first shaft is mostly along y, where its bearing is stiffer; the idler carries twice as much.
+    assert across > along > 1e8
+    assert second.supports[0].stiffness[1][1] > across
+    supports[0] |= {"bearing": MINIMAL["bearing"][0]["name"], "clearance_um": 20.0}
+    config = validate({**MINIMAL, "gear": {**APPENDIX, "support": supports}}, Path("machine.toml"))
+    assert config.gear is not None
+    assert (
+        TrainBuilder(config.gear, 8.44, config).build().bodies[0].supports[0].stiffness != first.supports[0].stiffness
+    )
+
+
+@pytest.mark.parametrize(
+    ("support", "said"),
+    [
+        ({}, "give stiffness_newton_per_m, or bearing"),
+        ({"bearing": "6311", "stiffness_newton_per_m": 1e8}, "give stiffness_newton_per_m, or bearing"),
+        ({"clearance_um": 5.0, "stiffness_newton_per_m": 1e8}, "clearance_um belongs to bearing"),
+    ],
+)
+def test_a_support_has_one_stiffness(support: dict[str, Any], said: str) -> None:
+    supports = [{"name": "b0", "shaft": "driver", **support}, *APPENDIX["support"][1:]]
+    with pytest.raises(ValueError, match=re.escape(said)):
+        GearSection.model_validate({**APPENDIX, "support": supports})
+
+
+def test_an_unknown_bearing_is_named() -> None:
+    supports = [{"name": "b0", "shaft": "driver", "bearing": "6999"}, *APPENDIX["support"][1:]]
+    with pytest.raises(LocatedError, match=r"6999.*or the name of a") as raised:
+        build({**APPENDIX, "support": supports})
+    assert raised.value.problems[0][0] == ("support", 0, "bearing")
 
 
 @pytest.mark.parametrize(
