@@ -42,6 +42,8 @@ SIZES: dict[Kind, tuple[float, ...]] = {
 over which 60 % of it are lost. Of a pitch error: displacement of one tooth, m. Of an eccentric wheel: of its centre, m,
 beside that of a healthy one."""
 RATE, BLOCK_S = 12800.0, 2.5
+_PASSAGES = 3.58
+"""Balls that pass the damage in one turn of the driver."""
 _SAMPLES = 64
 _FINER = 4
 _ANGLE = math.radians(20.0)
@@ -150,12 +152,13 @@ class GearMachine:
             ahead += centre / pitch * np.sin(2.0 * np.pi * (turns * self.teeth[0] / teeth + rng.uniform()))
         return ahead
 
-    def block(self, number: int, healthy: GearMachine | None = None) -> NDArray[np.float32]:
+    def block(self, number: int, healthy: GearMachine | None = None, bearing: float = 0.0) -> NDArray[np.float32]:
         """Return the samples of one block, m/s2.
 
         Args:
             number: of the block; together with the seed it draws speed, level and noise.
             healthy: the machine before the fault, whose vibration the noise is relative to.
+            bearing: RMS of the impacts of a damaged outer race, over that vibration.
         """
         rng = np.random.default_rng([59, self.seed, number])
         time = np.arange(round(RATE * BLOCK_S)) / RATE
@@ -167,8 +170,22 @@ class GearMachine:
         low = place.astype(np.intp)
         share = place - low
         x = (1.0 - share) * self.cycle[low % self.cycle.size] + share * self.cycle[(low + 1) % self.cycle.size]
-        level = self.noise * float(np.std((healthy or self).cycle))
-        return (math.exp(0.05 * rng.normal()) * x + level * rng.normal(size=x.size)).astype(np.float32)
+        level = float(np.std((healthy or self).cycle))
+        x = math.exp(0.05 * rng.normal()) * x + self.noise * level * rng.normal(size=x.size)
+        if bearing:
+            hits = _impacts(rng, turns)
+            x += bearing * level / float(np.std(hits)) * hits
+        return x.astype(np.float32)
+
+
+def _impacts(rng: np.random.Generator, turns: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return bursts at the passages of balls, whose times scatter by a hundredth of their distance."""
+    passages = np.arange(math.ceil(turns[0] * _PASSAGES), turns[-1] * _PASSAGES)
+    at = np.interp((passages + 0.01 * rng.normal(size=passages.size)) / _PASSAGES, turns, np.arange(turns.size))
+    hits = np.zeros(turns.size)
+    np.add.at(hits, at.astype(np.intp), 1.0 + 0.1 * rng.normal(size=passages.size))
+    time = np.arange(256) / RATE
+    return np.convolve(hits, np.exp(-900.0 * time) * np.sin(2.0 * np.pi * 3100.0 * time))[: turns.size]
 
 
 def _errors(rng: np.random.Generator, teeth: tuple[int, int]) -> dict[str, NDArray[np.float64]]:

@@ -33,6 +33,7 @@ from monitor.health.gears.stage import readings_of
 RULES = GearNamingSettings()
 LEARNED = 2 * MIN_LEARNED
 HEALTHY_BLOCKS, DAMAGED_BLOCKS = 50, 2 * RULES.persist_blocks
+BEARING = (0.3, 1.0, 3.0)
 ERROR = 0.02
 """Relative error of the stated speed within which the mesh is sought."""
 HINTS = {"crack": "tooth", "spall": "tooth", "pitch": "tooth", "eccentric": "eccentric"}
@@ -46,12 +47,12 @@ class Course:
     healthy: GearMachine
     state: GearsState
 
-    def judge(self, blocks: Iterable[int], *, learning: bool = False) -> list[GearsOutput]:
-        """Return what is said of each block, the state carried on."""
+    def judge(self, blocks: Iterable[int], *, learning: bool = False, bearing: float = 0.0) -> list[GearsOutput]:
+        """Return what is said of each block, the state carried on; ``bearing`` as ``GearMachine.block`` takes it."""
         found: list[GearsOutput] = []
         gears = self.machine.settings
         for number in blocks:
-            samples = self.machine.block(number, self.healthy)
+            samples = self.machine.block(number, self.healthy, bearing)
             rotation = angle_of_mesh(samples, RATE, self.machine.speed, ERROR, gears)
             wheels = readings_of(samples, RATE, rotation, gears)
             given = GearsInput(number, wheels, self.machine.speed, None, learning)
@@ -94,6 +95,31 @@ def healthy_rows(seeds: Iterable[int]) -> list[Row]:
             "ms_per_block_with_the_signal": 1e3 * spent,
         }
     ]
+
+
+def bearing_rows(seeds: Iterable[int]) -> list[Row]:
+    """Return false names of wheels of machines with a damaged bearing, by the level of its impacts."""
+    courses = [learned(seed) for seed in seeds]
+    rows: list[Row] = []
+    for place, level in enumerate(BEARING):
+        outputs = [
+            Course(course.machine, course.healthy, course.state).judge(
+                range(3000 + 100 * place, 3000 + 100 * place + DAMAGED_BLOCKS), bearing=level
+            )
+            for course in courses
+        ]
+        said = [output for machine in outputs for output in machine]
+        rows.append(
+            {
+                "bearing_over_gears": level,
+                "machines": len(courses),
+                "blocks": len(said),
+                "judged": sum(bool(output.scores) for output in said),
+                "above_threshold": sum(max(output.scores.values(), default=0.0) > 1.0 for output in said),
+                "machines_named": sum(any(output.named for output in machine) for machine in outputs),
+            }
+        )
+    return rows
 
 
 def damaged_rows(seeds: Iterable[int]) -> list[Row]:
@@ -149,8 +175,10 @@ def main() -> None:
     }
     tables["healthy"] = rows = healthy_rows(healthy)
     print_table("1. Healthy machines", rows)
+    tables["bearing"] = rows = bearing_rows(damaged)
+    print_table("2. A damaged bearing beside healthy wheels", rows)
     tables["damaged"] = rows = damaged_rows(damaged)
-    print_table("2. Damaged wheels", rows)
+    print_table("3. Damaged wheels", rows)
     write_json(options.json, tables)
 
 

@@ -12,6 +12,7 @@ import click
 from monitor.commands import option
 from monitor.commands.common import emit, progress_bar, read_config, say
 from monitor.words.advice import status_line
+from monitor.words.gears import gears_line
 from monitor.words.numbers import duration, interval
 from monitor.words.rotation import speed_words
 from monitor.words.statuses import bearing_words, named_words, speed_doubt
@@ -123,7 +124,9 @@ def _channel_words(channel: Mapping[str, Any]) -> Iterator[str]:
         yield f"final stage of block {closed['t_fs_block']} closed again at block {closed['closed_block']}"
     if channel["t_eol_block"] is not None:
         yield f"end of life at block {channel['t_eol_block']}"
-    if channel["fault"] is not None:
+    if gears := gears_line(channel):
+        yield gears
+    if channel["fault_snr"] is not None:
         part = named_words(channel["fault"], channel["fault_basis"])
         yield f"{part}, lines {channel['fault_snr']:.3g} times the floor"
         doubt = speed_doubt(channel["fault"], channel["fault_candidates"] or (), channel["speed_unverified"])

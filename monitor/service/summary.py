@@ -13,8 +13,10 @@ from monitor.config.interference import words_of
 from monitor.config.load import Config
 from monitor.config.removed import removed_lines
 from monitor.health.detect import Episode, Mark
+from monitor.health.gears.values import gears_summary, primary_fault
 from monitor.health.machine import patience_of, weigh
 from monitor.health.output import basis_of
+from monitor.health.schema import VERDICT
 from monitor.health.state import ChannelSettings, SourceSettings, SourceState, channels_by_bearing
 from monitor.service.calibration import other_models
 from monitor.words.advice import ADVICE, state_of
@@ -68,6 +70,9 @@ def run_attributes(config: Config, channels: Mapping[str, ChannelSettings]) -> d
         attributes["iso_class"] = config.machine.iso_class
     if removed := removed_lines(config):
         attributes["interference"] = "; ".join(map(words_of, removed))
+    if config.gear is not None:
+        # In the order of the dimension; wheels that turn alike are one.
+        attributes["gears"] = ", ".join("|".join(group) for group in config.gear.to_settings().groups())
     if with_prior:
         attributes |= {
             "interval_level": config.forecast.interval,
@@ -138,7 +143,26 @@ def channel_summary(state: SourceState, settings: ChannelSettings) -> dict[str, 
         **_velocity(values),
         **_rotation(values),
         **_alarm_time(values, detector.reference_rms),
+        **_gears(state, name, values, (named and named.fault, basis_of(named and named.fault, detector))),
     }
+
+
+def _gears(
+    state: SourceState, name: str, values: Mapping[str, Any], bearing: tuple[str | None, str | None]
+) -> dict[str, Any]:
+    """Return what is said of the wheels, and what is said first; {} without gears.
+
+    Args:
+        bearing: the named part and what its name is.
+    """
+    if name not in state.gears:
+        return {}
+    found: dict[str, Any] = {"bearing_fault": bearing[0], **gears_summary(state.gears[name], values)}
+    first = primary_fault(*bearing, found["gear_fault"])
+    if first != bearing[0]:
+        found |= {"fault": first, "fault_basis": VERDICT, "fault_snr": None}
+        found |= {"fault_candidates": None, "speed_unverified": None}
+    return found
 
 
 def with_words(

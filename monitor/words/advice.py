@@ -13,6 +13,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from monitor.words.gears import gear_words
 from monitor.words.numbers import count, duration, figure, interval
 from monitor.words.situation import Forecast, Situation
 from monitor.words.statuses import ALARM_LEVELS, LEVEL_OF, STATES, UNDECIDED, fault_words
@@ -74,7 +75,9 @@ class Statement:
 def state_of(found: Situation, advice: Mapping[str, str] = ADVICE) -> Statement:
     """Return what is said of a channel; ``advice`` has a text for each key of :data:`ADVICE`."""
     key = advice_key(found)
-    return Statement(key, _headline(found), _sureness(found), _level(found), _action(advice[key], found))
+    gear = gear_words(found.gear, found.gear_kind)
+    headline = f"{_headline(found)}; damage of {gear}" if gear else _headline(found)
+    return Statement(key, headline, _sureness(found), _level(found), _action(advice[key], found))
 
 
 def status_line(name: str, channel: Mapping[str, Any]) -> str:
@@ -97,7 +100,7 @@ def advice_key(found: Situation) -> str:
         return "watch"
     if found.stage == "final" or _of_others(found):
         return "warning"
-    if found.severity == "alert" or (_part(found) is not None and found.stage == "healthy"):
+    if found.severity == "alert" or found.gear or (_part(found) is not None and found.stage == "healthy"):
         return "watch"
     return "learning" if found.stage in ("learning", "") else "normal"
 

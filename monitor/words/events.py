@@ -9,6 +9,7 @@ from datetime import UTC, datetime, timedelta
 from typing import Any
 
 from monitor.words.features import FEATURES, Feature
+from monitor.words.gears import gear_words
 from monitor.words.statuses import STATES, fault_words
 
 SEVERITIES = ("danger", "alert")
@@ -49,13 +50,21 @@ def event_text(body: Mapping[str, Any], *, absolute: bool = True) -> str:
         text = f"the baseline was learned anew, as the machine stayed well below it: {_relearned(body, absolute)}"
     elif kind == "fault_changed":
         before, after = (fault_words(str(body.get(key))) for key in ("from", "to"))
-        text = f"the verdict on {body.get('bearing')} names the {after} now, before the {before}"
+        text = _gears(body) or f"the verdict on {body.get('bearing')} names the {after} now, before the {before}"
     elif kind == "end_of_life":
         text = "the end of its life is reached"
     else:
         said = body.get("text") or body.get("reason") or body.get("problem")
         text = kind.replace("_", " ") + (f": {said}" if said else _others(body))
     return " ".join(text.split())
+
+
+def _gears(body: Mapping[str, Any]) -> str:
+    """Return what is said of a wheel that is named or no longer named, "" of a bearing."""
+    before, after = (gear_words(body.get(key), body.get("gear_kind")) for key in ("from", "to"))
+    if after:
+        return f"damage of {after} is named now"
+    return f"no damage of {before} is named any more" if before else ""
 
 
 def _alarm(kind: str, body: Mapping[str, Any], absolute: bool) -> str:

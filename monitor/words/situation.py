@@ -47,6 +47,7 @@ class Situation:
         channels: how many listen to the bearing.
         disagreement: by channel, the part that it names instead.
         level_of: the bearing with whose damage the level rises, where no part of its own is named.
+        gear, gear_kind: the wheel that is named, as a value of ``fault``, and the kind of its damage; None for none.
     """
 
     channel: str = ""
@@ -70,19 +71,26 @@ class Situation:
     channels: int = 0
     disagreement: Mapping[str, str] = field(default_factory=dict[str, str])
     level_of: str | None = None
+    gear: str | None = None
+    gear_kind: str | None = None
 
     @classmethod
     def of_status(cls, name: str, channel: Mapping[str, Any], bearing: str = "", state: str | None = None) -> Self:
         """Return that of a channel's part of a status, or of the summary of a replay, which has no ``state``."""
         latest, known = channel.get("last_block"), channel.get("t_fs_known_block")
+        fault, basis = channel.get("fault"), channel.get("fault_basis")
+        if fault is not None and fault == channel.get("gear_fault"):
+            # A wheel comes first only where the bearing has no verdict.
+            fault = channel.get("bearing_fault")
+            basis = None if fault is None else "hint"
         return cls(
             channel=name,
             bearing=bearing,
             state=state or str(channel.get("state") or "normal"),
             stage=channel.get("stage") or "",
             severity=_worst(channel.get("alarms") or ()),
-            fault=channel.get("fault"),
-            basis=channel.get("fault_basis"),
+            fault=fault,
+            basis=basis,
             candidates=tuple(channel.get("fault_candidates") or ()),
             unverified=channel.get("speed_unverified"),
             snr=_number(channel.get("fault_snr")),
@@ -91,6 +99,8 @@ class Situation:
             to_alarm=_forecast(channel, "tta", "_s", channel.get("tta_level_source") or ""),
             to_threshold=_forecast(channel, "tt", "_s"),
             calibrated=channel.get("calibrated") is not False,
+            gear=channel.get("gear_fault"),
+            gear_kind=channel.get("gear_kind"),
         )
 
     @classmethod

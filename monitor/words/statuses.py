@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from monitor.words.features import FEATURES
+from monitor.words.gears import GEAR_KINDS, GEAR_STATUSES, NAMED, gear_words
 from monitor.words.rotation import DOMAINS, ROTATION_REFUSALS
 from monitor.words.zones import ZONE_MEANINGS
 
@@ -149,6 +150,8 @@ def suspended_words(rules: Sequence[str]) -> str:
 
 def fault_words(fault: str) -> str:
     """Return the damaged part for people, "inner race or rolling element" where two cannot be told apart."""
+    if fault.startswith(NAMED):
+        return gear_words(fault)
     return " or ".join(FAULT_NAMES.get(name, name) for name in fault.split("|"))
 
 
@@ -216,6 +219,8 @@ def page_words() -> dict[str, Any]:
         "zones": ZONE_MEANINGS,
         "rotation": ROTATION_REFUSALS,
         "domains": DOMAINS,
+        "gears": GEAR_STATUSES,
+        "gear_kinds": GEAR_KINDS,
         "alarm_levels": ALARM_LEVELS,
         "relative": _CHARTS["v_eq_relative"]["unit"],
         "charts": _CHARTS | {name: chart for name, chart in titles.items() if name not in _CHARTS},

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
-from monitor.health.gears.naming import GearsOutput
+from monitor.health.gears.naming import NAMED, GearsOutput, GearsState
 
 INDICATORS = ("fm0", "fm4", "m6a")
 UNNAMED = "none"
@@ -27,3 +28,48 @@ def gear_values(output: GearsOutput | None) -> dict[str, Any]:
     for name in INDICATORS:
         values[name] = tuple(wheel.indicators and getattr(wheel.indicators, name) for wheel in wheels)
     return {name: value[0] if len(value) == 1 else value for name, value in values.items()}
+
+
+def primary_fault(fault: str | None, basis: str | None, gear: str | None) -> str | None:
+    """Return which of a bearing's and a wheel's damage is said first.
+
+    A verdict on the bearing is: an onset of its level and lines of one of its parts agree. A wheel that is named, which
+    rests on a learned baseline and on several blocks, comes before a hint.
+
+    Args:
+        fault: the named part of the bearing, or None.
+        basis: of that name, "hint" or "verdict".
+        gear: the named wheel as a value of ``fault``, or None.
+    """
+    return gear if gear is not None and basis != "verdict" else fault
+
+
+def gears_summary(state: GearsState, values: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the keys of the interface: the named wheel, its kind, since when, and each wheel in the latest record.
+
+    Args:
+        state: after the latest block.
+        values: of the channel in its record.
+    """
+    names = list(state.turns)
+
+    def of(variable: str, place: int) -> Any:
+        value: Any = values.get(variable)
+        found: Any = value[place] if isinstance(value, tuple) else value
+        return found
+
+    wheels: dict[str, Any] = {
+        name: {
+            "status": of("gear_status", place),
+            "score": of("gear_score", place),
+            **{variable: of(variable, place) for variable in (*INDICATORS, "na4", "sideband_level")},
+            "turns": of("gear_turns", place),
+        }
+        for place, name in enumerate(names)
+    }
+    return {
+        "gear_fault": None if state.named is None else NAMED + state.named,
+        "gear_kind": state.kind,
+        "gear_since_block": state.since,
+        "gears": wheels,
+    }

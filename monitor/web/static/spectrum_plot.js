@@ -217,7 +217,7 @@ export class SpectrumPlot {
   }
 
   makeSwitches() {
-    const fault = this.options.info()?.state?.fault;
+    const fault = bearingFault(this.options.info()?.state);
     const named = fault ? fault.split("|") : ["outer"];
     for (const part of PARTS) if (!this.parts.has(part)) this.parts.set(part, named.includes(part));
     const box = (label, on, name, change) => {

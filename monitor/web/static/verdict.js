@@ -4,7 +4,7 @@ import { disagreement, support } from "./bearings.js";
 import { h, symbol } from "./dom.js";
 import * as fmt from "./fmt.js";
 import {
-  RELATIVE, STATES, alarmLevel, baseSentence, baseWord, domainWord, edvSentence, faultWords, featureWord, levelSentence, rotationSentence, stageWord, ttSentence,
+  RELATIVE, STATES, alarmLevel, baseSentence, baseWord, domainWord, edvSentence, bearingFault, faultWords, featureWord, gearKind, gearSentence, levelSentence, rotationSentence, stageWord, ttSentence,
   ttaSentence, velocitySentence, zoneSentence,
 } from "./words.js";
 
@@ -24,7 +24,8 @@ export function verdict({ row, info, zone, age, machine }) {
     together(machine, info),
     standing(row, status, info),
     since(status, info, zone, row),
-    part(status),
+    part({ ...status, fault: bearingFault(status) }),
+    gears(status),
     size(status, info),
     left(status, info),
     alarmTime(status, info),
@@ -130,6 +131,17 @@ function part(status) {
     stated,
     status.fault_basis === "hint" ? `a hint: ${baseSentence("hint")}` : null,
   );
+}
+
+/** What is said of the wheels of gears, or null where there are none. */
+function gears(status) {
+  const wheels = Object.entries(status.gears ?? {});
+  if (!wheels.length) return null;
+  const figures = (found) => ["fm0", "fm4", "na4", "m6a"]
+    .filter((name) => fmt.isNumber(found[name])).map((name) => `${name.toUpperCase()} ${fmt.number(found[name], 3)}`).join(", ");
+  const notes = wheels.map(([name, found]) => `${name.split("|").join(" or ")}: ${found.status === "ok" ? figures(found) : gearSentence(found.status)}`);
+  const kind = status.gear_fault ? `${gearKind(status.gear_kind)} (hint); named since block ${status.gear_since_block}` : null;
+  return answer("Which gear?", status.gear_fault ? faultWords(status.gear_fault) : "none named", kind, ...notes);
 }
 
 /** What all channels of its bearing say together, or null where the daemon does not say it. */

@@ -157,7 +157,7 @@ export class Waterfall {
   /** Where the first lines stand; a name only where it has room, the damaged part's first. */
   markLines(x) {
     const { top, left, width } = this.board.plot;
-    const fault = this.options.info()?.state?.fault ?? "";
+    const fault = bearingFault(this.options.info()?.state) ?? "";
     const shown = this.options.spectrum();
     const named = [];
     for (const part of [...PARTS].sort((a, b) => fault.includes(b) - fault.includes(a))) {

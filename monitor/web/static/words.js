@@ -12,8 +12,16 @@ export const PART_NAMES = WORDS.parts;
 export const PARTS = Object.keys(PART_NAMES);
 export const LINE_NAMES = WORDS.lines;
 
-/** The damaged part; two where they cannot be told apart. */
-export const faultWords = (fault) => (fault ? fault.split("|").map((part) => PART_NAMES[part] ?? part).join(" or ") : "");
+const GEAR = "gear:";
+
+/** The damaged part, or the wheel of a gear; two where they cannot be told apart. */
+export const faultWords = (fault) => (fault?.startsWith(GEAR) ? `gear ${fault.slice(GEAR.length).split("|").join(" or ")}`
+  : fault ? fault.split("|").map((part) => PART_NAMES[part] ?? part).join(" or ") : "");
+
+/** The damaged part of the bearing: a wheel that is named may be said in its place. */
+export const bearingFault = (status) => (status?.fault?.startsWith(GEAR) ? status.bearing_fault : status?.fault);
+export const gearSentence = (status) => WORDS.gears[status] ?? status ?? NONE;
+export const gearKind = (kind) => WORDS.gear_kinds[kind] ?? "";
 
 /** What a name is, a verdict or a hint, and why; "" without a name. */
 export const baseWord = (basis) => WORDS.bases[basis]?.[0] ?? "";
