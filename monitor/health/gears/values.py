@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, cast
 
 from monitor.health.gears.naming import NAMED, GearsOutput, GearsState
 
@@ -54,9 +54,8 @@ def gears_summary(state: GearsState, values: Mapping[str, Any]) -> dict[str, Any
     names = list(state.turns)
 
     def of(variable: str, place: int) -> Any:
-        value: Any = values.get(variable)
-        found: Any = value[place] if isinstance(value, tuple) else value
-        return found
+        value = values.get(variable)
+        return cast("tuple[Any, ...]", value)[place] if isinstance(value, tuple) else value
 
     wheels: dict[str, Any] = {
         name: {

@@ -7,7 +7,7 @@ import * as fmt from "./fmt.js";
 import { colour } from "./prefs.js";
 import { amplitudeAt, amplitudeText, cursorLines, decibel, faultLines, lineNear, ORDERS, onGrid, peaks, shaftLines, unitText } from "./spectral.js";
 import { lineRows, peakRows, spectrumFile } from "./spectrum_tables.js";
-import { PARTS, PART_NAMES } from "./words.js";
+import { PARTS, PART_NAMES, bearingFault } from "./words.js";
 
 const HEIGHT = 240;
 const DECADES = 5;

@@ -4,8 +4,8 @@ import { disagreement, support } from "./bearings.js";
 import { h, symbol } from "./dom.js";
 import * as fmt from "./fmt.js";
 import {
-  RELATIVE, STATES, alarmLevel, baseSentence, baseWord, domainWord, edvSentence, bearingFault, faultWords, featureWord, gearKind, gearSentence, levelSentence, rotationSentence, stageWord, ttSentence,
-  ttaSentence, velocitySentence, zoneSentence,
+  RELATIVE, STATES, alarmLevel, baseSentence, baseWord, bearingFault, domainWord, edvSentence, faultWords, featureWord, gearKind, gearSentence,
+  levelSentence, rotationSentence, stageWord, ttSentence, ttaSentence, velocitySentence, zoneSentence,
 } from "./words.js";
 
 const answer = (question, value, ...more) =>

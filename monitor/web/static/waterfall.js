@@ -7,7 +7,7 @@ import { choice, fill, h, setText } from "./dom.js";
 import { exportButtons } from "./exporting.js";
 import * as fmt from "./fmt.js";
 import { colour } from "./prefs.js";
-import { LINE_NAMES, PARTS } from "./words.js";
+import { LINE_NAMES, PARTS, bearingFault } from "./words.js";
 
 const HEIGHT = 300;
 const BINS = 300;
