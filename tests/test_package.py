@@ -148,6 +148,7 @@ config = validate({
     "bearing": [{"name": "b", "designation": "6205"}], "operating": {"speed_hz": 30.0},
     "source": [{"name": "s"}],
     "channel": [{"name": "c", "source": "s", "unit": "g", "bearing": "b", "band_hz": [[2000, 8000]]}],
+    "gear": {"wheel": [{"name": "p", "teeth": 23}, {"name": "q", "teeth": 71}], "pair": [{"wheels": ["p", "q"]}]},
 }, Path("x.toml"))
 settings = source_settings(config, config.source[0])
 samples = np.random.default_rng(0).standard_normal((1, 25600)).astype("float32")

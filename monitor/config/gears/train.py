@@ -74,7 +74,7 @@ class TrainBuilder:
             return with_rayleigh(train, self.gear.alpha_c_per_s, self._betas, default=self.gear.beta_c_s or 0.0)
         except WrongInputError:
             raise
-        except (ValueError, RuntimeError) as error:
+        except (ValueError, RuntimeError, ArithmeticError) as error:
             raise LocatedError([((), str(error))]) from None
 
     def _stiff_meshes(self, train: GearTrain) -> Iterator[Mesh]:
