@@ -24,6 +24,7 @@ from monitor.report.figures.spectrum import SpectrumView, recorded_lines, spectr
 from monitor.report.figures.speed import speed_picture
 from monitor.report.figures.trends import final_stage, trends
 from monitor.report.figures.waterfall import waterfall
+from monitor.report.gears import gears_table
 from monitor.report.options import Options
 from monitor.report.runs import ABSENCE, Channel, Run
 from monitor.report.speed import rotation_table, speed_words
@@ -150,7 +151,7 @@ def part_of_run(
     apart = {name for bearing in bearings for name in bearing.verdict.disagreement}
     channels.sort(key=lambda part: (GRADES.index(part.verdict.grade), part.verdict.channel in apart))
     tables = {"blocks": quality.statuses(run), "gaps": quality.gaps(run, clock), "events": _events(run, clock)}
-    tables["rotation"] = rotation_table(run)
+    tables |= {"rotation": rotation_table(run), "gears": gears_table(run)}
     return RunPart(
         run=run,
         clock=clock,

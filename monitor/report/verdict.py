@@ -14,6 +14,7 @@ from monitor.records.archive import of_channel
 from monitor.report.alarm_time import alarm_time
 from monitor.report.calibration import VolumeScale, is_calibrated, unscaled
 from monitor.report.finding import Finding as Finding
+from monitor.report.gears import gear_findings
 from monitor.report.life_marks import LATE, Moment, closed_stages, mark_of, open_stage
 from monitor.report.part import doubt_of, named_fault
 from monitor.report.runs import Channel, Run
@@ -180,6 +181,7 @@ def findings(context: ChannelContext) -> tuple[Finding, ...]:
         _how_large(run, channel),
         *_how_long(run, channel),
         *_to_alarm(run, channel),
+        *gear_findings(run, channel),
         *velocity_findings(run, channel),
     )
 
