@@ -17,6 +17,7 @@ from models.bearing import Kinematics, kinematics
 from monitor.health import detect
 from monitor.health.after_onset import level_status, time_to_alarm, track
 from monitor.health.condition import Quantity, known_sd
+from monitor.health.gears.lines import Wheels
 from monitor.health.naming import Naming, name_fault
 from monitor.health.output import ChannelOutput
 from monitor.health.quality import Verdict, check_samples
@@ -26,8 +27,8 @@ from monitor.health.spectrum.average import RecentSpectra
 from monitor.health.spectrum.bands import BandVotes, candidate_bands
 from monitor.health.spectrum.family import comb_depth
 from monitor.health.spectrum.features import FAULTS, BlockFeatures, FeatureSettings, block_features, fundamentals
-from monitor.health.spectrum.interference import all_combs, wheel_turns
-from monitor.health.spectrum.search import FamilySearch, family_searches, slip_searches
+from monitor.health.spectrum.interference import MESH_SD, all_combs, wheel_turns
+from monitor.health.spectrum.search import family_searches, slip_searches
 from monitor.health.spectrum.transform import Band
 from monitor.health.state import ChannelSettings, ChannelState, Named
 
@@ -162,7 +163,7 @@ def conclude(
     naming: Naming | None = None
     leading = 0
     if verdict.for_baseline:
-        state, naming, leading = _name(state, features, settings, analysed.settings.searches)
+        state, naming, leading = _name(state, features, settings, analysed.settings)
     usable = is_for_detector(state, verdict, settings, band_source)
     given = detect_input(features, block, absolute=settings.absolute, usable=usable)
     state, detection = _detect(state, given, settings)
@@ -232,22 +233,20 @@ def _vote(state: ChannelState, block: ChannelBlock, asked: FeatureSettings) -> C
 
 
 def _name(
-    state: ChannelState, features: BlockFeatures, settings: ChannelSettings, searches: Mapping[str, FamilySearch]
+    state: ChannelState, features: BlockFeatures, settings: ChannelSettings, asked: FeatureSettings
 ) -> tuple[ChannelState, Naming, int]:
     """Name the damaged part; the number is the place of the band that shows it, 0 where no part is named.
 
     The ranges in which the families were sought count where the geometry is an estimate.
     """
-    searches = {} if settings.uncertainty.known else searches
     assert features.speed is not None
     ask = partial(
         name_fault,
         kinematics=kinematics(settings.bearing, features.speed),
-        searches=searches,
+        searches={} if settings.uncertainty.known else asked.searches,
         verified=features.shaft is not None,
         tolerance=settings.condition.speed_tolerance,
-        speed_sd=0.0 if features.shaft is None else features.shaft.sd,
-        turns=wheel_turns(settings.interference),
+        wheels=_wheels(features, settings, asked.speed),
     )
     namings = [
         ask(spectrum, families=families) for spectrum, families in zip(features.sought, features.families, strict=True)
@@ -259,6 +258,20 @@ def _name(
     best = namings[place]
     kept = features.recent if settings.average_blocks > 1 else RecentSpectra()
     return replace(state, spectra=kept), best, place if best.fault is not None else 0
+
+
+def _wheels(features: BlockFeatures, settings: ChannelSettings, stated: float | None) -> Wheels | None:
+    """Return the gear wheels beside the bearing, at the speed that is known best; None where there are none."""
+    turns = wheel_turns(settings.interference)
+    if not turns or features.speed is None:
+        return None
+    tolerance = settings.condition.speed_tolerance
+    if features.shaft is not None:
+        return Wheels(turns, features.speed, features.shaft.sd, tolerance)
+    factor = features.envelopes[0].mesh_factor
+    if factor is not None and stated is not None:
+        return Wheels(turns, factor * stated, MESH_SD * factor * stated, tolerance)
+    return Wheels(turns, features.speed, None, tolerance)
 
 
 def held_factor(factors: Sequence[float]) -> float:

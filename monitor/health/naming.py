@@ -32,7 +32,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.bearing import Kinematics
-from monitor.health.gears.lines import beside_wheels
+from monitor.health.gears.lines import Wheels
 from monitor.health.sidebands import TURNS, own_lines, parent_depth
 from monitor.health.spectrum.comb import LineSpectrum, comb_grid
 from monitor.health.spectrum.family import FaultLines, combs_depth
@@ -138,8 +138,7 @@ def name_fault(
     *,
     verified: bool = False,
     tolerance: float = SEARCH,
-    speed_sd: float = 0.0,
-    turns: Sequence[float] = (),
+    wheels: Wheels | None = None,
 ) -> Naming:
     """Name the damaged part from one envelope spectrum.
 
@@ -152,17 +151,15 @@ def name_fault(
         searches: range in which each family was sought, of those whose frequency is an estimate.
         verified: whether the shaft speed is known.
         tolerance: relative error of a speed that is not.
-        speed_sd: standard deviation of one that is, Hz.
-        turns: of gear wheels beside the bearing, in a turn of its shaft: families that may be theirs are not named.
+        wheels: of gears beside the bearing: families that may be theirs are not named.
     """
     threshold = score_threshold(spectrum.n_averages)
     if not (verified or searches):
         families = _with_slip(spectrum, fundamentals(kinematics), stated_searches(tolerance))
     least = MIN_SPACING_BINS * spectrum.resolution
     shown = {name: lines for name, lines in families.items() if lines.resolved.all() and lines.fundamental >= least}
-    if turns:
-        sd = speed_sd if verified else None
-        shown = beside_wheels(shown, kinematics.speed, turns, spectrum.resolution, sd=sd, tolerance=tolerance)
+    if wheels is not None:
+        shown = wheels.leave(shown, spectrum.resolution)
     if spectrum.power.size < _MIN_BINS or not spectrum.power.any() or not shown:
         return Naming(None, None, math.nan, threshold, verified=verified)
     inside = verified or searches

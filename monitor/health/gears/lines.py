@@ -7,7 +7,8 @@ a turn, of which every second one is where a cage may be.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,50 +26,46 @@ _EXPLAINED = 3
 """Lines of a family that are of wheels, from which the family is."""
 
 
-def beside_wheels(
-    families: Mapping[str, FaultLines],
-    speed: float,
-    turns: Sequence[float],
-    resolution: float,
-    *,
-    sd: float | None,
-    tolerance: float,
-) -> dict[str, FaultLines]:
-    """Return the families that cannot be lines of wheels; arguments as of :func:`is_of_wheels`."""
-    least = MIN_CAGE_SPACING_BINS * resolution
-    return {
-        name: found
-        for name, found in families.items()
-        if not (name == "cage" and found.fundamental < least)
-        and not is_of_wheels(found, speed, turns, resolution, sd=sd, tolerance=tolerance)
-    }
+@dataclass(frozen=True)
+class Wheels:
+    """Gear wheels beside a bearing.
 
-
-def is_of_wheels(
-    found: FaultLines, speed: float, turns: Sequence[float], resolution: float, *, sd: float | None, tolerance: float
-) -> bool:
-    """Tell whether the comb of a family can be that of wheels.
-
-    Args:
-        found: lines of the family.
-        speed: of the bearing's shaft, Hz.
-        turns: of the wheels, in one turn of it.
-        resolution: of the spectrum, Hz.
-        sd: standard deviation of a speed that was found, Hz; None where the speed is a stated one.
-        tolerance: relative error of that.
+    Attributes:
+        turns: of the wheels, in a turn of the bearing's shaft.
+        speed: of that shaft, Hz, as the signal shows it: by its own lines or by those of the mesh. Or as stated.
+        sd: standard deviation of a speed that the signal shows, Hz; None where it is stated.
+        tolerance: relative error of one that is stated.
     """
-    wheels = [turn for turn in turns if abs(turn - 1.0) > 1e-6]
-    if not wheels:
-        return False
-    if sd is None:
-        width = max(tolerance, 0.5 * resolution / found.fundamental)
-        multiples = [k * turn * speed for k in range(1, MULTIPLES + 1) for turn in wheels]
-        return any(abs(found.fundamental / line - 1.0) <= width for line in multiples)
-    lines = found.fundamental * np.arange(1.0, found.amplitude.size + 1.0)
-    of_wheels = np.concatenate([_lines_of(turn, float(lines[-1]) / speed + 1.0) for turn in wheels]) * speed
-    distance = np.abs(lines[:, None] - of_wheels)
-    near = distance <= _NEAR_BINS * resolution + _NEAR_SD * sd / speed * of_wheels
-    return int(near.any(axis=1).sum()) >= _EXPLAINED
+
+    turns: tuple[float, ...]
+    speed: float
+    sd: float | None
+    tolerance: float
+
+    def leave(self, families: Mapping[str, FaultLines], resolution: float) -> dict[str, FaultLines]:
+        """Return the families that cannot be lines of wheels, nor those of a cage too close together beside gears."""
+        least = MIN_CAGE_SPACING_BINS * resolution if self.turns else 0.0
+        return {
+            name: found
+            for name, found in families.items()
+            if not (name == "cage" and found.fundamental < least) and not self.explain(found, resolution)
+        }
+
+    def explain(self, found: FaultLines, resolution: float) -> bool:
+        """Tell whether the comb of a family can be that of wheels; ``resolution`` of the spectrum, Hz."""
+        wheels = [turn for turn in self.turns if abs(turn - 1.0) > 1e-6]
+        if not wheels:
+            return False
+        if self.sd is None:
+            width = max(self.tolerance, 0.5 * resolution / found.fundamental)
+            multiples = [k * turn * self.speed for k in range(1, MULTIPLES + 1) for turn in wheels]
+            return any(abs(found.fundamental / line - 1.0) <= width for line in multiples)
+        lines = found.fundamental * np.arange(1.0, found.amplitude.size + 1.0)
+        highest = float(lines[-1]) / self.speed + 1.0
+        of_wheels = np.concatenate([_lines_of(turn, highest) for turn in wheels]) * self.speed
+        distance = np.abs(lines[:, None] - of_wheels)
+        near = distance <= _NEAR_BINS * resolution + _NEAR_SD * self.sd / self.speed * of_wheels
+        return int(near.any(axis=1).sum()) >= _EXPLAINED
 
 
 def _lines_of(turn: float, highest: float) -> NDArray[np.float64]:

@@ -26,6 +26,8 @@ _PRESENT, _PRESENT_SD = 0.7, 3.0
 over the root of their number: damage lifts both alike."""
 _HIGH = 4.6
 """Mean log power of the harmonics of a mesh over the noise from which it is there, whatever stands between: 20 dB."""
+MESH_SD = 3e-4
+"""Relative standard deviation of a speed that is read from a mesh: a bin of one of its lines, and the wander."""
 _CORE_BINS, _WANDER = 6.0, 5e-4
 """Least half width of a line: bins, as the spectrum is of the samples as they are, and share of its frequency, as no
 speed is constant over a block."""
@@ -154,7 +156,7 @@ def fixed_combs(combs: Iterable[Comb]) -> tuple[Comb, ...]:
 
 def remove_lines(
     spectrum: NDArray[np.complexfloating], resolution: float, combs: Sequence[Comb], low: float, high: float
-) -> None:
+) -> float | None:
     """Set the lines of combs between two frequencies to the level of the noise beside them, in place.
 
     Lines that the resolution cannot separate from what is between them stay: see ``MIN_SPACING_BINS``.
@@ -164,22 +166,30 @@ def remove_lines(
         resolution: spacing of its bins, Hz.
         combs: what to remove.
         low, high: Hz; nothing outside is touched.
+
+    Returns:
+        The speed of the shaft over the stated one, as the first mesh of gears that stands high shows it; else None.
     """
+    shown: float | None = None
     first, last = max(1, math.ceil(low / resolution)), min(spectrum.size - 2, math.floor(high / resolution))
     for comb in combs:
         centres = comb.centres(low, high)
         if centres.size == 0 or comb.fundamental < MIN_SPACING_BINS * resolution:
             continue
-        centres *= _factor(spectrum, resolution, centres[:_SOUGHT], comb.tolerance)
+        factor = _factor(spectrum, resolution, centres[:_SOUGHT], comb.tolerance)
+        centres *= factor
         sides, spacing = comb.sides(resolution)
         places = np.add.outer(centres, sides).ravel() / resolution
         places = places[(places >= first) & (places <= last)]
         lowest = places[: _SOUGHT * sides.size]
-        if lowest.size and (
-            _is_present(spectrum, lowest, spacing / resolution)
-            or (comb.beside and _stand_high(spectrum, centres[:_SOUGHT] / resolution, comb.fundamental / resolution))
-        ):
+        high_mesh = bool(comb.beside) and _stand_high(
+            spectrum, centres[:_SOUGHT] / resolution, comb.fundamental / resolution
+        )
+        if high_mesh and shown is None:
+            shown = factor
+        if lowest.size and (high_mesh or _is_present(spectrum, lowest, spacing / resolution)):
             _limit(spectrum, places, spacing / resolution, first, last)
+    return shown
 
 
 def _is_present(spectrum: NDArray[np.complexfloating], places: NDArray[np.float64], spacing: float) -> bool:

@@ -40,10 +40,12 @@ class EnvelopeSpectrum(AmplitudeSpectrum):
     Attributes:
         band: (lo, hi) of the demodulated band, Hz.
         mean: mean of the envelope, in the unit of the signal.
+        mesh_factor: speed of the shaft over the stated one, as the mesh of gears shows it; None where none stands high.
     """
 
     band: Band
     mean: float
+    mesh_factor: float | None = None
 
 
 @dataclass(frozen=True, eq=False)

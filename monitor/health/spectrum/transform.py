@@ -229,9 +229,10 @@ class BlockTransform:
         seen = raw_spectra(spectrum, self.n_used, self.rate, scale) if view else None
         of_shaft = [comb for comb in interference if comb.of_shaft] if warp else []
         interference = fixed_combs(interference) if warp else interference
+        mesh: float | None = None
         if interference:
             low, high = min(low for low, _ in self.bands), max(high for _, high in self.bands)
-            remove_lines(spectrum, self.resolution, interference, low, high)
+            mesh = remove_lines(spectrum, self.resolution, interference, low, high)
         resolution = self.resolution if warp is None else warp.resolution
         envelopes: list[EnvelopeSpectrum] = []
         for band, (first, last), plan in zip(self.bands, self._bins, self._envelope_plans, strict=True):
@@ -243,7 +244,7 @@ class BlockTransform:
             )
             if scale != 1.0:
                 amplitude = amplitude.astype(np.float64) / scale
-            envelopes.append(EnvelopeSpectrum(resolution, amplitude, band, level / scale))
+            envelopes.append(EnvelopeSpectrum(resolution, amplitude, band, level / scale, mesh))
         if scale != 1.0:
             raw = raw.astype(np.float64) / scale
         return BlockSpectra(

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from models.bearing import kinematics
 from monitor.health.gears.interference import gear_interference
-from monitor.health.gears.lines import beside_wheels, is_of_wheels
+from monitor.health.gears.lines import Wheels
 from monitor.health.gears.settings import GearPairing, GearSettings, GearWheel
 from monitor.health.naming import name_fault
 from monitor.health.spectrum.family import FaultLines
@@ -104,20 +104,21 @@ def family(fundamental: float) -> FaultLines:
 )
 def test_a_family_on_the_lines_of_a_wheel_is_the_wheels(order: float, turns: float, explained: bool) -> None:
     found = family(order * SPEED)
-    assert is_of_wheels(found, SPEED, (1.0, turns), 0.2, sd=0.001, tolerance=0.02) == explained
+    assert Wheels((1.0, turns), SPEED, 0.001, 0.02).explain(found, 0.2) == explained
 
 
 def test_at_a_stated_speed_a_family_is_withheld_as_far_as_that_may_be_off() -> None:
     found = family(3.08 * SPEED)
-    assert is_of_wheels(found, SPEED, (3.12,), 0.2, sd=None, tolerance=0.02)
-    assert not is_of_wheels(found, SPEED, (3.12,), 0.2, sd=None, tolerance=0.005)
-    assert not is_of_wheels(found, SPEED, (3.12,), 0.2, sd=0.001, tolerance=0.02)
+    assert Wheels((3.12,), SPEED, None, 0.02).explain(found, 0.2)
+    assert not Wheels((3.12,), SPEED, None, 0.005).explain(found, 0.2)
+    assert not Wheels((3.12,), SPEED, 0.001, 0.02).explain(found, 0.2)
 
 
 def test_a_cage_is_named_beside_gears_only_where_its_lines_are_far_apart() -> None:
     cage = {"cage": family(0.4 * SPEED), "outer": family(3.58 * SPEED)}
-    assert list(beside_wheels(cage, SPEED, (0.71,), 1.0, sd=0.001, tolerance=0.02)) == ["outer"]
-    assert list(beside_wheels(cage, SPEED, (0.71,), 0.1, sd=0.001, tolerance=0.02)) == ["cage", "outer"]
+    wheels = Wheels((1.0, 0.71), SPEED, 0.001, 0.02)
+    assert list(wheels.leave(cage, 1.0)) == ["outer"]
+    assert list(wheels.leave(cage, 0.1)) == ["cage", "outer"]
 
 
 def test_the_part_is_named_unless_a_wheel_turns_as_often_as_it_is_hit() -> None:
@@ -126,7 +127,15 @@ def test_the_part_is_named_unless_a_wheel_turns_as_often_as_it_is_hit() -> None:
     lines = kinematics(BEARING, SPEED)
     order = found.families[0]["outer"].fundamental / SPEED
     for turns, fault in (((), "outer"), ((1.0, 0.32), "outer"), ((1.0, order), None)):
-        assert name_fault(found.sought[0], lines, found.families[0], verified=True, turns=turns).fault == fault
+        wheels = Wheels(turns, SPEED, 0.001, 0.02)
+        assert name_fault(found.sought[0], lines, found.families[0], verified=True, wheels=wheels).fault == fault
+
+
+def test_the_mesh_shows_the_speed_where_it_is_loud() -> None:
+    x = np.random.default_rng(2).standard_normal(51_200)
+    both = gear_interference(train(23, 71), 0.02)
+    assert features(x + mesh(x.size, 1.0), both).envelopes[0].mesh_factor == pytest.approx(1.012, abs=3e-4)
+    assert features(x, both).envelopes[0].mesh_factor is None
 
 
 def test_a_loud_mesh_is_removed_although_its_sidebands_leave_no_room_between_them() -> None:
