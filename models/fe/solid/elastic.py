@@ -201,7 +201,7 @@ def _element_stiffness(
     """Return the stiffness of some elements, shape (elements, functions * dim, functions * dim)."""
     lame = body.modulus * body.poisson / ((1.0 + body.poisson) * (1.0 - 2.0 * body.poisson))
     shear = 0.5 * body.modulus / (1.0 + body.poisson)
-    inverse, volume = _jacobians(body.mesh, chunk, points)
+    inverse, volume = jacobians(body.mesh, chunk, points)
     _, reference = shapes(body.element, points)
     # (elements, functions, dim, q): d shape / d x_i = sum_k d shape / d X_k dX_k / dx_i.
     gradients: NDArray[np.float64] = np.einsum("akq,eqki->eaiq", reference, inverse, optimize=True)
@@ -216,7 +216,7 @@ def _element_stiffness(
     return matrix.reshape(elements, functions * dim, functions * dim)
 
 
-def _jacobians(
+def jacobians(
     mesh: FeMesh, chunk: NDArray[np.int64], points: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return inverse Jacobians (elements, q, dim, dim) as dX_k / dx_i, and their determinants (elements, q)."""

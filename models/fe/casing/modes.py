@@ -1,0 +1,192 @@
+"""Modes of a casing, their damping, and frequency responses by superposition with the static part of what is left out.
+
+A response of displacement over force is the sum of b_o'phi phi'b_i / (w_r^2 - w^2 + 2 i zeta_r w_r w) over the modes
+with phi' M phi = 1, plus b_o' K^-1 b_i minus the same sum at w = 0, which is what the modes left out give at rest: the
+error of each of them then is (w / w_r)^2 of its share instead of all of it.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from models.fe.casing.lanczos import lowest_eigenpairs
+from models.fe.solid.elastic import NotConvergedError
+from models.transfer.frf import MOTION_UNITS, FrequencyResponses
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+
+    from numpy.typing import NDArray
+
+    from models.fe.casing.model import Casing
+
+    Array = NDArray[np.float64]
+
+MAX_RESIDUAL = 1e-4
+"""Of |K phi - w^2 M phi| by |K phi|, the largest that a mode may have."""
+MAX_VECTORS = 1500
+"""Vectors of the basis at most, three or four for each mode."""
+_LINES_AT_ONCE = 512
+
+
+@dataclass(frozen=True)
+class Damping:
+    """Share of critical damping by frequency, as measured: linear between the points, constant beyond them.
+
+    Attributes:
+        frequency: Hz, ascending.
+        ratio: of critical damping, 0.01 for 1 percent, from 0 to below 1.
+    """
+
+    frequency: tuple[float, ...]
+    ratio: tuple[float, ...]
+
+    def __post_init__(self) -> None:
+        """Raise a ValueError that names what is wrong."""
+        if not self.ratio or len(self.frequency) != len(self.ratio):
+            raise ValueError(
+                f"damping: expected as many ratios as frequencies, got {len(self.ratio)} and {len(self.frequency)}"
+            )
+        for place, f in enumerate(self.frequency):
+            if not (math.isfinite(f) and f >= 0.0 and (place == 0 or f > self.frequency[place - 1])):
+                raise ValueError(
+                    f"damping: frequencies must be finite, not negative, ascending, got {f!r} Hz in place {place + 1}"
+                )
+        for ratio in self.ratio:
+            if not 0.0 <= ratio < 1.0:
+                raise ValueError(f"damping: ratios must be from 0 to below 1, got {ratio!r}")
+
+    @classmethod
+    def constant(cls, ratio: float) -> Damping:
+        """Return one ratio at all frequencies."""
+        return cls((0.0,), (ratio,))
+
+    def at(self, frequency: Array) -> Array:
+        """Return the ratios at frequencies, Hz."""
+        return np.asarray(np.interp(frequency, self.frequency, self.ratio), np.float64)
+
+
+THESIS_DAMPING = Damping((562.0, 828.0, 1221.0, 1423.0, 2154.0, 2818.0), (0.076, 0.076, 0.037, 0.018, 0.005, 0.023))
+"""Table 26 of the thesis, taken as shares of critical damping, which it does not say."""
+
+
+@dataclass(frozen=True, eq=False)
+class Modes:
+    """Natural frequencies, Hz, shape (modes,), ascending, and shapes (unknowns, modes) with phi' M phi = 1.
+
+    Attributes:
+        residual: |K phi - w^2 M phi| by |K phi|, shape (modes,).
+    """
+
+    frequency: Array
+    shapes: Array
+    residual: Array
+
+    def __len__(self) -> int:
+        """Return the number of modes."""
+        return len(self.frequency)
+
+    def below(self, highest: float) -> Modes:
+        """Return the modes up to a frequency, Hz."""
+        kept = self.frequency <= highest
+        return Modes(self.frequency[kept], self.shapes[:, kept], self.residual[kept])
+
+
+def modes_below(casing: Casing, highest: float) -> Modes:
+    """Return all modes of a casing up to a frequency, Hz.
+
+    Raises:
+        NotConvergedError: there is none, there are too many, or a mode is not one to :data:`MAX_RESIDUAL`.
+    """
+    limit = (math.tau * highest) ** 2
+    found = _modes(casing, lambda values: bool(values.size) and float(values[-1]) > limit)
+    kept = found.below(highest)
+    if not len(kept):
+        raise NotConvergedError(
+            f"the casing has no mode up to {highest:g} Hz, the first is at {found.frequency[0]:.5g} Hz"
+        )
+    return kept
+
+
+def first_modes(casing: Casing, count: int) -> Modes:
+    """Return so many modes of a casing from the lowest on.
+
+    Raises:
+        NotConvergedError: there are too many, or a mode is not one to :data:`MAX_RESIDUAL`.
+    """
+    found = _modes(casing, lambda values: values.size >= count)
+    return Modes(found.frequency[:count], found.shapes[:, :count], found.residual[:count])
+
+
+def _modes(casing: Casing, enough: Callable[[Array], bool]) -> Modes:
+    """Return modes from the lowest on until there are enough, checked."""
+    values, shapes = lowest_eigenpairs(casing.mass, casing.solve, enough, MAX_VECTORS)
+    forces = np.asarray(casing.stiffness @ shapes, np.float64)
+    missed = forces - np.asarray(casing.mass @ shapes, np.float64) * values
+    residual = np.asarray(np.linalg.norm(missed, axis=0) / np.linalg.norm(forces, axis=0), np.float64)
+    worst = int(np.argmax(residual))
+    if residual[worst] > MAX_RESIDUAL:
+        raise NotConvergedError(f"mode {worst + 1} of the casing has a residual of {residual[worst]:.2g}")
+    return Modes(np.sqrt(values) / math.tau, shapes, residual)
+
+
+def modal_responses(
+    casing: Casing,
+    modes: Modes,
+    damping: Damping,
+    frequency: Array,
+    outputs: Mapping[str, Array],
+    inputs: Mapping[str, Array],
+    unit: str = "m/s2",
+    *,
+    static: bool = True,
+) -> FrequencyResponses:
+    """Return the responses of motions to forces, N.
+
+    Args:
+        frequency: of the lines, Hz, ascending.
+        outputs, inputs: name -> column b, shape (unknowns,), see :meth:`models.fe.casing.model.Casing.columns`.
+        unit: of the outputs: "m", "m/s" or "m/s2".
+        static: whether what modes left out give at rest is added.
+    """
+    out, into = (np.stack(list(columns.values()), axis=1) for columns in (outputs, inputs))
+    omega, natural = math.tau * np.asarray(frequency, np.float64), math.tau * modes.frequency
+    ratio = damping.at(modes.frequency)
+    left, right = out.T @ modes.shapes, into.T @ modes.shapes
+    rest = (
+        out.T @ casing.solve(into) - (left / natural**2) @ right.T
+        if static
+        else np.zeros((out.shape[1], into.shape[1]))
+    )
+    h = np.empty((len(omega), out.shape[1], into.shape[1]), np.complex128)
+    for start in range(0, len(omega), _LINES_AT_ONCE):
+        part = omega[start : start + _LINES_AT_ONCE, None]
+        gain = 1.0 / (natural**2 - part**2 + 2j * ratio * natural * part)
+        h[start : start + _LINES_AT_ONCE] = np.einsum("or,fr,ir->foi", left, gain, right, optimize=True) + rest
+    h *= ((1j * omega) ** MOTION_UNITS.index(unit))[:, None, None]
+    return FrequencyResponses(np.asarray(frequency, np.float64), h, tuple(outputs), tuple(inputs), unit)
+
+
+def assurance(
+    first: NDArray[np.complexfloating | np.floating], second: NDArray[np.complexfloating | np.floating]
+) -> Array:
+    """Return the modal assurance criterion of two sets of shapes at the same places, shape (first, second).
+
+    |a* b|^2 / (a* a b* b) with a* the conjugate transpose (Allemang and Brown, Proc. IMAC 1 (1982) 110).
+
+    Args:
+        first, second: shapes (places and directions, modes).
+
+    Raises:
+        ValueError: the places differ, or a shape is zero throughout.
+    """
+    if first.shape[0] != second.shape[0]:
+        raise ValueError(f"shapes must be at the same places, got {first.shape[0]} and {second.shape[0]}")
+    sizes = [np.sum(np.abs(shapes) ** 2, axis=0) for shapes in (first, second)]
+    if not all(size.all() for size in sizes):
+        raise ValueError("a shape is zero at all places")
+    return np.asarray(np.abs(first.conj().T @ second) ** 2 / np.outer(*sizes), np.float64)
