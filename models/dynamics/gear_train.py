@@ -13,11 +13,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from models.checks import check_positive
+from models.dynamics.gear_rolling import RollingElements, rolling_course, rolling_of
 from models.gears.linear import matrices, mean_state, natural_frequencies, support_forces
 from models.kernels import gear_train as kernels
-from models.kernels.gear_train import ENERGIES, T_SIZE, Course, Plan
+from models.kernels.gear_forces import ENERGIES, T_SIZE, Course, Plan, to_sample
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from numpy.typing import NDArray
 
     from models.gears.linear import Matrices
@@ -40,7 +43,7 @@ class TrainState:
     """Where a train is at an instant.
 
     Attributes:
-        turns: of the drive since time 0 of the train, beside whole pitches of nothing: the phases follow from it.
+        turns: of the drive since it was at turn 0, from which the phases of all meshes follow.
         displacement, velocity: of the degrees of freedom, (F,).
         touching: whether the flanks of each contact touch: of each mesh those that drive, then the others, (2 m,).
     """
@@ -69,6 +72,7 @@ class TrainMotion:
         touches: how often the flanks that drive met anew, (m,).
         end: where it ended; a further run can begin there.
         finite: whether the state stayed finite.
+        rolling_force: of the elements of the bearings that were described by them, on the casing, N, by name, (N, 2).
     """
 
     train: GearTrain
@@ -86,6 +90,7 @@ class TrainMotion:
     touches: NDArray[np.int64]
     end: TrainState
     finite: bool
+    rolling_force: dict[str, Array]
 
     def of(self, name: str, what: str = "displacement") -> Array:
         """Return displacement, velocity or acceleration of a degree of freedom, (N,).
@@ -115,10 +120,16 @@ class TrainMotion:
 
     def bearing_forces(self) -> dict[str, Array]:
         """Return the forces of the supports on the casing, springs and dampers, N, by name: x and y, (N, 2)."""
-        return support_forces(self.train, self.displacement, self.velocity)
+        found = support_forces(self.train, self.displacement, self.velocity)
+        springs = support_forces(self.train, self.displacement)
+        # Of a rolling bearing the elements stand in the place of the springs.
+        return found | {name: found[name] - springs[name] + force for name, force in self.rolling_force.items()}
 
     def energy_residual(self) -> float:
-        """Return the largest failure of the energy balance over the energy that went through, dimensionless."""
+        """Return the largest failure of the energy balance over the energy that went through, dimensionless.
+
+        The defect of a rolling element relieves it at once where it meets a race; what that frees is left out.
+        """
         stored, did, took, gave = (self.energy - self.energy[0]).T
         scale = np.max(np.abs(self.energy[:, 0])) + np.max(np.abs(did)) + np.max(took) + np.max(np.abs(gave))
         return float(np.max(np.abs(stored - did + took - gave)) / scale)
@@ -132,6 +143,7 @@ def simulate_train(
     settle: float | None = None,
     step: float | None = None,
     start: TrainState | None = None,
+    rolling: Sequence[RollingElements] = (),
 ) -> TrainMotion:
     """Return the motion of a train.
 
@@ -142,25 +154,29 @@ def simulate_train(
         settle: time that is dropped before, s; by default what the slowest decay needs, or nothing after a ``start``.
         step: longest step, s; by default ``longest_step``.
         start: where the motion begins; by default at rest under the mean torques, at turn 0.
+        rolling: bearings whose elements are described one by one, instead of the stiffness of the support of the same
+            name, whose damper stays. They need a constant speed and the beginning at turn 0.
 
     Raises:
         ValueError: if an argument is unusable, or the drive would come to stand still; the message names it.
     """
     check_positive(duration=duration, rate=rate)
+    if rolling and (train.acceleration != 0.0 or (start is not None and start.turns != 0.0)):
+        raise ValueError("rolling: bearings with elements need a constant speed and a start at turn 0")
     longest = longest_step(train) if step is None else step
     check_positive(step=longest)
-    parts = matrices(train)
-    plan = plan_of(train, parts, 0.0 if start is None else start.turns)
-    course = course_of(plan, at_rest(train) if start is None else start)
     dropped = (settling(train) if start is None else 0.0) if settle is None else settle
     if not (math.isfinite(dropped) and dropped >= 0.0):
         raise ValueError(f"settle must be finite and not negative, got {dropped!r}")
     skipped, count = math.ceil(dropped * rate - 1e-9), max(1, round(duration * rate))
+    parts = matrices(train)
+    plan = plan_of(train, parts, 0.0 if start is None else start.turns, rolling, (skipped + count) / rate)
+    course = course_of(plan, at_rest(train) if start is None else start)
     status = _drop(plan, course, skipped, 1.0 / rate, longest)
     course.apart[:], course.changes[:] = 0.0, 0
-    motion, contacts, energy = _places(plan, count)
+    motion, contacts, energy, reactions = places = _places(plan, count)
     if status == kernels.STATUS_OK:
-        status = kernels.integrate(plan, course, 0.0, 1.0 / rate, skipped, longest, motion, contacts, energy)
+        status = kernels.integrate(plan, course, 0.0, 1.0 / rate, skipped, longest, *places)
     if status == kernels.STATUS_STANDS_STILL:
         raise ValueError(f"train: with an acceleration of {train.acceleration!r} Hz/s the drive comes to stand still")
     n, span = len(parts.names), max(count - 1, 1) / rate
@@ -182,6 +198,7 @@ def simulate_train(
         touches=course.changes[0::2].copy(),
         end=TrainState(turns, course.state[:n].copy(), course.state[n : 2 * n].copy(), course.touching.copy()),
         finite=status == kernels.STATUS_OK,
+        rolling_force={one.support: -reactions[:, b] for b, one in enumerate(rolling)},
     )
 
 
@@ -213,8 +230,14 @@ def at_rest(train: GearTrain) -> TrainState:
     return TrainState(0.0, rest, np.zeros_like(rest), np.zeros(0, dtype=np.bool_))
 
 
-def plan_of(train: GearTrain, parts: Matrices, turns: float) -> Plan:
-    """Return what the kernel needs of a train whose drive is at a number of turns at time 0."""
+def plan_of(
+    train: GearTrain, parts: Matrices, turns: float, rolling: Sequence[RollingElements], duration: float
+) -> Plan:
+    """Return what the kernel needs of a train whose drive is at a number of turns at time 0.
+
+    Raises:
+        ValueError: if a rolling bearing is at no support of the train.
+    """
     ratios = train.ratios()
     count = len(train.meshes)
     table, values = np.zeros((count, T_SIZE, 2), dtype=np.int64), [np.zeros(0)]
@@ -237,7 +260,7 @@ def plan_of(train: GearTrain, parts: Matrices, turns: float) -> Plan:
     rise = train.acceleration
     return Plan(
         inverse=1.0 / parts.mass,
-        stiffness=parts.stiffness,
+        stiffness=_without(train, parts, rolling),
         damping=parts.damping,
         force=parts.force,
         row=rows,
@@ -251,7 +274,24 @@ def plan_of(train: GearTrain, parts: Matrices, turns: float) -> Plan:
         per_turn=per_turn,
         shift=shift,
         speed=np.array([math.sqrt(max(train.speed**2 + 2.0 * rise * turns, 0.0)), rise]),
+        **rolling_of(train, rolling, parts.names, duration)._asdict(),
     )
+
+
+def _without(train: GearTrain, parts: Matrices, rolling: Sequence[RollingElements]) -> Array:
+    """Return the stiffness without that of the supports that are rolling bearings."""
+    stiffness, found = parts.stiffness.copy(), 0
+    names = [one.support for one in rolling]
+    for body in train.bodies:
+        for support in body.supports:
+            if support.name in names:
+                k = parts.names.index(f"{body.name}.x")
+                stiffness[k : k + 2, k : k + 2] -= np.asarray(support.stiffness)
+                found += 1
+    if found < len(names):
+        known = ", ".join(support.name for body in train.bodies for support in body.supports)
+        raise ValueError(f"rolling: supports must be different ones of {known}, got {', '.join(names)}")
+    return stiffness
 
 
 def course_of(plan: Plan, start: TrainState) -> Course:
@@ -270,10 +310,11 @@ def course_of(plan: Plan, start: TrainState) -> Course:
         changes=np.zeros(2 * count, dtype=np.int64),
         slope=np.zeros((7, size)),
         trial=np.zeros(size),
+        **rolling_course(len(plan.place), plan.slots.shape[1])._asdict(),
     )
     course.state[:n], course.state[n : 2 * n] = start.displacement, start.velocity
     for m in range(count):
-        kernels.to_sample(plan, course, m, math.floor(plan.begin[m] + 1e-9))
+        to_sample(plan, course, m, math.floor(plan.begin[m] + 1e-9))
     along = plan.begin - course.at
     error = course.e + along * course.e_slope
     for contact in range(2 * count):
@@ -291,9 +332,15 @@ def _tables(mesh: Mesh) -> tuple[Array | None, ...]:
     return k.base, k.driver_loss, k.driven_loss, k.driver_error, k.driven_error
 
 
-def _places(plan: Plan, count: int) -> tuple[Array, Array, Array]:
+def _places(plan: Plan, count: int) -> tuple[Array, Array, Array, Array]:
     n, contacts = plan.inverse.size, plan.free.size
-    return np.zeros((count, 3, n)), np.zeros((count, 2, contacts)), np.zeros((count, 1 + ENERGIES))
+    bearings = len(plan.place)
+    return (
+        np.zeros((count, 3, n)),
+        np.zeros((count, 2, contacts)),
+        np.zeros((count, 1 + ENERGIES)),
+        np.zeros((count, bearings, 2)),
+    )
 
 
 def _drop(plan: Plan, course: Course, count: int, interval: float, longest: float) -> int:

@@ -10,8 +10,13 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from models.bearing import kinematics
+
 if TYPE_CHECKING:
     from numpy.typing import NDArray
+
+    from models.bearing import Bearing
+    from models.scene import Defect
 
 # Edges closer than this are one, s.
 _SAME_TIME = 1e-11
@@ -81,3 +86,56 @@ def in_intervals(begin: NDArray[np.float64], end: NDArray[np.float64], duration:
     interval = np.arange(len(record)) - np.repeat(np.cumsum(counts) - counts, counts) + low[record]
     first = np.concatenate(([0], np.cumsum(np.bincount(interval, minlength=len(bounds))))).astype(np.int64)
     return Intervals(np.append(bounds, duration + 1.0), first, record[np.argsort(interval, kind="stable")])
+
+
+class Meetings(NamedTuple):
+    """Passages of a bearing's elements over a defect whose depth is a half-wave, each array of shape (passages,).
+
+    Attributes:
+        begin, end: when the edges are reached, s.
+        element: int64.
+        depth, rate, offset: it is deeper by depth * sin(rate * t + offset), m.
+    """
+
+    begin: NDArray[np.float64]
+    end: NDArray[np.float64]
+    element: NDArray[np.int64]
+    depth: NDArray[np.float64]
+    rate: NDArray[np.float64]
+    offset: NDArray[np.float64]
+
+
+def half_wave_meetings(
+    bearing: Bearing, speed: float, angles: NDArray[np.float64], defect: Defect, duration: float
+) -> Meetings:
+    """Return the passages over a defect that relieves an element by h_d sin(pi psi / dphi_d), psi from its edge.
+
+    A defect of an element relieves it by h_d while it lies within dphi_d of either contact (Ceruti, 2.4.1).
+
+    Args:
+        speed: of the shaft, Hz; negative where it turns the other way.
+        angles: of all elements at t = 0, rad, (rows * n_elements,).
+        duration: of the run, s.
+    """
+    lines = kinematics(bearing, abs(speed))
+    cage, shaft, spin = (math.copysign(2.0 * math.pi * rate, speed) for rate in (lines.ftf, abs(speed), lines.bsf))
+    rate = {"outer": cage, "inner": cage - shaft, "ball": spin}[defect.part]
+    every = math.pi if defect.part == "ball" else 2.0 * math.pi
+    rows = range(defect.first_row, defect.first_row + defect.rows)
+    count = 1 if defect.part == "ball" else bearing.n_elements
+    elements = np.array([row * bearing.n_elements + k for row in rows for k in range(count)])
+    edge = defect.position - 0.5 * defect.dphi_d
+    past = passages_over(
+        np.zeros(len(elements)) if defect.part == "ball" else angles[elements],
+        rate,
+        every,
+        (edge, edge + defect.dphi_d),
+        duration,
+    )
+    offset, size = past.offset, len(past.offset)
+    if defect.part == "ball":
+        along, start = np.zeros(size), np.full(size, 0.5 * math.pi)
+    else:
+        waves = math.pi / defect.dphi_d
+        along, start = np.full(size, waves * rate), waves * offset
+    return Meetings(past.begin, past.end, elements[past.number], np.full(size, defect.h_d), along, start)

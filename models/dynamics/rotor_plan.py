@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from models.bearing import kinematics
-from models.dynamics.passages import in_intervals, passages_over
+from models.dynamics.passages import half_wave_meetings, in_intervals
 from models.hertz import contact_exponent, element_angles, static_equilibrium
 from models.kernels import rotor_forces as kernels
 from models.rigs.rotor import RotorRig
@@ -151,27 +151,7 @@ def _meetings(scene: Scene, duration: float) -> Rows:
 
 def _passages(scene: Scene, defect: Defect, duration: float) -> Rows:
     side = 0 if defect.support == "a" else 1
-    bearing, lines = bearings_of(scene)[side], kinematics(bearings_of(scene)[side], scene.speed)
-    cage, shaft, spin = (2.0 * math.pi * rate for rate in (lines.ftf, scene.speed, lines.bsf))
-    rate = {"outer": cage, "inner": cage - shaft, "ball": spin}[defect.part]
-    every = math.pi if defect.part == "ball" else 2.0 * math.pi
-    rows = range(defect.first_row, defect.first_row + defect.rows)
-    balls = np.array(
-        [
-            row * bearing.n_elements + k
-            for row in rows
-            for k in range(1 if defect.part == "ball" else bearing.n_elements)
-        ]
-    )
-    angles = np.zeros(len(balls)) if defect.part == "ball" else ball_angles(scene)[side][balls]
-    edge = defect.position - 0.5 * defect.dphi_d
-    past = passages_over(angles, rate, every, (edge, edge + defect.dphi_d), duration)
-    offset, size = past.offset, len(past.offset)
-    count = len(ball_angles(scene)[0])
-    if defect.part == "ball":
-        along, start = np.zeros(size), np.full(size, 0.5 * math.pi)
-    else:
-        waves = math.pi / defect.dphi_d
-        along, start = np.full(size, waves * rate), waves * offset
-    number = (balls[past.number] + side * count).astype(np.float64)
-    return past.begin, past.end, number, np.full(size, defect.h_d), along, start
+    angles = ball_angles(scene)
+    found = half_wave_meetings(bearings_of(scene)[side], scene.speed, angles[side], defect, duration)
+    number = (found.element + side * len(angles[0])).astype(np.float64)
+    return found.begin, found.end, number, found.depth, found.rate, found.offset

@@ -50,12 +50,7 @@ class RollingSupport:
         check_numbers(self, f"support {self.support}: ", "not negative", "clearance")
 
 
-def with_bearings(
-    train: GearTrain,
-    bearings: Sequence[RollingSupport],
-    *,
-    forces: dict[str, tuple[float, float]] | None = None,
-) -> GearTrain:
+def with_bearings(train: GearTrain, bearings: Sequence[RollingSupport]) -> GearTrain:
     """Return a train whose named supports have the stiffness of their bearings at the mean force.
 
     The stiffness is the slope of force over displacement there, the mean over a passage of the elements (Eq. 61 of the
@@ -64,7 +59,6 @@ def with_bearings(
     Args:
         train: the stiffness of these supports in it matters only where the forces of the meshes depend on it.
         bearings: of supports; others stay linear.
-        forces: further mean forces on bodies, such as weight or a belt, N, by name of the body: x and y.
 
     Raises:
         ValueError: if a name is none of the train, or a bearing has no load, which leaves it no stiffness.
@@ -73,15 +67,14 @@ def with_bearings(
     for rolling in bearings:
         if rolling.support not in known:
             raise ValueError(f"no support {rolling.support!r} in the train; there are: {', '.join(sorted(known))}")
-    for name in forces or {}:
-        train.body(name)
     rolling_of = {rolling.support: rolling for rolling in bearings}
     before = mean_state(train).mesh_force
+    outside = max((math.hypot(*body.force) for body in train.bodies), default=0.0)
     for _ in range(_ROUNDS):
-        bodies = tuple(_carried(train, body, rolling_of, before, forces or {}) for body in train.bodies)
+        bodies = tuple(_carried(train, body, rolling_of, before) for body in train.bodies)
         train = replace(train, bodies=bodies)
         after = mean_state(train).mesh_force
-        if np.abs(after - before).max(initial=0.0) <= _SETTLED * np.abs(after).max(initial=0.0):
+        if np.abs(after - before).max(initial=0.0) <= _SETTLED * np.abs(after).max(initial=outside):
             return train
         before = after
     raise RuntimeError(f"the forces of the meshes and the stiffness of the bearings did not settle in {_ROUNDS} rounds")
@@ -92,7 +85,6 @@ def _carried(
     body: Body,
     rolling_of: dict[str, RollingSupport],
     mesh_force: Array,
-    forces: dict[str, tuple[float, float]],
 ) -> Body:
     """Return a body with the stiffness of its supports at its mean force."""
     here = [rolling_of[support.name] for support in body.supports if support.name in rolling_of]
@@ -100,7 +92,7 @@ def _carried(
         return body
     parts = matrices(train)
     k = parts.names.index(f"{body.name}.x")
-    force = np.asarray(forces.get(body.name, (0.0, 0.0))) - parts.drive[:, k : k + 2].T @ mesh_force
+    force = np.asarray(body.force) - parts.drive[:, k : k + 2].T @ mesh_force
     if not np.linalg.norm(force) > 0.0:
         raise ValueError(f"body {body.name}: no mean force loads its bearings, which have no stiffness without one")
     linear = np.sum([s.stiffness for s in body.supports if s.name not in rolling_of] or [np.zeros((2, 2))], axis=0)

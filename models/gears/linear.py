@@ -34,7 +34,7 @@ class Matrices:
         names: of the F degrees of freedom: "BODY.x", "BODY.y", "BODY.angle".
         mass: kg and kg m2, (F,).
         stiffness, damping: of supports, torsion springs and speed damping, without the meshes, (F, F).
-        force: torques beside the mean motion, N m, (F,).
+        force: forces, N, and torques beside the mean motion, N m, (F,).
         drive: w of each mesh: its displacement per unit of each degree of freedom, m or m/rad, (meshes, F).
         back: the same of the displacement of the other flanks towards each other, (meshes, F).
     """
@@ -108,7 +108,7 @@ def matrices(train: GearTrain) -> Matrices:
     for body in train.bodies:
         if body.translates:
             k = place[f"{body.name}.x"]
-            mass[k : k + 2] = body.mass
+            mass[k : k + 2], force[k : k + 2] = body.mass, body.force
             stiffness[k : k + 2, k : k + 2] = total(support.stiffness for support in body.supports)
             damping[k : k + 2, k : k + 2] = total(support.damping for support in body.supports)
         if body.rotates:
@@ -170,8 +170,9 @@ def mean_state(train: GearTrain, stiffness: Array | None = None) -> MeanState:
         np.linalg.pinv(root[:, None] * k * root[None, :], rcond=_FREE**2, hermitian=True) @ (root * parts.force)
     )
     force = k_mesh * (parts.drive @ displacement)
-    for mesh, value in zip(train.meshes, force, strict=True):
-        if value < -_FREE * np.abs(force).max() and mesh.backlash > 0.0:
+    rounding = _FREE * k_mesh * (np.abs(parts.drive) @ np.abs(displacement))
+    for mesh, value, least in zip(train.meshes, force, rounding, strict=True):
+        if value < -least and mesh.backlash > 0.0:
             raise ValueError(
                 f"{mesh.name}: the torques press the flanks that do not drive with {-value:g} N; swap driver and driven"
             )

@@ -75,6 +75,7 @@ class Body:
         supports: the bearings that carry it; none where it does not translate.
         torque: that acts on it from outside, N m, positive where it drives, negative where it loads. That of the drive
             follows from the balance and must be 0 here.
+        force: that acts on it from outside beside the torque, such as weight or a belt, N: x and y.
         speed_damping: torque against a deviation from the mean speed, N m s/rad: of a motor, a brake or oil.
         translates: whether the axis may move. A motor or a load counts as a body that does not.
         rotates: whether its speed may differ from the mean speed. A body that does not turns at the mean speed
@@ -86,6 +87,7 @@ class Body:
     inertia: float = 0.0
     supports: tuple[Support, ...] = ()
     torque: float = 0.0
+    force: tuple[float, float] = (0.0, 0.0)
     speed_damping: float = 0.0
     translates: bool = True
     rotates: bool = True
@@ -95,6 +97,8 @@ class Body:
         prefix = f"body {self.name}: "
         check_numbers(self, prefix, "not negative", "mass", "inertia", "speed_damping")
         check_numbers(self, prefix, "finite", "torque")
+        if not all(map(math.isfinite, self.force)):
+            raise ValueError(f"{prefix}force must be finite, got {self.force!r}")
         if self.rotates:
             check_numbers(self, prefix, "positive", "inertia")
         if not self.translates:

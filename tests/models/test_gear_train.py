@@ -219,5 +219,7 @@ def test_a_bearing_without_load_is_refused() -> None:
         with_bearings(pair(load=0.0), [bearing])
     with pytest.raises(ValueError, match="no support 'x'"):
         with_bearings(pair(), [replace(bearing, support="x")])
-    weighted = with_bearings(pair(load=0.0), [bearing], forces={"first": (0.0, -60.0)})
+    idle = pair(load=0.0)
+    pulled = replace(idle, bodies=(replace(idle.bodies[0], force=(0.0, -60.0)), idle.bodies[1]))
+    weighted = with_bearings(pulled, [bearing])
     assert weighted.body("first").supports[0].stiffness[1][1] > 1e6
