@@ -1,9 +1,9 @@
 """Acoustic transfer vectors in files: ``.npz`` of plain arrays, and CSV for those of other programs.
 
 A CSV has one row for each microphone, point and frequency, in any order, and the columns ``microphone``, ``point``,
-``frequency_hz``, ``real_pa_s_per_m`` and ``imag_pa_s_per_m``. Columns of places may follow, which are the same in all
-rows of a microphone or point: ``microphone_x_m`` (y, z), ``point_x_m`` (y, z) and ``normal_x`` (y, z). Other columns
-and lines that begin with # are ignored, but for ``# sound_speed_m_per_s,343`` and ``# over_plane,z=0``.
+``frequency_hz``, ``real_pascal_per_m_per_s`` and ``imag_pascal_per_m_per_s``. Columns of places may follow, which are
+the same in all rows of a microphone or point: ``microphone_x_m`` (y, z), ``point_x_m`` (y, z) and ``normal_x`` (y, z).
+Other columns and lines that begin with # are ignored, but for ``# sound_speed_m_per_s,343`` and ``# over_plane,z=0``.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-_NEEDED = ("microphone", "point", "frequency_hz", "real_pa_s_per_m", "imag_pa_s_per_m")
+_NEEDED = ("microphone", "point", "frequency_hz", "real_pascal_per_m_per_s", "imag_pascal_per_m_per_s")
 _PLACES = {
     "microphone_position": ("microphone_x_m", "microphone_y_m", "microphone_z_m"),
     "point_position": ("point_x_m", "point_y_m", "point_z_m"),

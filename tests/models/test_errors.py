@@ -36,6 +36,7 @@ WRONG_INPUT = {
     "PageError",
     "RefusedError",
     "ReportError",
+    "SurfaceError",
     "TransferVectorError",
     "WavError",
     "ScoreError",

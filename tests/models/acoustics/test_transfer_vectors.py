@@ -90,7 +90,7 @@ def test_files_hold_all_of_it(tmp_path, name, placed):
 def test_rows_in_any_order_with_other_columns_and_comments_are_read(tmp_path):
     path = tmp_path / "a.csv"
     rows = [f"m,{p},{f},{p}.5,-1,x" for f in (200, 100) for p in (2, 1)]
-    head = "microphone,point,frequency_hz,real_pa_s_per_m,imag_pa_s_per_m,note"
+    head = "microphone,point,frequency_hz,real_pascal_per_m_per_s,imag_pascal_per_m_per_s,note"
     path.write_text("\n".join(["# by another program", head, *rows, ""]))
     found = read_transfer_vectors(path)
     assert found.points == ("2", "1")
@@ -102,13 +102,13 @@ def test_rows_in_any_order_with_other_columns_and_comments_are_read(tmp_path):
 @pytest.mark.parametrize(
     ("change", "said"),
     [
-        (lambda t: t.replace("real_pa", "re"), "missing real_pa_s_per_m"),
+        (lambda t: t.replace("real_pascal", "re"), "missing real_pascal_per_m_per_s"),
         (lambda t: t + "front,p0,500.0,1,1\n", r"line 41: expected 14 cells, got 5"),
         (lambda t: t + t.splitlines()[-1], "line 41: microphone top, point p5 at 700 Hz stands twice"),
         (lambda t: "\n".join(t.splitlines()[:-1]), "no row of microphone top, point p5 at 700 Hz"),
         (
             lambda t: t.replace("front,p0,500.0,", "front,p0,500.0,x"),
-            "line 5, real_pa_s_per_m: expected a finite number",
+            "line 5, real_pascal_per_m_per_s: expected a finite number",
         ),
         (lambda t: t.replace("343.0", "fast"), "sound_speed_m_per_s: expected a finite number"),
         (lambda t: t.replace(",0.6,", ",0.7,", 1), "line 6: microphone_x_m ... of front differ"),
