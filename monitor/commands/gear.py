@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from monitor.commands import option
-from monitor.commands.common import InputError, check_suffix, emit
+from monitor.commands.common import PICTURES, InputError, check_suffix, emit
 from monitor.commands.gear_kinematics import GearInput, kinematic_lines, kinematic_values, read_gears
 
 if TYPE_CHECKING:
@@ -21,6 +21,7 @@ _FILES: dict[str, tuple[tuple[str, ...], str | None]] = {
     "frf": ((".csv", ".uff", ".unv"), None),
     "atv": ((".csv", ".npz"), "frf"),
     "wav": ((".wav",), "frf"),
+    "plot": (PICTURES, None),
 }
 """Options that name a file: what it may end in, and the option without which it has no use."""
 
@@ -35,6 +36,7 @@ _FILES: dict[str, tuple[tuple[str, ...], str | None]] = {
 @click.option("--frf", type=option.FILE, help="Responses of the casing to the bearings (CSV, UFF58).")
 @click.option("--atv", type=option.FILE, help="Acoustic transfer vectors of the surface (.npz, .csv).")
 @click.option("--wav", type=option.OUT_FILE, help="Write the sound at the microphones.")
+@click.option("--plot", type=option.OUT_FILE, help="Draw the train, forces and levels (PNG, SVG or HTML).")
 @option.output
 def command(
     stages: tuple[str, ...],
@@ -101,6 +103,10 @@ def _add_motion(
         write_forces(run, files["csv"])
     if casing is not None and run.motion.finite:
         yield from _add_levels(run, casing, files["wav"], values)
+    if files["plot"] is not None and run.motion.finite:
+        from monitor.commands.gear_picture import draw_gears
+
+        draw_gears(run, values, given.title, files["plot"])
 
 
 def _add_levels(run: GearRun, casing: Casing, wav: Path | None, values: dict[str, Any]) -> Iterator[str]:

@@ -39,6 +39,12 @@ class GearInput:
     name: str
     lines: Mapping[Place, int] = field(default_factory=dict[Place, int])
 
+    @property
+    def title(self) -> str:
+        """What it is called in a picture: the name of the machine, where it has one."""
+        machine = self.config.machine
+        return machine.name if "name" in machine.model_fields_set else Path(self.name).stem
+
     def refusal(self, problems: Sequence[tuple[Place, str]]) -> InputError:
         """Return the error of problems at places below ``[gear]``, one line each with that of the file."""
         located = [(("gear", *place), f"{place_words(('gear', *place))}: {text}") for place, text in problems]

@@ -13,6 +13,7 @@ import pytest
 from monitor.commands.common import InputError
 from monitor.commands.gear_forces import GearRun, amplitudes, build_train, force_lines, force_values, run_train
 from monitor.commands.gear_kinematics import GearInput
+from monitor.commands.gear_picture import draw_gears, gear_picture, shaft_centres
 from monitor.config.load import validate
 from tests.commands import run_command
 from tests.monitor.config.test_config import MINIMAL
@@ -126,6 +127,21 @@ def test_the_command_prints_and_writes(tmp_path: Path) -> None:
         "mesh_1-3_newton,mesh_3-5_newton"
     )
     assert rows.shape == (round(RATE / 8.44), 9)
+
+
+def test_the_train_is_drawn(tmp_path: Path) -> None:
+    run = run_of({**VARIED, "pair": [VARIED["pair"][0], {**VARIED["pair"][1], "direction_deg": 90.0}]})
+    values: dict[str, Any] = {"train": force_values(run), "casing": None, "sound": None}
+    centres = shaft_centres(run)
+    assert list(centres.values()) == pytest.approx([0.0, 0.148, 0.148 + 0.148j])
+    picture = gear_picture(run, values, "box")
+    assert picture.forces[0].force == pytest.approx(values["train"]["supports"][0]["mean_newton"])
+    assert picture.wheels[2].radius == pytest.approx(0.074)
+    assert set(picture.shown) == {"driver", "intermediate", "driven"}
+    draw_gears(run, values, "box", tmp_path / "g.html")
+    page = (tmp_path / "g.html").read_text()
+    assert "box: gear train at 942.9 N m, 50 kW" in page
+    assert page.count("<svg") == 4
 
 
 @pytest.mark.parametrize(
