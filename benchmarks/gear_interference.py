@@ -51,7 +51,7 @@ from tests.steps import Steps
 WAYS = ("nothing", "[gear]", "no gears")
 BELOW = tuple(range(0, -45, -5))
 """Level of the damage over that of the gears, dB."""
-RECORDS = 60
+RECORDS = 50
 """Damaged machines."""
 
 

@@ -43,7 +43,7 @@ OPTIONS = {
 """Options of a URL."""
 
 _MODULE, _FACE, _PRESSURE = 3e-3, 30e-3, math.radians(20.0)
-_RELIEF = TipRelief(amount=10e-6, length=2e-3)
+_RELIEF = TipRelief(amount=6e-6, length=2e-3)
 _BACKLASH = 60e-6
 _FORCE: Mapping[GearState, float] = {"loaded": 3000.0, "idle": 10.0}
 """Mean force along the line of action, N."""
