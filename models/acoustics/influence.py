@@ -81,8 +81,8 @@ def influence(x: NDArray[np.float64], normal_x: NDArray[np.float64], panels: Pan
 
 
 def _near_pairs(x: NDArray[np.float64], normal_x: NDArray[np.float64], panels: Panels) -> NearPairs:
-    rows: list[NDArray[np.int64]] = []
-    columns: list[NDArray[np.int64]] = []
+    rows = [np.empty(0, np.int64)]
+    columns = [np.empty(0, np.int64)]
     step = max(_FAR_PAIRS // len(panels.area), 1)
     for first in range(0, len(x), step):
         distance2 = np.sum((x[first : first + step, None] - panels.middle) ** 2, axis=2)
