@@ -216,18 +216,26 @@ class Balance:
 
     def folds(self, branch: list[Motion]) -> list[Motion]:
         """Return the motions of a branch at which the frequency turns back: where a slow sweep jumps."""
+        return self._crossings(branch, lambda motion: float(motion.tangent[-1]))
+
+    def flips(self, branch: list[Motion]) -> list[Motion]:
+        """Return the motions of a branch from which one of twice the period departs: a multiplier is -1."""
+        return self._crossings(branch, lambda motion: 1.0 + float(motion.multipliers.real.min()))
+
+    def _crossings(self, branch: list[Motion], measure: Callable[[Motion], float]) -> list[Motion]:
+        """Return the motions of a branch at which a measure changes its sign."""
         found: list[Motion] = []
         for before, after in itertools.pairwise(branch):
-            if before.tangent[-1] * after.tangent[-1] >= 0.0:
+            if measure(before) * measure(after) >= 0.0:
                 continue
             apart = after.coefficients - before.coefficients
             whole = float(apart @ before.tangent[:-1])
             whole += (after.frequency - before.frequency) * float(before.tangent[-1])
 
-            def direction(length: float, before: Motion = before) -> float:
-                return float(self._reached(before, length).tangent[-1])
+            def value(length: float, before: Motion = before) -> float:
+                return measure(self._reached(before, length))
 
-            found.append(self._reached(before, float(np.asarray(brentq(direction, 0.0, whole, xtol=1e-10)))))
+            found.append(self._reached(before, float(np.asarray(brentq(value, 0.0, whole, xtol=1e-10)))))
         return found
 
     def _reached(self, before: Motion, length: float) -> Motion:

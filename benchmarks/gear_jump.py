@@ -1,0 +1,374 @@
+"""Jumps of a pair of gears that loses contact: the solver in time against an independent harmonic balance.
+
+python -m benchmarks.gear_jump [--quick] [--json FILE] [--picture FILE]
+
+The mesh frequency of a pair is swept up and down in small steps, each from where the last one ended. The balance
+(tests/oracles/gear_harmonic_balance.py) follows all periodic motions by arc length: a sweep must jump at its folds, and
+between them lie on its stable motions. The oracle shares no code with the solver.
+"""
+
+from __future__ import annotations
+
+import argparse
+import itertools
+import math
+import time
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import matplotlib as mpl
+
+mpl.use("Agg")
+
+import matplotlib.pyplot as plt
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmarks.common import Row, print_table, write_json
+from models.dynamics.gear_train import TrainState, simulate_train
+from models.gears.mesh import MeshStiffness
+from models.gears.train import Body, GearTrain, Mesh, Wheel
+from tests.oracles.gear_harmonic_balance import Balance, Motion, Pair, out_of_contact, root_mean_square
+
+Array = NDArray[np.float64]
+
+BLUE, RED, ORANGE = "#0072b2", "#7b3f72", "#b84a00"
+TEETH = 50
+BASE_RADIUS = 0.5 * TEETH * 0.003 * math.cos(math.radians(20.0))
+INERTIA = 0.5 * 7850.0 * math.pi * 0.075**4 * 0.02
+MEAN_STIFFNESS = 5e8
+HALF_BACKLASH = 50e-6
+"""A pair of 50 teeth of module 3 mm and 20 mm of steel, m; the results without dimensions do not hang on it."""
+MASS = INERTIA / (2.0 * BASE_RADIUS**2)
+NATURAL = math.sqrt(MEAN_STIFFNESS / MASS)
+SAMPLES = 128
+PER_PERIOD = 5 * SAMPLES
+"""Between the samples of the tables too: at them the error is exact, and between them its first harmonic is less."""
+KEPT = 4
+DOUBLED = 0.02
+"""Spread of the periods from which a motion counts as one of twice the period."""
+JUMP = 0.05
+"""Change of the RMS from one step to the next, over the RMS, that counts as a jump beside its trend."""
+
+
+@dataclass(frozen=True)
+class Case:
+    """A pair without dimensions, as in the oracle, and the sweep.
+
+    Attributes:
+        name: of the case.
+        error: amplitude E of the first harmonic of the error.
+        stiffness: harmonics of the stiffness over its mean.
+        sweep: least and highest frequency.
+        step: of the frequency.
+        settle: periods of the mesh after each step.
+        most: longest arc length of the branch.
+    """
+
+    name: str
+    zeta: float
+    force: float
+    error: float
+    stiffness: tuple[float, ...]
+    sweep: tuple[float, float]
+    step: float = 0.002
+    settle: int = 150
+    most: float = 0.05
+
+
+CASES = (
+    Case("error", 0.05, 0.1, 0.05, (), (0.6, 1.0)),
+    Case("stiffness", 0.05, 0.1, 0.0, (0.35, 0.1), (0.6, 1.0)),
+    Case("error and stiffness", 0.05, 0.1, -0.03, (0.2,), (0.6, 1.0)),
+    Case("both flanks", 0.1, 0.5, 0.8, (), (0.58, 1.1)),
+)
+"""The first is the example F_m = 0.1, F_ah = 0.05, zeta = 0.05 of Kahraman & Singh (1990) as later papers quote it."""
+
+
+def table(case: Case) -> MeshStiffness:
+    """Return stiffness and error of a case as tables, N/m and m."""
+    found = MeshStiffness.harmonic(
+        (TEETH, TEETH), MEAN_STIFFNESS, [share * MEAN_STIFFNESS for share in case.stiffness], samples=SAMPLES
+    )
+    wave = np.cos(2.0 * math.pi * np.arange(SAMPLES) / SAMPLES) * case.error * HALF_BACKLASH
+    return found if case.error == 0.0 else replace(found, driver_error=np.tile(wave, TEETH))
+
+
+def oracle(case: Case) -> Pair:
+    """Return the same without dimensions, with the first harmonic that straight lines between samples leave."""
+    left = np.sinc(1.0 / SAMPLES) ** 2
+
+    places = np.arange(SAMPLES + 1) / SAMPLES
+    waves = [share * np.cos(2.0 * math.pi * j * places) for j, share in enumerate(case.stiffness, 1)]
+    values = np.sum([np.ones_like(places), *waves], axis=0)
+
+    def stiffness(phase: Array) -> Array:
+        return np.interp(phase, places, values)
+
+    return Pair(case.zeta, case.force, ((case.error * left, 0.0),), stiffness)
+
+
+def train(case: Case, frequency: float) -> GearTrain:
+    """Return the train of a case at a mesh frequency over the natural frequency."""
+    load = case.force * MEAN_STIFFNESS * HALF_BACKLASH * BASE_RADIUS
+    return GearTrain(
+        bodies=(
+            Body("first", inertia=INERTIA, translates=False),
+            Body("second", inertia=INERTIA, translates=False, torque=-load),
+        ),
+        wheels=(Wheel("a", "first", TEETH, BASE_RADIUS), Wheel("b", "second", TEETH, BASE_RADIUS)),
+        meshes=(
+            Mesh(
+                "a",
+                "b",
+                table(case),
+                0.0,
+                damping=2.0 * case.zeta * math.sqrt(MEAN_STIFFNESS * MASS),
+                backlash=2.0 * HALF_BACKLASH,
+                damps_without_contact=True,
+            ),
+        ),
+        drive="first",
+        speed=frequency * NATURAL / (2.0 * math.pi * TEETH),
+    )
+
+
+@dataclass(frozen=True)
+class Point:
+    """A step of a sweep in time.
+
+    Attributes:
+        rms: of the deflection about its mean.
+        apart: share of the time without contact.
+        spread: largest difference between periods of the mesh, over the range of the deflection.
+    """
+
+    frequency: float
+    rms: float
+    apart: float
+    spread: float
+
+
+def sweep(case: Case, frequencies: Array, start: TrainState | None = None) -> tuple[list[Point], TrainState | None]:
+    """Return the steps of a sweep in time, each from where the last one ended, and the last state."""
+    found: list[Point] = []
+    for frequency in frequencies:
+        here = train(case, float(frequency))
+        mesh = here.mesh_frequencies()["a-b"]
+        settled = simulate_train(here, duration=1.0 / mesh, rate=mesh, settle=case.settle / mesh, start=start)
+        rate = PER_PERIOD * mesh
+        kept = simulate_train(here, duration=KEPT / mesh + 1.0 / rate, rate=rate, settle=0.0, start=settled.end)
+        start = kept.end
+        periods = (kept.mesh_displacement[:-1, 0] / HALF_BACKLASH).reshape(KEPT, PER_PERIOD)
+        spread = float(np.abs(periods - periods[0]).max() / np.ptp(periods))
+        found.append(Point(float(frequency), float(periods.std()), float(kept.out_of_contact[0]), spread))
+    return found, start
+
+
+def jumps(points: list[Point]) -> list[tuple[float, float]]:
+    """Return (frequency before, frequency after) of the steps at which the RMS leaves its trend."""
+    level = np.log([point.rms for point in points])
+    change = np.abs(np.diff(level, 1))
+    return [
+        (points[i].frequency, points[i + 1].frequency)
+        for i in range(len(change))
+        if change[i] > JUMP + 3.0 * np.median(change[max(0, i - 5) : i + 6])
+    ]
+
+
+def branch_of(case: Case, harmonics: int) -> tuple[Balance, list[Motion]]:
+    """Return the branch of the balance over the sweep."""
+    balance = Balance(oracle(case), harmonics)
+    low, high = case.sweep
+    begin = low - 0.02
+    return balance, balance.branch(balance.motion(begin), (begin - 1e-9, high + 0.02), step=case.most)
+
+
+def beside(balance: Balance, branch: list[Motion], points: list[Point]) -> list[Row]:
+    """Return each step of a sweep beside the stable motion of the balance that is nearest to it."""
+    rows: list[Row] = []
+    for point in points:
+        nearest: tuple[float, Motion] | None = None
+        for before, after in itertools.pairwise(branch):
+            low, high = sorted((before.frequency, after.frequency))
+            if not low <= point.frequency <= high:
+                continue
+            share = (point.frequency - before.frequency) / (after.frequency - before.frequency)
+            guess = before.coefficients + share * (after.coefficients - before.coefficients)
+            try:
+                motion = balance.motion(point.frequency, guess)
+            except RuntimeError:
+                continue
+            away = abs(root_mean_square(motion) - point.rms)
+            if motion.stable and (nearest is None or away < nearest[0]):
+                nearest = away, motion
+        motion = None if nearest is None else nearest[1]
+        rows.append(
+            {
+                "frequency": point.frequency,
+                "rms": point.rms,
+                "apart": point.apart,
+                "spread of periods": point.spread,
+                "balance rms": None if motion is None else root_mean_square(motion),
+                "balance apart": None if motion is None else out_of_contact(balance, motion),
+            }
+        )
+    return rows
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What a case gave: balance, branch, folds, and the steps of both sweeps."""
+
+    case: Case
+    balance: Balance
+    branch: list[Motion]
+    folds: list[Motion]
+    up: list[Point]
+    down: list[Point]
+    seconds: tuple[float, float]
+
+
+def run(case: Case, *, quick: bool) -> Outcome:
+    """Compute a case both ways."""
+    clock = time.process_time()
+    balance, branch = branch_of(case, 32)
+    folds = balance.folds(branch)
+    balanced = time.process_time() - clock
+    step = case.step * (5.0 if quick else 1.0)
+    frequencies = np.arange(case.sweep[0], case.sweep[1] + 0.5 * step, step)
+    simulate_train(train(case, 1.0), duration=1e-3, settle=0.0)
+    clock = time.process_time()
+    up, state = sweep(case, frequencies)
+    down, _ = sweep(case, frequencies[::-1], state)
+    return Outcome(case, balance, branch, folds, up, down, (balanced, time.process_time() - clock))
+
+
+def fold_rows(outcome: Outcome) -> list[Row]:
+    """Return the jumps of the sweeps beside the folds of the balance."""
+    rows: list[Row] = []
+    for name, points in (("up", outcome.up), ("down", outcome.down)):
+        for before, after in jumps(points):
+            middle = 0.5 * (before + after)
+            nearest = min(outcome.folds, key=lambda fold: abs(fold.frequency - middle), default=None)
+            rows.append(
+                {
+                    "case": outcome.case.name,
+                    "sweep": name,
+                    "before jump": before,
+                    "after jump": after,
+                    "fold of the balance": None if nearest is None else nearest.frequency,
+                    "multiplier": None if nearest is None else float(np.abs(nearest.multipliers).max()),
+                }
+            )
+    return rows
+
+
+def flip_rows(outcome: Outcome) -> list[Row]:
+    """Return the last step that repeats with the mesh, before one that does not, beside the flip of the balance."""
+    rows: list[Row] = []
+    for flip in outcome.balance.flips(outcome.branch):
+        for name, points in (("up", outcome.up), ("down", outcome.down)):
+            for before, after in itertools.pairwise(points):
+                if (before.spread < DOUBLED) != (after.spread < DOUBLED):
+                    first, last = sorted((before.frequency, after.frequency))
+                    rows.append(
+                        {
+                            "case": outcome.case.name,
+                            "sweep": name,
+                            "repeats at": first,
+                            "doubles at": last,
+                            "flip of the balance": flip.frequency,
+                        }
+                    )
+    return rows
+
+
+def summary(outcome: Outcome) -> tuple[Row, list[Row]]:
+    """Return the greatest differences over both sweeps, and every step."""
+    rows = [
+        {"sweep": name, **row}
+        for name, points in (("up", outcome.up), ("down", outcome.down))
+        for row in beside(outcome.balance, outcome.branch, points)
+    ]
+    periodic = [r for r in rows if float(r["spread of periods"] or 0.0) < 1e-3 and r["balance rms"] is not None]
+    rms = [abs(float(r["rms"]) / float(r["balance rms"]) - 1.0) for r in periodic]  # type: ignore[arg-type]
+    apart = [abs(float(r["apart"]) - float(r["balance apart"])) for r in periodic]  # type: ignore[arg-type]
+    return {
+        "case": outcome.case.name,
+        "steps": len(rows),
+        "compared": len(periodic),
+        "RMS, median %": 100.0 * float(np.median(rms)),
+        "RMS, largest %": 100.0 * max(rms),
+        "without contact, largest": max(apart),
+        "balance s": outcome.seconds[0],
+        "sweeps s": outcome.seconds[1],
+    }, rows
+
+
+def all_folds(outcome: Outcome) -> list[Row]:
+    """Return the folds of the balance."""
+    return [
+        {
+            "case": outcome.case.name,
+            "frequency": fold.frequency,
+            "RMS": root_mean_square(fold),
+            "without contact": out_of_contact(outcome.balance, fold),
+            "multiplier less 1": float(np.abs(fold.multipliers - 1.0).min()),
+        }
+        for fold in outcome.folds
+    ]
+
+
+def draw(outcomes: list[Outcome], path: Path) -> None:
+    """Draw branches and sweeps."""
+    figure, axes = plt.subplots(2, 2, figsize=(11, 7.5), layout="constrained")
+    for ax, outcome in zip(axes.flat, outcomes, strict=True):
+        frequency = np.array([motion.frequency for motion in outcome.branch])
+        level = np.array([root_mean_square(motion) for motion in outcome.branch])
+        stable = np.array([motion.stable for motion in outcome.branch])
+        # Each piece between two motions is stable where both are.
+        joined = np.append(stable[:-1] & stable[1:], stable[-1])
+        ax.plot(
+            frequency, np.where(joined | np.roll(joined, 1), level, np.nan), "-", color=BLUE, label="balance, stable"
+        )
+        ax.plot(frequency, np.where(~stable | ~joined, level, np.nan), ":", color=RED, label="balance, unstable")
+        for name, points, mark in (("up", outcome.up, "^"), ("down", outcome.down, "v")):
+            places = [point.frequency for point in points[::4]], [point.rms for point in points[::4]]
+            ax.plot(*places, mark, color=ORANGE, mfc="none", ms=4, mew=0.8, lw=0, label=f"in time, sweep {name}")
+        for fold in outcome.folds:
+            ax.plot(fold.frequency, root_mean_square(fold), "o", color="black", ms=4)
+        case = outcome.case
+        ax.set(title=case.name, xlabel="mesh frequency / natural frequency", xlim=case.sweep, ylim=(0, None))
+        ax.set_ylabel("RMS of the deflection / half the backlash")
+        ax.grid(alpha=0.25)
+    axes[0, 0].legend(fontsize=8)
+    figure.savefig(path, dpi=90)
+    plt.close(figure)
+
+
+def main() -> None:
+    """Print the tables; write the JSON file and draw the picture if they were asked for."""
+    parser = argparse.ArgumentParser(description="Jumps of a pair of gears against a harmonic balance.")
+    parser.add_argument("--json", type=Path, metavar="FILE", help="write the same figures to this file")
+    parser.add_argument("--quick", action="store_true", help="coarser sweeps")
+    parser.add_argument("--picture", type=Path, metavar="FILE", help="draw branches and sweeps")
+    options = parser.parse_args()
+    outcomes = [run(case, quick=options.quick) for case in CASES]
+    summaries = [summary(outcome) for outcome in outcomes]
+    steps = [{"case": o.case.name, **row} for o, (_, rows) in zip(outcomes, summaries, strict=True) for row in rows]
+    tables: dict[str, list[Row]] = {
+        "jumps": [row for outcome in outcomes for row in fold_rows(outcome)],
+        "flips": [row for outcome in outcomes for row in flip_rows(outcome)],
+        "motions": [row for row, _ in summaries],
+        "folds": [row for outcome in outcomes for row in all_folds(outcome)],
+    }
+    for title, rows in tables.items():
+        print_table(title, rows)
+    write_json(options.json, {**tables, "steps": steps})
+    if options.picture is not None:
+        draw(outcomes, options.picture)
+
+
+if __name__ == "__main__":
+    main()
