@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 
 from benchmarks.common import Row, print_table, write_json
 from benchmarks.published_fe import fe_rows
-from models.published import beat, ceruti, marin, thibault, thibault_shaft
+from models.published import beat, ceruti, gearbox, marin, thibault, thibault_shaft
 from models.published.figure import Figure, worst
 from models.published.thesis import published_figures
 from models.published.uncomputed import uncomputed_figures
@@ -47,6 +47,7 @@ ACCEPTANCE: tuple[Callable[[], list[AcceptanceRow]], ...] = (
     marin.acceptance_rows,
     thibault.acceptance_rows,
     thibault_shaft.acceptance_rows,
+    gearbox.acceptance_rows,
 )
 
 
@@ -109,7 +110,7 @@ def figure_rows(figures: list[Figure]) -> list[Row]:
 
 
 def acceptance_table() -> list[Row]:
-    """Return the acceptance rows of all models that are not the thesis'."""
+    """Return the acceptance rows of all models but the thesis' bearings."""
     return [
         {
             "test": row.test,

@@ -1,4 +1,4 @@
-"""A row of the acceptance table of the models other than the thesis': what is printed, what this program obtains.
+"""A row of the acceptance table, of all models but the thesis' bearings: what is printed, what this program obtains.
 
 The status says how the value comes about, not how well it is met: "EXACT" is closed form from printed values, "REPRO" a
 simulation from printed values alone, "CALIB" one for which a value that is not printed was chosen to meet it (no
