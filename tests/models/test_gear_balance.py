@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
+from benchmarks.gear_jump import CASES, beside, oracle, sweep
 from tests.oracles.gear_harmonic_balance import Array, Balance, Motion, Pair, out_of_contact, root_mean_square
 
 JUMPING = Pair(0.05, 0.1, ((0.05, 0.0),))
@@ -88,3 +90,17 @@ def test_more_harmonics_leave_the_balance_as_it_is() -> None:
     coarse = balance.motion(1.0, near)
     found = fine.motion(1.0, np.append(coarse.coefficients, np.zeros(32)))
     assert root_mean_square(found) == pytest.approx(root_mean_square(coarse), rel=1e-6)
+
+
+def test_the_solver_in_time_lies_on_the_stable_motions_of_both_branches() -> None:
+    case = replace(CASES[0], settle=30)
+    balance = Balance(oracle(case), harmonics=16, samples=1024)
+    branch = balance.branch(balance.motion(0.68), (0.65, 0.9), step=0.1)
+    low, high = sorted(fold.frequency for fold in balance.folds(branch))
+    assert low < 0.75 < high
+    points, _ = sweep(case, np.array([0.69, 0.75, high + 0.01, 0.75]))
+    for row in beside(balance, branch, points):
+        assert row["spread of periods"] == pytest.approx(0.0, abs=1e-3)
+        assert row["rms"] == pytest.approx(row["balance rms"], rel=1e-4)
+        assert row["apart"] == pytest.approx(row["balance apart"], abs=2e-3)
+    assert [point.apart > 0.0 for point in points] == [False, False, True, True]
