@@ -74,7 +74,7 @@ class Case:
     sweep: tuple[float, float]
     step: float = 0.002
     settle: int = 150
-    most: float = 0.05
+    most: float = 0.02
 
 
 @cache
@@ -304,8 +304,8 @@ def flip_rows(outcome: Outcome) -> list[Row]:
     return rows
 
 
-def summary(outcome: Outcome) -> tuple[Row, list[Row]]:
-    """Return the greatest differences over both sweeps, and every step."""
+def summary(outcome: Outcome) -> Row:
+    """Return the greatest differences over both sweeps."""
     rows: list[Row] = [
         {"sweep": name, **row}
         for name, points in (("up", outcome.up), ("down", outcome.down))
@@ -332,7 +332,7 @@ def summary(outcome: Outcome) -> tuple[Row, list[Row]]:
         "without contact, largest": max(apart),
         "balance s": outcome.seconds[0],
         "sweeps s": outcome.seconds[1],
-    }, rows
+    }
 
 
 def all_folds(outcome: Outcome) -> list[Row]:
@@ -388,17 +388,15 @@ def main() -> None:
     parser.add_argument("--picture", type=Path, metavar="FILE", help="draw branches and sweeps")
     options = parser.parse_args()
     outcomes = [run(case, quick=options.quick) for case in CASES]
-    summaries = [summary(outcome) for outcome in outcomes]
-    steps = [{"case": o.case.name, **row} for o, (_, rows) in zip(outcomes, summaries, strict=True) for row in rows]
     tables: dict[str, list[Row]] = {
         "jumps": [row for outcome in outcomes for row in fold_rows(outcome)],
         "flips": [row for outcome in outcomes for row in flip_rows(outcome)],
-        "motions": [row for row, _ in summaries],
+        "motions": [summary(outcome) for outcome in outcomes],
         "folds": [row for outcome in outcomes for row in all_folds(outcome)],
     }
     for title, rows in tables.items():
         print_table(title, rows)
-    write_json(options.json, {**tables, "steps": steps})
+    write_json(options.json, tables)
     if options.picture is not None:
         draw(outcomes, options.picture)
 
