@@ -10,6 +10,7 @@ between them lie on its stable motions. The oracle shares no code with the solve
 from __future__ import annotations
 
 import argparse
+import contextlib
 import itertools
 import math
 import time
@@ -30,7 +31,7 @@ from tests.oracles.gear_harmonic_balance import Balance, Motion, Pair, out_of_co
 
 Array = NDArray[np.float64]
 
-BLUE, RED, ORANGE = "#0072b2", "#7b3f72", "#b84a00"
+BLUE, RED, ORANGE, GREEN = "#0072b2", "#7b3f72", "#b84a00", "#007a5e"
 TEETH = 50
 MODULE, WIDTH, TORQUE = 3e-3, 20e-3, 150.0
 BASE_RADIUS = 0.5 * TEETH * MODULE * math.cos(math.radians(20.0))
@@ -48,6 +49,8 @@ KEPT = 4
 HARMONICS = 48
 DOUBLED = 0.02
 """Spread of the periods from which a motion counts as one of twice the period."""
+SAME = 1e-3
+"""Spread of the periods below which a motion repeats with the mesh."""
 JUMP = 0.05
 """Change of the RMS from one step to the next, over the RMS, that counts as a jump beside its trend."""
 
@@ -204,46 +207,34 @@ def branch_of(case: Case, harmonics: int) -> tuple[Balance, list[Motion]]:
     return balance, balance.branch(balance.motion(begin), (begin - 1e-9, high + 0.02), step=case.most)
 
 
-def beside(balance: Balance, branch: list[Motion], points: list[Point]) -> list[Row]:
-    """Return each step of a sweep beside the stable motion of the balance that is nearest to it."""
-    rows: list[Row] = []
+def nearest_stable(balance: Balance, branch: list[Motion], points: list[Point]) -> list[Motion | None]:
+    """Return the stable motion of a branch that is nearest to each step of a sweep, None where there is none."""
+    found: list[Motion | None] = []
     for point in points:
-        nearest: tuple[float, Motion] | None = None
+        candidates: list[Motion] = []
         for before, after in itertools.pairwise(branch):
             low, high = sorted((before.frequency, after.frequency))
             if not low <= point.frequency <= high:
                 continue
             share = (point.frequency - before.frequency) / (after.frequency - before.frequency)
             guess = before.coefficients + share * (after.coefficients - before.coefficients)
-            try:
-                motion = balance.motion(point.frequency, guess)
-            except RuntimeError:
-                continue
-            away = abs(root_mean_square(motion) - point.rms)
-            if motion.stable and (nearest is None or away < nearest[0]):
-                nearest = away, motion
-        motion = None if nearest is None else nearest[1]
-        rows.append(
-            {
-                "frequency": point.frequency,
-                "rms": point.rms,
-                "apart": point.apart,
-                "spread of periods": point.spread,
-                "balance rms": None if motion is None else root_mean_square(motion),
-                "balance apart": None if motion is None else out_of_contact(balance, motion),
-            }
-        )
-    return rows
+            # Next to a fold the guess may lead nowhere.
+            with contextlib.suppress(RuntimeError):
+                candidates.append(balance.motion(point.frequency, guess))
+        stable = [motion for motion in candidates if motion.stable]
+        found.append(min(stable, key=lambda motion: abs(root_mean_square(motion) - point.rms), default=None))
+    return found
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """What a case gave: balance, branch, folds, and the steps of both sweeps."""
+    """What a case gave: balance, branch, folds, motions of twice the period, and the steps of both sweeps."""
 
     case: Case
     balance: Balance
     branch: list[Motion]
     folds: list[Motion]
+    doubled: list[tuple[Balance, list[Motion]]]
     up: list[Point]
     down: list[Point]
     seconds: tuple[float, float]
@@ -254,6 +245,10 @@ def run(case: Case, *, quick: bool) -> Outcome:
     clock = time.process_time()
     balance, branch = branch_of(case, HARMONICS)
     folds = balance.folds(branch)
+    doubled: list[tuple[Balance, list[Motion]]] = []
+    for flip in balance.flips(branch):
+        double, start = balance.doubled(flip)
+        doubled.append((double, double.branch(start, (flip.frequency - 1e-3, case.sweep[1] + 0.02), step=case.most)))
     balanced = time.process_time() - clock
     step = case.step * (5.0 if quick else 1.0)
     frequencies = np.arange(case.sweep[0], case.sweep[1] + 0.5 * step, step)
@@ -261,7 +256,7 @@ def run(case: Case, *, quick: bool) -> Outcome:
     clock = time.process_time()
     up, state = sweep(case, frequencies)
     down, _ = sweep(case, frequencies[::-1], state)
-    return Outcome(case, balance, branch, folds, up, down, (balanced, time.process_time() - clock))
+    return Outcome(case, balance, branch, folds, doubled, up, down, (balanced, time.process_time() - clock))
 
 
 def fold_rows(outcome: Outcome) -> list[Row]:
@@ -306,33 +301,39 @@ def flip_rows(outcome: Outcome) -> list[Row]:
 
 def summary(outcome: Outcome) -> Row:
     """Return the greatest differences over both sweeps."""
-    rows: list[Row] = [
-        {"sweep": name, **row}
-        for name, points in (("up", outcome.up), ("down", outcome.down))
-        for row in beside(outcome.balance, outcome.branch, points)
-    ]
-    # Next to a fold a sweep takes longer to leave than it is given to settle.
+    # Next to a fold or a flip a sweep takes longer to leave than it is given to settle.
     step = abs(outcome.up[1].frequency - outcome.up[0].frequency)
     places = [fold.frequency for fold in outcome.folds]
-    periodic = [
-        r
-        for r in rows
-        if float(r["spread of periods"] or 0.0) < 1e-3
-        and r["balance rms"] is not None
-        and all(abs(float(r["frequency"] or 0.0) - place) > step for place in places)
+    points = [p for p in outcome.up + outcome.down if all(abs(p.frequency - place) > step for place in places)]
+    once = differences(outcome.balance, outcome.branch, [p for p in points if p.spread < SAME])
+    twice = [
+        differences(double, branch, [p for p in points if p.frequency > branch[0].frequency + 2.0 * step])
+        for double, branch in outcome.doubled
     ]
-    rms = [abs(float(r["rms"]) / float(r["balance rms"]) - 1.0) for r in periodic]  # type: ignore[arg-type]
-    apart = [abs(float(r["apart"]) - float(r["balance apart"])) for r in periodic]  # type: ignore[arg-type]
     return {
         "case": outcome.case.name,
-        "steps": len(rows),
-        "compared": len(periodic),
-        "RMS, median %": 100.0 * float(np.median(rms)),
-        "RMS, largest %": 100.0 * max(rms),
-        "without contact, largest": max(apart),
+        "steps": len(outcome.up + outcome.down),
+        "compared": len(once),
+        "RMS, median %": 100.0 * float(np.median(once[:, 0])),
+        "RMS, largest %": 100.0 * float(once[:, 0].max()),
+        "without contact, largest": float(once[:, 1].max()),
+        "doubled compared": sum(map(len, twice)),
+        "doubled RMS, largest %": 100.0 * float(twice[0][:, 0].max()) if twice else None,
+        "doubled without contact": float(twice[0][:, 1].max()) if twice else None,
         "balance s": outcome.seconds[0],
         "sweeps s": outcome.seconds[1],
     }
+
+
+def differences(balance: Balance, branch: list[Motion], points: list[Point]) -> Array:
+    """Return relative difference of the RMS and difference of the share without contact, shape (compared, 2)."""
+    return np.array(
+        [
+            (abs(point.rms / root_mean_square(motion) - 1.0), abs(point.apart - out_of_contact(balance, motion)))
+            for point, motion in zip(points, nearest_stable(balance, branch, points), strict=True)
+            if motion is not None
+        ]
+    )
 
 
 def all_folds(outcome: Outcome) -> list[Row]:
@@ -366,6 +367,9 @@ def draw(outcomes: list[Outcome], path: Path) -> None:
             frequency, np.where(joined | np.roll(joined, 1), level, np.nan), "-", color=BLUE, label="balance, stable"
         )
         ax.plot(frequency, np.where(~stable | ~joined, level, np.nan), ":", color=RED, label="balance, unstable")
+        for _, branch in outcome.doubled:
+            places = [motion.frequency for motion in branch], [root_mean_square(motion) for motion in branch]
+            ax.plot(*places, "-", color=GREEN, label="balance, twice the period")
         for name, points, mark in (("up", outcome.up, "^"), ("down", outcome.down, "v")):
             places = [point.frequency for point in points[::4]], [point.rms for point in points[::4]]
             ax.plot(*places, mark, color=ORANGE, mfc="none", ms=4, mew=0.8, lw=0, label=f"in time, sweep {name}")
@@ -376,7 +380,7 @@ def draw(outcomes: list[Outcome], path: Path) -> None:
         ax.set_ylabel("RMS of the deflection / half the backlash")
         ax.grid(alpha=0.25)
     axes[1, 2].axis("off")
-    axes[1, 2].legend(*axes[0, 0].get_legend_handles_labels(), loc="center")
+    axes[1, 2].legend(*axes[1, 1].get_legend_handles_labels(), loc="center")
     figure.savefig(path, dpi=80)
 
 

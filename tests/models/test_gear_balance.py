@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from benchmarks.gear_jump import CASES, beside, oracle, sweep
+from benchmarks.gear_jump import CASES, nearest_stable, oracle, sweep
 from tests.oracles.gear_harmonic_balance import Array, Balance, Motion, Pair, out_of_contact, root_mean_square
 
 JUMPING = Pair(0.05, 0.1, ((0.05, 0.0),))
@@ -99,8 +99,21 @@ def test_the_solver_in_time_lies_on_the_stable_motions_of_both_branches() -> Non
     low, high = sorted(fold.frequency for fold in balance.folds(branch))
     assert low < 0.75 < high
     points, _ = sweep(case, np.array([0.69, 0.75, high + 0.01, 0.75]))
-    for row in beside(balance, branch, points):
-        assert row["spread of periods"] == pytest.approx(0.0, abs=1e-3)
-        assert row["rms"] == pytest.approx(row["balance rms"], rel=1e-4)
-        assert row["apart"] == pytest.approx(row["balance apart"], abs=2e-3)
+    for point, motion in zip(points, nearest_stable(balance, branch, points), strict=True):
+        assert motion is not None
+        assert point.spread < 1e-3
+        assert point.rms == pytest.approx(root_mean_square(motion), rel=1e-4)
+        assert point.apart == pytest.approx(out_of_contact(balance, motion), abs=2e-3)
     assert [point.apart > 0.0 for point in points] == [False, False, True, True]
+
+
+def test_where_a_multiplier_is_minus_one_the_shorter_period_gives_way_to_the_longer() -> None:
+    balance = Balance(Pair(0.1, 0.5, ((0.8, 0.0),)), harmonics=12, samples=1024)
+    branch = balance.branch(balance.motion(0.6), (0.59, 1.02), step=0.1)
+    (flip,) = balance.flips(branch)
+    assert flip.multipliers.real.min() == pytest.approx(-1.0)
+    double, start = balance.doubled(flip)
+    last = double.branch(start, (flip.frequency - 1e-3, flip.frequency + 0.02), step=0.1)[-1]
+    assert np.abs(last.coefficients[1::4]).max() > 0.1
+    assert last.stable
+    assert not balance.motion(last.frequency, branch[-1].coefficients).stable

@@ -222,6 +222,15 @@ class Balance:
         """Return the motions of a branch from which one of twice the period departs: a multiplier is -1."""
         return self._crossings(branch, lambda motion: 1.0 + float(motion.multipliers.real.min()))
 
+    def doubled(self, flip: Motion) -> tuple[Balance, Motion]:
+        """Return a balance over two periods, and a flip in it with the direction of the motions of twice the period."""
+        double = Balance(self.pair, 2 * self.harmonics, 2 * self.periods, 2 * self.samples)
+        terms = np.zeros(4 * self.harmonics + 1)
+        terms[0], terms[3::4], terms[4::4] = flip.coefficients[0], flip.coefficients[1::2], flip.coefficients[2::2]
+        _, by_terms, _ = double.residual(terms, flip.frequency)
+        direction = np.append(np.linalg.svd(by_terms)[2][-1], 0.0)
+        return double, Motion(flip.frequency, terms, direction, double.multipliers(terms, flip.frequency))
+
     def _crossings(self, branch: list[Motion], measure: Callable[[Motion], float]) -> list[Motion]:
         """Return the motions of a branch at which a measure changes its sign."""
         found: list[Motion] = []
