@@ -251,7 +251,7 @@ def _number(value: float | None) -> str:
     return "-" if value is None else f"{value:.4g}"
 
 
-def write_forces(run: GearRun, path: Path) -> None:
+def write_forces(run: GearRun, path: Path, option: str = "--csv") -> None:
     """Write time, forces on the bearings and forces of the meshes as CSV."""
     columns = {"time_s": np.arange(len(run.motion.mesh_force)) / run.motion.rate}
     for name, force in run.forces.items():
@@ -260,5 +260,5 @@ def write_forces(run: GearRun, path: Path) -> None:
         columns[f"mesh_{mesh.name}_newton"] = run.motion.mesh_force[:, index]
     head = io.StringIO()
     csv.writer(head, lineterminator="").writerow(columns)
-    with output_errors("--csv", path), replacing(path) as temporary:
+    with output_errors(option, path), replacing(path) as temporary:
         np.savetxt(temporary, np.column_stack(list(columns.values())), "%.9g", ",", header=head.getvalue(), comments="")

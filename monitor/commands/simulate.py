@@ -29,6 +29,7 @@ from monitor.commands.common import (
     read_machine,
 )
 from monitor.commands.model_parameters import further_effects, with_machine, with_parameters
+from monitor.commands.simulate_gears import GEAR_TRAIN, simulate_gears
 from monitor.commands.simulate_models import WAVEFORM_RATE, compare, compared_lines, request_of, simulated
 from monitor.commands.simulate_speed import (
     settle_speeds,
@@ -75,7 +76,9 @@ _USUAL = {"speed_hz": 40.0, "load_newton": 4000.0}
 @click.option("--slip-deg", type=click.FloatRange(0, 28), default=0.0, help="Largest slip angle.")
 @click.option("--slip-rule", type=click.Choice(["per_passage", "mean_force"]), default="per_passage")
 @click.option("--duration-s", type=click.FloatRange(0.01, 60.0), help="Time to simulate; default 1, or the profile's.")
-@click.option("--model", type=click.Choice([AUTO, *MODULES]), default=AUTO, help="auto: the cheapest that has it all.")
+@click.option(
+    "--model", type=click.Choice([AUTO, *MODULES, GEAR_TRAIN]), default=AUTO, help="auto: the cheapest that has all."
+)
 @click.option("--accuracy", type=click.FloatRange(1e-7, 0.1), default=1e-3, help="Relative error of --quantity.")
 @click.option("--quantity", type=click.Choice(QUANTITIES), default="rms", help="What the accuracy is for.")
 @click.option("--tolerance", type=click.FloatRange(1e-12, 0.1), help="Of settling; a hundredth of --accuracy.")
@@ -93,9 +96,14 @@ def command(config_path: Path | None, name: str | None, as_json: bool, quiet: bo
 
     A motion that repeats with the ball passage is solved for one period; any other (a rotating defect, several defects,
     an unbalance, slip) is simulated for --duration-s and averaged, with its standard error.
+
+    --model gear_train simulates the train of [gear] instead.
     """
     if options["plot"] is not None:
         check_suffix("--plot", options["plot"], PICTURES)
+    if options["model"] == GEAR_TRAIN:
+        simulate_gears(config_path, options, as_json=as_json)
+        return
     config = read_machine(config_path)
     given = {key: options[key] for key in _USUAL if options[key] is not None}
     configured = {key: value for key in _USUAL if (value := getattr(config.operating, key)) is not None}

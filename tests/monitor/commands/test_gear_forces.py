@@ -178,3 +178,18 @@ def test_a_train_that_grows_without_limit_has_no_levels(varied: dict[str, Any]) 
     values = force_values(GearRun(run.builder, run.train, run.motion))
     assert (values["status"], values["supports"], values["energy_residual"]) == ("not_finite", [], None)
     assert any("more damping is needed" in line for line in force_lines(values))
+
+
+def test_simulate_takes_the_train_of_the_configuration(tmp_path: Path) -> None:
+    (tmp_path / "gear.toml").write_text(toml(VARIED))
+    arguments = ("simulate", "--model", "gear_train", "--config", "gear.toml", "--duration-s", 0.1)
+    done = run_command(*arguments, "--waveform", "f.csv", "--json", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    values = json.loads(done.stdout)
+    assert (values["model"], values["status"]) == ("gear_train", "settled")
+    assert (tmp_path / "f.csv").read_text().startswith("time_s,b0_x_newton")
+    refused = run_command(*arguments, "--dphi-deg", 5, cwd=tmp_path)
+    assert (refused.returncode, "--dphi-deg is about a bearing" in refused.stderr) == (2, True)
+    (tmp_path / "gear.toml").write_text(toml({key: VARIED[key] for key in ("wheel", "pair")}))
+    lacking = run_command(*arguments, cwd=tmp_path)
+    assert (lacking.returncode, "needs [[gear.shaft]]" in lacking.stderr) == (2, True)
