@@ -11,6 +11,7 @@ import numpy as np
 
 from monitor.report.bearings import BearingPart
 from monitor.report.finding import Finding
+from monitor.report.gears import named_gear
 from monitor.report.part import named_fault
 from monitor.report.runs import Channel, Run
 from monitor.words.advice import ADVICE, Statement, check_advice, state_of
@@ -59,6 +60,9 @@ def said_of(run: Run, channel: Channel, part: BearingPart | None) -> Statement |
     found = Situation.of_record(channel.name, values, int(channel.sequence[row]), "" if part is None else part.name)
     if part is not None:
         found = found.with_bearing(part.verdict.to_dict())
+    gear = named_gear(run, channel)
+    if gear is not None:
+        found = replace(found, gear=gear.fault, gear_kind=gear.kind)
     return state_of(replace(found, state="normal"), advice_of(run))
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,19 +18,42 @@ _QUESTION = "Which gear?"
 _INDICATORS = ("fm0", "fm4", "na4", "m6a", "sideband_level")
 
 
+@dataclass(frozen=True)
+class NamedGear:
+    """The wheel that is named after the last block: its place, the value of ``fault``, and the kind of its damage."""
+
+    place: int
+    fault: str
+    kind: str
+
+    @property
+    def words(self) -> str:
+        """Wheel and kind for people."""
+        return gear_words(self.fault, self.kind)
+
+
+def named_gear(run: Run, channel: Channel) -> NamedGear | None:
+    """Return the wheel that is named after the last block, None without."""
+    rows = np.flatnonzero((channel.words["gear_fault"] != "").any(axis=1))
+    if not rows.size:
+        return None
+    kinds = channel.words["gear_fault"][rows[-1]].astype(str).tolist()
+    place = next((place for place, kind in enumerate(kinds) if kind in GEAR_KINDS), None)
+    if place is None:
+        return None
+    return NamedGear(place, NAMED + wheel_names(run, len(kinds))[place], kinds[place])
+
+
 def gear_findings(run: Run, channel: Channel) -> tuple[Finding, ...]:
     """Return the wheel that is named after the last block; nothing for records without gears."""
     statuses = channel.words["gear_status"]
     rows = np.flatnonzero((statuses != "").any(axis=1))
     if not rows.size:
         return ()
-    last, names = int(rows[-1]), wheel_names(run, statuses.shape[1])
+    last, named = int(rows[-1]), named_gear(run, channel)
     judged = int(np.sum((statuses == "ok").any(axis=1)))
-    kinds = channel.words["gear_fault"][last]
-    for place, name in enumerate(names):
-        kind = str(kinds[place])
-        if kind not in GEAR_KINDS:
-            continue
+    if named is not None:
+        place, words = named.place, named.words
         since = _since(channel, place, last)
         above = channel.column("gear_score", place)[since : last + 1]
         sentences = [
@@ -37,9 +61,8 @@ def gear_findings(run: Run, channel: Channel) -> tuple[Finding, ...]:
             f"{count(int(np.isfinite(above).sum()), 'judged block')} since.",
             "The kind is a hint.",
         ]
-        if "|" in name:
+        if "|" in named.fault:
             sentences.append("They turn alike and cannot be told apart.")
-        words = gear_words(NAMED + name, kind)
         return (Finding(_QUESTION, f"{words[:1].upper()}{words[1:]}.", " ".join(sentences), brief=words),)
     if not judged:
         why = GEAR_STATUSES.get(str(statuses[last][0]), "")
@@ -68,7 +91,7 @@ def gears_table(run: Run) -> Table | None:
         *(Column(name, f"{name.replace('_', ' ').upper() if len(name) < 4 else name.replace('_', ' ')}, last", "1")
           for name in _INDICATORS),
     )  # fmt: skip
-    return Table("gears", "Gears", columns, rows)
+    return Table("gears", "Wheels", columns, rows)
 
 
 def _rows(run: Run, channel: Channel) -> Iterator[tuple[Cell, ...]]:

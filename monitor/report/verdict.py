@@ -14,7 +14,7 @@ from monitor.records.archive import of_channel
 from monitor.report.alarm_time import alarm_time
 from monitor.report.calibration import VolumeScale, is_calibrated, unscaled
 from monitor.report.finding import Finding as Finding
-from monitor.report.gears import gear_findings
+from monitor.report.gears import gear_findings, named_gear
 from monitor.report.life_marks import LATE, Moment, closed_stages, mark_of, open_stage
 from monitor.report.part import doubt_of, named_fault
 from monitor.report.runs import Channel, Run
@@ -30,6 +30,7 @@ from monitor.words.statuses import (
     named_words,
 )
 
+_NO_SIGN = "No sign of damage"
 Grade = Literal["bad", "watch", "open", "good"]
 GRADE_NAMES: dict[Grade, str] = {
     "bad": "end of life",
@@ -98,6 +99,9 @@ def judge(run: Run, channel: Channel, clock: Clock | None = None, level_of: str 
     level_of = level_of if stage == "final" and not fault else None
     if level_of is not None:
         grade, headline = "open", f"No part of its own named; {LEVEL_OF} {level_of}"
+    if (gear := named_gear(run, channel)) is not None:
+        grade = "watch" if grade in ("good", "open") else grade
+        headline = f"{headline}{' of the bearing' if headline == _NO_SIGN else ''}; damage of {gear.words}"
     if channel.last_row("v_eq") is not None and not is_calibrated(run, channel):
         headline += "; V_eq is relative, as the rig is not calibrated"
     facts = [
@@ -120,7 +124,7 @@ def _headline(stage: str, fault: str, marks: dict[str, Moment | None], channel: 
     if fault:
         return "open", f"{_WITHOUT[stage == 'learning']}; a pattern of the {fault_words(fault)} (hint)"
     if stage == "healthy":
-        return "good", "No sign of damage"
+        return "good", _NO_SIGN
     if stage == "learning":
         return "open", "Still learning what healthy sounds like; no part is named"
     unused = _unused(channel)

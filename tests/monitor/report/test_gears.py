@@ -9,8 +9,10 @@ import pytest
 
 from monitor.health.record import Record
 from monitor.records.store import Store
+from monitor.report.advice import said_of
 from monitor.report.gears import gear_findings, gears_table
 from monitor.report.runs import Run, read_runs
+from monitor.report.verdict import judge
 from tests.monitor.health.gears.test_stage import FIRST_BAD, MIN_LEARNED, life
 
 
@@ -60,3 +62,18 @@ def test_without_gears_nothing_is_said(tmp_path: Path) -> None:
     run = run_of(tmp_path, (replace(record, channels={"one": values}),))
     assert gear_findings(run, run.channels["one"]) == ()
     assert gears_table(run) is None
+
+
+def test_a_named_wheel_is_in_the_headline_and_in_what_to_do(tmp_path: Path) -> None:
+    run = run_of(tmp_path, life()[1])
+    verdict = judge(run, run.channels["one"])
+    assert (verdict.grade, verdict.headline) == (
+        "watch",
+        "No sign of damage of the bearing; damage of gear wheel (a damaged tooth)",
+    )
+    said = said_of(run, run.channels["one"], None)
+    assert said is not None
+    assert said.key == "watch"
+    (tmp_path / "before").mkdir()
+    healthy = run_of(tmp_path / "before", life()[1][: FIRST_BAD - 1])
+    assert judge(healthy, healthy.channels["one"]).headline == "No sign of damage"
