@@ -96,7 +96,7 @@ CASES = (
     Case("stiffness of the teeth", 0.04, of_teeth()[1], 0.0, None, (0.65, 1.05)),
     Case("both flanks", 0.1, 0.5, 0.8, (), (0.58, 1.1)),
 )
-"""The first is the example F_m = 0.1, F_ah = 0.05, zeta = 0.05 of Kahraman & Singh (1990) as later papers quote it."""
+"""The first is F_m = 0.1, F_ah = 0.05, zeta = 0.05, commonly attributed to Kahraman & Singh (1990); not at hand."""
 
 
 def table(case: Case) -> MeshStiffness:

@@ -137,7 +137,7 @@ def _gearbox() -> list[UncomputedFigure]:
         ),
         UncomputedFigure(
             THESIS, _tables(26), "modal damping of the casing", "0.5 to 7.6 %", "INPUT",
-            "measured; damping against frequency of the casing's responses",
+            "measured; models.fe.casing.modes.THESIS_DAMPING",
         ),
         UncomputedFigure(
             THESIS, _tables(27), "reduction of the acceleration by Mod1", "-5.3, -6.1; -7.3, -5.5 dB", "NO",

@@ -14,7 +14,7 @@ from benchmarks.gear_jump import CASES, nearest_stable, oracle, sweep
 from tests.oracles.gear_harmonic_balance import Array, Balance, Motion, Pair, out_of_contact, root_mean_square
 
 JUMPING = Pair(0.05, 0.1, ((0.05, 0.0),))
-"""F_m, F_ah and zeta of an example of Kahraman & Singh (1990), as later papers quote it."""
+"""F_m, F_ah and zeta of an example commonly attributed to Kahraman & Singh (1990)."""
 
 
 def varying(phase: Array) -> Array:
