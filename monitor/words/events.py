@@ -104,6 +104,8 @@ def _others(body: Mapping[str, Any]) -> str:
 def badness(body: Mapping[str, Any]) -> int:
     """Return how bad an event is, 0 for good news; to tell the worst first."""
     kind = str(body.get("kind", ""))
+    if kind == "fault_changed" and body.get("to") is None:
+        return 0
     word = str(body.get("severity", "")) if kind == "alarm_raised" else kind
     if kind == "condition" and body.get("to") not in ("bad_data", "out_of_specification", "failure"):
         return 0

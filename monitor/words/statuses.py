@@ -22,7 +22,10 @@ STATES = {
     "no_data": ("No data", "no block comes"),
     "bad_data": ("Bad data", "too many blocks are rejected or flagged"),
     "out_of_specification": ("Out of specification", "how large the damage is cannot be said"),
-    "maintenance_required": ("Maintenance required", "an alert stands, or the final stage has begun"),
+    "maintenance_required": (
+        "Maintenance required",
+        "an alert stands, the final stage has begun, or a gear is damaged",
+    ),
     "check_function": ("Function check", "the baseline is being learned"),
     "normal": ("Normal", "healthy"),
 }

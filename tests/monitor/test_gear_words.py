@@ -14,7 +14,7 @@ from monitor.health.state import SourceState
 from monitor.service.summary import channel_summary
 from monitor.words import gears
 from monitor.words.advice import state_of
-from monitor.words.events import event_text
+from monitor.words.events import badness, event_text
 from monitor.words.situation import Situation
 from monitor.words.statuses import fault_words, page_words
 from tests.monitor.health.gears.test_stage import CHANNEL, life
@@ -90,6 +90,7 @@ def test_an_event_names_the_wheel() -> None:
     body = {"kind": "fault_changed", "channel": "one", "block": 9, "from": None, "to": "gear:a", "gear_kind": "tooth"}
     assert event_text(body) == "damage of gear a (a damaged tooth) is named now"
     gone = {**body, "from": "gear:a", "to": None, "gear_kind": None}
+    assert badness(gone) == 0 < badness(body)
     assert event_text(gone) == "no damage of gear a is named any more"
     bearing = {"kind": "fault_changed", "bearing": "b", "from": "inner", "to": "outer"}
     assert event_text(bearing) == "the verdict on b names the outer race now, before the inner race"

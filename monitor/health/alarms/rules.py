@@ -34,6 +34,7 @@ from monitor.health.alarms.state import (
     Span,
 )
 from monitor.health.detect import END_OF_LIFE, FINAL, LEARNING, median_and_sd
+from monitor.health.gears.values import UNNAMED
 
 _MAX_LEARNED = 512
 _MAX_EXPONENT = math.log(sys.float_info.max)
@@ -75,7 +76,7 @@ def step(state: AlarmState, block: AlarmInput, settings: AlarmSettings) -> tuple
     # A block without a verdict of the tracker leaves its refusal in place.
     refusing = _refuses(block.values, settings) if block.usable else state.refusing
     after = AlarmState(seen=seen, recent_bad=recent, rules=rules, refusing=refusing)
-    condition = condition_of(after, settings, block.stage)
+    condition = condition_of(after, settings, block.stage, gear=_gear_named(block.values))
     return replace(after, condition=condition), AlarmOutput(tuple(changes), condition, state.condition)
 
 
@@ -113,10 +114,17 @@ def acknowledged(states: Mapping[str, AlarmState], given: Sequence[AlarmAcknowle
     return after
 
 
-def condition_of(state: AlarmState, settings: AlarmSettings, stage: str) -> str:
+def _gear_named(values: Mapping[str, Any]) -> bool:
+    """Return whether a wheel of the gears is named as damaged after a block."""
+    named: Any = values.get("gear_fault")
+    kinds = cast("tuple[str | None, ...]", named) if isinstance(named, tuple) else (named,)
+    return any(kind not in (None, UNNAMED) for kind in kinds)
+
+
+def condition_of(state: AlarmState, settings: AlarmSettings, stage: str, *, gear: bool = False) -> str:
     """Return the worst status of a channel that applies, in the order of :func:`machine_state`.
 
-    Rules that are no longer configured do not count; ``stage`` is that of life.
+    Rules that are no longer configured do not count; ``stage`` is that of life, ``gear`` whether a wheel is named.
     """
     rules = [state.rules.get(rule.name, RuleState()) for rule in settings.rules]
     recent = state.recent_bad
@@ -124,7 +132,7 @@ def condition_of(state: AlarmState, settings: AlarmSettings, stage: str) -> str:
         FAILURE: stage == END_OF_LIFE or any(rule.danger.shown for rule in rules),
         BAD_DATA: len(recent) == settings.window and sum(recent) >= settings.bad_share * settings.window,
         OUT_OF_SPECIFICATION: state.refusing,
-        MAINTENANCE: stage == FINAL or any(rule.alert.shown for rule in rules),
+        MAINTENANCE: stage == FINAL or gear or any(rule.alert.shown for rule in rules),
         CHECK: stage == LEARNING,
         NORMAL: True,
     }

@@ -87,3 +87,11 @@ def test_a_store_from_before_the_gears_begins_to_learn_them() -> None:
     state, _ = life()
     older = {name: part for name, part in state.to_stored().items() if not name.startswith("gears:")}
     assert SourceState.begin(SETTINGS, older).gears["one"].learned == {}
+
+
+def test_a_named_wheel_asks_for_maintenance() -> None:
+    state, records = life()
+    assert state.alarms["one"].condition == "maintenance_required"
+    healthy, _ = step(SourceState.begin(SETTINGS), block(1, HEALTHY), SETTINGS)
+    assert healthy.alarms["one"].condition != "maintenance_required"
+    assert records[0].channels["one"]["gear_fault"] == ("none", "none")
