@@ -1,6 +1,6 @@
 """Deflection of gear teeth by plane finite elements: an answer that shares only the shape of the tooth with the models.
 
-A whole ring, held at its hub, with three teeth; six-node triangles by gmsh, plane stress or strain by scikit-fem. The
+A whole ring, held at its hub, with three teeth; six-node triangles by gmsh, plane stress by scikit-fem. The
 force is a pressure over a short piece of the flank of the middle tooth. What is read is how far points move along the
 force, for a face of unit width: the tooth's centre line where the force crosses it (what bends, shears and turns,
 without the contact), and the same place of a neighbour.
@@ -53,17 +53,19 @@ def deflections(
     rolls: Array,
     *,
     fineness: float = 12.0,
-    crack: float = 0.0,
-    plane: str = "stress",
+    crack: tuple[float, float] | None = None,
+    neighbour: tuple[int, Array] | None = None,
 ) -> Deflections:
     """Return what a force at roll angles does to a spur gear.
 
     Args:
         profile, wheel: the gear.
         rolls: roll angles of the force, rad.
-        fineness: edges of elements a module at the teeth.
-        crack: depth of a crack straight across the middle tooth from the loaded side, at its critical section, m.
-        plane: "stress" or "strain".
+        fineness: edges of elements a module at the teeth; the outline has points for it.
+        crack: length, m, and angle from the tooth's centre line, rad, of a crack of the middle tooth from the loaded
+            side of its critical section; 90 deg is straight across, less goes towards the body.
+        neighbour: which next tooth is read, 1 on the loaded flank's side or -1, and at which roll angles, rad; by
+            default that on the other side, at the same ones.
     """
     skfem = require_skfem()
     help_with = importlib.import_module("skfem.helpers")
@@ -71,7 +73,7 @@ def deflections(
     basis = skfem.Basis(mesh, skfem.ElementVector(skfem.ElementTriP2()))
     nu, modulus = wheel.poisson, wheel.modulus
     shear = modulus / (2.0 * (1.0 + nu))
-    bulk = modulus * nu / (1.0 - nu**2) if plane == "stress" else modulus * nu / ((1.0 + nu) * (1.0 - 2.0 * nu))
+    bulk = modulus * nu / (1.0 - nu**2)
 
     @skfem.BilinearForm
     def energy(u: Any, v: Any, _: Any) -> Any:
@@ -83,17 +85,17 @@ def deflections(
     hub = basis.get_dofs(lambda x: np.hypot(*x) < wheel.hub_radius * (1.0 + 1e-6))
     free = basis.complement_dofs(hub)
     solve = splu(matrix[free][:, free].tocsc()).solve
+    side, others = neighbour or (-1, rolls)
     own, other = [], []
-    for roll in rolls:
+    for roll, next_roll in zip(rolls, others, strict=True):
         load = _load(mesh, profile, float(roll))
         u = np.zeros(basis.N)
         u[free] = solve(load[free])
-        angle = roll - profile.base_half_angle
-        pitch = math.tau / profile.teeth
-        centre = np.array([profile.base_radius / math.cos(angle), 0.0])
-        # The force presses on the flank at positive y: towards negative y and the root.
-        force = np.array([-math.sin(angle), -math.cos(angle)])
-        for turn, kept in ((0.0, own), (-pitch, other)):
+        for turn, place, kept in ((0.0, roll, own), (side * math.tau / profile.teeth, next_roll, other)):
+            angle = place - profile.base_half_angle
+            centre = np.array([profile.base_radius / math.cos(angle), 0.0])
+            # The force presses on the flank at positive y: towards negative y and the root.
+            force = np.array([-math.sin(angle), -math.cos(angle)])
             rotation = np.array([[math.cos(turn), -math.sin(turn)], [math.sin(turn), math.cos(turn)]])
             at = (rotation @ centre)[:, np.newaxis]
             kept.append(float(np.asarray(basis.probes(at) @ u).ravel() @ (rotation @ force)))
@@ -121,7 +123,7 @@ def _load(mesh: Any, profile: ToothProfile, roll: float) -> Array:
     return load / total
 
 
-def _mesh(profile: ToothProfile, hub: float, fineness: float, crack: float) -> Any:
+def _mesh(profile: ToothProfile, hub: float, fineness: float, crack: tuple[float, float] | None) -> Any:
     gmsh, skfem = require_gmsh(), require_skfem()
     m = profile.module
     gmsh.initialize()
@@ -129,7 +131,7 @@ def _mesh(profile: ToothProfile, hub: float, fineness: float, crack: float) -> A
         gmsh.option.setNumber("General.Verbosity", 1)
         gmsh.option.setNumber("General.NumThreads", 1)
         geo = gmsh.model.geo
-        outline = _outline(profile, crack)
+        outline = _outline(profile, fineness, crack)
         scale = 1.0 / m
         size = 1.0 / fineness
         points = [geo.addPoint(scale * x, scale * y, 0.0, size * (0.25 if near else 1.0)) for x, y, near in outline]
@@ -172,12 +174,14 @@ def _mesh(profile: ToothProfile, hub: float, fineness: float, crack: float) -> A
     return skfem.MeshTri(np.ascontiguousarray(xy[:, used]), np.ascontiguousarray(number[triangles]))
 
 
-def _outline(profile: ToothProfile, crack: float) -> list[tuple[float, float, bool]]:
+def _outline(
+    profile: ToothProfile, fineness: float, crack: tuple[float, float] | None
+) -> list[tuple[float, float, bool]]:
     """Return x, y and whether it is near the loaded flank, counterclockwise over three teeth."""
     pitch = math.tau / profile.teeth
-    fillet = np.stack(profile.fillet(np.linspace(0.0, 1.0, 24)))
+    fillet = np.stack(profile.fillet(np.linspace(0.0, 1.0, max(8, round(fineness)))))
     low, high = profile.roll(profile.form_radius), profile.roll(profile.tip_radius)
-    flank = np.stack(profile.flank(np.linspace(low, high, 60)))[:, 1:]
+    flank = np.stack(profile.flank(np.linspace(low, high, max(24, round(3 * fineness)))))[:, 1:]
     half = np.concatenate((fillet, flank), axis=1)
     # Up one side at negative y, down the other at positive y.
     tooth = np.concatenate((half * np.array([[1.0], [-1.0]]), half[:, ::-1]), axis=1)
@@ -191,10 +195,11 @@ def _outline(profile: ToothProfile, crack: float) -> list[tuple[float, float, bo
     return found
 
 
-def _cracked(tooth: Array, profile: ToothProfile, crack: float) -> Array:
+def _cracked(tooth: Array, profile: ToothProfile, crack: tuple[float, float]) -> Array:
     x, y = critical_section(profile)
     opening = 0.5 * _OPENING * profile.module
-    mouth = np.array([[x + opening, x, x - opening], [y, y - crack, y]])
+    depth, angle = crack
+    mouth = np.array([[x + opening, x - depth * math.cos(angle), x - opening], [y, y - depth * math.sin(angle), y]])
     above = (tooth[1] < 0.0) | (tooth[0] > x + opening)
     below = (tooth[1] > 0.0) & (tooth[0] < x - opening)
     return np.concatenate((tooth[:, above], mouth, tooth[:, below]), axis=1)

@@ -90,13 +90,13 @@ class ToothCrack:
     Attributes:
         tooth: its number.
         depth: length of the crack from the fillet's surface, m.
-        angle: between crack and centre line of the tooth, rad.
+        angle: between crack and centre line of the tooth, rad; 90 deg, straight across, is what was checked.
         extent: along the face from its begin, m; None for the whole face.
     """
 
     tooth: int
     depth: float
-    angle: float = math.radians(70.0)
+    angle: float = math.pi / 2.0
     extent: float | None = None
 
     def __post_init__(self) -> None:
