@@ -27,6 +27,10 @@ from monitor.health.channel import (
 )
 from monitor.health.condition import Quantity
 from monitor.health.detect import DetectInput, DetectOutput
+from monitor.health.gears.naming import GearsInput, GearsState
+from monitor.health.gears.naming import step as gears_step
+from monitor.health.gears.stage import rules_of
+from monitor.health.gears.values import recorded_readings
 from monitor.health.machine import step as machine_step
 from monitor.health.naming import score_threshold
 from monitor.health.quality import OrderState, Verdict, check_order
@@ -101,12 +105,26 @@ def _retrace_one(state: SourceState, record: Record, settings: SourceSettings, a
                 onset=found.alarm,
                 end=found.end,
             )
-    state = replace(state, channels=channels, waterfalls=waterfalls)
+    gears = {name: _gears(one, record, settings.channels[name]) for name, one in state.gears.items()}
+    state = replace(state, channels=channels, waterfalls=waterfalls, gears=gears)
     alarms, _ = alarm_step(state, record, verdicts, settings, _acknowledgements(record))
     heard = heard_in(record.channels, record.time)
     machine, _ = machine_step(state.machine, heard, settings.bearings, settings.persist_blocks)
     latest = record if record.channels else state.latest
     return replace(state, alarms=alarms, machine=machine, latest=latest)
+
+
+def _gears(state: GearsState, record: Record, settings: ChannelSettings) -> GearsState:
+    """Take what a record says of the wheels of a channel through their stage."""
+    values = record.channels.get(settings.name, {})
+    if settings.gears is None or not _verdict(values).for_baseline:
+        return state
+    wheels = recorded_readings(settings.gears, values)
+    if not wheels:
+        return state
+    learning = values.get("stage") == detect.LEARNING
+    given = GearsInput(record.sequence, wheels, values.get("speed"), values.get("load"), learning)
+    return gears_step(state, given, settings.gears, rules_of(settings))[0]
 
 
 def _order(state: OrderState, record: Record) -> OrderState:

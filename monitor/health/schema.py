@@ -321,10 +321,13 @@ _TABLE: list[Variable] = [
         m6a | M6A | normalised sixth moment of the difference signal of a wheel | Martin, 1989
         na4 | NA4 | fourth moment of the residual of a wheel over its learned variance squared | Zakrajsek et al., 1993
         sideband_level | SLF | first sidebands of the mesh over the deviation of the average | Lebold et al., 2000
+        gear_residual | | power of the residual of a wheel over that of what does not repeat with it | {GEARS}
+        gear_sidebands | | power of the first sidebands of a wheel over that of its mesh | {GEARS}
         """,
         ("gear",),
         optional=True,
     ),
+    *_floats("m2 s-4", f"gear_variance | | mean square of the residual of a wheel | {GEARS}", ("gear",), optional=True),
 ]
 
 VARIABLES: dict[str, Variable] = {variable.name: variable for variable in _TABLE}

@@ -58,7 +58,7 @@ def gears_step(
         given = GearsInput(
             block.sequence,
             wheel_readings(block, settings, settings.gears, output) if usable else bad_block(settings.gears),
-            None if output.features is None else output.features.speed,
+            block.speed.value,
             block.load.value,
             learning=output.stage == LEARNING,
         )

@@ -5,9 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, cast
 
-from monitor.health.gears.naming import NAMED, GearsOutput, GearsState
+from monitor.health.gears.indicators import GearIndicators
+from monitor.health.gears.naming import NAMED, GearsOutput, GearsState, WheelReading
+from monitor.health.gears.settings import GearSettings
 
 INDICATORS = ("fm0", "fm4", "m6a")
+_LEARNED = {"gear_residual": "residual", "gear_sidebands": "sideband", "gear_variance": "variance"}
+"""Variables of what is learned besides, and the indicators that they hold: a state can be made again of records."""
 UNNAMED = "none"
 """``gear_fault`` of a wheel that is not named."""
 
@@ -27,7 +31,30 @@ def gear_values(output: GearsOutput | None) -> dict[str, Any]:
     }
     for name in INDICATORS:
         values[name] = tuple(wheel.indicators and getattr(wheel.indicators, name) for wheel in wheels)
+    for name, indicator in _LEARNED.items():
+        values[name] = tuple(wheel.indicators and getattr(wheel.indicators, indicator) for wheel in wheels)
     return {name: value[0] if len(value) == 1 else value for name, value in values.items()}
+
+
+def recorded_readings(gears: GearSettings, values: Mapping[str, Any]) -> dict[str, WheelReading]:
+    """Return what a record says of each wheel as far as a state is made of it; {} of one without gears."""
+    names = ["|".join(group) for group in gears.groups()]
+    statuses = _each(values.get("gear_status"), len(names))
+    if not any(statuses):
+        return {}
+    found: dict[str, WheelReading] = {}
+    for place, (name, status) in enumerate(zip(names, statuses, strict=True)):
+        fm4, m6a = (_each(values.get(variable), len(names))[place] for variable in ("fm4", "m6a"))
+        learned = {of: _each(values.get(variable), len(names))[place] for variable, of in _LEARNED.items()}
+        indicators = GearIndicators(None, fm4, m6a, None, unlike=None, **learned)
+        found[name] = WheelReading(status, None if learned["variance"] is None else indicators)
+    return found
+
+
+def _each(value: Any, count: int) -> tuple[Any, ...]:
+    """Return a value over ``gear`` by wheel; a single wheel has no dimension, and a value may be missing."""
+    found = cast("tuple[Any, ...]", value) if isinstance(value, tuple) else (value,)
+    return found if len(found) == count else (None,) * count
 
 
 def primary_fault(fault: str | None, basis: str | None, gear: str | None) -> str | None:
@@ -54,8 +81,7 @@ def gears_summary(state: GearsState, values: Mapping[str, Any]) -> dict[str, Any
     names = list(state.turns)
 
     def of(variable: str, place: int) -> Any:
-        value = values.get(variable)
-        return cast("tuple[Any, ...]", value)[place] if isinstance(value, tuple) else value
+        return _each(values.get(variable), len(names))[place]
 
     wheels: dict[str, Any] = {
         name: {

@@ -7,11 +7,13 @@ from dataclasses import replace
 from functools import cache
 
 import numpy as np
+import pytest
 
 from monitor.health.condition import ConditionSettings
 from monitor.health.detect import DetectSettings
 from monitor.health.gears.naming import MIN_LEARNED
 from monitor.health.record import Record
+from monitor.health.retrace import retrace
 from monitor.health.state import SourceSettings, SourceState, Stored
 from monitor.health.step import step
 from streams.block import Block
@@ -95,3 +97,13 @@ def test_a_named_wheel_asks_for_maintenance() -> None:
     healthy, _ = step(SourceState.begin(SETTINGS), block(1, HEALTHY), SETTINGS)
     assert healthy.alarms["one"].condition != "maintenance_required"
     assert records[0].channels["one"]["gear_fault"] == ("none", "none")
+
+
+@pytest.mark.parametrize("first", [0, 5, FIRST_BAD])
+def test_the_state_of_the_wheels_can_be_made_of_records(first: int) -> None:
+    state, records = life()
+    begun = SourceState.begin(SETTINGS)
+    before = replace(begun, gears=retrace(begun, records[:first], SETTINGS).state.gears)
+    found = retrace(before, (Record.from_json(record.to_json()) for record in records[first:]), SETTINGS).state
+    assert found.gears == state.gears
+    assert found.gears["one"].named == "wheel"
