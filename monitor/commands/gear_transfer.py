@@ -13,10 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.acoustics.levels import REFERENCE_PRESSURE, level_db, sum_db
-from models.acoustics.third_octave import MIN_LINES, Bands, bands_of_record
+from models.acoustics.third_octave import MIN_LINES, Bands, bands_of_density, density_of_record
 from models.acoustics.transfer_files import read_transfer_vectors
 from models.acoustics.transfer_vectors import TransferVectors
 from models.acoustics.wav import full_scale_for, write_wav
+from models.acoustics.weighting import power
 from models.transfer.frf import MOTION_UNITS, FrequencyResponses
 from monitor.commands.common import InputError, finite, output_errors
 from monitor.commands.gear_forces import GearRun
@@ -29,9 +30,10 @@ Array = NDArray[np.float64]
 REFERENCE_ACCELERATION = 1e-6
 """Reference of levels of acceleration, m/s2 (ISO 1683)."""
 MAX_LEAD_S = 2.0
-"""Longest time that is left out at the beginning, where the casing is still beginning to move."""
+"""Longest time that is left out at either end, where the forces begin and end."""
 _PRESSURE = "Pa"
 _AUDIBLE = (10.0, 20000.0)
+_SEGMENTS = 1.01
 _CYCLES = 1.05 * MIN_LINES
 """Widths of a band, times the length of the record, from which it is resolved."""
 _ROUNDED = 2e-3
@@ -52,7 +54,7 @@ class Casing:
 
     @property
     def lead(self) -> float:
-        """Time after which a casing that began at rest moves as if it always had, s."""
+        """Time after which a casing that began at rest moves as if it always had, s; left out at both ends."""
         steps = [np.diff(part.frequency).min() for part in (self.motion, self.pressure) if part is not None]
         return min(MAX_LEAD_S, 1.0 / float(min(steps))) if steps else 0.0
 
@@ -143,7 +145,7 @@ def heard(
 
 @dataclass(frozen=True, eq=False)
 class Felt:
-    """Records of outputs after the lead.
+    """Records of outputs between the leads.
 
     Attributes:
         names: of the outputs.
@@ -164,11 +166,20 @@ class Felt:
     @cached_property
     def squares(self) -> Array:
         """Mean squares by output and band."""
-        return bands_of_record(self.values, self.rate, self.bands)
+        return self.weighted("Z")
+
+    def weighted(self, weighting: str) -> Array:
+        """Return mean squares by output and band, with a weighting: from lines as near as the record allows.
+
+        Mesh lines are tones: the finer the lines, the nearer to an edge of a band they may be.
+        """
+        resolution = _SEGMENTS * self.rate / self.values.shape[1]
+        frequency, density = density_of_record(self.values, self.rate, resolution)
+        return bands_of_density(frequency, density * power(frequency, weighting), self.bands)
 
 
 def felt(run: GearRun, responses: FrequencyResponses, lead: float) -> Felt:
-    """Return the outputs of responses to the forces on the bearings, without the first ``lead`` seconds.
+    """Return the outputs of responses to the forces on the bearings, without ``lead`` seconds at both ends.
 
     Raises:
         InputError: no third-octave band lies within the responses, or the record is too short for any.
@@ -176,13 +187,17 @@ def felt(run: GearRun, responses: FrequencyResponses, lead: float) -> Felt:
     rate = run.motion.rate
     forces = np.stack([run.forces[name.rpartition(".")[0]][:, "xy".index(name[-1])] for name in responses.inputs])
     forces -= forces.mean(axis=1, keepdims=True)
-    first = round(lead * rate)
-    bands = bands_within(responses.band, rate, (forces.shape[1] - first) / rate)
+    ends = round(lead * rate)
+    bands = bands_within(responses.band, rate, (forces.shape[1] - 2 * ends) / rate)
+    # Nothing rings in what is kept: the forces rise and fall smoothly in what is left out.
+    rise = 0.5 - 0.5 * np.cos(math.pi * (np.arange(ends) + 0.5) / max(ends, 1))
+    forces[:, :ends] *= rise
+    forces[:, forces.shape[1] - ends :] *= rise[::-1]
     try:
         found = responses.apply(forces, rate)
     except ValueError as error:
         raise InputError(f"responses: {error}") from None
-    values = found.values[:, first:]
+    values = found.values[:, ends : forces.shape[1] - ends]
     return Felt(responses.outputs, values, rate, bands, float(found.outside.max()), responses.band)
 
 
@@ -224,7 +239,7 @@ def motion_values(found: Felt) -> dict[str, Any]:
 
 def pressure_values(found: Felt) -> dict[str, Any]:
     """Return levels of pressures, with A-weighting too."""
-    weighted = bands_of_record(found.values, found.rate, found.bands, weighting="A")
+    weighted = found.weighted("A")
     return {
         **_coverage(found),
         "microphones": [
@@ -277,7 +292,7 @@ def pressure_lines(values: dict[str, Any]) -> Iterator[str]:
 def _coverage_lines(values: dict[str, Any], what: str) -> Iterator[str]:
     low, high = values["band_hz"]
     yield (
-        f"{what} from {low:g} to {high:g} Hz; up to {100.0 * values['outside_share']:.2g} % of the varying force "
+        f"{what} from {low:g} to {high:g} Hz; up to {100.0 * values['outside_share']:.3g} % of the varying force "
         "on a bearing lies outside"
     )
 

@@ -22,7 +22,7 @@ MAX_SHOWN = 6
 """Most shafts, or outputs, that are drawn."""
 _COLOURS = (BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY)
 _PERIODS, _HARMONICS = 4.0, 8.5
-_DECADES = 4.0
+_DECADES, _RANGE_DB = 4.0, 80.0
 
 
 @dataclass(frozen=True)
@@ -216,16 +216,16 @@ def _levels(levels: Levels) -> Part:
     def draw(made: FigureBase) -> None:
         axes: Axes = made.subplots()
         places, width = np.arange(len(levels.bands)), 0.8 / max(len(shown), 1)
-        floor = math.floor(min(values, default=0.0) / 10.0) * 10.0 - 5.0
+        floor = math.floor(max(min(values, default=0.0), max(values, default=0.0) - _RANGE_DB) / 10.0) * 10.0 - 5.0
         for number, (colour, (name, row)) in enumerate(zip(_COLOURS, shown.items(), strict=False)):
-            heights = [0.0 if value is None else value - floor for value in row]
+            heights = [0.0 if value is None else max(value - floor, 0.0) for value in row]
             axes.bar(places + (number + 0.5) * width - 0.4, heights, width, floor, color=colour, label=name)
         axes.set_xticks(places, [f"{band:g}" for band in levels.bands], rotation=45 if len(levels.bands) > 16 else 0)
         axes.set(xlabel="third octave (Hz)", ylabel=levels.unit)
         axes.set_ylim(floor, None)
         legend_above(axes)
 
-    caption = "Third octaves that lie within the responses."
+    caption = f"Third octaves that lie within the responses, down to {_RANGE_DB:g} dB below the highest."
     if len(levels.levels) > MAX_SHOWN:
         caption += f" The first {MAX_SHOWN} of {len(levels.levels)}."
     data: dict[str, Any] = {"band_hz": list(levels.bands)}
