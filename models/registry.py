@@ -29,6 +29,7 @@ MODULES: dict[str, tuple[str, ...]] = {
     "ring_impact": ("models.dynamics.ring_impact",),
     "rotor": ("models.dynamics.rotor", "models.dynamics.rotor_elastic"),
     "angular": ("models.dynamics.angular",),
+    "gear_pair": ("models.dynamics.gear_pair",),
 }
 AUTO = "auto"
 # Periods that are simulated at least before a motion is said not to settle.

@@ -99,6 +99,16 @@ def _angular_speed() -> None:
     solve(scene, Request(duration=1e-3, rate=5120.0, accuracy=1.0))
 
 
+def _gears() -> None:
+    from models.bearing import from_catalogue
+    from models.dynamics.gear_pair import SOLVER
+    from models.registry import Request
+    from models.rigs.gear_pair import GearPairRig
+
+    scene = Scene(40.0, 1000.0, bearing=from_catalogue("6305"), rig=GearPairRig())
+    SOLVER.solve(scene, Request(duration=1e-3, rate=5120.0, accuracy=1.0))
+
+
 # The longest first, so that two processes end together; the last part reuses the kernels of the first.
 PARTS: dict[str, Callable[[], None]] = {
     "one settled scene": _one_scene,
@@ -106,6 +116,7 @@ PARTS: dict[str, Callable[[], None]] = {
     "many scenes at once": _many_scenes,
     "over time": _over_time,
     "impacts on rings": _impacts,
+    "gears": _gears,
     "rotor": _rotor,
     "balls with inertia": _balls,
     "rows of a map": _rows_of_a_map,

@@ -174,7 +174,7 @@ def simulate_train(
     course = course_of(plan, at_rest(train) if start is None else start)
     status = _drop(plan, course, skipped, 1.0 / rate, longest)
     course.apart[:], course.changes[:] = 0.0, 0
-    motion, contacts, energy, reactions = places = _places(plan, count)
+    motion, contacts, energy, reactions = places = places_of(plan, count)
     if status == kernels.STATUS_OK:
         status = kernels.integrate(plan, course, 0.0, 1.0 / rate, skipped, longest, *places)
     if status == kernels.STATUS_STANDS_STILL:
@@ -332,7 +332,8 @@ def _tables(mesh: Mesh) -> tuple[Array | None, ...]:
     return k.base, k.driver_loss, k.driven_loss, k.driver_error, k.driven_error
 
 
-def _places(plan: Plan, count: int) -> tuple[Array, Array, Array, Array]:
+def places_of(plan: Plan, count: int) -> tuple[Array, Array, Array, Array]:
+    """Return places for what the kernel writes of a number of instants."""
     n, contacts = plan.inverse.size, plan.free.size
     bearings = len(plan.place)
     return (
@@ -347,7 +348,7 @@ def _drop(plan: Plan, course: Course, count: int, interval: float, longest: floa
     """Integrate to the instant ``count``, keep nothing, and return the status."""
     done = 0
     while done < count:
-        places = _places(plan, min(_CHUNK, count - done))
+        places = places_of(plan, min(_CHUNK, count - done))
         status = kernels.integrate(plan, course, 0.0, interval, done, longest, *places)
         if status != kernels.STATUS_OK:
             return status

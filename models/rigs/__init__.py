@@ -11,11 +11,12 @@ from typing import get_args
 
 from models.rigs.angular import AngularRig
 from models.rigs.ball_inertia import BallInertiaRig
+from models.rigs.gear_pair import GearPairRig
 from models.rigs.ring_impact import RingImpactRig
 from models.rigs.rotor import RotorRig
 from models.rigs.six_dof import Rig
 
-AnyRig = Rig | AngularRig | BallInertiaRig | RingImpactRig | RotorRig
+AnyRig = Rig | AngularRig | BallInertiaRig | GearPairRig | RingImpactRig | RotorRig
 
 RIGS: dict[str, type[AnyRig]] = {kind.model: kind for kind in get_args(AnyRig)}
 """The types by the model that takes them."""

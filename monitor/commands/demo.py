@@ -12,6 +12,7 @@ import click
 
 from models.rigs import IGNORES_DEPTH, RIGS
 from models.rigs.angular import AngularRig
+from models.rigs.gear_pair import GearPairRig
 from models.rigs.six_dof import Rig
 from monitor.commands import option
 from monitor.commands.common import InputError, counter, emit, finite, progress_bar, say
@@ -64,7 +65,7 @@ _OTHER_NOTES = (
     "map's. TT is that of the thesis, and there is no end of life by peak.",
     _ONE + "On the map of another model V_eq is another (docs/evidence/maps.md).",
 )
-_SLOW = (AngularRig.model,)
+_SLOW = (AngularRig.model, GearPairRig.model)
 """Models whose map takes a processor a quarter of an hour, and a life as long."""
 MODELS = [name for name in RIGS if name not in IGNORES_DEPTH and name not in _SLOW]
 

@@ -31,6 +31,7 @@ from models.response import HARMONICS, STATUSES, Response
 from models.rigs import AnyRig
 from models.rigs.angular import AngularRig
 from models.rigs.ball_inertia import BallInertiaRig
+from models.rigs.gear_pair import GearPairRig
 from models.rigs.ring_impact import RingImpactRig
 from models.rigs.rotor import RotorRig
 from models.rigs.six_dof import Rig
@@ -84,6 +85,7 @@ def with_each_effect(scene: Scene, **others: Scene) -> dict[str, Scene]:
 RINGS = Scene(40.0, 1000.0, bearing=from_catalogue("6205"), rig=RingImpactRig(), defect=OUTER)
 ANGLED = replace(RINGS.bearing, rows=2, contact_angle=0.2)
 ROTOR = Scene(40.0, 1000.0, bearing=from_catalogue("6305"), rig=RotorRig(end_mass=0.3), defect=OUTER)
+GEARS = Scene(40.0, 1000.0, bearing=from_catalogue("6305"), rig=GearPairRig(), defect=OUTER)
 BALLS = Scene(40.0, 1000.0, bearing=from_catalogue("6206"), rig=BallInertiaRig(), defect=OUTER)
 # Couplings as stiff as these let the motion settle in 0.2 s.
 STIFF = AngularRig(mode_limit=15e3, coupling=8000.0)
@@ -96,6 +98,9 @@ SCENES: dict[type[AnyRig], dict[str, Scene]] = {
         roller=replace(SHAFT, bearing=ROLLERS),
         second_bearing=replace(SHAFT, defect=None, second_bearing=replace(SHAFT.bearing, n_elements=10)),
         changing_speed=replace(SHAFT, defect=None, speed_slope=-20.0),
+    ),
+    GearPairRig: with_each_effect(
+        GEARS, roller=replace(GEARS, defect=None, bearing=ROLLERS, rig=GearPairRig(element="roller", k_c=5e8))
     ),
     BallInertiaRig: with_each_effect(BALLS, roller=replace(BALLS, bearing=ROLLERS)),
     RingImpactRig: with_each_effect(

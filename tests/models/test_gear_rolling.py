@@ -16,8 +16,10 @@ from models.dynamics.rotor_plan import at_rest
 from models.gears.bearings import with_bearings
 from models.gears.linear import mean_state
 from models.gears.train import Body, GearTrain, Support, alike
+from models.rigs.gear_pair import GearPairRig
 from models.rigs.rotor import RotorRig
 from models.scene import Defect, Part, Scene
+from models.simulate import simulate
 from tests.models.test_gear_train import pair
 
 BEARING = from_catalogue("6305")
@@ -88,3 +90,25 @@ def test_what_rolling_bearings_need_is_named() -> None:
         simulate_train(replace(train, acceleration=1.0), duration=0.01, rolling=[one])
     with pytest.raises(ValueError, match="a row that the bearing does not have"):
         replace(one, defects=(Defect(0.1, 1e-5, rows=2),))
+
+
+def test_gears_that_are_not_smooth_keep_the_motion_from_repeating() -> None:
+    scene = Scene(40.0, 1000.0, bearing=BEARING, rig=GearPairRig(), model="gear_pair")
+    smooth, rough = (
+        simulate(replace(scene, rig=rig), duration=0.1, rate=25600.0, accuracy=5e-3)
+        for rig in (GearPairRig(), GearPairRig(mesh_variation=0.2))
+    )
+    assert (smooth.status, rough.status) == ("converged", "not_periodic")
+    assert smooth.record is not None
+    assert rough.record is not None
+    mesh = 40.0 * GearPairRig.teeth
+    assert rough.record.line(mesh, "b") > 20.0 * smooth.record.line(mesh, "b")
+
+
+def test_parameters_of_a_gear_pair_are_named_where_they_are_wrong() -> None:
+    with pytest.raises(ValueError, match=r"rig\.mesh_variation must be less than 1"):
+        GearPairRig(mesh_variation=1.0)
+    with pytest.raises(ValueError, match=r"rig\.teeth_b must be a whole number"):
+        GearPairRig(teeth_b=0)
+    with pytest.raises(ValueError, match="NU 202 ECP has rollers"):
+        Scene(40.0, 1000.0, bearing=from_catalogue("NU 202 ECP"), rig=GearPairRig())

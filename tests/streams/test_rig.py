@@ -125,8 +125,11 @@ def test_the_bench_of_the_thesis_stays_as_it_was(rig, sequence):
     assert rig.limits == ()
 
 
-# Steps over the angle take longest: five seconds of a block have two million of them.
-@pytest.mark.parametrize("model", [model for model in RIGS if model != "angular" or effort_count(quick=0, full=1)])
+# Steps over the angle and those of gears take longest: five seconds of a block have two million of them.
+SLOW = ("angular", "gear_pair")
+
+
+@pytest.mark.parametrize("model", [model for model in RIGS if model not in SLOW or effort_count(quick=0, full=1)])
 def test_any_model_with_the_defect_makes_blocks_of_a_life(model):
     rig = open_rig(f"rig:ferrara?seed=2&model={model}&healthy_blocks=1&blocks=40", "rig")
     assert rig.rig.model == rig.machine.model == model
