@@ -25,10 +25,11 @@ GearState = Literal["loaded", "idle"]
 
 GEAR_TRAINING = range(500)
 """Seeds on which constants may be fitted."""
-GEAR_HEALTHY = range(40_000, 41_000)
-"""Machines without damage, set aside before anything was changed for gears; judged once."""
-GEAR_DAMAGED = range(41_000, 41_300)
-"""Machines with a damaged bearing, likewise."""
+GEAR_HEALTHY_FIRST, GEAR_DAMAGED_FIRST = range(40_000, 41_000), range(41_000, 41_100)
+"""Machines without damage and with a damaged bearing, set aside before anything was changed for gears; judged once, by
+the first rule of what may be a wheel, and looked at afterwards."""
+GEAR_HEALTHY, GEAR_DAMAGED = range(46_000, 47_000), range(41_100, 41_300)
+"""The same, set aside before that rule was made stricter; judged once."""
 GEAR_LIVES = range(42_000, 42_012)
 """Lives of the simulated rig, likewise."""
 

@@ -23,7 +23,7 @@ _STEPS = 2
 _NEAR_BINS, _NEAR_SD = 0.5, 2.0
 """How far a line of a family may be from one of a wheel that explains it."""
 _EXPLAINED = 3
-"""Lines of a family that are of wheels, from which the family is."""
+"""Lines of a family that must be of wheels for the family to be; all others must be of the shaft."""
 
 
 @dataclass(frozen=True)
@@ -64,8 +64,12 @@ class Wheels:
         highest = float(lines[-1]) / self.speed + 1.0
         of_wheels = np.concatenate([_lines_of(turn, highest) for turn in wheels]) * self.speed
         distance = np.abs(lines[:, None] - of_wheels)
-        near = distance <= _NEAR_BINS * resolution + _NEAR_SD * self.sd / self.speed * of_wheels
-        return int(near.any(axis=1).sum()) >= _EXPLAINED
+        near = (distance <= _NEAR_BINS * resolution + _NEAR_SD * self.sd / self.speed * of_wheels).any(axis=1)
+        orders = lines / self.speed
+        of_shaft = (
+            np.abs(orders - np.rint(orders)) * self.speed <= _NEAR_BINS * resolution + _NEAR_SD * self.sd * orders
+        )
+        return bool((near | of_shaft).all()) and int(near.sum()) >= _EXPLAINED
 
 
 def _lines_of(turn: float, highest: float) -> NDArray[np.float64]:
