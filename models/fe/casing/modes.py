@@ -169,24 +169,3 @@ def modal_responses(
         h[start : start + _LINES_AT_ONCE] = np.einsum("or,fr,ir->foi", left, gain, right, optimize=True) + rest
     h *= ((1j * omega) ** MOTION_UNITS.index(unit))[:, None, None]
     return FrequencyResponses(np.asarray(frequency, np.float64), h, tuple(outputs), tuple(inputs), unit)
-
-
-def assurance(
-    first: NDArray[np.complexfloating | np.floating], second: NDArray[np.complexfloating | np.floating]
-) -> Array:
-    """Return the modal assurance criterion of two sets of shapes at the same places, shape (first, second).
-
-    |a* b|^2 / (a* a b* b) with a* the conjugate transpose (Allemang and Brown, Proc. IMAC 1 (1982) 110).
-
-    Args:
-        first, second: shapes (places and directions, modes).
-
-    Raises:
-        ValueError: the places differ, or a shape is zero throughout.
-    """
-    if first.shape[0] != second.shape[0]:
-        raise ValueError(f"shapes must be at the same places, got {first.shape[0]} and {second.shape[0]}")
-    sizes = [np.sum(np.abs(shapes) ** 2, axis=0) for shapes in (first, second)]
-    if not all(size.all() for size in sizes):
-        raise ValueError("a shape is zero at all places")
-    return np.asarray(np.abs(first.conj().T @ second) ** 2 / np.outer(*sizes), np.float64)

@@ -7,14 +7,11 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
-from hypothesis.extra.numpy import arrays
 from numpy.typing import NDArray
 
 from models.fe.casing.model import Point
-from models.fe.casing.modes import Damping, Modes, assurance, first_modes, modal_responses
-from tests.effort import effort_count
+from models.fe.casing.modes import Damping, Modes, first_modes, modal_responses
+from models.transfer.mode_sets import assurance
 from tests.models.fe.casing.casings import box, plate
 
 pytest.importorskip("skfem", reason="needs the extra fe")
@@ -98,28 +95,6 @@ def test_modes_agree_with_themselves_and_are_told_apart() -> None:
     found = assurance(shapes[:, :6], shapes[:, :6])
     np.testing.assert_allclose(np.diag(found), 1.0)
     assert found[~np.eye(6, dtype=bool)].max() < 0.2
-
-
-@settings(max_examples=effort_count(quick=25, full=500), deadline=None)
-@given(
-    arrays(np.float64, (5, 2), elements=st.floats(-10.0, 10.0)).filter(
-        lambda a: bool((np.abs(a).max(axis=0) > 1e-3).all())
-    ),
-    st.complex_numbers(min_magnitude=0.1, max_magnitude=10.0),
-)
-def test_assurance_is_between_nought_and_one_and_knows_no_scale(shapes: NDArray[np.float64], factor: complex) -> None:
-    found = assurance(shapes, factor * shapes)
-    np.testing.assert_allclose(np.diag(found), 1.0)
-    assert found.min() >= 0.0
-    assert found.max() <= 1.0 + 1e-12
-    np.testing.assert_allclose(found, assurance(shapes, shapes), atol=1e-12)
-
-
-def test_shapes_that_cannot_be_compared_are_named() -> None:
-    with pytest.raises(ValueError, match="same places, got 3 and 4"):
-        assurance(np.ones((3, 1)), np.ones((4, 1)))
-    with pytest.raises(ValueError, match="zero at all places"):
-        assurance(np.ones((3, 1)), np.zeros((3, 1)))
 
 
 def test_damping_is_linear_between_its_points_and_constant_beyond() -> None:
