@@ -37,7 +37,7 @@ Level = Literal["secant", "tangent"]
 SHEAR_FACTOR = 1.2
 _NODES = 24
 _STEP = 1e-6
-_CRACK_LIMIT = 0.6
+_CRACK_LIMIT = 0.9
 # Of a crack's compliance times E, see ``crack_compliance``: (a, b) for arm^2, arm * cos and cos^2.
 _CRACK = ((1.026, 1.546), (0.542, -1.491), (-0.001, 0.068))
 # Constant of a neighbour's displacement, times E: see ``shared_compliance``.
@@ -243,7 +243,7 @@ def crack_compliance(
         plane: of stress or strain.
 
     Raises:
-        ValueError: where the crack takes more than 0.6 of the section; the fit holds to 0.5.
+        ValueError: where the crack takes more than 0.9 of the section; the fit holds to 0.5, deeper is extrapolated.
     """
     x, y = critical_section(profile)
     width = 2.0 * y * math.cos(profile.helix_angle)

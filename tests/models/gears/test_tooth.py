@@ -131,7 +131,7 @@ def test_the_critical_section_is_where_the_fillet_is_inclined_by_30_degrees():
 
 
 def test_a_crack_through_the_tooth_is_refused():
-    with pytest.raises(ValueError, match=r"crack depth must be from 0 to 3\.\d+ mm, got 6 mm"):
+    with pytest.raises(ValueError, match=r"crack depth must be from 0 to 5\.\d+ mm, got 6 mm"):
         crack_compliance(TOOTH, WHEEL, ROLLS, 6e-3, math.pi / 2.0, "stress")
 
 
