@@ -48,6 +48,8 @@ if TYPE_CHECKING:
     from spallwatch.figures import plot_signal as plot_signal
     from spallwatch.figures import plot_spectrum as plot_spectrum
     from spallwatch.finite_elements import fe_stiffness as fe_stiffness
+    from spallwatch.gears import gear_motion as gear_motion
+    from spallwatch.gears import mesh_frequencies as mesh_frequencies
     from spallwatch.orders import order_spectrum as order_spectrum
     from spallwatch.recordings import blocks as blocks
     from spallwatch.recordings import read as read
@@ -82,8 +84,10 @@ _HOMES = {
     "fault_frequencies": "spallwatch.bearings",
     "fe_stiffness": "spallwatch.finite_elements",
     "features": "spallwatch.analysis",
+    "gear_motion": "spallwatch.gears",
     "ias_spectrum": "spallwatch.angular_speed",
     "map_dataset": "spallwatch.scenes",
+    "mesh_frequencies": "spallwatch.gears",
     "name_fault": "spallwatch.analysis",
     "open_map": "spallwatch.scenes",
     "open_records": "spallwatch.records",

@@ -83,6 +83,19 @@ def read_gears(path: Path | None, stages: Sequence[str]) -> GearInput:
     return GearInput(config, config.gear, str(path), find_lines(text))
 
 
+def gear_input(values: Mapping[str, Any], name: str) -> GearInput:
+    """Return the gears of the tables of a configuration, or of those of gears alone.
+
+    Raises:
+        ConfigError: the tables cannot be used.
+        InputError: they have no gears.
+    """
+    config = _validate(dict(values), Path(name))
+    if config.gear is None:
+        raise InputError(f"{name}: expected a table gear with wheel and pair")
+    return GearInput(config, config.gear, name)
+
+
 def _validate(values: dict[str, Any], path: Path, text: str = "") -> Config:
     """Validate tables; where they are those of a gear train alone, with the sections that are not used added."""
     if "gear" in values and "source" not in values and "channel" not in values:
