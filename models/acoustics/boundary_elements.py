@@ -39,11 +39,13 @@ MIN_PER_WAVELENGTH = 6.0
 """Least wavelength by the longest edge of any element; fewer are refused."""
 COUPLING = 0.1
 """The constant c by the root of the elements' mean area, at most 1 / k."""
-MAX_RESIDUAL = 0.035
-"""Pressure left inside by that on the surface, above which a frequency is "inaccurate": 0.3 dB."""
+MAX_RESIDUAL = 0.005
+"""Pressure left inside by that on the surface, above which a frequency is "inaccurate"; at the microphones 0.3 dB."""
+MIN_GAP = 0.5
+"""Least height over the plane, by the longest edge, of an element that faces it; below, all is "inaccurate"."""
 _POINTS, _CHECKS = 30, 10
 _ELEMENTS_A_POINT = 50
-SECONDS = (1.6e-7, 2.6e-10)
+SECONDS = (2.7e-7, 1.0e-10)
 """Processor time of a frequency with n elements, s: a n^2 (assembly, twice over a plane) + b n^3."""
 BYTES = 64.0
 """Memory at the peak by n^2: both matrices, the normal equations and what assembly holds."""
@@ -73,12 +75,15 @@ class Radiation:
         per_wavelength: wavelength by the longest edge at each frequency.
         residual: pressure left at points inside by the root mean square on the surface, the largest of uniform motion
             and of the rigid ones, at each frequency; NaN where no point is.
-        status: "ok", "inaccurate" where the residual exceeds ``MAX_RESIDUAL``, or "unchecked", of each frequency.
+        gap: least height over the plane, by its longest edge, of an element that faces the plane; infinite without.
+        status: of each frequency "ok", "inaccurate" where the residual exceeds ``MAX_RESIDUAL`` or the gap is less than
+            ``MIN_GAP``, or "unchecked" where no point is inside.
     """
 
     vectors: TransferVectors
     per_wavelength: NDArray[np.float64]
     residual: NDArray[np.float64]
+    gap: float
     status: tuple[str, ...]
 
 
@@ -147,8 +152,22 @@ def transfer_vectors(
         vectors.h[place] = h
         if tell is not None:
             tell(f"{hertz:g} Hz: pressure left inside {100.0 * residual[place]:.2g} %")
-    status = tuple("unchecked" if math.isnan(r) else "ok" if r <= MAX_RESIDUAL else "inaccurate" for r in residual)
-    return Radiation(vectors, per_wavelength, residual, status)
+    gap = _gap(surface)
+    status = tuple(_status(float(value), gap) for value in residual)
+    return Radiation(vectors, per_wavelength, residual, gap, status)
+
+
+def _gap(surface: Surface) -> float:
+    facing = surface.normal[:, 2] < -0.5
+    if not surface.over_plane or not np.any(facing):
+        return math.inf
+    return float(np.min(surface.middle[facing, 2] / surface.panels.longest[facing]))
+
+
+def _status(residual: float, gap: float) -> str:
+    if gap < MIN_GAP or residual > MAX_RESIDUAL:
+        return "inaccurate"
+    return "unchecked" if math.isnan(residual) else "ok"
 
 
 @dataclass(frozen=True, eq=False)

@@ -76,7 +76,8 @@ class TransferVectors:
 
         The cubic through the four nearest frequencies (fewer where there are fewer), in real and imaginary part, after
         the phase of the path, exp(-i k r), was taken out where positions are known: the direct one, or over a plane
-        the mean of the direct and the reflected one. See ``interpolation_error_db``.
+        the mean of the direct and the reflected one. Else the phase that all points of a microphone have in common is
+        followed from one frequency to the next. See ``interpolation_error_db``.
 
         Args:
             frequency: (frequencies,) Hz, within those of the vectors.
@@ -91,12 +92,17 @@ class TransferVectors:
             worst = float(wanted[outside][0])
             raise TransferVectorError(f"{worst:.6g} Hz is outside the transfer vectors' {low:.6g} to {high:.6g} Hz")
         distance = self._distance()
-        waves = 2.0 * np.pi / self.sound_speed
         found = np.empty((len(wanted), *self.h.shape[1:]), np.complex128)
         for place, f in enumerate(wanted):
             nodes, weights = _lagrange(self.frequency, float(f))
-            phases = np.exp(1j * waves * (self.frequency[nodes, None, None] - f) * distance)
-            found[place] = np.einsum("i,ijk->jk", weights, self.h[nodes] * phases)
+            near = self.h[nodes]
+            if distance is None:
+                ahead = np.angle(np.sum(near[1:] * near[:-1].conj(), axis=2))
+                phase = np.concatenate((np.zeros((1, near.shape[1])), np.cumsum(ahead, axis=0)))
+                turn = (weights @ phase - phase)[:, :, None]
+            else:
+                turn = 2.0 * np.pi / self.sound_speed * (self.frequency[nodes, None, None] - f) * distance
+            found[place] = np.einsum("i,ijk->jk", weights, near * np.exp(1j * turn))
         return found
 
     def pressure(self, frequency: ArrayLike, velocity: ArrayLike) -> NDArray[np.complex128]:
@@ -134,10 +140,10 @@ class TransferVectors:
             errors[place - 1] = np.max(np.divide(missed, size, out=np.zeros_like(missed), where=size > 0.0))
         return 20.0 * np.log10(1.0 + errors)
 
-    def _distance(self) -> NDArray[np.float64]:
-        """Return the paths, m, shape (microphones, points), or zeros where positions are not known."""
+    def _distance(self) -> NDArray[np.float64] | None:
+        """Return the paths, m, shape (microphones, points), or None where positions are not known."""
         if self.microphone_position is None or self.point_position is None:
-            return np.zeros(self.h.shape[1:])
+            return None
         between = self.microphone_position[:, None] - self.point_position[None]
         direct = np.linalg.norm(between, axis=2)
         if not self.over_plane:

@@ -139,7 +139,7 @@ def test_settling_leaves_a_hundredth_of_a_decibel():
     for tone in (bands.lower[0], bands.centre[0], bands.upper[0]):
         found = bands_by_filters(np.sin(2.0 * np.pi * tone * time), rate, bands)
         steady = 0.5 * power_gain(bands, tone, "filter")[0]
-        assert level_db(found) == pytest.approx(level_db(steady), abs=0.05)
+        assert level_db(found) == pytest.approx(level_db(steady), abs=0.01)
 
 
 def test_levels_add_up():

@@ -50,12 +50,16 @@ def test_at_their_own_frequencies_they_are_exact():
     assert vectors.pressure(GRID, v) == pytest.approx(np.einsum("fmn,fn->fm", vectors.h, v), rel=1e-12)
 
 
-def test_a_cubic_is_interpolated_exactly_where_there_are_no_positions():
+@pytest.mark.parametrize("delay", [0.0, 2e-3])
+def test_a_cubic_with_a_delay_is_interpolated_exactly_where_there_are_no_positions(delay):
     f = np.array([100.0, 130.0, 190.0, 250.0, 400.0])
-    h = ((1e-6 * f**3 - 1e-3 * f**2) + 1j * f)[:, None, None]
-    vectors = TransferVectors(f, h, ("m",), ("p",))
     x = np.array([100.0, 111.0, 222.0, 399.0, 400.0])
-    assert vectors.at(x)[:, 0, 0] == pytest.approx((1e-6 * x**3 - 1e-3 * x**2) + 1j * x, rel=1e-12)
+
+    def cubic(f: np.ndarray) -> np.ndarray:
+        return (1.0 + 1e-6 * f**3 + 1e-3 * f**2) * np.exp(-2j * np.pi * delay * f)
+
+    vectors = TransferVectors(f, cubic(f)[:, None, None], ("m",), ("p",))
+    assert vectors.at(x)[:, 0, 0] == pytest.approx(cubic(x), rel=1e-12)
 
 
 def test_the_error_stated_of_a_grid_exceeds_the_true_one_and_falls_with_the_fourth_power():
@@ -69,10 +73,13 @@ def test_the_error_stated_of_a_grid_exceeds_the_true_one_and_falls_with_the_four
     assert len(replace(vectors, frequency=GRID[:2], h=vectors.h[:2]).interpolation_error_db()) == 0
 
 
-def test_the_flight_taken_out_makes_a_coarse_grid_do():
-    coarse = np.linspace(500.0, 2900.0, 13)
-    with_places, without = monopoles(coarse), monopoles(coarse, placed=False)
+def test_without_positions_the_phase_is_followed_and_a_finer_grid_needed():
+    with_places, without = monopoles(GRID), monopoles(GRID, placed=False)
     assert with_places.interpolation_error_db().max() < 0.5 * without.interpolation_error_db().max()
+    fine, between = np.linspace(500.0, 2900.0, 49), np.linspace(501.0, 2899.0, 40)
+    found = monopoles(fine, placed=False).pressure(between, velocities(40))
+    exact = np.einsum("fmn,fn->fm", monopoles(between).h, velocities(40))
+    assert level_db(line_mean_squares(found)) == pytest.approx(level_db(line_mean_squares(exact)), abs=0.1)
 
 
 @pytest.mark.parametrize("placed", [True, False])
