@@ -152,6 +152,16 @@ class GearMachine:
             ahead += centre / pitch * np.sin(2.0 * np.pi * (turns * self.teeth[0] / teeth + rng.uniform()))
         return ahead
 
+    def turns(self, number: int) -> NDArray[np.float64]:
+        """Return the turns of the driver at the samples of a block, shape (sample,)."""
+        return self._turns(np.random.default_rng([59, self.seed, number]))
+
+    def _turns(self, rng: np.random.Generator) -> NDArray[np.float64]:
+        time = np.arange(round(RATE * BLOCK_S)) / RATE
+        speed = self.speed * (1.0 + 0.005 * rng.normal())
+        course = speed * (1.0 + 3e-4 * np.sin(2.0 * np.pi * (rng.uniform(0.1, 0.5) * time + rng.uniform())))
+        return rng.uniform(0.0, self.cycle_turns) + np.cumsum(course) / RATE
+
     def block(self, number: int, healthy: GearMachine | None = None, bearing: float = 0.0) -> NDArray[np.float32]:
         """Return the samples of one block, m/s2.
 
@@ -161,10 +171,7 @@ class GearMachine:
             bearing: RMS of the impacts of a damaged outer race, over that vibration.
         """
         rng = np.random.default_rng([59, self.seed, number])
-        time = np.arange(round(RATE * BLOCK_S)) / RATE
-        speed = self.speed * (1.0 + 0.005 * rng.normal())
-        course = speed * (1.0 + 3e-4 * np.sin(2.0 * np.pi * (rng.uniform(0.1, 0.5) * time + rng.uniform())))
-        turns = rng.uniform(0.0, self.cycle_turns) + np.cumsum(course) / RATE
+        turns = self._turns(rng)
         turns += self._ahead(turns)
         place = turns / self.cycle_turns % 1.0 * self.cycle.size
         low = place.astype(np.intp)

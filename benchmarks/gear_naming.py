@@ -10,12 +10,16 @@ from __future__ import annotations
 
 import argparse
 import itertools
+import statistics
+import time
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
+
+import numpy as np
 
 from benchmarks.common import Row, print_table, write_json
 from benchmarks.gear_machines import BLOCK_S, DAMAGED, HEALTHY, RATE, SIZES, TRAINING, Fault, GearMachine
@@ -147,13 +151,53 @@ def damaged_rows(machines: Iterable[dict[tuple[str, float], Counter[str]]]) -> t
     return bearing, wheels
 
 
+def angle_rows(seeds: Iterable[int]) -> list[Row]:
+    """Return how well the mesh gives the angle of the shaft, and the processor time of the parts."""
+    errors: list[float] = []
+    stated: list[float] = []
+    spent = np.zeros(2)
+    blocks = 0
+    for seed, number in itertools.product(seeds, range(5000, 5005)):
+        machine = GearMachine(seed)
+        samples = machine.block(number)
+        begun = time.process_time()
+        rotation = angle_of_mesh(samples, RATE, machine.speed, ERROR, machine.settings)
+        found = time.process_time()
+        readings_of(samples, RATE, rotation, machine.settings)
+        spent += found - begun, time.process_time() - found
+        blocks += 1
+        if rotation is None:
+            continue
+        off = rotation.turns_at(np.arange(samples.size) / RATE) - machine.turns(number)
+        tooth = 2.0 * np.pi * machine.teeth[0]
+        errors.append(float(np.std(off)) * tooth)
+        stated.append(rotation.turns_sd * tooth)
+    return [
+        {
+            "blocks": blocks,
+            "found": len(errors),
+            "error_rad_median": statistics.median(errors),
+            "error_rad_max": max(errors),
+            "stated_sd_rad_median": statistics.median(stated),
+            "angle_ms": 1e3 * float(spent[0]) / blocks,
+            "averages_ms": 1e3 * float(spent[1]) / blocks,
+        }
+    ]
+
+
 def main() -> None:
     """Run, print, write."""
     parser = argparse.ArgumentParser(description="Naming of damaged wheels.")
     parser.add_argument("--json", type=Path, metavar="FILE")
     parser.add_argument("--quick", action="store_true", help="a few machines of the training seeds")
     parser.add_argument("--training", type=int, metavar="N", help="so many machines of the training seeds")
+    parser.add_argument("--angle", action="store_true", help="error of the angle and cost alone, training seeds")
     options = parser.parse_args()
+    if options.angle:
+        rows = angle_rows(TRAINING[:10])
+        print_table("Angle by the mesh, phase at the first mesh line", rows)
+        write_json(options.json, {"angle": rows})
+        return
     count = 2 if options.quick else options.training
     healthy = HEALTHY if count is None else TRAINING[:count]
     damaged = DAMAGED if count is None else TRAINING[: max(1, count // 3)]

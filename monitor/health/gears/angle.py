@@ -28,6 +28,9 @@ _SOUGHT_TURNS = 16.0
 _OVERLAP = 4
 """Beginnings of parts in the length of one: the phase must turn by less than half a turn from one to the next."""
 MIN_PARTS = 5
+_SMOOTHED = 0.5 * _OVERLAP**2 * (1.0 / 12.0 - 0.5 / math.pi**2)
+"""Error of the angle over its second difference from part to part: a Hann window of length L takes the mean over it,
+which is half the curvature times ``L^2 (1/12 - 1/(2 pi^2))`` off."""
 MAX_PHASE_SD = 0.15
 """Largest error of the phase of the line that is followed, rad: at its third harmonic, the average reads 10 % low."""
 MAX_STEP = 2.2
@@ -89,7 +92,11 @@ def angle_of_mesh(
     for harmonic in range(1, LINES + 1):
         for line in lines:
             best = _followed(samples, rate, best, line, harmonic) or best
-    return best if math.isfinite(best.turns_sd) else None
+    if not math.isfinite(best.turns_sd):
+        return None
+    bends = np.diff(best.turns, 2)
+    unfollowed = _SMOOTHED * math.sqrt(float(np.mean(np.square(bends))))
+    return replace(best, turns_sd=math.hypot(best.turns_sd, unfollowed))
 
 
 def _sought_speed(
