@@ -29,6 +29,8 @@ from models.gears.damping import with_rayleigh
 from models.gears.linear import matrices, natural_frequencies
 from models.gears.mesh import MeshStiffness
 from models.gears.train import Body, GearTrain, Mesh, Support, Wheel, alike, line_of_action
+from models.scene import Part
+from tests.models.test_gear_rolling import rotor_and_body
 from tests.models.test_gear_train import chain, pair
 from tests.models.test_gear_train_oracle import coarse, faulty, moving, placed
 from tests.oracles.gear_train_oracle import Oracle
@@ -239,6 +241,18 @@ def frequencies() -> list[Row]:
     return rows
 
 
+def against_rotor() -> list[Row]:
+    """Difference of a body on two bearings with defects from the rotor on two bearings, whose kernel is another one."""
+    rows: list[Row] = []
+    parts: tuple[Part, ...] = ("outer", "inner", "ball")
+    for part in parts:
+        for step in (5e-6, 2.5e-6, 1.25e-6):
+            rotor, body = rotor_and_body(part, step, 0.05)
+            error = float(np.abs(rotor - body).max() / np.ptp(np.real(rotor)))
+            rows.append({"defect": part, "step_us": 1e6 * step, "displacement": error})
+    return rows
+
+
 def main() -> None:
     """Print the figures."""
     options = arguments(str(__doc__).partition("\n")[0])
@@ -249,6 +263,7 @@ def main() -> None:
         "cost of a simulated second": costs(options.quick),
         "balances": balances(),
         "natural frequencies": frequencies(),
+        "rolling elements against the rotor": against_rotor(),
     }
     for title, rows in tables.items():
         print_table(title, rows)
