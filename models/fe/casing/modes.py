@@ -148,6 +148,7 @@ def modal_responses(
     """Return the responses of motions to forces, N.
 
     Args:
+        modes: up to half as far again as the lines; one above the last line matters as much as one below.
         frequency: of the lines, Hz, ascending.
         outputs, inputs: name -> column b, shape (unknowns,), see :meth:`models.fe.casing.model.Casing.columns`.
         unit: of the outputs: "m", "m/s" or "m/s2".
