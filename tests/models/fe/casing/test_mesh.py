@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from scipy.sparse.linalg import spsolve
 
+from models.acoustics.surface import Surface
 from models.fe.casing.mesh import casing_mesh
 from models.fe.casing.shape import STEEL, CasingMeshRule, CasingShape, Foot, Material, Seat
 from models.fe.casing.surface import radiating_surface
@@ -63,6 +64,13 @@ def test_the_outside_is_closed_over_its_plane() -> None:
     single, count = np.unique(edges, axis=0, return_counts=True)
     assert set(count) == {1, 2}
     assert np.abs(surface.corners[single[count == 1]][:, :, 2]).max() == 0.0
+
+
+def test_the_outside_is_a_surface_that_radiates() -> None:
+    casing = box()
+    surface = radiating_surface(casing)
+    sides = 2.0 * (0.16 * 0.12 + 0.2 * 0.16) + 0.2 * 0.12
+    assert Surface(surface.corners, surface.elements, over_plane=True).area.sum() == pytest.approx(sides)
 
 
 def test_a_motion_as_a_whole_moves_elements_by_their_normals() -> None:
