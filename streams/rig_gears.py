@@ -69,7 +69,7 @@ class RigGears:
         state: "loaded", or "idle", where the teeth part and rattle as the model says.
         fault: of a wheel, or None.
         faulty: the wheel, "driver" or "driven".
-        size: of the fault: a crack two modules deep, a spall as wide as the face, a tooth 50 um out of place, a centre
+        size: of the fault: a crack 1.6 modules deep, a spall as wide as the face, a tooth 50 um out of place, a centre
             100 um off the axis, times this.
     """
 
@@ -278,7 +278,7 @@ def _faults(gears: RigGears, wheel: ToothedWheel) -> list[GearFault]:
     size = gears.size
     return {
         None: [],
-        "crack": [ToothCrack(0, size * 2.0 * _MODULE)],
+        "crack": [ToothCrack(0, size * 1.6 * _MODULE)],
         "spall": [ToothSpall(0, _MODULE, size * _FACE, 100e-6)],
         "pitch": [PitchError.of_tooth(wheel.teeth, 0, size * 50e-6)],
         "eccentric": [Eccentricity(size * 100e-6)],
