@@ -44,8 +44,8 @@ _SAMPLES = 64
 _CHUNK = 65536
 # A force without which the bearing would have no stiffness to begin with, N.
 _LEAST_FORCE = 1.0
-_SETTLE_LEAST, _SETTLE_MOST = 0.2, 2.0
-_SETTLE_PERIODS = 20.0
+_SETTLE_LEAST, _SETTLE_MOST = 0.1, 2.0
+_SETTLE_PERIODS = 10.0
 _SECONDS_A_STEP = 3e-6
 _LEAST_ERROR = 1e-6
 

@@ -118,6 +118,21 @@ class TrainMotion:
         angles = np.array([name.endswith(".angle") for name in self.names])
         return self.displacement @ (matrices(self.train).drive * angles).T
 
+    @property
+    def axial_force(self) -> Array:
+        """Force of each mesh along the axes of helical wheels, to which no body yields, N, 0 of spur wheels, (N, m)."""
+        return self.mesh_force * np.tan([mesh.base_helix for mesh in self.train.meshes])
+
+    def speed(self, body: str) -> Array:
+        """Return the speed of a body beside its mean speed, Hz, (N,); 0 where it turns at the mean speed exactly.
+
+        Raises:
+            ValueError: if there is no such body; the message names those that there are.
+        """
+        if not self.train.body(body).rotates:
+            return np.zeros(len(self.velocity))
+        return self.of(f"{body}.angle", "velocity") / (2.0 * math.pi)
+
     def bearing_forces(self) -> dict[str, Array]:
         """Return the forces of the supports on the casing, springs and dampers, N, by name: x and y, (N, 2)."""
         found = support_forces(self.train, self.displacement, self.velocity)
@@ -179,7 +194,8 @@ def simulate_train(
         status = kernels.integrate(plan, course, 0.0, 1.0 / rate, skipped, longest, *places)
     if status == kernels.STATUS_STANDS_STILL:
         raise ValueError(f"train: with an acceleration of {train.acceleration!r} Hz/s the drive comes to stand still")
-    n, span = len(parts.names), max(count - 1, 1) / rate
+    # The first instant is that of the start where nothing is dropped, else it ends an interval that counts.
+    n, span = len(parts.names), max(count - (skipped == 0), 1) / rate
     time = (skipped + count - 1) / rate
     turns = time * (plan.speed[0] + 0.5 * plan.speed[1] * time) + (0.0 if start is None else start.turns)
     return TrainMotion(

@@ -150,6 +150,33 @@ def test_torques_and_energies_balance_where_flanks_part() -> None:
     assert (motion.mesh_force[parted, 0] == 0.0).all()
 
 
+def test_speed_and_axial_force_follow_from_the_motion() -> None:
+    train = pair(60.0)
+    mesh = replace(train.meshes[0], base_helix=0.2)
+    steady = replace(train.bodies[0], rotates=False)
+    motion = simulate_train(
+        replace(train, bodies=(steady, train.bodies[1]), meshes=(mesh,)), duration=0.01, rate=2e5, settle=0.0
+    )
+    np.testing.assert_allclose(motion.axial_force, math.tan(0.2) * motion.mesh_force)
+    assert (motion.speed("first") == 0.0).all()
+    turned = 2.0 * math.pi * np.concatenate([[0.0], np.cumsum(motion.speed("second")[:-1])]) / motion.rate
+    angle = motion.of("second.angle")
+    np.testing.assert_allclose(turned, angle - angle[0], rtol=0.0, atol=0.1 * np.ptp(angle))
+    with pytest.raises(ValueError, match="no body 'third'"):
+        motion.speed("third")
+
+
+def test_shares_of_time_count_what_is_returned() -> None:
+    """Flanks that an error has parted for good are apart for the whole time, whatever is dropped before."""
+    train = pair(60.0, load=0.0, share=0.0)
+    mesh = train.meshes[0]
+    error = np.full(37 * mesh.stiffness.samples, 1e-6)
+    parted = replace(train, meshes=(replace(mesh, stiffness=replace(mesh.stiffness, driver_error=error)),))
+    for settle in (0.0, 0.01):
+        motion = simulate_train(parted, duration=1e-3, rate=1e4, settle=settle)
+        assert motion.out_of_contact[0] == pytest.approx(1.0)
+
+
 def test_a_run_goes_on_where_another_ended() -> None:
     train = pair(90.0)
     whole = simulate_train(train, duration=0.02, rate=10000.0, settle=0.0)
