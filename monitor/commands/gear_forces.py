@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from models.dynamics.gear_train import TrainMotion
 
 Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
 
 HARMONICS = 6
 """Harmonics of each mesh of which the forces on the bearings are given."""
@@ -39,7 +40,7 @@ beside it."""
 
 
 def build_train(given: GearInput, speed: float | None) -> TrainBuilder:
-    """Return the builder of the train of ``[gear]``, which is checked.
+    """Return the builder of the train of ``[gear]``, which has built it.
 
     Args:
         given: the configuration.
@@ -52,7 +53,7 @@ def build_train(given: GearInput, speed: float | None) -> TrainBuilder:
         raise InputError(f"{given.name}: forces need a speed; give --speed-hz or speed_hz of [operating]")
     builder = TrainBuilder(given.gear, speed, given.config)
     try:
-        builder.check()
+        assert builder.train.meshes
     except LocatedError as error:
         raise given.refusal(error.problems) from None
     return builder
@@ -112,7 +113,7 @@ def run_train(builder: TrainBuilder, duration: float, rate: float | None = None,
     """
     from models.dynamics.gear_train import simulate_train
 
-    train = builder.build()
+    train = builder.train
     needed = _MESH_SAMPLES * max(train.mesh_frequencies().values())
     if rate is None:
         rate = _RATE * 2.0 ** max(0, math.ceil(math.log2(needed / _RATE)))
@@ -129,7 +130,7 @@ def run_train(builder: TrainBuilder, duration: float, rate: float | None = None,
     return GearRun(builder, train, motion)
 
 
-def amplitudes(signal: Array, rate: float, lines: Array) -> Array:
+def amplitudes(signal: Array, rate: float, lines: Array) -> Complex:
     """Return the complex amplitudes, peak, of lines in a record, (lines, columns), by a Hann window.
 
     Args:
@@ -140,7 +141,7 @@ def amplitudes(signal: Array, rate: float, lines: Array) -> Array:
     window = np.hanning(len(signal) + 1)[:-1]
     weighted = (signal - signal.mean(axis=0)) * window[:, None]
     turn = np.exp(-2j * math.pi * np.outer(lines, np.arange(len(signal)) / rate))
-    found: Array = 2.0 / window.sum() * (turn @ weighted)
+    found: Complex = 2.0 / window.sum() * (turn @ weighted)
     return found
 
 

@@ -10,7 +10,7 @@ from typing import Any, Literal, get_args, get_origin
 from pydantic import BaseModel, ValidationError
 
 from monitor.config.fields import LocatedError
-from monitor.config.hints import shown, unknown_key, wrong_value
+from monitor.config.hints import TABLES, shown, unknown_key, wrong_value
 from monitor.config.positions import Place
 
 _SIMPLE = {"bool", "float", "int", "str", "tuple"}
@@ -215,8 +215,9 @@ def _all_keys(root: type[BaseModel]) -> Mapping[str, Sequence[str]]:
 def _expected_at(place: Place, root: type[BaseModel]) -> str:
     """Return in words what a missing key holds."""
     key = str(place[-1])
-    if len(place) == 1:
-        return f"at least one [[{key}]]"
+    table = ".".join(str(part) for part in place if isinstance(part, str))
+    if len(place) == 1 or table in TABLES:
+        return f"at least one [[{table}]]"
     field = _model_at(place[:-1], root).model_fields.get(key)
     branches = [] if field is None else _branches(field.annotation)
     choices = [choice for branch in branches if get_origin(branch) is Literal for choice in get_args(branch)]

@@ -82,7 +82,7 @@ _SYNONYMS = {
     section: {name: key for key, names in keys.items() for name in names.split()}
     for section, keys in _USUAL_NAMES.items()
 }
-_TABLES = (
+TABLES = (
     "bearing",
     "source",
     "channel",
@@ -113,7 +113,7 @@ _SPOKEN = re.compile(r"\s*([-+]?\d+(?:[.,]\d+)?(?:[eE][-+]?\d+)?)\s*([A-Za-zµ°
 
 def header(section: str) -> str:
     """Return the header of a section as it is written."""
-    return f"[[{section}]]" if section in _TABLES else f"[{section}]"
+    return f"[[{section}]]" if section in TABLES else f"[{section}]"
 
 
 _CREDENTIALS = re.compile(r"://\S*@")
@@ -187,7 +187,7 @@ def _line(key: str, value: Any, factor: float) -> str:
 def wrong_value(section: str, key: str, value: Any) -> str:
     """Return what to write in the place of a value of another kind, "" where nothing is known."""
     table = f"{section}.{key}".removeprefix(".")
-    if isinstance(value, dict) and table in _TABLES:
+    if isinstance(value, dict) and table in TABLES:
         return f"write [[{table}]] with double brackets"
     if isinstance(value, list) and section == "" and value and isinstance(value[0], dict):
         return f"write [{key}] with single brackets"

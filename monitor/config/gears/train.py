@@ -46,6 +46,11 @@ class TrainBuilder:
     speed: float
     config: Config | None = None
 
+    @cached_property
+    def train(self) -> GearTrain:
+        """The train, built once; errors as in ``build``."""
+        return self.build()
+
     def build(self) -> GearTrain:
         """Return the train.
 
@@ -82,12 +87,14 @@ class TrainBuilder:
         forces = mean_state(train).mesh_force
         forces = np.where(forces > _NO_FORCE * forces.max(), forces, 0.0)
         for index, (mesh, model) in enumerate(zip(train.meshes, self.pairs, strict=True)):
+            force = float(forces[index])
             try:
-                yield replace(mesh, stiffness=model.stiffness(float(forces[index])))
+                yield replace(mesh, stiffness=model.stiffness(force))
             except WrongInputError:
                 raise
-            except ValueError as error:
-                raise LocatedError([(("pair", index), f"{model.section.words}: {error}")]) from None
+            except (ValueError, ArithmeticError) as error:
+                where = f"{model.section.words} under a mean force of {force:.4g} N"
+                raise LocatedError([(("pair", index), f"{where}: {error}")]) from None
 
     def check(self) -> None:
         """Raise a LocatedError with all keys that the model lacks and all pairs that cannot mesh."""
