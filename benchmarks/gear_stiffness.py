@@ -193,12 +193,12 @@ def crack_rows(seed: int, count: int) -> tuple[list[dict[str, Any]], Array]:
         loads = loaded_point(tooth, rolls)
         across = np.cos(loads.angle)
         arm = (across * (loads.x - x) - np.sin(loads.angle) * loads.y) / (2.0 * y)
-        sound = deflections(tooth, wheel, rolls, fineness=10.0).structure
+        sound = deflections(tooth, wheel, rolls, fineness=FINENESS).structure
         for degrees in (90.0, 70.0):
             angle, errors = math.radians(degrees), []
-            for share in (0.06, 0.12, 0.2, 0.3, 0.4, 0.5):
+            for share in (0.06, 0.12, 0.2, 0.3, 0.4, 0.5) if degrees == 90.0 else (0.12, 0.3, 0.5):
                 depth = share * 2.0 * y
-                added = deflections(tooth, wheel, rolls, fineness=10.0, crack=(depth, angle)).structure - sound
+                added = deflections(tooth, wheel, rolls, fineness=FINENESS, crack=(depth, angle)).structure - sound
                 errors.append(crack_compliance(tooth, wheel, rolls, depth, angle, "stress") / added - 1.0)
                 if degrees == 90.0:
                     points += list(zip([share] * 4, arm, across, MODULUS * added, strict=True))
