@@ -190,8 +190,6 @@ class _Grid:
         else:
             stiffness = 1.0 / (1.0 / shared.slope + body)
             error = approach - force / stiffness
-            if not self.gap.any() and method.contact == "linear":
-                error = shared.contact
         forces = shared.forces.reshape(len(approach), self.cover.shape[1], -1).sum(axis=2)
         return LoadedMesh(stiffness, error, shared.contact, approach, forces)
 

@@ -139,6 +139,18 @@ def test_teeth_that_all_stand_back_move_the_wheel_and_change_nothing_else():
     np.testing.assert_allclose(mesh.driven_error, 5e-6, rtol=1e-9)
 
 
+@pytest.mark.parametrize("contact", ["linear", "weber"])
+def test_both_levels_have_one_deflection_with_pitch_errors_too(contact):
+    faults = [PitchError.of_tooth(20, 4, 8e-6), ToothCrack(9, 1e-3)]
+    turns = np.arange(20 * 16) / (20 * 16)
+    deflections = []
+    for level in ("secant", "tangent"):
+        method = StiffnessMethod(level=level, contact=contact)
+        k, e = mesh_stiffness(PAIR, FORCE, samples=16, method=method, driver_faults=faults).at(turns, 0.0)
+        deflections.append(e + FORCE / k)
+    np.testing.assert_allclose(*deflections, rtol=1e-9)
+
+
 def test_a_tooth_that_is_gone_leaves_the_load_to_its_neighbours():
     """Where it would be alone, it is met only after the missing amount; where another carries, that one is alone."""
     mesh = mesh_stiffness(PAIR, FORCE, samples=64, driver_faults=[PitchError.of_tooth(20, 4, 1e-3)])
