@@ -33,11 +33,16 @@ from monitor.health.gears.naming import (
     GearsState,
     step,
 )
+from monitor.health.gears.settings import GearPairing, GearSettings, GearWheel
 from monitor.health.gears.stage import readings_of
+from streams.block import Rejected
+from streams.rig import open_rig
 
 RULES = GearNamingSettings()
 LEARNED = 2 * MIN_LEARNED
 HEALTHY_BLOCKS, DAMAGED_BLOCKS = 50, 2 * RULES.persist_blocks
+RIG_SEED, RIG_SPEED, RIG_TEETH, RIG_SIZES = 44_100, 40.0, (23, 71), (0.5, 0.8)
+RIG_FAULTS = ("crack", "driven:crack", "spall", "driven:spall", "pitch", "driven:pitch", "eccentric")
 COUNTED = ("machines", "blocks", "judged", "above_threshold", "machines_named")
 WHEELS: tuple[Literal["driver", "driven"], ...] = ("driver", "driven")
 BEARING = (0.3, 1.0, 3.0)
@@ -151,6 +156,44 @@ def damaged_rows(machines: Iterable[dict[tuple[str, float], Counter[str]]]) -> t
     return bearing, wheels
 
 
+def rig_rows() -> list[Row]:
+    """Return what is named on the simulated rig, whose faults of wheels have the sizes of real teeth."""
+    driver, driven = RIG_TEETH
+    wheels = (GearWheel("driver", driver, 1.0), GearWheel("driven", driven, driver / driven))
+    gears = GearSettings(wheels, (GearPairing("driver", "driven"),))
+
+    def judged(state: GearsState, options: str, first: int, count: int) -> tuple[GearsState, list[GearsOutput]]:
+        url = f"rig:ferrara?seed={RIG_SEED}&healthy_blocks=200&blocks=210&gear={driver}/{driven}&gear_db=20{options}"
+        found: list[GearsOutput] = []
+        for number, block in enumerate(itertools.islice(open_rig(url, "rig"), first, first + count), start=1):
+            if isinstance(block, Rejected):
+                continue
+            samples, speed = block.samples[0].astype(np.float64), block.speed or RIG_SPEED
+            rotation = angle_of_mesh(samples, block.rate, speed, ERROR, gears)
+            given = GearsInput(number, readings_of(samples, block.rate, rotation, gears), speed, learning=first == 0)
+            state, said = step(state, given, gears, RULES)
+            found.append(said)
+        return state, found
+
+    state, _ = judged(GearsState(), "", 0, LEARNED)
+    rows: list[Row] = []
+    for fault, size in (("none", 0.0), *itertools.product(RIG_FAULTS, RIG_SIZES)):
+        options = "" if fault == "none" else f"&gear_fault={fault}&gear_fault_size={size}"
+        outputs = judged(state, options, LEARNED, RULES.persist_blocks + 1)[1]
+        last = outputs[-1]
+        rows.append(
+            {
+                "fault": fault,
+                "size": size,
+                "named": last.named,
+                "kind": last.kind,
+                "score_driver": max(output.scores.get("driver", 0.0) for output in outputs),
+                "score_driven": max(output.scores.get("driven", 0.0) for output in outputs),
+            }
+        )
+    return rows
+
+
 def angle_rows(seeds: Iterable[int]) -> list[Row]:
     """Return how well the mesh gives the angle of the shaft, and the processor time of the parts."""
     errors: list[float] = []
@@ -192,7 +235,13 @@ def main() -> None:
     parser.add_argument("--quick", action="store_true", help="a few machines of the training seeds")
     parser.add_argument("--training", type=int, metavar="N", help="so many machines of the training seeds")
     parser.add_argument("--angle", action="store_true", help="error of the angle and cost alone, training seeds")
+    parser.add_argument("--rig", action="store_true", help="the simulated rig alone")
     options = parser.parse_args()
+    if options.rig:
+        rows = rig_rows()
+        print_table("On the simulated rig", rows)
+        write_json(options.json, {"rig": rows})
+        return
     if options.angle:
         rows = angle_rows(TRAINING[:10])
         print_table("Angle by the mesh, phase at the first mesh line", rows)
