@@ -17,8 +17,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from benchmarks.common import Row, arguments, print_table, write_json
-from models.acoustics.boundary_elements import radiation_cost, transfer_vectors
+from models.acoustics.boundary_elements import AIR_DENSITY, COUPLING, radiation_cost, transfer_vectors
 from models.acoustics.filter_bank import bands_by_filters
+from models.acoustics.influence import influence
 from models.acoustics.levels import level_db, line_mean_squares
 from models.acoustics.shapes import box, sphere
 from models.acoustics.third_octave import Bands, bands_of_record
@@ -124,6 +125,34 @@ def around_a_resonance() -> list[Row]:
         ]
         worst = {key: max(e[key] for e in each) for key in ("error dB", "of mean dB")}
         rows.append({"about ka": middle, "elements": len(surface), "runs": len(k), **worst})
+    return rows
+
+
+def couplings() -> list[Row]:
+    """Return errors of a pulsating sphere in free space at its first resonance, by Burton and Miller's equation alone.
+
+    With the usual coupling and with the small one, and with points inside as ``transfer_vectors`` solves it.
+    """
+    rows: list[Row] = []
+    k = float(RESONANCES[0])
+    exact, _ = exact_pressure(SphereOverPlane(1.0, None, k), "pulsating", microphones())
+    for splits in (4, 8):
+        surface = sphere(1.0, splits)
+        half = 0.5 * np.eye(len(surface))
+        on = influence(surface.middle, surface.normal, surface.panels, over_plane=False)
+        off = influence(microphones(), np.ones_like(microphones()), surface.panels, over_plane=False)
+        heard, direct = off.matrices(k, 0j)
+        load = 1j * k * SPEED * AIR_DENSITY
+        small = COUPLING * float(np.sqrt(surface.area.mean()))
+        for name, c in (("i / k", -1j / k), ("small", -1j * small), ("small, points inside", None)):
+            if c is None:
+                pressure = transfer_vectors(surface, hertz(k), microphones()).vectors.h[0].sum(axis=1)
+            else:
+                double, single = on.matrices(k, c)
+                right = (single + c * half).sum(axis=1)
+                pressure = load * (heard @ np.linalg.solve(half - double, right) + direct.sum(axis=1))
+            error = float(np.max(np.abs(20.0 * np.log10(np.abs(pressure / exact)))))
+            rows.append({"coupling": name, "elements": len(surface), "error dB": error})
     return rows
 
 
@@ -245,11 +274,11 @@ def given_vectors(*, quick: bool) -> list[Row]:
 
 
 def third_octaves(*, quick: bool) -> list[Row]:
-    """Return differences of levels by FFT from those of the filters: records of 20 s at 25,600 Hz, 100 to 8000 Hz.
+    """Return differences of levels by FFT from those of the filters: records of 20 s at 51,200 Hz, 100 to 8000 Hz.
 
     All bands within 30 dB of the loudest count.
     """
-    rate, bands = 25_600.0, Bands.between(100.0, 8000.0)
+    rate, bands = 51_200.0, Bands.between(100.0, 8000.0)
     moment = np.arange(int(20.0 * rate)) / rate
     rows: list[Row] = []
     for kind in ("noise", "mesh lines and noise"):
@@ -302,6 +331,7 @@ def main() -> None:
         "spheres": lambda: [row for made in made_for for row in over_heights(made, quick=quick)],
         "sphere over a plane, worst": lambda: summary(tables["spheres"]),
         "about resonances": around_a_resonance,
+        "couplings": couplings,
         "convergence": lambda: convergence(quick=quick),
         "boxes": lambda: boxes(quick=quick),
         "cost": lambda: cost(quick=quick),

@@ -7,7 +7,7 @@ exp(+i omega t):
     - K p               = i omega rho V v                      at points inside (Schenck's CHIEF, 1968),
 
 solved together by least squares. The first alone has one solution at every frequency, with c = -i / k as usual, but N
-of constant elements errs by a share of the elements' size, 0.4 dB where 0.05 is the rest. With c only ``COUPLING`` of
+of constant elements errs by a share of the elements' size, 0.4 dB where 0.04 is the rest. With c only ``COUPLING`` of
 that size the error is of its square away from the resonances of the enclosed space, and there the points inside decide,
 a side of the elements or more away from them; the first still holds where all of them lie on nodes. A rigid plane z = 0
 is met by images. The adjoint is solved, one right-hand side a microphone.

@@ -3,7 +3,8 @@
 
 Butterworth band passes of order 2 * 6 whose corners are moved inwards so that the effective bandwidth is the band's:
 white noise has the level that ideal edges would give. They are designed as poles in second-order sections and
-transformed bilinearly with both corners prewarped.
+transformed bilinearly with both corners prewarped; that steepens the upper skirt, by 0.3 dB per 25 dB at a tenth of the
+rate and a quarter of it at each doubling of the rate.
 """
 
 from __future__ import annotations
