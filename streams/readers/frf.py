@@ -122,15 +122,24 @@ def _shown(frequency: NDArray[np.float64]) -> str:
     return f"{frequency.size} from {frequency[0]:g} to {frequency[-1]:g} Hz" if frequency.size else "none"
 
 
+def csv_rows(data: bytes, name: str) -> list[tuple[int, list[str]]]:
+    """Return number and cells of the lines of a CSV file that are not empty and no comment.
+
+    Raises:
+        FrfError: it is not UTF-8, or not CSV.
+    """
+    try:
+        rows = list(enumerate(csv.reader(data.decode("utf-8-sig").splitlines()), 1))
+    except UnicodeDecodeError as error:
+        raise FrfError(f"{name}: expected CSV as UTF-8, found byte {error.start} undecodable") from error
+    except csv.Error as error:
+        raise FrfError(f"{name}: expected CSV, found none ({error})") from error
+    return [(number, row) for number, row in rows if row and not row[0].lstrip().startswith("#")]
+
+
 def _csv_responses(data: bytes, name: str) -> Iterator[_Response]:
     """Yield the responses of a CSV file in the order in which they first appear."""
-    try:
-        lines = data.decode("utf-8-sig").splitlines()
-    except UnicodeDecodeError as error:
-        raise FrfError(
-            f"{name}: expected CSV as UTF-8 or a universal file, found byte {error.start} undecodable"
-        ) from error
-    rows = [(n, row) for n, row in enumerate(csv.reader(lines), 1) if row and not row[0].lstrip().startswith("#")]
+    rows = csv_rows(data, name)
     if not rows:
         raise FrfError(f"{name}: expected a line of column names, found none")
     polar, units, factor = _csv_head([cell.strip() for cell in rows[0][1]], f"{name}, line {rows[0][0]}")

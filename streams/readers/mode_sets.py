@@ -10,13 +10,12 @@
 
 from __future__ import annotations
 
-import csv
 import math
 
 import numpy as np
 
 from models.transfer.mode_sets import ModeSet
-from streams.readers.frf import FrfError
+from streams.readers.frf import FrfError, csv_rows
 
 _HEAD = ["frequency_hz", "damping_percent", "name", "real", "imag"]
 
@@ -27,14 +26,7 @@ def read_mode_set(data: bytes, name: str) -> ModeSet:
     Raises:
         FrfError: the file cannot be used; the message has ``name``, the line, and what was expected.
     """
-    try:
-        rows = [
-            (number, [cell.strip() for cell in row])
-            for number, row in enumerate(csv.reader(data.decode("utf-8-sig").splitlines()), 1)
-            if row and not row[0].lstrip().startswith("#")
-        ]
-    except UnicodeDecodeError as error:
-        raise FrfError(f"{name}: expected CSV as UTF-8, found byte {error.start} undecodable") from error
+    rows = [(number, [cell.strip() for cell in row]) for number, row in csv_rows(data, name)]
     if not rows or rows[0][1] != _HEAD:
         found = f"line {rows[0][0]}: {','.join(rows[0][1])[:80]}" if rows else "nothing"
         raise FrfError(f"{name}: expected the columns {','.join(_HEAD)}, found {found}")

@@ -172,6 +172,26 @@ def test_files_that_are_broken_off_are_refused() -> None:
         read_frf(data.replace(b"e-0", b"zz", 1), "x.uff")
 
 
+@settings(max_examples=effort_count(quick=40, full=2000), deadline=None)
+@given(st.booleans(), st.integers(0, 10**6), st.integers(0, 255), st.integers(0, 60))
+def test_changed_bytes_are_read_or_refused_by_name(universal: bool, place: int, byte: int, cut: int) -> None:
+    data = bytearray(frf_to_uff(responses()) if universal else frf_to_csv(responses()).encode())
+    place %= len(data)
+    data[place : place + cut] = bytes([byte])
+    refused = None
+    try:
+        assert np.isfinite(read_frf(bytes(data), "some file").h).all()
+    except FrfError as error:
+        refused = str(error)
+    assert refused is None or "some file" in refused
+
+
+@pytest.mark.parametrize("data", [b'a,"' + b"x" * 200000, b"\xff\xfe1,2"])
+def test_what_is_no_csv_is_refused(data: bytes) -> None:
+    with pytest.raises(FrfError, match=r"x.csv: expected CSV"):
+        read_frf(data, "x.csv")
+
+
 def test_what_a_universal_file_cannot_hold_is_refused() -> None:
     frf = responses()
     with pytest.raises(ValueError, match="up to 10 characters, got 'accelerometer'"):
