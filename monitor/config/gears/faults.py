@@ -106,5 +106,10 @@ class GearFaultSection(Section):
         """The fault, for people."""
         where = "" if self.tooth is None else f" of tooth {self.tooth}"
         keys = (*sorted(_KEYS[self.kind][0]), "slope_um", "crown_um", "waviness_um")
-        sizes = [f"{key} {value:g}" for key in keys if (value := getattr(self, key)) is not None]
+        sizes: list[str] = []
+        for key in keys:
+            value: float | None = getattr(self, key)
+            name, _, unit = key.rpartition("_")
+            if value is not None:
+                sizes.append(f"{name or unit} {value:g}" + (f" {unit.replace('um', 'µm')}" if name else ""))
         return f"{self.kind}{where} of wheel {self.wheel}, {', '.join(sizes)}"

@@ -202,6 +202,19 @@ def test_each_kind_of_fault_becomes_one_of_its_wheel(fault: dict[str, Any], made
         np.testing.assert_allclose(mesh.stiffness.base, other.stiffness.base, rtol=1e-12)
 
 
+def test_a_fault_is_said_with_its_sizes() -> None:
+    faults = [
+        {"wheel": "3", "kind": "crack", "tooth": 3, "depth_mm": 2.5},
+        {"wheel": "1", "kind": "pitting", "share": 0.2, "length_mm": 2.0},
+        {"wheel": "1", "kind": "profile", "slope_um": -8.0},
+    ]
+    assert [fault.words for fault in GearSection.model_validate(toothed(fault=faults)).fault] == [
+        "crack of tooth 3 of wheel 3, depth 2.5 mm",
+        "pitting of wheel 1, length 2 mm, share 0.2",
+        "profile of wheel 1, slope -8 µm",
+    ]
+
+
 def test_an_eccentricity_needs_no_teeth() -> None:
     fault = {"wheel": "1", "kind": "eccentricity", "error_um": 30.0}
     error = build({**APPENDIX, "fault": [fault]}).meshes[0].stiffness.driver_error
