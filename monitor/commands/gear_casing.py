@@ -14,9 +14,8 @@ from numpy.typing import NDArray
 from models.acoustics.boundary_elements import Radiation, transfer_vectors
 from models.acoustics.surface import Surface
 from models.fe.casing.model import Casing as ElasticCasing
-from models.fe.casing.modes import Modes, first_modes, modal_responses, modes_below
+from models.fe.casing.modes import Modes, NoModesError, first_modes, modal_responses, modes_below
 from models.fe.casing.surface import RadiatingSurface, radiating_surface
-from models.fe.solid.elastic import NotConvergedError
 from models.transfer.frf import FrequencyResponses
 from monitor.commands.common import InputError
 from monitor.commands.gear_transfer import Casing, heard
@@ -65,7 +64,7 @@ def casing_by_elements(gear: GearSection, path: Path, tell: Callable[[str], None
     tell(f"casing: {body.unknowns:,} unknowns, modes to {_MODES_TO * file.band_hz[1]:g} Hz")
     try:
         modes = modes_below(body, _MODES_TO * file.band_hz[1])
-    except NotConvergedError:
+    except NoModesError:
         # A stiff casing has no mode there: one suffices, as what modes leave out acts as at rest.
         modes = first_modes(body, 1)
     frequency = lines_of(file, modes)

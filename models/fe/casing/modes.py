@@ -33,6 +33,10 @@ MAX_VECTORS = 1500
 _LINES_AT_ONCE = 512
 
 
+class NoModesError(NotConvergedError):
+    """There is no mode up to the frequency asked for; the message has the first one."""
+
+
 @dataclass(frozen=True)
 class Damping:
     """Share of critical damping by frequency, as measured: linear between the points, constant beyond them.
@@ -100,15 +104,14 @@ def modes_below(casing: Casing, highest: float) -> Modes:
     """Return all modes of a casing up to a frequency, Hz.
 
     Raises:
-        NotConvergedError: there is none, there are too many, or a mode is not one to :data:`MAX_RESIDUAL`.
+        NoModesError: there is none.
+        NotConvergedError: there are too many, or a mode is not one to :data:`MAX_RESIDUAL`.
     """
     limit = (math.tau * highest) ** 2
     found = _modes(casing, lambda values: bool(values.size) and float(values[-1]) > limit)
     kept = found.below(highest)
     if not len(kept):
-        raise NotConvergedError(
-            f"the casing has no mode up to {highest:g} Hz, the first is at {found.frequency[0]:.5g} Hz"
-        )
+        raise NoModesError(f"the casing has no mode up to {highest:g} Hz, the first is at {found.frequency[0]:.5g} Hz")
     return kept
 
 

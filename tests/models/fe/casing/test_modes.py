@@ -11,7 +11,7 @@ from scipy.linalg import eigh
 
 from models.fe.casing import lanczos, modes
 from models.fe.casing.model import Casing, Point
-from models.fe.casing.modes import first_modes, modes_below
+from models.fe.casing.modes import NoModesError, first_modes, modes_below
 from models.fe.casing.shape import STEEL, CasingMeshRule, CasingShape
 from models.fe.solid.elastic import FeError, NotConvergedError
 from tests.models.fe.casing.casings import HEIGHT, LENGTH, SIMPLY, box, box_shape, mindlin, plate
@@ -87,11 +87,13 @@ def test_all_modes_below_a_frequency_are_returned_and_none_above() -> None:
 
 
 def test_modes_are_refused_where_there_is_none_or_the_basis_is_full(monkeypatch: pytest.MonkeyPatch) -> None:
-    with pytest.raises(NotConvergedError, match=r"no mode up to 10 Hz, the first is at \d+"):
+    with pytest.raises(NoModesError, match=r"no mode up to 10 Hz, the first is at \d+"):
         modes_below(plate(4), 10.0)
     monkeypatch.setattr(modes, "MAX_VECTORS", 24)
-    with pytest.raises(NotConvergedError, match="modes found with 24 vectors, more are needed"):
-        first_modes(plate(4), 40)
+    with pytest.raises(NotConvergedError, match="modes found with 24 vectors, more are needed") as refused:
+        modes_below(plate(4), 30000.0)
+    # No casing that is too stiff to have modes.
+    assert not isinstance(refused.value, NoModesError)
 
 
 def test_a_mode_that_is_none_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
