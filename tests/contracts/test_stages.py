@@ -26,9 +26,11 @@ from monitor.health.damage.learned import forecaster as learned
 from monitor.health.damage.learned.fit import fit_runs
 from monitor.health.damage.library import forecaster
 from monitor.health.damage.thesis import edv, forecast
+from monitor.health.gears import naming as gears
 from monitor.health.trend import stage as trend
 from tests.effort import effort_count
 from tests.hard.test_tracking import LOAD, METHODS, SPEED, growing, plain_map, settings_of
+from tests.monitor.health.gears.test_naming import PAIR, RULES, blocks
 from tests.monitor.health.test_alarms import RULE, block
 from tests.monitor.health.test_pipeline import base, checked, life
 from tests.oracles.toy_lives import RADIUS, THRESHOLD, toy_library
@@ -103,6 +105,12 @@ def take_waterfall(state: Any, i: int) -> tuple[Any, Any]:
     return state, outputs
 
 
+@cache
+def wheels() -> list[gears.GearsInput]:
+    damaged = blocks(2, pinion={"fm4": 3.0, "m6a": 9.0})
+    return [next(given) for given in [blocks(1)] * MIDDLE + [damaged] * (COUNT - MIDDLE)]
+
+
 def take_machine(state: Any, i: int) -> tuple[Any, Any]:
     heard = {"x": machine.Heard(fault=(None, "inner|ball")[i % 2], depth=0.3, final=i > MIDDLE), "y": machine.Heard()}
     return machine.step(state, heard, {"bearing": ("x", "y")})
@@ -120,6 +128,7 @@ TAKE: dict[str, Take] = {
     ),
     "damage.tracker": take_damage,
     "detect.onset": take_detect,
+    "gears.naming": lambda state, i: gears.step(state, wheels()[i], PAIR, RULES),
     "machine": take_machine,
     "trend.stage": take_trend,
     "waterfall": take_waterfall,
