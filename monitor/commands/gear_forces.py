@@ -212,7 +212,10 @@ def force_lines(values: dict[str, Any]) -> Iterator[str]:
         yield (
             f"mesh {mesh['name']}: stiffness {mesh['stiffness_newton_per_m'] / 1e6:.4g} MN/m, "
             f"{mesh['stiffness_source']}, {100 * mesh['stiffness_variation']:.3g} % of it from least to most"
-            + _said(mesh["iso_6336_newton_per_m"] and mesh["iso_6336_newton_per_m"] / 1e6, "; by ISO 6336 {:.4g} MN/m")
+            + _said(
+                mesh["iso_6336_newton_per_m"] and mesh["iso_6336_newton_per_m"] / 1e6,
+                "; by ISO 6336 {:.4g} MN/m without tip relief",
+            )
         )
         yield f"  working angle {mesh['working_angle_deg']:.4g}°" + (
             _said(mesh["contact_ratio"], ", contact ratio {:.4g}") + _said(mesh["backlash_um"], ", backlash {:.4g} µm")
@@ -244,8 +247,8 @@ def force_lines(values: dict[str, Any]) -> Iterator[str]:
     )
 
 
-def _said(value: float | None, words: str) -> str:
-    return "" if value is None else words.format(value)
+def _said(value: float | None, words: str, unit: float = 1.0) -> str:
+    return "" if value is None else words.format(unit * value)
 
 
 def _number(value: float | None) -> str:

@@ -109,7 +109,8 @@ def _layout(picture: GearPicture) -> Part:
             place = (1e3 * wheel.x, 1e3 * wheel.y)
             axes.add_patch(Circle(place, 1e3 * wheel.radius, fill=False, color=colour, lw=1.4))
             axes.plot(*place, "+", color=AXIS, ms=6)
-            axes.annotate(wheel.name, (place[0], place[1] + 0.55e3 * wheel.radius), ha="center", color=colour)
+            above = (place[0], place[1] + 1e3 * wheel.radius)
+            axes.annotate(wheel.name, above, (0, 4), textcoords="offset points", ha="center", va="bottom", color=colour)
         for one in picture.forces if largest > 0.0 else ():
             scale = 0.8 * max(wheel.radius for wheel in picture.wheels) / largest
             tip = (one.x + scale * one.force[0], one.y + scale * one.force[1])
@@ -122,14 +123,15 @@ def _layout(picture: GearPicture) -> Part:
             axes.annotate(
                 f"{math.hypot(*one.force):,.0f} N",
                 (1e3 * tip[0], 1e3 * tip[1]),
-                (6, 0),
+                (0, -4 if one.force[1] < 0.0 else 4),
                 textcoords="offset points",
                 color=SOFT,
                 fontsize=8,
-                va="center",
+                ha="center",
+                va="top" if one.force[1] < 0.0 else "bottom",
             )
         axes.set_aspect("equal")
-        axes.margins(0.08)
+        axes.margins(0.12)
         axes.autoscale_view()
         axes.set(xlabel="x (mm)", ylabel="y (mm)")
 

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import json
 import math
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
+from monitor.commands import simulate_gears
 from monitor.commands.common import InputError
 from monitor.commands.gear_forces import GearRun, amplitudes, build_train, force_lines, force_values, run_train
 from monitor.commands.gear_kinematics import GearInput
@@ -180,13 +182,37 @@ def test_a_train_that_grows_without_limit_has_no_levels(varied: dict[str, Any]) 
     assert any("more damping is needed" in line for line in force_lines(values))
 
 
+@pytest.mark.parametrize(
+    ("status", "accuracy", "said"),
+    [
+        ("settled", 1.0, "converged"),
+        ("settled", -1.0, "inaccurate"),
+        ("not_settled", 1.0, "not_periodic"),
+        ("not_finite", 1.0, "not_converged"),
+    ],
+)
+def test_a_train_has_converged_if_it_settled_and_its_steps_are_fine(
+    monkeypatch: pytest.MonkeyPatch, status: str, accuracy: float, said: str
+) -> None:
+    run = run_of(VARIED)
+    run = GearRun(run.builder, run.train, replace(run.motion, finite=status != "not_finite"))
+    monkeypatch.setattr(GearRun, "status", status)
+    monkeypatch.setattr(simulate_gears, "_ACCURACY", accuracy)
+    values = simulate_gears.levels_of(run)
+    assert values["status"] == said
+    assert (values["rms_g"] is None) == (status == "not_finite")
+    assert said in simulate_gears.level_line(values)
+
+
 def test_simulate_takes_the_train_of_the_configuration(tmp_path: Path) -> None:
     (tmp_path / "gear.toml").write_text(toml(VARIED))
     arguments = ("simulate", "--model", "gear_train", "--config", "gear.toml", "--duration-s", 0.1)
     done = run_command(*arguments, "--waveform", "f.csv", "--json", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     values = json.loads(done.stdout)
-    assert (values["model"], values["status"]) == ("gear_train", "settled")
+    assert (values["model"], values["status"]) == ("gear_train", "converged")
+    assert values["rms_error"] < 1e-3
+    assert 0.0 < values["rms_g"] < values["peak_g"]
     assert (tmp_path / "f.csv").read_text().startswith("time_s,b0_x_newton")
     refused = run_command(*arguments, "--dphi-deg", 5, cwd=tmp_path)
     assert (refused.returncode, "--dphi-deg is about a bearing" in refused.stderr) == (2, True)
