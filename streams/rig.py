@@ -239,7 +239,9 @@ class SimulatedRig:
     def _gear(self, sequence: int, turns: NDArray[np.float64]) -> NDArray[np.float32]:
         """Return the acceleration of the gears at the shaft's turns, m/s2, in a block that begins anywhere."""
         assert self.gears is not None
-        heard = gear_sound(self.gears, self.speed, self.running.fastest, self.seed, RATE, _BACKGROUND)
+        heard = gear_sound(
+            self.gears.in_block(sequence), self.speed, self.running.fastest, self.seed, RATE, _BACKGROUND
+        )
         begin = np.random.default_rng([self.seed, 6, sequence]).uniform(0.0, heard.turns)
         return heard.at(turns + begin, RATE).astype(np.float32)
 

@@ -39,6 +39,7 @@ OPTIONS = {
     "gear_state": str,
     "gear_fault": str,
     "gear_fault_size": float,
+    "gear_fault_block": int,
 }
 """Options of a URL."""
 
@@ -71,6 +72,7 @@ class RigGears:
         faulty: the wheel, "driver" or "driven".
         size: of the fault: a crack 1.6 modules deep, a spall as wide as the face, a tooth 50 um out of place, a centre
             100 um off the axis, times this.
+        since: number of the first block with the fault: a monitor takes what it learns for healthy.
     """
 
     driver: int
@@ -81,6 +83,7 @@ class RigGears:
     fault: FaultKind | None = None
     faulty: Literal["driver", "driven"] = "driver"
     size: float = 0.5
+    since: int = 1
 
     def __post_init__(self) -> None:
         """Raise a ValueError that names the option which is unusable."""
@@ -100,10 +103,15 @@ class RigGears:
         except ValueError as error:
             raise ValueError(f"gear={self.driver}/{self.driven}: {error}") from None
 
+    def in_block(self, sequence: int) -> RigGears:
+        """Return the gears as they are in a block, from 1: sound before the fault."""
+        return replace(self, fault=self.fault if sequence >= self.since else None, since=1)
+
     @property
     def words(self) -> str:
         """What runs beside the bearing, for people."""
-        fault = "" if self.fault is None else f", with a fault of the {self.faulty} ({self.fault})"
+        since = f" from block {self.since}" if self.since > 1 else ""
+        fault = "" if self.fault is None else f", with a fault of the {self.faulty} ({self.fault}){since}"
         return f"gears of {self.driver} and {self.driven} teeth, {self.state}, run beside the bearing{fault}"
 
 
@@ -118,7 +126,7 @@ def gears_of(options: Mapping[str, Any]) -> RigGears | None:
     if not driver.isdecimal() or (slash and not driven.isdecimal()):
         raise ValueError(f"gear={text!r}: expected teeth such as 23, or 23/71 of driver and driven wheel")
     faulty, colon, kind = str(options.get("gear_fault", "")).rpartition(":")
-    given = {"db": "gear_db", "state": "gear_state", "size": "gear_fault_size"}
+    given = {"db": "gear_db", "state": "gear_state", "size": "gear_fault_size", "since": "gear_fault_block"}
     found: dict[str, Any] = {name: options[key] for name, key in given.items() if key in options}
     if "gear_eccentricity_um" in options:
         found["eccentricity"] = 1e-6 * options["gear_eccentricity_um"]

@@ -71,6 +71,15 @@ def test_a_tooth_out_of_place_knocks_once_a_turn_of_its_wheel() -> None:
         assert envelope[[each, 2 * each]].min() > 5.0 * envelope[[other, 2 * other]].max()
 
 
+def test_a_fault_begins_with_its_block() -> None:
+    sound, late = (open_rig(f"{URL}&gear=20/25{more}", "rig") for more in ("", "&gear_fault=pitch&gear_fault_block=40"))
+    faulty = open_rig(f"{URL}&gear=20/25&gear_fault=pitch", "rig")
+    np.testing.assert_array_equal(late.block(39).samples, sound.block(39).samples)
+    np.testing.assert_array_equal(late.block(40).samples, faulty.block(40).samples)
+    assert np.any(faulty.block(40).samples != sound.block(40).samples)
+    assert any("from block 40" in words for words in late.limits)
+
+
 def test_the_shaft_replays_them_where_its_speed_varies() -> None:
     heard = gear_sound(RigGears(20, 25), 40.0, 80.0, 3, RATE, 0.5)
     turns = np.cumsum(np.linspace(40.0, 80.0, 25600)) / RATE
