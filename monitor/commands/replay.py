@@ -64,7 +64,9 @@ def command(
         progress=progress_bar("replay", quiet=quiet),
     )
     if report:
-        page = write_report(result, out / "report.html", f"{config.machine.name}: {shown(Path(path or '').name)}")
+        given = path or ""
+        played = given if given.startswith("rig:") else shown(Path(given).name)
+        page = write_report(result, out / "report.html", f"{config.machine.name}: {played}")
         say(f"report: {page}", quiet=quiet)
     emit(result.summary, summary_lines(result.summary), as_json=as_json)
     if is_all_rejected(result.summary):

@@ -21,11 +21,12 @@ Advice = Annotated[str, Field(max_length=500), AfterValidator(_checked)]
 
 
 class AdviceSection(Section):
-    """One line of text for each state; ``{bearing}``, ``{channel}``, ``{part}`` and ``{when}`` are replaced."""
+    """One line of text for each state, with the places of ``monitor.words.advice.PLACES`` in braces."""
 
     normal: Advice = ADVICE["normal"]
     learning: Advice = ADVICE["learning"]
     watch: Advice = ADVICE["watch"]
+    gear: Advice = ADVICE["gear"]
     warning: Advice = ADVICE["warning"]
     danger: Advice = ADVICE["danger"]
     end_of_life: Advice = ADVICE["end_of_life"]

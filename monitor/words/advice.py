@@ -22,6 +22,7 @@ ADVICE: Mapping[str, str] = {
     "normal": "nothing to do",
     "learning": "let it run as usual: alarms on learned levels begin when the baseline is complete",
     "watch": "look at the trends of {channel} at the next inspection",
+    "gear": "inspect {gear} {when}; no part of {bearing} is named",
     "warning": "inspect {bearing} and plan its exchange {when}",
     "danger": "inspect {bearing} as soon as it can be reached, and exchange it {when}",
     "end_of_life": "stop the machine as soon as possible and exchange {bearing}",
@@ -29,7 +30,7 @@ ADVICE: Mapping[str, str] = {
     "no_data": "check the logger and its connection: no data come from {channel}",
 }
 """What to do by state, by default; ``[advice]`` replaces them."""
-PLACES = ("bearing", "channel", "part", "when")
+PLACES = ("bearing", "channel", "part", "gear", "when")
 """What may stand in braces in a text of advice."""
 SURE_SUPPORT = 0.8
 """Share of the evidence of all channels of a bearing from which its verdict is called sure."""
@@ -90,10 +91,14 @@ def status_line(name: str, channel: Mapping[str, Any]) -> str:
 
 def advice_key(found: Situation) -> str:
     """Return which advice applies: missing or bad data outrank all but the end of life, as nothing newer is known."""
+    gear_alone = bool(found.gear) and _part(found) is None
     if found.stage == "end_of_life":
-        return "end_of_life"
+        return "gear" if gear_alone else "end_of_life"
     if found.state in ("no_data", "bad_data"):
         return "no_data" if found.state == "no_data" else "sensor_fault"
+    if gear_alone:
+        # The level may be that of the wheel: it says nothing of the bearing.
+        return "gear"
     if found.severity == "danger":
         return "danger"
     if found.level_of is not None and _part(found) is None:
@@ -271,13 +276,19 @@ def _action(text: str, found: Situation) -> str:
         "bearing": bearing_name(found.bearing),
         "channel": f"channel {found.channel}" if found.channel else "the channel",
         "part": "no part named" if part is None or part == UNDECIDED else fault_words(part),
+        "gear": gear_words(found.gear) or "no gear named",
         "when": _when(found),
     }
     return text.format(**places)
 
 
 def _when(found: Situation) -> str:
-    """Return by when: before the earliest time that a forecast supports, else at the next planned stop."""
+    """Return by when: before the earliest time that a forecast supports, else at the next planned stop.
+
+    Of a wheel there is no forecast: without delay where the level is that of a danger or the end of a life.
+    """
+    if advice_key(found) == "gear":
+        return "without delay" if found.severity == "danger" or found.stage == "end_of_life" else _NEXT_STOP
     if found.to_threshold.status == "already_crossed" and found.calibrated:
         return "without delay: the threshold of damage is reached"
     if _supported(found) and math.isfinite(found.to_threshold.lower):

@@ -68,6 +68,30 @@ CASES: dict[str, tuple[Situation, str, str, str, str, str]] = {
         "level at the baseline",
         "look at the trends of channel x at the next inspection",
     ),
+    "a wheel": (
+        replace(HEALTHY, gear="gear:pinion", gear_kind="tooth", level=1.05),
+        "gear",
+        "healthy so far; damage of gear pinion (a damaged tooth)",
+        "",
+        "level at the baseline",
+        "inspect gear pinion at the next planned stop; no part of bearing drive is named",
+    ),
+    "a wheel as loud as the end of a life": (
+        replace(HEALTHY, stage="end_of_life", severity="danger", gear="gear:a|b", level=6.0),
+        "gear",
+        "danger, end of life reached; no part named; damage of gear a or b",
+        "",
+        "level 6.0 times the baseline",
+        "inspect gear a or b without delay; no part of bearing drive is named",
+    ),
+    "a wheel beside a bearing": (
+        replace(FINAL, gear="gear:pinion"),
+        "warning",
+        "final stage of its life: outer race of bearing drive; damage of gear pinion",
+        SURE,
+        "level 3.1 times the baseline, rising, the alert in 6 d (3 d to 9 d)",
+        "inspect bearing drive and plan its exchange within 3 d, the earliest that the alert may be reached",
+    ),
     "a hint while learning": (
         Situation("x", "drive", state="check_function", stage="learning", fault="inner|ball", basis="hint"),
         "learning",
@@ -247,10 +271,11 @@ def test_before_the_onset_nothing_is_called_damage_of_a_part(
 
 def test_every_situation_has_an_advice() -> None:
     seen = set()
-    for state, stage, severity, fault in itertools.product(
-        STATES, ("", "learning", "healthy", "final", "end_of_life"), (None, "alert", "danger"), (None, "outer")
+    stages = ("", "learning", "healthy", "final", "end_of_life")
+    for state, stage, severity, fault, gear in itertools.product(
+        STATES, stages, (None, "alert", "danger"), (None, "outer"), (None, "gear:a")
     ):
-        found = Situation("x", "b", state, stage, severity, fault, "hint")
+        found = Situation("x", "b", state, stage, severity, fault, "hint", gear=gear)
         seen.add(advice_key(found))
         assert state_of(found).action
     assert seen == set(ADVICE)

@@ -73,7 +73,8 @@ def test_a_named_wheel_is_in_the_headline_and_in_what_to_do(tmp_path: Path) -> N
     )
     said = said_of(run, run.channels["one"], None)
     assert said is not None
-    assert said.key == "watch"
+    assert said.key == "gear"
+    assert said.action.startswith("inspect gear wheel")
     (tmp_path / "before").mkdir()
     healthy = run_of(tmp_path / "before", life()[1][: FIRST_BAD - 1])
     assert judge(healthy, healthy.channels["one"]).headline == "No sign of damage"
