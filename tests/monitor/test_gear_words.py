@@ -67,7 +67,7 @@ def test_the_summary_names_the_wheel_beside_the_bearing() -> None:
 def test_the_words_name_the_wheel_and_leave_the_bearing_alone() -> None:
     found = summary()
     said = state_of(Situation.of_status("one", found, "drive"))
-    assert said.key == "watch"
+    assert said.key == "gear"
     assert said.headline.endswith("; damage of gear wheel (a damaged tooth)")
     assert "drive" not in said.headline
     assert gears.gears_line(found) == "gear wheel (a damaged tooth)"
