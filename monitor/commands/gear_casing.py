@@ -127,7 +127,7 @@ def _radiation_values(found: Radiation) -> dict[str, Any]:
     return {
         "elements": len(found.vectors.points),
         "per_wavelength": float(found.per_wavelength.min()),
-        "interpolation_error_db": float(found.vectors.interpolation_error_db().max(initial=0.0)) / 16.0,
+        "interpolation_error_db": float(found.vectors.interpolation_error_db().max(initial=0.0)),
         "inaccurate_hz": [float(hz) for hz, one in zip(frequency, found.status, strict=True) if one == "inaccurate"],
         "status": "inaccurate"
         if "inaccurate" in found.status
@@ -146,7 +146,7 @@ def casing_lines(known: dict[str, Any]) -> list[str]:
         sound = known["radiation"]
         lines.append(
             f"sound of {sound['elements']} elements, at least {sound['per_wavelength']:.3g} a wavelength, interpolated "
-            f"to about {sound['interpolation_error_db']:.2g} dB: {sound['status']}"
+            f"to within {sound['interpolation_error_db']:.2g} dB: {sound['status']}"
             + (f" at {', '.join(f'{hz:.5g}' for hz in sound['inaccurate_hz'])} Hz" if sound["inaccurate_hz"] else "")
         )
     return lines
