@@ -1,7 +1,7 @@
 """Sound: boundary elements against a multipole series, their cost, given vectors, third octaves against filters.
 
 Run as ``python -m benchmarks.acoustics [--quick] [--json FILE]``. A sphere of 1 m radius over a rigid plane, pulsating
-and moving up and down and sideways, is heard at twelve places; the reference is the series of multipoles of
+and moving up and down and sideways, at twelve microphones; the reference is the series of multipoles of
 ``tests/oracles/sphere_over_plane.py``, in which no element is. "error dB" is the largest difference of levels among
 microphones less than 10 dB below the mean square of all, "of mean dB" that of all microphones,
 20 lg (1 + |p - exact| / rms of the exact ones). k a = pi, 4.4934, 5.7635 and 2 pi are resonances of the

@@ -1,4 +1,4 @@
-"""``spallwatch gear``: a gear train, from its orders to what is heard."""
+"""``spallwatch gear``: a gear train, from its orders to its sound."""
 
 from __future__ import annotations
 
@@ -94,7 +94,7 @@ def _add_motion(
     *,
     quiet: bool,
 ) -> Iterator[str]:
-    """Add the motion of the train, and what becomes of it, to the values; yield it as text, and write the files."""
+    """Add motion, levels and sound of the train to the values; yield them as text, and write the files."""
     from monitor.commands.gear_forces import build_train, force_lines, force_values, run_train, write_forces
 
     builder = build_train(given, speed)

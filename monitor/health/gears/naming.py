@@ -232,8 +232,9 @@ def _na4(state: GearsState, name: str, reading: WheelReading) -> float | None:
     indicators = reading.indicators
     if indicators is None or indicators.variance is None:
         return None
-    mean = known.variance if known.count >= MIN_LEARNED else known.variance * known.count + indicators.variance
-    return indicators.na4(mean if known.count >= MIN_LEARNED else mean / (known.count + 1))
+    if known.count >= MIN_LEARNED:
+        return indicators.na4(known.variance)
+    return indicators.na4((known.variance * known.count + indicators.variance) / (known.count + 1))
 
 
 def _leaves(state: GearsState, block: GearsInput) -> bool:
