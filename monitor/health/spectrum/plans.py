@@ -6,11 +6,13 @@ pyFFTW is imported where it is called: it loads half of SciPy, which publisher, 
 from __future__ import annotations
 
 import math
+import sys
 import threading
 from collections.abc import Generator
 from contextlib import contextmanager
 from importlib import import_module
-from typing import Any, Literal
+from types import ModuleType
+from typing import Any, Literal, cast
 
 from numpy.typing import NDArray
 
@@ -23,9 +25,18 @@ Wisdom = tuple[bytes, bytes, bytes]
 """Results of FFTW's measurements for float64, float32 and long double."""
 
 
-def load_fftw() -> None:
-    """Load pyFFTW before the first transform would: that takes longer than some ten analyses of a block."""
-    import_module("pyfftw")
+def load_fftw() -> Any:
+    """Return pyFFTW, loaded if it was not: that takes longer than some ten analyses of a block.
+
+    Where dask is installed, pyFFTW would load it, and pandas with it, for an interface that is not used here.
+    """
+    if "pyfftw" in sys.modules or "dask" in sys.modules:
+        return import_module("pyfftw")
+    sys.modules["dask"] = cast("ModuleType", None)
+    try:
+        return import_module("pyfftw")
+    finally:
+        del sys.modules["dask"]
 
 
 def is_smooth(n: int) -> bool:
@@ -88,8 +99,7 @@ class FftPlan:
             source: aligned array whose beginning is the input, by default a new one.
             target: aligned array whose beginning is the output, by default a new one.
         """
-        import pyfftw
-
+        pyfftw = load_fftw()
         complex_type = "complex64" if precision == "float32" else "complex128"
         n_input, n_output = n // 2 + 1 if kind == "synthesis" else n, n // 2 + 1 if kind == "real" else n
         input_type = precision if kind == "real" else complex_type
@@ -109,8 +119,7 @@ _planner = threading.RLock()
 @contextmanager
 def planning(effort: Effort) -> Generator[None]:
     """Hide the wisdom of an earlier MEASURE from ESTIMATE plans, so that their bits do not depend on it."""
-    import pyfftw
-
+    pyfftw = load_fftw()
     with _planner:
         if effort == "measure":
             yield
@@ -126,8 +135,7 @@ def planning(effort: Effort) -> Generator[None]:
 
 def export_wisdom() -> Wisdom:
     """Return the wisdom of this process, to be stored."""
-    import pyfftw
-
+    pyfftw = load_fftw()
     with _planner:
         return pyfftw.export_wisdom()
 
@@ -138,15 +146,13 @@ def import_wisdom(wisdom: Wisdom) -> bool:
     Returns:
         Whether FFTW accepted all of it; it refuses that of another version or machine.
     """
-    import pyfftw
-
+    pyfftw = load_fftw()
     with _planner:
         return all(pyfftw.import_wisdom(wisdom))
 
 
 def forget_wisdom() -> None:
     """Forget all wisdom of this process; existing plans stay."""
-    import pyfftw
-
+    pyfftw = load_fftw()
     with _planner:
         pyfftw.forget_wisdom()
