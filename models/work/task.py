@@ -1,0 +1,146 @@
+"""What is asked of a worker and what comes back: kinds of tasks, chunks of them, and the executors that run chunks.
+
+A chunk is a fixed run of tasks of one kind. Its key is a digest of all that its result depends on (the function, what
+all tasks share, the tasks, the program), so a chunk can run twice, anywhere, and its result is the same.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Any, Generic, Protocol, TypeVar
+
+S = TypeVar("S")
+T = TypeVar("T")
+R = TypeVar("R")
+
+
+@dataclass(frozen=True)
+class Work(Generic[S, T, R]):
+    """A kind of task: ``function(shared, task)`` for each of many tasks.
+
+    Attributes:
+        name: for people, such as "rows of the map".
+        function: of a module, found by its name; it depends on its arguments and the program alone.
+        memory: bytes that one task needs at most, beside the program.
+        per_chunk: tasks of a chunk. It never depends on the workers, so that a chunk is found again by others.
+        threads: whether the function releases the GIL, so that local workers are threads.
+    """
+
+    name: str
+    function: Callable[[S, T], R]
+    memory: int
+    per_chunk: int = 1
+    threads: bool = False
+
+
+@dataclass(frozen=True)
+class ChunkCall:
+    """One chunk as it is sent to a worker: bytes and names, no code.
+
+    Attributes:
+        key: digest of the chunk, hexadecimal.
+        label: for people, such as "rows of the map 17 to 24".
+        function: "module:name".
+        store: URL of the store of shared values and results; None where both stay in the process of the caller.
+        shared: digest of what all tasks share, its name in the store.
+        tasks: encoded tasks (``models.work.codec``).
+        memory: bytes that the chunk needs at most.
+        program: digest of the program; a worker that runs another one refuses.
+    """
+
+    key: str
+    label: str
+    function: str
+    store: str | None
+    shared: str
+    tasks: bytes
+    memory: int
+    program: str
+
+
+@dataclass(frozen=True)
+class Failure:
+    """Why a chunk failed: kind is the exception ("builtins:ValueError"), or "died" where the worker was lost."""
+
+    kind: str
+    message: str
+    log: str
+
+
+@dataclass(frozen=True)
+class ChunkOutcome:
+    """What a worker says of a chunk; its results stand in the store, or in ``results`` where there is none.
+
+    Attributes:
+        key: of the chunk.
+        failure: None where the chunk is done.
+        seconds: wall time of its tasks.
+        size: bytes of its encoded results.
+        worker: name and address for people.
+        processor: kind of processor, since results are equal bit for bit on one kind alone.
+        results: of the tasks, in order, where there is no store.
+    """
+
+    key: str
+    failure: Failure | None
+    seconds: float
+    size: int
+    worker: str
+    processor: str
+    results: list[Any] | None = None
+
+
+class Executor(Protocol):
+    """A way of running chunks: in this process, in several, or on a cluster."""
+
+    name: str
+
+    def capacity(self) -> int:
+        """Return how many chunks should be under way at this moment: those at work and a few that wait near them."""
+        ...
+
+    def submit(self, call: ChunkCall) -> None:
+        """Begin a chunk; it does not wait."""
+        ...
+
+    def wait(self) -> ChunkOutcome:
+        """Return the next outcome of any chunk that was submitted; a lost worker is an outcome with a failure."""
+        ...
+
+    def close(self) -> None:
+        """Give up what is under way and release the workers."""
+        ...
+
+
+class Store(Protocol):
+    """Whole files by name in a folder or an object store; names are parts joined by "/"."""
+
+    url: str
+
+    def read(self, name: str) -> bytes | None:
+        """Return a file, None where there is none."""
+        ...
+
+    def write(self, name: str, data: bytes) -> None:
+        """Write a file in one step: readers see the old one, the new one or none, never a part."""
+        ...
+
+    def delete(self, name: str) -> None:
+        """Delete a file if it is there."""
+        ...
+
+    def names(self, prefix: str = "") -> Iterator[str]:
+        """Yield the names of all whole files that begin so, in any order."""
+        ...
+
+
+@dataclass(frozen=True)
+class Progress:
+    """How far a run is: chunks and tasks done (``kept``: found done), failed, and the seconds that are left."""
+
+    done: int
+    total: int
+    kept: int
+    failed: int
+    seconds_left: float | None
