@@ -1,0 +1,1 @@
+"""Archives: many recordings of many machines, replayed into one place."""
