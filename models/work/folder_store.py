@@ -1,0 +1,103 @@
+"""A store in a folder, on this machine or on a file system that all workers mount."""
+
+from __future__ import annotations
+
+import os
+import secrets
+from collections.abc import Iterator
+from contextlib import suppress
+from pathlib import Path
+
+from models.portable import BINARY
+
+_PART = ".part-"
+
+
+class FolderStore:
+    """Files of a folder, each written beside its place and moved there.
+
+    Attributes:
+        url: absolute path of the folder.
+    """
+
+    def __init__(self, folder: Path | str) -> None:
+        """Name the folder; it is made when something is written."""
+        self._folder = Path(folder).absolute()
+        self.url = str(self._folder)
+
+    def read(self, name: str) -> bytes | None:
+        """Return a file, None where there is none; OSError where it cannot be read."""
+        try:
+            return self._path(name).read_bytes()
+        except (FileNotFoundError, NotADirectoryError):
+            return None
+
+    def write(self, name: str, data: bytes) -> None:
+        """Write a file in one step, durable before it has its name; OSError where that fails."""
+        path = self._path(name)
+        part = path.with_name(f"{_PART}{os.getpid()}-{secrets.token_hex(4)}")
+        handle = self._create(part)
+        try:
+            with os.fdopen(handle, "wb") as file:
+                file.write(data)
+                file.flush()
+                os.fsync(file.fileno())
+            part.replace(path)
+        except BaseException:
+            part.unlink(missing_ok=True)
+            raise
+
+    def delete(self, name: str) -> None:
+        """Delete a file if it is there, and the folders that it leaves empty."""
+        path = self._path(name)
+        path.unlink(missing_ok=True)
+        for folder in path.parents:
+            if folder == self._folder:
+                break
+            # Another file may be in it.
+            try:
+                folder.rmdir()
+            except OSError:
+                break
+
+    def names(self, prefix: str = "") -> Iterator[str]:
+        """Yield the names of all whole files that begin so, in any order."""
+        first = prefix.rpartition("/")[0]
+        yield from _names(os.path.join(self.url, *first.split("/")), f"{first}/" if first else "", prefix)  # noqa: PTH118
+
+    def remove_if_empty(self) -> None:
+        """Delete the folder unless something is in it."""
+        with suppress(OSError):
+            self._folder.rmdir()
+
+    def _path(self, name: str) -> Path:
+        parts = name.split("/")
+        if any(part in ("", ".", "..") or part.startswith(_PART) or "\\" in part for part in parts):
+            raise ValueError(f"a name is parts joined by '/', got {name!r}")
+        return self._folder.joinpath(*parts)
+
+    def _create(self, part: Path) -> int:
+        """Open a new file; another process may delete its empty folder in the meantime."""
+        flags = os.O_CREAT | os.O_EXCL | os.O_WRONLY | BINARY
+        for _ in range(100):
+            with suppress(FileNotFoundError):
+                return os.open(part, flags, 0o666)
+            with suppress(FileNotFoundError, FileExistsError):
+                part.parent.mkdir(parents=True, exist_ok=True)
+        return os.open(part, flags, 0o666)
+
+
+def _names(folder: str, before: str, prefix: str) -> Iterator[str]:
+    try:
+        entries = os.scandir(folder)
+    except (FileNotFoundError, NotADirectoryError):
+        return
+    with entries:
+        for entry in entries:
+            name = before + entry.name
+            if entry.is_dir():
+                # Only folders on the way to the prefix, or below it.
+                if name.startswith(prefix) or prefix.startswith(f"{name}/"):
+                    yield from _names(entry.path, f"{name}/", prefix)
+            elif name.startswith(prefix) and not entry.name.startswith(_PART):
+                yield name
