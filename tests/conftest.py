@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 import gc
 import hashlib
+import importlib.util
 import multiprocessing.process
 import os
 import shutil
@@ -67,6 +68,14 @@ def missing_for_pdf() -> str:
     return ""
 
 
+@functools.cache
+def missing_for_cluster() -> str:
+    """Return which packages of clusters and object storage are missing, "" where none is."""
+    needed = ("distributed", "fsspec", "zarr", "s3fs", "moto", "flask", "flask_cors")
+    missing = [name for name in needed if importlib.util.find_spec(name) is None]
+    return f"missing for clusters and object storage: {', '.join(missing)}" if missing else ""
+
+
 def pytest_xdist_auto_num_workers(config: pytest.Config) -> int:
     """Return twice as many workers as there are cores: almost half of the time of a test of processes is waiting.
 
@@ -87,8 +96,8 @@ def pytest_collection_finish() -> None:
 
 
 def pytest_itemcollected(item: pytest.Item) -> None:
-    """Mark what starts a broker, a browser, or ldconfig to find Pango as starting processes."""
-    if any(item.get_closest_marker(name) for name in ("broker", "browser", "pdf")):
+    """Mark what starts a broker, a browser, a cluster, or ldconfig to find Pango as starting processes."""
+    if any(item.get_closest_marker(name) for name in ("broker", "browser", "pdf", "cluster")):
         item.add_marker(pytest.mark.process)
 
 
@@ -141,6 +150,8 @@ def pytest_runtest_setup(item: pytest.Item) -> None:
     if item.get_closest_marker("browser") is not None and chromium_program() is None:
         reason = "the browser Chromium is missing (Debian package chromium)"
     if item.get_closest_marker("pdf") is not None and (missing := missing_for_pdf()):
+        reason = missing
+    if item.get_closest_marker("cluster") is not None and (missing := missing_for_cluster()):
         reason = missing
     if reason is None:
         return

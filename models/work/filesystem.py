@@ -1,0 +1,102 @@
+"""File systems of object storage by their URLs; the one module that imports fsspec, and only when a URL asks for it.
+
+Keys, endpoints and other options come from the environment (``AWS_*``, ``FSSPEC_S3_*``) and the configuration files of
+AWS and fsspec, never from a URL: URLs are printed and stored.
+"""
+
+from __future__ import annotations
+
+import importlib
+import os
+from collections.abc import Iterator
+from typing import Any, cast
+
+from models.errors import WrongInputError
+from models.work.redact import has_user_info, redact
+
+_S3 = ("s3", "s3a")
+_S3_LIMITS: dict[str, object] = {"connect_timeout": 10, "read_timeout": 30}
+_S3_ATTEMPTS = 5
+"""Tries of a request that is refused, answered by 5xx or throttled; waits between them double up to 20 s."""
+_S3_ROUNDS = 2
+"""How often s3fs begins such a series anew where an answer broke off."""
+
+
+def filesystem(url: str, *, asynchronous: bool = False) -> tuple[Any, str]:
+    """Return the fsspec file system of a URL such as ``s3://BUCKET/FOLDER``, and the path in it.
+
+    Listings are never taken from a cache: other processes write. An ``asynchronous`` one is for zarr.
+
+    Raises:
+        WrongInputError: credentials in the URL, a chain of URLs, a scheme that fsspec does not know, a missing package.
+    """
+    scheme, _, rest = url.partition("://")
+    shown = redact(url)
+    if has_user_info(url):
+        raise WrongInputError(
+            f"{shown}: credentials in a URL; expected them in the environment (such as AWS_SECRET_ACCESS_KEY) or in a "
+            "configuration file of AWS or fsspec"
+        )
+    if "::" in url or "?" in rest or "#" in rest:
+        raise WrongInputError(f"{shown}: expected SCHEME://BUCKET/FOLDER without '::', '?' and '#'")
+    if not rest.strip("/"):
+        raise WrongInputError(f"{shown}: expected a bucket, {scheme}://BUCKET/FOLDER")
+    try:
+        registry: Any = importlib.import_module("fsspec")
+        kind: Any = registry.get_filesystem_class(scheme)
+    except ValueError:
+        raise WrongInputError(f"{shown}: {scheme}:// is not a kind of object storage that fsspec knows") from None
+    except ImportError as error:
+        extra = "s3" if scheme in _S3 else "cluster"
+        missing = error.name or str(error)
+        raise WrongInputError(f'{shown}: needs pip install "spallwatch[{extra}]" ({missing})') from None
+    options: dict[str, Any] = {"use_listings_cache": False}
+    if asynchronous:
+        options["asynchronous"] = True
+    if scheme in _S3:
+        options |= _s3_options(kind)
+    found = kind(**options)
+    if scheme in _S3:
+        found.retries = _S3_ROUNDS
+    return found, str(kind._strip_protocol(url)).rstrip("/")
+
+
+def _s3_options(kind: Any) -> dict[str, Any]:
+    """Return timeouts and retries, except those that the configuration or the environment states."""
+    config: Any = importlib.import_module("fsspec.config")
+    stated: dict[str, Any] = config.apply_config(kind, {}).get("config_kwargs", {})
+    limits = dict(_S3_LIMITS)
+    if not {"AWS_MAX_ATTEMPTS", "AWS_RETRY_MODE"} & os.environ.keys():
+        limits["retries"] = {"total_max_attempts": _S3_ATTEMPTS, "mode": "standard"}
+    return {"config_kwargs": {**limits, **stated}}
+
+
+def chain(error: BaseException) -> Iterator[BaseException]:
+    """Yield an exception and those that caused it."""
+    found: BaseException | None = error
+    while found is not None:
+        yield found
+        found = found.__cause__ or (None if found.__suppress_context__ else found.__context__)
+
+
+def error_code(error: BaseException) -> str | None:
+    """Return the code of S3 for what went wrong, such as ``NoSuchBucket``, None where there is none."""
+    for part in chain(error):
+        response = getattr(part, "response", None)
+        if isinstance(response, dict):
+            stated = cast("dict[str, object]", response).get("Error")
+            if isinstance(stated, dict):
+                return str(cast("dict[str, object]", stated).get("Code"))
+    return None
+
+
+def cause(error: BaseException) -> str:
+    """Return in one line, without credentials, why a request failed."""
+    code = error_code(error)
+    lines = str(error).strip().splitlines()
+    text = lines[0] if lines else ""
+    if isinstance(error, OSError) and error.strerror and not code:
+        text = error.strerror
+    name = code if code and not code.isdigit() else type(error).__name__
+    said = {"403": "denied", "404": "not found"}.get(code or "", text)
+    return redact(f"{name}: {said}" if said else name)

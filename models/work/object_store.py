@@ -1,0 +1,120 @@
+"""A store in a bucket of an object storage: S3 and what speaks as it does, and others that fsspec knows.
+
+An object is written by one request, so that readers see all of it or nothing. Requests that fail on the way or are
+throttled are repeated (``models.work.filesystem``); what is left is a ObjectStorageError with the URL and the cause.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Generator, Iterator
+from contextlib import contextmanager
+from typing import Any
+
+from models.errors import SpallwatchError, WrongInputError
+from models.work.filesystem import cause, error_code, filesystem
+from models.work.redact import redact
+from models.work.storage_error import ObjectStorageError
+
+SCHEMES = ("s3", "s3a", "gs", "gcs", "az", "abfs", "abfss", "memory")
+"""Where a file appears whole or not at all. Of these s3 is tested against a server; memory is for tests."""
+
+
+class ObjectStore:
+    """Objects below a prefix of a bucket.
+
+    Attributes:
+        url: of the prefix, without a slash at its end; it holds no credentials.
+    """
+
+    def __init__(self, url: str) -> None:
+        """Name the prefix; nothing is asked of the server yet.
+
+        Raises:
+            WrongInputError: not such a URL, credentials in it, or a package that is missing.
+        """
+        scheme = url.partition("://")[0]
+        if scheme not in SCHEMES:
+            raise WrongInputError(
+                f"{redact(url)}: {scheme}:// does not write a file in one step; expected a folder or one of "
+                + ", ".join(f"{known}://" for known in SCHEMES if known != "memory")
+            )
+        self._files, self._root = filesystem(url)
+        self.url = url.rstrip("/")
+        # One GET; several ranges at a time would ask for the size first.
+        self._read_options: dict[str, Any] = {"max_concurrency": 1} if scheme in ("s3", "s3a") else {}
+
+    def read(self, name: str) -> bytes | None:
+        """Return an object, None where there is none; ObjectStorageError where that cannot be told."""
+        path = self._path(name)
+        with self._foreseen(name, "read"):
+            try:
+                return bytes(self._files.cat_file(path, **self._read_options))
+            except FileNotFoundError as error:
+                if error_code(error) == "NoSuchBucket":
+                    raise
+                return None
+
+    def write(self, name: str, data: bytes) -> None:
+        """Write an object whole; ObjectStorageError where that fails."""
+        path = self._path(name)
+        with self._foreseen(name, "written"):
+            self._files.pipe_file(path, data)
+
+    def delete(self, name: str) -> None:
+        """Delete an object if it is there; ObjectStorageError where that fails."""
+        path = self._path(name)
+        with self._foreseen(name, "deleted"):
+            try:
+                self._files.rm_file(path)
+            except FileNotFoundError as error:
+                if error_code(error) == "NoSuchBucket":
+                    raise
+
+    def names(self, prefix: str = "") -> Iterator[str]:
+        """Yield the names of all objects that begin so; what a server keeps as a folder is none.
+
+        Folder by folder: of ten million names, those of one folder are held at a time.
+        """
+        folders = [prefix.rpartition("/")[0]]
+        while folders:
+            folder = folders.pop()
+            for name, is_folder in self._entries(folder):
+                if is_folder:
+                    if name.startswith(prefix) or prefix.startswith(f"{name}/"):
+                        folders.append(name)
+                elif name.startswith(prefix):
+                    yield name
+
+    def _entries(self, folder: str) -> list[tuple[str, bool]]:
+        """Return names and kinds of what stands in a folder, nothing where there is no such folder."""
+        place = f"{self._root}/{folder}".rstrip("/")
+        with self._foreseen(folder, "listed"):
+            try:
+                found: list[dict[str, Any]] = self._files.ls(place, detail=True)
+            except FileNotFoundError as error:
+                if error_code(error) == "NoSuchBucket":
+                    raise
+                return []
+        entries: list[tuple[str, bool]] = []
+        for entry in found:
+            path = str(entry["name"]).lstrip("/") if not self._root.startswith("/") else str(entry["name"])
+            # The folder itself, as some programs make an object of it.
+            if path.rstrip("/") != place and not (entry["type"] != "directory" and path.endswith("/")):
+                entries.append((path[len(self._root) + 1 :].rstrip("/"), entry["type"] == "directory"))
+        return entries
+
+    def _path(self, name: str) -> str:
+        if any(part in ("", ".", "..") or "\\" in part for part in name.split("/")):
+            raise ValueError(f"a name is parts joined by '/', got {name!r}")
+        return f"{self._root}/{name}"
+
+    @contextmanager
+    def _foreseen(self, name: str, done: str) -> Generator[None]:
+        """Raise ObjectStorageError for whatever the file system raises: each brings exceptions of its own."""
+        try:
+            yield
+        except SpallwatchError:
+            raise
+        except Exception as error:
+            # No chain: its exceptions hold requests with their headers.
+            raise ObjectStorageError(f"{self.url}/{name} cannot be {done}: {cause(error)}".replace("/ ", " ")) from None
