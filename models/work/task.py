@@ -7,12 +7,15 @@ all tasks share, the tasks, the program), so a chunk can run twice, anywhere, an
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
-from typing import Any, Generic, Protocol, TypeVar
+from dataclasses import dataclass, field
+from typing import Generic, Protocol, TypeVar
 
 S = TypeVar("S")
 T = TypeVar("T")
 R = TypeVar("R")
+
+DIED = "died"
+"""Kind of failure of a chunk whose worker was lost."""
 
 
 @dataclass(frozen=True)
@@ -42,35 +45,45 @@ class ChunkCall:
         key: digest of the chunk, hexadecimal.
         label: for people, such as "rows of the map 17 to 24".
         function: "module:name".
-        store: URL of the store of shared values and results; None where both stay in the process of the caller.
+        store: URL of the store of shared values and results, as the workers reach it.
         shared: digest of what all tasks share, its name in the store.
         tasks: encoded tasks (``models.work.codec``).
         memory: bytes that the chunk needs at most.
         program: digest of the program; a worker that runs another one refuses.
+        threads: whether a thread of the caller's process may run it, as ``Work.threads``.
     """
 
     key: str
     label: str
     function: str
-    store: str | None
+    store: str
     shared: str
-    tasks: bytes
+    tasks: bytes = field(repr=False)
     memory: int
     program: str
+    threads: bool = False
 
 
 @dataclass(frozen=True)
 class Failure:
-    """Why a chunk failed: kind is the exception ("builtins:ValueError"), or "died" where the worker was lost."""
+    """Why a chunk failed.
+
+    Attributes:
+        kind: the exception ("builtins:ValueError"), or DIED where the worker was lost.
+        message: one line.
+        log: traceback, or what is known of a lost worker.
+        wrong_input: whether the exception is a WrongInputError or a ValueError: another attempt would fail, too.
+    """
 
     kind: str
     message: str
     log: str
+    wrong_input: bool = False
 
 
 @dataclass(frozen=True)
 class ChunkOutcome:
-    """What a worker says of a chunk; its results stand in the store, or in ``results`` where there is none.
+    """What a worker says of a chunk; its results stand in the store.
 
     Attributes:
         key: of the chunk.
@@ -79,7 +92,6 @@ class ChunkOutcome:
         size: bytes of its encoded results.
         worker: name and address for people.
         processor: kind of processor, since results are equal bit for bit on one kind alone.
-        results: of the tasks, in order, where there is no store.
     """
 
     key: str
@@ -88,7 +100,6 @@ class ChunkOutcome:
     size: int
     worker: str
     processor: str
-    results: list[Any] | None = None
 
 
 class Executor(Protocol):
@@ -98,6 +109,10 @@ class Executor(Protocol):
 
     def capacity(self) -> int:
         """Return how many chunks should be under way at this moment: those at work and a few that wait near them."""
+        ...
+
+    def workers(self) -> int:
+        """Return how many workers there are at this moment."""
         ...
 
     def submit(self, call: ChunkCall) -> None:
@@ -137,10 +152,20 @@ class Store(Protocol):
 
 @dataclass(frozen=True)
 class Progress:
-    """How far a run is: chunks and tasks done (``kept``: found done), failed, and the seconds that are left."""
+    """How far a run is, in chunks.
+
+    Attributes:
+        done: those that are done, the kept ones included.
+        total: as far as it is known.
+        kept: found done in the store.
+        failed: set aside.
+        seconds_left: None where nothing is known yet.
+        name: of the kind of task.
+    """
 
     done: int
     total: int
     kept: int
     failed: int
     seconds_left: float | None
+    name: str = ""

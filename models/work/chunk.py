@@ -1,0 +1,177 @@
+"""What a worker does with a chunk, and how chunks lie in a store.
+
+``shared/DIGEST``: what all tasks share; each process reads it once. ``chunks/XX/KEY``: results of a chunk, XX being the
+first two digits of its key. ``started/KEY/N``: a marker while a chunk is at work; it stays where the worker dies.
+``failed/KEY/N``: the log of a failure, as JSON. ``run.json``: of which program, begun when.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import secrets
+import socket
+import threading
+import time
+from collections import OrderedDict
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import asdict, dataclass
+from functools import cache
+from typing import Any
+
+from models.work.codec import decode, digest, digest_of, encode, resolve
+from models.work.errors import MemoryNeedError, OtherProgramError, failure_of
+from models.work.program import processor, program
+from models.work.stores import open_store
+from models.work.task import DIED, ChunkCall, ChunkOutcome, Failure, Store
+
+MAX_ATTEMPTS = 3
+"""Failures of a chunk, or deaths of its worker, after which it is set aside."""
+_MAX_SHARED = 4
+
+
+@dataclass(frozen=True)
+class StoredChunk:
+    """What the store holds of a chunk: the results of its tasks in order, and of where and in how long they came."""
+
+    results: list[Any]
+    seconds: float
+    worker: str
+    processor: str
+
+
+def chunk_name(key: str) -> str:
+    """Return the name of a chunk's results in the store."""
+    return f"chunks/{key[:2]}/{key}"
+
+
+def chunk_key(function: str, shared: str, tasks: bytes) -> str:
+    """Return the key of a chunk: a digest of all that its results depend on, beside the processor."""
+    return digest((function, shared, digest_of(tasks), program()))
+
+
+def read_chunk(store: Store, key: str) -> StoredChunk | None:
+    """Return a chunk from the store, None where it is not there.
+
+    Raises:
+        DamagedDataError: its file is torn or was changed.
+    """
+    data = store.read(chunk_name(key))
+    return None if data is None else decode(data)
+
+
+def clear_marks(store: Store, key: str) -> None:
+    """Delete the markers of a chunk, so that its workers do not count as lost."""
+    for name in list(store.names(f"started/{key}/")):
+        store.delete(name)
+
+
+def clear_attempts(store: Store, key: str) -> None:
+    """Delete the markers and the logs of a chunk, so that it may be attempted anew."""
+    clear_marks(store, key)
+    for name in list(store.names(f"failed/{key}/")):
+        store.delete(name)
+
+
+def run_chunk(call: ChunkCall, *, memory: int | None = None, worker: str | None = None) -> ChunkOutcome:
+    """Run the tasks of a chunk and write their results to its store; no exception leaves it.
+
+    Args:
+        memory: bytes that this worker may use; a chunk that needs more is refused.
+        worker: name of this worker for people; default host and process.
+    """
+    worker = worker or default_worker()
+    try:
+        _check(call, memory, worker)
+        store = cached_store(call.store)
+        lost = sorted(store.names(f"started/{call.key}/"))
+        if len(lost) >= MAX_ATTEMPTS:
+            return _failed(call, _died(store, lost), worker)
+        marker = f"started/{call.key}/{len(lost) + 1}-{secrets.token_hex(4)}"
+        store.write(marker, _text({"label": call.label, "worker": worker, "time": time.time()}))
+        try:
+            return _run(call, store, worker)
+        finally:
+            store.delete(marker)
+    except Exception as error:
+        failure = failure_of(error)
+        with suppress(Exception):
+            write_log(cached_store(call.store), call.key, call.label, failure, worker)
+        return _failed(call, failure, worker)
+
+
+def default_worker() -> str:
+    """Return the name of this process for people."""
+    return f"{socket.gethostname()} process {os.getpid()}"
+
+
+@cache
+def cached_store(url: str) -> Store:
+    """Return the store of a URL, one a process."""
+    return open_store(url)
+
+
+def write_log(store: Store, key: str, label: str, failure: Failure, worker: str) -> None:
+    """Write the log of a failure of a chunk."""
+    number = sum(1 for _ in store.names(f"failed/{key}/")) + 1
+    told = asdict(failure) | {"label": label, "worker": worker, "time": time.time()}
+    store.write(f"failed/{key}/{number}-{secrets.token_hex(4)}", _text(told))
+
+
+def _check(call: ChunkCall, memory: int | None, worker: str) -> None:
+    if call.program != program():
+        raise OtherProgramError(
+            f"worker {worker} runs another program: its digest is {program()[:12]}, expected {call.program[:12]}"
+        )
+    if memory is not None and call.memory > memory:
+        raise MemoryNeedError(
+            f"{call.label} needs {call.memory / 1e6:.0f} MB, worker {worker} has {memory / 1e6:.0f} MB"
+        )
+
+
+def _run(call: ChunkCall, store: Store, worker: str) -> ChunkOutcome:
+    function: Callable[[Any, Any], Any] = resolve(call.function)
+    shared, tasks = _shared(call.store, store, call.shared), decode(call.tasks)
+    begun = time.perf_counter()
+    results = [function(shared, task) for task in tasks]
+    seconds = time.perf_counter() - begun
+    data = encode(StoredChunk(results, seconds, worker, processor()))
+    store.write(chunk_name(call.key), data)
+    return ChunkOutcome(call.key, None, seconds, len(data), worker, processor())
+
+
+_kept: OrderedDict[tuple[str, str], Any] = OrderedDict()
+_lock = threading.Lock()
+
+
+def _shared(url: str, store: Store, name: str) -> Any:
+    """Return what all tasks share, from memory where this process has read it before."""
+    with _lock:
+        key = (url, name)
+        if key not in _kept:
+            data = store.read(f"shared/{name}")
+            if data is None:
+                raise FileNotFoundError(f"{url} has no shared/{name}: workers and caller must reach the same store")
+            _kept[key] = decode(data)
+            while len(_kept) > _MAX_SHARED:
+                _kept.popitem(last=False)
+        _kept.move_to_end(key)
+        return _kept[key]
+
+
+def _died(store: Store, markers: list[str]) -> Failure:
+    """Return the failure of a chunk whose workers died, by the markers that they left."""
+    told = [json.loads(store.read(marker) or b"{}") for marker in markers]
+    workers = ", ".join(str(entry.get("worker", "unknown")) for entry in told)
+    return Failure(
+        DIED, f"{len(markers)} workers were lost while they ran it: {workers}", "a killed process logs nothing"
+    )
+
+
+def _failed(call: ChunkCall, failure: Failure, worker: str) -> ChunkOutcome:
+    return ChunkOutcome(call.key, failure, 0.0, 0, worker, processor())
+
+
+def _text(told: dict[str, Any]) -> bytes:
+    return json.dumps(told, indent=1).encode()

@@ -1,0 +1,300 @@
+"""The tasks of a kind of work on an executor: cut into chunks, sent, retried, and put in order.
+
+Results do not depend on the executor, on the number of workers, on what was found done, or on which chunks failed and
+were run again. Those of chunks wait in the store, not in memory.
+"""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self, TypeVar
+
+from models.work.chunk import chunk_key, clear_attempts, read_chunk, write_log
+from models.work.codec import DamagedDataError, digest_of, encode, name_of
+from models.work.direct import Meter, direct_outcomes, direct_results
+from models.work.errors import chunks_failed, error_of, failure_of
+from models.work.folder_store import FolderStore
+from models.work.job import Chunk, Job, Tally, chunks_of
+from models.work.program import program
+from models.work.serial import SerialExecutor
+from models.work.store_files import KnownChunks, attempted_chunks, delete_own, write_run, write_shared
+from models.work.task import DIED, ChunkCall, ChunkOutcome, Executor, Failure, Progress, Store, Work
+
+_S = TypeVar("_S")
+_T = TypeVar("_T")
+_R = TypeVar("_R")
+
+
+class Runner:
+    """Runs tasks on an executor.
+
+    Without a store, an executor of this process runs a plain loop over objects; processes get a temporary folder.
+
+    Attributes:
+        tally: chunks done and failed so far, over all runs.
+    """
+
+    def __init__(
+        self,
+        executor: Executor,
+        store: Store | None = None,
+        resume: bool = False,
+        notify: Callable[[Progress], None] | None = None,
+        *,
+        keep: bool = True,
+    ) -> None:
+        """Take an executor, which the runner closes.
+
+        Args:
+            executor: runs chunks.
+            store: of shared values and results, which all workers reach.
+            resume: whether chunks that are found in the store are used.
+            notify: called in this process whenever a chunk is done.
+            keep: whether :meth:`finished` leaves the files in the store.
+        """
+        self.executor = executor
+        self.tally = Tally()
+        self.notify = notify
+        self._store = store
+        self._resume = resume
+        self._keep = keep
+        self._temporary: tempfile.TemporaryDirectory[str] | None = None
+        self._begun = False
+        self._known: KnownChunks | None = None
+        self._attempted: set[str] = set()
+        # Who waits for a chunk by its key; nobody where a run was given up.
+        self._waiting: dict[str, list[tuple[Job[Any], Chunk[Any]]]] = {}
+
+    def __enter__(self) -> Self:
+        """Return the runner."""
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Close it; without an exception its files are deleted as by :meth:`finished`."""
+        if kind is None:
+            self.finished()
+        self.close()
+
+    @property
+    def url(self) -> str | None:
+        """URL of the store that outlives the runner, None where there is none."""
+        return None if self._store is None or self._temporary is not None else self._store.url
+
+    def run(self, work: Work[_S, _T, _R], shared: _S, tasks: Iterable[_T], *, total: int | None = None) -> Iterator[_R]:
+        """Yield the result of each task, in their order.
+
+        Args:
+            work: kind of task.
+            shared: given to each task.
+            tasks: pulled as they are needed.
+            total: their number for the progress, where ``tasks`` has no length.
+
+        Raises:
+            WrongInputError, ValueError: by a function; that of the first such task, after the results before it.
+            ChunksFailedError: chunks failed too often, after all others are done.
+            Exception: any other of a function in this process without a store, as by a plain loop.
+        """
+        if self._store is None:
+            meter = self._meter(work, tasks, total)
+            if (found := direct_results(self.executor, work, shared, tasks, meter)) is not None:
+                yield from found
+                return
+        with self._job(work, shared, tasks, total, stops=True) as job:
+            waiting: dict[int, Chunk[_T]] = {}
+            following, complete = 0, True
+            for ended in self._ended(job):
+                waiting[ended.number] = ended
+                while (chunk := waiting.pop(following, None)) is not None:
+                    if chunk.failure is not None and chunk.failure.wrong_input:
+                        raise error_of(chunk.failure)
+                    complete = complete and chunk.failure is None
+                    if complete:
+                        results = self._results(job, chunk)
+                        if results is None:
+                            break
+                        yield from results
+                    following += 1
+            if job.failed:
+                raise chunks_failed(job.failed, job.planned, self.url)
+
+    def outcomes(
+        self,
+        work: Work[_S, _T, _R],
+        shared: _S,
+        tasks: Iterable[_T],
+        *,
+        total: int | None = None,
+        follow: Callable[[_T, _R], _T | None] | None = None,
+    ) -> Iterator[tuple[int, _R | Failure]]:
+        """Yield the number of each task with its result, or with why it failed, in the order in which they end.
+
+        Args:
+            work: kind of task; a chunk that fails is a failure of each of its tasks.
+            shared: given to each task.
+            tasks: pulled as they are needed.
+            total: their number for the progress, where ``tasks`` has no length.
+            follow: returns the task that continues one, of the same number, by its result, None at the end of the
+                chain; asked when the result has been taken. ``work.per_chunk`` is 1 with it.
+        """
+        if follow is not None and work.per_chunk != 1:
+            raise ValueError(f"tasks that follow each other need per_chunk 1, {work.name} has {work.per_chunk}")
+        if self._store is None:
+            meter = self._meter(work, tasks, total)
+            if (found := direct_outcomes(self.executor, work, shared, tasks, meter, follow)) is not None:
+                yield from found
+                return
+        with self._job(work, shared, tasks, total, stops=False) as job:
+            for chunk in self._ended(job):
+                if chunk.failure is not None:
+                    for i in range(len(chunk.tasks)):
+                        yield chunk.first + i, chunk.failure
+                elif (results := self._results(job, chunk)) is not None:
+                    yield from enumerate(results, chunk.first)
+                    if follow is not None and (task := follow(chunk.tasks[0], results[0])) is not None:
+                        job.continue_with(chunk, task)
+
+    def finished(self) -> None:
+        """Delete what runners put into the store, unless it is kept for others or chunks failed."""
+        if self._store is not None and self._begun and not self._keep and not self.tally.failed:
+            delete_own(self._store)
+            self._begun = False
+
+    def close(self) -> None:
+        """Give up what is under way and release the workers."""
+        try:
+            self.executor.close()
+        finally:
+            if self._temporary is not None:
+                self._temporary.cleanup()
+                self._temporary, self._store = None, None
+
+    def _meter(self, work: Work[Any, _T, Any], tasks: Iterable[_T], total: int | None) -> Callable[[], Meter]:
+        return lambda: Meter(work, chunks_of(work, tasks, total), self.tally, self.notify)
+
+    @contextmanager
+    def _job(
+        self, work: Work[_S, _T, Any], shared: _S, tasks: Iterable[_T], total: int | None, *, stops: bool
+    ) -> Generator[Job[_T]]:
+        """Begin a run; at its end nobody waits for its chunks any more."""
+        store = self._begin()
+        data = encode(shared)
+        write_shared(store, name := digest_of(data), data)
+        job = Job(work, (name_of(work.function), name), tasks, total, stops=stops)
+        if self._known and isinstance(tasks, Sequence):
+            job.expect_kept(sum(self._encoded(job, chunk)[0] in self._known for chunk in job.planned_chunks(tasks)))
+        try:
+            yield job
+        except KeyboardInterrupt as error:
+            if self.url is not None:
+                error.add_note(f"{job.done} chunks of {work.name} are kept in {self.url}; --resume goes on from there")
+            raise
+        finally:
+            for waiting in self._waiting.values():
+                waiting[:] = [(other, chunk) for other, chunk in waiting if other is not job]
+
+    def _begin(self) -> Store:
+        """Return the store; at first, see what is in it."""
+        if self._store is None:
+            self._temporary = tempfile.TemporaryDirectory(prefix="spallwatch-work-", ignore_cleanup_errors=True)
+            self._store = FolderStore(Path(self._temporary.name))
+        if not self._begun:
+            self._begun = True
+            if (note := write_run(self._store)) is not None and self._resume:
+                self.tally.notes.append(note)
+            self._attempted = attempted_chunks(self._store)
+            self._known = KnownChunks(self._store) if self._resume else None
+        return self._store
+
+    def _ended(self, job: Job[_T]) -> Iterator[Chunk[_T]]:
+        """Yield the chunks of a job that are done or set aside, in any order."""
+        while True:
+            self._submit(job)
+            while job.ready:
+                yield job.ready.popleft()
+                self._submit(job)
+            if not any(other is job for waiting in self._waiting.values() for other, _ in waiting):
+                if not job.ready:
+                    return
+                continue
+            self._take(self.executor.wait())
+
+    def _submit(self, job: Job[_T]) -> None:
+        """Send chunks of a job while workers may have more; what is found done is ready at once."""
+        while not job.ready and len(self._waiting) < max(self.executor.capacity(), 1):
+            chunk = job.next_chunk()
+            if chunk is None:
+                return
+            fresh = not chunk.key
+            chunk.key, tasks = self._encoded(job, chunk)
+            if fresh and self._known is not None and chunk.key in self._known:
+                job.found(chunk)
+                self._tell(job)
+                return
+            self._send(job, chunk, tasks)
+
+    def _encoded(self, job: Job[_T], chunk: Chunk[_T]) -> tuple[str, bytes]:
+        """Return the key of a chunk and its tasks as bytes."""
+        tasks = encode(chunk.tasks)
+        return chunk_key(job.function, job.shared, tasks), tasks
+
+    def _send(self, job: Job[_T], chunk: Chunk[_T], tasks: bytes) -> None:
+        if (waiting := self._waiting.get(chunk.key)) is not None:
+            waiting.append((job, chunk))
+            return
+        assert self._store is not None
+        if chunk.key in self._attempted:
+            self._attempted.remove(chunk.key)
+            clear_attempts(self._store, chunk.key)
+        self._waiting[chunk.key] = [(job, chunk)]
+        self.executor.submit(self._call(job, chunk, tasks))
+
+    def _call(self, job: Job[_T], chunk: Chunk[_T], tasks: bytes) -> ChunkCall:
+        assert self._store is not None
+        work = job.work
+        url, memory = self._store.url, work.memory
+        return ChunkCall(
+            chunk.key, chunk.label, job.function, url, job.shared, tasks, memory, program(), threads=work.threads
+        )
+
+    def _take(self, outcome: ChunkOutcome) -> None:
+        """Tell of an outcome whoever waits for it."""
+        for job, chunk in self._waiting.pop(outcome.key, ()):
+            if outcome.failure is None:
+                self.tally.processors.add(outcome.processor)
+            elif outcome.failure.kind == DIED and self._store is not None:
+                with suppress(Exception):
+                    write_log(self._store, outcome.key, chunk.label, outcome.failure, outcome.worker)
+            if (aside := job.end(chunk, outcome)) is not None:
+                self.tally.failed.append(aside)
+            self._tell(job)
+
+    def _results(self, job: Job[_T], chunk: Chunk[_T]) -> list[Any] | None:
+        """Return the results of a chunk that is done; None where they cannot be read, and it is run again."""
+        assert self._store is not None
+        try:
+            stored = read_chunk(self._store, chunk.key)
+            if stored is None:
+                raise DamagedDataError(f"{self._store.url} has no results of {chunk.label}, which a worker wrote")
+        except DamagedDataError as error:
+            job.undo(chunk)
+            if (aside := job.fail(chunk, failure_of(error))) is not None:
+                self.tally.failed.append(aside)
+            return None
+        self.tally.chunks += 1
+        self.tally.kept += chunk.kept
+        self.tally.processors.add(stored.processor)
+        return stored.results
+
+    def _tell(self, job: Job[Any]) -> None:
+        if self.notify is not None:
+            self.notify(job.progress(self.executor.workers()))
+
+
+SERIAL = Runner(SerialExecutor())
+"""Tasks one after another in this process, as a plain loop: the default of functions that take a runner."""
