@@ -13,7 +13,7 @@ import subprocess
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import pytest
 from hypothesis import HealthCheck, settings
@@ -22,6 +22,9 @@ from numpy.typing import NDArray
 from tests.broker import broker_program
 from tests.effort import effort_count
 from tests.once import share_in
+
+if TYPE_CHECKING:
+    from tests.object_storage import ObjectStorage
 
 _REPOSITORY = Path(__file__).resolve().parents[1]
 
@@ -244,6 +247,15 @@ def kept_band_choices() -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(bands, "find_band", kept)
         yield
+
+
+@pytest.fixture(scope="session")
+def storage() -> Iterator[ObjectStorage]:
+    """An object storage that speaks S3, for tests marked ``cluster``; each uses a prefix of its own."""
+    from tests.object_storage import object_storage
+
+    with object_storage() as found:
+        yield found
 
 
 @pytest.fixture

@@ -5,17 +5,23 @@ Run as a program it serves until its standard input ends, so that it never outli
 
 from __future__ import annotations
 
+import calendar
+import hashlib
+import hmac
 import importlib
 import json
 import logging
 import os
 import subprocess
 import sys
+import time
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
+from urllib.parse import SplitResult, parse_qs, quote, urlsplit
 
 import pytest
 
@@ -45,6 +51,18 @@ class ObjectStorage:
     def url(self, path: str = "") -> str:
         """Return the URL of a path in the bucket."""
         return f"s3://{BUCKET}/{path}"
+
+    def presigned(self, path: str, expires_s: int = 3600) -> str:
+        """Return the URL of an object with the owner's signature in its query."""
+        from botocore.auth import S3SigV4QueryAuth
+        from botocore.awsrequest import AWSRequest
+        from botocore.credentials import Credentials
+
+        user = self.environment
+        key = Credentials(user["AWS_ACCESS_KEY_ID"], user["AWS_SECRET_ACCESS_KEY"])
+        request = AWSRequest("GET", f"{self.endpoint}/{BUCKET}/{path}")
+        S3SigV4QueryAuth(key, "s3", user["AWS_DEFAULT_REGION"], expires_s).add_auth(request)
+        return str(request.url)
 
     def secrets(self) -> tuple[str, ...]:
         """Return what must stand in no log and no file."""
@@ -99,6 +117,47 @@ def _variables(endpoint: str, key: Mapping[str, str]) -> dict[str, str]:
     }
 
 
+def _let_signed_queries_in() -> None:
+    """Teach the server to check presigned URLs, of which it knows no check: signature and expiry, no rights."""
+    from moto.s3.exceptions import S3AccessDeniedError, S3SignatureDoesNotMatchError
+    from moto.s3.responses import S3Response
+
+    by_header = S3Response._authenticate_and_authorize_s3_action
+
+    def check(self: Any, bucket_name: str | None = None, key_name: str | None = None) -> None:
+        url = urlsplit(self.uri)
+        query = parse_qs(url.query)
+        if "X-Amz-Signature" not in query or self.headers.get("Authorization"):
+            by_header(self, bucket_name=bucket_name, key_name=key_name)
+            return
+        signed = calendar.timegm(time.strptime(query["X-Amz-Date"][0], "%Y%m%dT%H%M%SZ"))
+        if time.time() > signed + int(query["X-Amz-Expires"][0]):
+            raise S3AccessDeniedError
+        if query["X-Amz-Signature"][0] != _query_signature(self.method, url, self.headers["Host"], _SECRETS):
+            raise S3SignatureDoesNotMatchError
+
+    S3Response._authenticate_and_authorize_s3_action = check
+
+
+_SECRETS: dict[str, str] = {}
+"""Secret keys by access key."""
+
+
+def _query_signature(method: str, url: SplitResult, host: str, secrets: Mapping[str, str]) -> str:
+    """Return the signature of a presigned URL (AWS Signature Version 4, query parameters)."""
+    query = parse_qs(url.query)
+    key, *scope = query["X-Amz-Credential"][0].split("/")
+    pairs = sorted((name, values[0]) for name, values in query.items() if name != "X-Amz-Signature")
+    canonical = "&".join(f"{quote(name, safe='-_.~')}={quote(value, safe='-_.~')}" for name, value in pairs)
+    request = "\n".join((method, url.path, canonical, f"host:{host}", "", "host", "UNSIGNED-PAYLOAD"))
+    hashed = hashlib.sha256(request.encode()).hexdigest()
+    text = "\n".join(("AWS4-HMAC-SHA256", query["X-Amz-Date"][0], "/".join(scope), hashed))
+    signing = f"AWS4{secrets.get(key, '')}".encode()
+    for part in scope:
+        signing = hmac.digest(signing, part.encode(), "sha256")
+    return hmac.digest(signing, text.encode(), "sha256").hex()
+
+
 def _serve() -> None:
     """Serve, with a bucket and two users; then say where, in one line of JSON."""
     import boto3
@@ -106,6 +165,7 @@ def _serve() -> None:
     from moto.server import ThreadedMotoServer
 
     logging.disable()
+    _let_signed_queries_in()
     os.environ["MOTO_S3_DEFAULT_MAX_KEYS"] = "20"
     server = ThreadedMotoServer(ip_address="127.0.0.1", port=0, verbose=False)
     server.start()
@@ -118,7 +178,9 @@ def _serve() -> None:
     for name, policy in (("owner", _ALLOWED), ("reader", _READING)):
         iam.create_user(UserName=name)
         iam.put_user_policy(UserName=name, PolicyName=name, PolicyDocument=json.dumps(policy))
-        setattr(keys, name, iam.create_access_key(UserName=name)["AccessKey"])
+        made = iam.create_access_key(UserName=name)["AccessKey"]
+        _SECRETS[made["AccessKeyId"]] = made["SecretAccessKey"]
+        setattr(keys, name, made)
     # From now on each request needs a valid signature and the right to do what it asks.
     settings.INITIAL_NO_AUTH_ACTION_COUNT = 0
     users = {name: {part: key[part] for part in ("AccessKeyId", "SecretAccessKey")} for name, key in vars(keys).items()}

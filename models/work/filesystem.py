@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import importlib
 import os
+import re
 from collections.abc import Iterator
 from typing import Any, cast
 
@@ -15,6 +16,7 @@ from models.errors import WrongInputError
 from models.work.redact import has_user_info, redact
 
 _S3 = ("s3", "s3a")
+_QUERY = re.compile(r"\?[\w.-]+=")
 _S3_LIMITS: dict[str, object] = {"connect_timeout": 10, "read_timeout": 30}
 _S3_ATTEMPTS = 5
 """Tries of a request that is refused, answered by 5xx or throttled; waits between them double up to 20 s."""
@@ -37,8 +39,8 @@ def filesystem(url: str, *, asynchronous: bool = False) -> tuple[Any, str]:
             f"{shown}: credentials in a URL; expected them in the environment (such as AWS_SECRET_ACCESS_KEY) or in a "
             "configuration file of AWS or fsspec"
         )
-    if "::" in url or "?" in rest or "#" in rest:
-        raise WrongInputError(f"{shown}: expected SCHEME://BUCKET/FOLDER without '::', '?' and '#'")
+    if "::" in url or _QUERY.search(rest):
+        raise WrongInputError(f"{shown}: expected SCHEME://BUCKET/FOLDER without '::' and without a query")
     if not rest.strip("/"):
         raise WrongInputError(f"{shown}: expected a bucket, {scheme}://BUCKET/FOLDER")
     try:
@@ -55,7 +57,11 @@ def filesystem(url: str, *, asynchronous: bool = False) -> tuple[Any, str]:
         options["asynchronous"] = True
     if scheme in _S3:
         options |= _s3_options(kind)
-    found = kind(**options)
+    try:
+        # The host, for kinds that are no buckets.
+        found = kind(**kind._get_kwargs_from_urls(url), **options)
+    except Exception as error:
+        raise WrongInputError(f"{shown}: {scheme}:// cannot be used ({cause(error)})") from None
     if scheme in _S3:
         found.retries = _S3_ROUNDS
     return found, str(kind._strip_protocol(url)).rstrip("/")

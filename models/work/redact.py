@@ -16,7 +16,7 @@ from collections.abc import Iterator, Mapping
 from functools import lru_cache
 from pathlib import Path
 from typing import Any, cast
-from urllib.parse import quote
+from urllib.parse import quote, urlsplit, urlunsplit
 
 HIDDEN = "***"
 MIN_SECRET_CHARACTERS = 8
@@ -37,10 +37,10 @@ _USER_INFO = re.compile(
 )
 _SIGNED_PARAMETER = re.compile(
     rf"""(?i)((?:[?&;]|&amp;|%26|%3f)(?:sig|[\w%.-]{{0,64}}?(?:{_SECRET_NAME}|key|auth|pwd)[\w%.-]{{0,64}}?)(?:=|%3d))"""
-    r"""[^\s&;#'"<>]+"""
+    r"""[^\s&;#'"<>]*[^\s&;#'"<>:,.)\]}]"""
 )
 _LONG_PARAMETER = re.compile(
-    r"""([?&;][\w%.-]{1,64}=)(?=[^\s&;#'"<>]*\d)(?=[^\s&;#'"<>]*[A-Za-z])[A-Za-z0-9%+/_=~-]{24,}(?=[\s&;#'"<>]|$)"""
+    r"""([?&;][\w%.-]{1,64}=)(?=[^\s&;#'"<>]*\d)(?=[^\s&;#'"<>]*[A-Za-z])[A-Za-z0-9%+/_=~-]{24,}(?=[\s&;#'"<>:,.)\]}]|$)"""
 )
 _HEADER = re.compile(r"""(?i)(\b(?:proxy-)?authorization['"]?\s*[:=]\s*(?:b?['"])?)[^\r\n'"]+""")
 _SIGNATURE = re.compile(
@@ -61,6 +61,15 @@ def redact(text: str) -> str:
     text = _OPTION.sub(rf"\g<1>\g<2>{HIDDEN}\g<2>", text)
     text = _SIGNATURE.sub(rf"\g<1>{HIDDEN}", text)
     return _AWS_KEY.sub(HIDDEN, text)
+
+
+def bare_url(url: str) -> str:
+    """Return a URL without user info, and that of HTTP without query and fragment: its signature changes each day."""
+    parts = urlsplit(url)
+    if parts.scheme.lower() not in ("http", "https"):
+        # A bucket may hold objects with "?" or "#" in their names.
+        return redact(_USER_INFO.sub("", url))
+    return redact(urlunsplit((parts.scheme, parts.netloc.rpartition("@")[2], parts.path, "", "")))
 
 
 def redacted_traceback(error: BaseException) -> str:

@@ -17,19 +17,13 @@ from models.work.filesystem import filesystem
 from models.work.object_store import ObjectStore
 from models.work.storage_error import ObjectStorageError
 from models.work.stores import open_store
-from tests.object_storage import BUCKET, object_storage, use_account
+from tests.object_storage import BUCKET, use_account
 from tests.proxy import Proxy
 
 pytest.importorskip("fsspec", reason="needs the extra cluster")
 
 PARTS = st.sampled_from(["a", "ab", "b", "0f", "run.json"])
 NAMES = st.lists(PARTS, min_size=1, max_size=3).map("/".join)
-
-
-@pytest.fixture(scope="module")
-def storage():
-    with object_storage() as found:
-        yield found
 
 
 @pytest.fixture
@@ -87,7 +81,7 @@ def test_names_stay_below_the_prefix(name):
             "s3://name:planted@bucket/x",
             r"^s3://\*\*\*@bucket/x: credentials in a URL; expected them in the environment",
         ),
-        ("s3://bucket/x?versionId=3", "without '::', '\\?' and '#'"),
+        ("s3://bucket/x?versionId=3", "without '::' and without a query"),
         ("simplecache::s3://bucket/x", "does not write a file in one step"),
         ("https://host/x", "https:// does not write a file in one step; expected a folder or one of s3://"),
         ("s3://", "expected a bucket"),

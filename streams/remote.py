@@ -1,0 +1,250 @@
+"""Recordings in object storage and behind HTTP: found by their URLs, fetched for as long as they are needed.
+
+A URL is that of fsspec (``s3://BUCKET/FOLDER``), ``https://`` with or without a signed query, or ``file://``, where
+nothing is copied. The kind of a source may stand before it: ``dataset:ims:s3://BUCKET/FOLDER``.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import re
+from collections.abc import Generator, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from datetime import datetime
+from pathlib import Path, PurePosixPath
+from typing import Any
+from urllib.parse import unquote, urlsplit
+
+from models.errors import SpallwatchError
+from models.work.filesystem import cause, error_code, filesystem
+from models.work.redact import bare_url, has_user_info, redact
+from streams.download import RemoteError, download, refuse_size
+from streams.files import natural_key
+from streams.listing import is_skipped, shown
+from streams.scratch import free_bytes, scratch_folder
+from streams.spec import SourceError
+
+_URL = re.compile(r"(?P<kind>(?:dataset:[^:]*:|folder:)?)(?P<url>(?P<scheme>[A-Za-z][A-Za-z0-9+.-]*)://.*)", re.DOTALL)
+_LIVE = ("tcp", "mqtt")
+_HTTP = ("http", "https")
+_GLOB = re.compile(r"[*?\[]")
+_MD5 = re.compile(r"[0-9a-f]{32}")
+
+
+@dataclass(frozen=True)
+class RemoteFile:
+    """One object: its path in the file system, its name below the recording, bytes, entity tag, time of change."""
+
+    path: str
+    name: str
+    size: int
+    etag: str | None = None
+    changed: float | None = None
+
+
+@dataclass(frozen=True)
+class Fetched:
+    """A recording that is on this machine now.
+
+    Attributes:
+        url: of the local copy, as sources are named: its path, behind the kind of the source where one was given.
+        path: file or folder.
+        size: bytes that were fetched.
+        etags: entity tags of the files by name, as far as the server states them.
+    """
+
+    url: str
+    path: Path
+    size: int
+    etags: dict[str, str]
+
+
+def is_remote(url: str) -> bool:
+    """Return whether the URL of a source names what has to be fetched, or a ``file://``."""
+    found = _URL.fullmatch(url)
+    return found is not None and found["scheme"].lower() not in _LIVE
+
+
+def bare(url: str) -> str:
+    """Return a URL without user info, query and fragment: the name of a recording whose signature changes each day."""
+    found = _URL.fullmatch(url)
+    return url if found is None else found["kind"] + bare_url(found["url"])
+
+
+def expand(url: str) -> list[str]:
+    """Return the URLs that a pattern (``*``, ``?``, ``[...]``, ``**``) names, in natural order; else the URL itself.
+
+    Raises:
+        SourceError: nothing fits the pattern.
+        RemoteError: the storage cannot be listed.
+    """
+    kind, place, scheme = _parts(url)
+    if scheme in _HTTP or not _GLOB.search(place):
+        return [url]
+    if scheme == "file":
+        root = Path(_local(place))
+        relative = root.relative_to(root.anchor)
+        found = [path.as_uri() for path in Path(root.anchor).glob(str(relative))]
+    else:
+        files, path = filesystem(place)
+        with _foreseen(place, "listed"):
+            paths: list[str] = files.glob(path)
+        found = [f"{scheme}://{name.strip('/')}" for name in paths]
+    found = [name for name in found if not is_skipped(PurePosixPath(name).name)]
+    if not found:
+        raise SourceError(f"{redact(url)}: nothing fits this pattern")
+    return [kind + name for name in sorted(found, key=natural_key)]
+
+
+@contextmanager
+def fetched(url: str, scratch: Path, max_bytes: int | None = None) -> Generator[Fetched]:
+    """Fetch a recording (an object, or all below a prefix) below ``scratch``; it is removed at the end.
+
+    ``max_bytes`` limits what is fetched, by default nine tenths of what is free there; the sum of a recording is
+    compared with it before the first byte. Names of files and of the folder are kept, as they may date or name blocks.
+
+    Raises:
+        SourceError: nothing is there, it is too large, a name leads out of the folder, credentials stand in the URL.
+        RemoteError: the storage refuses or cannot be reached, or a file changed while it was fetched.
+    """
+    kind, place, scheme = _parts(url)
+    if scheme == "file":
+        path = Path(_local(place))
+        if not path.exists():
+            raise SourceError(f"{url}: there is no such file or folder")
+        yield Fetched(f"{kind}{path}", path, 0, {})
+        return
+    allowed = free_bytes(scratch) if max_bytes is None else max_bytes
+    with scratch_folder(scratch) as folder:
+        found = _fetch_http(place, folder, allowed) if scheme in _HTTP else _fetch_objects(place, folder, allowed)
+        yield Fetched(f"{kind}{found.path}", found.path, found.size, found.etags)
+
+
+def remote_files(url: str) -> list[RemoteFile]:
+    """Return the objects of a recording, in natural order of their names: one, or all below a prefix.
+
+    Raises:
+        SourceError: nothing is there.
+        RemoteError: the storage refuses or cannot be reached.
+    """
+    files, path = filesystem(url)
+    with _foreseen(url, "listed"):
+        entries: dict[str, dict[str, Any]] = files.find(path, detail=True)
+    if list(entries) == [path]:
+        return [_entry(PurePosixPath(path).name, path, entries[path])]
+    inside = (
+        (name.lstrip("/")[len(path.strip("/")) + 1 :], name, entry)
+        for name, entry in entries.items()
+        if not name.endswith("/") and entry.get("type") == "file"
+    )
+    found = [_entry(name, place, entry) for name, place, entry in inside if not any(map(is_skipped, name.split("/")))]
+    if not found:
+        raise SourceError(f"{redact(url)}: there is no such object, and none below it")
+    return sorted(found, key=lambda file: natural_key(file.name))
+
+
+def _parts(url: str) -> tuple[str, str, str]:
+    """Return the kind of a source, its URL and the scheme; SourceError for credentials in it."""
+    found = _URL.fullmatch(url)
+    if found is None:
+        raise SourceError(f"{url!r}: expected a URL such as s3://BUCKET/FOLDER")
+    if has_user_info(url):
+        raise SourceError(
+            f"{redact(url)}: credentials in a URL; expected them in the environment or a configuration file"
+        )
+    return found["kind"], found["url"], found["scheme"].lower()
+
+
+def _local(url: str) -> str:
+    parts = urlsplit(url)
+    if parts.netloc not in ("", "localhost") or not parts.path:
+        raise SourceError(f"{url}: expected file:///PATH")
+    return unquote(parts.path)
+
+
+def _entry(name: str, path: str, entry: dict[str, Any]) -> RemoteFile:
+    """Return what a file system says of an object, each with words of its own."""
+    etag = next((str(entry[key]).strip('"') for key in ("ETag", "etag") if entry.get(key)), None)
+    times = (entry.get(key) for key in ("LastModified", "last_modified", "updated", "mtime", "created"))
+    changed = next((time for time in times if isinstance(time, datetime)), None)
+    return RemoteFile(path, name, int(entry["size"]), etag, None if changed is None else changed.timestamp())
+
+
+def _fetch_http(url: str, folder: Path, allowed: int) -> Fetched:
+    name = PurePosixPath(unquote(urlsplit(url).path)).name or "recording"
+    target = _target(folder, name, url)
+    found = download(url, target, allowed)
+    _set_time(target, found.changed)
+    return Fetched("", target, found.size, {} if found.etag is None else {name: found.etag.strip('"')})
+
+
+def _fetch_objects(url: str, folder: Path, allowed: int) -> Fetched:
+    found = remote_files(url)
+    files, path = filesystem(url)
+    size = sum(file.size for file in found)
+    count = f"{url} ({len(found)} files)" if len(found) > 1 else url
+    refuse_size(count, size, allowed)
+    top = PurePosixPath(path).name
+    one = len(found) == 1 and found[0].path.strip("/") == path.strip("/")
+    root = folder if one else folder / top
+    for file in found:
+        _fetch_object(files, file, _target(root, file.name, url), url)
+    return Fetched(
+        "", root / found[0].name if one else root, size, {file.name: file.etag for file in found if file.etag}
+    )
+
+
+def _fetch_object(files: Any, file: RemoteFile, target: Path, url: str) -> None:
+    """Fetch one object and compare it with what the storage said of it beforehand."""
+    target.parent.mkdir(parents=True, exist_ok=True)
+    where = f"{urlsplit(url).scheme}://{file.path.strip('/')}"
+    with _foreseen(where, "fetched"):
+        files.get_file(file.path, str(target))
+        size = target.stat().st_size
+        same = size == file.size and (_has_digest(target, file.etag) or _is_same(files, file))
+    if not same:
+        raise RemoteError(f"{redact(where)}: changed while it was fetched ({file.size} bytes before, {size} came)")
+    _set_time(target, file.changed)
+
+
+def _has_digest(target: Path, etag: str | None) -> bool:
+    """Return whether an entity tag is the MD5 of a file, as S3 makes it of objects that were sent in one part."""
+    if etag is None or not _MD5.fullmatch(etag):
+        return False
+    with target.open("rb") as file:
+        return hashlib.file_digest(file, lambda: hashlib.md5(usedforsecurity=False)).hexdigest() == etag
+
+
+def _is_same(files: Any, file: RemoteFile) -> bool:
+    """Return whether the storage still says of an object what it said before, as far as it says it both times."""
+    now = _entry(file.name, file.path, files.info(file.path))
+    pairs = ((now.size, file.size), (now.etag, file.etag), (now.changed, file.changed))
+    return all(None in pair or pair[0] == pair[1] for pair in pairs)
+
+
+def _target(folder: Path, name: str, url: str) -> Path:
+    """Return where a file goes; SourceError for a name that no folder can hold."""
+    parts: Sequence[str] = name.split("/")
+    if any(part in ("", ".", "..") or "\\" in part or "\0" in part for part in parts):
+        raise SourceError(f"{redact(url)}: the name {shown(name)!r} cannot be that of a file")
+    return folder.joinpath(*parts)
+
+
+def _set_time(target: Path, changed: float | None) -> None:
+    if changed is not None:
+        os.utime(target, (changed, changed))
+
+
+@contextmanager
+def _foreseen(url: str, done: str) -> Iterator[None]:
+    """Raise SourceError or RemoteError for whatever a file system raises."""
+    try:
+        yield
+    except SpallwatchError:
+        raise
+    except Exception as error:
+        text = f"{redact(url)} cannot be {done}: {cause(error)}"
+        gone = isinstance(error, FileNotFoundError) or error_code(error) == "NoSuchBucket"
+        raise (SourceError if gone else RemoteError)(text) from None
