@@ -91,14 +91,15 @@ def run_chunk(call: ChunkCall, *, memory: int | None = None, worker: str | None 
         marker = f"started/{call.key}/{len(lost) + 1}-{secrets.token_hex(4)}"
         store.write(marker, _text({"label": call.label, "worker": worker, "time": time.time()}))
         try:
-            return _run(call, store, worker)
+            outcome = _run(call, store, worker)
         finally:
             store.delete(marker)
+        if outcome.failure is None:
+            for name in lost:
+                store.delete(name)
+        return outcome
     except Exception as error:
-        failure = failure_of(error)
-        with suppress(Exception):
-            write_log(cached_store(call.store), call.key, call.label, failure, worker)
-        return _failed(call, failure, worker)
+        return _failed(call, failure_of(error, of_task=False), worker, log=True)
 
 
 def default_worker() -> str:
@@ -134,7 +135,10 @@ def _run(call: ChunkCall, store: Store, worker: str) -> ChunkOutcome:
     function: Callable[[Any, Any], Any] = resolve(call.function)
     shared, tasks = _shared(call.store, store, call.shared), decode(call.tasks)
     begun = time.perf_counter()
-    results = [function(shared, task) for task in tasks]
+    try:
+        results = [function(shared, task) for task in tasks]
+    except Exception as error:
+        return _failed(call, failure_of(error), worker, log=True)
     seconds = time.perf_counter() - begun
     data = encode(StoredChunk(results, seconds, worker, processor()))
     store.write(chunk_name(call.key), data)
@@ -169,7 +173,11 @@ def _died(store: Store, markers: list[str]) -> Failure:
     )
 
 
-def _failed(call: ChunkCall, failure: Failure, worker: str) -> ChunkOutcome:
+def _failed(call: ChunkCall, failure: Failure, worker: str, *, log: bool = False) -> ChunkOutcome:
+    if log:
+        # The store may be what failed.
+        with suppress(Exception):
+            write_log(cached_store(call.store), call.key, call.label, failure, worker)
     return ChunkOutcome(call.key, failure, 0.0, 0, worker, processor())
 
 

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 from models.errors import SpallwatchError, WrongInputError
 from models.work.codec import ROOTS
+from models.work.redact import redact
 from models.work.task import Failure
 
 _MAX_LISTED = 20
@@ -59,16 +60,18 @@ def chunks_failed(failed: Sequence[FailedChunk], total: int, kept: str | None) -
     return ChunksFailedError("\n".join(lines), failed)
 
 
-def failure_of(error: BaseException) -> Failure:
-    """Return what is told of an exception: class, message and traceback, a long one shortened in the middle."""
+def failure_of(error: BaseException, *, of_task: bool = True) -> Failure:
+    """Return what is told of an exception: class, message and traceback, a long one shortened in the middle.
+
+    Credentials are left out. A ValueError is wrong input only where a task raised it (``of_task``), not what runs it.
+    """
     kind = type(error)
     log = "".join(traceback.format_exception(error))
     if len(log) > _MAX_LOG:
         log = f"{log[: _MAX_LOG // 2]}\n...\n{log[-_MAX_LOG // 2 :]}"
-    message = str(error) or kind.__qualname__
-    return Failure(
-        f"{kind.__module__}:{kind.__qualname__}", message, log, isinstance(error, WrongInputError | ValueError)
-    )
+    message = redact(str(error)) or kind.__qualname__
+    wrong = isinstance(error, WrongInputError) or (of_task and isinstance(error, ValueError))
+    return Failure(f"{kind.__module__}:{kind.__qualname__}", message, redact(log), wrong)
 
 
 def error_of(failure: Failure) -> Exception:

@@ -100,7 +100,7 @@ class Runner:
             ChunksFailedError: chunks failed too often, after all others are done.
             Exception: any other of a function in this process without a store, as by a plain loop.
         """
-        if self._store is None:
+        if self.url is None:
             meter = self._meter(work, tasks, total)
             if (found := direct_results(self.executor, work, shared, tasks, meter)) is not None:
                 yield from found
@@ -144,7 +144,7 @@ class Runner:
         """
         if follow is not None and work.per_chunk != 1:
             raise ValueError(f"tasks that follow each other need per_chunk 1, {work.name} has {work.per_chunk}")
-        if self._store is None:
+        if self.url is None:
             meter = self._meter(work, tasks, total)
             if (found := direct_outcomes(self.executor, work, shared, tasks, meter, follow)) is not None:
                 yield from found

@@ -41,18 +41,13 @@ def wrong_value(_shared: None, task: int) -> int:
     return int("x" * task) if task else 0
 
 
-def dies_on(shared: int, task: int) -> int:
-    if task == shared:
-        os._exit(9)
-    return task
-
-
 def dies_once(shared: str, task: int) -> int:
+    """Kill the process at the first odd task."""
     try:
         os.close(os.open(f"{shared}/{task}", os.O_CREAT | os.O_EXCL))
     except FileExistsError:
         return task
-    os._exit(9)
+    return os._exit(9) if task % 2 else task
 
 
 def process(_shared: None, _task: int) -> int:

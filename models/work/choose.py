@@ -1,0 +1,61 @@
+"""Which executor and which store a run gets: the one place that chooses."""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Callable
+from pathlib import Path
+
+from models.errors import WrongInputError
+from models.work.pool import PoolExecutor, worker_count
+from models.work.runner import Runner
+from models.work.serial import SerialExecutor
+from models.work.stores import open_store
+from models.work.task import Executor, Progress, Store
+
+
+def open_runner(
+    *,
+    cluster: str | None = None,
+    workers: int = 0,
+    chunks: str | Path | None = None,
+    resume: bool = False,
+    notify: Callable[[Progress], None] | None = None,
+    keep: bool = False,
+) -> Runner:
+    """Return a runner, to be used with ``with``.
+
+    At a clean end what it put into the store is deleted, unless ``keep`` or chunks failed; after an exception it stays.
+
+    Args:
+        cluster: address of a dask scheduler, or "local"; None for threads and processes of this machine.
+        workers: threads and processes; 0 is one per core. With an address, so many workers are waited for.
+        chunks: folder or URL of the store, which all workers reach; None for one that ends with the runner.
+        resume: whether chunks that are found in the store are used.
+        notify: called whenever a chunk is done.
+        keep: whether the chunks stay, because the user named their place.
+
+    Raises:
+        WrongInputError: a cluster or ``resume`` without a store, or as the cluster refuses.
+        ValueError: if workers is negative.
+    """
+    if chunks is None and (cluster is not None or resume):
+        named = "resume" if resume else "cluster"
+        raise WrongInputError(f"{named}: expected a folder or URL for chunks, which all workers reach")
+    store = None if chunks is None else open_store(chunks)
+    return Runner(_executor(cluster, workers, store), store, resume, notify, keep=keep)
+
+
+def local_runner(workers: int) -> Runner:
+    """Return a runner of threads and processes of this machine, to be used with ``with``; 0 is one per core.
+
+    Raises:
+        ValueError: if workers is negative.
+    """
+    return open_runner(workers=workers)
+
+
+def _executor(cluster: str | None, workers: int, store: Store | None) -> Executor:
+    if cluster is not None:
+        return importlib.import_module("models.work.cluster").open_executor(cluster, workers, store)
+    return SerialExecutor() if worker_count(workers) == 1 else PoolExecutor(workers)

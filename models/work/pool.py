@@ -1,0 +1,251 @@
+"""Work on the cores of this machine: threads where the tasks release the GIL, else processes.
+
+Each worker is a thread of this process. It runs a chunk itself, or has a process of its own for those that need one,
+which begins with the first such chunk and is replaced where it dies.
+"""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import queue
+import signal
+import threading
+from collections import deque
+from collections.abc import Callable, Generator, Iterable, Iterator, Sized
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, TypeVar
+
+from models.work.chunk import default_worker, run_chunk
+from models.work.codec import decode, encode
+from models.work.errors import MemoryNeedError, failure_of
+from models.work.program import processor
+from models.work.task import DIED, ChunkCall, ChunkOutcome, Failure
+
+if TYPE_CHECKING:
+    from multiprocessing.connection import Connection, PipeConnection
+    from multiprocessing.context import SpawnProcess
+
+    _Connection = Connection[bytes, bytes] | PipeConnection[bytes, bytes]
+
+_T = TypeVar("_T")
+_R = TypeVar("_R")
+_AHEAD = 64
+"""Tasks of a plain loop that are begun before their turn, a thread."""
+
+
+def worker_count(workers: int) -> int:
+    """Return a number of workers, where 0 is one per core.
+
+    Raises:
+        ValueError: it is negative.
+    """
+    if workers < 0:
+        raise ValueError(f"workers must not be negative, got {workers!r}")
+    return workers or os.cpu_count() or 1
+
+
+class PoolExecutor:
+    """Runs chunks side by side, as many as the memory allows."""
+
+    name = "processes"
+
+    def __init__(self, workers: int = 0, memory: float | None = None) -> None:
+        """Begin without threads and processes.
+
+        Args:
+            workers: most chunks at work; 0 is one per core.
+            memory: bytes for the chunks at work together; by default what is free now. One that needs more is refused.
+
+        Raises:
+            ValueError: if workers is negative.
+        """
+        self._count = worker_count(workers)
+        self._memory = _Memory(_free() if memory is None else memory)
+        self._calls: queue.SimpleQueue[ChunkCall | None] = queue.SimpleQueue()
+        self._outcomes: queue.SimpleQueue[ChunkOutcome] = queue.SimpleQueue()
+        self._workers: list[_Worker] = []
+        self._submitted = 0
+
+    def capacity(self) -> int:
+        """Return twice the workers: one chunk waits for each."""
+        return 2 * self._count
+
+    def workers(self) -> int:
+        """Return how many chunks may be at work."""
+        return self._count
+
+    def submit(self, call: ChunkCall) -> None:
+        """Begin a chunk when a worker is free."""
+        self._submitted += 1
+        if len(self._workers) < min(self._count, self._submitted):
+            self._workers.append(_Worker(self._calls, self._outcomes, self._memory))
+        self._calls.put(call)
+
+    def wait(self) -> ChunkOutcome:
+        """Return the next outcome."""
+        outcome = self._outcomes.get()
+        self._submitted -= 1
+        return outcome
+
+    def close(self) -> None:
+        """Kill the processes, and wait for chunks that threads of this process have begun."""
+        for worker in self._workers:
+            worker.stop()
+        for _ in self._workers:
+            self._calls.put(None)
+        for worker in self._workers:
+            worker.join()
+        self._workers.clear()
+
+    def in_process(self, function: Callable[[_T], _R], tasks: Iterable[_T], *, threads: bool) -> Iterator[_R] | None:
+        """Yield results in order from a plain loop, or from threads; None where several processes are needed."""
+        count = min(self._count, len(tasks)) if isinstance(tasks, Sized) else self._count
+        if count <= 1:
+            return map(function, tasks)
+        return _in_threads(function, tasks, count) if threads else None
+
+
+def _in_threads(function: Callable[[_T], _R], tasks: Iterable[_T], count: int) -> Iterator[_R]:
+    with ThreadPoolExecutor(count) as pool:
+        begun: deque[Future[_R]] = deque()
+        try:
+            for task in tasks:
+                begun.append(pool.submit(function, task))
+                if len(begun) >= _AHEAD * count:
+                    yield begun.popleft().result()
+            while begun:
+                yield begun.popleft().result()
+        finally:
+            pool.shutdown(cancel_futures=True)
+
+
+class _Memory:
+    """Memory that chunks at work share."""
+
+    def __init__(self, most: float | None) -> None:
+        self.most = most
+        self._used = 0
+        self._changed = threading.Condition()
+
+    @contextmanager
+    def taken(self, size: int) -> Generator[None]:
+        """Wait until so much is free."""
+        with self._changed:
+            self._changed.wait_for(lambda: self.most is None or self._used == 0 or self._used + size <= self.most)
+            self._used += size
+        try:
+            yield
+        finally:
+            with self._changed:
+                self._used -= size
+                self._changed.notify_all()
+
+
+class _Worker:
+    """A thread that takes one chunk after another, and the process that it may have."""
+
+    def __init__(
+        self,
+        calls: queue.SimpleQueue[ChunkCall | None],
+        outcomes: queue.SimpleQueue[ChunkOutcome],
+        memory: _Memory,
+    ) -> None:
+        self._calls = calls
+        self._outcomes = outcomes
+        self._memory = memory
+        self._process: SpawnProcess | None = None
+        self._connection: _Connection | None = None
+        self._lock = threading.Lock()
+        self._stopped = False
+        self._thread = threading.Thread(target=self._loop, name="work", daemon=True)
+        self._thread.start()
+
+    def stop(self) -> None:
+        """Kill the process; the thread ends after its chunk."""
+        with self._lock:
+            self._stopped = True
+            if self._process is not None:
+                self._process.kill()
+
+    def join(self) -> None:
+        """Wait for the thread, and let go of the process."""
+        self._thread.join()
+        self._release()
+
+    def _loop(self) -> None:
+        while (call := self._calls.get()) is not None and not self._stopped:
+            try:
+                outcome = self._run(call)
+            except Exception as error:
+                outcome = _failed(call, failure_of(error, of_task=False))
+            self._outcomes.put(outcome)
+
+    def _run(self, call: ChunkCall) -> ChunkOutcome:
+        most = self._memory.most
+        if most is not None and call.memory > most:
+            raise MemoryNeedError(f"{call.label} needs {1e-6 * call.memory:.0f} MB, {1e-6 * most:.0f} MB are free")
+        with self._memory.taken(call.memory):
+            return run_chunk(call) if call.threads else self._in_process(call)
+
+    def _in_process(self, call: ChunkCall) -> ChunkOutcome:
+        with self._lock:
+            if self._stopped:
+                return _failed(call, Failure(DIED, "the worker was stopped", ""))
+            if self._process is None or self._connection is None:
+                self._process, self._connection = _start()
+            process, connection = self._process, self._connection
+        try:
+            connection.send_bytes(encode(call))
+            return decode(connection.recv_bytes())
+        except (EOFError, OSError):
+            process.join()
+            code, number = process.exitcode, process.pid
+            self._release()
+            how = f"was killed by signal {-code}" if code is not None and code < 0 else f"ended with exit code {code}"
+            worker = f"{default_worker().partition(' ')[0]} process {number}"
+            message = f"the process that ran it {how}"
+            return _failed(call, Failure(DIED, message, f"{worker}: a process that is killed logs nothing"), worker)
+
+    def _release(self) -> None:
+        with self._lock:
+            process, connection = self._process, self._connection
+            self._process = self._connection = None
+        if connection is not None:
+            connection.close()
+        if process is not None:
+            process.join()
+            process.close()
+
+
+def _start() -> tuple[SpawnProcess, _Connection]:
+    """Start a process that runs chunks; kernels, threads and files of this one are not copied."""
+    context = multiprocessing.get_context("spawn")
+    here, there = context.Pipe()
+    process = context.Process(target=_serve, args=(there,), name="work", daemon=True)
+    process.start()
+    there.close()
+    return process, here
+
+
+def _serve(connection: _Connection) -> None:
+    """Run chunks in a process of their own until its parent closes the connection, or dies."""
+    # Ctrl-C reaches all processes of a terminal; the parent ends this one.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    while True:
+        try:
+            call = decode(connection.recv_bytes())
+        except EOFError:
+            return
+        connection.send_bytes(encode(run_chunk(call)))
+
+
+def _failed(call: ChunkCall, failure: Failure, worker: str | None = None) -> ChunkOutcome:
+    return ChunkOutcome(call.key, failure, 0.0, 0, worker or default_worker(), processor())
+
+
+def _free() -> float | None:
+    from models.fe.solid.cost import free_memory
+
+    return min((memory.free for memory in free_memory()), default=None)
