@@ -1,0 +1,232 @@
+"""A scheduler and workers of dask as processes on loopback, restarted when they end, and ways of killing them.
+
+What a container runtime does with ``restart: always``: a process that ends, however, is started again until it is
+stopped on purpose. Nothing here imports dask; the commands are those of ``deploy/cluster``.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import socket
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from tests.waiting import wait_until
+
+RESTART_S = 0.1
+LOOPBACK = "127.0.0.1"
+
+
+def free_port() -> int:
+    """Return a port of loopback that nobody listens on at this moment."""
+    with socket.socket() as listener:
+        listener.bind((LOOPBACK, 0))
+        return int(listener.getsockname()[1])
+
+
+class Supervised:
+    """A process in a process group of its own, started again whenever it ends until ``stop``.
+
+    Args:
+        command: program and arguments.
+        log: file that takes standard output and error of all its starts.
+        environment: of the process, whole.
+    """
+
+    def __init__(self, command: list[str], log: Path, environment: Mapping[str, str]) -> None:
+        self.command = command
+        self.log = log
+        self.starts = 0
+        self._environment = dict(environment)
+        self._lock = threading.Lock()
+        self._stopping = False
+        self._held = threading.Event()
+        self._held.set()
+        self._process = self._start()
+        self._thread = threading.Thread(target=self._supervise, name=f"supervisor of {log.stem}", daemon=True)
+        self._thread.start()
+
+    @property
+    def pid(self) -> int:
+        """Identifier of the process that runs now or ran last."""
+        return self._process.pid
+
+    def kill(self) -> None:
+        """Send SIGKILL to the process and its children; it is started again."""
+        with self._lock:
+            _kill_group(self._process)
+
+    def hold(self) -> None:
+        """Kill it and do not start it again until ``release``."""
+        self._held.clear()
+        self.kill()
+
+    def release(self) -> None:
+        """Let it be started again."""
+        self._held.set()
+
+    def stop(self) -> None:
+        """Kill it for good."""
+        with self._lock:
+            self._stopping = True
+            _kill_group(self._process)
+        self._held.set()
+        self._thread.join()
+
+    def _start(self) -> subprocess.Popen[bytes]:
+        with self.log.open("ab") as log:
+            process = subprocess.Popen(
+                self.command,
+                env=self._environment,
+                stdin=subprocess.DEVNULL,
+                stdout=log,
+                stderr=log,
+                start_new_session=True,
+            )
+        self.starts += 1
+        return process
+
+    def _supervise(self) -> None:
+        while True:
+            self._process.wait()
+            _kill_group(self._process)
+            time.sleep(RESTART_S)
+            self._held.wait()
+            with self._lock:
+                if self._stopping:
+                    return
+                self._process = self._start()
+
+
+def _kill_group(process: subprocess.Popen[bytes]) -> None:
+    with suppress(ProcessLookupError):
+        os.killpg(process.pid, signal.SIGKILL)
+
+
+@dataclass
+class ClusterProcesses:
+    """A scheduler and its workers.
+
+    Attributes:
+        folder: logs and scratch folders of the workers.
+        port: of the scheduler, the same after each restart.
+        environment: of all processes, whole.
+        memory: limit of each worker, as ``dask worker --memory-limit`` takes it.
+        scheduler: process of the scheduler.
+        workers: processes of the workers by name; each is a nanny with one child.
+    """
+
+    folder: Path
+    port: int
+    environment: Mapping[str, str]
+    memory: str
+    scheduler: Supervised
+    workers: dict[str, Supervised] = field(default_factory=dict[str, Supervised])
+
+    @property
+    def address(self) -> str:
+        """Address of the scheduler."""
+        return f"tcp://{LOOPBACK}:{self.port}"
+
+    def add_worker(self, name: str, memory: str | None = None) -> Supervised:
+        """Start a worker of one thread; it does not wait until the worker has joined."""
+        scratch = self.folder / name
+        scratch.mkdir()
+        command = [
+            *(sys.executable, "-m", "dask", "worker", self.address),
+            *("--host", LOOPBACK, "--name", name, "--nthreads", "1", "--memory-limit", memory or self.memory),
+            *("--no-dashboard", "--death-timeout", "60", "--local-directory", str(scratch)),
+        ]
+        self.workers[name] = Supervised(command, self.folder / f"{name}.log", self.environment)
+        return self.workers[name]
+
+    def kill_child(self, name: str) -> int:
+        """Send SIGKILL to the child of a worker, as the kernel does that runs out of memory; return its pid."""
+        wait_until(lambda: _children(self.workers[name].pid))
+        child = _children(self.workers[name].pid)[-1]
+        os.kill(child, signal.SIGKILL)
+        return child
+
+    def restart_scheduler(self) -> None:
+        """Kill the scheduler; wait until its successor listens."""
+        starts = self.scheduler.starts
+        self.scheduler.kill()
+        wait_until(lambda: self.scheduler.starts > starts and _listens(self.port))
+
+    def stop(self) -> None:
+        """Kill all processes."""
+        for worker in self.workers.values():
+            worker.stop()
+        self.scheduler.stop()
+
+    def logs(self) -> str:
+        """Return what all processes wrote, for a message of failure."""
+        files = sorted(self.folder.glob("*.log"))
+        return "\n".join(f"--- {file.stem}\n{file.read_text(errors='replace')}" for file in files)
+
+
+def _children(pid: int) -> list[int]:
+    """Return the children of a process that compute (the resource tracker of multiprocessing is none)."""
+    found: list[int] = []
+    for children in Path(f"/proc/{pid}/task").glob("*/children"):
+        with suppress(OSError):
+            found += [int(child) for child in children.read_text().split() if _computes(int(child))]
+    return sorted(found)
+
+
+def _computes(pid: int) -> bool:
+    with suppress(OSError):
+        return b"resource_tracker" not in Path(f"/proc/{pid}/cmdline").read_bytes()
+    return False
+
+
+def _listens(port: int) -> bool:
+    try:
+        socket.create_connection((LOOPBACK, port), 1.0).close()
+    except OSError:
+        return False
+    return True
+
+
+@contextmanager
+def cluster_processes(
+    folder: Path, workers: tuple[str, ...] = ("w1",), memory: str = "2GiB", variables: Mapping[str, str] | None = None
+) -> Iterator[ClusterProcesses]:
+    """Start a scheduler and workers; they are killed with the block.
+
+    Args:
+        folder: for logs and scratch; it is made.
+        workers: their names.
+        memory: limit of each worker.
+        variables: of the environment, beside those of this process.
+
+    Yields:
+        The processes. The scheduler listens; the workers may not have joined.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    repository = str(Path(__file__).resolve().parents[1])
+    single = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
+    environment = {**os.environ, "PYTHONPATH": repository, "PYTHONUNBUFFERED": "1", **single, **(variables or {})}
+    environment |= {"DASK_TEMPORARY_DIRECTORY": str(folder)}
+    port = free_port()
+    command = [
+        *(sys.executable, "-m", "dask", "scheduler", "--host", LOOPBACK, "--port", str(port)),
+        *("--no-dashboard", "--dashboard-address", f"{LOOPBACK}:0"),
+    ]
+    cluster = ClusterProcesses(
+        folder, port, environment, memory, Supervised(command, folder / "scheduler.log", environment)
+    )
+    try:
+        for name in workers:
+            cluster.add_worker(name)
+        wait_until(lambda: _listens(port))
+        yield cluster
+    finally:
+        cluster.stop()
