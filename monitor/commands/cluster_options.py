@@ -1,0 +1,233 @@
+"""Options of commands that share their work between processes or machines, and the runner that they ask for."""
+
+from __future__ import annotations
+
+import functools
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeVar
+
+import click
+
+from models.work.errors import ChunksFailedError, FailedChunk
+from monitor.commands.common import PROGRESS_AFTER_S, InputError, say
+from monitor.commands.option import WHOLE
+
+if TYPE_CHECKING:
+    from models.work.runner import Runner
+    from models.work.task import Progress
+
+F = TypeVar("F", bound=Callable[..., Any])
+MAX_LOGS_SHOWN = 3
+"""Failed chunks whose log is printed; those of the others are in the store."""
+
+
+@dataclass(frozen=True)
+class Sharing:
+    """How a command shares its work, as its options say.
+
+    Attributes:
+        cluster: address of a dask scheduler, "local", or None for threads and processes of this machine.
+        workers: their number; 0 is one per core, or with an address at least one.
+        resume: whether what an interrupted run left is used.
+        chunks: folder or URL of the chunks, None for the default.
+    """
+
+    cluster: str | None = None
+    workers: int = 0
+    resume: bool = False
+    chunks: str | None = None
+
+    @contextmanager
+    def open(self, beside: Path | str | None, *, quiet: bool, progress: bool = True) -> Iterator[Shared]:
+        """Yield a runner; at the end its chunks are deleted, unless the user named their place or something failed.
+
+        Args:
+            beside: output of the command; chunks are kept in BESIDE.chunks. None where it writes none.
+            quiet: whether only errors are printed.
+            progress: whether chunks done and the time left are shown on a terminal.
+
+        Raises:
+            InputError: chunks need a place, and none was named.
+            WrongInputError: as ``models.work.choose.open_runner``.
+        """
+        from models.work.choose import open_runner
+
+        with ExitStack() as stack:
+            chunks = self._chunks(beside, stack)
+            line = _ProgressLine(shown=progress and not quiet and sys.stderr.isatty())
+            runner = open_runner(
+                cluster=self.cluster,
+                workers=self.workers,
+                chunks=chunks,
+                resume=self.resume,
+                notify=line.show,
+                keep=self.chunks is not None,
+            )
+            shared = Shared(runner, self)
+            line.notes = functools.partial(_tell_notes, shared, quiet=quiet)
+            stack.enter_context(runner)
+            stack.callback(shared.note)
+            try:
+                yield shared
+            except ChunksFailedError as error:
+                line.end()
+                _print_logs(error.failed)
+                raise
+            except KeyboardInterrupt as error:
+                line.end()
+                for note in getattr(error, "__notes__", ()):
+                    click.echo(f"spallwatch: {note}", err=True)
+                raise
+            finally:
+                line.end()
+                line.notes()
+
+    def _chunks(self, beside: Path | str | None, stack: ExitStack) -> str | None:
+        """Return the place of the chunks, None where the run needs none."""
+        if self.chunks is not None or (self.cluster is None and not self.resume):
+            return self.chunks
+        if beside is not None:
+            return f"{str(beside).rstrip('/')}.chunks"
+        if self.resume or self.cluster != "local":
+            option = "--resume" if self.resume else "--cluster"
+            raise InputError(f"{option}: expected --chunks, a folder or URL that all workers reach")
+        return stack.enter_context(tempfile.TemporaryDirectory(prefix="spallwatch-chunks-"))
+
+
+@dataclass
+class Shared:
+    """A runner that is open, and what is told of it.
+
+    Attributes:
+        runner: runs the work of the command.
+        sharing: the options.
+        workers: those at hand, as far as known.
+        told: notes that were printed.
+    """
+
+    runner: Runner
+    sharing: Sharing
+    workers: int = 0
+    told: set[str] = field(default_factory=set, repr=False)
+
+    def note(self) -> None:
+        """Note what is unknown once the runner is closed."""
+        self.workers = self.runner.executor.workers() or self.workers
+
+    def values(self) -> dict[str, Any]:
+        """Return what ``--json`` says of the work under the key ``cluster``."""
+        tally = self.runner.tally
+        self.note()
+        return {
+            "address": self.sharing.cluster,
+            "workers": self.workers,
+            "chunks": tally.chunks,
+            "kept": tally.kept,
+            "failed": [
+                {"chunk": chunk.chunk, "label": chunk.label, "message": chunk.message, "log": chunk.log}
+                for chunk in tally.failed
+            ],
+            "processors": sorted(tally.processors),
+        }
+
+    def lines(self) -> Iterator[str]:
+        """Yield what people are told of a run on a cluster, or of one that was resumed."""
+        tally = self.runner.tally
+        if self.sharing.cluster is not None or tally.kept:
+            kept = f", {tally.kept} of them found done" if tally.kept else ""
+            yield f"{tally.chunks} chunks on {self.workers} workers{kept}"
+        if len(tally.processors) > 1:
+            yield f"on {len(tally.processors)} kinds of processor: equal to 1e-5, not bit for bit"
+
+
+def sharing(words: str) -> Callable[[F], F]:
+    """Add ``--cluster``, ``--workers``, ``--resume`` and ``--chunks``; the command takes them as ``sharing``.
+
+    Args:
+        words: what the workers of this machine are, such as "Threads or processes".
+    """
+    options = (
+        click.option("--cluster", metavar="ADDRESS", help="Dask scheduler, tls://HOST:PORT, or local for processes."),
+        click.option("--workers", type=WHOLE, default=0, help=f"{words}; 0: one per core. Of a cluster: waited for."),
+        click.option("--resume", is_flag=True, help="Keep chunks as they are done, and use those of an earlier run."),
+        click.option("--chunks", metavar="URL", help="Folder or URL of chunks.  [default: OUT.chunks while it runs]"),
+    )
+
+    def add(function: F) -> F:
+        @functools.wraps(function)
+        def command(
+            *args: Any, cluster: str | None, workers: int, resume: bool, chunks: str | None, **others: Any
+        ) -> Any:
+            return function(*args, sharing=Sharing(cluster, workers, resume, chunks), **others)
+
+        decorated: Any = command
+        for option in reversed(options):
+            decorated = option(decorated)
+        return decorated
+
+    return add
+
+
+class _ProgressLine:
+    """One line on a terminal that is written again and again, after ``PROGRESS_AFTER_S``."""
+
+    def __init__(self, *, shown: bool) -> None:
+        self._shown = shown
+        self._began = time.monotonic()
+        self._width = 0
+        self.notes: Callable[[], None] = lambda: None
+
+    def show(self, progress: Progress) -> None:
+        """Write how far a run is, and notes that are new."""
+        self.notes()
+        if self._shown and (self._width or time.monotonic() - self._began >= PROGRESS_AFTER_S):
+            text = progress_text(progress)
+            click.echo("\r" + text.ljust(self._width), nl=False, err=True)
+            self._width = len(text)
+
+    def end(self) -> None:
+        """Leave the line."""
+        if self._width:
+            click.echo(err=True)
+        self._width = 0
+
+
+def progress_text(progress: Progress) -> str:
+    """Return how far a run is, for people."""
+    parts = [f"{progress.name or 'chunks'}: {progress.done} of {progress.total}"]
+    if progress.kept:
+        parts.append(f"{progress.kept} found done")
+    if progress.failed:
+        parts.append(f"{progress.failed} failed")
+    if progress.seconds_left is not None and progress.done < progress.total:
+        parts.append(f"{duration_text(progress.seconds_left)} left")
+    return ", ".join(parts)
+
+
+def duration_text(seconds: float) -> str:
+    """Return a duration in one unit, for people."""
+    for unit, length in (("d", 86400), ("h", 3600), ("min", 60)):
+        if seconds >= 1.5 * length:
+            return f"{seconds / length:.0f} {unit}"
+    return f"{seconds:.0f} s"
+
+
+def _tell_notes(shared: Shared, *, quiet: bool) -> None:
+    """Print what the runner and the cluster have noted since the last time."""
+    for text in (*shared.runner.tally.notes, *getattr(shared.runner.executor, "notes", ())):
+        if text not in shared.told:
+            say(f"spallwatch: {text}", quiet=quiet)
+            shared.told.add(text)
+
+
+def _print_logs(failed: tuple[FailedChunk, ...]) -> None:
+    for chunk in failed[:MAX_LOGS_SHOWN]:
+        click.echo(f"log of {chunk.label} ({chunk.chunk[:12]}):", err=True)
+        for line in chunk.log.splitlines():
+            click.echo(f"  {line}", err=True)
