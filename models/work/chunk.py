@@ -1,8 +1,9 @@
 """What a worker does with a chunk, and how chunks lie in a store.
 
-``shared/DIGEST``: what all tasks share; each process reads it once. ``chunks/XX/KEY``: results of a chunk, XX being the
-first two digits of its key. ``started/KEY/N``: a marker while a chunk is at work; it stays where the worker dies.
-``failed/KEY/N``: the log of a failure, as JSON. ``run.json``: of which program, begun when.
+``shared/DIGEST``: what all tasks share; each process reads it once. ``tasks/KEY``: tasks of a chunk that are too large
+to be sent. ``chunks/XX/KEY``: results of a chunk, XX being the first two digits of its key. ``started/KEY/N``: a marker
+while a chunk is at work; it stays where the worker dies. ``failed/KEY/N``: the log of a failure, as JSON. ``run.json``:
+of which program, begun when.
 """
 
 from __future__ import annotations
@@ -28,6 +29,8 @@ from models.work.task import DIED, ChunkCall, ChunkOutcome, Failure, Store
 
 MAX_ATTEMPTS = 3
 """Failures of a chunk, or deaths of its worker, after which it is set aside."""
+MAX_SENT_BYTES = 50_000
+"""Size up to which the tasks of a chunk are sent; what is larger waits in the store."""
 _MAX_SHARED = 4
 
 
@@ -39,6 +42,21 @@ class StoredChunk:
     seconds: float
     worker: str
     processor: str
+
+
+@dataclass(frozen=True)
+class StoredTasks:
+    """Is sent in the place of large tasks, which stand in the store."""
+
+    key: str
+
+
+def sent_tasks(store: Store, key: str, tasks: bytes) -> bytes:
+    """Return what is sent of the encoded tasks of a chunk, after writing large ones to the store."""
+    if len(tasks) <= MAX_SENT_BYTES:
+        return tasks
+    store.write(f"tasks/{key}", tasks)
+    return encode(StoredTasks(key))
 
 
 def chunk_name(key: str) -> str:
@@ -134,6 +152,8 @@ def _check(call: ChunkCall, memory: int | None, worker: str) -> None:
 def _run(call: ChunkCall, store: Store, worker: str) -> ChunkOutcome:
     function: Callable[[Any, Any], Any] = resolve(call.function)
     shared, tasks = _shared(call.store, store, call.shared), decode(call.tasks)
+    if isinstance(tasks, StoredTasks):
+        tasks = decode(_found(store, f"tasks/{tasks.key}"))
     begun = time.perf_counter()
     try:
         results = [function(shared, task) for task in tasks]
@@ -154,14 +174,18 @@ def _shared(url: str, store: Store, name: str) -> Any:
     with _lock:
         key = (url, name)
         if key not in _kept:
-            data = store.read(f"shared/{name}")
-            if data is None:
-                raise FileNotFoundError(f"{url} has no shared/{name}: workers and caller must reach the same store")
-            _kept[key] = decode(data)
+            _kept[key] = decode(_found(store, f"shared/{name}"))
             while len(_kept) > _MAX_SHARED:
                 _kept.popitem(last=False)
         _kept.move_to_end(key)
         return _kept[key]
+
+
+def _found(store: Store, name: str) -> bytes:
+    data = store.read(name)
+    if data is None:
+        raise FileNotFoundError(f"{store.url} has no {name}: workers and caller must reach the same store")
+    return data
 
 
 def _died(store: Store, markers: list[str]) -> Failure:

@@ -51,19 +51,18 @@ class FolderStore:
         """Delete a file if it is there, and the folders that it leaves empty."""
         path = self._path(name)
         path.unlink(missing_ok=True)
-        for folder in path.parents:
-            if folder == self._folder:
-                break
-            # Another file may be in it.
-            try:
-                folder.rmdir()
-            except OSError:
-                break
+        self._remove_empty(path.parent)
 
     def names(self, prefix: str = "") -> Iterator[str]:
         """Yield the names of all whole files that begin so, in any order."""
         first = prefix.rpartition("/")[0]
         yield from _names(os.path.join(self.url, *first.split("/")), f"{first}/" if first else "", prefix)  # noqa: PTH118
+
+    def remove_parts(self) -> None:
+        """Delete what killed processes have left half written, and the folders that this leaves empty."""
+        for part in list(self._folder.rglob(f"{_PART}*")):
+            part.unlink(missing_ok=True)
+            self._remove_empty(part.parent)
 
     def remove_if_empty(self) -> None:
         """Delete the folder unless something is in it."""
@@ -75,6 +74,15 @@ class FolderStore:
         if any(part in ("", ".", "..") or part.startswith(_PART) or "\\" in part for part in parts):
             raise ValueError(f"a name is parts joined by '/', got {name!r}")
         return self._folder.joinpath(*parts)
+
+    def _remove_empty(self, folder: Path) -> None:
+        """Delete a folder, and those above it within the store, as far as nothing is in them."""
+        while folder != self._folder:
+            try:
+                folder.rmdir()
+            except OSError:
+                return
+            folder = folder.parent
 
     def _create(self, part: Path) -> int:
         """Open a new file; another process may delete its empty folder in the meantime."""

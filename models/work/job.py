@@ -72,7 +72,7 @@ class Job(Generic[_T]):
         shared: digest of what all tasks share.
         stops: whether wrong input ends the run.
         ready: chunks that are done or set aside, for the caller.
-        failed: those that were set aside, except for wrong input.
+        failed: those that were set aside.
         planned: chunks so far.
         done: those that are done.
         kept: those of them that were found done.
@@ -138,9 +138,11 @@ class Job(Generic[_T]):
             return None
         if failure.wrong_input:
             self._stopped = self.stops
-            chunk.failure = failure
             self.ready.append(chunk)
-            return None if self.stops else _set_aside(chunk, failure)
+            if self.stops:
+                chunk.failure = failure
+                return None
+            return self._set_aside(chunk, failure)
         return self.fail(chunk, failure)
 
     def fail(self, chunk: Chunk[_T], failure: Failure) -> FailedChunk | None:
@@ -149,9 +151,12 @@ class Job(Generic[_T]):
         if chunk.tries < MAX_ATTEMPTS:
             self._again.append(chunk)
             return None
-        chunk.failure = failure
-        self.failed.append(aside := _set_aside(chunk, failure))
         self.ready.append(chunk)
+        return self._set_aside(chunk, failure)
+
+    def _set_aside(self, chunk: Chunk[_T], failure: Failure) -> FailedChunk:
+        chunk.failure = failure
+        self.failed.append(aside := FailedChunk(chunk.key, chunk.label, failure.message, failure.log))
         return aside
 
     def undo(self, chunk: Chunk[_T]) -> None:
@@ -182,7 +187,3 @@ def _cut(work: Work[Any, _T, Any], tasks: Iterable[_T]) -> Iterator[Chunk[_T]]:
         last = f" to {first + len(part)}" if len(part) > 1 else ""
         yield Chunk(number, first, part, f"{work.name} {first + 1}{last}")
         number += 1
-
-
-def _set_aside(chunk: Chunk[Any], failure: Failure) -> FailedChunk:
-    return FailedChunk(chunk.key, chunk.label, failure.message, failure.log)

@@ -34,6 +34,8 @@ _R = TypeVar("_R")
 _AHEAD = 64
 """Tasks of a plain loop that are begun before their turn, a thread."""
 
+_STOPPED = Failure(DIED, "the worker was stopped", "")
+
 
 def worker_count(workers: int) -> int:
     """Return a number of workers, where 0 is one per core.
@@ -187,12 +189,14 @@ class _Worker:
         if most is not None and call.memory > most:
             raise MemoryNeedError(f"{call.label} needs {1e-6 * call.memory:.0f} MB, {1e-6 * most:.0f} MB are free")
         with self._memory.taken(call.memory):
+            if self._stopped:
+                return _failed(call, _STOPPED)
             return run_chunk(call) if call.threads else self._in_process(call)
 
     def _in_process(self, call: ChunkCall) -> ChunkOutcome:
         with self._lock:
             if self._stopped:
-                return _failed(call, Failure(DIED, "the worker was stopped", ""))
+                return _failed(call, _STOPPED)
             if self._process is None or self._connection is None:
                 self._process, self._connection = _start()
             process, connection = self._process, self._connection

@@ -13,7 +13,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Self, TypeVar
 
-from models.work.chunk import chunk_key, clear_attempts, read_chunk, write_log
+from models.work.chunk import chunk_key, clear_attempts, read_chunk, sent_tasks, write_log
 from models.work.codec import DamagedDataError, digest_of, encode, name_of
 from models.work.direct import Meter, direct_outcomes, direct_results
 from models.work.errors import chunks_failed, error_of, failure_of
@@ -257,9 +257,17 @@ class Runner:
     def _call(self, job: Job[_T], chunk: Chunk[_T], tasks: bytes) -> ChunkCall:
         assert self._store is not None
         work = job.work
-        url, memory = self._store.url, work.memory
+        sent = sent_tasks(self._store, chunk.key, tasks)
         return ChunkCall(
-            chunk.key, chunk.label, job.function, url, job.shared, tasks, memory, program(), threads=work.threads
+            key=chunk.key,
+            label=chunk.label,
+            function=job.function,
+            store=self._store.url,
+            shared=job.shared,
+            tasks=sent,
+            memory=work.memory,
+            program=program(),
+            threads=work.threads,
         )
 
     def _take(self, outcome: ChunkOutcome) -> None:

@@ -14,7 +14,9 @@ from models.work.task import Store
 
 _RUN = "run.json"
 _FORMAT = 1
-_OWN = re.compile(r"chunks/[0-9a-f]{2}/[0-9a-f]{40}|shared/[0-9a-f]{40}|(started|failed)/[0-9a-f]{40}/[0-9a-f-]+")
+_OWN = re.compile(
+    r"chunks/[0-9a-f]{2}/[0-9a-f]{40}|(shared|tasks)/[0-9a-f]{40}|(started|failed)/[0-9a-f]{40}/[0-9a-f-]+"
+)
 
 
 class KnownChunks:
@@ -70,9 +72,10 @@ def write_run(store: Store) -> str | None:
 
 def delete_own(store: Store) -> None:
     """Delete what runners put into a store, and no other file; the folder, too, where that leaves it empty."""
-    prefixes = ("started/", "failed/", "chunks/", "shared/")
+    prefixes = ("started/", "failed/", "chunks/", "tasks/", "shared/")
     for name in [name for prefix in prefixes for name in store.names(prefix) if _OWN.fullmatch(name)]:
         store.delete(name)
     store.delete(_RUN)
     if isinstance(store, FolderStore):
+        store.remove_parts()
         store.remove_if_empty()

@@ -24,7 +24,7 @@ class Work(Generic[S, T, R]):
 
     Attributes:
         name: for people, such as "rows of the map".
-        function: of a module, found by its name; it depends on its arguments and the program alone.
+        function: of a module, found by its name; it depends on its arguments and the program alone, and changes none.
         memory: bytes that one task needs at most, beside the program.
         per_chunk: tasks of a chunk. It never depends on the workers, so that a chunk is found again by others.
         threads: whether the function releases the GIL, so that local workers are threads.

@@ -41,6 +41,14 @@ def wrong_value(_shared: None, task: int) -> int:
     return int("x" * task) if task else 0
 
 
+def leaks(shared: str, _task: int) -> None:
+    raise OSError(f"cannot open {shared} with {os.environ['AWS_SECRET_ACCESS_KEY']}")
+
+
+def unsendable(_shared: None, _task: int) -> dict[str, range]:
+    return {"a": range(3)}
+
+
 def dies_once(shared: str, task: int) -> int:
     """Kill the process at the first odd task."""
     try:

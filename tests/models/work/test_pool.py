@@ -32,6 +32,7 @@ def test_processes_give_what_a_loop_gives_and_survive_the_death_of_one(tmp_path)
         assert os.getpid() not in pids
         assert 1 <= len(pids) <= 2
         assert list(runner.run(work(dies_once), str(tmp_path), range(3))) == [0, 1, 2]
+        assert not list(FolderStore(tmp_path / "chunks").names("started/"))
         with pytest.raises(WrongInputError) as error:
             list(runner.run(work(refuses_from), 2, range(9)))
         assert str(error.value) == "task 2: expected less than 2"
@@ -40,7 +41,6 @@ def test_processes_give_what_a_loop_gives_and_survive_the_death_of_one(tmp_path)
     (died,) = (log for log in logs if log["kind"] == "died")
     assert died["message"] == "the process that ran it ended with exit code 9"
     assert died["label"] == "dies_once 2"
-    assert not list(store.names("started/"))
     assert multiprocessing.active_children() == []
 
 

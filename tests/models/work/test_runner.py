@@ -121,10 +121,12 @@ def test_wrong_input_is_raised_when_its_turn_comes(store):
     assert len(executor.ran) < 10
     with pytest.raises(ValueError, match="invalid literal for int"):
         list(Runner(SerialExecutor(), store).run(work(wrong_value), None, [0, 1]))
-    found = list(Runner(SerialExecutor(), store).outcomes(work(refuses_from), 1, [0, 1]))
+    told: list[Progress] = []
+    found = list(Runner(SerialExecutor(), store, notify=told.append).outcomes(work(refuses_from), 1, [0, 1]))
     assert found[0] == (0, 0)
     assert isinstance(found[1][1], Failure)
     assert found[1][1].wrong_input
+    assert told[-1].failed == 1
 
 
 def test_a_chunk_whose_workers_die_is_set_aside(store):

@@ -67,7 +67,14 @@ def test_a_write_that_fails_leaves_the_old_file_and_no_part(tmp_path, monkeypatc
 
 def test_a_part_of_a_killed_writer_is_not_listed(tmp_path):
     (tmp_path / ".part-1-2").write_bytes(b"half")
-    assert list(FolderStore(tmp_path).names()) == []
+    store = FolderStore(tmp_path)
+    assert list(store.names()) == []
+    store.write("a/b", b"")
+    (tmp_path / "a" / ".part-1-2").write_bytes(b"half")
+    store.delete("a/b")
+    assert (tmp_path / "a").exists()
+    store.remove_parts()
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_writers_and_deleters_of_one_folder_do_not_disturb_each_other(tmp_path):
