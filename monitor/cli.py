@@ -122,17 +122,18 @@ def main() -> None:
 
 
 def _explain(error: Exception) -> None:
-    """Print what went wrong and exit with the error's code; SPALLWATCH_TRACEBACK=1 raises it instead."""
-    if os.environ.get("SPALLWATCH_TRACEBACK") == "1":
-        raise error
+    """Print what went wrong and exit with the error's code; SPALLWATCH_TRACEBACK=1 shows where. No credentials."""
     # Not imported above: check_installation comes before anything of models.
     from models.errors import SpallwatchError
+    from models.work.redact import redact, redacted_traceback
 
     code = error.exit_code if isinstance(error, SpallwatchError) else FAILED
-    if code == FAILED:
-        click.echo(
-            f"spallwatch: failed: {type(error).__name__}: {error}\n(SPALLWATCH_TRACEBACK=1 shows where)", err=True
-        )
+    if os.environ.get("SPALLWATCH_TRACEBACK") == "1":
+        click.echo(redacted_traceback(error).rstrip(), err=True)
+        code = FAILED
+    elif code == FAILED:
+        text = redact(f"{type(error).__name__}: {error}")
+        click.echo(f"spallwatch: failed: {text}\n(SPALLWATCH_TRACEBACK=1 shows where)", err=True)
     else:
-        click.echo(f"spallwatch: {error}", err=True)
+        click.echo(f"spallwatch: {redact(str(error))}", err=True)
     sys.exit(code)

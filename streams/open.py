@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from contextlib import ExitStack
 from typing import TYPE_CHECKING
 
+from models.work.redact import redact
 from streams.dating import Dating
 from streams.source import Ledger, LiveSource, Source
 from streams.spec import SourceError, SourceSpec, parse_address, refuse_credentials
@@ -34,13 +35,13 @@ def open_source(spec: SourceSpec, kept: Dating | None = None) -> Source:
         return open_rig(spec.url, spec.name)
     if "://" in spec.url:
         raise SourceError(
-            f"[[source]] {spec.name}: url {spec.url!r}: {scheme}:// is not a kind of source this version reads; "
-            "expected dataset:NAME:PATH, folder:PATH, rig:NAME?seed=N or a path"
+            f"[[source]] {spec.name}: url {redact(spec.url)!r}: {scheme}:// is not a kind of source that is read in "
+            "place; expected dataset:NAME:PATH, folder:PATH, rig:NAME?seed=N or a path (replay fetches s3:// and https://)"
         )
     if scheme == "dataset" and colon:
         data_set, second, path = rest.partition(":")
         if not (data_set and second and path):
-            raise SourceError(f"[[source]] {spec.name}: url {spec.url!r}: expected dataset:NAME:PATH")
+            raise SourceError(f"[[source]] {spec.name}: url {redact(spec.url)!r}: expected dataset:NAME:PATH")
         return open_recording(spec, path, data_set, kept=kept)
     if scheme == "folder" and colon:
         return open_recording(spec, rest, spec.format, must_be_folder=True, kept=kept)
@@ -100,7 +101,7 @@ def _groups(specs: Sequence[SourceSpec]) -> list[list[SourceSpec]]:
         else:
             refuse_credentials(spec.url, where)
             raise SourceError(
-                f"{where} {spec.url!r}: is not a source that goes on for ever; expected "
+                f"{where} {redact(spec.url)!r}: is not a source that goes on for ever; expected "
                 "folder:PATH, tcp://HOST:PORT or mqtt://HOST:PORT/TOPIC"
             )
     # Folders first, as their turns come.

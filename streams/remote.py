@@ -10,7 +10,7 @@ import hashlib
 import os
 import re
 from collections.abc import Generator, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path, PurePosixPath
@@ -120,6 +120,26 @@ def fetched(url: str, scratch: Path, max_bytes: int | None = None) -> Generator[
     with scratch_folder(scratch) as folder:
         found = _fetch_http(place, folder, allowed) if scheme in _HTTP else _fetch_objects(place, folder, allowed)
         yield Fetched(f"{kind}{found.path}", found.path, found.size, found.etags)
+
+
+@contextmanager
+def local_source(url: str | None, folder: Path) -> Generator[str | None]:
+    """Give the URL of a source that can be opened here: of its copy in ``folder`` where it is remote, else itself.
+
+    The folder is made for a copy and removed with it, unless something else is in it.
+
+    Raises:
+        SourceError, RemoteError: as :func:`fetched`.
+    """
+    if url is None or not is_remote(url):
+        yield url
+        return
+    try:
+        with fetched(url, folder) as recording:
+            yield recording.url
+    finally:
+        with suppress(OSError):
+            folder.rmdir()
 
 
 def remote_files(url: str) -> list[RemoteFile]:

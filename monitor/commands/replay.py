@@ -18,6 +18,7 @@ from monitor.words.rotation import speed_words
 from monitor.words.statuses import bearing_words, named_words, speed_doubt
 from monitor.words.zones import zone_words
 from streams.listing import shown
+from streams.remote import bare, local_source
 
 if TYPE_CHECKING:
     from monitor.service.replay import Replay
@@ -47,25 +48,26 @@ def command(
     as_json: bool,
     quiet: bool,
 ) -> None:
-    """Replay a recording: PATH is a file, a folder, an archive or a source URL such as rig:ferrara?seed=1.
+    """Replay a recording: PATH is a file, a folder, an archive or a source URL (rig:ferrara?seed=1, s3://BUCKET/RUN).
 
     Exit code 1 where every block is rejected.
     """
     from monitor.service.replay import replay
 
     config = read_config(config_path)
-    result = replay(
-        config,
-        path,
-        out,
-        pace=pace,
-        limit=limit,
-        resume=resume,
-        progress=progress_bar("replay", quiet=quiet),
-    )
+    with local_source(config.source[0].url if path is None else path, out / "fetched") as source:
+        result = replay(
+            config,
+            source,
+            out,
+            pace=pace,
+            limit=limit,
+            resume=resume,
+            progress=progress_bar("replay", quiet=quiet),
+        )
     if report:
         given = path or ""
-        played = given if given.startswith("rig:") else shown(Path(given).name)
+        played = given if given.startswith("rig:") else shown(Path(bare(given)).name)
         page = write_report(result, out / "report.html", f"{config.machine.name}: {played}")
         say(f"report: {page}", quiet=quiet)
     emit(result.summary, summary_lines(result.summary), as_json=as_json)
