@@ -1,12 +1,17 @@
-"""What the replay of one recording of an archive leaves: where its records are, their shape, and its summary."""
+"""What the replay of one recording leaves: where its records are, their shape, and its summary.
+
+The recordings of a machine that continue each other are one history, and count as one recording here.
+"""
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any, Literal
 
 Status = Literal["done", "failed"]
+RESULT_NAME = "result.json"
 
 
 @dataclass(frozen=True)
@@ -18,12 +23,14 @@ class RecordsFile:
         day: UTC day as a number of days since 1970, or None for records without a date.
         rows: of the file, one a block.
         size: bytes.
+        digest: of the records, without the date of writing that the file holds.
     """
 
     name: str
     day: int | None
     rows: int
     size: int
+    digest: str = ""
 
 
 @dataclass(frozen=True)
@@ -32,7 +39,7 @@ class Shape:
 
     Attributes:
         channels: in order; the dimension ``channel``.
-        variables: dimensions of each variable but the row (``time``) and, as ``channel`` where it has one, by name.
+        variables: of those along ``time``, the other dimensions by name.
         sizes: greatest size of each of these dimensions.
         attributes: global attributes that tell what made the records: hashes, versions, calibration.
     """
@@ -42,6 +49,18 @@ class Shape:
     sizes: Mapping[str, int] = field(default_factory=dict[str, int])
     attributes: Mapping[str, Any] = field(default_factory=dict[str, Any])
 
+    def joined(self, other: Shape) -> Shape:
+        """Return the shape of both, the longer dimensions of a variable where they differ."""
+        variables = dict(self.variables)
+        for name, dims in other.variables.items():
+            variables[name] = max(variables.get(name, ()), dims, key=len)
+        return Shape(
+            channels=tuple(dict.fromkeys((*self.channels, *other.channels))),
+            variables=variables,
+            sizes={dim: max(self.sizes.get(dim, 0), other.sizes.get(dim, 0)) for dim in {**self.sizes, **other.sizes}},
+            attributes={**self.attributes, **other.attributes},
+        )
+
 
 @dataclass(frozen=True)
 class RecordingResult:
@@ -50,13 +69,13 @@ class RecordingResult:
     Attributes:
         machine: name of the machine, as a part of a path.
         recording: name of the recording, as a part of a path, unique in its machine.
-        url: where the recording is, without credentials.
+        url: where the recording is, without credentials; of a history, its first recording.
         status: "failed" where the recording or the configuration is at fault; ``reason`` then says why in one line.
         files: of the records, by day, those without a date first; their rows together are ``rows``.
         first, last: UTC of the first and last dated block, s since 1970, or None.
         summary: keys of ``replay --json``, {} where it failed.
         seconds: wall time of fetching and replaying.
-        bytes_read: size of the recording.
+        bytes_read: size of what was fetched from object storage.
     """
 
     machine: str
@@ -72,3 +91,48 @@ class RecordingResult:
     summary: Mapping[str, Any] = field(default_factory=dict[str, Any])
     seconds: float = 0.0
     bytes_read: int = 0
+
+    @property
+    def folder(self) -> str:
+        """Where its files are in the store of the records."""
+        return f"{self.machine}/{self.recording}"
+
+    def followed_by(self, later: RecordingResult) -> RecordingResult:
+        """Return the result of this part of a history and the next one, whose summary is that of both."""
+        files = {file.day: file for file in (*self.files, *later.files)}
+        firsts = [time for time in (self.first, later.first) if time is not None]
+        lasts = [time for time in (self.last, later.last) if time is not None]
+        listed = tuple(files[day] for day in sorted(files, key=lambda day: (day is not None, day)))
+        return replace(
+            later,
+            url=self.url,
+            files=listed,
+            rows=sum(file.rows for file in listed),
+            first=min(firsts, default=None),
+            last=max(lasts, default=None),
+            shape=self.shape.joined(later.shape),
+            summary=later.summary or self.summary,
+            seconds=self.seconds + later.seconds,
+            bytes_read=self.bytes_read + later.bytes_read,
+        )
+
+    def to_json(self) -> bytes:
+        """Return the result as JSON text, the file ``result.json`` beside the records."""
+        return json.dumps({"version": 1, **asdict(self)}, allow_nan=False).encode()
+
+    @classmethod
+    def from_json(cls, data: bytes) -> RecordingResult:
+        """Return the result that :meth:`to_json` gave.
+
+        Raises:
+            ValueError: it is of another version.
+        """
+        values: dict[str, Any] = json.loads(data)
+        version = values.pop("version", None)
+        if version != 1:
+            raise ValueError(f"{RESULT_NAME}: version 1 expected, got {version!r}")
+        shape = values["shape"]
+        variables = {name: tuple(dims) for name, dims in shape["variables"].items()}
+        values["shape"] = Shape(tuple(shape["channels"]), variables, shape["sizes"], shape["attributes"])
+        values["files"] = tuple(RecordsFile(**file) for file in values["files"])
+        return cls(**values)

@@ -56,6 +56,8 @@ class Replay:
     summary: dict[str, Any]
     store_path: Path
     spectra: dict[str, Drawable] = field(default_factory=dict)
+    taken: int = 0
+    """Number of blocks that were replayed now."""
 
 
 def replay(
@@ -87,33 +89,70 @@ def replay(
         raise ConfigError(f"replay takes a configuration with one [[source]], this one has {len(config.source)}")
     section = config.source[0]
     settings = source_settings(config, section, maps, libraries)
-    source = open_configured(config, section, path, _kept_dating(out, section.name) if resume else None)
+    source = open_configured(config, section, path, kept_dating(out, section.name) if resume else None)
+    return replay_source(
+        config, settings, source, out, Extent(pace=pace, limit=limit), resume=resume, progress=progress
+    )
+
+
+@dataclass(frozen=True)
+class Extent:
+    """How much of a source is replayed, and how fast.
+
+    Attributes:
+        pace: times real time, or None for full speed.
+        limit: greatest number of blocks.
+        whole: False where parts before were replayed: what the source offers is not counted, and its bands are chosen.
+    """
+
+    pace: float | None = None
+    limit: int | None = None
+    whole: bool = True
+
+
+def replay_source(
+    config: Config,
+    settings: SourceSettings,
+    source: Source,
+    out: Path,
+    extent: Extent,
+    *,
+    resume: bool = False,
+    progress: Callable[[Iterable[Any], int], Iterable[Any]] | None = None,
+    before_publishing: Callable[[Store], None] | None = None,
+) -> Replay:
+    """Replay an open source as :func:`replay` does; ``before_publishing`` is called when all blocks are committed."""
+    limit = extent.limit
     with _open_store(out, config, resume) as store:
         _keep_dating(store, source)
         store.describe(run_attributes(config, settings.channels))
-        last = store.last(section.name)
+        last = store.last(settings.name)
         state = resumed_state(store, settings)
         condition = None
         if config.operating.opcua is not None:
-            condition = RecordedCondition(config.machine.state_dir / "state.db", section.name)
-        run = _Run(source, store, settings, _fix_bands(source, state, settings, condition), condition=condition)
+            condition = RecordedCondition(config.machine.state_dir / "state.db", settings.name)
+        if extent.whole:
+            state = _fix_bands(source, state, settings, condition)
+        run = _Run(source, store, settings, state, whole=extent.whole, condition=condition)
         items: Iterable[Block | Rejected] = run.unrepeated(last, limit)
         if progress is not None:
             items = progress(items, len(source) if limit is None else min(len(source), limit))
         began = time.perf_counter()
-        run.take_all(items, pace)
+        run.take_all(items, extent.pace)
         _keep_dating(store, source)
         seconds = time.perf_counter() - began
+        if before_publishing is not None:
+            before_publishing(store)
         files = publish(store, out / "records")
         summary = run.summary(seconds, files)
         summary["channels"] = with_words(config, summary["channels"], summary["bearings"])
         summary["condition"] = None if condition is None else condition.sentence
         summary["uncalibrated"] = list(uncalibrated_lines(config, settings.channels))
     spectra = {name: drawn.spectrum(settings.channels[name]) for name, drawn in run.drawn.items()}
-    return Replay(summary, out / "state.db", spectra)
+    return Replay(summary, out / "state.db", spectra, run.taken)
 
 
-def _kept_dating(out: Path, source: str) -> Dating | None:
+def kept_dating(out: Path, source: str) -> Dating | None:
     """Return what dates the files of a replay that is continued, or None."""
     if not (out / "state.db").exists():
         return None
@@ -210,6 +249,7 @@ class _Run:
     store: Store
     settings: SourceSettings
     state: SourceState
+    whole: bool = True
     taken: int = 0
     reasons: dict[str, str] = field(default_factory=dict)
     drawn: dict[str, _Drawn] = field(default_factory=dict)
@@ -294,7 +334,7 @@ class _Run:
         met = self.source.files() if isinstance(self.source, FileSource) else None
         ignored = 0 if met is None else met.ignored
         # Blocks, files that gave none, and files of another format.
-        offered = max(len(self.source), blocks) + ignored
+        offered = (max(len(self.source), blocks) if self.whole else blocks) + ignored
         return {
             "blocks": blocks,
             "accepted": blocks - sum(rejected.values()),

@@ -23,6 +23,7 @@ WRONG_INPUT = {
     "InputError",
     "LawError",
     "LibraryError",
+    "ManifestError",
     "MapError",
     "LearnedFileError",
     "MemoryBoundError",

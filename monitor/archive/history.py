@@ -1,0 +1,138 @@
+"""Recordings that continue each other as one source, and the store of records between two parts of them."""
+
+from __future__ import annotations
+
+import sqlite3
+import zlib
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import AbstractContextManager, closing
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from models.errors import WrongInputError
+from monitor.config.load import ConfigError
+from monitor.health.spectrum.bands import VOTES_NEEDED
+from monitor.records.condense import condense
+from monitor.records.store import Store
+from streams.block import Block, Rejected
+from streams.source import Source
+
+_FULL_S = 86400.0
+"""Full records stay in the store for a day of record time: the day that the next part completes."""
+_ALL = 1 << 40
+
+Opener = Callable[[str], AbstractContextManager[Source]]
+
+
+@dataclass(frozen=True)
+class Position:
+    """Where the next part of a history begins.
+
+    Attributes:
+        part: number of the part, from 0.
+        recording: number of recordings that are behind.
+        blocks: highest number of a block in them.
+    """
+
+    part: int = 0
+    recording: int = 0
+    blocks: int = 0
+
+
+class HistorySource:
+    """Recordings in their order as one source: blocks are numbered on, and time counts from the first block.
+
+    A recording that cannot be opened, or has no dates although it continues another, ends it: see ``problem``.
+    """
+
+    def __init__(self, name: str, recordings: Sequence[str], begin: Position, opener: Opener) -> None:
+        """Take recordings from a position on; ``opener`` opens one for the time of a ``with`` statement."""
+        self.name = name
+        self._recordings, self._begin, self._open = recordings, begin, opener
+        self._began: float | None = None
+        self._refused: tuple[Rejected, ...] = ()
+        self._length: int | None = None
+        self.reached = begin
+        """Where the next part begins, as of the latest block."""
+        self.problem: str | None = None
+
+    def after(self, store: Path) -> None:
+        """Continue the blocks of a store: the first date, and the repetitions in recordings that are behind."""
+        with Store.open(store, read_only=True) as found:
+            condensed = found.rows("SELECT began FROM condensed_sources WHERE source = ?", self.name)
+            query = "SELECT time FROM blocks WHERE source = ? AND time IS NOT NULL ORDER BY id LIMIT 1"
+            rows = [row for row in (*condensed, *found.rows(query, self.name)) if row[0] is not None]
+            refused = found.rows(
+                "SELECT sequence, name, status, content_hash, times FROM refusals WHERE source = ? AND sequence <= ?",
+                *(self.name, self._begin.blocks),
+            )
+        self._began = rows[0][0] if rows else None
+        self._refused = tuple(
+            Rejected(self.name, sequence, name, status, f"{name}: in an earlier part", digest)
+            for sequence, name, status, digest, times in refused
+            for _ in range(times)
+        )
+
+    def __iter__(self) -> Iterator[Block | Rejected]:
+        """Iterate over the blocks from the position on."""
+        self.problem, began = None, self._began
+        yield from self._refused
+        blocks = self._begin.blocks
+        for place, recording in enumerate(self._recordings, self._begin.recording):
+            self.reached = Position(self._begin.part + 1, place, blocks)
+            highest = blocks
+            try:
+                with self._open(recording) as source:
+                    for found in source:
+                        item = found if not place else self._continued(found, blocks, began)
+                        began = item.start if began is None and isinstance(item, Block) else began
+                        highest = max(highest, item.sequence)
+                        yield item
+            except WrongInputError as error:
+                self.problem = str(error)
+                return
+            blocks = highest
+        self.reached = Position(self._begin.part + 1, self._begin.recording + len(self._recordings), blocks)
+
+    def _continued(self, item: Block | Rejected, blocks: int, began: float | None) -> Block | Rejected:
+        """Return an item numbered after ``blocks``, its time from the first block of the history."""
+        if isinstance(item, Rejected):
+            return replace(item, sequence=item.sequence + blocks)
+        if item.start is None or began is None:
+            without = "it has" if item.start is None else "the first recording has"
+            raise ConfigError(
+                f"{item.name}: {without} no date, so it cannot continue another recording; "
+                'state what dates it (time_from), or set history = "each"'
+            )
+        return replace(item, sequence=item.sequence + blocks, elapsed=item.start - began)
+
+    def __len__(self) -> int:
+        """Return the number of blocks, or ``VOTES_NEEDED`` where there are more."""
+        if self._length is None:
+            reached, problem = self.reached, self.problem
+            self._length = sum(1 for _, _ in zip(range(VOTES_NEEDED), self, strict=False))
+            self.reached, self.problem = reached, problem
+        return self._length
+
+
+def packed_store(path: Path) -> bytes:
+    """Return a store for the next part of a history, without what the published days hold.
+
+    Full records older than a day leave it, as they leave the store of a daemon, unless a record has no date: then all
+    stay, since all are in one file.
+    """
+    with Store.open(path) as store:
+        if not store.rows("SELECT 1 FROM blocks WHERE day IS NULL LIMIT 1"):
+            with store.transaction() as connection:
+                while condense(connection, _FULL_S, _ALL):
+                    pass
+    with closing(sqlite3.connect(path, isolation_level=None)) as connection:
+        connection.execute("VACUUM")
+        connection.execute("PRAGMA wal_checkpoint(TRUNCATE)")
+    return zlib.compress(path.read_bytes(), 1)
+
+
+def unpack_store(data: bytes, path: Path) -> None:
+    """Write a store that :func:`packed_store` gave."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_bytes(zlib.decompress(data))

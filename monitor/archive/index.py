@@ -1,0 +1,269 @@
+"""The index of an archive: an SQLite database with a row for each recording, also for tens of millions of them.
+
+A recording that others continue is the first of a history; the further ones stand in the table ``links``. URLs have no
+credentials. What is left to do is found by an index over the rows that wait, so that a resumed run begins at once.
+"""
+
+from __future__ import annotations
+
+import sqlite3
+import time
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from models.errors import SpallwatchError
+from models.work.codec import decode, encode
+from monitor.records.database import Closing
+
+APPLICATION_ID = 0x53504C41
+"""The bytes "SPLA" in the header of the database: it is ours."""
+VERSION = 1
+WAITING, DONE, FAILED, SET_ASIDE = range(4)
+STATUS_WORDS = ("waiting", "done", "failed", "set_aside")
+
+_SCHEMA = f"""
+PRAGMA application_id = {APPLICATION_ID};
+PRAGMA user_version = {VERSION};
+CREATE TABLE meta (key TEXT PRIMARY KEY, value TEXT NOT NULL) WITHOUT ROWID;
+CREATE TABLE machines (id INTEGER PRIMARY KEY, name TEXT NOT NULL UNIQUE, setup TEXT NOT NULL, history TEXT NOT NULL);
+CREATE TABLE recordings (
+    id INTEGER PRIMARY KEY, machine INTEGER NOT NULL REFERENCES machines (id), name TEXT NOT NULL, url TEXT NOT NULL,
+    status INTEGER NOT NULL DEFAULT 0, attempt INTEGER NOT NULL DEFAULT 0,
+    rows INTEGER, first REAL, last REAL, seconds REAL, chunk TEXT, reason TEXT, log TEXT, UNIQUE (machine, name)
+);
+CREATE INDEX recordings_waiting ON recordings (id) WHERE status = 0;
+CREATE INDEX recordings_wrong ON recordings (status) WHERE status > 1;
+CREATE TABLE links (
+    recording INTEGER NOT NULL, place INTEGER NOT NULL, url TEXT NOT NULL, PRIMARY KEY (recording, place)
+) WITHOUT ROWID;
+CREATE TABLE checkpoints (recording INTEGER PRIMARY KEY, body BLOB NOT NULL)
+"""
+
+
+class ArchiveIndexError(SpallwatchError):
+    """The index cannot be read or written; the message names the file and the cause."""
+
+
+class Waiting(NamedTuple):
+    """A recording that is not replayed yet.
+
+    Attributes:
+        id: its number.
+        setup: digest of the configuration of its machine.
+        attempt: how often it failed in runs before.
+    """
+
+    id: int
+    machine: str
+    setup: str
+    name: str
+    url: str
+    attempt: int
+
+
+class Outcome(NamedTuple):
+    """What the index keeps of a recording that is replayed, failed or set aside."""
+
+    id: int
+    status: int
+    rows: int = 0
+    first: float | None = None
+    last: float | None = None
+    seconds: float = 0.0
+    chunk: str | None = None
+    reason: str | None = None
+    log: str | None = None
+
+
+class Counts(NamedTuple):
+    """Recordings by status, and the sums over those that are done."""
+
+    waiting: int = 0
+    done: int = 0
+    failed: int = 0
+    set_aside: int = 0
+    rows: int = 0
+    seconds: float = 0.0
+
+    @property
+    def recordings(self) -> int:
+        """All of them."""
+        return self.waiting + self.done + self.failed + self.set_aside
+
+
+class Index(Closing):
+    """The index, open in one process; :class:`ArchiveIndexError` where the file cannot be read or written."""
+
+    def __init__(self, path: Path, *, read_only: bool = False) -> None:
+        """Open the index at ``path``, or make it where there is none and it is not ``read_only``."""
+        self.path = path
+        new = not path.exists()
+        if new and read_only:
+            raise ArchiveIndexError(f"{path}: there is no index of an archive")
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            uri = f"{path.absolute().as_uri()}?mode={'ro' if read_only else 'rwc'}"
+            self._connection = sqlite3.connect(uri, uri=True, isolation_level=None)
+            if not read_only:
+                self._connection.execute("PRAGMA journal_mode = WAL")
+                # A power cut may take the latest outcomes; they are found again in the store of the chunks.
+                self._connection.execute("PRAGMA synchronous = NORMAL")
+            if new:
+                self._connection.executescript(f"BEGIN;{_SCHEMA};COMMIT")
+            found = [
+                self._connection.execute(f"PRAGMA {key}").fetchone()[0] for key in ("application_id", "user_version")
+            ]
+        except (sqlite3.Error, OSError) as error:
+            raise ArchiveIndexError(f"{path}: {error}") from error
+        if found != [APPLICATION_ID, VERSION]:
+            self._connection.close()
+            raise ArchiveIndexError(f"{path}: is no index of an archive that this version reads")
+
+    def close(self) -> None:
+        """Close it, all outcomes in one file; closing twice does nothing."""
+        self._connection.close()
+
+    def settle(self) -> None:
+        """Bring the outcomes of the write-ahead log into the file itself, so that it can be copied."""
+        self._run("PRAGMA wal_checkpoint(TRUNCATE)")
+
+    def meta(self) -> dict[str, str]:
+        """Return what is kept of the archive as a whole."""
+        return dict(self._run("SELECT key, value FROM meta").fetchall())
+
+    def set_meta(self, **values: str) -> None:
+        """Keep values of the archive as a whole."""
+        for pair in values.items():
+            self._run("INSERT OR REPLACE INTO meta VALUES (?, ?)", *pair)
+
+    def begin(self) -> None:
+        """Begin a transaction."""
+        self._run("BEGIN IMMEDIATE")
+
+    def commit(self) -> None:
+        """End the transaction."""
+        self._run("COMMIT")
+
+    def rollback(self) -> None:
+        """Undo the transaction, where there is one."""
+        if self._connection.in_transaction:
+            self._run("ROLLBACK")
+
+    def add_machine(self, name: str, setup: str, history: str) -> int:
+        """Add a machine and return its number."""
+        return self._inserted("INSERT INTO machines (name, setup, history) VALUES (?, ?, ?)", name, setup, history)
+
+    def add_recording(self, machine: int, name: str, url: str) -> int:
+        """Add the first recording of a history under ``name``, or NAME-2, ..., and return its number."""
+        statement = "INSERT OR IGNORE INTO recordings (machine, name, url) VALUES (?, ?, ?)"
+        cursor, number = self._run(statement, machine, name, url), 1
+        while not cursor.rowcount:
+            number += 1
+            cursor = self._run(statement, machine, f"{name}-{number}", url)
+        return cursor.lastrowid or 0
+
+    def add_link(self, recording: int, place: int, url: str) -> None:
+        """Add the recording at a place (from 1) of a history."""
+        self._run("INSERT INTO links VALUES (?, ?, ?)", recording, place, url)
+
+    def waiting(self) -> Iterator[Waiting]:
+        """Yield the recordings that are not replayed yet; they may be noted meanwhile."""
+        query = (
+            "SELECT recordings.id, machines.name, setup, recordings.name, url, attempt FROM recordings"
+            " JOIN machines ON machines.id = machine WHERE status = 0 AND recordings.id > ?"
+            " ORDER BY recordings.id LIMIT 512"
+        )
+        last = 0
+        while rows := self._run(query, last).fetchall():
+            yield from (Waiting(*row) for row in rows)
+            last = rows[-1][0]
+
+    def links(self, recording: int, after: int, most: int) -> list[str]:
+        """Return at most so many recordings of a history behind a place."""
+        query = "SELECT url FROM links WHERE recording = ? AND place > ? ORDER BY place LIMIT ?"
+        return [row[0] for row in self._run(query, recording, after, most)]
+
+    def last_link(self, recording: int) -> int:
+        """Return the place of the last recording of a history, 0 where there is one alone."""
+        return self._run("SELECT coalesce(max(place), 0) FROM links WHERE recording = ?", recording).fetchone()[0]
+
+    def note(self, outcomes: Iterable[Outcome]) -> None:
+        """Note outcomes in one transaction."""
+        self.begin()
+        try:
+            for outcome in outcomes:
+                self._run(
+                    "UPDATE recordings SET status = ?, rows = ?, first = ?, last = ?, seconds = ?, chunk = ?,"
+                    " reason = ?, log = ? WHERE id = ?",
+                    *(*outcome[1:], outcome.id),
+                )
+                if outcome.status == DONE:
+                    self._run("DELETE FROM checkpoints WHERE recording = ?", outcome.id)
+            self.commit()
+        except BaseException:
+            self.rollback()
+            raise
+
+    def keep_checkpoint(self, recording: int, value: object) -> None:
+        """Keep where a history stands."""
+        self._run("INSERT OR REPLACE INTO checkpoints VALUES (?, ?)", recording, encode(value))
+
+    def checkpoint(self, recording: int) -> Any:
+        """Return where a history stands, also one that failed later; None before its first part is done."""
+        row = self._run("SELECT body FROM checkpoints WHERE recording = ?", recording).fetchone()
+        return None if row is None else decode(row[0])
+
+    def wait_again(self) -> int:
+        """Let recordings that failed or were set aside wait again; return how many they are."""
+        return self._run("UPDATE recordings SET status = 0, attempt = attempt + 1 WHERE status > 1").rowcount
+
+    def counts(self) -> Counts:
+        """Count the recordings; the sums take a pass over all of them."""
+        rows = self._run("SELECT status, count(*), sum(rows), sum(seconds) FROM recordings GROUP BY status").fetchall()
+        numbers = {status: number for status, number, _, _ in rows}
+        return Counts(
+            *(numbers.get(status, 0) for status in range(len(STATUS_WORDS))),
+            rows=sum(row[2] or 0 for row in rows),
+            seconds=sum(row[3] or 0.0 for row in rows),
+        )
+
+    def left(self) -> int:
+        """Return how many recordings wait, by the index over them alone."""
+        return self._run("SELECT count(*) FROM recordings WHERE status = 0").fetchone()[0]
+
+    def wrong(self, most: int = -1) -> Iterator[tuple[str, Outcome]]:
+        """Yield those that failed or were set aside, as "MACHINE/RECORDING" with their outcome, at most so many."""
+        query = (
+            "SELECT machines.name || '/' || recordings.name, recordings.id, status, coalesce(rows, 0), first, last,"
+            " coalesce(seconds, 0), chunk, reason, log FROM recordings JOIN machines ON machines.id = machine"
+            " WHERE status > 1 ORDER BY recordings.id LIMIT ?"
+        )
+        for name, *values in self._run(query, most):
+            yield name, Outcome(*values)
+
+    def folders(self) -> Iterator[tuple[str, str]]:
+        """Yield machine and name of all recordings that do not wait, in the order of the manifest."""
+        query = (
+            "SELECT recordings.id, machines.name, recordings.name FROM recordings"
+            " JOIN machines ON machines.id = machine WHERE status > 0 AND recordings.id > ?"
+            " ORDER BY recordings.id LIMIT 512"
+        )
+        last = 0
+        while rows := self._run(query, last).fetchall():
+            yield from ((machine, name) for _, machine, name in rows)
+            last = rows[-1][0]
+
+    def _inserted(self, statement: str, *values: Any) -> int:
+        return self._run(statement, *values).lastrowid or 0
+
+    def _run(self, statement: str, *values: Any) -> sqlite3.Cursor:
+        try:
+            return self._connection.execute(statement, values)
+        except sqlite3.Error as error:
+            raise ArchiveIndexError(f"{self.path}: {error}") from error
+
+
+def now_utc() -> str:
+    """Return the time of day as text, to the second."""
+    return time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime())

@@ -1,0 +1,172 @@
+"""From a manifest to the rows of an index: globs are expanded once, histories are put together."""
+
+from __future__ import annotations
+
+import glob
+import hashlib
+import json
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from models.work.task import Store
+from monitor.archive.index import Index
+from monitor.archive.manifest import Entry, ManifestError, read_manifest
+from monitor.archive.setup import send_setup
+from streams.files import natural_key
+from streams.remote import bare, expand, is_remote
+from streams.spec import SourceError
+
+_NOT_IN_NAMES = re.compile(r"[^A-Za-z0-9_.+-]+")
+_MAX_NAME = 80
+_MAGIC = re.compile(r"[*?\[]")
+
+
+@dataclass
+class _Planned:
+    """A machine of which entries were met: what must not change, and the history that is going on."""
+
+    id: int
+    config: Path
+    history: str
+    recording: int | None = None
+    place: int = 0
+
+
+@dataclass
+class Planner:
+    """Fills an index from a manifest.
+
+    Attributes:
+        store: takes the configurations with their maps and libraries.
+        signed: URLs with queries that must not be written, by the URL without them.
+    """
+
+    index: Index
+    store: Store
+    signed: dict[str, str] = field(default_factory=dict[str, str])
+    _machines: dict[str, _Planned] = field(default_factory=dict[str, _Planned])
+    _setups: dict[Path, str] = field(default_factory=dict[Path, str])
+
+    def plan(self, manifest: Path) -> None:
+        """Write all recordings of a manifest into the index, in one transaction.
+
+        Raises:
+            ManifestError: the manifest cannot be used; the index stays empty.
+            ConfigError: a configuration cannot be used.
+        """
+        self.index.begin()
+        try:
+            for entry in read_manifest(manifest):
+                self._add(entry)
+            if not self._machines:
+                raise ManifestError(f"{manifest}: holds no recordings")
+            signed = "yes" if self.signed else "no"
+            self.index.set_meta(manifest=manifest_digest(manifest), configs=self._configs(), signed=signed)
+            self.index.commit()
+        except BaseException:
+            self.index.rollback()
+            raise
+
+    def _configs(self) -> str:
+        return json.dumps({str(path): digest for path, digest in self._setups.items()})
+
+    def _add(self, entry: Entry) -> None:
+        machine = self._machine(entry)
+        anew = {bare(url) for url in entry.anew}
+        if anew and entry.history == "each":
+            raise ManifestError(f'{entry.where}: anew: every recording is anew with history = "each"')
+        seen: set[str] = set()
+        for url in expanded(entry):
+            shown = bare(url)
+            if shown in seen:
+                raise ManifestError(f"{entry.where}: recordings: {shown} is given twice")
+            seen.add(shown)
+            if shown != url:
+                self.signed[shown] = url
+            if entry.history == "each" or machine.recording is None or shown in anew:
+                machine.recording = self.index.add_recording(
+                    machine.id, _name_of(shown) if entry.history == "each" else "history", shown
+                )
+                machine.place = 0
+            else:
+                machine.place += 1
+                self.index.add_link(machine.recording, machine.place, shown)
+        if lost := anew - seen:
+            raise ManifestError(f"{entry.where}: anew: {min(lost)} is none of the recordings")
+
+    def _machine(self, entry: Entry) -> _Planned:
+        found = self._machines.get(entry.machine)
+        if found is None:
+            if entry.config not in self._setups:
+                self._setups[entry.config] = send_setup(entry.config, self.store)
+            number = self.index.add_machine(entry.machine, self._setups[entry.config], entry.history)
+            found = self._machines[entry.machine] = _Planned(number, entry.config, entry.history)
+        for key, before, now in (("config", found.config, entry.config), ("history", found.history, entry.history)):
+            if before != now:
+                raise ManifestError(f"{entry.where}: {key}: machine {entry.machine} has {before} above, got {now}")
+        return found
+
+
+def manifest_digest(manifest: Path) -> str:
+    """Return the digest of a manifest; ManifestError where it cannot be read."""
+    try:
+        with manifest.open("rb") as file:
+            return hashlib.file_digest(file, "blake2b").hexdigest()[:32]
+    except OSError as error:
+        raise ManifestError(f"{manifest}: cannot be read: {error}") from None
+
+
+def check_unchanged(index: Index, manifest: Path, store: Store) -> None:
+    """Refuse a manifest or a configuration that has changed since an archive was planned.
+
+    Raises:
+        ManifestError: naming what has changed.
+        ConfigError: a configuration cannot be used any more.
+    """
+    meta = index.meta()
+    if meta["manifest"] != manifest_digest(manifest):
+        raise ManifestError(f"{manifest}: has changed since the archive was begun; take another --out for it")
+    for path, digest in json.loads(meta["configs"]).items():
+        if send_setup(Path(path), store) != digest:
+            raise ManifestError(f"{path}: it or its maps have changed since the archive was begun; take another --out")
+
+
+def signed_urls(manifest: Path) -> dict[str, str]:
+    """Return the URLs of a manifest with what must not be written, by the URL without it."""
+    urls = (url for entry in read_manifest(manifest) for url in entry.recordings if is_remote(url))
+    return {bare(url): url for url in urls if bare(url) != url}
+
+
+def expanded(entry: Entry) -> Iterator[str]:
+    """Yield the recordings of an entry, those of a glob in natural order.
+
+    Raises:
+        ManifestError: there is nothing of that name.
+        RemoteError: an object storage cannot be listed.
+    """
+    for url in entry.recordings:
+        if url.startswith("rig:"):
+            yield url
+        elif is_remote(url):
+            try:
+                yield from expand(url)
+            except SourceError as error:
+                raise ManifestError(f"{entry.where}: recordings: {error}") from None
+        elif url.startswith(("dataset:", "folder:")) or Path(url).exists():
+            yield url
+        elif _MAGIC.search(url):
+            found = sorted(glob.glob(url, recursive=True), key=natural_key)  # noqa: PTH207 - absolute patterns
+            if not found:
+                raise ManifestError(f"{entry.where}: recordings: nothing is named {url!r}")
+            yield from found
+        else:
+            raise ManifestError(f"{entry.where}: recordings: there is no {url!r}")
+
+
+def _name_of(url: str) -> str:
+    """Return a name for a recording, a part of a path: the last part of its URL."""
+    text = url if url.startswith("rig:") else url.rstrip("/").rpartition("/")[2]
+    name = _NOT_IN_NAMES.sub("-", text).strip(".-")[:_MAX_NAME]
+    return name or "recording"

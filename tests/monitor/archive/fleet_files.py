@@ -1,0 +1,92 @@
+"""A small fleet: dated recordings of noise that grows, and the archive that is made of them in this process."""
+
+from __future__ import annotations
+
+import datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from models.work.runner import Runner
+from models.work.serial import SerialExecutor
+from monitor.archive.index import Counts, Index
+from monitor.archive.run import Plan, replay_waiting
+
+RATE, BLOCK = 2560, 256
+BEGIN = datetime.datetime(2024, 3, 1, 20, tzinfo=datetime.UTC)
+
+DATED = 'time_from = "name"\ntime_name = "%Y%m%d-%H%M%S"'
+CONFIG = f"""
+[machine]
+name = "m"
+[[bearing]]
+name = "test"
+designation = "6205"
+[operating]
+speed_hz = 30
+[[source]]
+name = "s"
+rate_hz = {RATE}
+block_s = "file"
+{DATED}
+[[channel]]
+name = "de"
+source = "s"
+column = 1
+unit = "g"
+bearing = "test"
+band_hz = [[500, 1200]]
+[detect]
+run_in_blocks = 1
+learn_blocks = 10
+persist_blocks = 2
+"""
+
+
+def write_files(folder: Path, count: int = 22, *, seed: int = 1, grows_from: int = 16, begin: int = 0) -> Path:
+    """Write a file of one block each two hours, from the number ``begin`` on; its level grows from a number on."""
+    folder.mkdir(parents=True, exist_ok=True)
+    rng = np.random.default_rng(seed)
+    for number in range(begin, begin + count):
+        samples = rng.standard_normal(BLOCK) * (1.0 + max(0, number - grows_from))
+        moment = BEGIN + datetime.timedelta(hours=2 * number)
+        np.save(folder / f"{moment:%Y%m%d-%H%M%S}.npy", samples.astype(np.float32))
+    return folder
+
+
+def make_archive(
+    folder: Path,
+    manifest: str,
+    out: str = "out",
+    *,
+    runner: Runner | None = None,
+    config: str = CONFIG,
+    **plan: Any,
+) -> Counts:
+    """Write a manifest and ``m.toml`` into a folder, and replay it into ``out`` there."""
+    (folder / "m.toml").write_text(config)
+    (folder / "manifest.toml").write_text(manifest)
+    with Index(folder / out / "index.db") as index, runner or Runner(SerialExecutor()) as workers:
+        return replay_waiting(Plan(folder / "manifest.toml", str(folder / out), **plan), index, workers)
+
+
+def records_of(folder: Path) -> dict[tuple[str, str, str], xr.DataArray]:
+    """Return all variables of the files of records in a folder, by file, group and name."""
+    found = {}
+    for path in sorted(folder.glob("*.nc")):
+        for group in ("", "ledger"):
+            with xr.open_dataset(path, group=group, decode_cf=False) as dataset:
+                dataset.load()
+                found |= {(path.name, group, str(name)): dataset[name] for name in dataset.variables}
+    return found
+
+
+def assert_same_records(folder: Path, expected: Path) -> None:
+    """Assert that the records in a folder equal others bit for bit, and that there are any."""
+    found, wanted = records_of(folder), records_of(expected)
+    assert wanted
+    assert found.keys() == wanted.keys()
+    different = [key for key, values in wanted.items() if not values.identical(found[key])]
+    assert not different

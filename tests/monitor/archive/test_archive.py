@@ -1,0 +1,228 @@
+"""Archives: their records are those of plain replays bit for bit, also in parts, after a failure, and resumed."""
+
+from __future__ import annotations
+
+import sqlite3
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from models.errors import WrongInputError
+from models.work.runner import Runner
+from models.work.serial import SerialExecutor
+from models.work.stores import open_store
+from models.work.task import ChunkOutcome, Failure
+from monitor.archive.index import FAILED, SET_ASIDE, Index
+from monitor.archive.manifest import ManifestError
+from monitor.archive.result import RecordingResult
+from monitor.archive.run import Results
+from monitor.config.load import load_config
+from monitor.service.replay import replay
+from tests.monitor.archive.fleet_files import CONFIG, DATED, assert_same_records, make_archive, write_files
+
+EACH = '[[machine]]\nname = "m"\nconfig = "m.toml"\nrecordings = {}\n'
+CONTINUED = EACH + 'history = "continued"\n'
+
+
+@pytest.fixture(scope="module")
+def replayed(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with recordings ``in``, and with ``one``, their replay in one go."""
+    folder = tmp_path_factory.mktemp("archive")
+    (folder / "m.toml").write_text(CONFIG)
+    write_files(folder / "in")
+    summary = replay(load_config(folder / "m.toml"), str(folder / "in"), folder / "one").summary
+    # Something to lose on the way: a final stage, which a baseline and a run of blocks precede.
+    assert summary["channels"]["de"]["t_fs_block"] is not None
+    return folder
+
+
+def result_of(folder: Path) -> RecordingResult:
+    return RecordingResult.from_json((folder / "result.json").read_bytes())
+
+
+def digests(folder: Path) -> list[tuple[int | None, int, str]]:
+    """Return day, rows and digest of each file of a recording, which stand for its records."""
+    return [(file.day, file.rows, file.digest) for file in result_of(folder).files]
+
+
+def test_a_recording_of_an_archive_has_the_records_of_a_replay(replayed):
+    counts = make_archive(replayed, EACH.format('"in"'), "each")
+    assert (counts.done, counts.waiting, counts.rows) == (1, 0, 22)
+    assert_same_records(replayed / "each/m/in", replayed / "one/records")
+    assert digests(replayed / "each/m/in")[0][:2] == (19783, 2)
+
+
+@pytest.mark.parametrize("recordings", ['"in"', '"in/*.npy"'], ids=["one folder", "a glob of files"])
+def test_a_history_in_parts_is_that_of_one_go(replayed, recordings, request):
+    out = f"parts-{request.node.callspec.indices['recordings']}"
+    counts = make_archive(replayed, CONTINUED.format(recordings), out, part_blocks=8)
+    assert counts.rows == 22
+    folder = replayed / out / "m/history"
+    assert_same_records(folder, replayed / "one/records")
+    result = result_of(folder)
+    assert [file.rows for file in result.files] == [2, 12, 8]
+    with sqlite3.connect(replayed / "one/state.db") as store:
+        assert (result.first, result.last) == store.execute("SELECT min(time), max(time) FROM blocks").fetchone()
+    assert result.summary["blocks"] == 22
+    assert not list((replayed / out / "work/states").glob("*"))
+
+
+def test_a_machine_that_begins_anew_learns_anew(tmp_path):
+    write_files(tmp_path / "a")
+    write_files(tmp_path / "b", seed=2, begin=22, grows_from=100)
+    anew = CONTINUED.format('["a", "b"]') + '[[machine.anew]]\nat = "b"\nwhy = "bearing exchanged"\n'
+    assert make_archive(tmp_path, anew).recordings == 2
+    make_archive(tmp_path, EACH.format('["a", "b"]'), "each")
+    assert digests(tmp_path / "out/m/history-2") == digests(tmp_path / "each/m/b")
+    make_archive(tmp_path, CONTINUED.format('["a", "b"]'), "on")
+    on, alone = (result_of(tmp_path / name).summary["channels"]["de"] for name in ("on/m/history", "each/m/b"))
+    assert on["t_fs_block"] is not None
+    assert alone["t_fs_block"] is None
+
+
+class Dying(SerialExecutor):
+    """Loses all chunks from a number on, as if workers died."""
+
+    def __init__(self, alive: int) -> None:
+        super().__init__()
+        self._alive = alive
+
+    def submit(self, call):
+        self._alive -= 1
+        if self._alive < 0:
+            raise KeyboardInterrupt
+        super().submit(call)
+
+
+def test_an_interrupted_history_goes_on_from_its_latest_part(replayed):
+    manifest = CONTINUED.format('"in/*.npy"')
+    chunks = replayed / "chunks"
+    with pytest.raises(KeyboardInterrupt):
+        make_archive(replayed, manifest, "cut", part_blocks=8, runner=Runner(Dying(2), open_store(chunks)))
+    with Index(replayed / "cut/index.db") as index:
+        assert index.left() == 1
+        assert index.checkpoint(1)[0].blocks == 15
+    # Without the chunks: the index alone knows where it stands.
+    others = Runner(SerialExecutor(), open_store(replayed / "others"))
+    counts = make_archive(replayed, manifest, "cut", part_blocks=8, resume=True, runner=others)
+    assert (counts.done, others.tally.chunks) == (1, 1)
+    assert_same_records(replayed / "cut/m/history", replayed / "one/records")
+
+
+def test_what_is_wrong_with_a_recording_is_a_result_and_the_others_stand(tmp_path):
+    write_files(tmp_path / "good")
+    # A file that is no recording, and a folder that has gone since the archive was planned.
+    (tmp_path / "bad").mkdir()
+    (tmp_path / "bad/readme.rtf").write_text("no samples")
+    write_files(tmp_path / "empty", 2)
+    for path in (tmp_path / "empty").iterdir():
+        np.save(path, np.zeros(0, np.float32))
+    counts = make_archive(tmp_path, EACH.format('["bad", "good", "empty"]'))
+    assert (counts.done, counts.failed, counts.set_aside) == (1, 2, 0)
+    with Index(tmp_path / "out/index.db", read_only=True) as index:
+        wrong = dict(index.wrong())
+        results = list(Results(index, open_store(tmp_path / "out")))
+    assert [one.recording for one in results] == ["bad", "good", "empty"]
+    assert [one.status for one in results] == ["failed", "done", "failed"]
+    assert wrong.keys() == {"m/bad", "m/empty"}
+    assert all(outcome.status == FAILED for outcome in wrong.values())
+    assert "holds nothing that is recognised" in (wrong["m/bad"].reason or "")
+    assert "every block is rejected" in (wrong["m/empty"].reason or "")
+    # Rejected blocks are records too.
+    assert results[2].rows == 2
+
+
+def test_a_history_ends_at_the_recording_that_cannot_be_read_and_goes_on_once_it_is_repaired(tmp_path):
+    write_files(tmp_path / "in")
+    make_archive(tmp_path, CONTINUED.format('"in"'), "whole")
+    manifest = CONTINUED.format('["in/20240301*", "in/20240302*", "in/20240303*"]')
+    late = sorted((tmp_path / "in").iterdir())[12]
+    kept = late.read_bytes()
+    late.unlink()
+    late.mkdir()
+    counts = make_archive(tmp_path, manifest, part_blocks=8)
+    assert (counts.failed, counts.rows) == (1, 12)
+    assert late.name in result_of(tmp_path / "out/m/history").reason
+    late.rmdir()
+    late.write_bytes(kept)
+    runner = Runner(SerialExecutor())
+    counts = make_archive(tmp_path, manifest, part_blocks=8, resume=True, runner=runner)
+    assert (counts.done, counts.failed, runner.tally.chunks) == (1, 0, 2)
+    assert digests(tmp_path / "out/m/history") == digests(tmp_path / "whole/m/history")
+
+
+def test_a_recording_without_dates_cannot_continue_another(tmp_path):
+    write_files(tmp_path / "in", 3)
+    for number, path in enumerate(sorted((tmp_path / "in").iterdir())):
+        path.rename(path.with_name(f"{'abc'[number]}.npy"))
+    undated = CONFIG.replace(DATED, "")
+    counts = make_archive(tmp_path, CONTINUED.format('"in/*"'), config=undated)
+    assert (counts.failed, counts.rows) == (1, 1)
+    assert "cannot continue another recording" in result_of(tmp_path / "out/m/history").reason
+    # They may be histories of their own.
+    assert make_archive(tmp_path, EACH.format('"in/*"'), "each", config=undated).done == 3
+
+
+def test_an_undated_history_in_parts_keeps_all_its_records(tmp_path):
+    write_files(tmp_path / "in")
+    for number, path in enumerate(sorted((tmp_path / "in").iterdir())):
+        path.rename(path.with_name(f"n{number:03}.npy"))
+    undated = CONFIG.replace(DATED, "interval_s = 90000")
+    make_archive(tmp_path, EACH.format('"in"'), "whole", config=undated)
+    counts = make_archive(tmp_path, EACH.format('"in"'), part_blocks=8, config=undated)
+    assert counts.rows == 22
+    assert digests(tmp_path / "out/m/in") == digests(tmp_path / "whole/m/in")
+
+
+def test_days_that_come_late_extend_the_file_of_their_day(tmp_path):
+    write_files(tmp_path / "in", 36)
+    order = sorted(path.name for path in (tmp_path / "in").iterdir())
+    # A logger that was read out a week later: hours of the first day come last.
+    late = [order[0], *order[2:], order[1]]
+    listed = ", ".join(f'"in/{name}"' for name in late)
+    make_archive(tmp_path, CONTINUED.format(f"[{listed}]"), "whole")
+    make_archive(tmp_path, CONTINUED.format(f"[{listed}]"), part_blocks=16)
+    assert digests(tmp_path / "out/m/history") == digests(tmp_path / "whole/m/history")
+
+
+class Crashing(SerialExecutor):
+    """Loses the worker of each chunk of one recording."""
+
+    def __init__(self, recording: int) -> None:
+        super().__init__()
+        self._label = f"recordings {recording}"
+
+    def wait(self):
+        call = self._calls[0]
+        if call.label != self._label:
+            return super().wait()
+        self._calls.popleft()
+        return ChunkOutcome(call.key, Failure("died", "the worker was lost", "no log"), 0.0, 0, "w", "x")
+
+
+def test_a_recording_whose_workers_die_is_set_aside(tmp_path):
+    for number in range(3):
+        write_files(tmp_path / f"r{number}", 3, seed=number)
+    runner = Runner(Crashing(2), open_store(tmp_path / "chunks"))
+    counts = make_archive(tmp_path, EACH.format('"r*"'), runner=runner)
+    assert (counts.done, counts.set_aside) == (2, 1)
+    with Index(tmp_path / "out/index.db") as index:
+        ((name, outcome),) = index.wrong()
+    assert (name, outcome.status, outcome.log) == ("m/r1", SET_ASIDE, "no log")
+    assert outcome.chunk == runner.tally.failed[0].chunk
+    # Resumed, it alone is replayed.
+    runner = Runner(SerialExecutor(), open_store(tmp_path / "chunks"))
+    counts = make_archive(tmp_path, EACH.format('"r*"'), resume=True, runner=runner)
+    assert (counts.done, runner.tally.chunks) == (3, 1)
+
+
+def test_an_archive_is_not_continued_by_accident_or_with_another_manifest(tmp_path):
+    write_files(tmp_path / "in", 2)
+    make_archive(tmp_path, EACH.format('"in"'))
+    with pytest.raises(ManifestError, match="holds an archive; --resume"):
+        make_archive(tmp_path, EACH.format('"in"'))
+    with pytest.raises(ManifestError, match="has changed since"):
+        make_archive(tmp_path, EACH.format('["in"]'), resume=True)
+    with pytest.raises(WrongInputError, match=r"m\.toml: it or its maps have changed"):
+        make_archive(tmp_path, EACH.format('"in"'), resume=True, config=CONFIG.replace("6205", "6206"))
