@@ -107,7 +107,7 @@ def run_chunk(call: ChunkCall, *, memory: int | None = None, worker: str | None 
         if len(lost) >= MAX_ATTEMPTS:
             return _failed(call, _died(store, lost), worker)
         marker = f"started/{call.key}/{len(lost) + 1}-{secrets.token_hex(4)}"
-        store.write(marker, _text({"label": call.label, "worker": worker, "time": time.time()}))
+        store.write(marker, _text({"label": call.label, "worker": worker, "time": time.time()}), durable=False)
         try:
             outcome = _run(call, store, worker)
         finally:

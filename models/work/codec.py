@@ -199,30 +199,41 @@ def _encode_object(value: Any, kind: type[Any], parts: list[bytes], place: str, 
         for name, item in zip(cast("Any", kind)._fields, items, strict=True):
             _encode(item, parts, f"{place}.{name}", depth + 1)
     elif dataclasses.is_dataclass(kind):
-        fields = _fields_of(value, kind, place)
-        parts.append(_sized(b"o", _class(kind, place)) + _LENGTH.pack(len(fields)))
-        for name, item in fields.items():
-            parts.append(_sized(b"", name.encode()))
-            _encode(item, parts, f"{place}.{name}", depth + 1)
+        _encode_fields(value, kind, parts, place, depth)
     else:
         raise TypeError(f"{place}: {kind.__module__}.{kind.__qualname__} cannot be sent to a worker: {value!r:.80}")
 
 
+def _encode_fields(value: Any, kind: type[Any], parts: list[bytes], place: str, depth: int) -> None:
+    """Encode the fields of a dataclass that are set; what is kept elsewhere in the object would be lost."""
+    names = _field_names(kind)
+    for name in getattr(value, "__dict__", names).keys() - names.keys():
+        # A cached property is computed anew.
+        if not isinstance(getattr(kind, name, None), cached_property):
+            raise TypeError(f"{place}: {kind.__qualname__} holds {name!r}, which is no field of it")
+    fields = [name for name in names if hasattr(value, name)]
+    parts.append(_sized(b"o", _class(kind, place)) + _LENGTH.pack(len(fields)))
+    for name in fields:
+        parts.append(names[name])
+        _encode(getattr(value, name), parts, f"{place}.{name}", depth + 1)
+
+
+@cache
+def _field_names(kind: Any) -> dict[str, bytes]:
+    """Return the names of a dataclass's fields, each also encoded."""
+    return {field.name: _sized(b"", field.name.encode()) for field in dataclasses.fields(kind)}
+
+
 def _class(kind: type, place: str) -> bytes:
     try:
-        return name_of(kind).encode()
+        return _class_name(kind)
     except TypeError as error:
         raise TypeError(f"{place}: {error}") from None
 
 
-def _fields_of(value: Any, kind: Any, place: str) -> dict[str, Any]:
-    """Return the fields that are set; a value that is kept elsewhere in the object would be lost."""
-    names = [field.name for field in dataclasses.fields(kind)]
-    for name in set(getattr(value, "__dict__", {})).difference(names):
-        # A cached property is computed anew.
-        if not isinstance(getattr(kind, name, None), cached_property):
-            raise TypeError(f"{place}: {kind.__qualname__} holds {name!r}, which is no field of it")
-    return {name: getattr(value, name) for name in names if hasattr(value, name)}
+@cache
+def _class_name(kind: type) -> bytes:
+    return name_of(kind).encode()
 
 
 def _check_dtype(dtype: np.dtype[Any], place: str) -> None:

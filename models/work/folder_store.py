@@ -32,16 +32,17 @@ class FolderStore:
         except (FileNotFoundError, NotADirectoryError):
             return None
 
-    def write(self, name: str, data: bytes) -> None:
-        """Write a file in one step, durable before it has its name; OSError where that fails."""
+    def write(self, name: str, data: bytes, *, durable: bool = True) -> None:
+        """Write a file in one step, on the disk before it has its name if ``durable``; OSError where that fails."""
         path = self._path(name)
         part = path.with_name(f"{_PART}{os.getpid()}-{secrets.token_hex(4)}")
         handle = self._create(part)
         try:
             with os.fdopen(handle, "wb") as file:
                 file.write(data)
-                file.flush()
-                os.fsync(file.fileno())
+                if durable:
+                    file.flush()
+                    os.fsync(file.fileno())
             part.replace(path)
         except BaseException:
             part.unlink(missing_ok=True)

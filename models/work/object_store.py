@@ -54,7 +54,7 @@ class ObjectStore:
                     raise
                 return None
 
-    def write(self, name: str, data: bytes) -> None:
+    def write(self, name: str, data: bytes, *, durable: bool = True) -> None:
         """Write an object whole; ObjectStorageError where that fails."""
         path = self._path(name)
         with self._foreseen(name, "written"):

@@ -137,8 +137,11 @@ class Store(Protocol):
         """Return a file, None where there is none."""
         ...
 
-    def write(self, name: str, data: bytes) -> None:
-        """Write a file in one step: readers see the old one, the new one or none, never a part."""
+    def write(self, name: str, data: bytes, *, durable: bool = True) -> None:
+        """Write a file in one step: readers see the old one, the new one or none, never a part.
+
+        Unless ``durable``, it may be lost or torn where the machine loses power.
+        """
         ...
 
     def delete(self, name: str) -> None:
