@@ -28,6 +28,7 @@ import numpy as np
 from benchmarks.common import Row, arguments, print_table, write_json
 from models.maps.file import cached_map, save_map
 from models.maps.plan import MapPlan
+from models.work.choose import local_runner
 from monitor.records.store import Store
 from monitor.service.status_file import read_status
 
@@ -49,7 +50,8 @@ def prepare(folder: Path, *, tracked: bool) -> Path:
             dphi_d=tuple(np.radians(np.linspace(0.0, 50.0, 51))),
             rms_band=BAND,
         )
-        save_map(cached_map(plan, workers=0), folder / "map.nc")
+        with local_runner(0) as runner:
+            save_map(cached_map(plan, runner=runner), folder / "map.nc")
         more = 'track = true\nmap = "map.nc"\n'
     config = folder / "machine.toml"
     config.write_text(

@@ -15,6 +15,7 @@ from tqdm import tqdm
 from models.lives.laws import PATH_STEP, GrowthPath
 from models.lives.life import LifeHistory, simulate_lives
 from models.lives.population import Population
+from models.work.choose import local_runner
 
 CHUNK = 50
 """Lives in one file."""
@@ -57,7 +58,7 @@ def cached_lives(population: Population, count: int, workers: int = 1) -> list[L
     Args:
         population: what they are drawn from.
         count: how many.
-        workers: threads, as in ``simulate_lives``.
+        workers: threads; 0: one a core.
     """
     folder = Path(user_cache_dir("spallwatch")) / "lives"
     found: list[LifeHistory] = []
@@ -69,7 +70,8 @@ def cached_lives(population: Population, count: int, workers: int = 1) -> list[L
             found += load_lives(whole)[: len(wanted)]
             continue
         if not path.exists():
-            save_lives(list(_shown(simulate_lives(population, wanted, workers), len(wanted), first)), path)
+            with local_runner(workers) as runner:
+                save_lives(list(_shown(simulate_lives(population, wanted, runner), len(wanted), first)), path)
         found += load_lives(path)
     return found
 

@@ -30,6 +30,7 @@ from models.identify.space import DEFAULT_FREE, Space
 from models.identify.trials import Condition, Trial, gather
 from models.published.thesis import EXTENTS_DEG, SEEDED_DEPTH
 from models.rigs.six_dof import Rig
+from models.work.choose import local_runner
 
 NOISE = 0.03
 BAND = (0.0, 9500.0)
@@ -70,8 +71,9 @@ def run(
     for load, resonance in zip(LOADS, space.resonances(truth)[1::2], strict=True) if resonance_sd else ():
         measured = resonance * float(np.exp(resonance_sd * draws.standard_normal()))
         peaks.append(Peak(load, "along", measured, resonance_sd * measured))
-    options = IdentifyOptions(band=BAND, seed=seed, workers=workers)
-    return identify(trials, space, options, Evidence(tuple(peaks))), truth
+    options = IdentifyOptions(band=BAND, seed=seed)
+    with local_runner(workers) as runner:
+        return identify(trials, space, options, Evidence(tuple(peaks)), runner=runner), truth
 
 
 def row_of(case: str, seed: int, found: Identification, truth: Mapping[str, float], cpu: float) -> dict[str, Any]:

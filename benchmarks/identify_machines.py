@@ -204,7 +204,7 @@ def run(machine: str, source: str, free: tuple[str, ...] | None = None) -> dict[
     # Nothing of the truth is known but the bearing: the rig that is not identified is that of Table 18.
     loads = tuple(sorted({c.load for c in known.trials.conditions} | set(known.evidence.loads)))
     space = Space(Rig(), BEARING, loads, free=free or known.free, limits=wide_limits())
-    found = identify(known.trials, space, IdentifyOptions(band=BAND, seed=seed, workers=1), known.evidence)
+    found = identify(known.trials, space, IdentifyOptions(band=BAND, seed=seed), known.evidence)
     spread = () if np.any(known.trials.damaged) else volume_spread(found, POINT)
     return {
         "machine": machine,

@@ -102,7 +102,7 @@ def identified(runs: Sequence[Run], folder: Path) -> tuple[Identification, dict[
     loads = tuple(sorted({peak.load for peak in peaks}))
     space = Space(config.rig_of(entry), entry.bearing, loads, free=FREE_WITHOUT_TESTS, limits=wide_limits())
     evidence = Evidence(tuple(peaks), tuple(geometry_priors(entry)))
-    found = identify(gather(trials), space, IdentifyOptions(seed=SEED, workers=1), evidence)
+    found = identify(gather(trials), space, IdentifyOptions(seed=SEED), evidence)
     spread = volume_spread(found, OperatingPoint(4000.0, 30.0))
     residuals = evidence.residuals(space, found.best.values)
     pairs = residuals[: 2 * len(peaks)].reshape(-1, 2)

@@ -37,6 +37,7 @@ from models.maps.data import RmsMap
 from models.maps.plan import MapPlan
 from models.published.thesis import EXTENTS_DEG, SEEDED_DEPTH
 from models.rigs.six_dof import Rig
+from models.work.choose import local_runner
 from monitor.health.damage.filter.particle_filter import FilterSettings
 
 Floats = NDArray[np.float64]
@@ -77,7 +78,8 @@ def identified(truth: Mapping[str, float], case: str, seed: int, workers: int) -
     noise = np.random.default_rng([seed, 1507]).standard_normal(level.features.shape)
     noisy = (level.features * np.exp(NOISE * noise)).tolist()
     trials = gather([Trial(condition, *row) for condition, row in zip(conditions, noisy, strict=True)])
-    return identify(trials, space, IdentifyOptions(band=BAND, seed=seed, workers=workers))
+    with local_runner(workers) as runner:
+        return identify(trials, space, IdentifyOptions(band=BAND, seed=seed), runner=runner)
 
 
 def maps_of(found: Identification, truth: Rig, draws: int, plan: MapPlan) -> dict[str, RmsMap]:

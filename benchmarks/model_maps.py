@@ -183,7 +183,7 @@ def main() -> None:
     """Run the tables and print them, and write them where asked."""
     options = arguments("V_eq on maps of each model, of simulated rigs of each model.")
     count, extents, depths = (1, 21, 6) if options.quick else (8, 81, 21)
-    maps = {model: cached_map(plan_of(model, extents, depths), workers=1) for model in models()}
+    maps = {model: cached_map(plan_of(model, extents, depths)) for model in models()}
     background = background_power()
     figures: dict[str, list[Row]] = {"maps": [map_row(*item) for item in maps.items()], "v_eq": [], "growth": []}
     print_table("maps", figures["maps"])

@@ -143,7 +143,6 @@ def map_of(config: Config) -> RmsMap:
             rig=config.rig_of(config.entry_of(config.channel[0])),
             rms_band=None,
         ),
-        workers=1,
     )
 
 

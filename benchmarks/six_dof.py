@@ -39,6 +39,8 @@ from models.registry import Request
 from models.response import Response
 from models.scene import Defect, Floor, Scene
 from models.simulate import simulate
+from models.work.choose import local_runner
+from models.work.runner import SERIAL
 from tests.oracles.six_dof_oracle import Case, simulate_oracle
 from tests.periods import Solved, period_of, run, simulate_plainly, solve_scene
 
@@ -275,11 +277,12 @@ def _node_error(built: RmsMap, plan: MapPlan, n: int) -> float:
 def core_row(rounds: int) -> Row:
     """Return speed-ups by two cores: the map's on threads, and what the machine gives to two processes just then."""
     plan = _plan((4000.0, 5000.0))
-    build_map(plan, workers=2)
+    build_map(plan)
     context = multiprocessing.get_context("spawn")
     threads, processes = [], []
     for _ in range(rounds):
-        one, two = (_wall(lambda w=w: build_map(plan, workers=w)) for w in (1, 2))
+        with local_runner(2) as runner:
+            one, two = (_wall(lambda r=r: build_map(plan, runner=r)) for r in (SERIAL, runner))
         threads.append(one / two)
         alone, both = (_calibration_wall(context, count) for count in (1, 2))
         processes.append(2.0 * alone / both)

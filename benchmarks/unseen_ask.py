@@ -34,7 +34,7 @@ _FIRST_INDEPENDENT = 1_000_000
 
 def library_for(path: Path | None, runs: int) -> Library:
     """Return the library of a file, or that of ``library build`` over all loads and speeds, kept in the cache."""
-    return load_library(path) if path is not None else cached_library(Population(), runs, [THRESHOLD], workers=1)
+    return load_library(path) if path is not None else cached_library(Population(), runs, [THRESHOLD])
 
 
 def population_of(library: Library) -> Population:

@@ -18,7 +18,8 @@ from benchmarks import unseen_laws, unseen_lives
 from benchmarks.unseen_lives import LifeOptions, UnseenLife, simulate_life
 from models.maps.plan import version_of
 from models.rigs.six_dof import Rig
-from models.workers import in_threads
+from models.work.choose import local_runner
+from models.work.task import Work
 
 CHUNK = 10
 """Lives in one file."""
@@ -78,6 +79,14 @@ def _code_of(path: Path) -> str:
     return ast.unparse(tree)
 
 
+def _life(shared: tuple[str, int, LifeOptions | None], number: int) -> UnseenLife:
+    law, first_seed, options = shared
+    return simulate_life(law, number, first_seed, options)
+
+
+_LIVES = Work("lives", _life, memory=256_000_000, threads=True)
+
+
 def lives_of(
     law: str, count: int, first_seed: int, options: LifeOptions | None = None, workers: int = 1
 ) -> list[UnseenLife]:
@@ -95,8 +104,10 @@ def lives_of(
         numbers = range(first, min(first + CHUNK, count))
 
         def make(numbers: range = numbers) -> list[UnseenLife]:
-            lives = in_threads(lambda number: simulate_life(law, number, first_seed, options), numbers, workers)
-            return list(tqdm(lives, total=len(numbers), desc=f"{law} from {numbers[0]}", file=sys.stderr, leave=False))
+            with local_runner(workers) as runner:
+                lives = runner.run(_LIVES, (law, first_seed, options), numbers)
+                words = f"{law} from {numbers[0]}"
+                return list(tqdm(lives, total=len(numbers), desc=words, file=sys.stderr, leave=False))
 
         found += kept(f"{law} {numbers} {first_seed} {options}", make)
     return found

@@ -19,6 +19,7 @@ from models.maps.file import save_map as write_map
 from models.maps.plan import MapPlan
 from models.response import Response, Sensor
 from models.scene import Defect, Part, Scene
+from models.work.choose import local_runner
 from spallwatch._configuration import configuration
 from spallwatch.recordings import to_signal
 
@@ -118,7 +119,7 @@ def build_map(
         rms_band_hz: band of the RMS, the same as that of the recordings; by default all frequencies.
         interpolation_tolerance: the axes are refined until the error between nodes, rms over the largest RMS, is below
             this; 0: they are left as they are.
-        workers: threads; 0: one a core.
+        workers: on this machine; 0: one a core.
         progress: called with nodes done and nodes in all.
 
     Returns:
@@ -142,9 +143,10 @@ def build_map(
         rms_band=rms_band_hz,
         part=fault,
     )
-    if interpolation_tolerance == 0.0:
-        return build_plan(plan, workers=workers, progress=progress)
-    return build_refined_map(plan, interpolation_tolerance, workers=workers, progress=progress)
+    with local_runner(workers) as runner:
+        if interpolation_tolerance == 0.0:
+            return build_plan(plan, runner=runner, progress=progress)
+        return build_refined_map(plan, interpolation_tolerance, runner=runner, progress=progress)
 
 
 def open_map(path: str | PathLike[str]) -> RmsMap:

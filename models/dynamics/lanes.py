@@ -20,15 +20,19 @@ from models.dynamics.six_dof import LANE_EFFECTS, check_scene
 from models.kernels.lanes import LANES, mean_squares
 from models.response import HARMONICS, check_band
 from models.rigs.six_dof import Rig
-from models.workers import in_processes
+from models.work.runner import SERIAL
+from models.work.task import Work
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from models.scene import Scene, Slip
+    from models.work.runner import Runner
 
 DEFAULT_TOLERANCE = 1e-3
 
+# Bytes of a group beside the program, at most (benchmarks/task_memory.py).
+LANES_MEMORY = 256_000_000
 # With slip: blocks before the measurement begins.
 _SETTLING_BLOCKS = 2
 # A smaller vibration counts as zero, m/s2.
@@ -226,21 +230,23 @@ def shared_grid(scenes: Sequence[Scene], options: LaneOptions) -> Grid:
     return grid
 
 
-_Task = tuple[LaneOptions, tuple["Scene", ...], int]
-
-
-def _run(task: _Task) -> LaneResponse:
-    options, scenes, number = task
+def _run(options: LaneOptions, group: tuple[int, tuple[Scene, ...]]) -> LaneResponse:
+    number, scenes = group
     return LaneRunner(options).run(scenes, number)
 
 
-def simulate_lanes(scenes: Sequence[Scene], options: LaneOptions | None = None, *, workers: int = 1) -> LaneResponse:
+_GROUPS = Work("groups of scenes", _run, memory=LANES_MEMORY)
+
+
+def simulate_lanes(
+    scenes: Sequence[Scene], options: LaneOptions | None = None, *, runner: Runner = SERIAL
+) -> LaneResponse:
     """Return the vibration of any number of scenes of one bearing, rig, clearance, speed and slip.
 
     Args:
         scenes: at least one; they may differ in load and defect. Scenes of similar extent beside each other are
             fastest, because the kernel's tables span the widest defect of a group.
-        workers: processes for the groups of LANES scenes; 0 is one per core. The result does not depend on it.
+        runner: runs groups of LANES scenes. The result does not depend on it.
 
     Raises:
         ValueError: if a scene is outside the model or differs in a field that must be equal; the message names it.
@@ -248,8 +254,8 @@ def simulate_lanes(scenes: Sequence[Scene], options: LaneOptions | None = None, 
     options = LaneOptions() if options is None else options
     if len(scenes) == 0:
         raise ValueError("simulate_lanes needs at least one scene")
-    tasks = [(options, tuple(scenes[i : i + LANES]), i // LANES) for i in range(0, len(scenes), LANES)]
-    found = list(in_processes(_run, tasks, workers))
+    groups = [(i // LANES, tuple(scenes[i : i + LANES])) for i in range(0, len(scenes), LANES)]
+    found = list(runner.run(_GROUPS, options, groups))
     names = ("rms", "rms_se", "rms_resonator", "harmonics", "block_change", "status", "periods")
     merged = {name: np.concatenate([getattr(r, name) for r in found]) for name in names}
     return LaneResponse(**merged, bpfo=found[0].bpfo)

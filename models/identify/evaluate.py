@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import groupby
 from typing import TYPE_CHECKING
 
@@ -13,17 +13,21 @@ import numpy as np
 from models.bearing import kinematics
 from models.identify.trials import FEATURES, Condition, a_star
 from models.scene import Defect, Scene
-from models.workers import in_threads
+from models.work.runner import SERIAL
+from models.work.task import Work
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from models.identify.space import Space
+    from models.work.runner import Runner
 
 # Relative error of the RMS due to the steps (1e-3 was found); it changes smoothly with the parameters.
 ACCURACY = 5e-3
 # Ball periods that a motion is simulated for which does not repeat.
 _MAX_PERIODS = 400
+# Bytes of a row of a candidate beside the program, at most (benchmarks/task_memory.py).
+_MEMORY = 256_000_000
 # Relative uncertainty of a level that drifts or left the finite numbers.
 _UNKNOWN = 1.0
 # A smaller level counts as this one, m/s2: logarithms are taken of levels.
@@ -56,6 +60,76 @@ class _Row:
     extents: tuple[float, ...]
 
 
+@dataclass(frozen=True)
+class _Bench:
+    """What the simulations of all candidates share; fields as of Evaluator."""
+
+    space: Space
+    conditions: tuple[Condition, ...]
+    band: tuple[float, float] | None
+
+    def scene(self, values: Values, condition: Condition) -> Scene:
+        """Return the scene of a candidate at a condition."""
+        defect = Defect(condition.dphi_d, condition.h_d, part=condition.part)
+        rig, clearance = self.space.rig_of(values), values["clearance"]
+        return Scene(condition.speed, condition.load, self.space.bearing, rig, defect, clearance)
+
+    def a_star(self, scene: Scene, harmonics: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return A* of amplitudes, shape (..., lines), of the lines in the band."""
+        if self.band is None or scene.defect is None:
+            return a_star(harmonics)
+        lines = kinematics(scene.bearing, scene.speed)
+        first = {"outer": lines.bpfo, "inner": lines.bpfi, "ball": 2.0 * lines.bsf}[scene.defect.part]
+        places = first * np.arange(1.0, harmonics.shape[-1] + 1.0, dtype=np.float64)
+        return a_star(harmonics * ((places >= self.band[0]) & (places <= self.band[1])))
+
+
+def _row_levels(bench: _Bench, task: tuple[Values, _Row]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return features and doubt of a candidate in a row, both (extents, features)."""
+    values, row = task
+    scene = bench.scene(values, row.condition)
+    if row.condition.part != "outer":
+        found = [_turning(bench, bench.scene(values, bench.conditions[n])) for n in row.numbers]
+        return np.array([f for f, _ in found]), np.array([d for _, d in found])
+    from models.dynamics.rows import simulate_row
+
+    settled = simulate_row(scene, np.array(row.extents), accuracy=ACCURACY, band=bench.band)
+    features = np.column_stack([settled.rms, bench.a_star(scene, settled.harmonics)])
+    doubt = np.zeros_like(features)
+    for i in np.flatnonzero(~settled.settled):
+        features[i], doubt[i] = _simulated_on(bench, bench.scene(values, bench.conditions[row.numbers[i]]))
+    return np.maximum(features, _LEAST_LEVEL), doubt
+
+
+def _simulated_on(bench: _Bench, scene: Scene) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return features and doubt, both (features,), of a motion that was not found to repeat."""
+    from models.simulate import simulate
+
+    highest = 0.0 if bench.band is None else bench.band[1]
+    response = simulate(scene, accuracy=ACCURACY, max_periods=_MAX_PERIODS, band=bench.band, lines_to=highest)
+    if response.status == "not_converged" or not math.isfinite(response.rms):
+        return np.full(len(FEATURES), _LEAST_LEVEL), np.full(len(FEATURES), _UNKNOWN)
+    features = np.array([response.rms, float(bench.a_star(scene, response.harmonics))])
+    doubt = min(_UNKNOWN, response.spread / max(response.rms, _LEAST_LEVEL))
+    return features, np.full(len(FEATURES), doubt)
+
+
+def _turning(bench: _Bench, scene: Scene) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return features and doubt, both (features,), of a defect that turns: means over its turns."""
+    from models.dynamics.stationary import stationary_level
+
+    level = stationary_level(scene, accuracy=ACCURACY, band=bench.band)
+    if level.status == "not_converged":
+        return np.full(len(FEATURES), _LEAST_LEVEL), np.full(len(FEATURES), _UNKNOWN)
+    amplitude = max(float(bench.a_star(scene, level.harmonics)), _LEAST_LEVEL)
+    error = float(bench.a_star(scene, level.harmonics * level.harmonics_se)) / amplitude**2
+    rms = max(level.rms, _LEAST_LEVEL)
+    return np.array([rms, amplitude]), np.array([level.rms_se / rms, error])
+
+
+CANDIDATES = Work("candidates of the identification", _row_levels, memory=_MEMORY, threads=True)
+
+
 @dataclass(eq=False)
 class Evaluator:
     """Simulates candidates; keeps what it found, so that no candidate is simulated twice.
@@ -64,7 +138,7 @@ class Evaluator:
         space: of which all candidates are.
         conditions: of the tests.
         band: in which RMS and A* are taken, Hz, or None for the full bandwidth.
-        workers: threads; 0 is one per core. The results do not depend on it.
+        runner: simulates the rows of candidates. The results do not depend on it.
         kept: what was found, by the values of the parameters; that of an earlier run may be given.
         simulated: candidates simulated here.
         notify: called after each batch.
@@ -73,13 +147,14 @@ class Evaluator:
     space: Space
     conditions: Sequence[Condition]
     band: tuple[float, float] | None = None
-    workers: int = 1
+    runner: Runner = SERIAL
     kept: dict[Key, Level] = field(default_factory=dict[Key, Level])
     simulated: int = 0
     notify: Callable[[], None] | None = None
 
     def __post_init__(self) -> None:
         """Group the conditions into rows."""
+        self._bench = _Bench(self.space, tuple(self.conditions), self.band)
 
         def common(number: int) -> tuple[object, ...]:
             c = self.conditions[number]
@@ -103,8 +178,10 @@ class Evaluator:
         for values in missing.values():
             if violations := self.space.violations(values):
                 raise ValueError(f"a candidate is outside the constraints: {'; '.join(violations)}")
-        tasks = [(values, row) for values in missing.values() for row in self._rows]
-        found = iter(list(in_threads(self._simulate, tasks, self.workers)))
+        tasks = [(dict(values), row) for values in missing.values() for row in self._rows]
+        # One chunk holds the rows of one candidate.
+        work = replace(CANDIDATES, per_chunk=max(1, len(self._rows)))
+        found = iter(list(self.runner.run(work, self._bench, tasks)))
         shape = len(self.conditions), len(FEATURES)
         for key in missing:
             level = Level(np.empty(shape), np.empty(shape))
@@ -119,55 +196,4 @@ class Evaluator:
 
     def scene(self, values: Values, condition: Condition) -> Scene:
         """Return the scene of a candidate at a condition."""
-        defect = Defect(condition.dphi_d, condition.h_d, part=condition.part)
-        rig, clearance = self.space.rig_of(values), values["clearance"]
-        return Scene(condition.speed, condition.load, self.space.bearing, rig, defect, clearance)
-
-    def _simulate(self, task: tuple[Values, _Row]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return features and doubt of a row, both (extents, features)."""
-        values, row = task
-        scene = self.scene(values, row.condition)
-        if row.condition.part != "outer":
-            found = [self._turning(self.scene(values, self.conditions[n])) for n in row.numbers]
-            return np.array([f for f, _ in found]), np.array([d for _, d in found])
-        from models.dynamics.rows import simulate_row
-
-        settled = simulate_row(scene, np.array(row.extents), accuracy=ACCURACY, band=self.band)
-        features = np.column_stack([settled.rms, self._a_star(scene, settled.harmonics)])
-        doubt = np.zeros_like(features)
-        for i in np.flatnonzero(~settled.settled):
-            features[i], doubt[i] = self._simulated_on(self.scene(values, self.conditions[row.numbers[i]]))
-        return np.maximum(features, _LEAST_LEVEL), doubt
-
-    def _a_star(self, scene: Scene, harmonics: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return A* of amplitudes, shape (..., lines), of the lines in the band."""
-        if self.band is None or scene.defect is None:
-            return a_star(harmonics)
-        lines = kinematics(scene.bearing, scene.speed)
-        first = {"outer": lines.bpfo, "inner": lines.bpfi, "ball": 2.0 * lines.bsf}[scene.defect.part]
-        places = first * np.arange(1.0, harmonics.shape[-1] + 1.0, dtype=np.float64)
-        return a_star(harmonics * ((places >= self.band[0]) & (places <= self.band[1])))
-
-    def _simulated_on(self, scene: Scene) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return features and doubt, both (features,), of a motion that was not found to repeat."""
-        from models.simulate import simulate
-
-        highest = 0.0 if self.band is None else self.band[1]
-        response = simulate(scene, accuracy=ACCURACY, max_periods=_MAX_PERIODS, band=self.band, lines_to=highest)
-        if response.status == "not_converged" or not math.isfinite(response.rms):
-            return np.full(len(FEATURES), _LEAST_LEVEL), np.full(len(FEATURES), _UNKNOWN)
-        features = np.array([response.rms, float(self._a_star(scene, response.harmonics))])
-        doubt = min(_UNKNOWN, response.spread / max(response.rms, _LEAST_LEVEL))
-        return features, np.full(len(FEATURES), doubt)
-
-    def _turning(self, scene: Scene) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return features and doubt, both (features,), of a defect that turns: means over its turns."""
-        from models.dynamics.stationary import stationary_level
-
-        level = stationary_level(scene, accuracy=ACCURACY, band=self.band)
-        if level.status == "not_converged":
-            return np.full(len(FEATURES), _LEAST_LEVEL), np.full(len(FEATURES), _UNKNOWN)
-        amplitude = max(float(self._a_star(scene, level.harmonics)), _LEAST_LEVEL)
-        error = float(self._a_star(scene, level.harmonics * level.harmonics_se)) / amplitude**2
-        rms = max(level.rms, _LEAST_LEVEL)
-        return np.array([rms, amplitude]), np.array([level.rms_se / rms, error])
+        return self._bench.scene(values, condition)

@@ -25,9 +25,11 @@ from models.identify.state import StateFile
 from models.identify.trials import FEATURES, Trials
 from models.identify.valleys import valley_choice
 from models.rigs.draws import RigPosterior, rounded
+from models.work.runner import SERIAL
 
 if TYPE_CHECKING:
     from models.identify.space import Space
+    from models.work.runner import Runner
 
 Method = Literal["search", "nsga2"]
 Progress = Callable[[str, int, int, float], None]
@@ -52,7 +54,6 @@ class IdentifyOptions:
         objectives: features that are compared, of ``FEATURES``.
         band: in which the RMS is taken, Hz, or None.
         seed: of all random draws.
-        workers: threads; 0 is one per core. The result does not depend on it.
         level: of the intervals.
         method: "search" (a design, least squares and a scan along the resonance) or "nsga2" (the front first, by
             pymoo, then least squares from it and the same scan).
@@ -62,7 +63,6 @@ class IdentifyOptions:
     objectives: tuple[str, ...] = FEATURES
     band: tuple[float, float] | None = None
     seed: int = 0
-    workers: int = 0
     level: float = 0.95
     method: Method = "search"
     population: int = 40
@@ -132,6 +132,7 @@ def identify(
     *,
     state: Path | None = None,
     resume: bool = False,
+    runner: Runner = SERIAL,
     progress: Progress | None = None,
 ) -> Identification:
     """Return the parameters of a rig that tests tell, and how well.
@@ -143,6 +144,7 @@ def identify(
         evidence: peaks and priors that enter the likelihood beside the tests.
         state: file in which candidates are kept while it runs; removed at the end.
         resume: take what the file holds.
+        runner: simulates candidates. The result does not depend on it.
         progress: called after each batch of candidates.
 
     Raises:
@@ -153,7 +155,7 @@ def identify(
     if not space.free:
         raise WrongInputError("no parameter is free")
     began = time.perf_counter()
-    evaluator = Evaluator(space, trials.conditions, options.band, options.workers)
+    evaluator = Evaluator(space, trials.conditions, options.band, runner)
     problem = Problem(trials, evaluator, options.objectives, evidence)
     _check_known(problem)
     threshold(problem, 1.0, options.level)
@@ -177,8 +179,8 @@ def identify(
         raise
     if file is not None:
         file.remove()
-    # The result does not hold the caller's callback.
-    evaluator.notify = None
+    # The result holds neither the caller's callback nor its runner.
+    evaluator.notify, evaluator.runner = None, SERIAL
     posterior = RigPosterior(
         best=tuple((name, rounded(value)) for name, value in best.values.items()),
         names=space.free,
@@ -280,9 +282,7 @@ class _Stage:
 
 
 def _problem_facts(trials: Trials, space: Space, options: IdentifyOptions, evidence: Evidence) -> dict[str, object]:
-    """Return all that the result depends on, as JSON has it; the number of workers is not among it."""
-    settings = asdict(options)
-    del settings["workers"]
+    """Return all that the result depends on, as JSON has it."""
     facts = {"evidence": evidence.facts()} if evidence.size else {}
     return {
         **facts,
@@ -294,7 +294,7 @@ def _problem_facts(trials: Trials, space: Space, options: IdentifyOptions, evide
         "loads": space.loads,
         "free": space.free,
         "limits": {name: str(value) for name, value in asdict(space.limits).items()},
-        "options": settings,
+        "options": asdict(options),
     }
 
 

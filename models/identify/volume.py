@@ -20,7 +20,8 @@ from models.identify.evidence import SCALES
 from models.identify.intervals import MAX_FACTOR
 from models.path.defect import race_radius
 from models.scene import Defect, Scene
-from models.workers import in_threads
+from models.work.runner import SERIAL
+from models.work.task import Work
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -28,6 +29,7 @@ if TYPE_CHECKING:
     from models.bearing import Bearing
     from models.identify.run import Identification
     from models.rigs.six_dof import Rig
+    from models.work.runner import Runner
 
 # Extents, rad, and depths, m, of the small map; and the steps between its nodes at which it is read.
 _EXTENTS = tuple(math.radians(float(x)) for x in np.linspace(0.0, 30.0, 13))
@@ -42,6 +44,8 @@ MAX_MISFIT = 3.0
 # Rigs that are taken of those that the data leave possible, and the accuracy of their maps.
 _RIGS, _ACCURACY = 64, 1e-2
 _CENTRAL = (0.025, 0.975)
+# Bytes of a small map beside the program, at most (benchmarks/task_memory.py).
+_MEMORY = 256_000_000
 # Effective draws of a posterior that the spread can rest on.
 _EFFECTIVE = 30.0
 
@@ -123,7 +127,14 @@ class VolumeSpread:
         return self.high / self.low if self.low > 0.0 else math.inf
 
 
-def volume_spread(found: Identification, point: OperatingPoint, workers: int = 1) -> tuple[VolumeSpread, ...]:
+def _map_of(bearing: Bearing, drawn: tuple[Rig, OperatingPoint]) -> SmallMap:
+    return small_map(drawn[0], bearing, drawn[1])
+
+
+_SMALL_MAPS = Work("small maps of drawn rigs", _map_of, memory=_MEMORY, threads=True)
+
+
+def volume_spread(found: Identification, point: OperatingPoint, runner: Runner = SERIAL) -> tuple[VolumeSpread, ...]:
     """Return how far the rigs that the data leave possible agree on V_eq at some levels."""
     space, draws = found.space, found.posterior.draws
     clearance = found.best.values["clearance"]
@@ -131,7 +142,7 @@ def volume_spread(found: Identification, point: OperatingPoint, workers: int = 1
     for number in range(min(_RIGS, len(draws.rows))):
         drawn = draws.rig(rigs[0][0], number)
         rigs.append((drawn, replace(point, clearance=draws.clearance(clearance, number))))
-    maps = list(in_threads(lambda task: small_map(task[0], space.bearing, task[1]), rigs, workers))
+    maps = list(runner.run(_SMALL_MAPS, space.bearing, rigs))
     radius, spreads = race_radius(space.bearing), list[VolumeSpread]()
     for reference in REFERENCES:
         level = maps[0].level_of(reference / radius)

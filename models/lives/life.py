@@ -23,12 +23,14 @@ from models.response import HARMONICS
 from models.rigs import AnyRig
 from models.rigs.six_dof import Rig
 from models.scene import Defect, Floor, Scene, Slip
-from models.workers import in_threads
+from models.work.runner import SERIAL
+from models.work.task import Work
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from models.maps.nodes import Progress
+    from models.work.runner import Runner
 
 # Length of a life over the time to reach the largest V_eq of interest.
 _BEYOND = 1.35
@@ -36,6 +38,8 @@ _BEYOND = 1.35
 # than the next number, more where they would have more than are simulated side by side (models.kernels.lanes.LANES).
 _GROUPS, _FEWEST = 4, 8
 _LANES = 32
+# Bytes of a life beside the program, at most (benchmarks/task_memory.py).
+_MEMORY = 256_000_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -277,19 +281,20 @@ def _shown(population: Population, speed: NDArray[np.float64]) -> NDArray[np.boo
     return (frequency >= population.rms_band[0]) & (frequency <= population.rms_band[1])
 
 
+_LIVES = Work("lives", simulate_life, memory=_MEMORY, threads=True)
+
+
 def simulate_lives(
-    population: Population, numbers: Sequence[int], workers: int = 1, progress: Progress | None = None
+    population: Population, numbers: Sequence[int], runner: Runner = SERIAL, progress: Progress | None = None
 ) -> Iterator[LifeHistory]:
     """Yield lives of a population in the order of their numbers as given.
 
-    ``workers`` is the number of threads, 0 one per core; the lives do not depend on it. ``progress`` is called with the
-    lives done and their total.
+    The lives do not depend on ``runner``. ``progress`` is called with the lives done and their total.
 
     Raises:
-        ValueError: if workers is negative, or a scene is outside the model.
+        ValueError: if a scene is outside the model.
     """
-    lives = in_threads(lambda number: simulate_life(population, number), numbers, workers)
-    for done, life in enumerate(lives, start=1):
+    for done, life in enumerate(runner.run(_LIVES, population, numbers), start=1):
         if progress is not None:
             progress(done, len(numbers))
         yield life

@@ -1,8 +1,4 @@
-"""Build RMS maps, with the axes of their plan or refined to a given interpolation error.
-
-RMS has stripes along dphi_d that belong to the model (about 4 degrees and 0.8 degrees apart for the 1205 ETN9 at 40 Hz:
-the resonator swings a whole number of times while a ball crosses the defect), so that a coarse axis aliases them. An
-axis is refined by halving the intervals whose middle, simulated, is off the line between its ends.
+"""Build RMS maps, with the axes of their plan or refined (``models.maps.refine``) to a given interpolation error.
 
 The simulation, and numba with it, is imported when points are computed.
 """
@@ -10,28 +6,29 @@ The simulation, and numba with it, is imported when points are computed.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from dataclasses import replace
 from datetime import UTC, datetime
 from importlib.metadata import PackageNotFoundError, version
 from itertools import product
-from typing import TYPE_CHECKING, Any, Literal, TypeVar
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
 from models.maps.check import condition_errors, interpolation_errors, rms_and_most
 from models.maps.data import RIG_COMMON, Nodes, RmsMap
-from models.maps.nodes import Progress, rig_rows, rig_scenes, simulate_node_row
-from models.maps.plan import DAMAGED, LINES, SCHEMA_VERSION, VOLUMES, MapError, MapPlan
+from models.maps.nodes import ROW_MEMORY, Progress, RigSpread, rig_rows, rig_scenes, simulate_node_row
+from models.maps.plan import DAMAGED, LINES, SCHEMA_VERSION, VOLUMES, MapPlan
+from models.maps.refine import MAX_NODES, refine_plan
 from models.path.contour import part_radius
 from models.response import CASING, HARMONICS, STATUSES
 from models.rigs.six_dof import Rig
-from models.workers import in_threads
+from models.work.runner import SERIAL
+from models.work.task import Work
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from models.response import Sensor
+    from models.work.runner import Runner
 
 Solver = Literal["rows", "lanes", "time", "scenes"]
 
@@ -43,21 +40,8 @@ _POINT_SEED = 1205
 # Numbers per node.
 _COLUMNS = 5 + 4 * HARMONICS
 
-# Default limit of the nodes of a refined map.
-MAX_NODES = 200_000
-# How the tolerance is shared between the axes; their squares add up to one.
-_SHARE_DPHI_D, _SHARE_H_D = 0.9, 0.43
-# RMS over an interval of the error of a chord of a parabola, over its error in the middle.
-_PARABOLA = (8.0 / 15.0) ** 0.5
-# The mean over more floors is no rougher than over these.
-_FLOORS = 8
-_CONDITIONS, _DEPTHS, _EXTENTS = 4, 9, 24
+# Rounds of refinement.
 _ROUNDS = 3
-# Smallest RMS that an error is divided by, m/s2.
-_SILENCE = 1e-12
-
-Sample = Callable[["NDArray[np.float64]"], "NDArray[np.float64]"]
-_T = TypeVar("_T")
 
 
 def solver_of(plan: MapPlan) -> Solver:
@@ -74,11 +58,11 @@ def solver_of(plan: MapPlan) -> Solver:
     return "lanes" if plan.slip is not None and plan.slip.phi_slip > 0.0 else "rows"
 
 
-def build_map(plan: MapPlan, *, workers: int = 1, progress: Progress | None = None) -> RmsMap:
+def build_map(plan: MapPlan, *, runner: Runner = SERIAL, progress: Progress | None = None) -> RmsMap:
     """Return the map of a plan, by the solver of ``solver_of``.
 
     Args:
-        workers: threads (rows, time, scenes) or processes (lanes); 0 is one per core. The result does not depend on it.
+        runner: runs rows (rows, time, scenes) or groups of scenes (lanes). The result does not depend on it.
         progress: called with the scenes done and their total, from this process.
 
     Raises:
@@ -98,12 +82,12 @@ def build_map(plan: MapPlan, *, workers: int = 1, progress: Progress | None = No
 
     solver = solver_of(plan)
     if solver != "lanes":
-        nodes = _row_nodes(plan, workers, note)
+        nodes = _row_nodes(plan, runner, note)
     else:
         from models.maps.ensemble import ensemble_nodes
 
-        nodes = ensemble_nodes(plan, workers=workers, progress=note)
-    rms_rig, harmonic_rig, common = _rig_nodes(plan, workers, lambda done, _total: note(floors + done, total))
+        nodes = ensemble_nodes(plan, runner=runner, progress=note)
+    rms_rig, harmonic_rig, common = _rig_nodes(plan, runner, lambda done, _total: note(floors + done, total))
     built = RmsMap(
         load=np.array(plan.load),
         speed=np.array(plan.speed),
@@ -114,11 +98,11 @@ def build_map(plan: MapPlan, *, workers: int = 1, progress: Progress | None = No
         harmonic_rig_std=harmonic_rig,
         attributes=map_attributes(plan) | {"solver": solver, "sensor": sensor} | common,
     )
-    _measure(built, workers)
+    _measure(built, runner)
     return built
 
 
-def _measure(built: RmsMap, workers: int) -> None:
+def _measure(built: RmsMap, runner: Runner) -> None:
     """Add to the attributes the error between the nodes, and between loads and speeds if there are several."""
     cheap = solver_of(built.plan) != "scenes" and built.plan.floors == 1 and built.plan.part == "outer"
     points = _POINTS if cheap else _POINTS_OF_FLOORS
@@ -126,17 +110,17 @@ def _measure(built: RmsMap, workers: int) -> None:
     if len(built.load) > 1 or len(built.speed) > 1:
         measures["condition"] = condition_errors
     for name, measure in measures.items():
-        errors = measure(built, points, _POINT_SEED, workers)
+        errors = measure(built, points, _POINT_SEED, runner)
         built.attributes[f"{name}_error"], built.attributes[f"{name}_error_max"] = rms_and_most(errors)
         built.attributes[f"{name}_points"] = len(errors)
 
 
-def _row_nodes(plan: MapPlan, workers: int, progress: Progress) -> Nodes:
+def _row_nodes(plan: MapPlan, runner: Runner, progress: Progress) -> Nodes:
     values = np.empty((*plan.shape, _COLUMNS))
-    tasks = [(plan, i, j, k) for i, j, k in np.ndindex(plan.shape[:3])]
+    tasks = list(np.ndindex(plan.shape[:3]))
     done = 0
-    for (_, i, j, k), row in zip(tasks, in_threads(_row, tasks, workers), strict=True):
-        values[i, j, k] = row
+    for at, row in zip(tasks, runner.run(_ROWS, plan, tasks), strict=True):
+        values[at] = row
         done += plan.shape[3] * plan.floors
         progress(done, 0)
     rms = values[..., 0]
@@ -154,9 +138,9 @@ def _row_nodes(plan: MapPlan, workers: int, progress: Progress) -> Nodes:
     )
 
 
-def _row(task: tuple[MapPlan, int, int, int]) -> NDArray[np.float64]:
-    """Return all nodes along dphi_d at one load, speed and depth, shape (D, _COLUMNS)."""
-    plan, i, j, k = task
+def _row(plan: MapPlan, at: tuple[int, ...]) -> NDArray[np.float64]:
+    """Return all nodes along dphi_d at one load, speed and depth by their numbers, shape (D, _COLUMNS)."""
+    i, j, k = at
     extents = np.array(plan.dphi_d)
     rows = [
         simulate_node_row(plan, plan.load[i], plan.speed[j], plan.h_d[k], extents, seed) for seed in range(plan.floors)
@@ -183,7 +167,7 @@ def _worst_status(status: NDArray[np.int64]) -> NDArray[np.int64]:
 
 
 def _rig_nodes(
-    plan: MapPlan, workers: int, progress: Progress
+    plan: MapPlan, runner: Runner, progress: Progress
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], dict[str, Any]]:
     """Return the spread over the plan's draws of the rig, shapes (L, S, H, D) and (L, S, H, D, 6), and an attribute.
 
@@ -192,8 +176,7 @@ def _rig_nodes(
     rms, harmonics = np.zeros(plan.shape), np.zeros((*plan.shape, HARMONICS))
     if plan.rig_draws == 0:
         return rms, harmonics, {}
-    tasks = [(plan, *point) for point in product(plan.load, plan.speed, plan.h_d)]
-    found = in_threads(lambda task: rig_rows(*task), tasks, workers)
+    found = runner.run(_RIG_ROWS, plan, list(product(plan.load, plan.speed, plan.h_d)))
     rows: list[NDArray[np.float64]] = []
     for n, (at, spread) in enumerate(zip(np.ndindex(plan.shape[:3]), found, strict=True)):
         rms[at], harmonics[at] = spread.rms, spread.lines
@@ -204,6 +187,14 @@ def _rig_nodes(
         return rms, harmonics, {}
     common = np.sqrt(np.mean(np.mean(damaged, axis=0) ** 2, axis=0))
     return rms, harmonics, {RIG_COMMON: common.tolist()}
+
+
+def _rig_row(plan: MapPlan, condition: tuple[float, float, float]) -> RigSpread:
+    return rig_rows(plan, *condition)
+
+
+_ROWS = Work("rows of the map", _row, memory=ROW_MEMORY, per_chunk=1, threads=True)
+_RIG_ROWS = Work("rows of drawn rigs", _rig_row, memory=ROW_MEMORY, per_chunk=1, threads=True)
 
 
 def _software_version() -> str:
@@ -261,7 +252,12 @@ def map_attributes(plan: MapPlan) -> dict[str, Any]:
 
 
 def build_refined_map(
-    plan: MapPlan, tolerance: float, *, most_nodes: int = MAX_NODES, workers: int = 1, progress: Progress | None = None
+    plan: MapPlan,
+    tolerance: float,
+    *,
+    most_nodes: int = MAX_NODES,
+    runner: Runner = SERIAL,
+    progress: Progress | None = None,
 ) -> RmsMap:
     """Return the map of a plan with its axes of extent and depth refined until the error between nodes is small enough.
 
@@ -274,94 +270,14 @@ def build_refined_map(
         ValueError: if the plan is outside the model.
     """
     aim, rounds = tolerance, 1
-    plan = refine_plan(plan, aim, most_nodes=most_nodes)
-    built = build_map(plan, workers=workers, progress=progress)
+    plan = refine_plan(plan, aim, most_nodes=most_nodes, runner=runner)
+    built = build_map(plan, runner=runner, progress=progress)
     while (reached := float(built.attributes["interpolation_error"])) > tolerance and rounds < _ROUNDS:
         aim *= 0.8 * tolerance / reached
         rounds += 1
-        finer = refine_plan(plan, aim, most_nodes=most_nodes)
+        finer = refine_plan(plan, aim, most_nodes=most_nodes, runner=runner)
         if finer == plan:
             break
-        plan, built = finer, build_map(finer, workers=workers, progress=progress)
+        plan, built = finer, build_map(finer, runner=runner, progress=progress)
     built.attributes["interpolation_tolerance"] = tolerance
     return built
-
-
-def refine_plan(plan: MapPlan, tolerance: float, *, most_nodes: int = MAX_NODES) -> MapPlan:
-    """Return a plan with its axes of extent and depth refined to a tolerance, or to the limit of nodes.
-
-    Raises:
-        MapError: if the tolerance is not positive or the plan has too many nodes to begin with.
-    """
-    if not tolerance > 0.0:
-        raise MapError(f"interpolation tolerance must be positive, got {tolerance!r}")
-    total = int(np.prod(plan.shape))
-    if total > most_nodes:
-        raise MapError(f"the map has {total} nodes before it is refined, more than the {most_nodes} that it may have")
-    conditions = _spread_over(list(product(plan.load, plan.speed)), _CONDITIONS)
-    still = replace(plan, slip=None, floors=min(plan.floors, _FLOORS) if plan.floor.kind == "rough" else 1)
-    depths = _spread_over([h for h in plan.h_d if h > 0.0], _DEPTHS)
-    extents = np.array(_spread_over([x for x in plan.dphi_d if x > 0.0], _EXTENTS))
-    if not depths or len(extents) == 0:
-        return plan
-
-    def along_dphi_d(values: NDArray[np.float64]) -> NDArray[np.float64]:
-        return np.array([[_mean_row(still, *c, h, values) for h in depths] for c in conditions])
-
-    def along_h_d(values: NDArray[np.float64]) -> NDArray[np.float64]:
-        rows = [[_mean_row(still, *c, float(h), extents) for h in values] for c in conditions]
-        return np.swapaxes(np.array(rows), 1, 2)
-
-    fixed = len(plan.load) * len(plan.speed)
-    depth = _refined(plan.h_d, along_h_d, _SHARE_H_D * tolerance, most_nodes // (fixed * len(plan.dphi_d)))
-    extent = _refined(plan.dphi_d, along_dphi_d, _SHARE_DPHI_D * tolerance, most_nodes // (fixed * len(depth)))
-    return replace(plan, h_d=depth, dphi_d=extent)
-
-
-def _spread_over(values: list[_T], count: int) -> list[_T]:
-    """Return up to ``count`` of the values, evenly among them, the last included."""
-    if len(values) <= count:
-        return values
-    return [values[round((n + 1) * len(values) / count) - 1] for n in range(count)]
-
-
-def _refined(axis: tuple[float, ...], sample: Sample, target: float, most: int) -> tuple[float, ...]:
-    """Return an axis with intervals halved until the chords are off by less than the target (RMS along the axis).
-
-    ``sample`` returns the RMS at places of the axis, shape (conditions, rows, places); the target is relative to the
-    largest RMS of a condition; ``most`` is the limit of nodes.
-    """
-    places = np.array(axis)
-    if len(places) < 2:
-        return axis
-    values = sample(places)
-    scale = np.maximum(np.max(values, axis=(1, 2), keepdims=True), _SILENCE)
-    errors = np.full(len(places) - 1, np.nan)
-    middle = np.empty((*values.shape[:2], len(errors)))
-    while True:
-        untried = np.isnan(errors)
-        middle[..., untried] = sample(0.5 * (places[:-1] + places[1:])[untried])
-        off = (middle - 0.5 * (values[..., :-1] + values[..., 1:])) / scale
-        errors = _PARABOLA * np.sqrt(np.mean(off**2, axis=(0, 1)))
-        width = np.diff(places)
-        if np.sqrt(np.average(errors**2, weights=width)) <= target:
-            break
-        # The worst first; those within the target are left as they are.
-        worst = np.argsort(-errors)[: most - len(places)]
-        split = np.sort(worst[errors[worst] > target])
-        if len(split) == 0:
-            break
-        places = np.insert(places, split + 1, 0.5 * (places[split] + places[split + 1]))
-        values = np.insert(values, split + 1, middle[..., split], axis=2)
-        halves = np.zeros(len(errors), dtype=bool)
-        halves[split] = True
-        errors = np.repeat(np.where(halves, np.nan, errors), 1 + halves)
-        middle = np.repeat(middle, 1 + halves, axis=2)
-    return tuple(places.tolist())
-
-
-def _mean_row(
-    plan: MapPlan, load: float, speed: float, h_d: float, extents: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    rows = [simulate_node_row(plan, load, speed, h_d, extents, seed).rms for seed in range(plan.floors)]
-    return np.mean(rows, axis=0)

@@ -3,20 +3,22 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from models.maps.nodes import Progress, nodes_at_random, point_level, simulate_node_row
-from models.workers import in_threads
+from models.maps.nodes import ROW_MEMORY, Progress, nodes_at_random, point_level, simulate_node_row
+from models.work.runner import SERIAL
+from models.work.task import Work
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from models.maps.data import RmsMap
     from models.maps.plan import MapPlan
+    from models.work.runner import Runner
 
 # Smallest RMS that an error is divided by, m/s2.
 _SILENCE = 1e-12
@@ -24,21 +26,44 @@ _SILENCE = 1e-12
 Point = tuple[float, float, float, float]
 
 
-def mean_rms(plan: MapPlan, points: Sequence[Point], factor: int = 1, workers: int = 1) -> NDArray[np.float64]:
-    """Return the RMS at any points (load, speed, h_d, dphi_d), averaged over the plan's floors, m/s2.
+@dataclass(frozen=True)
+class _Shared:
+    """What the points of a check have in common; ``factor`` is that of ``mean_levels``."""
 
-    ``factor`` divides the accuracy of the nodes, or multiplies their steps where slip is redrawn; ``workers`` are
-    threads without slip, 0 is one per core.
-    """
-    if plan.part == "outer" and plan.slip is not None and plan.slip.phi_slip > 0.0:
+    plan: MapPlan
+    factor: int
+
+    @property
+    def slips(self) -> bool:
+        """Whether the points are simulated in lanes."""
+        slip = self.plan.slip
+        return self.plan.part == "outer" and slip is not None and slip.phi_slip > 0.0
+
+
+def _mean_level(shared: _Shared, task: tuple[int, Point]) -> float:
+    number, point = task
+    plan, factor = shared.plan, shared.factor
+    if shared.slips:
         from models.maps.ensemble import ensemble_rms
 
-        return ensemble_rms(plan, points, factor)
+        return ensemble_rms(plan, point, factor, number)
+    return sum(_rms_at(plan, point, seed, factor) for seed in range(plan.floors)) / plan.floors
 
-    def at(point: Point) -> float:
-        return sum(_rms_at(plan, point, seed, factor) for seed in range(plan.floors)) / plan.floors
 
-    return np.array(list(in_threads(at, points, workers)), dtype=np.float64)
+_POINTS = Work("points of the map", _mean_level, memory=ROW_MEMORY, per_chunk=1, threads=True)
+_SLIPPING = Work("points of the map with slip", _mean_level, memory=ROW_MEMORY, per_chunk=1)
+
+
+def mean_levels(
+    plan: MapPlan, points: Sequence[tuple[int, Point]], factor: int = 1, runner: Runner = SERIAL
+) -> Iterator[float]:
+    """Yield the RMS at any points (load, speed, h_d, dphi_d), averaged over the plan's floors, m/s2.
+
+    Points of different numbers draw different slip. ``factor`` divides the accuracy of the nodes, or multiplies their
+    steps where slip is redrawn.
+    """
+    shared = _Shared(plan, factor)
+    return runner.run(_SLIPPING if shared.slips else _POINTS, shared, points)
 
 
 def _rms_at(plan: MapPlan, point: Point, seed: int, factor: int) -> float:
@@ -48,7 +73,7 @@ def _rms_at(plan: MapPlan, point: Point, seed: int, factor: int) -> float:
     return float(simulate_node_row(plan, *point[:3], np.array([point[3]]), seed).rms[0])
 
 
-def interpolation_errors(rms_map: RmsMap, points: int, seed: int, workers: int = 1) -> NDArray[np.float64]:
+def interpolation_errors(rms_map: RmsMap, points: int, seed: int, runner: Runner = SERIAL) -> NDArray[np.float64]:
     """Return the errors of a map at random extents and depths, over the largest RMS of its slice, shape (points,).
 
     Each point lies at one of the map's loads and speeds; diverging ones are left out.
@@ -57,10 +82,10 @@ def interpolation_errors(rms_map: RmsMap, points: int, seed: int, workers: int =
     axes = (rms_map.load, rms_map.speed, rms_map.h_d, rms_map.dphi_d)
     load, speed = (rng.choice(axis, points) for axis in axes[:2])
     h_d, dphi_d = (rng.uniform(axis[0], axis[-1], points) for axis in axes[2:])
-    return _errors_at(rms_map, np.column_stack((load, speed, h_d, dphi_d)), workers)
+    return _errors_at(rms_map, np.column_stack((load, speed, h_d, dphi_d)), runner)
 
 
-def condition_errors(rms_map: RmsMap, points: int, seed: int, workers: int = 1) -> NDArray[np.float64]:
+def condition_errors(rms_map: RmsMap, points: int, seed: int, runner: Runner = SERIAL) -> NDArray[np.float64]:
     """Return the errors of a map at random nodes of its extents and depths, but loads and speeds between its own.
 
     They are relative to the largest RMS of the map at that load and speed, shape (points,); diverging
@@ -69,13 +94,14 @@ def condition_errors(rms_map: RmsMap, points: int, seed: int, workers: int = 1) 
     rng = np.random.default_rng(seed)
     load, speed = (rng.uniform(axis[0], axis[-1], points) for axis in (rms_map.load, rms_map.speed))
     h_d, dphi_d = (rng.choice(axis, points) for axis in (rms_map.h_d, rms_map.dphi_d))
-    return _errors_at(rms_map, np.column_stack((load, speed, h_d, dphi_d)), workers)
+    return _errors_at(rms_map, np.column_stack((load, speed, h_d, dphi_d)), runner)
 
 
-def _errors_at(rms_map: RmsMap, points: NDArray[np.float64], workers: int) -> NDArray[np.float64]:
+def _errors_at(rms_map: RmsMap, points: NDArray[np.float64], runner: Runner) -> NDArray[np.float64]:
     rows: list[Point] = [tuple(row) for row in points.tolist()]
     errors = np.empty(len(rows))
-    for n, (row, true) in enumerate(zip(rows, mean_rms(rms_map.plan, rows, workers=workers), strict=True)):
+    levels = mean_levels(rms_map.plan, list(enumerate(rows)), runner=runner)
+    for n, (row, true) in enumerate(zip(rows, levels, strict=True)):
         at = rms_map.slice_at(row[0], row[1])
         errors[n] = (float(at.interpolate(row[3], row[2])) - true) / max(float(np.nanmax(at.rms)), _SILENCE)
     return errors[np.isfinite(errors)]
@@ -109,11 +135,14 @@ class MapCheck:
     condition_max: float | None
 
 
-def check_map(rms_map: RmsMap, points: int, *, seed: int = 0, progress: Progress | None = None) -> MapCheck:
+def check_map(
+    rms_map: RmsMap, points: int, *, seed: int = 0, runner: Runner = SERIAL, progress: Progress | None = None
+) -> MapCheck:
     """Measure the error of a map at random nodes, against more accurate ones, and at random points between the nodes.
 
     Maps averaged over several floors are checked on the mean of the same floors; where slip is redrawn, both means
-    contain the scatter of their records. ``progress`` is called with the points done and their total.
+    contain the scatter of their records. The check does not depend on ``runner``; ``progress`` is called with the
+    points done and their total.
 
     Raises:
         ValueError: if points is not positive.
@@ -124,18 +153,19 @@ def check_map(rms_map: RmsMap, points: int, *, seed: int = 0, progress: Progress
     node_errors: list[float] = []
     several = len(rms_map.load) > 1 or len(rms_map.speed) > 1
     parts = 3 if several else 2
-    for n, node in enumerate(nodes_at_random(plan, points, seed)):
+    nodes = nodes_at_random(plan, points, seed)
+    levels = mean_levels(plan, [(0, node) for node in nodes], 4, runner)
+    for n, (node, true) in enumerate(zip(nodes, levels, strict=True)):
         stored = float(rms_map.slice_at(node[0], node[1]).interpolate(node[3], node[2]))
-        true = float(mean_rms(plan, [node], 4)[0])
         error = 0.0 if true == 0.0 else stored / true - 1.0
         if math.isfinite(error):
             node_errors.append(error)
         if progress is not None:
             progress(n + 1, parts * points)
-    between = interpolation_errors(rms_map, points, seed)
+    between = interpolation_errors(rms_map, points, seed, runner)
     if progress is not None:
         progress(2 * points, parts * points)
-    conditions = condition_errors(rms_map, points, seed) if several else None
+    conditions = condition_errors(rms_map, points, seed, runner) if several else None
     if progress is not None and several:
         progress(3 * points, parts * points)
     between_conditions = (None, None) if conditions is None else rms_and_most(conditions)

@@ -10,7 +10,7 @@ a record is part of the spread over floors, and so of the standard error of the 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
@@ -18,17 +18,20 @@ import numpy as np
 
 from models.bearing import kinematics
 from models.dynamics.lane_group import PERIODS, block_steps
-from models.dynamics.lanes import LaneOptions, LaneRunner, simulate_lanes
+from models.dynamics.lanes import LANES_MEMORY, LaneOptions, LaneRunner, simulate_lanes
 from models.kernels.lanes import LANES
 from models.maps.data import Nodes
 from models.maps.nodes import Progress, StepError, compare_steps, scene_at
 from models.maps.plan import MapPlan
 from models.response import HARMONICS
 from models.scene import Scene
-from models.workers import in_processes
+from models.work.runner import SERIAL
+from models.work.task import Work
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
+
+    from models.work.runner import Runner
 
 # Groups of lanes in one task of a worker process; the cost of starting a task is small beside them.
 _GROUPS_PER_TASK = 24
@@ -46,8 +49,6 @@ _COLUMNS = 3 + HARMONICS
 class _Task:
     """A run of scenes of one speed: nodes are counted with load outermost, then extent, then depth."""
 
-    plan: MapPlan
-    options: LaneOptions
     speed: int
     first_floor: int
     floors: int
@@ -66,21 +67,21 @@ def ensemble_options(plan: MapPlan) -> LaneOptions:
     )
 
 
-def ensemble_nodes(plan: MapPlan, *, workers: int = 1, progress: Progress | None = None) -> Nodes:
+def ensemble_nodes(plan: MapPlan, *, runner: Runner = SERIAL, progress: Progress | None = None) -> Nodes:
     """Return the nodes of a plan averaged over its floors.
 
     Args:
-        workers: processes; 0 is one per core. The result does not depend on it.
+        runner: runs groups of scenes. The result does not depend on it.
         progress: called with the scenes done and their total, from this process.
 
     Raises:
         ValueError: if a scene is outside the model.
     """
     options = ensemble_options(plan)
-    tasks = list(_tasks(plan, options))
+    tasks = list(_tasks(plan))
     values = np.empty((len(plan.speed), _nodes(plan), plan.floors, _COLUMNS))
     total, done = values[..., 0].size, 0
-    for task, rows in zip(tasks, in_processes(_simulate, tasks, workers), strict=True):
+    for task, rows in zip(tasks, runner.run(_GROUPS, (plan, options), tasks), strict=True):
         node, floor = np.divmod(np.arange(task.begin, task.end), task.floors)
         values[task.speed, node, task.first_floor + floor] = rows
         done += task.end - task.begin
@@ -89,33 +90,28 @@ def ensemble_nodes(plan: MapPlan, *, workers: int = 1, progress: Progress | None
     return _statistics(plan, options, values)
 
 
-def ensemble_rms(
-    plan: MapPlan, points: Sequence[tuple[float, float, float, float]], factor: int
-) -> NDArray[np.float64]:
-    """Return the RMS at any points (load, speed, h_d, dphi_d), averaged over the plan's floors, m/s2.
+def ensemble_rms(plan: MapPlan, point: tuple[float, float, float, float], factor: int, number: int) -> float:
+    """Return the RMS at any point (load, speed, h_d, dphi_d), averaged over the plan's floors, m/s2.
 
-    ``factor`` multiplies the steps of the nodes.
+    ``factor`` multiplies the steps of the nodes; points of different numbers draw different slip.
     """
     options = ensemble_options(plan)
     assert options.steps_per_period is not None
     options = replace(options, steps_per_period=factor * options.steps_per_period)
     runner = LaneRunner(options)
-    found: list[float] = []
-    for number, point in enumerate(points):
-        levels: list[NDArray[np.float64]] = []
-        for first in range(0, plan.floors, LANES):
-            seeds = range(first, min(first + LANES, plan.floors))
-            scenes = [scene_at(plan, *point, seed) for seed in seeds]
-            levels.append(runner.run(scenes, number * plan.floors + first).rms)
-        found.append(float(np.mean(np.concatenate(levels))))
-    return np.array(found)
+    levels: list[NDArray[np.float64]] = []
+    for first in range(0, plan.floors, LANES):
+        seeds = range(first, min(first + LANES, plan.floors))
+        scenes = [scene_at(plan, *point, seed) for seed in seeds]
+        levels.append(runner.run(scenes, number * plan.floors + first).rms)
+    return float(np.mean(np.concatenate(levels)))
 
 
 def _nodes(plan: MapPlan) -> int:
     return len(plan.load) * len(plan.dphi_d) * len(plan.h_d)
 
 
-def _tasks(plan: MapPlan, options: LaneOptions) -> Iterator[_Task]:
+def _tasks(plan: MapPlan) -> Iterator[_Task]:
     """Cut the scenes into tasks, floors by LANES at a time, so that few profiles are in use at once."""
     size = _GROUPS_PER_TASK * LANES
     for speed in range(len(plan.speed)):
@@ -123,12 +119,11 @@ def _tasks(plan: MapPlan, options: LaneOptions) -> Iterator[_Task]:
             floors = min(LANES, plan.floors - first)
             count = _nodes(plan) * floors
             for begin in range(0, count, size):
-                yield _Task(plan, options, speed, first, floors, begin, min(begin + size, count))
+                yield _Task(speed, first, floors, begin, min(begin + size, count))
 
 
-def _scene(task: _Task, index: int) -> Scene:
+def _scene(plan: MapPlan, task: _Task, index: int) -> Scene:
     """Return one scene of a task; neighbours differ in floor first, then depth, so that their tables are alike."""
-    plan = task.plan
     node, floor = divmod(index, task.floors)
     outer, depth = divmod(node, len(plan.h_d))
     load, extent = divmod(outer, len(plan.dphi_d))
@@ -142,17 +137,21 @@ def _scene(task: _Task, index: int) -> Scene:
     )
 
 
-def _simulate(task: _Task) -> NDArray[np.float64]:
+def _simulate(shared: tuple[MapPlan, LaneOptions], task: _Task) -> NDArray[np.float64]:
     """Return RMS, settling change, status and lines of the scenes of a task, shape (scenes, _COLUMNS)."""
-    runner = LaneRunner(task.options)
+    plan, options = shared
+    runner = LaneRunner(options)
     rows: list[NDArray[Any]] = []
     for begin in range(task.begin, task.end, LANES):
-        scenes = [_scene(task, i) for i in range(begin, min(begin + LANES, task.end))]
+        scenes = [_scene(plan, task, i) for i in range(begin, min(begin + LANES, task.end))]
         # A number that no other group of the map has, whatever process it runs in.
-        number = (task.speed * task.plan.floors + task.first_floor) * _nodes(task.plan) + begin // LANES
+        number = (task.speed * plan.floors + task.first_floor) * _nodes(plan) + begin // LANES
         r = runner.run(scenes, number)
         rows.append(np.column_stack((r.rms, r.block_change, r.status, r.harmonics)))
     return np.concatenate(rows)
+
+
+_GROUPS = Work("groups of scenes of the map", _simulate, memory=LANES_MEMORY)
 
 
 def _statistics(plan: MapPlan, options: LaneOptions, values: NDArray[np.float64]) -> Nodes:

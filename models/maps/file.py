@@ -19,9 +19,12 @@ from models.maps.data import RmsMap
 from models.maps.nodes import Progress
 from models.maps.plan import AXES, SCHEMA_VERSION, MapError, MapPlan
 from models.response import HARMONICS, STATUSES
+from models.work.runner import SERIAL
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
+
+    from models.work.runner import Runner
 
 _HARMONIC = "bpfo_harmonic"
 _CONTENT = "content_hash"
@@ -190,7 +193,7 @@ def default_map_path(plan: MapPlan, cache_dir: Path | str | None = None) -> Path
 
 
 def cached_map(
-    plan: MapPlan, cache_dir: Path | str | None = None, *, workers: int = 1, progress: Progress | None = None
+    plan: MapPlan, cache_dir: Path | str | None = None, *, runner: Runner = SERIAL, progress: Progress | None = None
 ) -> RmsMap:
     """Return the map of a plan, built on first use and read afterwards; a damaged one is rebuilt."""
     path = default_map_path(plan, cache_dir)
@@ -200,6 +203,6 @@ def cached_map(
             return kept
     except MapError:
         pass
-    built = build_map(plan, workers=workers, progress=progress)
+    built = build_map(plan, runner=runner, progress=progress)
     save_map(built, path)
     return built

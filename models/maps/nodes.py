@@ -29,6 +29,8 @@ Progress = Callable[[int, int], None]
 
 # Relative error of the RMS that is asked of each node.
 MAP_ACCURACY = 2e-3
+# Bytes of a row beside the program, at most (benchmarks/task_memory.py).
+ROW_MEMORY = 256_000_000
 # A smaller vibration counts as zero, m/s2.
 _SILENCE = 1e-12
 _UNCERTAIN = ("m_r", "k_c", "c_i", "c_r", "alpha_c", "beta_c")

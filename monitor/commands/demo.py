@@ -14,6 +14,7 @@ from models.rigs import IGNORES_DEPTH, RIGS
 from models.rigs.angular import AngularRig
 from models.rigs.gear_pair import GearPairRig
 from models.rigs.six_dof import Rig
+from models.work.choose import local_runner
 from monitor.commands import option
 from monitor.commands.common import InputError, counter, emit, finite, progress_bar, say
 from monitor.commands.demo_prior import forecast_quadratic, quadratic_library
@@ -196,7 +197,8 @@ def _demo_map(config: Config, model: str, *, quiet: bool) -> RmsMap:
     )
     kept = default_map_path(plan).exists()
     say("reading the RMS map" if kept else "building the RMS map (kept for later runs)", quiet=quiet)
-    return cached_map(plan, workers=0, progress=counter("map", quiet=quiet))
+    with local_runner(0) as runner:
+        return cached_map(plan, runner=runner, progress=counter("map", quiet=quiet))
 
 
 def _demo_library(config: Config, *, quiet: bool) -> Library:
@@ -221,7 +223,8 @@ def _demo_library(config: Config, *, quiet: bool) -> Library:
     kept = library_path(population, _LIVES, thresholds).exists()
     words = "reading the library of" if kept else "simulating a library (kept for later runs) of"
     say(f"{words} {_LIVES} lives", quiet=quiet)
-    return cached_library(population, _LIVES, thresholds, progress=counter("lives", quiet=quiet))
+    with local_runner(0) as runner:
+        return cached_library(population, _LIVES, thresholds, runner=runner, progress=counter("lives", quiet=quiet))
 
 
 def _tested(config: Config) -> ChannelSection:

@@ -18,6 +18,7 @@ from models.identify.limits import INTERVALS, Limits, wide_limits
 from models.identify.run import Identification, IdentifyOptions, identify
 from models.identify.space import ALIASES, DEFAULT_FREE, FREE_WITHOUT_TESTS, ORDER, Space, contact_ratios
 from models.identify.trials import FEATURES, Trials, gather, no_trials
+from models.work.choose import local_runner
 from monitor.commands import evidence_files, option
 from monitor.commands.common import (
     InputError,
@@ -157,17 +158,24 @@ def command(tests: Path | None, config_path: Path | None, as_json: bool, quiet: 
             objectives=_names(options["objectives"]) or FEATURES,
             band=band,
             seed=options["seed"],
-            workers=options["workers"],
             level=options["level"],
             method=options["method"],
         )
         state = None if out is None else _state_path(out)
-        with _resumable(state):
-            progress = _progress(quiet=quiet)
-            found = identify(
-                trials, space, settings, evidence, state=state, resume=options["resume"], progress=progress
-            )
-        verdict = judge(found, config, entry, options["workers"])
+        with local_runner(options["workers"]) as runner:
+            with _resumable(state):
+                progress = _progress(quiet=quiet)
+                found = identify(
+                    trials,
+                    space,
+                    settings,
+                    evidence,
+                    state=state,
+                    resume=options["resume"],
+                    runner=runner,
+                    progress=progress,
+                )
+            verdict = judge(found, config, entry, runner)
     values = _values(found, settings, table) | verdict.values(is_calibration(found))
     values["warnings"] = [*table.warnings, *find_warnings(found, config, entry), *values["why_uncalibrated"]]
     if out is not None:

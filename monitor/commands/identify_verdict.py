@@ -11,6 +11,7 @@ from models.identify.evidence import SCALES
 from models.identify.leaning import leaning
 from models.identify.run import Identification
 from models.identify.volume import OperatingPoint, VolumeSpread, objections, volume_spread
+from models.work.runner import Runner
 from monitor.commands.common import finite
 from monitor.commands.rig_table import key_of
 from monitor.config.load import Config
@@ -73,13 +74,13 @@ class Verdict:
         }
 
 
-def judge(found: Identification, config: Config, entry: CatalogueEntry, workers: int) -> Verdict:
+def judge(found: Identification, config: Config, entry: CatalogueEntry, runner: Runner) -> Verdict:
     """Return what an identification claims, at the operating point of the machine or of its largest load."""
     problem = found.problem
     load = config.operating.load_newton or max(found.space.loads)
     speeds = [condition.speed for condition in problem.trials.conditions]
     speed = config.operating.speed_hz or max(speeds, default=_SPEED)
-    spread = volume_spread(found, OperatingPoint(load, speed, problem.evaluator.band), workers)
+    spread = volume_spread(found, OperatingPoint(load, speed, problem.evaluator.band), runner)
     element = found.space.rig.element
     assumed = config.rig.assumed_keys(geometric=element == "roller" or not config.owns_rig(entry))
     configured = {name for name in SCALES if key_of(name, element) not in assumed}

@@ -15,6 +15,7 @@ from models.lives.laws import LAWS
 from models.lives.population import Population
 from models.rigs import RIGS
 from models.rigs.six_dof import Rig
+from models.work.choose import local_runner
 from monitor.commands import library_learn, option
 from monitor.commands.common import (
     InputError,
@@ -100,13 +101,14 @@ def build(config_path: Path | None, name: str | None, out: Path, as_json: bool, 
     check_writable("--out", out)
     began = time.perf_counter()
     with input_errors("library build"):
-        library = build_library(
-            population,
-            runs=options["runs"],
-            thresholds=thresholds,
-            workers=options["workers"],
-            progress=counter("lives", quiet=quiet),
-        )
+        with local_runner(options["workers"]) as runner:
+            library = build_library(
+                population,
+                runs=options["runs"],
+                thresholds=thresholds,
+                runner=runner,
+                progress=counter("lives", quiet=quiet),
+            )
         for features in _SENSED if recorded else ():
             library = calibrate(library, recorded, features=features, threshold=thresholds[0])
     with output_errors("--out", out):

@@ -23,6 +23,7 @@ from models.rigs import RIGS
 from models.rigs.draws import RigDraws
 from models.rigs.six_dof import Rig
 from models.scene import PARTS, Floor, Slip
+from models.work.choose import local_runner
 from monitor.commands import option
 from monitor.commands.common import (
     PICTURES,
@@ -103,12 +104,13 @@ def build(config_path: Path | None, name: str | None, out: Path, as_json: bool, 
     with input_errors("map build"):
         plan, left_out = _plan(config_path, name, options)
         check_writable("--out", out)
-        if tolerance == 0.0:
-            rms_map = build_map(plan, workers=options["workers"], progress=note)
-        else:
-            rms_map = build_refined_map(
-                plan, tolerance, most_nodes=options["most_nodes"], workers=options["workers"], progress=note
-            )
+        with local_runner(options["workers"]) as runner:
+            if tolerance == 0.0:
+                rms_map = build_map(plan, runner=runner, progress=note)
+            else:
+                rms_map = build_refined_map(
+                    plan, tolerance, most_nodes=options["most_nodes"], runner=runner, progress=note
+                )
     with output_errors("--out", out):
         save_map(rms_map, out)
     values = {

@@ -18,6 +18,7 @@ from models.lives.growth import TrackingError
 from models.lives.life import simulate_lives
 from models.lives.population import Population
 from models.rigs.six_dof import Rig
+from models.work.runner import SERIAL, Runner
 from monitor.health.damage.library import acceleration, plausible, regression, summaries
 from monitor.health.damage.library import fit as library_fit
 from monitor.health.damage.library import model as library_model
@@ -37,15 +38,14 @@ def build_library(
     *,
     runs: int,
     thresholds: Sequence[float],
-    workers: int = 0,
+    runner: Runner = SERIAL,
     progress: Progress | None = None,
     settings: FitSettings | None = None,
 ) -> Library:
     """Simulate lives 0 to ``runs - 1`` of a population and fit the forecaster on them.
 
-    It forecasts the ``thresholds`` (V_th, m2), which the lives must reach. It does not depend on ``workers``, the
-    threads that simulate (0: one a core). ``progress`` is called with the lives done and their total. By default the
-    fit has the population's seed.
+    It forecasts the ``thresholds`` (V_th, m2), which the lives must reach. It does not depend on ``runner``.
+    ``progress`` is called with the lives done and their total. By default the fit has the population's seed.
 
     Raises:
         ValueError: too few lives, thresholds that the population does not reach, or a scene outside the model.
@@ -55,7 +55,7 @@ def build_library(
             f"thresholds up to {max(thresholds) * 1e6:g} mm2 need lives that go on until there; "
             f"these go on until {population.until * 1e6:g} mm2"
         )
-    lives = list(simulate_lives(population, range(runs), workers, progress))
+    lives = list(simulate_lives(population, range(runs), runner, progress))
     return fit_library(
         lives,
         thresholds=thresholds,
@@ -133,7 +133,7 @@ def cached_library(
     thresholds: Sequence[float],
     cache_dir: Path | str | None = None,
     *,
-    workers: int = 0,
+    runner: Runner = SERIAL,
     progress: Progress | None = None,
 ) -> Library:
     """Return a library, built on first use and read afterwards; a damaged one is built anew.
@@ -145,6 +145,6 @@ def cached_library(
         return load_library(path)
     except LibraryError:
         pass
-    built = build_library(population, runs=runs, thresholds=thresholds, workers=workers, progress=progress)
+    built = build_library(population, runs=runs, thresholds=thresholds, runner=runner, progress=progress)
     save_library(built, path)
     return built

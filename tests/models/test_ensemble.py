@@ -18,6 +18,8 @@ from models.maps.plan import MapError, MapPlan
 from models.response import STATUSES
 from models.scene import Floor, Slip
 from models.simulate import simulate
+from models.work.choose import local_runner
+from models.work.runner import SERIAL
 
 PLAN = MapPlan(
     load=(2000.0, 4000.0),
@@ -68,7 +70,8 @@ def test_slip_is_simulated_in_lanes() -> None:
 @pytest.mark.process
 def test_floors_beyond_one_group_and_processes_change_nothing() -> None:
     plan = replace(COARSE, floors=34, slip=Slip(0.01, seed=2))
-    one, two = (ensemble_nodes(plan, workers=n) for n in (1, 2))
+    with local_runner(2) as runner:
+        one, two = (ensemble_nodes(plan, runner=r) for r in (SERIAL, runner))
     assert np.array_equal(one.rms, two.rms)
     assert np.array_equal(one.harmonic_std, two.harmonic_std)
     assert np.all(one.status == STATUSES.index("not_periodic"))
@@ -100,12 +103,12 @@ def test_a_smooth_floor_under_slip_is_averaged_over_records() -> None:
 
 def test_any_point_is_the_mean_of_its_floors() -> None:
     plan = replace(PLAN, floors=18, rms_band=None)
-    found = ensemble_rms(plan, [(3000.0, 35.0, 5e-6, 0.3)], 2)
+    found = ensemble_rms(plan, (3000.0, 35.0, 5e-6, 0.3), 2, 0)
     options = ensemble_options(plan)
     assert options.steps_per_period is not None
     finer = replace(options, steps_per_period=2 * options.steps_per_period)
     scenes = [scene_at(plan, 3000.0, 35.0, 5e-6, 0.3, seed) for seed in range(18)]
-    assert found[0] == pytest.approx(simulate_lanes(scenes, finer).rms.mean(), rel=1e-3)
+    assert found == pytest.approx(simulate_lanes(scenes, finer).rms.mean(), rel=1e-3)
 
 
 def test_step_error_falls_with_the_step() -> None:

@@ -22,6 +22,8 @@ from models.path.defect import ball_path
 from models.response import STATUSES
 from models.scene import Defect, Floor, Scene, Slip
 from models.simulate import simulate
+from models.work.choose import local_runner
+from models.work.runner import SERIAL
 from tests.effort import effort_count
 from tests.oracles.lanes_oracle import SlipOracle
 from tests.oracles.periodic.settle import simulate_oracle
@@ -198,7 +200,8 @@ def test_band_limits_the_rms() -> None:
 def test_processes_give_the_same_bits() -> None:
     scenes = [replace(s, slip=Slip(0.01)) for s in map_scenes(2 * LANES)]
     options = LaneOptions(steps_per_period=32, slip_blocks=2)
-    one, two = (simulate_lanes(scenes, options, workers=n) for n in (1, 2))
+    with local_runner(2) as runner:
+        one, two = (simulate_lanes(scenes, options, runner=r) for r in (SERIAL, runner))
     assert np.array_equal(one.rms, two.rms)
     assert np.array_equal(one.harmonics, two.harmonics)
 
@@ -285,7 +288,6 @@ def test_scenes_that_cannot_stand_side_by_side_are_refused(change: dict[str, Any
         (lambda: LaneOptions(steps_per_period=4), "steps_per_period"),
         (lambda: LaneOptions(slip_blocks=1), "slip_blocks"),
         (lambda: simulate_lanes([]), "at least one"),
-        (lambda: simulate_lanes([SCENE], workers=-1), "workers"),
         (lambda: simulate_lanes([SCENE], LaneOptions(band=(0.0, 1e6))), "band"),
     ],
 )

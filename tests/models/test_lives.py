@@ -33,6 +33,7 @@ from models.rigs.ring_impact import RingImpactRig
 from models.rigs.rotor import RotorRig
 from models.scene import Scene, Slip
 from models.simulate import simulate
+from models.work.choose import local_runner
 from monitor.health.spectrum.features import FeatureSettings, block_features, fundamentals
 from tests.effort import effort_count
 
@@ -199,17 +200,13 @@ def test_a_life_depends_on_the_population_and_its_number_alone(slip: Range) -> N
     population = replace(SHORT, slip=slip)
     numbers = [3, 0, 2]
     seen: list[tuple[int, int]] = []
-    several = list(simulate_lives(population, numbers, 2, lambda done, total: seen.append((done, total))))
+    with local_runner(2) as runner:
+        several = list(simulate_lives(population, numbers, runner, lambda done, total: seen.append((done, total))))
     assert [h.number for h in several] == numbers
     assert seen == [(1, 3), (2, 3), (3, 3)]
     assert all(same(a, b) for a, b in zip(several, simulate_lives(population, numbers), strict=True))
     assert same(several[1], simulate_life(population, 0))
     assert not same(several[1], simulate_life(replace(population, seed=1), 0))
-
-
-def test_workers_must_be_some() -> None:
-    with pytest.raises(ValueError, match="workers"):
-        next(simulate_lives(SHORT, [0], -1))
 
 
 def test_the_truth_is_consistent() -> None:

@@ -8,9 +8,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from models.maps.build import _refined, build_refined_map, refine_plan
+from models.maps.build import build_refined_map
 from models.maps.check import interpolation_errors
 from models.maps.plan import MapError, MapPlan
+from models.maps.refine import _refined, refine_plan
 from models.scene import Slip
 
 PLAN = MapPlan(

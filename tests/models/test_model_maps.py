@@ -25,6 +25,7 @@ from models.rigs.ring_impact import RingImpactRig
 from models.rigs.rotor import RotorRig
 from models.scene import Defect, Floor, Scene
 from models.simulate import simulate
+from models.work.choose import local_runner
 from tests.effort import effort_count
 
 ENTRY = catalogue_entry("6205")
@@ -90,7 +91,8 @@ def test_its_errors_are_measured_with_the_model(rotor: RmsMap) -> None:
 def test_the_result_does_not_depend_on_the_workers(workers: int) -> None:
     plan = replace(plan_of(BallInertiaRig), dphi_d=EXTENTS[:3], h_d=DEPTHS[:2])
     done: list[tuple[int, int]] = []
-    built = build_map(plan, workers=workers, progress=lambda n, total: done.append((n, total)))
+    with local_runner(workers) as runner:
+        built = build_map(plan, runner=runner, progress=lambda n, total: done.append((n, total)))
     assert done[-1] == (6, 6)
     level = model_level(plan, (4000.0, 40.0, DEPTHS[1], EXTENTS[2]))
     assert built.rms[0, 0, 1, 2] == level.rms

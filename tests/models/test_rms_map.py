@@ -116,7 +116,7 @@ def test_the_spread_over_rigs_is_that_of_their_draws() -> None:
 @pytest.mark.process
 def test_rigs_and_floors_are_told_apart() -> None:
     plan = replace(SMALL, floor=Floor("rough", seed=7), floors=2, rig_draws=3, rig_spread=1e-9, rig_spread_k_r=1e-9)
-    m = build_map(plan, workers=2)
+    m = build_map(plan)
     assert np.all(m.rms_std > 1e-3 * m.rms)
     assert np.all(m.rms_rig_std < 1e-3 * m.rms_std)
 
@@ -125,13 +125,6 @@ def test_progress_counts_every_node() -> None:
     seen: list[tuple[int, int]] = []
     build_map(SMALL, progress=lambda done, total: seen.append((done, total)))
     assert seen == [(2, 4), (4, 4)]
-
-
-@pytest.mark.process
-def test_workers_change_nothing() -> None:
-    np.testing.assert_array_equal(build_map(SMALL, workers=2).rms, build_map(SMALL).rms)
-    with pytest.raises(ValueError, match="workers"):
-        build_map(SMALL, workers=-1)
 
 
 def test_saved_and_loaded_is_the_same(tmp_path: Path) -> None:

@@ -14,16 +14,18 @@ from netCDF4 import Dataset
 
 from models.bearing import from_catalogue
 from models.dynamics.stationary import stationary_level
-from models.maps.build import build_map, refine_plan, solver_of
+from models.maps.build import build_map, solver_of
 from models.maps.check import check_map
 from models.maps.data import RmsMap
 from models.maps.file import load_map, save_map
 from models.maps.nodes import MAP_ACCURACY, point_level, scene_at
 from models.maps.plan import MapError, MapPlan
+from models.maps.refine import refine_plan
 from models.path.contour import part_radius
 from models.response import STATUSES
 from models.scene import Floor, Part, Slip
 from models.simulate import simulate
+from models.work.choose import local_runner
 from monitor.service.setup import to_slice
 
 PLAN = MapPlan(
@@ -119,7 +121,8 @@ def test_plans_of_the_outer_race_keep_their_hash() -> None:
 
 def test_floors_are_averaged_and_workers_change_nothing() -> None:
     plan = replace(PLAN, h_d=(6e-6,), dphi_d=(0.2, 0.4), part="inner", floor=Floor("rough", seed=4), floors=3)
-    m = build_map(plan, workers=2)
+    with local_runner(2) as runner:
+        m = build_map(plan, runner=runner)
     np.testing.assert_array_equal(m.rms, build_map(plan).rms)
     levels = [point_level(plan, (4000.0, 40.0, 6e-6, 0.2), seed)[0] for seed in range(3)]
     assert m.rms[0, 0, 0, 0] == pytest.approx(np.mean(levels), rel=1e-12)

@@ -48,7 +48,7 @@ def _space(*free: str, rig: Rig = LIGHT) -> Space:
 
 
 def _identified(evidence: Evidence, *free: str, rig: Rig = LIGHT) -> Identification:
-    return identify(no_trials(), _space(*free, rig=rig), IdentifyOptions(workers=1), evidence)
+    return identify(no_trials(), _space(*free, rig=rig), None, evidence)
 
 
 def test_the_truth_leaves_no_residual_in_any_order() -> None:
@@ -138,8 +138,8 @@ def test_intervals_say_on_which_prior_they_lean() -> None:
 def test_tests_and_peaks_work_together() -> None:
     trials, space = simulated_trials(0.01), space_of("m_r", limits=wide_limits())
     prior = Prior("m_r", 2.8, 0.001, "weighed")
-    alone = identify(trials, space, IdentifyOptions(band=BAND, workers=1))
-    both = identify(trials, space, IdentifyOptions(band=BAND, workers=1), Evidence((), (prior,)))
+    alone = identify(trials, space, IdentifyOptions(band=BAND))
+    both = identify(trials, space, IdentifyOptions(band=BAND), Evidence((), (prior,)))
     assert both.intervals["m_r"].high < 2.8 * 1.004
     assert both.hash != alone.hash
     assert objections(both, (VolumeSpread(0.005e-6, 0.9, 1.2),), ()) == []

@@ -12,6 +12,7 @@ import pytest
 
 from models.dynamics.stationary import StationaryLevel
 from models.errors import WrongInputError
+from models.identify import evaluate
 from models.identify import state as state_module
 from models.identify.evaluate import Evaluator
 from models.identify.front import non_dominated
@@ -22,10 +23,11 @@ from models.identify.space import Space
 from models.identify.trials import Condition, Trial, Trials, gather
 from models.rigs.six_dof import Rig
 from models.scene import Scene
+from models.work.choose import local_runner
 from tests.models.identify.cases import BAND, CONDITIONS, TRUTH, simulated_trials, space_of
 from tests.models.identify.test_space import broken
 
-OPTIONS = IdentifyOptions(band=BAND, workers=1)
+OPTIONS = IdentifyOptions(band=BAND)
 MANY = tuple(Condition(load, 40.0, 0.02 * n, 5e-4) for load in (1000.0, 2000.0) for n in range(1, 6))
 
 
@@ -72,13 +74,13 @@ def simulated(monkeypatch: pytest.MonkeyPatch) -> list[dict[str, float]]:
     """Replace the simulation by the stand-in; what is simulated is listed."""
     asked: list[dict[str, float]] = []
 
-    def simulate(self: Evaluator, task: Any) -> tuple[np.ndarray, np.ndarray]:
+    def simulate(bench: Any, task: Any) -> tuple[np.ndarray, np.ndarray]:
         values, row = task
         asked.append(dict(values))
-        features = stand_in(self.space.rig_of(values), values["clearance"], np.array(row.extents))
+        features = stand_in(bench.space.rig_of(values), values["clearance"], np.array(row.extents))
         return features * math.sqrt(row.condition.load / 1000.0), np.zeros_like(features)
 
-    monkeypatch.setattr(Evaluator, "_simulate", simulate)
+    monkeypatch.setattr(evaluate, "CANDIDATES", replace(evaluate.CANDIDATES, function=simulate))
     return asked
 
 
@@ -119,7 +121,8 @@ def test_neither_workers_nor_resuming_change_the_result(
 ) -> None:
     trials, space, kept = stand_in_trials(), stand_in_space(), tmp_path / "rig.toml.state"
     whole = identify(trials, space, OPTIONS)
-    assert identify(trials, space, replace(OPTIONS, workers=3)).hash == whole.hash
+    with local_runner(3) as runner:
+        assert identify(trials, space, OPTIONS, runner=runner).hash == whole.hash
 
     class StoppedError(Exception):
         pass

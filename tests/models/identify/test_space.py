@@ -11,6 +11,7 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from models.hertz import mean_bearing_stiffness
+from models.identify import evaluate
 from models.identify.evaluate import Evaluator
 from models.identify.limits import Limits
 from models.identify.space import DEFAULT_FREE, ORDER, Space, SpaceError, contact_ratios
@@ -118,7 +119,7 @@ def test_what_is_outside_is_refused_before_anything_is_simulated(monkeypatch: py
 
     space = space_of("m_r", "k_r")
     evaluator = Evaluator(space, CONDITIONS, BAND)
-    monkeypatch.setattr(Evaluator, "_simulate", simulated)
+    monkeypatch.setattr(evaluate, "CANDIDATES", replace(evaluate.CANDIDATES, function=simulated))
     with pytest.raises(ValueError, match=r"outside the constraints: .*f_r = 1[0-9]{4}.* is outside 4500 to 9500"):
         evaluator.levels([{**space.known, "m_r": 1.0, "k_r": 9e9}])
 

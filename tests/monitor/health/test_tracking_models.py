@@ -11,6 +11,7 @@ from models.bearing import kinematics
 from models.maps.build import build_map
 from models.maps.data import RmsMap
 from models.maps.plan import MapPlan
+from models.work.choose import local_runner
 from monitor.health.damage import DamageInput
 from monitor.health.damage import tracker as damage
 from monitor.health.spectrum.features import FeatureSettings, block_features, fundamentals
@@ -28,19 +29,18 @@ FACTOR = 1.25
 @pytest.fixture(scope="module")
 def rms_map() -> RmsMap:
     machine = machine_of("rotor")
-    return build_map(
-        MapPlan(
-            load=(4000.0,),
-            speed=(40.0,),
-            h_d=tuple(2e-6 * k for k in range(8)),
-            dphi_d=tuple(math.radians(2.5 * k) for k in range(13)),
-            bearing=machine.bearing,
-            rig=machine.nominal,
-            model="rotor",
-            rms_band=BAND,
-        ),
-        workers=2,
+    plan = MapPlan(
+        load=(4000.0,),
+        speed=(40.0,),
+        h_d=tuple(2e-6 * k for k in range(8)),
+        dphi_d=tuple(math.radians(2.5 * k) for k in range(13)),
+        bearing=machine.bearing,
+        rig=machine.nominal,
+        model="rotor",
+        rms_band=BAND,
     )
+    with local_runner(2) as runner:
+        return build_map(plan, runner=runner)
 
 
 def features_of(rig: SimulatedRig, sequence: int) -> DamageInput:

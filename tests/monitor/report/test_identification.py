@@ -16,6 +16,7 @@ import numpy as np
 import pytest
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 
+from models.identify import evaluate
 from models.identify.evaluate import Evaluator
 from models.identify.evidence import Evidence, Peak, Prior
 from models.identify.limits import Limits
@@ -38,7 +39,7 @@ from tests.once import made_once
 
 pytestmark = pytest.mark.usefixtures("plain_layout")
 
-OPTIONS = IdentifyOptions(band=BAND, workers=1)
+OPTIONS = IdentifyOptions(band=BAND)
 EXTENTS = (0.04, 0.08, 0.12)
 MANY = tuple(
     Condition(load, speed, extent, 5e-4) for load in (1000.0, 2000.0) for speed in (20.0, 40.0) for extent in EXTENTS
@@ -51,15 +52,15 @@ def simulated() -> Iterator[list[int]]:
     """Replace the simulation by a smooth stand-in; the simulated rows are counted."""
     count = [0]
 
-    def simulate(self: Evaluator, task: Any) -> tuple[np.ndarray, np.ndarray]:
+    def simulate(bench: Any, task: Any) -> tuple[np.ndarray, np.ndarray]:
         values, row = task
         count[0] += 1
-        features = stand_in(self.space.rig_of(values), values["clearance"], np.array(row.extents))
+        features = stand_in(bench.space.rig_of(values), values["clearance"], np.array(row.extents))
         features *= (row.condition.load / 1000.0) ** 0.5 * (row.condition.speed / 40.0) ** 0.2
         return features, np.zeros_like(features)
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(Evaluator, "_simulate", simulate)
+        patch.setattr(evaluate, "CANDIDATES", replace(evaluate.CANDIDATES, function=simulate))
         yield count
 
 

@@ -306,7 +306,7 @@ def test_the_map_of_a_channel_and_why_there_is_none(watched: Watched, tmp_path: 
     plan = MapPlan(
         load=(4000.0,), speed=(40.0,), h_d=(0.0, 20e-6), dphi_d=(0.0, math.radians(10.0), math.radians(20.0))
     )
-    rms_map = build_map(plan, workers=0)
+    rms_map = build_map(plan)
     save_map(rms_map, tmp_path / "map.nc")
     config = alarmed_machine(tmp_path)
     text = config.read_text().replace('bearing = "b"\nband_hz', 'bearing = "b"\ntrack = true\nmap = "map.nc"\nband_hz')
