@@ -38,6 +38,7 @@ if TYPE_CHECKING:
     from spallwatch.analysis import name_fault as name_fault
     from spallwatch.analysis import spectrum as spectrum
     from spallwatch.angular_speed import ias_spectrum as ias_spectrum
+    from spallwatch.archives import open_archive as open_archive
     from spallwatch.bearings import bearing as bearing
     from spallwatch.bearings import fault_frequencies as fault_frequencies
     from spallwatch.cyclic import cyclic_coherence as cyclic_coherence
@@ -89,6 +90,7 @@ _HOMES = {
     "map_dataset": "spallwatch.scenes",
     "mesh_frequencies": "spallwatch.gears",
     "name_fault": "spallwatch.analysis",
+    "open_archive": "spallwatch.archives",
     "open_map": "spallwatch.scenes",
     "open_records": "spallwatch.records",
     "order_spectrum": "spallwatch.orders",

@@ -22,7 +22,7 @@ from spallwatch._readable import readable
 from spallwatch.recordings import Reading, first_channels, source_of
 from streams.spec import DEFAULT_BLOCK_SECONDS
 
-_LEDGER = ("source", "name", "status", "reason", "sequence")
+BESIDE_VARIABLES = ("source", "name", "status", "reason", "sequence")
 """Entries of the ledger that are read beside the variables that are asked for."""
 
 
@@ -116,14 +116,18 @@ def open_records(
         raise RecordsError(f"{fspath(path)}: holds records of several machines ({', '.join(machines)}); name the files")
     if len({_is_dated(day) for day in days}) > 1:
         raise RecordsError(f"{fspath(path)}: some blocks have dates and some have none; choose by dated=True or False")
-    joined = readable(_joined(sorted(days, key=lambda day: float(day["time"].values[0]))))
+    return prepared(_joined(sorted(days, key=lambda day: float(day["time"].values[0]))), fspath(path), channels)
+
+
+def prepared(joined: xr.Dataset, place: str, channels: Sequence[str] | None) -> xr.Dataset:
+    """Return records as files hold them in the form of :func:`open_records`; ``place`` is for the error."""
+    found = readable(joined)
     if channels is not None:
-        missing = sorted(set(channels) - set(joined.channel.values))
+        missing = sorted(set(channels) - set(found.channel.values))
         if missing:
-            there = ", ".join(joined.channel.values)
-            raise RecordsError(f"{fspath(path)}: has no channel {missing[0]!r}; it has {there}")
-        joined = joined.sel(channel=list(channels))
-    return xr.decode_cf(joined.sortby("time"), decode_timedelta=False)
+            raise RecordsError(f"{place}: has no channel {missing[0]!r}; it has {', '.join(found.channel.values)}")
+        found = found.sel(channel=list(channels))
+    return xr.decode_cf(found.sortby("time"), decode_timedelta=False)
 
 
 def _configured(
@@ -179,7 +183,7 @@ def _read(path: Path, variables: Sequence[str] | None) -> xr.Dataset:
                 )
             if variables is None:
                 return dataset.load()
-            wanted = [name for name in dict.fromkeys((*_LEDGER, *variables)) if name in dataset]
+            wanted = [name for name in dict.fromkeys((*BESIDE_VARIABLES, *variables)) if name in dataset]
             chosen = dataset[wanted]
             # Having the name of a dimension, it comes along as a coordinate.
             return (chosen if "fault" in variables else chosen.drop_vars("fault", errors="ignore")).load()

@@ -29,7 +29,7 @@ TIME_STATUSES = ("given", "carried", "unknown")
 
 _FLAG_DTYPE = np.int8
 _INT_DTYPE = np.int32
-_LEDGER: dict[str, tuple[type, dict[str, Any]]] = {
+LEDGER: dict[str, tuple[type, dict[str, Any]]] = {
     "source": (object, {"long_name": "name of the source of the block"}),
     "name": (object, {"long_name": "where the block came from: a file name or a part of one"}),
     "content_hash": (object, {"long_name": "digest of the content of the block"}),
@@ -72,7 +72,7 @@ def from_dataset(dataset: xr.Dataset) -> list[Stored]:
 
     Forecasts are no part of it. A channel is part of a record where any of its values is there.
     """
-    ledger = {name: dataset[name].values for name in (*_LEDGER, "time_status")}
+    ledger = {name: dataset[name].values for name in (*LEDGER, "time_status")}
     texts = ("source", "name", "content_hash", "status", "flags", "reason")
     dated = dataset.attrs["dated"] == "yes"
     matrices, entries = _matrices(dataset)
@@ -140,18 +140,39 @@ def words(array: xr.DataArray | xr.Variable) -> NDArray[np.object_]:
 
 
 def _coordinates(times: list[float], channels: list[str], *, dated: bool) -> dict[str, Any]:
+    return {
+        "time": ("time", np.array(times, dtype=np.float64), time_attributes(dated=dated)),
+        "channel": ("channel", np.array(channels, dtype=object), {"long_name": "name of the channel"}),
+        **labels(),
+    }
+
+
+def time_attributes(*, dated: bool) -> dict[str, Any]:
+    """Return the CF attributes of the time of blocks, UTC or from the first block."""
     moment = f"time of the first sample of the block, {'UTC' if dated else 'from the first block'}"
     attributes = {"units": UTC_UNITS if dated else UNDATED_UNITS, "long_name": moment}
     if dated:
         attributes |= {"calendar": "standard", "standard_name": "time", "axis": "T"}
+    return attributes
+
+
+def labels() -> dict[str, tuple[str, NDArray[Any], dict[str, Any]]]:
+    """Return dimension, values and attributes of the coordinates that are the same in all records."""
     bpfo = {"long_name": "order of the line of the raw spectrum"}
     return {
-        "time": ("time", np.array(times, dtype=np.float64), attributes),
-        "channel": ("channel", np.array(channels, dtype=object), {"long_name": "name of the channel"}),
         "fault_name": ("fault", np.array(FAULTS, dtype=object), {"long_name": "part of the bearing"}),
         "harmonic": ("harmonic", np.arange(1, 6, dtype=_INT_DTYPE), {"long_name": "order of the envelope line"}),
         "bpfo_harmonic": ("bpfo_harmonic", np.arange(1, 7, dtype=_INT_DTYPE), bpfo),
         "coefficient_name": ("coefficient", np.array(["a", "b", "c"], dtype=object), {"long_name": "coefficient"}),
+    }
+
+
+def time_status_attributes() -> dict[str, Any]:
+    """Return the attributes of ``time_status``."""
+    return {
+        "long_name": "where the time of the block comes from",
+        "flag_values": np.arange(len(TIME_STATUSES), dtype=_FLAG_DTYPE),
+        "flag_meanings": " ".join(TIME_STATUSES),
     }
 
 
@@ -179,17 +200,10 @@ def _ledger(rows: Sequence[Stored]) -> dict[str, xr.Variable]:
     """Build the variables over time alone: the ledger entries."""
     variables = {
         name: xr.Variable("time", np.array([getattr(row, name) for row in rows], dtype=dtype), attributes)
-        for name, (dtype, attributes) in _LEDGER.items()
+        for name, (dtype, attributes) in LEDGER.items()
     }
-    variables["time_status"] = xr.Variable(
-        "time",
-        np.array([TIME_STATUSES.index(row.filing.time_status) for row in rows], dtype=_FLAG_DTYPE),
-        {
-            "long_name": "where the time of the block comes from",
-            "flag_values": np.arange(len(TIME_STATUSES), dtype=_FLAG_DTYPE),
-            "flag_meanings": " ".join(TIME_STATUSES),
-        },
-    )
+    statuses = [TIME_STATUSES.index(row.filing.time_status) for row in rows]
+    variables["time_status"] = xr.Variable("time", np.array(statuses, dtype=_FLAG_DTYPE), time_status_attributes())
     return variables
 
 
