@@ -30,6 +30,7 @@ _URL = re.compile(r"(?P<kind>(?:dataset:[^:]*:|folder:)?)(?P<url>(?P<scheme>[A-Z
 _LIVE = ("tcp", "mqtt")
 _HTTP = ("http", "https")
 _GLOB = re.compile(r"[*?\[]")
+_FILES_AT_A_TIME = 16
 _MD5 = re.compile(r"[0-9a-f]{32}")
 
 
@@ -209,19 +210,27 @@ def _fetch_objects(url: str, folder: Path, allowed: int) -> Fetched:
     top = PurePosixPath(path).name
     one = len(found) == 1 and found[0].path.strip("/") == path.strip("/")
     root = folder if one else folder / top
+    targets = {file.path: _target(root, file.name, url) for file in found}
+    for folder in {target.parent for target in targets.values()}:
+        folder.mkdir(parents=True, exist_ok=True)
+    with _foreseen(url, "fetched"):
+        # Several at a time: a request waits for the network most of its time.
+        files.get([*targets], [str(target) for target in targets.values()], **_at_a_time(files))
     for file in found:
-        _fetch_object(files, file, _target(root, file.name, url), url)
+        _check(files, file, targets[file.path], url)
     return Fetched(
         "", root / found[0].name if one else root, size, {file.name: file.etag for file in found if file.etag}
     )
 
 
-def _fetch_object(files: Any, file: RemoteFile, target: Path, url: str) -> None:
-    """Fetch one object and compare it with what the storage said of it beforehand."""
-    target.parent.mkdir(parents=True, exist_ok=True)
+def _at_a_time(files: Any) -> dict[str, int]:
+    return {"batch_size": _FILES_AT_A_TIME} if files.async_impl else {}
+
+
+def _check(files: Any, file: RemoteFile, target: Path, url: str) -> None:
+    """Compare a file with what the storage said of it beforehand, and give it its date."""
     where = f"{urlsplit(url).scheme}://{file.path.strip('/')}"
     with _foreseen(where, "fetched"):
-        files.get_file(file.path, str(target))
         size = target.stat().st_size
         same = size == file.size and (_has_digest(target, file.etag) or _is_same(files, file))
     if not same:

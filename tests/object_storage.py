@@ -71,15 +71,15 @@ class ObjectStorage:
 
 
 @contextmanager
-def object_storage() -> Iterator[ObjectStorage]:
-    """Start a server with a bucket; it is ended with the block."""
+def object_storage(names_an_answer: int = 20) -> Iterator[ObjectStorage]:
+    """Start a server with a bucket, which lists so many names at a time; it is ended with the block."""
     with subprocess.Popen(
         [sys.executable, str(Path(__file__))],
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         stderr=subprocess.DEVNULL,
         text=True,
-        env={**os.environ, "PYTHONWARNINGS": "ignore"},
+        env={**os.environ, "PYTHONWARNINGS": "ignore", "MOTO_S3_DEFAULT_MAX_KEYS": str(names_an_answer)},
     ) as process:
         assert process.stdin is not None
         assert process.stdout is not None
@@ -166,7 +166,6 @@ def _serve() -> None:
 
     logging.disable()
     _let_signed_queries_in()
-    os.environ["MOTO_S3_DEFAULT_MAX_KEYS"] = "20"
     server = ThreadedMotoServer(ip_address="127.0.0.1", port=0, verbose=False)
     server.start()
     port = server.get_host_and_port()[1]

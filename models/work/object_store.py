@@ -40,8 +40,9 @@ class ObjectStore:
             )
         self._files, self._root = filesystem(url)
         self.url = url.rstrip("/")
+        self._is_s3 = scheme in ("s3", "s3a")
         # One GET; several ranges at a time would ask for the size first.
-        self._read_options: dict[str, Any] = {"max_concurrency": 1} if scheme in ("s3", "s3a") else {}
+        self._read_options: dict[str, Any] = {"max_concurrency": 1} if self._is_s3 else {}
 
     def read(self, name: str) -> bytes | None:
         """Return an object, None where there is none; ObjectStorageError where that cannot be told."""
@@ -73,8 +74,11 @@ class ObjectStore:
     def names(self, prefix: str = "") -> Iterator[str]:
         """Yield the names of all objects that begin so; what a server keeps as a folder is none.
 
-        Folder by folder: of ten million names, those of one folder are held at a time.
+        Answer by answer, or folder by folder: of ten million names, few are held at a time.
         """
+        if self._is_s3:
+            yield from self._s3_names(prefix)
+            return
         folders = [prefix.rpartition("/")[0]]
         while folders:
             folder = folders.pop()
@@ -84,6 +88,24 @@ class ObjectStore:
                         folders.append(name)
                 elif name.startswith(prefix):
                     yield name
+
+    def _s3_names(self, prefix: str) -> Iterator[str]:
+        """Yield names as S3 lists them, by prefix; one request for each thousand, and one where there is none."""
+        bucket, _, root = self._root.partition("/")
+        root = f"{root}/" if root else ""
+        options: dict[str, str] = {}
+        while True:
+            with self._foreseen(prefix, "listed"):
+                answer: dict[str, Any] = self._files.call_s3(
+                    "list_objects_v2", Bucket=bucket, Prefix=f"{root}{prefix}", **options
+                )
+            for entry in answer.get("Contents", ()):
+                # The mark of a folder, as some programs make an object of it.
+                if not entry["Key"].endswith("/"):
+                    yield entry["Key"][len(root) :]
+            if not answer.get("IsTruncated"):
+                return
+            options = {"ContinuationToken": answer["NextContinuationToken"]}
 
     def _entries(self, folder: str) -> list[tuple[str, bool]]:
         """Return names and kinds of what stands in a folder, nothing where there is no such folder."""
