@@ -105,7 +105,8 @@ def test_a_foreign_package_of_the_same_name_is_noticed(tmp_path):
     assert "Traceback" not in run.stderr
 
 
-HEAVY = ("numba", "dask", "pymoo", "matplotlib", "xarray", "netCDF4", "pandas", "scipy.signal", "skfem", "gmsh")
+HEAVY = ("numba", "pymoo", "matplotlib", "xarray", "netCDF4", "pandas", "scipy.signal", "skfem", "gmsh")
+HEAVY += ("dask", "distributed", "fsspec", "zarr")
 
 
 def modules_after(code: str) -> set[str]:
@@ -133,7 +134,7 @@ def test_a_committed_block_needs_no_compiler_and_no_plotting():
     """The stages and the store as the daemon uses them, with what it must not load made unimportable."""
     code = """
 import sys
-for name in ("numba", "dask", "pymoo", "matplotlib", "skfem", "gmsh"):
+for name in ("numba", "dask", "distributed", "fsspec", "zarr", "pymoo", "matplotlib", "skfem", "gmsh"):
     sys.modules[name] = None
 import tempfile
 from pathlib import Path

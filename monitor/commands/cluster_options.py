@@ -57,9 +57,12 @@ class Sharing:
             WrongInputError: as ``models.work.choose.open_runner``.
         """
         from models.work.choose import open_runner
+        from models.work.redact import redact
 
         with ExitStack() as stack:
             chunks = self._chunks(beside, stack)
+            if self.cluster is not None:
+                say(f"spallwatch: waiting for workers of {redact(self.cluster)}", quiet=quiet)
             line = _ProgressLine(shown=progress and not quiet and sys.stderr.isatty())
             runner = open_runner(
                 cluster=self.cluster,
@@ -71,6 +74,8 @@ class Sharing:
             )
             shared = Shared(runner, self)
             line.notes = functools.partial(_tell_notes, shared, quiet=quiet)
+            if hasattr(runner.executor, "tell"):
+                vars(runner.executor)["tell"] = line.notes
             stack.enter_context(runner)
             stack.callback(shared.note)
             try:

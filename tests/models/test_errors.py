@@ -38,6 +38,7 @@ WRONG_INPUT = {
     "OutsideMapError",
     "PageError",
     "RefusedError",
+    "RefusedWorkerError",
     "ReportError",
     "SurfaceError",
     "TransferVectorError",

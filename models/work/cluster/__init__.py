@@ -1,0 +1,37 @@
+"""Chunks on several machines by dask: the one room that imports dask and distributed, and only when it is used."""
+
+from __future__ import annotations
+
+import importlib.util
+from typing import TYPE_CHECKING
+
+from models.errors import WrongInputError
+
+if TYPE_CHECKING:
+    from models.work.cluster.executor import ClusterExecutor
+    from models.work.task import Store
+
+
+def open_executor(address: str, workers: int, store: Store) -> ClusterExecutor:
+    """Return an executor of chunks on a cluster whose workers were compared with this program.
+
+    Args:
+        address: ``tcp://HOST:PORT`` on this machine, ``tls://HOST:PORT``, or "local" for processes of this machine.
+        workers: at least so many are waited for; 0 is one, or for "local" one per core.
+        store: of the chunks, which all workers reach.
+
+    Raises:
+        WrongInputError: a wrong address, a missing package or certificate, or workers that are refused.
+        ClusterError: no scheduler answers, or too few workers come.
+        ValueError: if workers is negative.
+    """
+    if workers < 0:
+        raise ValueError(f"workers must not be negative, got {workers!r}")
+    if importlib.util.find_spec("distributed") is None:
+        raise WrongInputError('--cluster needs dask: pip install "spallwatch[cluster]" (distributed is missing)')
+    from models.work.cluster.connect import Remote
+    from models.work.cluster.executor import ClusterExecutor
+    from models.work.cluster.local import Local
+
+    cluster = Local(workers) if address == "local" else Remote(address, workers)
+    return ClusterExecutor(cluster, store)

@@ -1,0 +1,165 @@
+"""The workers of a cluster that take part in a run: asked when they come, refused by name where they cannot.
+
+A worker that was refused, or that was not asked yet, gets no chunk, since it offers no memory for them.
+"""
+
+from __future__ import annotations
+
+import secrets
+import time
+from collections.abc import Iterable
+from contextlib import suppress
+from typing import Any
+
+from models.work.cluster.connect import check_addresses
+from models.work.cluster.errors import ClusterError, RefusedWorkerError
+from models.work.cluster.member import Membership, answer_name, join
+from models.work.cluster.versions import differences, facts
+from models.work.task import Store
+
+JOIN_S = 600.0
+"""Time for the first workers to come, s."""
+ANSWER_S = 20.0
+"""Time for the answers of workers that are there at the start, s."""
+_POLL_S = 0.1
+
+
+class Roster:
+    """Workers by their address.
+
+    Attributes:
+        members: those that take part.
+        resource: name of the memory that they offer: one for each program, so that runs of several do not mix.
+        notes: lines for people, of workers that were refused later.
+    """
+
+    def __init__(self, client: Any, address: str, store: Store, notes: list[str]) -> None:
+        """Compare the scheduler with this program.
+
+        Raises:
+            RefusedWorkerError: it runs another program.
+            OSError: the scheduler is lost.
+        """
+        self.members: dict[str, Membership] = {}
+        self.notes = notes
+        self._client = client
+        self._address = address
+        self._store = store
+        self._facts = facts()
+        self.resource = f"spallwatch-{self._facts['program'][:12]}"
+        self._asked: dict[str, tuple[Any, str]] = {}
+        self._refused: dict[str, str] = {}
+        self._check_scheduler()
+
+    def wait_for(self, count: int, seconds: float = JOIN_S) -> None:
+        """Wait until so many workers take part.
+
+        Raises:
+            RefusedWorkerError: at least one that is there cannot.
+            ClusterError: fewer have come.
+            OSError: the scheduler is lost.
+        """
+        begun = time.monotonic()
+        while True:
+            self.refresh()
+            if self._refused:
+                raise RefusedWorkerError(
+                    f"{self._address}: workers that cannot be used:\n" + "\n".join(sorted(self._refused.values()))
+                )
+            passed = time.monotonic() - begun
+            # One that is busy for others answers when it can.
+            if len(self.members) >= count and (not self._asked or passed > ANSWER_S):
+                return
+            if passed > seconds:
+                raise ClusterError(
+                    f"{self._address}: {len(self.members)} workers take part after {seconds:.0f} s, expected {count}"
+                )
+            time.sleep(_POLL_S)
+
+    def refresh(self) -> bool:
+        """Ask new workers to join and forget those that are gone; return whether one has joined since.
+
+        Raises:
+            OSError: the scheduler is lost.
+        """
+        if self._client.status != "running":
+            raise ConnectionError(f"{self._address}: {self._client.status}")
+        present = set(self._client.scheduler_info(n_workers=-1)["workers"])
+        for group in (self.members, self._asked, self._refused):
+            for address in set(group).difference(present):
+                del group[address]
+        self._ask(present.difference(self.members, self._asked, self._refused))
+        joined = False
+        for address, (future, token) in list(self._asked.items()):
+            if future.done():
+                del self._asked[address]
+                joined = self._take(address, future, token) or joined
+        return joined
+
+    def threads(self) -> int:
+        """Return how many chunks may be at work, as far as their memory allows."""
+        return sum(member.threads for member in self.members.values())
+
+    def memory(self) -> int:
+        """Return the bytes of the largest worker."""
+        return max((member.memory for member in self.members.values()), default=0)
+
+    def _check_scheduler(self) -> None:
+        try:
+            found = self._client.run_on_scheduler(facts)
+        except ImportError as error:
+            found = {}
+            problem = f"spallwatch is not installed there ({error})"
+        else:
+            problem = differences(found, self._facts)
+        if problem:
+            raise RefusedWorkerError(f"scheduler {self._address} cannot be used: {problem}")
+
+    def _ask(self, addresses: Iterable[str]) -> None:
+        for address in addresses:
+            try:
+                check_addresses([address])
+            except RefusedWorkerError as error:
+                self._refuse(address, str(error))
+                continue
+            token = f"preflight/{secrets.token_hex(8)}"
+            self._store.write(token, token.encode())
+            future = self._client.submit(
+                join,
+                self._store.url,
+                token,
+                self._facts,
+                self.resource,
+                workers=[address],
+                key=f"join-{token[10:]}",
+                pure=False,
+            )
+            self._asked[address] = future, token
+
+    def _take(self, address: str, future: Any, token: str) -> bool:
+        """Take the answer of a worker; return whether it takes part."""
+        answer = answer_name(token, address)
+        try:
+            found: Membership = future.result(timeout=60)
+            if not found.problem and self._store.read(answer) != token.encode():
+                found = Membership(found.name, problem=f"writes to another {self._store.url}")
+        except ImportError as error:
+            found = Membership(address, problem=f"spallwatch is not installed there ({error})")
+        except Exception as error:
+            if future.status != "error":
+                # It went while it was asked.
+                return False
+            found = Membership(address, problem=f"{type(error).__name__}: {error}")
+        finally:
+            for name in (answer, token):
+                with suppress(Exception):
+                    self._store.delete(name)
+        if found.problem:
+            self._refuse(address, f"worker {found.name}: {found.problem}")
+            return False
+        self.members[address] = found
+        return True
+
+    def _refuse(self, address: str, text: str) -> None:
+        self._refused[address] = text
+        self.notes.append(f"gets no chunks: {text}")

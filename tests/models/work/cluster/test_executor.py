@@ -1,0 +1,124 @@
+"""Chunks on a dask cluster: the results of one process, whatever is lost, refused or too large."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from models.errors import WrongInputError
+from models.work.cluster import executor as executor_module
+from models.work.cluster import roster as roster_module
+from models.work.cluster.errors import ClusterError, RefusedWorkerError
+from models.work.cluster.executor import ClusterExecutor
+from models.work.errors import ChunksFailedError, MemoryNeedError
+from models.work.folder_store import FolderStore
+from models.work.runner import SERIAL, Runner
+from models.work.task import Work
+from tests.effort import effort_count
+from tests.models.work import tasks
+from tests.models.work.cluster import jobs
+
+pytestmark = pytest.mark.cluster
+
+
+def files(store: FolderStore) -> list[str]:
+    return [name for name in store.names() if not name.startswith(("chunks/", "shared/", "run.json"))]
+
+
+def test_results_are_those_of_one_process_in_order(executor, store):
+    shared = tasks.Shared(0.1, np.arange(5.0))
+    work = tasks.work(tasks.scaled, 3)
+    with Runner(executor, store) as runner:
+        found = list(runner.run(work, shared, [0.1 * i for i in range(20)]))
+    expected = list(SERIAL.run(work, shared, [0.1 * i for i in range(20)]))
+    assert [value.tobytes() for value in found] == [value.tobytes() for value in expected]
+    assert files(store) == []
+    assert executor.notes == []
+
+
+def test_capacity_follows_the_threads_and_chunks_run_in_several_processes(executor, store):
+    assert executor.workers() == 2
+    assert executor.capacity() == 4
+    numbers = set(Runner(executor, store).run(tasks.work(tasks.process), None, range(12)))
+    assert len(numbers) == 2
+
+
+def test_large_tasks_go_through_the_store(executor, store, monkeypatch):
+    monkeypatch.setattr(executor_module, "MAX_SENT_BYTES", 100)
+    sent = []
+    monkeypatch.setattr(FolderStore, "write", _noting(FolderStore.write, sent))
+    found = list(Runner(executor, store).run(tasks.work(jobs.repeated), 2, ["ab" * 1000]))
+    assert found == ["ab" * 2000]
+    assert [name for name in sent if name.startswith("calls/")]
+    assert files(store) == []
+
+
+def _noting(write, sent):
+    def noted(self, name, data):
+        sent.append(name)
+        write(self, name, data)
+
+    return noted
+
+
+def test_wrong_input_is_raised_as_by_a_plain_loop(executor, store):
+    with pytest.raises(WrongInputError, match=r"^task 3: expected less than 3(\n|$)"):
+        list(Runner(executor, store).run(tasks.work(tasks.refuses_from), 3, range(8)))
+
+
+def test_a_chunk_that_fails_is_set_aside_and_the_others_done(executor, store):
+    with pytest.raises(ChunksFailedError) as caught:
+        list(Runner(executor, store).run(tasks.work(tasks.fails_on_odd), 10, range(4)))
+    assert [chunk.label for chunk in caught.value.failed] == ["fails_on_odd 2", "fails_on_odd 4"]
+    assert "RuntimeError: 1 is odd" in caught.value.failed[0].log
+    assert len(list(store.names("chunks/"))) == 2
+
+
+def test_a_lost_worker_costs_only_its_chunk(executor, store, tmp_path):
+    found = list(Runner(executor, store).run(tasks.work(tasks.dies_once), str(tmp_path), range(2)))
+    assert found == [0, 1]
+
+
+@pytest.mark.skipif(effort_count(quick=1, full=0) == 1, reason="six seconds of restarting workers: full effort")
+def test_a_chunk_that_kills_its_workers_is_set_aside(executor, store):
+    with pytest.raises(ChunksFailedError) as caught:
+        list(Runner(executor, store).run(tasks.work(jobs.dies_on), 1, range(3)))
+    assert [chunk.label for chunk in caught.value.failed] == ["dies_on 2"]
+    assert "3 workers were lost" in str(caught.value)
+    assert len(list(store.names("chunks/"))) == 2
+
+
+def test_a_chunk_that_fits_no_worker_is_refused_with_both_numbers(executor, store):
+    work = Work("rows", tasks.scaled, memory=10**15)
+    with pytest.raises(MemoryNeedError, match=r"rows 1 needs 1000000000 MB, the largest worker of local has \d+ MB"):
+        list(Runner(executor, store).run(work, tasks.Shared(1.0), [1.0]))
+
+
+def test_workers_of_another_program_are_refused_by_name(cluster, store, monkeypatch):
+    real = roster_module.facts
+    monkeypatch.setattr(roster_module.Roster, "_check_scheduler", lambda self: None)
+    monkeypatch.setattr(roster_module, "facts", lambda: real() | {"program": "0" * 40})
+    with pytest.raises(RefusedWorkerError, match=r"worker \d at tcp://127\.0\.0\.1:\d+: spallwatch of other files"):
+        ClusterExecutor(cluster, store)
+
+
+class Elsewhere(FolderStore):
+    """A folder that workers see as another one."""
+
+    def __init__(self, folder: Path, seen: Path) -> None:
+        super().__init__(folder)
+        self.url = str(seen)
+
+
+def test_workers_that_reach_another_folder_are_refused(cluster, tmp_path):
+    with pytest.raises(RefusedWorkerError, match="all workers must reach the same"):
+        ClusterExecutor(cluster, Elsewhere(tmp_path / "a", tmp_path / "b"))
+
+
+def test_too_few_workers_are_told(cluster, store, monkeypatch):
+    monkeypatch.setattr(cluster, "workers", 5)
+    monkeypatch.setattr(roster_module.Roster.wait_for, "__defaults__", (0.2,))
+    with pytest.raises(ClusterError, match="local: 2 workers take part after 0 s, expected 5"):
+        ClusterExecutor(cluster, store)

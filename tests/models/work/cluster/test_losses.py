@@ -1,0 +1,261 @@
+"""What the executor does when workers or the scheduler are lost: with a scripted client, no processes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from types import MappingProxyType, SimpleNamespace
+from typing import Any
+
+import pytest
+
+from models.work import chunk
+from models.work.cluster import executor as executor_module
+from models.work.cluster import roster as roster_module
+from models.work.cluster.errors import ClusterError
+from models.work.cluster.executor import ClusterExecutor
+from models.work.cluster.member import Membership, answer_name, join
+from models.work.cluster.versions import facts
+from models.work.codec import encode
+from models.work.folder_store import FolderStore
+from models.work.program import program
+from models.work.task import DIED, ChunkCall
+from tests.models.work import tasks
+
+pytest.importorskip("distributed")
+
+MEMORY = 10_000
+
+
+class Future:
+    """A future whose end the test says."""
+
+    def __init__(self, key: str) -> None:
+        self.key, self.status, self.value = key, "pending", None
+        self.callbacks: list[Callable[[Future], None]] = []
+
+    def add_done_callback(self, function):
+        self.callbacks.append(function)
+        if self.done():
+            function(self)
+
+    def done(self):
+        return self.status != "pending"
+
+    def end(self, status: str, value: Any = None) -> None:
+        self.status, self.value = status, value
+        for function in self.callbacks:
+            function(self)
+
+    def result(self, timeout):
+        assert timeout > 0
+        return self.value
+
+    exception = result
+
+
+class Client:
+    """A client of a scheduler with some workers; it runs nothing."""
+
+    def __init__(self, store: FolderStore, workers: list[str]) -> None:
+        self.status, self.store, self.present = "running", store, workers
+        self.futures: list[Future] = []
+        self.at_work: dict[str, list[str]] = {}
+
+    def run_on_scheduler(self, _function):
+        return facts()
+
+    def scheduler_info(self, n_workers):
+        assert n_workers == -1
+        return {"workers": dict.fromkeys(self.present)}
+
+    def submit(self, function, *arguments, workers=(), key, pure, resources=MappingProxyType({})):
+        assert pure is False
+        if self.status != "running":
+            raise RuntimeError("closed")
+        future = Future(key)
+        if function is join:
+            token = arguments[1]
+            self.store.write(answer_name(token, workers[0]), token.encode())
+            future.end("finished", Membership(workers[0], 1, MEMORY))
+        else:
+            assert list(resources.values()) == [1000]
+            self.futures.append(future)
+        return future
+
+    def processing(self):
+        return self.at_work
+
+    def close(self, timeout):
+        self.status = "closed"
+
+    def lose(self) -> None:
+        self.status = "connecting"
+        for future in self.futures:
+            if not future.done():
+                future.end("cancelled")
+
+
+class Cluster:
+    """A cluster that gives one client after another."""
+
+    address, workers, lasting = "tls://h:1", 1, True
+
+    def __init__(self, *clients: Client | Exception) -> None:
+        self.clients = list(clients)
+        self.closed = False
+
+    def connect(self):
+        client = self.clients.pop(0) if len(self.clients) > 1 else self.clients[0]
+        if isinstance(client, Exception):
+            raise client
+        return client
+
+    def close(self):
+        self.closed = True
+
+
+@pytest.fixture(autouse=True)
+def fast(monkeypatch):
+    monkeypatch.setattr(executor_module, "_LOOK_S", 0.0)
+    monkeypatch.setattr(executor_module.time, "sleep", lambda _: None)
+
+
+@pytest.fixture
+def store(tmp_path):
+    return FolderStore(tmp_path)
+
+
+def call(store: FolderStore, number: int = 1, memory: int = 1000) -> ChunkCall:
+    shared = encode(0)
+    store.write("shared/s", shared)
+    name = f"{tasks.__name__}:fails_on_odd"
+    return ChunkCall(f"{number:040x}", f"chunk {number}", name, store.url, "s", encode([2]), memory, program())
+
+
+def test_what_was_under_way_is_sent_again_to_a_scheduler_that_is_back(store):
+    first, second = Client(store, ["tls://a:1"]), Client(store, ["tls://b:1"])
+    executor = ClusterExecutor(Cluster(first, ClusterError("not yet"), second), store)
+    told = []
+    executor.tell = lambda: told.append(executor.notes[-1])
+    for number in (1, 2):
+        executor.submit(call(store, number))
+    store.write(f"started/{1:040x}/1-a", b"{}")
+    # The worker of the second chunk has ended it before it went.
+    assert chunk.run_chunk(call(store, 2), worker="w").failure is None
+    first.lose()
+    outcome = executor.wait()
+    assert (outcome.key, outcome.failure, outcome.worker) == (f"{2:040x}", None, "w")
+    assert [future.key.split("-")[1] for future in second.futures] == [f"{1:040x}"]
+    assert list(store.names("started/")) == []
+    assert "waiting up to 300 s" in told[0]
+    assert "1 workers are back" in executor.notes[-1]
+    second.futures[0].end("finished", outcome)
+    assert executor.wait() is outcome
+    executor.close()
+
+
+def test_a_scheduler_that_stays_away_ends_the_run(store):
+    client = Client(store, ["tls://a:1"])
+    cluster = Cluster(client, ClusterError("nobody answers"))
+    executor = ClusterExecutor(cluster, store, reconnect_s=0.0)
+    executor.submit(call(store))
+    client.lose()
+    with pytest.raises(ClusterError, match="was lost, and did not come back within 0 s: nobody answers"):
+        executor.wait()
+    executor.close()
+    assert cluster.closed
+
+
+def test_a_scheduler_of_this_process_does_not_come_back(store):
+    client = Client(store, ["tls://a:1"])
+    cluster = Cluster(client)
+    cluster.lasting = False
+    executor = ClusterExecutor(cluster, store)
+    executor.submit(call(store))
+    client.lose()
+    with pytest.raises(ClusterError, match="the scheduler was lost"):
+        executor.wait()
+
+
+def killed() -> Exception:
+    from distributed import KilledWorker
+
+    last: Any = SimpleNamespace(address="tls://a:1")
+    return KilledWorker("key", last, 3)
+
+
+def test_a_chunk_that_only_waited_on_lost_workers_is_sent_again(store):
+    client = Client(store, ["tls://a:1"])
+    executor = ClusterExecutor(Cluster(client), store)
+    executor.submit(call(store))
+    executor._take(_ended(client.futures[-1], killed()))
+    assert len({future.key for future in client.futures}) == 2
+    # What is said of the future before is nothing any more.
+    executor._take(client.futures[0])
+    assert len(client.futures) == 2
+    for number in range(3):
+        store.write(f"started/{1:040x}/{number}", b"{}")
+    client.futures[-1].end("error", killed())
+    outcome = executor.wait()
+    assert outcome.failure is not None
+    assert outcome.failure.kind == DIED
+    assert "the last one at tls://a:1" in outcome.failure.message
+
+
+def test_a_chunk_that_kills_its_workers_before_it_begins_is_given_up(store):
+    client = Client(store, ["tls://a:1"])
+    executor = ClusterExecutor(Cluster(client), store)
+    executor.submit(call(store))
+    for _ in range(executor_module.MAX_LOSSES):
+        assert not executor._outcomes
+        executor._take(_ended(client.futures[-1], killed()))
+    assert executor.wait().failure is not None
+
+
+def _ended(future: Future, error: Exception) -> Future:
+    future.status, future.value = "error", error
+    return future
+
+
+def test_a_chunk_that_no_worker_has_is_sent_again_when_one_can_take_it(store):
+    client = Client(store, ["tls://a:1"])
+    executor = ClusterExecutor(Cluster(client), store)
+    executor.submit(call(store))
+    client.present = []
+    executor._look()
+    executor._look()
+    assert executor.workers() == 0
+    assert len(client.futures) == 1
+    client.present = ["tls://b:1"]
+    executor._look()
+    assert len(client.futures) == 2
+    client.at_work = {"tls://b:1": [client.futures[-1].key]}
+    executor._look()
+    executor._look()
+    assert len(client.futures) == 2
+
+
+def test_without_any_worker_the_run_ends_after_a_while(store):
+    client = Client(store, ["tls://a:1"])
+    executor = ClusterExecutor(Cluster(client), store, idle_s=-1.0)
+    executor.submit(call(store))
+    client.present = []
+    with pytest.raises(ClusterError, match=r"no worker for chunk 1, which needs 0 MB; 0 workers take part"):
+        executor.wait()
+
+
+def test_a_worker_that_comes_later_and_cannot_be_used_gets_nothing(store, monkeypatch):
+    client = Client(store, ["tls://a:1"])
+    executor = ClusterExecutor(Cluster(client), store)
+    client.present = ["tls://a:1", "tcp://10.0.0.7:5"]
+    executor._look()
+    assert executor.workers() == 1
+    assert len(executor.notes) == 1
+    assert "tcp://10.0.0.7:5" in executor.notes[0]
+    executor._look()
+    assert len(executor.notes) == 1
+    monkeypatch.setattr(roster_module, "join", join)
+    client.present = ["tls://a:1", "tls://c:1"]
+    executor._look()
+    assert executor.workers() == 2
+    assert list(store.names("preflight/")) == []
