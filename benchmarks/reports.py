@@ -24,6 +24,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.common import Row, arguments, print_table, write_json
+from models.work.choose import local_runner
 from monitor.commands.report_batch import BatchSettings, find_runs, run_batch
 from monitor.health.record import Record
 from monitor.health.waterfall import SpectrumChange, SpectrumRow
@@ -168,7 +169,9 @@ def many_pages(folder: Path, runs: int, blocks: int, spectra: int) -> list[Row]:
         ("nothing changed", items, 0, "many"),
     ):
         wall, cpu = time.perf_counter(), _processor_seconds()
-        outcomes = run_batch(chosen, folder / place, BatchSettings(Options(), pdf=place == "paper"), workers=workers)
+        settings = BatchSettings(Options(), pdf=place == "paper")
+        with local_runner(workers) as runner:
+            outcomes = run_batch(chosen, folder / place, settings, runner)
         seconds, busy = time.perf_counter() - wall, _processor_seconds() - cpu
         size = sum(path.stat().st_size for path in (folder / place).rglob("*") if path.is_file())
         rows.append(

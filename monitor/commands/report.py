@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
 from monitor.commands import option
-from monitor.commands.common import InputError, counter, emit, say
+from monitor.commands.cluster_options import Sharing, sharing
+from monitor.commands.common import InputError, emit, say
 from monitor.words.numbers import duration
 
 if TYPE_CHECKING:
@@ -34,7 +36,7 @@ if TYPE_CHECKING:
 @click.option("--batch", type=option.FOLDER, help="Report every run under this folder.")
 @click.option("--config", "config_path", type=option.FILE, help="With --batch: replay recordings.")
 @click.option("--pdf", is_flag=True, help="Write every page as PDF too (needs the extra pdf and Pango).")
-@option.workers("With --batch: processes")
+@sharing("With --batch: processes")
 @option.output
 def command(
     records: tuple[Path, ...],
@@ -47,17 +49,16 @@ def command(
     batch: Path | None,
     config_path: Path | None,
     pdf: bool,
-    workers: int,
+    sharing: Sharing,
     as_json: bool,
     quiet: bool,
 ) -> None:
     """Write one page, HTML or PDF, of RECORDS: netCDF files, folders of them, or state.db of one or several runs.
 
-    With --batch, write a page for each run under a folder and an index of them all. An interrupted batch is resumed.
-    A run that fails is listed in the index and in failures.json, and the exit code is then 1.
+    With --batch, write a page for each run under a folder and an index of them all. Pages that are complete and
+    unchanged are kept, also without --resume. A run that fails is listed in the index and in failures.json, and the
+    exit code is then 1.
     """
-    from dataclasses import replace
-
     from monitor.commands.report_batch import BatchSettings
     from monitor.report.options import Options, read_maps, read_options, zone_of
 
@@ -69,12 +70,14 @@ def command(
         if records or maps:
             raise InputError("--batch DIR takes no RECORDS and no --map; name maps in the [report.maps] of --include")
         settings = BatchSettings(options, include, config_path, tables is not False, pdf)
-        _batch(batch, out or Path("reports"), settings, workers, as_json=as_json, quiet=quiet)
+        _batch(batch, out or Path("reports"), settings, sharing, as_json=as_json, quiet=quiet)
         return
     if not records:
         raise click.UsageError("Missing argument 'RECORDS...' (or --batch DIR).")
     if config_path is not None:
         raise InputError("--config belongs to --batch; to replay one recording: spallwatch replay")
+    if sharing.cluster is not None:
+        raise InputError("--cluster belongs to --batch: one page is made here")
     from monitor.report.report import build_report
 
     options = replace(options, maps={**options.maps, **read_maps(maps)})
@@ -90,13 +93,15 @@ def command(
     emit(values, [], as_json=as_json)
 
 
-def _batch(folder: Path, out: Path, settings: BatchSettings, workers: int, *, as_json: bool, quiet: bool) -> None:
+def _batch(folder: Path, out: Path, settings: BatchSettings, sharing: Sharing, *, as_json: bool, quiet: bool) -> None:
     from monitor.commands.report_batch import find_runs, run_batch
     from monitor.report.comparison import grade_of
 
     began = time.perf_counter()
     runs = find_runs(folder, recordings=settings.config_path is not None, leave_out=out)
-    outcomes = run_batch(runs, out, settings, workers=workers, progress=counter("reports", quiet=quiet))
+    # The pages are what is kept of a batch, rather than chunks.
+    with replace(sharing, resume=False).open(out, quiet=quiet) as shared:
+        outcomes = run_batch(runs, out, settings, shared.runner, elsewhere=sharing.cluster is not None)
     seconds = time.perf_counter() - began
     failed = sum(bool(outcome.error) for outcome in outcomes)
     values = {
@@ -115,8 +120,9 @@ def _batch(folder: Path, out: Path, settings: BatchSettings, workers: int, *, as
         "failed": failed,
         "reused": sum(outcome.reused for outcome in outcomes),
         "seconds": seconds,
+        "cluster": shared.values(),
     }
-    emit(values, _lines(outcomes, out, seconds), as_json=as_json)
+    emit(values, [*_lines(outcomes, out, seconds), *shared.lines()], as_json=as_json)
     if failed:
         click.get_current_context().exit(1)
 

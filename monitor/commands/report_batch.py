@@ -5,21 +5,32 @@ from __future__ import annotations
 import glob
 import hashlib
 import json
-import multiprocessing
 import re
-import shutil
 import traceback
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor
-from concurrent.futures.process import BrokenProcessPool
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
-from models.workers import in_processes
+from models.work.redact import redact
+from models.work.runner import SERIAL, Runner
+from models.work.task import DIED, Failure, Work
 from monitor import __version__
+from monitor.commands.shared_folders import (
+    Seen,
+    SharedFolderError,
+    check_mark,
+    check_seen,
+    files_below,
+    marked,
+    raise_if_unseen,
+    remove_leftovers,
+    replaced,
+    seen,
+)
 from monitor.config.load import ConfigError, load_config
 from monitor.records.database import StoreError
-from monitor.report.options import Options
+from monitor.report.options import Options, zone_of
 from monitor.report.page import require_pdf
 from monitor.report.runs import ReportError, read_runs
 from monitor.report.summary import VERSION, RunSummary
@@ -53,12 +64,52 @@ class BatchSettings:
 
 
 @dataclass(frozen=True)
+class Pages:
+    """What all pages of a batch share, as it is sent to workers; paths are absolute.
+
+    Attributes:
+        mark: of the caller in ``out``, for workers of other machines; "" without.
+    """
+
+    out: Path
+    timezone: str
+    sections: frozenset[str]
+    notes: tuple[str, ...]
+    options_path: Path | None
+    config_path: Path | None
+    tables: bool
+    pdf: bool
+    mark: str = ""
+
+    @classmethod
+    def of(cls, out: Path, settings: BatchSettings) -> Pages:
+        """Return what is sent of the settings of a batch."""
+        options = settings.options
+        return cls(
+            out.absolute(),
+            str(options.zone),
+            options.sections,
+            options.notes,
+            None if settings.options_path is None else settings.options_path.absolute(),
+            None if settings.config_path is None else settings.config_path.absolute(),
+            settings.tables,
+            settings.pdf,
+        )
+
+    def options(self, title: str) -> Options:
+        """Return the options of a page; its maps are read here."""
+        from monitor.report.options import read_options
+
+        maps = {} if self.options_path is None else read_options(self.options_path).maps
+        return Options(title, zone_of(self.timezone), self.sections, maps, self.notes)
+
+
+@dataclass(frozen=True)
 class Task:
-    """Input of a process: one run, the folder of all pages, and the settings."""
+    """One run of a batch; ``expected``: what the caller sees of it, for workers of other machines."""
 
     run: BatchRun
-    out: Path
-    settings: BatchSettings
+    expected: Seen | None = None
 
 
 @dataclass(frozen=True)
@@ -122,18 +173,19 @@ def run_batch(
     runs: Sequence[BatchRun],
     out: Path,
     settings: BatchSettings,
+    runner: Runner = SERIAL,
     *,
-    workers: int = 0,
-    progress: Callable[[int, int], None] = lambda done, total: None,
+    elsewhere: bool = False,
 ) -> list[Outcome]:
     """Report every run, each into a folder of its own under ``out``, then write the index.
 
     A page is kept if its records, settings and program are unchanged. A run that fails is listed in the index and in
-    ``failures.json``; the others go on. ``workers`` is the number of processes, 0 one per core; ``progress`` is called
-    with the number done and the total.
+    ``failures.json``; the others go on. ``elsewhere``: workers are on other machines, so they check that they see the
+    same folders.
 
     Raises:
         ReportError: the output folder or the index cannot be written, or a requirement of PDF is missing.
+        SharedFolderError: a worker sees other folders.
     """
     if settings.pdf:
         require_pdf()
@@ -141,15 +193,22 @@ def run_batch(
         out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise ReportError(f"{out}: cannot be made: {error.strerror or error}") from error
-    plain = replace(settings, options=replace(settings.options, maps={}))
-    tasks = [Task(run, out, plain) for run in runs]
-    found = {task.run.name: outcome for task in tasks if (outcome := reused(task)) is not None}
-    if found:
-        progress(len(found), len(tasks))
-    for outcome in _outcomes([task for task in tasks if task.run.name not in found], workers):
-        found[outcome.run.name] = outcome
-        progress(len(found), len(tasks))
-    outcomes = [found[run.name] for run in runs]
+    pages = Pages.of(out, settings)
+    absolute = [replace(run, path=run.path.absolute()) for run in runs]
+    for run in runs:
+        remove_leftovers(out / run.name, ["replay"])
+    found = {run.name: outcome for run in absolute if (outcome := reused(pages, run)) is not None}
+    left = [Task(run, seen(_inputs(run.path)) if elsewhere else None) for run in absolute if run.name not in found]
+    with marked(out, checked=elsewhere) as mark:
+        for i, outcome in runner.outcomes(REPORTS, replace(pages, mark=mark), left):
+            run = left[i].run
+            if isinstance(outcome, Failure):
+                raise_if_unseen(outcome)
+                reason = "the process that made its report died" if outcome.kind == DIED else outcome.message
+                found[run.name] = Outcome(run, (), reason)
+            else:
+                found[run.name] = outcome
+    outcomes = [replace(found[run.name], run=run) for run in runs]
     from monitor.report.report import write_index
 
     summaries = [summary for outcome in outcomes for summary in outcome.summaries]
@@ -158,94 +217,84 @@ def run_batch(
     return outcomes
 
 
-def _outcomes(tasks: Sequence[Task], workers: int) -> Iterator[Outcome]:
-    """Yield the outcome of each task in order; after a process has died, each further task has its own process."""
-    done = 0
-    try:
-        for outcome in in_processes(report_one, tasks, workers):
-            yield outcome
-            done += 1
-        return
-    except BrokenProcessPool:
-        pass
-    for task in tasks[done:]:
-        with ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn")) as pool:
-            try:
-                yield pool.submit(report_one, task).result()
-            except BrokenProcessPool:
-                yield Outcome(task.run, (), "the process that made its report died")
-
-
-def reused(task: Task) -> Outcome | None:
+def reused(pages: Pages, run: BatchRun) -> Outcome | None:
     """Return the outcome of a run whose page can be kept, else None."""
     try:
-        kept = _kept(task.out / task.run.name, fingerprint(task), pdf=task.settings.pdf)
+        kept = _kept(pages.out / run.name, fingerprint(pages, run), pdf=pages.pdf)
     except OSError:
         return None
-    return None if kept is None else Outcome(task.run, kept, reused=True)
+    return None if kept is None else Outcome(run, kept, reused=True)
 
 
-def report_one(task: Task) -> Outcome:
-    """Report one run of a batch; any error becomes its outcome."""
+def report_one(pages: Pages, task: Task) -> Outcome:
+    """Report one run of a batch; any error becomes its outcome.
+
+    Raises:
+        SharedFolderError: this worker sees other folders than the caller.
+    """
+    check_mark(pages.out, pages.mark)
+    run = task.run
     try:
-        return Outcome(task.run, _report(task, task.out / task.run.name, fingerprint(task)))
+        check_seen(run.path, _inputs(run.path), task.expected)
+        return Outcome(run, _report(pages, run, fingerprint(pages, run)))
+    except SharedFolderError:
+        raise
     except (ReportError, ConfigError, StoreError, OSError, ValueError) as error:
-        return Outcome(task.run, (), _one_line(error))
+        return Outcome(run, (), _one_line(error))
     except Exception as error:  # An unforeseen error in one run must not end the batch.
         frames = traceback.extract_tb(error.__traceback__)
         where = f" ({Path(frames[-1].filename).name}, line {frames[-1].lineno})" if frames else ""
-        return Outcome(task.run, (), f"{type(error).__name__}: {_one_line(error)}{where}")
+        return Outcome(run, (), f"{type(error).__name__}: {_one_line(error)}{where}")
+
+
+MEMORY = 500_000_000
+"""Bytes that a report needs at most beside the program, measured by benchmarks/batch_memory.py."""
+REPORTS = Work("reports", report_one, memory=MEMORY)
 
 
 def _one_line(error: Exception) -> str:
-    return " ".join(str(error).split()) or type(error).__name__
+    return " ".join(redact(str(error)).split()) or type(error).__name__
 
 
-def _report(task: Task, folder: Path, print_of: str) -> tuple[RunSummary, ...]:
-    from monitor.report.options import read_options
+def _report(pages: Pages, run: BatchRun, print_of: str) -> tuple[RunSummary, ...]:
     from monitor.report.report import report_runs
     from monitor.report.tables import write_whole
 
-    settings = task.settings
-    options = read_options(settings.options_path, settings.options)
-    options = replace(options, title=f"Bearing health: {task.run.name}")
-    source = _replayed(task, folder) if task.run.recording else task.run.path
+    folder = pages.out / run.name
+    options = pages.options(f"Bearing health: {run.name}")
+    source = _replayed(pages, run, folder) if run.recording else run.path
     runs = read_runs(source)
     if len(runs) == 1:
-        runs = [replace(runs[0], label=f"{runs[0].machine}, {task.run.name}")]
-    place = folder / "tables" if settings.tables else None
-    page, summaries = report_runs(runs, folder / "report.html", options=options, tables=place, pdf=settings.pdf)
-    link = f"{task.run.name}/{page.name}"
+        runs = [replace(runs[0], label=f"{runs[0].machine}, {run.name}")]
+    place = folder / "tables" if pages.tables else None
+    page, summaries = report_runs(runs, folder / "report.html", options=options, tables=place, pdf=pages.pdf)
+    link = f"{run.name}/{page.name}"
     linked = tuple(replace(item, link=link if len(runs) == 1 else f"{link}{item.link}") for item in summaries)
-    stored = {"fingerprint": print_of, "runs": [item.to_dict() for item in linked]}
+    text = json.dumps({"fingerprint": print_of, "runs": [item.to_dict() for item in linked]}, allow_nan=False)
     # Written last: its presence means that the page is complete.
-    write_whole(folder / _SUMMARY, json.dumps(stored, allow_nan=False))
-    return linked
+    write_whole(folder / _SUMMARY, text)
+    return _summaries(json.loads(text))
 
 
-def _replayed(task: Task, folder: Path) -> Path:
+def _replayed(pages: Pages, run: BatchRun, folder: Path) -> Path:
     """Replay a recording into ``replay`` beside its page and return that folder."""
     from monitor.service.replay import replay
 
-    if task.settings.config_path is None:
-        raise ReportError(f"{task.run.path}: is a recording; give --config FILE to replay it")
-    store = folder / "replay"
-    if store.exists():
-        # Left by an interrupted batch; the recording is replayed again.
-        shutil.rmtree(store)
-    folder.mkdir(parents=True, exist_ok=True)
-    replay(load_config(task.settings.config_path), str(task.run.path), store)
-    return store
+    if pages.config_path is None:
+        raise ReportError(f"{run.path}: is a recording; give --config FILE to replay it")
+    config = load_config(pages.config_path)
+    with replaced(folder / "replay") as store:
+        replay(config, str(run.path), store)
+    return folder / "replay"
 
 
-def fingerprint(task: Task) -> str:
+def fingerprint(pages: Pages, run: BatchRun) -> str:
     """Return a digest of the inputs of a page: records, settings, configuration and version of the program."""
-    settings, options = task.settings, task.settings.options
-    chosen = (str(options.zone), sorted(options.sections), options.notes, settings.tables, settings.pdf)
-    digest = hashlib.sha256(repr((__version__, VERSION, *chosen, task.run)).encode())
-    for path in (settings.options_path, settings.config_path if task.run.recording else None):
+    chosen = (pages.timezone, sorted(pages.sections), pages.notes, pages.tables, pages.pdf)
+    digest = hashlib.sha256(repr((__version__, VERSION, *chosen, run)).encode())
+    for path in (pages.options_path, pages.config_path if run.recording else None):
         digest.update(b"-" if path is None else path.read_bytes())
-    for path in _inputs(task.run.path):
+    for path in _inputs(run.path):
         found = path.stat()
         digest.update(repr((str(path), found.st_size, found.st_mtime_ns)).encode())
     return digest.hexdigest()
@@ -253,10 +302,7 @@ def fingerprint(task: Task) -> str:
 
 def _inputs(path: Path) -> list[Path]:
     """Return the files that a page depends on, without empty write-ahead logs, which readers create and remove."""
-    if path.is_file():
-        found = [path, *path.parent.glob(f"{glob.escape(path.name)}-wal")]
-    else:
-        found = sorted(item for item in path.rglob("*") if item.is_file())
+    found = [path, *path.parent.glob(f"{glob.escape(path.name)}-wal")] if path.is_file() else files_below(path)
     records = [item for item in found if item.suffix in (".db", ".nc", ".db-wal")]
     return [item for item in records or found if item.suffix != ".db-wal" or item.stat().st_size > 0]
 
@@ -268,6 +314,10 @@ def _kept(folder: Path, print_of: str, *, pdf: bool) -> tuple[RunSummary, ...] |
         pages = ("report.html", "report.pdf") if pdf else ("report.html",)
         if stored["fingerprint"] != print_of or not all((folder / page).is_file() for page in pages):
             return None
-        return tuple(RunSummary.from_dict(item) for item in stored["runs"])
+        return _summaries(stored)
     except (OSError, ValueError, KeyError, TypeError):
         return None
+
+
+def _summaries(stored: dict[str, Any]) -> tuple[RunSummary, ...]:
+    return tuple(RunSummary.from_dict(item) for item in stored["runs"])

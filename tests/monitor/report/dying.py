@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import os
 
-from monitor.commands.report_batch import Outcome, Task
+from monitor.commands.report_batch import Outcome, Pages, Task
 
 
-def dies(task: Task) -> Outcome:
+def dies(_pages: Pages, task: Task) -> Outcome:
     """Take the place of a report whose process is killed."""
     if task.run.name == "b":
         os._exit(9)

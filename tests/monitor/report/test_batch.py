@@ -3,6 +3,8 @@ from __future__ import annotations
 import csv
 import json
 import math
+import re
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -16,17 +18,24 @@ from hypothesis import strategies as st
 from models.maps.build import build_map
 from models.maps.file import save_map
 from models.maps.plan import MapPlan
+from models.work.choose import local_runner
+from models.work.folder_store import FolderStore
+from models.work.runner import Runner
+from models.work.serial import SerialExecutor
+from models.work.task import Failure, Work
 from monitor.commands import report_batch
 from monitor.commands.report import command
 from monitor.commands.report_batch import (
     BatchRun,
     BatchSettings,
+    Pages,
     Task,
     find_runs,
     report_one,
     reused,
     run_batch,
 )
+from monitor.commands.shared_folders import Seen, SharedFolderError, raise_if_unseen
 from monitor.health.record import Record, plain
 from monitor.records.store import Store
 from monitor.report.options import SECTIONS, Options, read_options
@@ -114,26 +123,18 @@ def test_a_batch_reports_what_it_can_and_lists_the_rest(fleet: Path, tmp_path: P
 
 
 def test_a_second_batch_makes_only_what_changed(fleet: Path, tmp_path: Path) -> None:
-    first = run_batch(find_runs(fleet, recordings=False), tmp_path, SHORT_PAGES, workers=1)
+    first = run_batch(find_runs(fleet, recordings=False), tmp_path, SHORT_PAGES)
     before = (tmp_path / "hall_A-one" / "report.html").stat().st_mtime_ns
-    seen: list[int] = []
-    again = run_batch(
-        find_runs(fleet, recordings=False),
-        tmp_path,
-        SHORT_PAGES,
-        workers=1,
-        progress=lambda done, total: seen.append(done),
-    )
+    again = run_batch(find_runs(fleet, recordings=False), tmp_path, SHORT_PAGES)
     assert [outcome.reused for outcome in again] == [False, True, True, True]
     assert [outcome.summaries for outcome in again] == [outcome.summaries for outcome in first]
     assert (tmp_path / "hall_A-one" / "report.html").stat().st_mtime_ns == before
-    assert seen == [3, 4]
     (tmp_path / "hall_A-two" / "report.html").unlink()
     (tmp_path / "hall_B-one" / "run.json").write_text("{ cut off")
-    third = run_batch(find_runs(fleet, recordings=False), tmp_path, SHORT_PAGES, workers=1)
+    third = run_batch(find_runs(fleet, recordings=False), tmp_path, SHORT_PAGES)
     assert [outcome.reused for outcome in third] == [False, True, False, False]
     smaller = Options(sections=frozenset({"provenance"}))
-    fourth = run_batch(find_runs(fleet, recordings=False), tmp_path, BatchSettings(smaller), workers=1)
+    fourth = run_batch(find_runs(fleet, recordings=False), tmp_path, BatchSettings(smaller))
     assert not any(outcome.reused for outcome in fourth)
 
 
@@ -144,20 +145,49 @@ def test_reading_a_store_for_the_first_time_is_no_change_of_it(tmp_path: Path, l
         (tmp_path / "in" / "a" / "state.db").rename(tmp_path / "in" / "a" / "old.db")
     (item,) = find_runs(tmp_path / "in", recordings=False)
     for expected in (False, True):
-        (outcome,) = run_batch([item], tmp_path / "out", SHORT_PAGES, workers=1)
+        (outcome,) = run_batch([item], tmp_path / "out", SHORT_PAGES)
         assert outcome.error == ""
         assert outcome.reused is expected
     with Store.open(tmp_path / "in" / "a" / ("old.db" if loose else "state.db"), machine="press") as store:
         store.commit(life(61, onset=100, learn=40)[60], {})
-    assert not run_batch([item], tmp_path / "out", SHORT_PAGES, workers=1)[0].reused
+    assert not run_batch([item], tmp_path / "out", SHORT_PAGES)[0].reused
 
 
 @pytest.mark.process
 def test_a_process_that_dies_takes_no_other_run_with_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(report_batch, "report_one", dies)
+    monkeypatch.setattr(report_batch, "REPORTS", Work("reports", dies, memory=1000))
     items = [BatchRun(tmp_path, name) for name in ("b", "c")]
-    outcomes = run_batch(items, tmp_path, BatchSettings(Options(), tables=False), workers=2)
+    with local_runner(2) as runner:
+        outcomes = run_batch(items, tmp_path, BatchSettings(Options(), tables=False), runner)
     assert [outcome.error for outcome in outcomes] == ["the process that made its report died", ""]
+
+
+def test_pages_made_through_a_store_are_those_of_a_plain_loop(fleet: Path, tmp_path: Path) -> None:
+    runs = find_runs(fleet, recordings=False)
+    plain_outcomes = run_batch(runs, tmp_path / "plain", SHORT_PAGES)
+    with Runner(SerialExecutor(), FolderStore(tmp_path / "chunks")) as runner:
+        outcomes = run_batch(runs, tmp_path / "shared", SHORT_PAGES, runner, elsewhere=True)
+    assert outcomes == plain_outcomes
+    for name in ("hall_A-one/report.html", "index.html"):
+        pages = [re.sub(r"\d\d:\d\d", "", (tmp_path / way / name).read_text()) for way in ("shared", "plain")]
+        assert pages[0] == pages[1]
+    assert not list((tmp_path / "shared").glob(".spallwatch-*"))
+
+
+def test_a_worker_that_sees_other_folders_ends_the_batch(fleet: Path, tmp_path: Path) -> None:
+    (run,) = find_runs(fleet / "hall B", recordings=False)
+    pages = Pages.of(tmp_path, SHORT_PAGES)
+    with pytest.raises(SharedFolderError, match=r"--out .* does not see this folder"):
+        report_one(replace(pages, mark=".spallwatch-0123"), Task(run))
+    with pytest.raises(SharedFolderError, match=r"expected 1 files of 5 bytes .* sees 1 of"):
+        report_one(pages, Task(run, Seen(1, 5)))
+    with pytest.raises(SharedFolderError, match="is not there on worker"):
+        report_one(pages, Task(replace(run, path=tmp_path / "none"), Seen(1, 5)))
+    with Runner(SerialExecutor(), FolderStore(tmp_path / "chunks")) as runner:
+        ((_, outcome),) = runner.outcomes(report_batch.REPORTS, pages, [Task(run, Seen(1, 5))])
+    assert isinstance(outcome, Failure)
+    with pytest.raises(SharedFolderError, match="sees 1 of"):
+        raise_if_unseen(outcome)
 
 
 def test_recordings_are_replayed_where_a_configuration_is_given(tmp_path: Path) -> None:
@@ -169,21 +199,16 @@ def test_recordings_are_replayed_where_a_configuration_is_given(tmp_path: Path) 
         lines = [f"9,39,{number},{i},{value:.3f},{value:.3f}\n" for i, value in enumerate(rows)]
         (recordings / f"acc_{number:05d}.csv").write_text("".join(lines))
     config = Path(__file__).parents[3] / "examples" / "pronostia_1800rpm_4000n.toml"
-    task = Task(
-        BatchRun(recordings, "take_1", recording=True),
-        tmp_path / "out",
-        BatchSettings(Options(), config_path=config, tables=False),
-    )
-    outcome = report_one(task)
+    run = BatchRun(recordings, "take_1", recording=True)
+    pages = Pages.of(tmp_path / "out", BatchSettings(Options(), config_path=config, tables=False))
+    outcome = report_one(pages, Task(run))
     assert outcome.error == ""
     assert outcome.summaries[0].counts == {"ok": 3}
-    again = reused(task)
+    again = reused(pages, run)
     assert again is not None
     assert again.summaries == outcome.summaries
-    without = Task(
-        BatchRun(recordings, "other", recording=True), tmp_path / "out", BatchSettings(Options(), tables=False)
-    )
-    assert "give --config FILE" in report_one(without).error
+    without = Pages.of(tmp_path / "out", BatchSettings(Options(), tables=False))
+    assert "give --config FILE" in report_one(without, Task(BatchRun(recordings, "other", recording=True))).error
     (item,) = find_runs(tmp_path / "in", recordings=True)
     assert item == BatchRun(recordings, "take_1", recording=True)
 
@@ -242,7 +267,7 @@ def test_stores_of_the_same_machine_are_runs_of_their_own(tmp_path: Path) -> Non
 
 
 def test_a_summary_comes_back_from_json_as_it_was(fleet: Path, tmp_path: Path) -> None:
-    (outcome,) = run_batch(find_runs(fleet / "hall A" / "one", recordings=False), tmp_path, SHORT_PAGES, workers=1)
+    (outcome,) = run_batch(find_runs(fleet / "hall A" / "one", recordings=False), tmp_path, SHORT_PAGES)
     summary = outcome.summaries[0]
     stored = json.loads(json.dumps(summary.to_dict(), allow_nan=False))
     assert RunSummary.from_dict(stored) == summary

@@ -1,0 +1,132 @@
+"""Folders that workers write and read themselves: whether they see the same, and results that appear there whole."""
+
+from __future__ import annotations
+
+import secrets
+import shutil
+import tempfile
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from pathlib import Path
+
+from models.errors import WrongInputError
+from models.work.chunk import default_worker
+from models.work.errors import error_of
+from models.work.task import Failure
+
+_MARK = ".spallwatch-"
+_OLD = ".old"
+
+
+class SharedFolderError(WrongInputError):
+    """A worker does not see a folder as the caller does; the message names both."""
+
+
+@dataclass(frozen=True)
+class Seen:
+    """Files of a recording as the caller sees them: their number, and their size in bytes."""
+
+    files: int
+    size: int
+
+
+def files_below(path: Path) -> list[Path]:
+    """Return a file, or all files below a folder."""
+    return [path] if path.is_file() else sorted(item for item in path.rglob("*") if item.is_file())
+
+
+def seen(files: Iterable[Path]) -> Seen:
+    """Return what is seen of files."""
+    sizes = [item.stat().st_size for item in files]
+    return Seen(len(sizes), sum(sizes))
+
+
+def check_seen(path: Path, files: Iterable[Path], expected: Seen | None) -> None:
+    """Compare the files of a recording with what the caller sees of them; None compares nothing.
+
+    Raises:
+        SharedFolderError: it is not there, or it is another one.
+    """
+    if expected is None:
+        return
+    if not path.exists():
+        raise SharedFolderError(f"{path}: is not there on worker {default_worker()}; all workers must see it")
+    found = seen(files)
+    if found != expected:
+        raise SharedFolderError(
+            f"{path}: expected {expected.files} files of {expected.size} bytes as the caller sees, worker "
+            f"{default_worker()} sees {found.files} of {found.size}; it is another folder there, or is being written"
+        )
+
+
+@contextmanager
+def marked(folder: Path, *, checked: bool) -> Iterator[str]:
+    """Put a mark into a folder for :func:`check_mark`, and give its name; "" where it is not ``checked``."""
+    if not checked:
+        yield ""
+        return
+    mark = folder / f"{_MARK}{secrets.token_hex(8)}"
+    mark.write_bytes(b"")
+    try:
+        yield mark.name
+    finally:
+        mark.unlink(missing_ok=True)
+
+
+def check_mark(folder: Path, mark: str) -> None:
+    """Look for the mark of the caller in a folder; "" looks for none.
+
+    Raises:
+        SharedFolderError: it is not there.
+    """
+    if mark and not (folder / mark).is_file():
+        raise SharedFolderError(
+            f"--out {folder}: worker {default_worker()} does not see this folder of the caller; all workers must "
+            "reach it under the same path"
+        )
+
+
+def raise_if_unseen(failure: Failure) -> None:
+    """Raise the failure of a task as a SharedFolderError if it is one: each further task would meet it, too."""
+    if failure.kind == f"{SharedFolderError.__module__}:{SharedFolderError.__qualname__}":
+        raise error_of(failure)
+
+
+@contextmanager
+def replaced(place: Path) -> Iterator[Path]:
+    """Give a folder of this machine; without an exception its content becomes ``place`` in one step.
+
+    So ``place`` is whole where it is there, also where workers are lost, or two of them do the same. What was in
+    ``place`` is deleted. A database is not written over a network.
+    """
+    with tempfile.TemporaryDirectory(prefix="spallwatch-run-") as scratch:
+        work = Path(scratch) / place.name
+        work.mkdir()
+        yield work
+        fresh = place.with_name(f".{place.name}.{secrets.token_hex(4)}")
+        old = fresh.with_name(fresh.name + _OLD)
+        place.parent.mkdir(parents=True, exist_ok=True)
+        try:
+            shutil.copytree(work, fresh)
+            with suppress(FileNotFoundError):
+                place.rename(old)
+            try:
+                fresh.rename(place)
+            except OSError:
+                # Another worker that did the same was first.
+                if not place.is_dir():
+                    raise
+        finally:
+            shutil.rmtree(fresh, ignore_errors=True)
+        shutil.rmtree(old, ignore_errors=True)
+
+
+def remove_leftovers(out: Path, names: Iterable[str]) -> None:
+    """Remove what :func:`replaced` left in ``out`` where a worker was killed; put back what was there before."""
+    for name in names:
+        for leftover in sorted(out.glob(f".{name}.????????*")):
+            if leftover.name.endswith(_OLD) and not (out / name).exists():
+                leftover.rename(out / name)
+            else:
+                shutil.rmtree(leftover, ignore_errors=True)
