@@ -39,6 +39,7 @@ _COMMANDS = {
     "warmup": ("warmup:command", "Compile the bearing model and plan transforms in advance."),
     "forecast": ("forecast:command", "Time to threshold from a V_eq history."),
     "score": ("score:command", "Scores of the forecasts as issued, once the end is known."),
+    "archive": ("archive:group", "Many recordings of many machines, also on a cluster."),
     "archive-days": ("archive_days:command", "Move the oldest published days to another folder."),
     "backup": ("backup:command", "Back the state of a machine up while its daemon runs."),
     "restore": ("backup:restore_command", "Put a backup in the place of the state of a machine."),

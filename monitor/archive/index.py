@@ -9,6 +9,7 @@ from __future__ import annotations
 import sqlite3
 import time
 from collections.abc import Iterable, Iterator
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -122,6 +123,9 @@ class Index(Closing):
 
     def close(self) -> None:
         """Close it, all outcomes in one file; closing twice does nothing."""
+        # Another file beside it would be needed to read it in a folder that may not be written to.
+        with suppress(sqlite3.Error):
+            self._connection.execute("PRAGMA journal_mode = DELETE")
         self._connection.close()
 
     def settle(self) -> None:

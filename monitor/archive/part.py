@@ -33,7 +33,7 @@ from monitor.service.setup import open_configured
 from streams.remote import fetched, is_remote
 from streams.source import Source
 
-PART_BLOCKS = 20_000
+PART_BLOCKS = 5000
 """Blocks of a part: some minutes of work, after which a state is kept."""
 MAX_PART_RECORDINGS = 1000
 MEMORY = 600_000_000

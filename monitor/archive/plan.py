@@ -58,12 +58,14 @@ class Planner:
         """
         self.index.begin()
         try:
+            digest = _Digest()
             for entry in read_manifest(manifest):
+                digest.add(entry)
                 self._add(entry)
             if not self._machines:
                 raise ManifestError(f"{manifest}: holds no recordings")
             signed = "yes" if self.signed else "no"
-            self.index.set_meta(manifest=manifest_digest(manifest), configs=self._configs(), signed=signed)
+            self.index.set_meta(manifest=digest.text(), configs=self._configs(), signed=signed)
             self.index.commit()
         except BaseException:
             self.index.rollback()
@@ -109,13 +111,30 @@ class Planner:
         return found
 
 
+class _Digest:
+    """Digest of the entries of a manifest; a URL that was signed anew is the same."""
+
+    def __init__(self) -> None:
+        self._hash = hashlib.blake2b(digest_size=16)
+
+    def add(self, entry: Entry) -> None:
+        urls, anew = ([bare(url) for url in listed] for listed in (entry.recordings, entry.anew))
+        self._hash.update(json.dumps([entry.machine, str(entry.config), urls, entry.history, anew]).encode())
+
+    def text(self) -> str:
+        return self._hash.hexdigest()
+
+
 def manifest_digest(manifest: Path) -> str:
-    """Return the digest of a manifest; ManifestError where it cannot be read."""
-    try:
-        with manifest.open("rb") as file:
-            return hashlib.file_digest(file, "blake2b").hexdigest()[:32]
-    except OSError as error:
-        raise ManifestError(f"{manifest}: cannot be read: {error}") from None
+    """Return the digest of the entries of a manifest.
+
+    Raises:
+        ManifestError: it cannot be used.
+    """
+    digest = _Digest()
+    for entry in read_manifest(manifest):
+        digest.add(entry)
+    return digest.text()
 
 
 def check_unchanged(index: Index, manifest: Path, store: Store) -> None:

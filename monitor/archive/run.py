@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
 
+from models.work.folder_store import FolderStore
 from models.work.redact import redact
 from models.work.runner import Runner
 from models.work.stores import open_store
@@ -56,6 +57,11 @@ class Plan:
     def work(self) -> str:
         """URL of what is needed until the archive is complete."""
         return f"{self.out.rstrip('/')}/work"
+
+    @property
+    def zarr_url(self) -> str:
+        """URL of the one Zarr store."""
+        return f"{self.out.rstrip('/')}/records.zarr"
 
     @property
     def records_url(self) -> str:
@@ -221,8 +227,22 @@ def _outcome(row_id: int, status: int, result: RecordingResult) -> Outcome:
 
 
 def replay_waiting(plan: Plan, index: Index, runner: Runner, noted: Callable[[], None] = lambda: None) -> Counts:
-    """Plan an archive unless that is done, replay what waits, and return the counts."""
+    """Plan an archive unless that is done, replay what waits, and return the counts.
+
+    Raises:
+        ManifestError, ConfigError: as :func:`prepare`.
+    """
     shared = prepare(plan, index)
+    noted()
     signed = signed_urls(plan.manifest) if index.meta()["signed"] == "yes" else {}
     Replaying(index, shared, runner, signed, noted).run()
     return index.counts()
+
+
+def delete_work(plan: Plan) -> None:
+    """Delete what an archive needs no more once it is complete."""
+    work = open_store(plan.work)
+    for name in [*work.names()]:
+        work.delete(name)
+    if isinstance(work, FolderStore):
+        work.remove_if_empty()

@@ -1,0 +1,36 @@
+"""What is made of the results of an archive once they are there: the one Zarr store."""
+
+from __future__ import annotations
+
+import importlib
+from typing import Any
+
+from models.errors import WrongInputError
+from models.work.runner import Runner
+from models.work.stores import open_store
+from monitor.archive.index import Index
+from monitor.archive.run import Plan, Results
+
+
+def zarr_writer() -> Any:
+    """Return ``write_archive`` of the module that imports zarr.
+
+    Raises:
+        WrongInputError: the extra is not installed.
+    """
+    try:
+        module = importlib.import_module("monitor.archive.zarr_store")
+    except ModuleNotFoundError as error:
+        raise WrongInputError(f'--records zarr: pip install "spallwatch[cluster]" ({error.name} is missing)') from None
+    return module.write_archive
+
+
+def write_zarr(plan: Plan, index: Index, runner: Runner) -> str:
+    """Write the records of all recordings into the Zarr store of an archive, and return its URL.
+
+    Raises:
+        WrongInputError: the extra is not installed, or another Zarr store is in its place.
+    """
+    records = open_store(plan.records_url)
+    zarr_writer()(Results(index, records), records, plan.zarr_url, runner)
+    return plan.zarr_url

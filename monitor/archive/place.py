@@ -1,0 +1,85 @@
+"""Where the index of an archive is: in the folder of the archive, or on this machine while a run goes on."""
+
+from __future__ import annotations
+
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from models.work.folder_store import FolderStore
+from models.work.stores import open_store
+from models.work.task import Store
+from monitor.archive.index import Index
+from monitor.archive.manifest import ManifestError
+from monitor.records.database import release_lock, take_lock
+
+INDEX_NAME = "index.db"
+_COPIED_EVERY_S = 60.0
+
+
+@contextmanager
+def open_index(out: str, *, read_only: bool = False) -> Iterator[tuple[Index, Callable[[], None]]]:
+    """Open the index of an archive; yield it with a function that is called after outcomes were noted.
+
+    In an object storage it is a copy: of an archive that is being replayed at most a minute old.
+
+    Raises:
+        ManifestError: there is none to be read, or another process replays this archive.
+    """
+    store = open_store(out)
+    if isinstance(store, FolderStore):
+        with _local_index(Path(store.url) / INDEX_NAME, read_only=read_only) as index:
+            yield index, lambda: None
+        return
+    with tempfile.TemporaryDirectory(prefix="spallwatch-index-") as folder:
+        path = Path(folder) / INDEX_NAME
+        data = store.read(INDEX_NAME)
+        if data is None and read_only:
+            raise ManifestError(f"{store.url}: holds no archive: there is no {INDEX_NAME}")
+        if data is not None:
+            path.write_bytes(data)
+        with Index(path, read_only=read_only) as index:
+            copier = _Copier(index, store)
+            try:
+                yield index, copier.copy_if_due
+            finally:
+                if not read_only:
+                    copier.copy()
+
+
+@contextmanager
+def _local_index(path: Path, *, read_only: bool) -> Iterator[Index]:
+    if read_only:
+        if not path.exists():
+            raise ManifestError(f"{path.parent}: holds no archive: there is no {INDEX_NAME}")
+        with Index(path, read_only=True) as index:
+            yield index
+        return
+    path.parent.mkdir(parents=True, exist_ok=True)
+    lock = take_lock(path)
+    if lock is None:
+        raise ManifestError(f"--out {path.parent}: another process replays this archive")
+    try:
+        with Index(path) as index:
+            yield index
+    finally:
+        release_lock(lock)
+
+
+class _Copier:
+    """Copies an index to the store of its archive."""
+
+    def __init__(self, index: Index, store: Store) -> None:
+        self._index, self._store = index, store
+        self._copied = float("-inf")
+
+    def copy_if_due(self) -> None:
+        if time.monotonic() - self._copied >= _COPIED_EVERY_S:
+            self.copy()
+
+    def copy(self) -> None:
+        self._index.settle()
+        self._store.write(INDEX_NAME, self._index.path.read_bytes())
+        self._copied = time.monotonic()

@@ -1,0 +1,129 @@
+"""``spallwatch archive``: many recordings of many machines, replayed into one place."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from itertools import islice
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from models.work.redact import redact
+from monitor.commands import option
+from monitor.commands.cluster_options import Sharing, sharing
+from monitor.commands.common import emit
+
+if TYPE_CHECKING:
+    from monitor.archive.index import Counts, Index
+    from monitor.archive.run import Records
+
+_MAX_NAMED = 20
+
+
+@click.group("archive")
+def group() -> None:
+    """Replay archives: many recordings of many machines, in folders or object storage, also on a cluster."""
+
+
+@group.command("replay")
+@click.argument("manifest", type=option.FILE)
+@click.option("--out", required=True, metavar="URL", help="Folder or object storage of the archive.")
+@click.option(
+    "--records",
+    type=click.Choice(["days", "zarr"]),
+    default="days",
+    help="A netCDF file a UTC day and recording, or one Zarr store of all of them.",
+)
+@click.option(
+    "--part-blocks",
+    type=click.IntRange(min=200),
+    help="Blocks of a recording after which its state is kept.  [default: 5000]",
+)
+@sharing("Processes")
+@option.output
+def replay(
+    manifest: Path,
+    out: str,
+    records: Records,
+    part_blocks: int | None,
+    sharing: Sharing,
+    as_json: bool,
+    quiet: bool,
+) -> None:
+    """Replay the recordings of MANIFEST (TOML or CSV), each on its own or as the history of a machine.
+
+    With --resume, what is done stays and what failed is tried again. Exit code 1 where a recording failed: the others
+    are done.
+    """
+    from monitor.archive.finish import write_zarr, zarr_writer
+    from monitor.archive.part import PART_BLOCKS
+    from monitor.archive.place import INDEX_NAME, open_index
+    from monitor.archive.run import Plan, delete_work, replay_waiting
+
+    if records == "zarr":
+        # Not after all has been replayed.
+        zarr_writer()
+    plan = Plan(manifest, out, records, part_blocks=part_blocks or PART_BLOCKS, resume=sharing.resume)
+    with open_index(out) as (index, noted), sharing.open(out, quiet=quiet) as shared:
+        before = index.counts().done
+        counts = replay_waiting(plan, index, shared.runner, noted)
+        written = write_zarr(plan, index, shared.runner) if records == "zarr" else out
+        if counts.done == counts.recordings:
+            delete_work(plan)
+        values = _values(index, counts, f"{out.rstrip('/')}/{INDEX_NAME}")
+    values |= {"kept": before, "out": redact(out), "records": redact(written), "cluster": shared.values()}
+    emit(values, [*_lines(values), *shared.lines()], as_json=as_json)
+    if counts.failed or counts.set_aside:
+        click.get_current_context().exit(1)
+
+
+@group.command("status")
+@click.argument("out")
+@option.output
+def status(out: str, as_json: bool, quiet: bool) -> None:
+    """Say how far the archive at OUT is, from its index."""
+    from monitor.archive.place import INDEX_NAME, open_index
+
+    with open_index(out, read_only=True) as (index, _):
+        values = _values(index, index.counts(), f"{out.rstrip('/')}/{INDEX_NAME}")
+    values["out"] = redact(out)
+    emit(values, _lines(values), as_json=as_json)
+
+
+def _values(index: Index, counts: Counts, place: str) -> dict[str, Any]:
+    from monitor.archive.index import STATUS_WORDS
+
+    return {
+        "recordings": counts.recordings,
+        "waiting": counts.waiting,
+        "done": counts.done,
+        "failed": [
+            {
+                "recording": name,
+                "status": STATUS_WORDS[outcome.status],
+                "reason": outcome.reason,
+                "log": outcome.log,
+                "chunk": outcome.chunk,
+            }
+            for name, outcome in index.wrong()
+        ],
+        "blocks": counts.rows,
+        "seconds": counts.seconds,
+        "index": redact(place),
+    }
+
+
+def _lines(values: Mapping[str, Any]) -> Iterator[str]:
+    """Yield the lines for people."""
+    waiting = f", {values['waiting']} wait" if values["waiting"] else ""
+    kept = f" ({values['kept']} of them before)" if values.get("kept") else ""
+    yield (
+        f"{values['recordings']} recordings: {values['done']} done{kept}, {len(values['failed'])} failed{waiting}; "
+        f"{values['blocks']} blocks in {values['seconds']:.1f} s of work"
+    )
+    for one in islice(values["failed"], _MAX_NAMED):
+        yield f"{one['recording']} {one['status'].replace('_', ' ')}: {one['reason']}"
+    if len(values["failed"]) > _MAX_NAMED:
+        yield f"and {len(values['failed']) - _MAX_NAMED} more, in {values['index']}"
+    yield f"archive: {values['out']}"

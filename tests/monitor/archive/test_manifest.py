@@ -1,0 +1,140 @@
+"""Manifests: what is taken from TOML and CSV, and each refusal with its file and line."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from models.work.stores import open_store
+from monitor.archive.index import Index
+from monitor.archive.manifest import ManifestError, read_manifest
+from monitor.archive.plan import Planner, check_unchanged, manifest_digest, signed_urls
+from tests.monitor.archive.fleet_files import CONFIG
+
+TABLE = '[[machine]]\nname = "press"\nconfig = "m.toml"\n'
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    (tmp_path / "m.toml").write_text(CONFIG)
+    for name in ("a", "b9", "b10"):
+        (tmp_path / name).mkdir()
+    return tmp_path
+
+
+def write(folder: Path, text: str, name: str = "fleet.toml") -> Path:
+    (folder / name).write_text(text)
+    return folder / name
+
+
+def planned(folder: Path, manifest: Path) -> list[tuple[str, ...]]:
+    """Plan a manifest; return machine, name and URL of each row, those of a history behind it."""
+    with Index(folder / "index.db") as index:
+        Planner(index, open_store(folder / "work")).plan(manifest)
+        return [(row.machine, row.name, row.url, *index.links(row.id, 0, 100)) for row in index.waiting()]
+
+
+def test_a_glob_is_expanded_in_natural_order_and_names_are_unique(folder):
+    listed = TABLE + 'recordings = ["b*", "rig:ferrara?seed=1", "s3://store/a.npy", "s3://other/a.npy"]\n'
+    assert planned(folder, write(folder, listed)) == [
+        ("press", "b9", f"{folder}/b9"),
+        ("press", "b10", f"{folder}/b10"),
+        ("press", "rig-ferrara-seed-1", "rig:ferrara?seed=1"),
+        ("press", "a.npy", "s3://store/a.npy"),
+        ("press", "a.npy-2", "s3://other/a.npy"),
+    ]
+
+
+def test_a_csv_says_what_a_toml_says(folder):
+    toml = TABLE + 'recordings = ["b*", "a"]\nhistory = "continued"\n[[machine.anew]]\nat = "a"\n'
+    head = "machine,config,recording,history,anew\n"
+    csv = head + "press,m.toml,b*,continued,\n\npress,m.toml,a,continued,yes\n"
+    found = planned(folder, write(folder, csv, "fleet.csv"))
+    (folder / "index.db").unlink()
+    assert found == planned(folder, write(folder, toml))
+    assert found == [
+        ("press", "history", f"{folder}/b9", f"{folder}/b10"),
+        ("press", "history-2", f"{folder}/a"),
+    ]
+
+
+def test_a_signature_is_neither_kept_nor_a_change(folder):
+    signed = "https://store.example/a.npy?X-Amz-Signature={}"
+    manifest = write(folder, TABLE + f'recordings = "{signed.format("0123456789abcdef")}"\n')
+    assert planned(folder, manifest) == [("press", "a.npy", "https://store.example/a.npy")]
+    assert b"0123456789abcdef" not in (folder / "index.db").read_bytes()
+    assert signed_urls(manifest) == {"https://store.example/a.npy": signed.format("0123456789abcdef")}
+    before = manifest_digest(manifest)
+    write(folder, TABLE + f'recordings = "{signed.format("fedcba9876543210")}"\n')
+    assert manifest_digest(manifest) == before
+    with Index(folder / "index.db") as index:
+        check_unchanged(index, manifest, open_store(folder / "work"))
+
+
+@pytest.mark.parametrize(
+    ("text", "line", "words"),
+    [
+        ("", None, "expected [[machine]] tables alone, got nothing"),
+        ("x = 1\n" + TABLE + 'recordings = "a"', None, "tables alone, got x, machine"),
+        (TABLE, 1, "recordings: expected a list of paths, globs or URLs, got None"),
+        (TABLE + 'recordings = ["a", 3]', 1, "recordings: expected paths, globs or URLs, got 3"),
+        (TABLE + 'recordings = "a"\nspeed = 3', 1, "unknown key 'speed'"),
+        (TABLE + 'recordings = "c"', 1, "there is no"),
+        (TABLE + 'recordings = "c*"', 1, "nothing is named"),
+        (TABLE + 'recordings = ["a", "a"]', 1, "is given twice"),
+        (TABLE + 'recordings = "a"\nhistory = "some"', 1, "history: expected each or continued, got 'some'"),
+        (TABLE + 'recordings = "a"\nanew = [{at = "a"}]', 1, 'with history = "each"'),
+        (TABLE + 'recordings = "a"\nanew = [{since = 3}]', 1, "expected at = RECORDING"),
+        (TABLE + 'recordings = ["a"]\nhistory = "continued"\nanew = [{at = "b9"}]', 1, "is none of the recordings"),
+        (TABLE.replace("press", "../press") + 'recordings = "a"', 1, "name of the machine: expected letters"),
+        (TABLE.replace("m.toml", "n.toml") + 'recordings = "a"', 1, "config: there is no file"),
+        (
+            TABLE + 'recordings = "a"\n' + TABLE + 'recordings = "b*"\nhistory = "continued"',
+            5,
+            "history: machine press",
+        ),
+    ],
+)
+def test_a_refusal_of_toml_names_file_and_line(folder, text, line, words):
+    manifest = write(folder, text)
+    with pytest.raises(ManifestError) as refused:
+        planned(folder, manifest)
+    assert str(refused.value).startswith(f"{manifest}:" if line is None else f"{manifest}:{line}: ")
+    assert words in str(refused.value)
+    # Nothing is planned by halves.
+    with Index(folder / "index.db") as index:
+        assert (index.left(), index.meta()) == (0, {})
+
+
+@pytest.mark.parametrize(
+    ("text", "line", "words"),
+    [
+        ("", 1, "expected the columns machine, config, recording"),
+        ("machine,config,recording,speed\n", 1, "got machine, config, recording, speed"),
+        ("machine,config,recording\npress,m.toml\n", 2, "expected 3 values, got 2"),
+        ("machine,config,recording\npress,m.toml,a\npress,m.toml,\n", 3, "recording: expected a path"),
+        ("machine,config,recording,anew\npress,m.toml,a,perhaps\n", 2, "anew: expected yes, no or nothing"),
+        ('machine,config,recording\npress,m.toml,"a\n', 2, "not CSV"),
+    ],
+)
+def test_a_refusal_of_csv_names_file_and_line(folder, text, line, words):
+    manifest = write(folder, text, "fleet.csv")
+    with pytest.raises(ManifestError) as refused:
+        planned(folder, manifest)
+    assert str(refused.value).startswith(f"{manifest}:{line}: ")
+    assert words in str(refused.value)
+
+
+def test_a_csv_is_read_as_it_is_taken(folder):
+    rows = "press,m.toml,a\n" * 3
+    entries = read_manifest(write(folder, f"machine,config,recording\n{rows}press,m.toml\n", "fleet.csv"))
+    assert [next(entries).where.rpartition(":")[2] for _ in range(3)] == ["2", "3", "4"]
+    with pytest.raises(ManifestError, match=":5: expected 3 values"):
+        next(entries)
+
+
+def test_other_files_are_no_manifests(folder):
+    for name, words in (("fleet.yaml", "ends in .toml or .csv"), ("none.toml", "cannot be read")):
+        with pytest.raises(ManifestError, match=words):
+            list(read_manifest(folder / name))

@@ -1,0 +1,81 @@
+"""``spallwatch archive``: options, JSON, exit codes."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from monitor.archive.place import open_index
+from tests.commands import run_command
+from tests.monitor.archive.fleet_files import CONFIG, write_files
+
+
+@pytest.fixture
+def fleet(tmp_path: Path) -> Path:
+    (tmp_path / "m.toml").write_text(CONFIG)
+    write_files(tmp_path / "good", 2)
+    (tmp_path / "bad").mkdir()
+    (tmp_path / "bad/readme.rtf").write_text("no samples")
+    recordings = 'recordings = ["good", "bad"]'
+    (tmp_path / "fleet.toml").write_text(f'[[machine]]\nname = "press"\nconfig = "m.toml"\n{recordings}\n')
+    return tmp_path
+
+
+def test_replay_says_what_failed_and_resume_tries_it_again(fleet):
+    command = ("archive", "replay", "fleet.toml", "--out", "out", "--workers", 1, "--json")
+    ended = run_command(*command, cwd=fleet)
+    assert ended.returncode == 1
+    said = json.loads(ended.stdout)
+    assert {"recordings", "done", "failed", "kept", "blocks", "seconds", "out", "index", "cluster"} <= said.keys()
+    assert (said["recordings"], said["done"], said["kept"], said["blocks"]) == (2, 1, 0, 2)
+    ((failed),) = said["failed"]
+    assert (failed["recording"], failed["status"]) == ("press/bad", "failed")
+    assert "nothing that is recognised" in failed["reason"]
+
+    refused = run_command(*command, cwd=fleet)
+    assert refused.returncode == 2
+    assert "--resume" in refused.stderr
+
+    write_files(fleet / "bad", 2, begin=100)
+    ended = run_command(*command, "--resume", cwd=fleet)
+    assert ended.returncode == 0, ended.stderr
+    said = json.loads(ended.stdout)
+    assert (said["done"], said["kept"], said["failed"], said["blocks"]) == (2, 1, [], 4)
+    # Complete: what only a resumed run needs is gone.
+    assert sorted(path.name for path in (fleet / "out").iterdir()) == ["index.db", "index.db.lock", "press"]
+    assert not (fleet / "out.chunks").exists()
+
+
+@pytest.mark.cluster
+def test_one_zarr_store_takes_the_place_of_daily_files(fleet):
+    (fleet / "bad/readme.rtf").unlink()
+    write_files(fleet / "bad", 2, begin=100)
+    options = ("--out", "out", "--records", "zarr", "--workers", 1, "--json")
+    ended = run_command("archive", "replay", "fleet.toml", *options, cwd=fleet)
+    assert ended.returncode == 0, ended.stderr
+    assert json.loads(ended.stdout)["records"] == "out/records.zarr"
+    assert {path.name for path in (fleet / "out").iterdir()} == {"index.db", "index.db.lock", "records.zarr"}
+    import xarray as xr
+
+    with xr.open_zarr(fleet / "out/records.zarr", consolidated=True) as dataset:
+        assert dataset.sizes["row"] == 4
+
+
+def test_status_is_read_from_the_index_alone(fleet):
+    run_command("archive", "replay", "fleet.toml", "--out", "out", "--workers", 1, cwd=fleet)
+    ended = run_command("archive", "status", "out", cwd=fleet)
+    assert ended.returncode == 0
+    assert "2 recordings: 1 done, 1 failed" in ended.stdout
+    assert "press/bad failed: " in ended.stdout
+    none = run_command("archive", "status", "press", cwd=fleet)
+    assert none.returncode == 2
+    assert "holds no archive" in none.stderr
+
+
+def test_two_runs_at_once_are_refused(fleet):
+    with open_index(str(fleet / "out")):
+        ended = run_command("archive", "replay", "fleet.toml", "--out", "out", cwd=fleet)
+    assert ended.returncode == 2
+    assert "another process replays this archive" in ended.stderr
