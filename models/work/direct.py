@@ -21,9 +21,12 @@ class InProcess(Protocol):
     """An executor that can also run tasks as objects of this process."""
 
     def in_process(
-        self, function: Callable[[Any], Any], tasks: Iterable[Any], *, threads: bool
+        self, function: Callable[[Any], Any], tasks: Iterable[Any], *, threads: bool, memory: int
     ) -> Iterator[Any] | None:
-        """Yield results in order; None where such tasks need other processes (``threads``: they may be threads)."""
+        """Yield results in order; None where such tasks need other processes.
+
+        ``threads`` is whether they may be threads, ``memory`` what each needs, bytes.
+        """
         ...
 
 
@@ -72,7 +75,7 @@ def direct_results(
     """Return the results of tasks in order; None where the executor does not run them in this process."""
     if not isinstance(executor, InProcess):
         return None
-    found = executor.in_process(partial(work.function, shared), tasks, threads=work.threads)
+    found = executor.in_process(partial(work.function, shared), tasks, threads=work.threads, memory=work.memory)
     return None if found is None else _metered(found, meter())
 
 
@@ -101,7 +104,7 @@ def direct_outcomes(
         except Exception as error:
             return task, failure_of(error)
 
-    found = executor.in_process(attempt, tasks, threads=work.threads)
+    found = executor.in_process(attempt, tasks, threads=work.threads, memory=work.memory)
     return None if found is None else _chained(found, attempt, work, meter(), follow)
 
 

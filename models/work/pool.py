@@ -101,9 +101,13 @@ class PoolExecutor:
             worker.join()
         self._workers.clear()
 
-    def in_process(self, function: Callable[[_T], _R], tasks: Iterable[_T], *, threads: bool) -> Iterator[_R] | None:
+    def in_process(
+        self, function: Callable[[_T], _R], tasks: Iterable[_T], *, threads: bool, memory: int
+    ) -> Iterator[_R] | None:
         """Yield results in order from a plain loop, or from threads; None where several processes are needed."""
         count = min(self._count, len(tasks)) if isinstance(tasks, Sized) else self._count
+        if self._memory.most is not None:
+            count = min(count, int(self._memory.most // max(memory, 1)))
         if count <= 1:
             return map(function, tasks)
         return _in_threads(function, tasks, count) if threads else None

@@ -42,6 +42,8 @@ class SerialExecutor:
         """Give up what was submitted."""
         self._calls.clear()
 
-    def in_process(self, function: Callable[[_T], _R], tasks: Iterable[_T], *, threads: bool) -> Iterator[_R]:
+    def in_process(
+        self, function: Callable[[_T], _R], tasks: Iterable[_T], *, threads: bool, memory: int
+    ) -> Iterator[_R]:
         """Yield the function of each task as objects of this process, without a store."""
         return map(function, tasks)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import multiprocessing
 import os
+import time
 from typing import Any, cast
 
 import numpy as np
@@ -78,6 +79,14 @@ def test_chunks_share_the_memory(tmp_path):
     assert str(error.value) == "large 1 needs 300 MB, 0 MB are free"
 
 
+def test_threads_of_a_plain_loop_are_as_many_as_the_memory_allows():
+    for memory, workers in ((100, 2), (300, 1)):
+        most.clear()
+        with Runner(PoolExecutor(4, memory=250)) as runner:
+            assert list(runner.run(Work("count", count, memory, threads=True), None, range(12))) == [0] * 12
+        assert max(most) <= workers
+
+
 at_work: list[int] = []
 most: list[int] = []
 
@@ -85,6 +94,7 @@ most: list[int] = []
 def count(_shared: None, task: int) -> int:
     at_work.append(task)
     most.append(len(at_work))
+    time.sleep(0.001)
     at_work.remove(task)
     return 0
 

@@ -224,6 +224,15 @@ def test_tasks_follow_each_other_by_their_results(store, stored):
         list(SERIAL.outcomes(work(fails_on_odd, 2), 0, [], follow=follow))
 
 
+def test_equal_tasks_share_a_chunk(store):
+    executor = ScriptedExecutor(first, runs, 4)
+    assert list(Runner(executor, store).run(work(refuses_from), 9, [1, 1, 2, 1])) == [1, 1, 2, 1]
+    assert len(executor.ran) == 2
+    runner = Runner(executor, store, resume=True)
+    assert sorted(runner.outcomes(work(refuses_from), 9, [1, 1, 3])) == [(0, 1), (1, 1), (2, 3)]
+    assert runner.tally.kept == 2
+
+
 def test_runs_side_by_side_share_the_executor(store):
     executor = ScriptedExecutor(first, runs, 2)
     runner = Runner(executor, store)
