@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
 from monitor.commands import option
-from monitor.commands.common import emit, progress_bar, read_config, say
+from monitor.commands.cluster_options import Sharing, sharing
+from monitor.commands.common import InputError, emit, progress_bar, read_config, say
 from monitor.words.advice import status_line
 from monitor.words.gears import gears_line
 from monitor.words.numbers import duration, interval
@@ -21,40 +24,56 @@ from streams.listing import shown
 from streams.remote import bare, local_source
 
 if TYPE_CHECKING:
+    from monitor.commands.replay_many import Recording
     from monitor.service.replay import Replay
 
 _MAX_IGNORED = 10
 
 
 @click.command("replay")
-@click.argument("path", required=False)
+@click.argument("paths", metavar="[PATH]...", nargs=-1)
 @option.config
 @click.option(
     "--out", type=option.FOLDER, default="replay-out", help="Folder for the store, the records and the report."
 )
 @click.option("--pace", type=option.POSITIVE, help="Multiple of real time. Default: as fast as possible.")
 @click.option("--limit", type=click.IntRange(min=1), help="Maximum number of blocks.")
-@click.option("--resume", is_flag=True, help="Continue the store under --out after its last block.")
 @click.option("--report/--no-report", default=True, help="Write report.html under --out.")
+@sharing("Processes for several PATHs")
 @option.output
 def command(
-    path: str | None,
+    paths: tuple[str, ...],
     config_path: Path | None,
     out: Path,
     pace: float | None,
     limit: int | None,
-    resume: bool,
     report: bool,
+    sharing: Sharing,
     as_json: bool,
     quiet: bool,
 ) -> None:
     """Replay a recording: PATH is a file, a folder, an archive or a source URL (rig:ferrara?seed=1, s3://BUCKET/RUN).
 
-    Exit code 1 where every block is rejected.
+    Several PATHs, or one with --cluster, are replayed side by side, each into OUT/NAME. --resume continues the store
+    under --out after its last block; of several, those that are complete and unchanged are kept.
+
+    Exit code 1 where every block of a recording is rejected, or one of several failed.
     """
+    from monitor.commands.replay_many import find_recordings
+
+    recordings = find_recordings(paths)
+    if sharing.cluster is not None and not recordings:
+        raise InputError("--cluster: expected the PATHs of recordings")
+    if sharing.cluster is not None or len(recordings) > 1:
+        if pace is not None:
+            raise InputError("--pace: expected one PATH on this machine, got several or --cluster")
+        replays = (config_path or Path("config.toml"), out, limit, report)
+        _replay_many(recordings, replays, sharing, as_json=as_json, quiet=quiet)
+        return
     from monitor.service.replay import replay
 
     config = read_config(config_path)
+    path = paths[0] if paths else None
     with local_source(config.source[0].url if path is None else path, out / "fetched") as source:
         result = replay(
             config,
@@ -62,7 +81,7 @@ def command(
             out,
             pace=pace,
             limit=limit,
-            resume=resume,
+            resume=sharing.resume,
             progress=progress_bar("replay", quiet=quiet),
         )
     if report:
@@ -72,6 +91,30 @@ def command(
         say(f"report: {page}", quiet=quiet)
     emit(result.summary, summary_lines(result.summary), as_json=as_json)
     if is_all_rejected(result.summary):
+        click.get_current_context().exit(1)
+
+
+def _replay_many(
+    recordings: Sequence[Recording],
+    replays: tuple[Path, Path, int | None, bool],
+    sharing: Sharing,
+    *,
+    as_json: bool,
+    quiet: bool,
+) -> None:
+    from monitor.commands import replay_many
+
+    config_path, out, limit, report = replays
+    read_config(config_path)
+    settings = replay_many.Replays(config_path.absolute(), out.absolute(), limit, report, sharing.resume)
+    began = time.perf_counter()
+    # The stores are what is kept, rather than chunks.
+    with replace(sharing, resume=False).open(out, quiet=quiet) as shared:
+        outcomes = replay_many.replay_many(recordings, settings, shared.runner, elsewhere=sharing.cluster is not None)
+    told = replay_many.values(outcomes, out)
+    told |= {"seconds": time.perf_counter() - began, "cluster": shared.values()}
+    emit(told, [*replay_many.lines(told), *shared.lines()], as_json=as_json)
+    if told["failed"]:
         click.get_current_context().exit(1)
 
 

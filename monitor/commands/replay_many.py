@@ -1,0 +1,290 @@
+"""Replays of several recordings, each into a folder of its own, shared between workers."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import re
+import shutil
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path, PurePosixPath
+from typing import Any
+
+from models.work.redact import redact
+from models.work.runner import SERIAL, Runner
+from models.work.task import Failure, Work
+from monitor import __version__
+from monitor.commands.common import InputError
+from monitor.commands.shared_folders import (
+    Seen,
+    SharedFolderError,
+    check_mark,
+    check_seen,
+    files_below,
+    marked,
+    raise_if_unseen,
+    remove_leftovers,
+    replaced,
+    seen,
+)
+from monitor.config.load import ConfigError, load_config
+from streams.remote import bare, expand, is_remote, local_source
+from streams.spec import SourceError
+
+MARKER = "replay.json"
+"""File beside the store of a recording whose replay is complete: of what, and its summary."""
+MEMORY = 500_000_000
+"""Bytes that a replay with its page needs at most beside the program, measured by benchmarks/batch_memory.py."""
+_NOT_A_NAME = re.compile(r"[^\w.+-]+")
+_KIND = re.compile(r"(dataset:[^:]*:|folder:)(.*)", re.DOTALL)
+
+
+@dataclass(frozen=True)
+class Recording:
+    """One recording: the name of its folder, its URL as workers open it, and as it is shown, without credentials."""
+
+    name: str
+    url: str
+    shown: str
+
+    @property
+    def path(self) -> Path | None:
+        """File or folder of this machine, None for another source."""
+        found = _KIND.fullmatch(self.url)
+        path = Path(self.url if found is None else found[2])
+        return path if path.is_absolute() and path.exists() else None
+
+
+@dataclass(frozen=True)
+class Replays:
+    """What all replays share; paths are absolute.
+
+    Attributes:
+        limit: greatest number of blocks of each.
+        report: whether each gets a page.
+        resume: whether what stands under ``out`` is kept or continued.
+        mark: of the caller in ``out``, for workers of other machines; "" without.
+    """
+
+    config_path: Path
+    out: Path
+    limit: int | None = None
+    report: bool = True
+    resume: bool = False
+    mark: str = ""
+
+
+@dataclass(frozen=True)
+class Task:
+    """A recording; ``expected``: what the caller sees of it, for workers of other machines."""
+
+    recording: Recording
+    expected: Seen | None = None
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """The summary of a replay, or why there is none; ``kept``: it was complete before."""
+
+    recording: Recording
+    summary: Mapping[str, Any] | None
+    error: str = ""
+    kept: bool = False
+
+
+def find_recordings(paths: Sequence[str]) -> list[Recording]:
+    """Return the recordings that paths, URLs and patterns of remote URLs name, with unique names, in their order.
+
+    Raises:
+        SourceError, RemoteError: a pattern fits nothing, or the storage cannot be listed.
+    """
+    urls = [url for path in paths for url in (expand(path) if is_remote(path) else [path])]
+    numbers: dict[str, int] = {}
+    recordings: list[Recording] = []
+    for url in urls:
+        name = _name(url)
+        numbers[name.lower()] = number = numbers.get(name.lower(), 0) + 1
+        recordings.append(Recording(name if number == 1 else f"{name}-{number}", _absolute(url), bare(url)))
+    return recordings
+
+
+def _name(url: str) -> str:
+    if is_remote(url):
+        last = PurePosixPath(bare(url)).name
+    elif url.startswith("rig:"):
+        last = url
+    else:
+        path = Path(url)
+        last = path.name if path.is_dir() else path.name.partition(".")[0]
+    return _NOT_A_NAME.sub("_", last).strip("._") or "recording"
+
+
+def _absolute(url: str) -> str:
+    """Return the URL of a source without a path relative to the working directory of this process."""
+    found = _KIND.fullmatch(url)
+    kind, path = ("", url) if found is None else (found[1], found[2])
+    return url if is_remote(url) or not Path(path).exists() else kind + str(Path(path).absolute())
+
+
+def replay_many(
+    recordings: Sequence[Recording], replays: Replays, runner: Runner = SERIAL, *, elsewhere: bool = False
+) -> list[Outcome]:
+    """Replay recordings, each into its folder under ``replays.out``; one that fails does not stop the others.
+
+    ``elsewhere``: workers are on other machines, so they check that they see the same folders.
+
+    Raises:
+        InputError: a folder is in use, and they are not resumed.
+        ConfigError: the configuration or the output folder cannot be used.
+        SharedFolderError: a worker sees other folders.
+    """
+    load_config(replays.config_path)
+    out = replays.out
+    remove_leftovers(out, [recording.name for recording in recordings])
+    if not replays.resume:
+        _refuse_used(recordings, out)
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise ConfigError(f"--out {out}: {error.strerror or error}") from None
+    found = {each.name: kept for each in recordings if (kept := _kept(replays, each)) is not None}
+    left = [
+        Task(each, None if not elsewhere or each.path is None else seen(files_below(each.path)))
+        for each in recordings
+        if each.name not in found
+    ]
+    with marked(out, checked=elsewhere) as mark:
+        for i, outcome in runner.outcomes(REPLAYS, replace(replays, mark=mark), left):
+            recording = left[i].recording
+            if isinstance(outcome, Failure):
+                raise_if_unseen(outcome)
+                found[recording.name] = Outcome(recording, None, outcome.message)
+            else:
+                found[recording.name] = outcome
+    return [found[recording.name] for recording in recordings]
+
+
+def _refuse_used(recordings: Iterable[Recording], out: Path) -> None:
+    for recording in recordings:
+        if (out / recording.name).exists():
+            raise InputError(f"--out {out}: has a folder {recording.name}; use --resume to go on, or another folder")
+
+
+def replay_one(replays: Replays, task: Task) -> Outcome:
+    """Replay one recording; what it or its configuration is at fault for becomes its outcome.
+
+    Raises:
+        SharedFolderError: this worker sees other folders than the caller.
+    """
+    check_mark(replays.out, replays.mark)
+    recording = task.recording
+    if task.expected is not None:
+        path = Path(_KIND.sub(r"\2", recording.url))
+        check_seen(path, files_below(path), task.expected)
+    try:
+        return Outcome(recording, _replay(replays, recording))
+    except SharedFolderError:
+        raise
+    except (ConfigError, SourceError, InputError) as error:
+        return Outcome(recording, None, redact(" ".join(str(error).split())))
+
+
+REPLAYS = Work("recordings", replay_one, memory=MEMORY)
+
+
+def _replay(replays: Replays, recording: Recording) -> dict[str, Any]:
+    """Replay into a folder of this machine that then takes its place under ``out``."""
+    from monitor.commands.replay import write_report
+    from monitor.service.replay import replay
+
+    config = load_config(replays.config_path)
+    place = replays.out / recording.name
+    digest = _digest(replays, recording)
+    with replaced(place) as folder:
+        resume = place.exists()
+        if resume:
+            _check_same(place, recording)
+            shutil.copytree(place, folder, dirs_exist_ok=True)
+        with local_source(recording.url, folder / "fetched") as source:
+            result = replay(config, source, folder, limit=replays.limit, resume=resume)
+        if replays.report:
+            write_report(result, folder / "report.html", f"{config.machine.name}: {recording.name}")
+        files = [str(place / Path(file).relative_to(folder)) for file in result.summary["records"]]
+        text = json.dumps(
+            {"recording": recording.shown, "digest": digest, "summary": {**result.summary, "records": files}},
+            allow_nan=False,
+        )
+        (folder / MARKER).write_text(text, encoding="utf-8")
+    return json.loads(text)["summary"]
+
+
+def _check_same(place: Path, recording: Recording) -> None:
+    """Refuse to continue the store of another recording."""
+    found = _marker(place).get("recording", recording.shown)
+    if found != recording.shown:
+        raise InputError(f"{place}: holds the replay of {found}, expected {recording.shown}; use another --out")
+
+
+def _marker(place: Path) -> dict[str, Any]:
+    try:
+        return json.loads((place / MARKER).read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return {}
+
+
+def _kept(replays: Replays, recording: Recording) -> Outcome | None:
+    """Return the outcome of a replay that is complete and whose inputs are unchanged, else None."""
+    place = replays.out / recording.name
+    found = _marker(place) if replays.resume and (place / "state.db").is_file() else {}
+    if not found or found.get("digest") is None or found.get("digest") != _digest(replays, recording):
+        return None
+    return Outcome(recording, found["summary"], kept=True)
+
+
+def _digest(replays: Replays, recording: Recording) -> str | None:
+    """Return a digest of the inputs of a replay; None where they may change without a trace, as what is fetched."""
+    path = recording.path
+    if path is None and not recording.url.startswith("rig:"):
+        return None
+    chosen = (__version__, replays.limit, replays.report, recording.shown)
+    digest = hashlib.sha256(repr(chosen).encode("utf-8", "surrogateescape") + replays.config_path.read_bytes())
+    for file in [] if path is None else files_below(path):
+        found = file.stat()
+        digest.update(repr((str(file), found.st_size, found.st_mtime_ns)).encode("utf-8", "surrogateescape"))
+    return digest.hexdigest()
+
+
+def values(outcomes: Sequence[Outcome], out: Path) -> dict[str, Any]:
+    """Return what ``--json`` says of several recordings."""
+    from monitor.commands.replay import is_all_rejected
+
+    rejected = [outcome.summary is not None and is_all_rejected(outcome.summary) for outcome in outcomes]
+    return {
+        "runs": [
+            {
+                "name": outcome.recording.name,
+                "path": outcome.recording.shown,
+                "out": str(out / outcome.recording.name),
+                "kept": outcome.kept,
+                "error": outcome.error or ("every block is rejected" if none else None),
+                **(outcome.summary or {}),
+            }
+            for outcome, none in zip(outcomes, rejected, strict=True)
+        ],
+        "failed": sum(bool(outcome.error) or none for outcome, none in zip(outcomes, rejected, strict=True)),
+        "kept": sum(outcome.kept for outcome in outcomes),
+    }
+
+
+def lines(told: Mapping[str, Any]) -> Iterator[str]:
+    """Yield the lines for people: one a recording."""
+    for run in told["runs"]:
+        if "blocks" not in run:
+            yield f"{run['name']}: failed: {run['error']}"
+            continue
+        grades = ", ".join(f"{name} {channel['stage']}" for name, channel in run["channels"].items())
+        kept = ", kept" if run["kept"] else ""
+        error = "" if run["error"] is None else f", {run['error']}"
+        yield f"{run['name']}: {run['blocks']} blocks, {run['accepted']} accepted ({grades}){error}{kept}"
+    yield f"{len(told['runs']) - told['failed']} of {len(told['runs'])} recordings replayed"

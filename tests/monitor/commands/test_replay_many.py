@@ -1,0 +1,167 @@
+"""``replay`` over several recordings: each as by itself, kept where unchanged, continued where it grew."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from models.work.folder_store import FolderStore
+from models.work.runner import Runner
+from models.work.serial import SerialExecutor
+from monitor.commands.common import InputError
+from monitor.commands.replay import command
+from monitor.commands.replay_many import Recording, Replays, find_recordings, replay_many
+from monitor.commands.shared_folders import SharedFolderError, remove_leftovers, replaced
+from monitor.records.store import Store
+
+CONFIG = """
+[machine]
+name = "m"
+[[bearing]]
+name = "test"
+designation = "6205"
+[operating]
+speed_hz = 30
+[[source]]
+name = "s"
+rate_hz = 2560
+block_s = 0.1
+[[channel]]
+name = "de"
+source = "s"
+column = 1
+unit = "g"
+bearing = "test"
+band_hz = [[500, 1200]]
+"""
+
+
+def put(folder: Path, number: int, first: int = 0) -> None:
+    samples = np.random.default_rng(1000 * first + number).standard_normal(256)
+    folder.mkdir(parents=True, exist_ok=True)
+    np.save(folder / f"b{number}.npy", samples.astype(np.float32))
+
+
+@pytest.fixture
+def fleet(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    (tmp_path / "m.toml").write_text(CONFIG)
+    for first, place in enumerate(("a/run", "b/run", "c")):
+        for number in range(2):
+            put(tmp_path / place, number, first)
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def replay(*arguments: str) -> tuple[int, dict[str, Any]]:
+    given = [*arguments, "--config", "m.toml", "--json", "--quiet", "--no-report", "--workers", "1"]
+    found = CliRunner().invoke(command, given)
+    if found.exception is not None and not isinstance(found.exception, SystemExit):
+        raise found.exception
+    return found.exit_code, json.loads(found.stdout)
+
+
+def records(folder: Path) -> list[object]:
+    with Store.open(folder / "state.db", read_only=True) as store:
+        assert store.check() == []
+        return list(store.records())
+
+
+def test_each_of_several_is_what_it_is_by_itself(fleet: Path) -> None:
+    code, told = replay("a/run", "b/run", "c", "--out", "all")
+    assert code == 0
+    assert [run["name"] for run in told["runs"]] == ["run", "run-2", "c"]
+    assert told["failed"] == told["kept"] == 0
+    assert told["cluster"]["chunks"] == 3
+    for path, run in zip(("a/run", "b/run", "c"), told["runs"], strict=True):
+        _, alone = replay(path, "--out", f"alone-{run['name']}")
+        assert records(fleet / "all" / run["name"]) == records(fleet / f"alone-{run['name']}")
+        same = set(alone) - {"seconds", "blocks_per_second", "records"}
+        assert {key: run[key] for key in same} == {key: alone[key] for key in same}
+        assert all(Path(file).is_file() for file in run["records"])
+    assert {path.name for path in (fleet / "all").iterdir()} == {"run", "run-2", "c"}
+
+
+def test_what_is_complete_is_kept_and_what_grew_is_continued(fleet: Path) -> None:
+    replay("a/run", "c", "--out", "all")
+    with pytest.raises(InputError, match=r"has a folder run; use --resume"):
+        replay("a/run", "c", "--out", "all")
+    put(fleet / "c", 2, 2)
+    (fleet / "all" / ".run.01234567").mkdir()
+    code, told = replay("a/run", "c", "--out", "all", "--resume")
+    assert code == 0
+    assert [(run["kept"], run["blocks"]) for run in told["runs"]] == [(True, 2), (False, 3)]
+    replay("c", "--out", "alone")
+    assert records(fleet / "all" / "c") == records(fleet / "alone")
+    assert {path.name for path in (fleet / "all").iterdir()} == {"run", "c"}
+
+
+def test_one_that_fails_does_not_stop_the_others(fleet: Path) -> None:
+    (fleet / "d").mkdir()
+    (fleet / "d" / "b0.npy").write_bytes(b"no samples")
+    code, told = replay("none", "d", "c", "--out", "all")
+    assert code == 1
+    assert told["failed"] == 2
+    assert "none" in told["runs"][0]["error"]
+    assert told["runs"][1]["error"] == "every block is rejected"
+    assert told["runs"][2]["error"] is None
+    assert not (fleet / "all" / "none").exists()
+
+
+def test_a_store_of_another_recording_is_not_continued(fleet: Path) -> None:
+    replay("a/run", "b/run", "--out", "all")
+    _, told = replay("b/run", "a/run", "--out", "all", "--resume")
+    assert "holds the replay of a/run, expected b/run" in told["runs"][0]["error"]
+    assert told["failed"] == 2
+
+
+def test_several_at_a_pace_or_a_cluster_of_nothing_are_refused(fleet: Path) -> None:
+    with pytest.raises(InputError, match="--pace: expected one PATH"):
+        replay("a/run", "c", "--pace", "1")
+    with pytest.raises(InputError, match="--cluster: expected the PATHs"):
+        replay("--cluster", "local")
+
+
+def test_workers_elsewhere_must_see_the_same_folders(fleet: Path) -> None:
+    replays = Replays(fleet / "m.toml", fleet / "out", report=False)
+    with Runner(SerialExecutor(), FolderStore(fleet / "chunks")) as runner:
+        (outcome,) = replay_many(find_recordings(["c"]), replays, runner, elsewhere=True)
+        assert outcome.summary is not None
+        assert outcome.summary["blocks"] == 2
+        gone = Recording("gone", str(fleet / "c"), "c")
+        shadow = _Forgetful(runner, fleet / "out2")
+        with pytest.raises(SharedFolderError, match="does not see this folder of the caller"):
+            replay_many([gone], Replays(fleet / "m.toml", fleet / "out2"), shadow, elsewhere=True)
+
+
+class _Forgetful(Runner):
+    """A runner whose workers do not see the mark of the caller."""
+
+    def __init__(self, runner: Runner, out: Path) -> None:
+        self._inner, self._out = runner, out
+
+    def outcomes(self, *arguments: Any, **named: Any) -> Any:
+        for mark in self._out.glob(".spallwatch-*"):
+            mark.unlink()
+        return self._inner.outcomes(*arguments, **named)
+
+
+def test_a_folder_takes_its_place_whole_or_not_at_all(tmp_path: Path) -> None:
+    place = tmp_path / "out" / "run"
+    for text in ("first", "second"):
+        with replaced(place) as folder:
+            (folder / "file").write_text(text)
+        assert (place / "file").read_text() == text
+    with pytest.raises(RuntimeError, match="half"), replaced(place):
+        raise RuntimeError("half")
+    assert (place / "file").read_text() == "second"
+    assert [path.name for path in place.parent.iterdir()] == ["run"]
+    # Killed between the two renames.
+    place.rename(place.with_name(".run.01234567.old"))
+    remove_leftovers(place.parent, ["run"])
+    assert (place / "file").read_text() == "second"
+    assert [path.name for path in place.parent.iterdir()] == ["run"]
