@@ -126,8 +126,9 @@ def new_client(address: str, security: Any) -> Any:
     import distributed
     from distributed.versions import VersionMismatchWarning
 
-    # Lost workers and schedulers are told by the executor, once.
-    logging.getLogger("distributed").setLevel(logging.CRITICAL)
+    # Lost workers and schedulers are told by the executor, once; dask gives each of its loggers a level.
+    for name in ("distributed", *(name for name in logging.root.manager.loggerDict if name.startswith("distributed."))):
+        logging.getLogger(name).setLevel(logging.CRITICAL)
     with warnings.catch_warnings():
         # Versions are compared by name before anything is run.
         warnings.simplefilter("ignore", VersionMismatchWarning)
@@ -137,7 +138,7 @@ def new_client(address: str, security: Any) -> Any:
             )
         except (OSError, TimeoutError, ValueError, RuntimeError) as error:
             cause = " ".join(str(error.__cause__ or error).split()) or type(error).__name__
-            raise ClusterError(f"no dask scheduler answers at {address} within {CONNECT_S:.0f} s: {cause}") from None
+            raise ClusterError(f"no dask scheduler answers at {address}: {cause}") from None
 
 
 def _security(address: str) -> Any:

@@ -85,9 +85,10 @@ class ClusterExecutor:
         self._number = 0
         self._looked = time.monotonic()
         self._client: Any = None
+        self._roster = Roster(self.name, store, self.notes)
         try:
             self._client = cluster.connect()
-            self._roster = Roster(self._client, self.name, store, self.notes)
+            self._roster.use(self._client)
             self._roster.wait_for(cluster.workers)
         except BaseException:
             self.close()
@@ -99,7 +100,7 @@ class ClusterExecutor:
 
     def workers(self) -> int:
         """Return how many chunks may be at work side by side."""
-        return 0 if self._client is None else self._roster.threads()
+        return self._roster.threads()
 
     def submit(self, call: ChunkCall) -> None:
         """Send a chunk; one that no worker has the memory for has failed."""
@@ -120,19 +121,21 @@ class ClusterExecutor:
         Raises:
             ClusterError: the scheduler or all workers were lost for too long.
         """
-        while not self._outcomes:
-            with suppress(queue.Empty):
-                self._take(self._ended.get(timeout=_LOOK_S))
-            if time.monotonic() - self._looked > _LOOK_S and not self._outcomes:
+        while True:
+            if time.monotonic() - self._looked > _LOOK_S:
                 self._look()
                 self._looked = time.monotonic()
-        return self._outcomes.popleft()
+            if self._outcomes:
+                return self._outcomes.popleft()
+            with suppress(queue.Empty):
+                self._take(self._ended.get(timeout=_LOOK_S))
 
     def close(self) -> None:
         """Cancel what is under way, and end the workers that were started for it."""
         client, self._client = self._client, None
         self._sent.clear()
         try:
+            self._roster.close()
             if client is not None:
                 client.close(timeout=5)
         finally:
@@ -278,7 +281,7 @@ class ClusterExecutor:
         while True:
             try:
                 self._client = self._cluster.connect()
-                self._roster = Roster(self._client, self.name, self._store, self.notes)
+                self._roster.use(self._client)
                 self._roster.wait_for(1, max(deadline - time.monotonic(), 1.0))
                 self.notes.append(
                     f"{self.name}: {self._roster.threads()} workers are back at {time.strftime('%H:%M:%S')}"

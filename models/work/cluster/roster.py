@@ -33,22 +33,33 @@ class Roster:
         notes: lines for people, of workers that were refused later.
     """
 
-    def __init__(self, client: Any, address: str, store: Store, notes: list[str]) -> None:
-        """Compare the scheduler with this program.
+    def __init__(self, address: str, store: Store, notes: list[str]) -> None:
+        """Begin without workers.
 
-        Raises:
-            RefusedWorkerError: it runs another program.
-            OSError: the scheduler is lost.
+        Args:
+            address: of the scheduler, for people.
+            store: that all workers reach.
+            notes: takes lines for people.
         """
         self.members: dict[str, Membership] = {}
         self.notes = notes
-        self._client = client
+        self._client: Any = None
         self._address = address
         self._store = store
         self._facts = facts()
         self.resource = f"spallwatch-{self._facts['program'][:12]}"
         self._asked: dict[str, tuple[Any, str]] = {}
         self._refused: dict[str, str] = {}
+
+    def use(self, client: Any) -> None:
+        """Take a client, whose scheduler has workers that were not asked yet.
+
+        Raises:
+            RefusedWorkerError: the scheduler runs another program.
+            OSError: it is lost.
+        """
+        self.close()
+        self._client = client
         self._check_scheduler()
 
     def wait_for(self, count: int, seconds: float = JOIN_S) -> None:
@@ -85,7 +96,9 @@ class Roster:
         if self._client.status != "running":
             raise ConnectionError(f"{self._address}: {self._client.status}")
         present = set(self._client.scheduler_info(n_workers=-1)["workers"])
-        for group in (self.members, self._asked, self._refused):
+        for address in set(self._asked).difference(present):
+            self._delete_token(address, self._asked.pop(address)[1])
+        for group in (self.members, self._refused):
             for address in set(group).difference(present):
                 del group[address]
         self._ask(present.difference(self.members, self._asked, self._refused))
@@ -103,6 +116,18 @@ class Roster:
     def memory(self) -> int:
         """Return the bytes of the largest worker."""
         return max((member.memory for member in self.members.values()), default=0)
+
+    def close(self) -> None:
+        """Forget all workers, and delete the tokens of those that have not answered."""
+        for address, (_, token) in self._asked.items():
+            self._delete_token(address, token)
+        for group in (self.members, self._asked, self._refused):
+            group.clear()
+
+    def _delete_token(self, address: str, token: str) -> None:
+        for name in (answer_name(token, address), token):
+            with suppress(Exception):
+                self._store.delete(name)
 
     def _check_scheduler(self) -> None:
         try:
@@ -138,10 +163,9 @@ class Roster:
 
     def _take(self, address: str, future: Any, token: str) -> bool:
         """Take the answer of a worker; return whether it takes part."""
-        answer = answer_name(token, address)
         try:
             found: Membership = future.result(timeout=60)
-            if not found.problem and self._store.read(answer) != token.encode():
+            if not found.problem and self._store.read(answer_name(token, address)) != token.encode():
                 found = Membership(found.name, problem=f"writes to another {self._store.url}")
         except ImportError as error:
             found = Membership(address, problem=f"spallwatch is not installed there ({error})")
@@ -151,9 +175,7 @@ class Roster:
                 return False
             found = Membership(address, problem=f"{type(error).__name__}: {error}")
         finally:
-            for name in (answer, token):
-                with suppress(Exception):
-                    self._store.delete(name)
+            self._delete_token(address, token)
         if found.problem:
             self._refuse(address, f"worker {found.name}: {found.problem}")
             return False

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import time
 
 
 def repeated(shared: int, task: str) -> str:
@@ -13,3 +14,17 @@ def dies_on(shared: int, task: int) -> int:
     if task == shared:
         os._exit(9)
     return task
+
+
+def naps(shared: float, task: int) -> int:
+    time.sleep(shared)
+    return task
+
+
+def grows(shared: int, task: int) -> int:
+    """Take a gigabyte more each 0.05 s in the task that is ``shared``."""
+    held = []
+    while task == shared:
+        held.append(b"x" * 100_000_000)
+        time.sleep(0.02)
+    return task + len(held)

@@ -107,5 +107,5 @@ def test_a_scheduler_that_does_not_answer_is_named(monkeypatch):
     with socket.socket() as held:
         held.bind(("127.0.0.1", 0))
         port = held.getsockname()[1]
-        with pytest.raises(ClusterError, match=f"no dask scheduler answers at tcp://127.0.0.1:{port} within"):
+        with pytest.raises(ClusterError, match=f"no dask scheduler answers at tcp://127.0.0.1:{port}: "):
             Remote(f"tcp://127.0.0.1:{port}", 0).connect()

@@ -259,3 +259,14 @@ def test_a_worker_that_comes_later_and_cannot_be_used_gets_nothing(store, monkey
     executor._look()
     assert executor.workers() == 2
     assert list(store.names("preflight/")) == []
+
+
+def test_workers_are_asked_while_outcomes_keep_coming(store):
+    client = Client(store, ["tls://a:1"])
+    executor = ClusterExecutor(Cluster(client), store)
+    for number in range(3):
+        executor.submit(call(store, number))
+        client.futures[-1].end("finished", number)
+    client.present = ["tls://a:1", "tls://b:1"]
+    assert executor.wait() == 0
+    assert executor.workers() == 2
