@@ -9,7 +9,7 @@ from __future__ import annotations
 import hashlib
 import os
 import re
-from collections.abc import Generator, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from datetime import datetime
@@ -68,10 +68,13 @@ def is_remote(url: str) -> bool:
     return found is not None and found["scheme"].lower() not in _LIVE
 
 
-def bare(url: str) -> str:
-    """Return a URL without user info, query and fragment: the name of a recording whose signature changes each day."""
+def bare(url: str, hide: Callable[[str], str] = redact) -> str:
+    """Return a URL without user info, query and fragment: the name of a recording whose signature changes each day.
+
+    ``hide`` is from :func:`models.work.redact.redactor` where there are many.
+    """
     found = _URL.fullmatch(url)
-    return url if found is None else found["kind"] + bare_url(found["url"])
+    return url if found is None else found["kind"] + bare_url(found["url"], hide)
 
 
 def expand(url: str) -> list[str]:

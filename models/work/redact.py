@@ -12,7 +12,7 @@ import os
 import re
 import sys
 import traceback
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import lru_cache
 from pathlib import Path
 from typing import Any, cast
@@ -52,7 +52,17 @@ _AWS_KEY = re.compile(r"\b(?:AKIA|ASIA)[A-Z0-9]{16}\b")
 
 def redact(text: str) -> str:
     """Return a text with ``***`` in the place of credentials; redacting it again changes nothing."""
-    for secret in _secrets():
+    return _redacted(text, _secrets())
+
+
+def redactor() -> Callable[[str], str]:
+    """Return :func:`redact` for many texts, with the credentials that this process has now."""
+    secrets = _secrets()
+    return lambda text: _redacted(text, secrets)
+
+
+def _redacted(text: str, secrets: Sequence[str]) -> str:
+    for secret in secrets:
         text = text.replace(secret, HIDDEN)
     text = _USER_INFO.sub(f"{HIDDEN}@", text)
     text = _SIGNED_PARAMETER.sub(rf"\g<1>{HIDDEN}", text)
@@ -63,13 +73,16 @@ def redact(text: str) -> str:
     return _AWS_KEY.sub(HIDDEN, text)
 
 
-def bare_url(url: str) -> str:
-    """Return a URL without user info, and that of HTTP without query and fragment: its signature changes each day."""
+def bare_url(url: str, hide: Callable[[str], str] = redact) -> str:
+    """Return a URL without user info, and that of HTTP without query and fragment: its signature changes each day.
+
+    ``hide`` is from :func:`redactor` where there are many.
+    """
     parts = urlsplit(url)
     if parts.scheme.lower() not in ("http", "https"):
         # A bucket may hold objects with "?" or "#" in their names.
-        return redact(_USER_INFO.sub("", url))
-    return redact(urlunsplit((parts.scheme, parts.netloc.rpartition("@")[2], parts.path, "", "")))
+        return hide(_USER_INFO.sub("", url))
+    return hide(urlunsplit((parts.scheme, parts.netloc.rpartition("@")[2], parts.path, "", "")))
 
 
 def redacted_traceback(error: BaseException) -> str:

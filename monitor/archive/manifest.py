@@ -10,6 +10,7 @@ import re
 import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 from typing import Any, Literal, cast
 
@@ -168,9 +169,18 @@ def _config_path(config: object, where: str, folder: Path) -> Path:
     if not isinstance(config, str) or not config:
         raise ManifestError(f"{where}: config: expected the path of a configuration, got {config!r}")
     found = folder / Path(config).expanduser()
-    if not found.is_file():
-        raise ManifestError(f"{where}: config: there is no file {str(found)!r}")
+    try:
+        _look_up(found)
+    except FileNotFoundError:
+        raise ManifestError(f"{where}: config: there is no file {str(found)!r}") from None
     return found
+
+
+@lru_cache(maxsize=256)
+def _look_up(path: Path) -> None:
+    """Look for a file once, as many rows name the same one; FileNotFoundError, which is not kept, without it."""
+    if not path.is_file():
+        raise FileNotFoundError(path)
 
 
 def _history(history: object, where: str) -> History:

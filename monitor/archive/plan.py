@@ -6,10 +6,12 @@ import glob
 import hashlib
 import json
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
+from functools import lru_cache
 from pathlib import Path
 
+from models.work.redact import redactor
 from models.work.task import Store
 from monitor.archive.index import Index
 from monitor.archive.manifest import Entry, ManifestError, read_manifest
@@ -48,6 +50,7 @@ class Planner:
     signed: dict[str, str] = field(default_factory=dict[str, str])
     _machines: dict[str, _Planned] = field(default_factory=dict[str, _Planned])
     _setups: dict[Path, str] = field(default_factory=dict[Path, str])
+    _shown: Callable[[str], str] = field(default_factory=lambda: _bare_of_many())
 
     def plan(self, manifest: Path) -> None:
         """Write all recordings of a manifest into the index, in one transaction.
@@ -58,7 +61,7 @@ class Planner:
         """
         self.index.begin()
         try:
-            digest = _Digest()
+            digest = _Digest(self._shown)
             for entry in read_manifest(manifest):
                 digest.add(entry)
                 self._add(entry)
@@ -76,12 +79,12 @@ class Planner:
 
     def _add(self, entry: Entry) -> None:
         machine = self._machine(entry)
-        anew = {bare(url) for url in entry.anew}
+        anew = {self._shown(url) for url in entry.anew}
         if anew and entry.history == "each":
             raise ManifestError(f'{entry.where}: anew: every recording is anew with history = "each"')
         seen: set[str] = set()
         for url in expanded(entry):
-            shown = bare(url)
+            shown = self._shown(url)
             if shown in seen:
                 raise ManifestError(f"{entry.where}: recordings: {shown} is given twice")
             seen.add(shown)
@@ -111,14 +114,21 @@ class Planner:
         return found
 
 
+def _bare_of_many() -> Callable[[str], str]:
+    """Return what gives URLs without what must not be written."""
+    hide = redactor()
+    return lru_cache(maxsize=1024)(lambda url: bare(url, hide))
+
+
 class _Digest:
     """Digest of the entries of a manifest; a URL that was signed anew is the same."""
 
-    def __init__(self) -> None:
+    def __init__(self, shown: Callable[[str], str]) -> None:
         self._hash = hashlib.blake2b(digest_size=16)
+        self._shown = shown
 
     def add(self, entry: Entry) -> None:
-        urls, anew = ([bare(url) for url in listed] for listed in (entry.recordings, entry.anew))
+        urls, anew = ([self._shown(url) for url in listed] for listed in (entry.recordings, entry.anew))
         self._hash.update(json.dumps([entry.machine, str(entry.config), urls, entry.history, anew]).encode())
 
     def text(self) -> str:
@@ -131,7 +141,7 @@ def manifest_digest(manifest: Path) -> str:
     Raises:
         ManifestError: it cannot be used.
     """
-    digest = _Digest()
+    digest = _Digest(_bare_of_many())
     for entry in read_manifest(manifest):
         digest.add(entry)
     return digest.text()
@@ -154,8 +164,9 @@ def check_unchanged(index: Index, manifest: Path, store: Store) -> None:
 
 def signed_urls(manifest: Path) -> dict[str, str]:
     """Return the URLs of a manifest with what must not be written, by the URL without it."""
+    shown = _bare_of_many()
     urls = (url for entry in read_manifest(manifest) for url in entry.recordings if is_remote(url))
-    return {bare(url): url for url in urls if bare(url) != url}
+    return {shown(url): url for url in urls if shown(url) != url}
 
 
 def expanded(entry: Entry) -> Iterator[str]:
