@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import glob
 import hashlib
 import json
 import re
@@ -21,9 +20,9 @@ from monitor.commands.shared_folders import (
     SharedFolderError,
     check_mark,
     check_seen,
-    files_below,
     marked,
     raise_if_unseen,
+    record_files,
     remove_leftovers,
     replaced,
     seen,
@@ -198,7 +197,7 @@ def run_batch(
     for run in runs:
         remove_leftovers(out / run.name, ["replay"])
     found = {run.name: outcome for run in absolute if (outcome := reused(pages, run)) is not None}
-    left = [Task(run, seen(_inputs(run.path)) if elsewhere else None) for run in absolute if run.name not in found]
+    left = [Task(run, seen(record_files(run.path)) if elsewhere else None) for run in absolute if run.name not in found]
     with marked(out, checked=elsewhere) as mark:
         for i, outcome in runner.outcomes(REPORTS, replace(pages, mark=mark), left):
             run = left[i].run
@@ -235,7 +234,7 @@ def report_one(pages: Pages, task: Task) -> Outcome:
     check_mark(pages.out, pages.mark)
     run = task.run
     try:
-        check_seen(run.path, _inputs(run.path), task.expected)
+        check_seen(run.path, record_files(run.path), task.expected)
         return Outcome(run, _report(pages, run, fingerprint(pages, run)))
     except SharedFolderError:
         raise
@@ -294,17 +293,10 @@ def fingerprint(pages: Pages, run: BatchRun) -> str:
     digest = hashlib.sha256(repr((__version__, VERSION, *chosen, run)).encode())
     for path in (pages.options_path, pages.config_path if run.recording else None):
         digest.update(b"-" if path is None else path.read_bytes())
-    for path in _inputs(run.path):
+    for path in record_files(run.path):
         found = path.stat()
         digest.update(repr((str(path), found.st_size, found.st_mtime_ns)).encode())
     return digest.hexdigest()
-
-
-def _inputs(path: Path) -> list[Path]:
-    """Return the files that a page depends on, without empty write-ahead logs, which readers create and remove."""
-    found = [path, *path.parent.glob(f"{glob.escape(path.name)}-wal")] if path.is_file() else files_below(path)
-    records = [item for item in found if item.suffix in (".db", ".nc", ".db-wal")]
-    return [item for item in records or found if item.suffix != ".db-wal" or item.stat().st_size > 0]
 
 
 def _kept(folder: Path, print_of: str, *, pdf: bool) -> tuple[RunSummary, ...] | None:

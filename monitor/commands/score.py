@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -10,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from monitor.commands import option
+from monitor.commands.cluster_options import Sharing, sharing
 from monitor.commands.common import InputError, emit
 from monitor.words.numbers import duration_figures
 
@@ -18,6 +20,9 @@ if TYPE_CHECKING:
 
 _MIN_OTHERS = 2
 """Minimum number of other runs whose lifetimes are used as a population."""
+
+_MIN_SHARED = 8
+"""Number of runs from which processes pay, unless their number is given."""
 
 
 class _Moment(click.ParamType):
@@ -54,6 +59,7 @@ class _Moment(click.ParamType):
     multiple=True,
     help="Final stage of another bearing of the same rig, s; repeatable. Default: those of the other RECORDS.",
 )
+@sharing("Processes")
 @option.output
 def command(
     records: tuple[Path, ...],
@@ -63,40 +69,38 @@ def command(
     onset_utc: tuple[float, ...],
     onset_s: tuple[float, ...],
     lifetime_s: tuple[float, ...],
+    sharing: Sharing,
     as_json: bool,
     quiet: bool,
 ) -> None:
     """Score the forecasts in RECORDS: netCDF files, folders of them, or a state.db, one run each.
 
     Each run is scored by itself, beside naive forecasts issued at the same moments. The end is given, or recorded by a
-    simulated rig, or taken from the tracked V_eq with --threshold-mm2.
+    simulated rig, or taken from the tracked V_eq with --threshold-mm2. --cluster and --resume need --chunks.
     """
+    from monitor.commands.score_runs import SCORING, ScoreTask, read_all
     from monitor.report.score import scoring
-    from monitor.report.score.issued import read_issued
 
     ends = _moments("end", records, end_utc, end_s)
     onsets = _moments("onset", records, onset_utc, onset_s)
     threshold = None if threshold_mm2 is None else threshold_mm2 * 1e-6
-    found: list[tuple[int, Issued, scoring.End]] = []
-    for place, path in enumerate(records):
-        for issued in read_issued(path, threshold):
+    if len(records) < _MIN_SHARED and sharing.workers == 0 and sharing.cluster is None:
+        sharing = replace(sharing, workers=1)
+    with sharing.open(None, quiet=quiet) as shared:
+        found: list[tuple[int, Issued, scoring.End]] = []
+        for place, issued in read_all(records, threshold, shared.runner, elsewhere=sharing.cluster is not None):
             end = scoring.end_of(issued, _on_axis("end", issued, ends[place]), tracked=threshold is not None)
             found.append((place, issued, end))
-    _refuse_no_end(found, threshold_mm2)
-    lives = _lifetimes(found)
-    runs = []
-    for place, issued, end in found:
-        others = [life for other, life in lives.items() if other != place]
-        runs.append(
-            scoring.score_run(
-                issued,
-                end,
-                lifetimes=lifetime_s or (others if len(others) >= _MIN_OTHERS else ()),
-                onset=_on_axis("onset", issued, onsets[place]),
-            )
-        )
-    values = {"runs": runs, "mean": scoring.mean_of_runs(runs)}
-    emit(values, () if quiet and as_json else _lines(values), as_json=as_json)
+        _refuse_no_end(found, threshold_mm2)
+        lives = _lifetimes(found)
+        tasks: list[ScoreTask] = []
+        for place, issued, end in found:
+            others = tuple(life for other, life in lives.items() if other != place)
+            lifetimes = lifetime_s or (others if len(others) >= _MIN_OTHERS else ())
+            tasks.append(ScoreTask(issued, end, lifetimes, _on_axis("onset", issued, onsets[place])))
+        runs = list(shared.runner.run(SCORING, None, tasks))
+    values = {"runs": runs, "mean": scoring.mean_of_runs(runs), "cluster": shared.values()}
+    emit(values, () if quiet and as_json else [*_lines(values), *shared.lines()], as_json=as_json)
 
 
 def _moments(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import glob
 import secrets
 import shutil
 import tempfile
@@ -34,6 +35,13 @@ class Seen:
 def files_below(path: Path) -> list[Path]:
     """Return a file, or all files below a folder."""
     return [path] if path.is_file() else sorted(item for item in path.rglob("*") if item.is_file())
+
+
+def record_files(path: Path) -> list[Path]:
+    """Return the records in a file or folder, else all files, without empty write-ahead logs, which readers create."""
+    found = [path, *path.parent.glob(f"{glob.escape(path.name)}-wal")] if path.is_file() else files_below(path)
+    records = [item for item in found if item.suffix in (".db", ".nc", ".db-wal")]
+    return [item for item in records or found if item.suffix != ".db-wal" or item.stat().st_size > 0]
 
 
 def seen(files: Iterable[Path]) -> Seen:

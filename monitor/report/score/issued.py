@@ -66,7 +66,7 @@ class Issued:
     source: str
     time: Floats
     clock: Floats
-    status: NDArray[np.object_]
+    status: NDArray[np.str_]
     levels: Floats
     quantiles: Floats
     v_eq: Floats
@@ -205,7 +205,7 @@ def _issued(
         source=source,
         time=channel.time[rows],
         clock=clock[rows],
-        status=status[rows],
+        status=status[rows].astype(np.str_),
         levels=levels,
         quantiles=quantiles,
         v_eq=channel.column("v_eq")[rows],

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import json
 import math
+import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -257,6 +258,23 @@ def test_the_command_scores_runs_beside_lifetimes_of_the_others(tmp_path: Path) 
     alone = invoke(folders[0], "--end-s", "1000", "--lifetime-s", "800", "--lifetime-s", "1000")
     assert alone["runs"][0] == found["runs"][0]
     assert invoke(folders[0], "--threshold-mm2", "0.05")["runs"][0]["end_source"] == "tracked"
+
+
+def test_scores_made_through_chunks_are_those_of_a_plain_loop_and_records_that_changed_are_read_again(
+    tmp_path: Path,
+) -> None:
+    folders = [stored(tmp_path / name, run(), machine=name) for name in ("a", "b", "c")]
+    arguments = (*folders, "--end-s", "1000", "--end-s", "1100", "--end-s", "1300")
+    plain = invoke(*arguments)
+    shared = (*arguments, "--workers", "1", "--chunks", tmp_path / "chunks", "--resume")
+    for kept in (0, 6):
+        found = invoke(*shared)
+        assert (found["runs"], found["mean"]) == (plain["runs"], plain["mean"])
+        assert (found["cluster"]["chunks"], found["cluster"]["kept"]) == (6, kept)
+    database = folders[0] / "state.db" if folders[0].is_dir() else folders[0]
+    later = database.stat().st_mtime + 1.0
+    os.utime(database, (later, later))
+    assert invoke(*shared)["cluster"]["kept"] == 5
 
 
 def test_the_command_says_it_in_words(tmp_path: Path) -> None:
