@@ -12,7 +12,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import netCDF4
 
@@ -233,7 +233,7 @@ class _Replayed:
         files: list[RecordsFile] = []
         shape, firsts, lasts = Shape(), list[float](), list[float]()
         for path in written:
-            found = _Described(path)
+            found = described(path)
             if not last and (found.day is None or found.day == open_day):
                 continue
             name = f"{part.machine}/{part.name}/{path.name}"
@@ -281,32 +281,40 @@ def _reason(summary: Mapping[str, Any], problem: str | None) -> str:
     return f"every block is rejected; first {status}, {reason}"
 
 
-class _Described:
-    """Rows, day, times, digest and shape of a file of records."""
+class Described(NamedTuple):
+    """Rows, UTC day, first and last time, digest and shape of a file of records."""
 
-    def __init__(self, path: Path) -> None:
-        with netCDF4.Dataset(path) as file:
-            file.set_auto_maskandscale(False)
-            self.rows = len(file.dimensions["time"])
-            dated = file.getncattr("dated") == "yes"
-            times: list[float] = file.variables["time"][...].tolist() if dated else []
-            self.first, self.last = (times[0], times[-1]) if times else (None, None)
-            self.day = None if self.first is None else int(self.first // SECONDS_PER_DAY)
-            variables = {
-                name: variable.dimensions[1:]
-                for name, variable in file.variables.items()
-                if name != "time" and variable.dimensions[:1] == ("time",)
-            }
-            # The digests of the ledger are of all that a record holds.
-            columns = [file["ledger"].variables[name][...] for name in ("ledger_digest", "content_digest")]
-            self.digest = digest_of(b"".join(column.tobytes() for column in columns))
-            used = {dim for dims in variables.values() for dim in dims}
-            self.shape = Shape(
-                channels=tuple(map(str, file.variables["channel"][...])),
-                variables=variables,
-                sizes={name: len(dim) for name, dim in file.dimensions.items() if name in used},
-                attributes={name: _plain(file.getncattr(name)) for name in file.ncattrs() if name not in _PER_FILE},
-            )
+    rows: int
+    day: int | None
+    first: float | None
+    last: float | None
+    digest: str
+    shape: Shape
+
+
+def described(path: Path) -> Described:
+    """Describe a file of records; its digest is of all that records hold, by the digests of the ledger."""
+    with netCDF4.Dataset(path) as file:
+        file.set_auto_maskandscale(False)
+        dated = file.getncattr("dated") == "yes"
+        times: list[float] = file.variables["time"][...].tolist() if dated else []
+        first, last = (times[0], times[-1]) if times else (None, None)
+        columns = [file["ledger"].variables[name][...] for name in ("ledger_digest", "content_digest")]
+        variables = {
+            name: variable.dimensions[1:]
+            for name, variable in file.variables.items()
+            if name != "time" and variable.dimensions[:1] == ("time",)
+        }
+        used = {dim for dims in variables.values() for dim in dims}
+        shape = Shape(
+            channels=tuple(map(str, file.variables["channel"][...])),
+            variables=variables,
+            sizes={name: len(dim) for name, dim in file.dimensions.items() if name in used},
+            attributes={name: _plain(file.getncattr(name)) for name in file.ncattrs() if name not in _PER_FILE},
+        )
+        rows = len(file.dimensions["time"])
+    day = None if first is None else int(first // SECONDS_PER_DAY)
+    return Described(rows, day, first, last, digest_of(b"".join(column.tobytes() for column in columns)), shape)
 
 
 def _plain(value: Any) -> Any:

@@ -45,13 +45,15 @@ persist_blocks = 2
 """
 
 
-def write_files(folder: Path, count: int = 22, *, seed: int = 1, grows_from: int = 16, begin: int = 0) -> Path:
-    """Write a file of one block each two hours, from the number ``begin`` on; its level grows from a number on."""
+def write_files(
+    folder: Path, count: int = 22, *, seed: int = 1, grows_from: int = 16, begin: int = 0, hours: float = 2.0
+) -> Path:
+    """Write a file of one block each so many hours, from the number ``begin`` on; its level grows from a number on."""
     folder.mkdir(parents=True, exist_ok=True)
     rng = np.random.default_rng(seed)
     for number in range(begin, begin + count):
         samples = rng.standard_normal(BLOCK) * (1.0 + max(0, number - grows_from))
-        moment = BEGIN + datetime.timedelta(hours=2 * number)
+        moment = BEGIN + datetime.timedelta(hours=hours * number)
         np.save(folder / f"{moment:%Y%m%d-%H%M%S}.npy", samples.astype(np.float32))
     return folder
 
