@@ -6,6 +6,7 @@ import difflib
 import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -18,8 +19,8 @@ from models.identify.limits import INTERVALS, Limits, wide_limits
 from models.identify.run import Identification, IdentifyOptions, identify
 from models.identify.space import ALIASES, DEFAULT_FREE, FREE_WITHOUT_TESTS, ORDER, Space, contact_ratios
 from models.identify.trials import FEATURES, Trials, gather, no_trials
-from models.work.choose import local_runner
 from monitor.commands import evidence_files, option
+from monitor.commands.cluster_options import Sharing, sharing
 from monitor.commands.common import (
     InputError,
     check_suffix,
@@ -111,12 +112,13 @@ class _Limit(click.ParamType):
 @click.option(
     "--race-radius-mm", type=option.POSITIVE, help="Of the outer race, for defect_mm. Default: the bearing's."
 )
-@option.workers("Threads")
-@click.option("--resume", is_flag=True, help="Go on with a run that was stopped (FILE.state beside --out).")
+@sharing("Threads")
 @click.option("--out", type=option.OUT_FILE, help="Write a [rig] table (TOML) with its hash.")
 @click.option("--report", type=option.OUT_FILE, help="Write a page of what was found, .html or .pdf.")
 @option.output
-def command(tests: Path | None, config_path: Path | None, as_json: bool, quiet: bool, **options: Any) -> None:
+def command(
+    tests: Path | None, config_path: Path | None, sharing: Sharing, as_json: bool, quiet: bool, **options: Any
+) -> None:
     """Find parameters of the rig from TESTS, resonances and priors, and say which of them these do not determine.
 
     TESTS is a CSV file with load_newton, speed_hz, defect_deg or defect_mm, and either rms_g and a_star_g or recording
@@ -127,7 +129,7 @@ def command(tests: Path | None, config_path: Path | None, as_json: bool, quiet: 
     """
     out: Path | None = options["out"]
     page: Path | None = options["report"]
-    _check_files(out, page, resume=options["resume"])
+    _check_files(out, page, resume=sharing.resume)
     config = read_machine(config_path)
     channel = tracked_channel(config, options["channel"])
     entry = config.entry_of(channel)
@@ -143,40 +145,20 @@ def command(tests: Path | None, config_path: Path | None, as_json: bool, quiet: 
         source = evidence_files.Source(measuring, entry, rig)
         evidence = evidence_files.read_evidence(source, options, table.healthy, lambda name: _names([(name,)])[0])
         trials = gather(table.trials) if table.trials else no_trials()
-        damaged = bool(np.any(trials.damaged))
         _check_told(trials, evidence, page)
         section = next(section for section in config.bearing if section.name == channel.bearing)
-        space = Space(
-            rig=rig,
-            bearing=entry.bearing,
-            loads=tuple(sorted({condition.load for condition in trials.conditions} | set(evidence.loads))),
-            clearance=section.clearance_um / MICRO,
-            free=_free(options["free"]) or (DEFAULT_FREE if damaged else FREE_WITHOUT_TESTS),
-            limits=(Limits() if damaged else wide_limits()).with_intervals(dict(options["limits"])),
-        )
-        settings = IdentifyOptions(
-            objectives=_names(options["objectives"]) or FEATURES,
-            band=band,
-            seed=options["seed"],
-            level=options["level"],
-            method=options["method"],
-        )
-        state = None if out is None else _state_path(out)
-        with local_runner(options["workers"]) as runner:
+        loads = {condition.load for condition in trials.conditions} | set(evidence.loads)
+        known = Space(rig, entry.bearing, tuple(sorted(loads)), section.clearance_um / MICRO)
+        space = _with_unknowns(known, options, damaged=bool(np.any(trials.damaged)))
+        settings = _settings(options, band)
+        with _of_candidates(sharing).open(out, quiet=quiet, progress=False) as shared:
+            state = None if out is None else _state_path(out)
+            run: dict[str, Any] = {"runner": shared.runner, "progress": _progress(quiet=quiet)}
             with _resumable(state):
-                progress = _progress(quiet=quiet)
-                found = identify(
-                    trials,
-                    space,
-                    settings,
-                    evidence,
-                    state=state,
-                    resume=options["resume"],
-                    runner=runner,
-                    progress=progress,
-                )
-            verdict = judge(found, config, entry, runner)
+                found = identify(trials, space, settings, evidence, state=state, resume=sharing.resume, **run)
+            verdict = judge(found, config, entry, shared.runner)
     values = _values(found, settings, table) | verdict.values(is_calibration(found))
+    values["cluster"] = shared.values()
     values["warnings"] = [*table.warnings, *find_warnings(found, config, entry), *values["why_uncalibrated"]]
     if out is not None:
         for kind, path in _write_rig(out, found, config, channel.bearing, values):
@@ -188,7 +170,31 @@ def command(tests: Path | None, config_path: Path | None, as_json: bool, quiet: 
         words = ReportWords(config.machine.name, keys, _REASONS, written["out"], *claims)
         write_report(page, found, settings, table, words)
         say(f"report: {page}", quiet=quiet)
-    emit({**values, **written}, _lines(values), as_json=as_json)
+    emit({**values, **written}, [*_lines(values), *shared.lines()], as_json=as_json)
+
+
+def _with_unknowns(known: Space, options: Mapping[str, Any], *, damaged: bool) -> Space:
+    """Return a space with its unknown parameters and their limits; ``damaged``: there are tests with known defects."""
+    return replace(
+        known,
+        free=_free(options["free"]) or (DEFAULT_FREE if damaged else FREE_WITHOUT_TESTS),
+        limits=(Limits() if damaged else wide_limits()).with_intervals(dict(options["limits"])),
+    )
+
+
+def _settings(options: Mapping[str, Any], band: tuple[float, float] | None) -> IdentifyOptions:
+    return IdentifyOptions(
+        objectives=_names(options["objectives"]) or FEATURES,
+        band=band,
+        seed=options["seed"],
+        level=options["level"],
+        method=options["method"],
+    )
+
+
+def _of_candidates(sharing: Sharing) -> Sharing:
+    """Return how candidates are shared: on this machine their state file is enough to resume."""
+    return sharing if sharing.cluster is not None or sharing.chunks is not None else replace(sharing, resume=False)
 
 
 def _check_files(out: Path | None, page: Path | None, *, resume: bool) -> None:

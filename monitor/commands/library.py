@@ -15,13 +15,12 @@ from models.lives.laws import LAWS
 from models.lives.population import Population
 from models.rigs import RIGS
 from models.rigs.six_dof import Rig
-from models.work.choose import local_runner
 from monitor.commands import library_learn, option
+from monitor.commands.cluster_options import Sharing, sharing
 from monitor.commands.common import (
     InputError,
     check_suffix,
     check_writable,
-    counter,
     emit,
     find_entry,
     input_errors,
@@ -86,10 +85,12 @@ command.add_command(library_learn.command)
     help="Records (file or folder) of a run of this rig, recorded until its end, which counts as the threshold.",
 )
 @click.option("--channel", help="Channel of these records, where several have a final stage.")
-@option.workers("Threads")
+@sharing("Threads")
 @click.option("--out", type=option.OUT_FILE, required=True, help="The library (.npz).")
 @option.output
-def build(config_path: Path | None, name: str | None, out: Path, as_json: bool, quiet: bool, **options: Any) -> None:
+def build(
+    config_path: Path | None, name: str | None, sharing: Sharing, out: Path, as_json: bool, quiet: bool, **options: Any
+) -> None:
     """Simulate lives of bearings on the configured rig, fit the forecaster, and write it with its settings."""
     check_suffix("--out", out, (".npz",))
     thresholds = [value * 1e-6 for value in options["threshold_mm2"]]
@@ -100,24 +101,17 @@ def build(config_path: Path | None, name: str | None, out: Path, as_json: bool, 
         population = _population(read_machine(config_path), name, thresholds, options)
     check_writable("--out", out)
     began = time.perf_counter()
-    with input_errors("library build"):
-        with local_runner(options["workers"]) as runner:
-            library = build_library(
-                population,
-                runs=options["runs"],
-                thresholds=thresholds,
-                runner=runner,
-                progress=counter("lives", quiet=quiet),
-            )
+    with input_errors("library build"), sharing.open(out, quiet=quiet) as shared:
+        library = build_library(population, runs=options["runs"], thresholds=thresholds, runner=shared.runner)
         for features in _SENSED if recorded else ():
             library = calibrate(library, recorded, features=features, threshold=thresholds[0])
-    with output_errors("--out", out):
-        save_library(library, out)
+        with output_errors("--out", out):
+            save_library(library, out)
     say(f"library: {out}", quiet=quiet)
     values = _values(library, options["runs"], time.perf_counter() - began, out)
     values |= {"model": population.rig.model, "calibrated": population.rig.calibrated, "rig": rig_line(population.rig)}
-    values["rig_spread_over"] = population.rig_spread_words
-    emit(values, _lines(values), as_json=as_json)
+    values |= {"rig_spread_over": population.rig_spread_words, "cluster": shared.values()}
+    emit(values, [*_lines(values), *shared.lines()], as_json=as_json)
 
 
 def _recorded(path: Path, channel: str | None) -> RecordedRun:

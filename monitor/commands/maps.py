@@ -23,14 +23,13 @@ from models.rigs import RIGS
 from models.rigs.draws import RigDraws
 from models.rigs.six_dof import Rig
 from models.scene import PARTS, Floor, Slip
-from models.work.choose import local_runner
 from monitor.commands import option
+from monitor.commands.cluster_options import Sharing, sharing
 from monitor.commands.common import (
     PICTURES,
     InputError,
     check_suffix,
     check_writable,
-    counter,
     emit,
     find_entry,
     finite,
@@ -94,25 +93,25 @@ def command() -> None:
 )
 @click.option("--most-nodes", type=click.IntRange(min=1), default=MAX_NODES, help="Limit of the refinement.")
 @click.option("--rms-band-hz", type=option.Range(), help="Band of the RMS, the same as of the recordings.")
-@option.workers("Threads or processes")
+@sharing("Threads or processes")
 @click.option("--out", type=option.OUT_FILE, required=True, help="The map (netCDF).")
 @option.output
-def build(config_path: Path | None, name: str | None, out: Path, as_json: bool, quiet: bool, **options: Any) -> None:
+def build(
+    config_path: Path | None, name: str | None, sharing: Sharing, out: Path, as_json: bool, quiet: bool, **options: Any
+) -> None:
     """Simulate a map and write it with its settings."""
-    tolerance, note = options["interpolation_tolerance"], counter("map", quiet=quiet)
+    tolerance = options["interpolation_tolerance"]
     began, began_cpu = time.perf_counter(), _cpu_seconds()
     with input_errors("map build"):
         plan, left_out = _plan(config_path, name, options)
         check_writable("--out", out)
-        with local_runner(options["workers"]) as runner:
+        with sharing.open(out, quiet=quiet) as shared:
             if tolerance == 0.0:
-                rms_map = build_map(plan, runner=runner, progress=note)
+                rms_map = build_map(plan, runner=shared.runner)
             else:
-                rms_map = build_refined_map(
-                    plan, tolerance, most_nodes=options["most_nodes"], runner=runner, progress=note
-                )
-    with output_errors("--out", out):
-        save_map(rms_map, out)
+                rms_map = build_refined_map(plan, tolerance, most_nodes=options["most_nodes"], runner=shared.runner)
+            with output_errors("--out", out):
+                save_map(rms_map, out)
     values = {
         "points": int(rms_map.rms.size),
         "seconds": time.perf_counter() - began,
@@ -131,9 +130,10 @@ def build(config_path: Path | None, name: str | None, out: Path, as_json: bool, 
         "rig": rig_line(plan.rig),
         "rig_spread_over": plan.rig_spread_words,
         "hash": rms_map.hash,
+        "cluster": shared.values(),
     }
     say(f"map: {out}", quiet=quiet)
-    emit(values, _build_lines(values), as_json=as_json)
+    emit(values, [*_build_lines(values), *shared.lines()], as_json=as_json)
     if tolerance > 0.0 and not (values["interpolation_error"] or 0.0) <= tolerance:
         sys.exit(1)
 
@@ -310,12 +310,14 @@ def show(path: Path, out: Path, as_json: bool, quiet: bool) -> None:
 @click.argument("path", metavar="FILE", type=option.FILE)
 @click.option("--points", type=click.IntRange(min=1), default=50, help="Random nodes.")
 @click.option("--seed", type=option.WHOLE, default=0, help="Seed of their choice.")
+@sharing("Threads or processes")
 @option.output
-def check(path: Path, points: int, seed: int, as_json: bool, quiet: bool) -> None:
+def check(path: Path, points: int, seed: int, sharing: Sharing, as_json: bool, quiet: bool) -> None:
     """Estimate the error of a map: nodes against finer steps, points between nodes against the model."""
     rms_map = load_map(path)
     began, began_cpu = time.perf_counter(), _cpu_seconds()
-    found = check_map(rms_map, points, seed=seed, progress=counter("check", quiet=quiet))
+    with sharing.open(None, quiet=quiet) as shared:
+        found = check_map(rms_map, points, seed=seed, runner=shared.runner)
     values = {
         "points": found.points,
         "seconds": time.perf_counter() - began,
@@ -328,6 +330,7 @@ def check(path: Path, points: int, seed: int, as_json: bool, quiet: bool) -> Non
         "condition_rms": None if found.condition_rms is None else finite(found.condition_rms),
         "condition_max": None if found.condition_max is None else finite(found.condition_max),
         "hash": rms_map.hash,
+        "cluster": shared.values(),
     }
     lines = [
         f"nodes, against four times their accuracy: {100 * found.error_rms:.2g} % rms, "
@@ -340,4 +343,4 @@ def check(path: Path, points: int, seed: int, as_json: bool, quiet: bool) -> Non
             f"between loads and speeds, likewise: {100 * found.condition_rms:.2g} % rms, "
             f"{100 * found.condition_max:.2g} % at most"
         )
-    emit(values, lines, as_json=as_json)
+    emit(values, [*lines, *shared.lines()], as_json=as_json)
