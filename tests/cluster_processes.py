@@ -149,8 +149,7 @@ class ClusterProcesses:
 
     def kill_child(self, name: str) -> int:
         """Send SIGKILL to the child of a worker, as the kernel does that runs out of memory; return its pid."""
-        wait_until(lambda: _children(self.workers[name].pid))
-        child = _children(self.workers[name].pid)[-1]
+        child = computing_child(self.workers[name])
         os.kill(child, signal.SIGKILL)
         return child
 
@@ -170,6 +169,12 @@ class ClusterProcesses:
         """Return what all processes wrote, for a message of failure."""
         files = sorted(self.folder.glob("*.log"))
         return "\n".join(f"--- {file.stem}\n{file.read_text(errors='replace')}" for file in files)
+
+
+def computing_child(worker: Supervised) -> int:
+    """Return the number of the process in which a worker computes, the child of its nanny; wait for it."""
+    wait_until(lambda: _children(worker.pid))
+    return _children(worker.pid)[-1]
 
 
 def _children(pid: int) -> list[int]:

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tests.cluster_processes import ClusterProcesses
+from tests.waiting import wait_until
 
 ROW_S = 0.1
 LETHAL = -1
@@ -42,7 +43,13 @@ def exhaust(cluster: ClusterProcesses, name: str) -> None:
     from distributed.comm.core import CommClosedError
 
     with Client(cluster.address, timeout=30, set_as_default=False) as client:
-        workers = client.scheduler_info(n_workers=-1)["workers"]
-        address, limit = next((at, its["memory_limit"]) for at, its in workers.items() if its["name"] == name)
+
+        def named() -> list[tuple[str, int]]:
+            workers = client.scheduler_info(n_workers=-1)["workers"]
+            return [(at, its["memory_limit"]) for at, its in workers.items() if its["name"] == name]
+
+        # It may be on its way back from a lost scheduler.
+        wait_until(named)
+        address, limit = named()[0]
         with suppress(CommClosedError, OSError):
             client.run(take_memory, limit, workers=[address])

@@ -21,15 +21,15 @@ SHARED = np.linspace(0.0, 1.0, 8)
 
 @pytest.fixture(scope="module")
 def cluster(tmp_path_factory: pytest.TempPathFactory) -> Iterator[ClusterProcesses]:
-    with cluster_processes(tmp_path_factory.mktemp("cluster"), ("w1", "w2", "w3"), memory="600MB") as processes:
+    with cluster_processes(tmp_path_factory.mktemp("cluster"), ("w1", "w2"), memory="600MB") as processes:
         yield processes
 
 
 def test_results_are_those_of_one_process_whatever_is_lost(cluster: ClusterProcesses, tmp_path: Path) -> None:
-    tasks = range(80)
+    tasks = range(60)
     events: dict[int, Callable[[], object]] = {
         4: cluster.workers["w1"].stop,
-        8: lambda: cluster.add_worker("w4"),
+        8: lambda: cluster.add_worker("w3"),
         12: cluster.restart_scheduler,
         24: lambda: exhaust(cluster, "w2"),
     }
@@ -45,7 +45,7 @@ def test_results_are_those_of_one_process_whatever_is_lost(cluster: ClusterProce
     assert np.array_equal(found, [row(SHARED, task) for task in tasks])
     assert cluster.scheduler.starts == 2
     assert "exceeded 95% memory budget" in (cluster.folder / "w2.log").read_text()
-    assert list((tmp_path / "chunks").rglob("*.*")) == []
+    assert [path for path in (tmp_path / "chunks").rglob("*") if path.is_file()] == []
 
 
 def test_a_chunk_whose_workers_die_is_set_aside_and_the_others_are_done(

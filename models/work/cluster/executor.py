@@ -33,7 +33,8 @@ MAX_SENT_BYTES = 100_000
 MAX_LOSSES = 10
 """How often dask may give up a chunk that has not begun, as the workers where it waited were lost."""
 _LOOK_S = 2.0
-_RESULT_S = 60.0
+_RESULT_S = 5.0
+"""Time to fetch an outcome: while it passes, workers that come back are not asked to join, s."""
 _AHEAD = 2
 
 
@@ -174,7 +175,10 @@ class ClusterExecutor:
         if not found:
             return
         sent = found[0]
-        if future is None or future.status not in ("finished", "error"):
+        if future is not None and future.status in ("pending", "lost"):
+            # Its worker was lost after it had ended.
+            self._again(sent)
+        elif future is None or future.status not in ("finished", "error"):
             self._recover()
         elif future.status == "finished":
             try:
