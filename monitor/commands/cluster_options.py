@@ -61,8 +61,8 @@ class Sharing:
 
         with ExitStack() as stack:
             chunks = self._chunks(beside, stack)
-            if self.cluster is not None:
-                say(f"spallwatch: waiting for workers of {redact(self.cluster)}", quiet=quiet)
+            if self.cluster not in (None, "local"):
+                say(f"spallwatch: waiting for workers of {redact(str(self.cluster))}", quiet=quiet)
             line = _ProgressLine(shown=progress and not quiet and sys.stderr.isatty())
             runner = open_runner(
                 cluster=self.cluster,
@@ -146,7 +146,7 @@ class Shared:
         tally = self.runner.tally
         if self.sharing.cluster is not None or tally.kept:
             kept = f", {tally.kept} of them found done" if tally.kept else ""
-            yield f"{tally.chunks} chunks on {self.workers} workers{kept}"
+            yield f"{tally.chunks} chunks on {self.workers} worker{'s' if self.workers != 1 else ''}{kept}"
         if len(tally.processors) > 1:
             yield f"on {len(tally.processors)} kinds of processor: equal to 1e-5, not bit for bit"
 

@@ -184,10 +184,12 @@ class ClusterExecutor:
             try:
                 outcome = future.result(timeout=_RESULT_S)
             except Exception:
-                # The worker went with it; another one runs the chunk again.
-                self._again(sent)
-            else:
+                # The worker went with it, but its results are where they belong.
+                outcome = self._stored(sent.call)
+            if outcome is not None:
                 self._end(sent, outcome)
+            else:
+                self._again(sent)
         else:
             self._fail(sent, future.exception(timeout=_RESULT_S))
 

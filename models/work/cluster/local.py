@@ -35,6 +35,7 @@ class Local:
             worker_dashboard_address=None,
             memory_limit=MEMORY_LIMIT // self.workers,
             silence_logs=logging.CRITICAL,
+            preload=["models.work.cluster.local_worker"],
         )
 
     def connect(self) -> Any:

@@ -73,7 +73,7 @@ def test_chunks_are_deleted_at_the_end_unless_their_place_was_named(tmp_path):
     again = run("--workers", "1", "--chunks", str(place), "--resume")
     assert again["cluster"]["kept"] == 5
     assert again["values"] == [0, 2, 4, 6, 8]
-    assert again["lines"] == ["5 chunks on 1 workers, 5 of them found done"]
+    assert again["lines"] == ["5 chunks on 1 worker, 5 of them found done"]
     # Without --resume nothing of an earlier run is used.
     assert run("--workers", "1", "--chunks", str(place))["cluster"]["kept"] == 0
 

@@ -48,6 +48,8 @@ class Future:
 
     def result(self, timeout):
         assert timeout > 0
+        if self.value is None:
+            raise TimeoutError
         return self.value
 
     exception = result
@@ -270,3 +272,16 @@ def test_workers_are_asked_while_outcomes_keep_coming(store):
     client.present = ["tls://a:1", "tls://b:1"]
     assert executor.wait() == 0
     assert executor.workers() == 2
+
+
+def test_an_outcome_that_went_with_its_worker_is_found_in_the_store(store):
+    client = Client(store, ["tls://a:1"])
+    executor = ClusterExecutor(Cluster(client), store)
+    executor.submit(call(store))
+    client.futures[0].end("finished", None)
+    executor._take(client.futures[0])
+    assert len(client.futures) == 2
+    assert chunk.run_chunk(call(store), worker="w").failure is None
+    client.futures[1].end("finished", None)
+    assert executor.wait().worker == "w"
+    assert len(client.futures) == 2
