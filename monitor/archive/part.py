@@ -37,7 +37,7 @@ PART_BLOCKS = 5000
 """Blocks of a part: some minutes of work, after which a state is kept."""
 MAX_PART_RECORDINGS = 1000
 MEMORY = 600_000_000
-"""Bytes that a replay needs at most beside the program, measured by benchmarks/task_memory.py."""
+"""Bytes that a replay needs beside the program where no file is above 250 MB (benchmarks/archive.py)."""
 _PER_FILE = frozenset(
     {"history", "date_created", "title", "id", "dated", "records_elsewhere"}
     | {f"time_coverage_{which}" for which in ("start", "end", "duration")}
@@ -126,7 +126,25 @@ def replay_part(shared: Shared, part: Part) -> PartResult:
     return replace(done, result=result)
 
 
-REPLAYS = Work("recordings", replay_part, memory=MEMORY)
+def replay_parts(shared: Shared, parts: tuple[Part, ...]) -> tuple[PartResult | None, ...]:
+    """Replay parts of several recordings one after another; None for one that raises, which is tried again alone.
+
+    Raises:
+        ArchiveError, OSError: as :func:`replay_part`, where there is one part.
+    """
+    if len(parts) == 1:
+        return (replay_part(shared, parts[0]),)
+    results: list[PartResult | None] = []
+    for part in parts:
+        try:
+            results.append(replay_part(shared, part))
+        except Exception:
+            # Its log is that of the attempts alone.
+            results.append(None)
+    return tuple(results)
+
+
+REPLAYS = Work("recordings", replay_parts, memory=MEMORY)
 
 
 def write_result(records: Store, result: RecordingResult) -> None:

@@ -13,6 +13,7 @@ from models.work.runner import Runner
 from models.work.serial import SerialExecutor
 from models.work.stores import open_store
 from models.work.task import ChunkOutcome, Failure
+from monitor.archive import part, replaying
 from monitor.archive.index import FAILED, SET_ASIDE, Index
 from monitor.archive.manifest import ManifestError
 from monitor.archive.part import described
@@ -218,6 +219,43 @@ def test_a_recording_whose_workers_die_is_set_aside(tmp_path):
     runner = Runner(SerialExecutor(), open_store(tmp_path / "chunks"))
     counts = make_archive(tmp_path, EACH.format('"r*"'), resume=True, runner=runner)
     assert (counts.done, runner.tally.chunks) == (3, 1)
+
+
+def test_short_recordings_share_a_task_and_are_tried_alone_once_it_fails(tmp_path, monkeypatch):
+    for number in range(6):
+        write_files(tmp_path / f"r{number}", 1, seed=number)
+    monkeypatch.setattr(replaying, "_KNOWN_TIMES", 1)
+    manifest = EACH.format('"r*"')
+    together = Runner(SerialExecutor(), open_store(tmp_path / "chunks"))
+    assert make_archive(tmp_path, manifest, runner=together).done == 6
+    assert together.tally.chunks == 2
+    # The second task is lost with its worker, and so is the second of its recordings, r2, alone.
+    runner = Runner(Crashing(2), open_store(tmp_path / "others"))
+    counts = make_archive(tmp_path, manifest, "crashed", runner=runner)
+    assert (counts.done, counts.set_aside) == (5, 1)
+    assert (runner.tally.chunks, len(runner.tally.failed)) == (5, 1)
+    with Index(tmp_path / "crashed/index.db") as index:
+        assert [name for name, _ in index.wrong()] == ["m/r2"]
+
+
+def test_a_recording_that_raises_does_not_take_those_of_its_task_with_it(tmp_path, monkeypatch):
+    for number in range(4):
+        write_files(tmp_path / f"r{number}", 1, seed=number)
+    monkeypatch.setattr(replaying, "_KNOWN_TIMES", 1)
+    whole = part.replay_part
+
+    def failing(shared, one):
+        if one.name == "r2":
+            raise RuntimeError("the disk of the worker is full")
+        return whole(shared, one)
+
+    monkeypatch.setattr(part, "replay_part", failing)
+    counts = make_archive(tmp_path, EACH.format('"r*"'))
+    assert (counts.done, counts.set_aside) == (3, 1)
+    with Index(tmp_path / "out/index.db") as index:
+        ((name, outcome),) = index.wrong()
+    assert (name, outcome.reason) == ("m/r2", "the disk of the worker is full")
+    assert "RuntimeError" in (outcome.log or "")
 
 
 def test_an_archive_is_not_continued_by_accident_or_with_another_manifest(tmp_path):
