@@ -5,6 +5,8 @@ A worker that was refused, or that was not asked yet, gets no chunk, since it of
 
 from __future__ import annotations
 
+import operator
+import pkgutil
 import secrets
 import time
 from collections.abc import Iterable
@@ -15,6 +17,7 @@ from models.work.cluster.connect import check_addresses
 from models.work.cluster.errors import ClusterError, RefusedWorkerError
 from models.work.cluster.member import Membership, answer_name, join
 from models.work.cluster.versions import differences, facts
+from models.work.codec import name_of
 from models.work.task import Store
 
 JOIN_S = 600.0
@@ -149,16 +152,11 @@ class Roster:
                 continue
             token = f"preflight/{secrets.token_hex(8)}"
             self._store.write(token, token.encode())
-            future = self._client.submit(
-                join,
-                self._store.url,
-                token,
-                self._facts,
-                self.resource,
-                workers=[address],
-                key=f"join-{token[10:]}",
-                pure=False,
-            )
+            # A worker without spallwatch ends when it is sent a function of it, so it is asked for it by name.
+            where: dict[str, Any] = {"workers": [address], "pure": False}
+            found = self._client.submit(pkgutil.resolve_name, name_of(join), key=f"find-{token[10:]}", **where)
+            arguments = (self._store.url, token, self._facts, self.resource)
+            future = self._client.submit(operator.call, found, *arguments, key=f"join-{token[10:]}", **where)
             self._asked[address] = future, token
 
     def _take(self, address: str, future: Any, token: str) -> bool:

@@ -120,5 +120,5 @@ def test_workers_that_reach_another_folder_are_refused(cluster, tmp_path):
 def test_too_few_workers_are_told(cluster, store, monkeypatch):
     monkeypatch.setattr(cluster, "workers", 5)
     monkeypatch.setattr(roster_module.Roster.wait_for, "__defaults__", (0.2,))
-    with pytest.raises(ClusterError, match="local: 2 workers take part after 0 s, expected 5"):
+    with pytest.raises(ClusterError, match=r"local: \d workers take part after 0 s, expected 5"):
         ClusterExecutor(cluster, store)
