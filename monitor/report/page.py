@@ -60,20 +60,21 @@ def write_page(out: Path, template: str, *, pdf: bool = False, **values: Any) ->
         raise ReportError(f"{path}: cannot be written: {error.strerror or error}") from error
 
 
-def render(template: str, *, bare: bool = False, zoomed: bool = False, **values: Any) -> str:
+def render(template: str, *, bare: bool = False, zoomed: bool = False, sheet: str = "", **values: Any) -> str:
     """Return a template as HTML, with every value escaped.
 
     ``bare``: without scripts and data of figures, for PDF. ``zoomed``: with the scripts for charts
     that can be zoomed and figures that can be saved.
     """
     script = zoom_script() + _file("save.js") if zoomed and not bare else ""
+    sheets = ["report.css", *(["pdf.css"] if bare else []), *([sheet] if sheet else [])]
     return (
         _environment()
         .get_template(template)
         .render(
             written=Clock(True, values["options"].zone).moment(float(int(datetime.now(UTC).timestamp()))),
             # Not from outside: escaping would break the quotes and brackets of a style sheet.
-            style=Markup(_file("report.css") + (_file("pdf.css") if bare else "") + (zoom_style() if script else "")),
+            style=Markup("".join(map(_file, sheets)) + (zoom_style() if script else "")),
             script=Markup(script),
             policy=Markup(policy_hash(script)),
             zoom_json=lambda data: Markup(zoom_json(data)),
