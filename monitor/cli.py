@@ -128,11 +128,12 @@ def _explain(error: Exception) -> None:
     from models.errors import SpallwatchError
     from models.work.redact import redact, redacted_traceback
 
-    code = error.exit_code if isinstance(error, SpallwatchError) else FAILED
+    foreseen = isinstance(error, SpallwatchError)
+    code = error.exit_code if foreseen else FAILED
     if os.environ.get("SPALLWATCH_TRACEBACK") == "1":
         click.echo(redacted_traceback(error).rstrip(), err=True)
         code = FAILED
-    elif code == FAILED:
+    elif not foreseen:
         text = redact(f"{type(error).__name__}: {error}")
         click.echo(f"spallwatch: failed: {text}\n(SPALLWATCH_TRACEBACK=1 shows where)", err=True)
     else:

@@ -22,6 +22,7 @@ def open_runner(
     resume: bool = False,
     notify: Callable[[Progress], None] | None = None,
     keep: bool = False,
+    tell: Callable[[str], None] | None = None,
 ) -> Runner:
     """Return a runner, to be used with ``with``.
 
@@ -34,6 +35,7 @@ def open_runner(
         resume: whether chunks that are found in the store are used.
         notify: called whenever a chunk is done.
         keep: whether the chunks stay, because the user named their place.
+        tell: called with lines for people while they matter, such as that a scheduler was lost.
 
     Raises:
         WrongInputError: a cluster or ``resume`` without a store, or as the cluster refuses.
@@ -43,7 +45,7 @@ def open_runner(
         named = "resume" if resume else "cluster"
         raise WrongInputError(f"{named}: expected a folder or URL for chunks, which all workers reach")
     store = None if chunks is None else open_store(chunks)
-    return Runner(_executor(cluster, workers, store), store, resume, notify, keep=keep)
+    return Runner(_executor(cluster, workers, store, tell or _silent), store, resume, notify, keep=keep)
 
 
 def local_runner(workers: int) -> Runner:
@@ -55,7 +57,11 @@ def local_runner(workers: int) -> Runner:
     return open_runner(workers=workers)
 
 
-def _executor(cluster: str | None, workers: int, store: Store | None) -> Executor:
+def _executor(cluster: str | None, workers: int, store: Store | None, tell: Callable[[str], None]) -> Executor:
     if cluster is not None:
-        return importlib.import_module("models.work.cluster").open_executor(cluster, workers, store)
+        return importlib.import_module("models.work.cluster").open_executor(cluster, workers, store, tell)
     return SerialExecutor() if worker_count(workers) == 1 else PoolExecutor(workers)
+
+
+def _silent(_text: str) -> None:
+    """Tell nobody."""

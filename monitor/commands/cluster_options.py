@@ -8,13 +8,14 @@ import tempfile
 import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
 from models.work.errors import ChunksFailedError, FailedChunk
+from models.work.redact import redact
 from monitor.commands.common import PROGRESS_AFTER_S, InputError, say
 from monitor.commands.option import WHOLE
 
@@ -57,13 +58,10 @@ class Sharing:
             WrongInputError: as ``models.work.choose.open_runner``.
         """
         from models.work.choose import open_runner
-        from models.work.redact import redact
 
         with ExitStack() as stack:
             chunks = self._chunks(beside, stack)
-            if self.cluster not in (None, "local"):
-                say(f"spallwatch: waiting for workers of {redact(str(self.cluster))}", quiet=quiet)
-            line = _ProgressLine(shown=progress and not quiet and sys.stderr.isatty())
+            line = _ProgressLine(shown=progress and not quiet and sys.stderr.isatty(), quiet=quiet)
             runner = open_runner(
                 cluster=self.cluster,
                 workers=self.workers,
@@ -71,11 +69,10 @@ class Sharing:
                 resume=self.resume,
                 notify=line.show,
                 keep=self.chunks is not None,
+                tell=line.tell,
             )
             shared = Shared(runner, self)
-            line.notes = functools.partial(_tell_notes, shared, quiet=quiet)
-            if hasattr(runner.executor, "tell"):
-                vars(runner.executor)["tell"] = line.notes
+            line.notes = runner.tally.notes
             stack.enter_context(runner)
             stack.callback(shared.note)
             try:
@@ -91,7 +88,7 @@ class Sharing:
                 raise
             finally:
                 line.end()
-                line.notes()
+                line.tell_notes()
 
     def _chunks(self, beside: Path | str | None, stack: ExitStack) -> str | None:
         """Return the place of the chunks, None where the run needs none."""
@@ -113,13 +110,11 @@ class Shared:
         runner: runs the work of the command.
         sharing: the options.
         workers: those at hand, as far as known.
-        told: notes that were printed.
     """
 
     runner: Runner
     sharing: Sharing
     workers: int = 0
-    told: set[str] = field(default_factory=set, repr=False)
 
     def note(self) -> None:
         """Note what is unknown once the runner is closed."""
@@ -182,19 +177,32 @@ def sharing(words: str) -> Callable[[F], F]:
 class _ProgressLine:
     """One line on a terminal that is written again and again, after ``PROGRESS_AFTER_S``."""
 
-    def __init__(self, *, shown: bool) -> None:
+    def __init__(self, *, shown: bool, quiet: bool) -> None:
         self._shown = shown
+        self._quiet = quiet
+        self._told = 0
         self._began = time.monotonic()
         self._width = 0
-        self.notes: Callable[[], None] = lambda: None
+        self.notes: list[str] = []
 
     def show(self, progress: Progress) -> None:
         """Write how far a run is, and notes that are new."""
-        self.notes()
+        self.tell_notes()
         if self._shown and (self._width or time.monotonic() - self._began >= PROGRESS_AFTER_S):
             text = progress_text(progress)
             click.echo("\r" + text.ljust(self._width), nl=False, err=True)
             self._width = len(text)
+
+    def tell(self, text: str) -> None:
+        """Write a line for people above it."""
+        self.end()
+        say(f"spallwatch: {redact(text)}", quiet=self._quiet)
+
+    def tell_notes(self) -> None:
+        """Write notes of the runner that are new."""
+        for text in self.notes[self._told :]:
+            self._told += 1
+            self.tell(text)
 
     def end(self) -> None:
         """Leave the line."""
@@ -221,14 +229,6 @@ def duration_text(seconds: float) -> str:
         if seconds >= 1.5 * length:
             return f"{seconds / length:.0f} {unit}"
     return f"{seconds:.0f} s"
-
-
-def _tell_notes(shared: Shared, *, quiet: bool) -> None:
-    """Print what the runner and the cluster have noted since the last time."""
-    for text in (*shared.runner.tally.notes, *getattr(shared.runner.executor, "notes", ())):
-        if text not in shared.told:
-            say(f"spallwatch: {text}", quiet=quiet)
-            shared.told.add(text)
 
 
 def _print_logs(failed: tuple[FailedChunk, ...]) -> None:

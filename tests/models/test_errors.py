@@ -88,8 +88,15 @@ def test_the_command_line_takes_words_and_code_from_the_exception(error, monkeyp
     with pytest.raises(SystemExit) as left:
         cli.main()
     assert left.value.code == error.exit_code
-    failed = "failed: SpallwatchError: " if error.exit_code == cli.FAILED else ""
-    assert capsys.readouterr().err.startswith(f"spallwatch: {failed}{error}")
+    assert capsys.readouterr().err == f"spallwatch: {error}\n"
+
+
+def test_what_was_not_foreseen_is_told_with_its_class(monkeypatch, capsys):
+    monkeypatch.setattr(cli.spallwatch, "main", lambda **_: 1 // 0)
+    with pytest.raises(SystemExit) as left:
+        cli.main()
+    assert left.value.code == cli.FAILED
+    assert capsys.readouterr().err.startswith("spallwatch: failed: ZeroDivisionError: ")
 
 
 def test_an_exception_crosses_processes():

@@ -8,17 +8,20 @@ from typing import TYPE_CHECKING
 from models.errors import WrongInputError
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from models.work.cluster.executor import ClusterExecutor
     from models.work.task import Store
 
 
-def open_executor(address: str, workers: int, store: Store) -> ClusterExecutor:
+def open_executor(address: str, workers: int, store: Store, tell: Callable[[str], None]) -> ClusterExecutor:
     """Return an executor of chunks on a cluster whose workers were compared with this program.
 
     Args:
         address: ``tcp://HOST:PORT`` on this machine, ``tls://HOST:PORT``, or "local" for processes of this machine.
         workers: at least so many are waited for; 0 is one, or for "local" one per core.
         store: of the chunks, which all workers reach.
+        tell: called with lines for people: workers that are waited for or refused, a scheduler that was lost.
 
     Raises:
         WrongInputError: a wrong address, a missing package or certificate, or workers that are refused.
@@ -34,4 +37,4 @@ def open_executor(address: str, workers: int, store: Store) -> ClusterExecutor:
     from models.work.cluster.local import Local
 
     cluster = Local(workers) if address == "local" else Remote(address, workers)
-    return ClusterExecutor(cluster, store)
+    return ClusterExecutor(cluster, store, tell)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import ipaddress
 import logging
+import re
 import socket
 import ssl
 import warnings
@@ -137,8 +138,7 @@ def new_client(address: str, security: Any) -> Any:
                 address, timeout=CONNECT_S, set_as_default=False, security=security, name="spallwatch"
             )
         except (OSError, TimeoutError, ValueError, RuntimeError) as error:
-            cause = " ".join(str(error.__cause__ or error).split()) or type(error).__name__
-            raise ClusterError(f"no dask scheduler answers at {address}: {cause}") from None
+            raise ClusterError(f"no dask scheduler answers at {address}: {_cause(error)}") from None
 
 
 def _security(address: str) -> Any:
@@ -168,6 +168,12 @@ def _security(address: str) -> Any:
         paths = ", ".join(f"{name} {path}" for name, path in named.items())
         raise WrongInputError(f"--cluster {address}: the certificates cannot be used ({paths}): {error}") from None
     return security
+
+
+def _cause(error: BaseException) -> str:
+    """Return why a connection failed, without the objects and classes that dask names."""
+    text = " ".join(str(error.__cause__ or error).split())
+    return re.sub(r"^(in <.*?>: )?(\w+: )?(\[Errno \d+\] )?", "", text) or type(error).__name__
 
 
 def _variable(name: str) -> str:

@@ -60,22 +60,32 @@ class ClusterExecutor:
 
     Attributes:
         name: address of the scheduler, or "local".
-        notes: lines for people: workers that were refused, a scheduler that was lost.
-        tell: called when there is a note that cannot wait.
     """
 
     def __init__(
-        self, cluster: Cluster, store: Store, *, reconnect_s: float = RECONNECT_S, idle_s: float = IDLE_S
+        self,
+        cluster: Cluster,
+        store: Store,
+        tell: Callable[[str], None],
+        *,
+        reconnect_s: float = RECONNECT_S,
+        idle_s: float = IDLE_S,
     ) -> None:
         """Connect, and wait for the workers.
+
+        Args:
+            cluster: the scheduler, which the executor closes.
+            store: of the chunks.
+            tell: called with lines for people.
+            reconnect_s: time for a lost scheduler and its workers to come back, s.
+            idle_s: time for which a chunk waits for a worker that can take it, s.
 
         Raises:
             RefusedWorkerError: the scheduler or a worker runs another program, or does not reach the store.
             ClusterError: no scheduler answers, or too few workers come.
         """
         self.name = cluster.address
-        self.notes: list[str] = []
-        self.tell: Callable[[], None] = lambda: None
+        self._tell = tell
         self._cluster = cluster
         self._store = store
         self._reconnect_s = reconnect_s
@@ -86,7 +96,7 @@ class ClusterExecutor:
         self._number = 0
         self._looked = time.monotonic()
         self._client: Any = None
-        self._roster = Roster(self.name, store, self.notes)
+        self._roster = Roster(self.name, store, tell)
         try:
             self._client = cluster.connect()
             self._roster.use(self._client)
@@ -261,8 +271,7 @@ class ClusterExecutor:
         if not self._cluster.lasting:
             raise ClusterError(f"{self.name}: the scheduler was lost")
         stated = f"{self.name}: the scheduler was lost"
-        self.notes.append(f"{stated}; waiting up to {self._reconnect_s:.0f} s for it")
-        self.tell()
+        self._tell(f"{stated}; waiting up to {self._reconnect_s:.0f} s for it")
         with suppress(Exception):
             self._client.close(timeout=1)
         self._connect_again(time.monotonic() + self._reconnect_s, stated)
@@ -289,9 +298,7 @@ class ClusterExecutor:
                 self._client = self._cluster.connect()
                 self._roster.use(self._client)
                 self._roster.wait_for(1, max(deadline - time.monotonic(), 1.0))
-                self.notes.append(
-                    f"{self.name}: {self._roster.threads()} workers are back at {time.strftime('%H:%M:%S')}"
-                )
+                self._tell(f"{self.name}: {self._roster.threads()} workers are back")
                 return
             except RefusedWorkerError:
                 raise

@@ -9,7 +9,7 @@ import operator
 import pkgutil
 import secrets
 import time
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from contextlib import suppress
 from typing import Any
 
@@ -24,6 +24,8 @@ JOIN_S = 600.0
 """Time for the first workers to come, s."""
 ANSWER_S = 20.0
 """Time for the answers of workers that are there at the start, s."""
+TELL_S = 3.0
+"""Time after which people are told that workers are missing, s."""
 _POLL_S = 0.1
 
 
@@ -33,19 +35,18 @@ class Roster:
     Attributes:
         members: those that take part.
         resource: name of the memory that they offer: one for each program, so that runs of several do not mix.
-        notes: lines for people, of workers that were refused later.
     """
 
-    def __init__(self, address: str, store: Store, notes: list[str]) -> None:
+    def __init__(self, address: str, store: Store, tell: Callable[[str], None]) -> None:
         """Begin without workers.
 
         Args:
             address: of the scheduler, for people.
             store: that all workers reach.
-            notes: takes lines for people.
+            tell: called with lines for people.
         """
         self.members: dict[str, Membership] = {}
-        self.notes = notes
+        self._tell = tell
         self._client: Any = None
         self._address = address
         self._store = store
@@ -53,6 +54,7 @@ class Roster:
         self.resource = f"spallwatch-{self._facts['program'][:12]}"
         self._asked: dict[str, tuple[Any, str]] = {}
         self._refused: dict[str, str] = {}
+        self._complete = False
 
     def use(self, client: Any) -> None:
         """Take a client, whose scheduler has workers that were not asked yet.
@@ -62,6 +64,7 @@ class Roster:
             OSError: it is lost.
         """
         self.close()
+        self._complete = False
         self._client = client
         self._check_scheduler()
 
@@ -74,6 +77,7 @@ class Roster:
             OSError: the scheduler is lost.
         """
         begun = time.monotonic()
+        told = False
         while True:
             self.refresh()
             if self._refused:
@@ -83,7 +87,11 @@ class Roster:
             passed = time.monotonic() - begun
             # One that is busy for others answers when it can.
             if len(self.members) >= count and (not self._asked or passed > ANSWER_S):
+                self._complete = True
                 return
+            if passed > TELL_S and not told:
+                told = True
+                self._tell(f"{self._address}: {len(self.members)} workers take part, waiting for {count}")
             if passed > seconds:
                 raise ClusterError(
                     f"{self._address}: {len(self.members)} workers take part after {seconds:.0f} s, expected {count}"
@@ -182,4 +190,5 @@ class Roster:
 
     def _refuse(self, address: str, text: str) -> None:
         self._refused[address] = text
-        self.notes.append(f"gets no chunks: {text}")
+        if self._complete:
+            self._tell(f"gets no chunks: {text}")

@@ -37,6 +37,6 @@ def store(tmp_path: Path) -> FolderStore:
 
 @pytest.fixture
 def executor(cluster: Borrowed, store: FolderStore) -> Iterator[ClusterExecutor]:
-    found = ClusterExecutor(cluster, store)
+    found = ClusterExecutor(cluster, store, print)
     yield found
     found.close()

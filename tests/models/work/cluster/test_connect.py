@@ -72,13 +72,13 @@ def test_workers_on_other_machines_need_encryption_too():
 
 def test_a_negative_number_of_workers_is_refused(tmp_path):
     with pytest.raises(ValueError, match="workers must not be negative, got -1"):
-        open_executor("local", -1, FolderStore(tmp_path))
+        open_executor("local", -1, FolderStore(tmp_path), print)
 
 
 def test_without_dask_the_extra_is_named(tmp_path, monkeypatch):
     monkeypatch.setattr("importlib.util.find_spec", lambda _: None)
     with pytest.raises(WrongInputError, match=r"pip install \"spallwatch\[cluster\]\""):
-        open_executor("local", 1, FolderStore(tmp_path))
+        open_executor("local", 1, FolderStore(tmp_path), print)
 
 
 @pytest.mark.cluster
@@ -107,5 +107,22 @@ def test_a_scheduler_that_does_not_answer_is_named(monkeypatch):
     with socket.socket() as held:
         held.bind(("127.0.0.1", 0))
         port = held.getsockname()[1]
-        with pytest.raises(ClusterError, match=f"no dask scheduler answers at tcp://127.0.0.1:{port}: "):
+        with pytest.raises(ClusterError, match=f"^no dask scheduler answers at tcp://127.0.0.1:{port}: [^<>]*$"):
             Remote(f"tcp://127.0.0.1:{port}", 0).connect()
+
+
+@pytest.mark.parametrize(
+    ("raised", "told"),
+    [
+        (
+            "in <distributed.comm.tcp.TCPConnector object at 0x7f>: ConnectionRefusedError: [Errno 111] refused",
+            "refused",
+        ),
+        ("in <TLS (closed) local=a remote=b>: SSLError: [SSL: UNKNOWN_CA] unknown ca", "[SSL: UNKNOWN_CA] unknown ca"),
+        ("[Errno 104] Connection reset by peer", "Connection reset by peer"),
+        ("Timed out after 3 s", "Timed out after 3 s"),
+        ("", "OSError"),
+    ],
+)
+def test_causes_are_told_without_classes_and_objects(raised, told):
+    assert connect._cause(OSError(raised)) == told

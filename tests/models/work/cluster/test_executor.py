@@ -27,7 +27,7 @@ def files(store: FolderStore) -> list[str]:
     return [name for name in store.names() if not name.startswith(("chunks/", "shared/", "run.json"))]
 
 
-def test_results_are_those_of_one_process_in_order(executor, store):
+def test_results_are_those_of_one_process_in_order(executor, store, capsys):
     shared = tasks.Shared(0.1, np.arange(5.0))
     work = tasks.work(tasks.scaled, 3)
     with Runner(executor, store) as runner:
@@ -35,7 +35,7 @@ def test_results_are_those_of_one_process_in_order(executor, store):
     expected = list(SERIAL.run(work, shared, [0.1 * i for i in range(20)]))
     assert [value.tobytes() for value in found] == [value.tobytes() for value in expected]
     assert files(store) == []
-    assert executor.notes == []
+    assert capsys.readouterr().out == ""
 
 
 def test_capacity_follows_the_threads_and_chunks_run_in_several_processes(executor, store):
@@ -101,7 +101,7 @@ def test_workers_of_another_program_are_refused_by_name(cluster, store, monkeypa
     monkeypatch.setattr(roster_module.Roster, "_check_scheduler", lambda self: None)
     monkeypatch.setattr(roster_module, "facts", lambda: real() | {"program": "0" * 40})
     with pytest.raises(RefusedWorkerError, match=r"worker \d at tcp://127\.0\.0\.1:\d+: spallwatch of other files"):
-        ClusterExecutor(cluster, store)
+        ClusterExecutor(cluster, store, print)
 
 
 class Elsewhere(FolderStore):
@@ -114,11 +114,11 @@ class Elsewhere(FolderStore):
 
 def test_workers_that_reach_another_folder_are_refused(cluster, tmp_path):
     with pytest.raises(RefusedWorkerError, match="all workers must reach the same"):
-        ClusterExecutor(cluster, Elsewhere(tmp_path / "a", tmp_path / "b"))
+        ClusterExecutor(cluster, Elsewhere(tmp_path / "a", tmp_path / "b"), print)
 
 
 def test_too_few_workers_are_told(cluster, store, monkeypatch):
     monkeypatch.setattr(cluster, "workers", 5)
     monkeypatch.setattr(roster_module.Roster.wait_for, "__defaults__", (0.2,))
     with pytest.raises(ClusterError, match=r"local: \d workers take part after 0 s, expected 5"):
-        ClusterExecutor(cluster, store)
+        ClusterExecutor(cluster, store, print)

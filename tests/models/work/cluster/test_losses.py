@@ -130,6 +130,11 @@ def store(tmp_path):
     return FolderStore(tmp_path)
 
 
+@pytest.fixture
+def told() -> list[str]:
+    return []
+
+
 def call(store: FolderStore, number: int = 1, memory: int = 1000) -> ChunkCall:
     shared = encode(0)
     store.write("shared/s", shared)
@@ -137,11 +142,9 @@ def call(store: FolderStore, number: int = 1, memory: int = 1000) -> ChunkCall:
     return ChunkCall(f"{number:040x}", f"chunk {number}", name, store.url, "s", encode([2]), memory, program())
 
 
-def test_what_was_under_way_is_sent_again_to_a_scheduler_that_is_back(store):
+def test_what_was_under_way_is_sent_again_to_a_scheduler_that_is_back(store, told):
     first, second = Client(store, ["tls://a:1"]), Client(store, ["tls://b:1"])
-    executor = ClusterExecutor(Cluster(first, ClusterError("not yet"), second), store)
-    told = []
-    executor.tell = lambda: told.append(executor.notes[-1])
+    executor = ClusterExecutor(Cluster(first, ClusterError("not yet"), second), store, told.append)
     for number in (1, 2):
         executor.submit(call(store, number))
     store.write(f"started/{1:040x}/1-a", b"{}")
@@ -153,16 +156,16 @@ def test_what_was_under_way_is_sent_again_to_a_scheduler_that_is_back(store):
     assert [future.key.split("-")[1] for future in second.futures] == [f"{1:040x}"]
     assert list(store.names("started/")) == []
     assert "waiting up to 300 s" in told[0]
-    assert "1 workers are back" in executor.notes[-1]
+    assert "1 workers are back" in told[-1]
     second.futures[0].end("finished", outcome)
     assert executor.wait() is outcome
     executor.close()
 
 
-def test_a_scheduler_that_stays_away_ends_the_run(store):
+def test_a_scheduler_that_stays_away_ends_the_run(store, told):
     client = Client(store, ["tls://a:1"])
     cluster = Cluster(client, ClusterError("nobody answers"))
-    executor = ClusterExecutor(cluster, store, reconnect_s=0.0)
+    executor = ClusterExecutor(cluster, store, told.append, reconnect_s=0.0)
     executor.submit(call(store))
     client.lose()
     with pytest.raises(ClusterError, match="was lost, and did not come back within 0 s: nobody answers"):
@@ -171,11 +174,11 @@ def test_a_scheduler_that_stays_away_ends_the_run(store):
     assert cluster.closed
 
 
-def test_a_scheduler_of_this_process_does_not_come_back(store):
+def test_a_scheduler_of_this_process_does_not_come_back(store, told):
     client = Client(store, ["tls://a:1"])
     cluster = Cluster(client)
     cluster.lasting = False
-    executor = ClusterExecutor(cluster, store)
+    executor = ClusterExecutor(cluster, store, told.append)
     executor.submit(call(store))
     client.lose()
     with pytest.raises(ClusterError, match="the scheduler was lost"):
@@ -189,9 +192,9 @@ def killed() -> Exception:
     return KilledWorker("key", last, 3)
 
 
-def test_a_chunk_that_only_waited_on_lost_workers_is_sent_again(store):
+def test_a_chunk_that_only_waited_on_lost_workers_is_sent_again(store, told):
     client = Client(store, ["tls://a:1"])
-    executor = ClusterExecutor(Cluster(client), store)
+    executor = ClusterExecutor(Cluster(client), store, told.append)
     executor.submit(call(store))
     executor._take(_ended(client.futures[-1], killed()))
     assert len({future.key for future in client.futures}) == 2
@@ -207,9 +210,9 @@ def test_a_chunk_that_only_waited_on_lost_workers_is_sent_again(store):
     assert "the last one at tls://a:1" in outcome.failure.message
 
 
-def test_a_chunk_that_kills_its_workers_before_it_begins_is_given_up(store):
+def test_a_chunk_that_kills_its_workers_before_it_begins_is_given_up(store, told):
     client = Client(store, ["tls://a:1"])
-    executor = ClusterExecutor(Cluster(client), store)
+    executor = ClusterExecutor(Cluster(client), store, told.append)
     executor.submit(call(store))
     for _ in range(executor_module.MAX_LOSSES):
         assert not executor._outcomes
@@ -222,9 +225,9 @@ def _ended(future: Future, error: Exception) -> Future:
     return future
 
 
-def test_a_chunk_that_no_worker_has_is_sent_again_when_one_can_take_it(store):
+def test_a_chunk_that_no_worker_has_is_sent_again_when_one_can_take_it(store, told):
     client = Client(store, ["tls://a:1"])
-    executor = ClusterExecutor(Cluster(client), store)
+    executor = ClusterExecutor(Cluster(client), store, told.append)
     executor.submit(call(store))
     client.present = []
     executor._look()
@@ -240,34 +243,34 @@ def test_a_chunk_that_no_worker_has_is_sent_again_when_one_can_take_it(store):
     assert len(client.futures) == 2
 
 
-def test_without_any_worker_the_run_ends_after_a_while(store):
+def test_without_any_worker_the_run_ends_after_a_while(store, told):
     client = Client(store, ["tls://a:1"])
-    executor = ClusterExecutor(Cluster(client), store, idle_s=-1.0)
+    executor = ClusterExecutor(Cluster(client), store, told.append, idle_s=-1.0)
     executor.submit(call(store))
     client.present = []
     with pytest.raises(ClusterError, match=r"no worker for chunk 1, which needs 0 MB; 0 workers take part"):
         executor.wait()
 
 
-def test_a_worker_that_comes_later_and_cannot_be_used_gets_nothing(store):
+def test_a_worker_that_comes_later_and_cannot_be_used_gets_nothing(store, told):
     client = Client(store, ["tls://a:1"])
-    executor = ClusterExecutor(Cluster(client), store)
+    executor = ClusterExecutor(Cluster(client), store, told.append)
     client.present = ["tls://a:1", "tcp://10.0.0.7:5"]
     executor._look()
     assert executor.workers() == 1
-    assert len(executor.notes) == 1
-    assert "tcp://10.0.0.7:5" in executor.notes[0]
+    assert len(told) == 1
+    assert "tcp://10.0.0.7:5" in told[0]
     executor._look()
-    assert len(executor.notes) == 1
+    assert len(told) == 1
     client.present = ["tls://a:1", "tls://c:1"]
     executor._look()
     assert executor.workers() == 2
     assert list(store.names("preflight/")) == []
 
 
-def test_workers_are_asked_while_outcomes_keep_coming(store):
+def test_workers_are_asked_while_outcomes_keep_coming(store, told):
     client = Client(store, ["tls://a:1"])
-    executor = ClusterExecutor(Cluster(client), store)
+    executor = ClusterExecutor(Cluster(client), store, told.append)
     for number in range(3):
         executor.submit(call(store, number))
         client.futures[-1].end("finished", number)
@@ -276,9 +279,9 @@ def test_workers_are_asked_while_outcomes_keep_coming(store):
     assert executor.workers() == 2
 
 
-def test_an_outcome_that_went_with_its_worker_is_found_in_the_store(store):
+def test_an_outcome_that_went_with_its_worker_is_found_in_the_store(store, told):
     client = Client(store, ["tls://a:1"])
-    executor = ClusterExecutor(Cluster(client), store)
+    executor = ClusterExecutor(Cluster(client), store, told.append)
     executor.submit(call(store))
     client.futures[0].end("finished", None)
     executor._take(client.futures[0])

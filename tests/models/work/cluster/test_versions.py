@@ -59,11 +59,11 @@ class Scheduler:
 )
 def test_a_scheduler_of_another_program_is_refused(answer, told, tmp_path):
     with pytest.raises(RefusedWorkerError, match=told):
-        Roster("tls://h:1", FolderStore(tmp_path), []).use(Scheduler(answer))
+        Roster("tls://h:1", FolderStore(tmp_path), print).use(Scheduler(answer))
 
 
 def test_a_scheduler_of_the_same_program_is_taken(tmp_path):
-    roster = Roster("tls://h:1", FolderStore(tmp_path), [])
+    roster = Roster("tls://h:1", FolderStore(tmp_path), print)
     roster.use(Scheduler(facts()))
     assert roster.resource == f"spallwatch-{program()[:12]}"
     assert roster.memory() == roster.threads() == 0
