@@ -39,6 +39,7 @@ WRONG_INPUT = {
     "PageError",
     "RefusedError",
     "RefusedWorkerError",
+    "SharedFolderError",
     "ReportError",
     "SurfaceError",
     "TransferVectorError",
