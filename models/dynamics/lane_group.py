@@ -31,6 +31,8 @@ DEFAULT_STEP = 20e-6
 MIN_STEPS = 256
 # Places of each ball over which the mean-force rule averages.
 _MEAN_FORCE_POINTS = 24
+# Numbers of a step and lane for the wave, its transform and their copies; bytes of all that is small.
+_WAVES, _LITTLE = 16, 20_000_000
 _REACH = 1.0 - 1e-9
 # Numbers in a cache line.
 _LINE = 8
@@ -298,6 +300,23 @@ class Workspace:
         shape = (steps, 3, slots, LANES)
         depth, rate = self._tables[:size].reshape(shape), self._tables[size : 2 * size].reshape(shape)
         return depth, rate, self._wave.reshape(steps, 2, LANES)
+
+
+def group_bytes(bearing: Bearing, speed: float, extent: float, slip: Slip | None, steps_per_period: int | None) -> int:
+    """Return the bytes that a group of scenes needs at most, beside the program.
+
+    Args:
+        bearing: of all scenes.
+        speed: Hz.
+        extent: of the widest defect, rad.
+        slip: of the balls.
+        steps_per_period: as in ``grid_of``.
+    """
+    pitch, angle = 2.0 * math.pi / bearing.n_elements, 0.0 if slip is None else slip.phi_slip
+    touched = bearing.rows * min(bearing.n_elements, int((extent + 2.0 * angle) / pitch) + 3)
+    slots = touched * (_MEAN_FORCE_POINTS if slip is not None and slip.rule == "mean_force" else 1)
+    numbers = block_steps(kinematics(bearing, speed).bpfo, steps_per_period) * LANES * (6 * slots + _WAVES)
+    return 8 * numbers + _LITTLE
 
 
 @lru_cache(maxsize=64)

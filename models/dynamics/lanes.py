@@ -10,12 +10,13 @@ slip, a fixed number of blocks, whose scatter gives a standard error.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from models.dynamics.lane_group import PERIODS, Grid, Group, Workspace, grid_of
+from models.bearing import kinematics
+from models.dynamics.lane_group import PERIODS, Grid, Group, Workspace, block_steps, grid_of, group_bytes
 from models.dynamics.six_dof import LANE_EFFECTS, check_scene
 from models.kernels.lanes import LANES, mean_squares
 from models.response import HARMONICS, check_band
@@ -31,8 +32,8 @@ if TYPE_CHECKING:
 
 DEFAULT_TOLERANCE = 1e-3
 
-# Bytes of a group beside the program, at most (benchmarks/task_memory.py).
-LANES_MEMORY = 256_000_000
+# Of a scene, for each step of a block; blocks that motions take to settle; roughly.
+STEP_SECONDS, _USUAL_BLOCKS = 1.6e-7, 10
 # With slip: blocks before the measurement begins.
 _SETTLING_BLOCKS = 2
 # A smaller vibration counts as zero, m/s2.
@@ -230,12 +231,24 @@ def shared_grid(scenes: Sequence[Scene], options: LaneOptions) -> Grid:
     return grid
 
 
-def _run(options: LaneOptions, group: tuple[int, tuple[Scene, ...]]) -> LaneResponse:
+_Scenes = tuple[int, tuple["Scene", ...]]
+
+
+def _run(options: LaneOptions, group: _Scenes) -> LaneResponse:
     number, scenes = group
     return LaneRunner(options).run(scenes, number)
 
 
-_GROUPS = Work("groups of scenes", _run, memory=LANES_MEMORY)
+_GROUPS = Work("groups of scenes", _run, memory=0)
+
+
+def _work(scenes: Sequence[Scene], options: LaneOptions, groups: int) -> Work[LaneOptions, _Scenes, LaneResponse]:
+    first = scenes[0]
+    extent = max((s.defect.dphi_d for s in scenes if s.defect is not None), default=0.0)
+    memory = group_bytes(first.bearing, first.speed, extent, first.slip, options.steps_per_period)
+    blocks = _SETTLING_BLOCKS + options.slip_blocks if first.slip is not None else _USUAL_BLOCKS
+    steps = blocks * block_steps(kinematics(first.bearing, first.speed).bpfo, options.steps_per_period)
+    return replace(_GROUPS, memory=memory).sized(STEP_SECONDS * LANES * steps, groups)
 
 
 def simulate_lanes(
@@ -255,7 +268,7 @@ def simulate_lanes(
     if len(scenes) == 0:
         raise ValueError("simulate_lanes needs at least one scene")
     groups = [(i // LANES, tuple(scenes[i : i + LANES])) for i in range(0, len(scenes), LANES)]
-    found = list(runner.run(_GROUPS, options, groups))
+    found = list(runner.run(_work(scenes, options, len(groups)), options, groups))
     names = ("rms", "rms_se", "rms_resonator", "harmonics", "block_change", "status", "periods")
     merged = {name: np.concatenate([getattr(r, name) for r in found]) for name in names}
     return LaneResponse(**merged, bpfo=found[0].bpfo)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from itertools import groupby
 from typing import TYPE_CHECKING
 
@@ -27,7 +27,9 @@ ACCURACY = 5e-3
 # Ball periods that a motion is simulated for which does not repeat.
 _MAX_PERIODS = 400
 # Bytes of a row of a candidate beside the program, at most (benchmarks/task_memory.py).
-_MEMORY = 256_000_000
+_MEMORY = 64_000_000
+# Seconds of a condition of a candidate, roughly; of a chunk; and of a batch that is worth sending.
+_SECONDS, _CHUNK_SECONDS, _SENT_SECONDS = 1e-3, 0.5, 1.0
 # Relative uncertainty of a level that drifts or left the finite numbers.
 _UNKNOWN = 1.0
 # A smaller level counts as this one, m/s2: logarithms are taken of levels.
@@ -84,7 +86,11 @@ class _Bench:
         return a_star(harmonics * ((places >= self.band[0]) & (places <= self.band[1])))
 
 
-def _row_levels(bench: _Bench, task: tuple[Values, _Row]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+_Task = tuple[Values, _Row]
+_Found = tuple["NDArray[np.float64]", "NDArray[np.float64]"]
+
+
+def _row_levels(bench: _Bench, task: _Task) -> _Found:
     """Return features and doubt of a candidate in a row, both (extents, features)."""
     values, row = task
     scene = bench.scene(values, row.condition)
@@ -138,7 +144,7 @@ class Evaluator:
         space: of which all candidates are.
         conditions: of the tests.
         band: in which RMS and A* are taken, Hz, or None for the full bandwidth.
-        runner: simulates the rows of candidates. The results do not depend on it.
+        runner: simulates the rows of candidates, and ``near`` those of few. The results do not depend on them.
         kept: what was found, by the values of the parameters; that of an earlier run may be given.
         simulated: candidates simulated here.
         notify: called after each batch.
@@ -148,6 +154,7 @@ class Evaluator:
     conditions: Sequence[Condition]
     band: tuple[float, float] | None = None
     runner: Runner = SERIAL
+    near: Runner = SERIAL
     kept: dict[Key, Level] = field(default_factory=dict[Key, Level])
     simulated: int = 0
     notify: Callable[[], None] | None = None
@@ -179,9 +186,7 @@ class Evaluator:
             if violations := self.space.violations(values):
                 raise ValueError(f"a candidate is outside the constraints: {'; '.join(violations)}")
         tasks = [(dict(values), row) for values in missing.values() for row in self._rows]
-        # One chunk holds the rows of one candidate.
-        work = replace(CANDIDATES, per_chunk=max(1, len(self._rows)))
-        found = iter(list(self.runner.run(work, self._bench, tasks)))
+        found = iter(self._simulate(tasks))
         shape = len(self.conditions), len(FEATURES)
         for key in missing:
             level = Level(np.empty(shape), np.empty(shape))
@@ -193,6 +198,12 @@ class Evaluator:
         if self.notify is not None and missing:
             self.notify()
         return [self.kept[key] for key in keys]
+
+    def _simulate(self, tasks: Sequence[_Task]) -> list[_Found]:
+        seconds = _SECONDS * len(self.conditions) / max(1, len(self._rows))
+        # Most batches are those of a step of least squares: sooner done here than sent.
+        runner = self.near if len(tasks) * seconds < _SENT_SECONDS else self.runner
+        return list(runner.run(CANDIDATES.sized(seconds, chunk=_CHUNK_SECONDS), self._bench, tasks))
 
     def scene(self, values: Values, condition: Condition) -> Scene:
         """Return the scene of a candidate at a condition."""

@@ -133,6 +133,7 @@ def identify(
     state: Path | None = None,
     resume: bool = False,
     runner: Runner = SERIAL,
+    near: Runner | None = None,
     progress: Progress | None = None,
 ) -> Identification:
     """Return the parameters of a rig that tests tell, and how well.
@@ -144,7 +145,8 @@ def identify(
         evidence: peaks and priors that enter the likelihood beside the tests.
         state: file in which candidates are kept while it runs; removed at the end.
         resume: take what the file holds.
-        runner: simulates candidates. The result does not depend on it.
+        runner: simulates candidates, and ``near`` batches too small to be sent; default ``runner``. The result does
+            not depend on them.
         progress: called after each batch of candidates.
 
     Raises:
@@ -155,7 +157,7 @@ def identify(
     if not space.free:
         raise WrongInputError("no parameter is free")
     began = time.perf_counter()
-    evaluator = Evaluator(space, trials.conditions, options.band, runner)
+    evaluator = Evaluator(space, trials.conditions, options.band, runner, near or runner)
     problem = Problem(trials, evaluator, options.objectives, evidence)
     _check_known(problem)
     threshold(problem, 1.0, options.level)
@@ -180,7 +182,7 @@ def identify(
     if file is not None:
         file.remove()
     # The result holds neither the caller's callback nor its runner.
-    evaluator.notify, evaluator.runner = None, SERIAL
+    evaluator.notify, evaluator.runner, evaluator.near = None, SERIAL, SERIAL
     posterior = RigPosterior(
         best=tuple((name, rounded(value)) for name, value in best.values.items()),
         names=space.free,

@@ -45,7 +45,9 @@ MAX_MISFIT = 3.0
 _RIGS, _ACCURACY = 64, 1e-2
 _CENTRAL = (0.025, 0.975)
 # Bytes of a small map beside the program, at most (benchmarks/task_memory.py).
-_MEMORY = 256_000_000
+_MEMORY = 64_000_000
+# Seconds of a small map, roughly, and of a chunk of them.
+_SECONDS, _CHUNK_SECONDS = 0.1, 0.5
 # Effective draws of a posterior that the spread can rest on.
 _EFFECTIVE = 30.0
 
@@ -142,7 +144,7 @@ def volume_spread(found: Identification, point: OperatingPoint, runner: Runner =
     for number in range(min(_RIGS, len(draws.rows))):
         drawn = draws.rig(rigs[0][0], number)
         rigs.append((drawn, replace(point, clearance=draws.clearance(clearance, number))))
-    maps = list(runner.run(_SMALL_MAPS, space.bearing, rigs))
+    maps = list(runner.run(_SMALL_MAPS.sized(_SECONDS, chunk=_CHUNK_SECONDS), space.bearing, rigs))
     radius, spreads = race_radius(space.bearing), list[VolumeSpread]()
     for reference in REFERENCES:
         level = maps[0].level_of(reference / radius)

@@ -39,7 +39,9 @@ _BEYOND = 1.35
 _GROUPS, _FEWEST = 4, 8
 _LANES = 32
 # Bytes of a life beside the program, at most (benchmarks/task_memory.py).
-_MEMORY = 256_000_000
+_MEMORY = 64_000_000
+# Seconds of a block, and of one by another model; roughly.
+_BLOCK_SECONDS, _MODEL_SECONDS = 2e-3, 0.1
 
 
 @dataclass(frozen=True, eq=False)
@@ -294,7 +296,10 @@ def simulate_lives(
     Raises:
         ValueError: if a scene is outside the model.
     """
-    for done, life in enumerate(runner.run(_LIVES, population, numbers), start=1):
+    blocks = _BEYOND * math.sqrt(math.prod(population.durations)) / population.interval
+    seconds = _BLOCK_SECONDS if isinstance(population.rig, Rig) else _MODEL_SECONDS
+    work = _LIVES.sized(blocks * seconds, len(numbers))
+    for done, life in enumerate(runner.run(work, population, numbers), start=1):
         if progress is not None:
             progress(done, len(numbers))
         yield life

@@ -15,7 +15,7 @@ import numpy as np
 
 from models.maps.check import condition_errors, interpolation_errors, rms_and_most
 from models.maps.data import RIG_COMMON, Nodes, RmsMap
-from models.maps.nodes import ROW_MEMORY, Progress, RigSpread, rig_rows, rig_scenes, simulate_node_row
+from models.maps.nodes import ROW_MEMORY, Progress, RigSpread, rig_rows, rig_scenes, scene_seconds, simulate_node_row
 from models.maps.plan import DAMAGED, LINES, SCHEMA_VERSION, VOLUMES, MapPlan
 from models.maps.refine import MAX_NODES, refine_plan
 from models.path.contour import part_radius
@@ -118,8 +118,9 @@ def _measure(built: RmsMap, runner: Runner) -> None:
 def _row_nodes(plan: MapPlan, runner: Runner, progress: Progress) -> Nodes:
     values = np.empty((*plan.shape, _COLUMNS))
     tasks = list(np.ndindex(plan.shape[:3]))
+    work = _ROWS.sized(plan.shape[3] * plan.floors * scene_seconds(plan), len(tasks))
     done = 0
-    for at, row in zip(tasks, runner.run(_ROWS, plan, tasks), strict=True):
+    for at, row in zip(tasks, runner.run(work, plan, tasks), strict=True):
         values[at] = row
         done += plan.shape[3] * plan.floors
         progress(done, 0)
@@ -176,7 +177,9 @@ def _rig_nodes(
     rms, harmonics = np.zeros(plan.shape), np.zeros((*plan.shape, HARMONICS))
     if plan.rig_draws == 0:
         return rms, harmonics, {}
-    found = runner.run(_RIG_ROWS, plan, list(product(plan.load, plan.speed, plan.h_d)))
+    tasks = list(product(plan.load, plan.speed, plan.h_d))
+    work = _RIG_ROWS.sized(plan.shape[3] * rig_scenes(plan) * scene_seconds(plan), len(tasks))
+    found = runner.run(work, plan, tasks)
     rows: list[NDArray[np.float64]] = []
     for n, (at, spread) in enumerate(zip(np.ndindex(plan.shape[:3]), found, strict=True)):
         rms[at], harmonics[at] = spread.rms, spread.lines
@@ -193,8 +196,8 @@ def _rig_row(plan: MapPlan, condition: tuple[float, float, float]) -> RigSpread:
     return rig_rows(plan, *condition)
 
 
-_ROWS = Work("rows of the map", _row, memory=ROW_MEMORY, per_chunk=1, threads=True)
-_RIG_ROWS = Work("rows of drawn rigs", _rig_row, memory=ROW_MEMORY, per_chunk=1, threads=True)
+_ROWS = Work("rows of the map", _row, memory=ROW_MEMORY, threads=True)
+_RIG_ROWS = Work("rows of drawn rigs", _rig_row, memory=ROW_MEMORY, threads=True)
 
 
 def _software_version() -> str:

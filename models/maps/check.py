@@ -9,7 +9,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from models.maps.nodes import ROW_MEMORY, Progress, nodes_at_random, point_level, simulate_node_row
+from models.maps.nodes import (
+    BATCH_SECONDS,
+    ROW_MEMORY,
+    Progress,
+    nodes_at_random,
+    point_level,
+    scene_seconds,
+    simulate_node_row,
+)
 from models.work.runner import SERIAL
 from models.work.task import Work
 
@@ -50,8 +58,8 @@ def _mean_level(shared: _Shared, task: tuple[int, Point]) -> float:
     return sum(_rms_at(plan, point, seed, factor) for seed in range(plan.floors)) / plan.floors
 
 
-_POINTS = Work("points of the map", _mean_level, memory=ROW_MEMORY, per_chunk=1, threads=True)
-_SLIPPING = Work("points of the map with slip", _mean_level, memory=ROW_MEMORY, per_chunk=1)
+_POINTS = Work("points of the map", _mean_level, memory=ROW_MEMORY, threads=True)
+_SLIPPING = Work("points of the map with slip", _mean_level, memory=ROW_MEMORY)
 
 
 def mean_levels(
@@ -63,7 +71,13 @@ def mean_levels(
     steps where slip is redrawn.
     """
     shared = _Shared(plan, factor)
-    return runner.run(_SLIPPING if shared.slips else _POINTS, shared, points)
+    if not shared.slips:
+        # A point costs more than a scene of a row: no other shares its tables.
+        work = _POINTS.sized(2.0 * factor * plan.floors * scene_seconds(plan), chunk=BATCH_SECONDS)
+        return runner.run(work, shared, points)
+    from models.maps.ensemble import lane_work
+
+    return runner.run(lane_work(_SLIPPING, plan, len(points), plan.floors, factor), shared, points)
 
 
 def _rms_at(plan: MapPlan, point: Point, seed: int, factor: int) -> float:

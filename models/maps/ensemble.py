@@ -12,13 +12,13 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
 from models.bearing import kinematics
-from models.dynamics.lane_group import PERIODS, block_steps
-from models.dynamics.lanes import LANES_MEMORY, LaneOptions, LaneRunner, simulate_lanes
+from models.dynamics.lane_group import PERIODS, block_steps, group_bytes
+from models.dynamics.lanes import STEP_SECONDS, LaneOptions, LaneRunner, simulate_lanes
 from models.kernels.lanes import LANES
 from models.maps.data import Nodes
 from models.maps.nodes import Progress, StepError, compare_steps, scene_at
@@ -33,6 +33,10 @@ if TYPE_CHECKING:
 
     from models.work.runner import Runner
 
+_S = TypeVar("_S")
+_T = TypeVar("_T")
+_R = TypeVar("_R")
+
 # Groups of lanes in one task of a worker process; the cost of starting a task is small beside them.
 _GROUPS_PER_TASK = 24
 # Between blocks; what is left of the settling afterwards is a tenth of it or less.
@@ -42,6 +46,8 @@ ENSEMBLE_SLIP_BLOCKS = 2
 ENSEMBLE_STEP = 27e-6
 ENSEMBLE_MIN_STEPS = 192
 _ERROR_SEED = 20220
+# Blocks of a scene, roughly.
+_BLOCKS = 4
 _COLUMNS = 3 + HARMONICS
 
 
@@ -80,14 +86,32 @@ def ensemble_nodes(plan: MapPlan, *, runner: Runner = SERIAL, progress: Progress
     options = ensemble_options(plan)
     tasks = list(_tasks(plan))
     values = np.empty((len(plan.speed), _nodes(plan), plan.floors, _COLUMNS))
+    work = lane_work(_GROUPS, plan, len(tasks), _GROUPS_PER_TASK * LANES)
     total, done = values[..., 0].size, 0
-    for task, rows in zip(tasks, runner.run(_GROUPS, (plan, options), tasks), strict=True):
+    for task, rows in zip(tasks, runner.run(work, (plan, options), tasks), strict=True):
         node, floor = np.divmod(np.arange(task.begin, task.end), task.floors)
         values[task.speed, node, task.first_floor + floor] = rows
         done += task.end - task.begin
         if progress is not None:
             progress(done, total)
     return _statistics(plan, options, values)
+
+
+def lane_work(work: Work[_S, _T, _R], plan: MapPlan, tasks: int, scenes: int, factor: int = 1) -> Work[_S, _T, _R]:
+    """Return a kind of task with its memory and its chunks.
+
+    Args:
+        work: kind of task.
+        plan: whose scenes they simulate.
+        tasks: their number.
+        scenes: of a task.
+        factor: multiplies the steps.
+    """
+    steps = factor * (ensemble_options(plan).steps_per_period or 0)
+    speed = min(plan.speed)
+    seconds = _BLOCKS * STEP_SECONDS * scenes * block_steps(kinematics(plan.bearing, speed).bpfo, steps)
+    memory = group_bytes(plan.bearing, speed, max(plan.dphi_d), plan.slip, steps)
+    return replace(work, memory=memory).sized(seconds, tasks)
 
 
 def ensemble_rms(plan: MapPlan, point: tuple[float, float, float, float], factor: int, number: int) -> float:
@@ -151,7 +175,7 @@ def _simulate(shared: tuple[MapPlan, LaneOptions], task: _Task) -> NDArray[np.fl
     return np.concatenate(rows)
 
 
-_GROUPS = Work("groups of scenes of the map", _simulate, memory=LANES_MEMORY)
+_GROUPS = Work("groups of scenes of the map", _simulate, memory=0)
 
 
 def _statistics(plan: MapPlan, options: LaneOptions, values: NDArray[np.float64]) -> Nodes:

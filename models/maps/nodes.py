@@ -30,7 +30,11 @@ Progress = Callable[[int, int], None]
 # Relative error of the RMS that is asked of each node.
 MAP_ACCURACY = 2e-3
 # Bytes of a row beside the program, at most (benchmarks/task_memory.py).
-ROW_MEMORY = 256_000_000
+ROW_MEMORY = 64_000_000
+# Seconds of a scene of a row at this speed and above, Hz, and of one by another model; roughly.
+_SCENE_SECONDS, _QUICK_SPEED, _MODEL_SECONDS = 4e-4, 20.0, 0.1
+BATCH_SECONDS = 0.5
+"""Work in a chunk of a batch that the next one waits for."""
 # A smaller vibration counts as zero, m/s2.
 _SILENCE = 1e-12
 _UNCERTAIN = ("m_r", "k_c", "c_i", "c_r", "alpha_c", "beta_c")
@@ -101,6 +105,13 @@ class NodeRow:
             harmonics_se=lines(),
             status=np.zeros(count, dtype=np.int64),
         )
+
+
+def scene_seconds(plan: MapPlan) -> float:
+    """Return roughly how long a scene of a row takes, s."""
+    if plan.model != Rig.model:
+        return _MODEL_SECONDS
+    return _SCENE_SECONDS * max(1.0, _QUICK_SPEED / min(plan.speed))
 
 
 def scene_at(plan: MapPlan, load: float, speed: float, h_d: float, dphi_d: float, seed: int = 0) -> Scene:

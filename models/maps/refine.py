@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
-from models.maps.nodes import ROW_MEMORY, simulate_node_row
+from models.maps.nodes import BATCH_SECONDS, ROW_MEMORY, scene_seconds, simulate_node_row
 from models.maps.plan import MapError, MapPlan
 from models.work.runner import SERIAL
 from models.work.task import Work
@@ -62,7 +62,8 @@ def refine_plan(plan: MapPlan, tolerance: float, *, most_nodes: int = MAX_NODES,
         return plan
 
     def means(depths: Sequence[float], extents: NDArray[np.float64]) -> NDArray[np.float64]:
-        rows = list(runner.run(_ROWS, still, [(*c, h, extents) for c in conditions for h in depths]))
+        work = _ROWS.sized(len(extents) * still.floors * scene_seconds(still), chunk=BATCH_SECONDS)
+        rows = list(runner.run(work, still, [(*c, h, extents) for c in conditions for h in depths]))
         return np.array(rows).reshape(len(conditions), len(depths), len(extents))
 
     def along_dphi_d(values: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -126,4 +127,4 @@ def _mean_row(plan: MapPlan, row: _Row) -> NDArray[np.float64]:
     return np.mean(rows, axis=0)
 
 
-_ROWS = Work("rows to refine the axes by", _mean_row, memory=ROW_MEMORY, per_chunk=1, threads=True)
+_ROWS = Work("rows to refine the axes by", _mean_row, memory=ROW_MEMORY, threads=True)

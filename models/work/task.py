@@ -7,7 +7,7 @@ all tasks share, the tasks, the program), so a chunk can run twice, anywhere, an
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Generic, Protocol, TypeVar
 
 S = TypeVar("S")
@@ -16,6 +16,13 @@ R = TypeVar("R")
 
 DIED = "died"
 """Kind of failure of a chunk whose worker was lost."""
+
+
+CHUNK_SECONDS = 5.0
+"""Work in a chunk: much longer than it takes to send one, and shorter than a worker outlives its scheduler (30 s)."""
+
+MIN_CHUNKS = 16
+"""Chunks of work that is short, so that several workers have some of it."""
 
 
 @dataclass(frozen=True)
@@ -35,6 +42,20 @@ class Work(Generic[S, T, R]):
     memory: int
     per_chunk: int = 1
     threads: bool = False
+
+    def sized(self, seconds: float, tasks: int | None = None, chunk: float | None = None) -> Work[S, T, R]:
+        """Return this kind of task with as many tasks in a chunk as take about ``chunk`` seconds.
+
+        Args:
+            seconds: of a task, roughly; by what it is, never by who runs it.
+            tasks: their number; then there are ``MIN_CHUNKS`` of them where there are so many tasks.
+            chunk: seconds of a chunk; default ``CHUNK_SECONDS``.
+        """
+        length = CHUNK_SECONDS if chunk is None else chunk
+        count = max(1, round(length / max(seconds, 1e-9)))
+        if tasks is not None:
+            count = min(count, max(1, tasks // MIN_CHUNKS))
+        return replace(self, per_chunk=count)
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import difflib
 import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -19,6 +19,8 @@ from models.identify.limits import INTERVALS, Limits, wide_limits
 from models.identify.run import Identification, IdentifyOptions, identify
 from models.identify.space import ALIASES, DEFAULT_FREE, FREE_WITHOUT_TESTS, ORDER, Space, contact_ratios
 from models.identify.trials import FEATURES, Trials, gather, no_trials
+from models.work.choose import local_runner
+from models.work.runner import Runner
 from monitor.commands import evidence_files, option
 from monitor.commands.cluster_options import Sharing, sharing
 from monitor.commands.common import (
@@ -154,7 +156,7 @@ def command(
         with _of_candidates(sharing).open(out, quiet=quiet, progress=False) as shared:
             state = None if out is None else _state_path(out)
             run: dict[str, Any] = {"runner": shared.runner, "progress": _progress(quiet=quiet)}
-            with _resumable(state):
+            with _near(sharing) as run["near"], _resumable(state):
                 found = identify(trials, space, settings, evidence, state=state, resume=sharing.resume, **run)
             verdict = judge(found, config, entry, shared.runner)
     values = _values(found, settings, table) | verdict.values(is_calibration(found))
@@ -195,6 +197,11 @@ def _settings(options: Mapping[str, Any], band: tuple[float, float] | None) -> I
 def _of_candidates(sharing: Sharing) -> Sharing:
     """Return how candidates are shared: on this machine their state file is enough to resume."""
     return sharing if sharing.cluster is not None or sharing.chunks is not None else replace(sharing, resume=False)
+
+
+def _near(sharing: Sharing) -> AbstractContextManager[Runner | None]:
+    """Return threads for batches of candidates that are too small to be sent; None where nothing is sent."""
+    return nullcontext() if sharing.cluster is None and sharing.chunks is None else local_runner(0)
 
 
 def _check_files(out: Path | None, page: Path | None, *, resume: bool) -> None:
