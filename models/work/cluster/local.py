@@ -31,8 +31,9 @@ class Local:
             threads_per_worker=1,
             processes=True,
             host="127.0.0.1",
-            dashboard_address=None,
-            worker_dashboard_address=None,
+            # None would be port 8787 of all interfaces.
+            dashboard_address="127.0.0.1:0",
+            worker_dashboard_address="127.0.0.1:0",
             memory_limit=MEMORY_LIMIT // self.workers,
             silence_logs=logging.CRITICAL,
             preload=["models.work.cluster.local_worker"],
