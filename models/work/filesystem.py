@@ -27,7 +27,8 @@ _S3_ROUNDS = 2
 def filesystem(url: str, *, asynchronous: bool = False) -> tuple[Any, str]:
     """Return the fsspec file system of a URL such as ``s3://BUCKET/FOLDER``, and the path in it.
 
-    Listings are never taken from a cache: other processes write. An ``asynchronous`` one is for zarr.
+    Listings are never taken from a cache: other processes write. An ``asynchronous`` one, for zarr, makes its requests
+    in threads: one that is asynchronous itself never closes its connections.
 
     Raises:
         WrongInputError: credentials in the URL, a chain of URLs, a scheme that fsspec does not know, a missing package.
@@ -53,8 +54,6 @@ def filesystem(url: str, *, asynchronous: bool = False) -> tuple[Any, str]:
         missing = error.name or str(error)
         raise WrongInputError(f'{shown}: needs pip install "spallwatch[{extra}]" ({missing})') from None
     options: dict[str, Any] = {"use_listings_cache": False}
-    if asynchronous:
-        options["asynchronous"] = True
     if scheme in _S3:
         options |= _s3_options(kind)
     try:
@@ -64,7 +63,11 @@ def filesystem(url: str, *, asynchronous: bool = False) -> tuple[Any, str]:
         raise WrongInputError(f"{shown}: {scheme}:// cannot be used ({cause(error)})") from None
     if scheme in _S3:
         found.retries = _S3_ROUNDS
-    return found, str(kind._strip_protocol(url)).rstrip("/")
+    path = str(kind._strip_protocol(url)).rstrip("/")
+    if asynchronous:
+        wrapper: Any = importlib.import_module("fsspec.implementations.asyn_wrapper")
+        found = wrapper.AsyncFileSystemWrapper(found, asynchronous=True)
+    return found, path
 
 
 def _s3_options(kind: Any) -> dict[str, Any]:
