@@ -148,6 +148,8 @@ def disturbed(place: Place, cluster: ClusterProcesses, total: int, said: Said) -
         said.texts += list(process.communicate())
         process = start(place.arguments("cluster", *options, "--resume"))
     answer = said.answer(process)["cluster"]
+    if len(events) < len(steps):
+        raise SystemExit(f"{place.case.name}: ended after {len(events)} of {len(steps)} events: its chunks are too few")
     return {
         "hash": place.content("cluster"),
         "seconds": time.monotonic() - begun,
