@@ -1,4 +1,4 @@
-"""Write what a service needs of the lock file, without the tools of development.
+"""Write what a service or a worker needs of the lock file, without the tools of development.
 
 Run as ``python -m deploy.runtime_lock`` in an environment that holds all that ``requirements.lock`` lists: what depends
 on what is read from the installed packages, versions and hashes from the lock file.
@@ -18,7 +18,10 @@ from packaging.utils import canonicalize_name
 ROOT = Path(__file__).resolve().parents[1]
 LOCK = ROOT / "requirements.lock"
 RUNTIME_LOCK = ROOT / "deploy" / "requirements.lock"
+CLUSTER_LOCK = ROOT / "deploy" / "cluster" / "requirements.lock"
 EXTRAS = ("hdf5", "tdms", "uff", "mqtt", "opcua", "sparkplug", "pdf")
+LOCKS = {RUNTIME_LOCK: EXTRAS, CLUSTER_LOCK: ("hdf5", "tdms", "uff", "pdf", "identify", "cluster", "s3")}
+"""Extras of each lock file: those that a service may need, and those that a worker may need."""
 
 
 def locked(path: Path) -> dict[str, str]:
@@ -27,10 +30,10 @@ def locked(path: Path) -> dict[str, str]:
     return {canonicalize_name(entry.partition("==")[0]): entry for entry in entries if not entry.startswith("#")}
 
 
-def declared() -> list[Requirement]:
-    """Return what the project itself asks for at run time, with the extras that a service may need."""
+def declared(extras: Iterable[str] = EXTRAS) -> list[Requirement]:
+    """Return what the project itself asks for at run time, with some extras."""
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-    more = [item for extra in EXTRAS for item in project["optional-dependencies"][extra]]
+    more = [item for extra in extras for item in project["optional-dependencies"][extra]]
     return [Requirement(item) for item in [*project["dependencies"], *more]]
 
 
@@ -58,9 +61,11 @@ def closure(requirements: Iterable[Requirement]) -> Iterator[str]:
 
 
 def main() -> None:
-    """Write the file."""
+    """Write the files."""
     entries = locked(LOCK)
-    RUNTIME_LOCK.write_text("".join(f"{entries[name]}\n" for name in sorted(closure(declared()))), encoding="utf-8")
+    for path, extras in LOCKS.items():
+        names = sorted(closure(declared(extras)))
+        path.write_text("".join(f"{entries[name]}\n" for name in names), encoding="utf-8")
 
 
 if __name__ == "__main__":
