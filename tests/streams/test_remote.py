@@ -216,6 +216,7 @@ def endless(handler: BaseHTTPRequestHandler) -> None:
 @pytest.fixture
 def server(monkeypatch):
     monkeypatch.setattr(http, "_FIRST_PAUSE_S", 0.0)
+    monkeypatch.setenv("no_proxy", "127.0.0.1")
     state = Server()
 
     class Handler(BaseHTTPRequestHandler):
