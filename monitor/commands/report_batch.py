@@ -246,7 +246,7 @@ def report_one(pages: Pages, task: Task) -> Outcome:
         return Outcome(run, (), f"{type(error).__name__}: {_one_line(error)}{where}")
 
 
-MEMORY = 500_000_000
+MEMORY = 300_000_000
 """Bytes that a report needs at most beside the program, measured by benchmarks/batch_memory.py."""
 REPORTS = Work("reports", report_one, memory=MEMORY)
 

@@ -13,7 +13,7 @@ from monitor.commands.shared_folders import Seen, check_seen, record_files, seen
 from monitor.report.score import scoring
 from monitor.report.score.issued import Issued, read_issued
 
-MEMORY = 400_000_000
+MEMORY = 300_000_000
 """Bytes that reading or scoring a run needs at most beside the program, measured by benchmarks/batch_memory.py."""
 
 
