@@ -297,7 +297,7 @@ class ClusterExecutor:
             try:
                 self._client = self._cluster.connect()
                 self._roster.use(self._client)
-                self._roster.wait_for(1, max(deadline - time.monotonic(), 1.0))
+                self._roster.wait_for(1, max(deadline - time.monotonic(), 1.0), strict=False)
                 self._tell(f"{self.name}: {self._roster.threads()} workers are back")
                 return
             except RefusedWorkerError:

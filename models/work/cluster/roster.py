@@ -54,7 +54,7 @@ class Roster:
         self.resource = f"spallwatch-{self._facts['program'][:12]}"
         self._asked: dict[str, tuple[Any, str]] = {}
         self._refused: dict[str, str] = {}
-        self._complete = False
+        self._strict = False
 
     def use(self, client: Any) -> None:
         """Take a client, whose scheduler has workers that were not asked yet.
@@ -64,12 +64,16 @@ class Roster:
             OSError: it is lost.
         """
         self.close()
-        self._complete = False
         self._client = client
         self._check_scheduler()
 
-    def wait_for(self, count: int, seconds: float = JOIN_S) -> None:
+    def wait_for(self, count: int, seconds: float = JOIN_S, *, strict: bool = True) -> None:
         """Wait until so many workers take part.
+
+        Args:
+            count: of workers, at least.
+            seconds: time for them to come, s.
+            strict: whether one that cannot take part is an error; otherwise it is left out, as one that comes later.
 
         Raises:
             RefusedWorkerError: at least one that is there cannot.
@@ -77,17 +81,17 @@ class Roster:
             OSError: the scheduler is lost.
         """
         begun = time.monotonic()
-        told = False
+        told, self._strict = False, strict
         while True:
             self.refresh()
-            if self._refused:
+            if self._refused and strict:
                 raise RefusedWorkerError(
                     f"{self._address}: workers that cannot be used:\n" + "\n".join(sorted(self._refused.values()))
                 )
             passed = time.monotonic() - begun
             # One that is busy for others answers when it can.
             if len(self.members) >= count and (not self._asked or passed > ANSWER_S):
-                self._complete = True
+                self._strict = False
                 return
             if passed > TELL_S and not told:
                 told = True
@@ -190,5 +194,5 @@ class Roster:
 
     def _refuse(self, address: str, text: str) -> None:
         self._refused[address] = text
-        if self._complete:
+        if not self._strict:
             self._tell(f"gets no chunks: {text}")

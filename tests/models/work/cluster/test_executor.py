@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 
 import numpy as np
@@ -49,11 +48,12 @@ def test_capacity_follows_the_threads_and_chunks_run_in_several_processes(execut
 def test_all_ports_of_a_local_cluster_are_on_loopback(cluster):
     import psutil
 
-    processes = [nanny.pid for nanny in cluster._cluster.workers.values()]
-    ports = [port for pid in (os.getpid(), *processes) for port in psutil.Process(pid).net_connections()]
-    listening = [port.laddr.ip for port in ports if port.status == psutil.CONN_LISTEN]
-    assert len(listening) >= 2 + 2 * len(processes)
-    assert set(listening) == {"127.0.0.1"}
+    scheduler = cluster._cluster.scheduler
+    assert scheduler.services["dashboard"].address == scheduler.listeners[0].bound_address[0] == "127.0.0.1"
+    for nanny in cluster._cluster.workers.values():
+        ports = psutil.Process(nanny.pid).net_connections()
+        listening = [port.laddr.ip for port in ports if port.status == psutil.CONN_LISTEN]
+        assert listening == ["127.0.0.1"] * 2
 
 
 def test_large_tasks_go_through_the_store(executor, store, monkeypatch):

@@ -144,6 +144,7 @@ def call(store: FolderStore, number: int = 1, memory: int = 1000) -> ChunkCall:
 
 def test_what_was_under_way_is_sent_again_to_a_scheduler_that_is_back(store, told):
     first, second = Client(store, ["tls://a:1"]), Client(store, ["tls://b:1"])
+    second.present.append("tcp://10.0.0.7:5")
     executor = ClusterExecutor(Cluster(first, ClusterError("not yet"), second), store, told.append)
     for number in (1, 2):
         executor.submit(call(store, number))
@@ -156,7 +157,8 @@ def test_what_was_under_way_is_sent_again_to_a_scheduler_that_is_back(store, tol
     assert [future.key.split("-")[1] for future in second.futures] == [f"{1:040x}"]
     assert list(store.names("started/")) == []
     assert "waiting up to 300 s" in told[0]
-    assert "1 workers are back" in told[-1]
+    assert "10.0.0.7:5" in told[1]
+    assert "1 workers are back" in told[2]
     second.futures[0].end("finished", outcome)
     assert executor.wait() is outcome
     executor.close()
