@@ -18,7 +18,7 @@ DIED = "died"
 """Kind of failure of a chunk whose worker was lost."""
 
 
-CHUNK_SECONDS = 5.0
+CHUNK_SECONDS = 2.0
 """Work in a chunk: much longer than it takes to send one, and shorter than a worker outlives its scheduler (30 s)."""
 
 MIN_CHUNKS = 16
