@@ -6,21 +6,21 @@ import tempfile
 from collections.abc import Mapping, Sequence
 from os import PathLike, fspath
 from pathlib import Path
-from typing import Any, Literal, Unpack
+from typing import TYPE_CHECKING, Any, Literal, Unpack
 
 import numpy as np
 import xarray as xr
 
 from models.bearing import Bearing
 from models.errors import WrongInputError
-from monitor.config.load import Config
 from monitor.health.schema import SCHEMA_VERSION, VARIABLES
 from monitor.records.dataset import INT_FILL, NO_VALUE
-from monitor.service.replay import replay as replay_recording
-from spallwatch._configuration import configuration, given_configuration, plain_names
 from spallwatch._readable import readable
-from spallwatch.recordings import Reading, first_channels, source_of
 from streams.spec import DEFAULT_BLOCK_SECONDS
+
+if TYPE_CHECKING:
+    from monitor.config.load import Config
+    from spallwatch.recordings import Reading
 
 BESIDE_VARIABLES = ("source", "name", "status", "reason", "sequence")
 """Entries of the ledger that are read beside the variables that are asked for."""
@@ -63,6 +63,10 @@ def replay(
     Raises:
         RecordingError, ConfigError: the recording cannot be opened, or an argument or key is not allowed.
     """
+    # Not above: who reads records does not wait for what replays.
+    from monitor.service.replay import replay as replay_recording
+    from spallwatch._configuration import given_configuration
+
     if config is not None:
         if how or bearing is not None or speed_hz is not None or load_newton is not None or speed_exact:
             raise RecordsError("replay: give either config or the machine by bearing, speed_hz and further arguments")
@@ -138,6 +142,9 @@ def _configured(
     how: Reading,
 ) -> Config:
     """Return the configuration of a machine with one source, whose channels are those of the recording."""
+    from spallwatch._configuration import configuration, plain_names
+    from spallwatch.recordings import first_channels, source_of
+
     there = first_channels(source_of(path, block_s, how), vibration="channels" not in how)
     titles = list(how.get("channels", there))
     units = [how.get("unit", there.get(title)) for title in titles]

@@ -100,7 +100,7 @@ def write_archive(results: Iterable[RecordingResult], records: Store, out_url: s
         _write_all(out, encoded(array, metadata[array.name], 0, values))
     _write_table(out, table, metadata, results)
     _complete(out, [*arrays, *table, *(array for array, _ in labels)], target, row_ranges(results, chunk))
-    out.write(METADATA, _root(metadata, global_attributes(extent)))
+    out.write(METADATA, root_of(metadata, global_attributes(extent)))
     return Written(extent.recordings, extent.rows, len(metadata), total * len(arrays))
 
 
@@ -210,7 +210,8 @@ def _complete(out: Store, arrays: list[Array], target: Target, ranges: Iterator[
         out.delete(name)
 
 
-def _root(metadata: Mapping[str, bytes], attributes: Mapping[str, Any]) -> bytes:
+def root_of(metadata: Mapping[str, bytes], attributes: Mapping[str, Any]) -> bytes:
+    """Return the metadata of the whole, those of all arrays in it."""
     arrays = {name: json.loads(data) for name, data in sorted(metadata.items())}
     root = {
         "zarr_format": 3,
