@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+import tempfile
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from os import PathLike, fspath
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -11,6 +13,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import xarray as xr
 
+from models.work.folder_store import FolderStore
+from models.work.redact import redact
 from models.work.stores import open_store
 from monitor.archive.arrays import ARCHIVE_VERSION, CHANNEL, PART, RECORDING, ROW, UNDATED
 from monitor.health.schema import VARIABLES
@@ -62,8 +66,8 @@ def open_archive(
     if place is None:
         if machine is None or recording is None:
             raise RecordsError(f"{fspath(url)}: holds no {STORE}; of an archive of days, name machine and recording")
-        folder = Path(url) / machine / recording
-        return open_records(folder, variables=variables, channels=channels, dated=dated)
+        with _files_of(fspath(url), machine, recording) as folder:
+            return open_records(folder, variables=variables, channels=channels, dated=dated)
     if recording is not None and machine is not None:
         raw = _opened(place, lazily=False)
         return _one(raw, _row_of(raw, place, machine, recording), place, variables, channels, dated)
@@ -73,6 +77,22 @@ def open_archive(
     if variables is not None:
         lazy = lazy.drop_vars([name for name in map(str, lazy.variables) if name in set(VARIABLES) - set(variables)])
     return lazy if machine is None else _of_machine(lazy, place, machine)
+
+
+@contextmanager
+def _files_of(url: str, machine: str, recording: str) -> Iterator[Path]:
+    """Give the folder with the files of a recording, from object storage a copy of them."""
+    store = open_store(url)
+    if isinstance(store, FolderStore):
+        yield Path(store.url) / machine / recording
+        return
+    with tempfile.TemporaryDirectory(prefix="spallwatch-") as scratch:
+        for name in store.names(f"{machine}/{recording}/"):
+            if name.endswith(".nc") and (data := store.read(name)) is not None:
+                (Path(scratch) / name.rpartition("/")[2]).write_bytes(data)
+        if not any(Path(scratch).iterdir()):
+            raise RecordsError(f"{redact(url)}: holds no records of {machine}/{recording}")
+        yield Path(scratch)
 
 
 def _store_of(url: str) -> str | None:

@@ -28,6 +28,7 @@ from monitor.archive.arrays import (
     ARCHIVE_VERSION,
     SEPARATOR,
     TEXT,
+    UNDATED,
     Array,
     Extent,
     arrays_of_rows,
@@ -37,7 +38,8 @@ from monitor.archive.arrays import (
     row_bytes,
 )
 from monitor.archive.result import RecordingResult
-from monitor.archive.rows import RowRange, row_ranges, values_of
+from monitor.archive.rows import RowRange, RowsError, row_ranges, values_of
+from monitor.health.schema import VARIABLES
 
 METADATA = "zarr.json"
 _WRITERS = 8
@@ -94,10 +96,10 @@ def write_archive(results: Iterable[RecordingResult], records: Store, out_url: s
     work = Work("rows of the archive", write_rows, memory=3 * chunk * row_bytes(arrays) + _FILE_BYTES)
     for _ in runner.run(work, target, row_ranges(results, chunk), total=total):
         pass
-    for name, data in metadata.items():
-        out.write(f"{name}/{METADATA}", data)
+    files = {f"{name}/{METADATA}": data for name, data in metadata.items()}
     for array, values in labels:
-        _write_all(out, encoded(array, metadata[array.name], 0, values))
+        files |= encoded(array, metadata[array.name], 0, values)
+    _write_all(out, files)
     _write_table(out, table, metadata, results)
     _complete(out, [*arrays, *table, *(array for array, _ in labels)], target, row_ranges(results, chunk))
     out.write(METADATA, root_of(metadata, global_attributes(extent)))
@@ -142,7 +144,7 @@ def encoded(array: Array, metadata: bytes, first: int, values: NDArray[Any]) -> 
     """Return the files of the chunks of an array that begin at ``first`` and hold ``values``, by name."""
     files: dict[str, Buffer] = {METADATA: default_buffer_prototype().buffer.from_bytes(metadata)}
     # Chunks without any value are written too, so that each file that should be there can be counted.
-    opened = zarr.open_array(MemoryStore(files), mode="r+", config={"write_empty_chunks": True})
+    opened = zarr.open_array(MemoryStore(files), mode="r+").with_config({"write_empty_chunks": True})
     opened[first : first + len(values)] = values
     return {f"{array.name}/{name}": data.to_bytes() for name, data in files.items() if name != METADATA}
 
@@ -165,6 +167,7 @@ def _write_table(
 def _write_recordings(
     out: Store, table: list[Array], metadata: Mapping[str, bytes], begin: int, rows: list[dict[str, Any]]
 ) -> None:
+    files: dict[str, bytes] = {}
     for array in table:
         values = array.empty(len(rows))
         for place, row in enumerate(rows):
@@ -172,7 +175,8 @@ def _write_recordings(
                 values[place, : len(row[array.name])] = row[array.name]
             else:
                 values[place] = row[array.name]
-        _write_all(out, encoded(array, metadata[array.name], begin, values))
+        files |= encoded(array, metadata[array.name], begin, values)
+    _write_all(out, files)
 
 
 def _row(result: RecordingResult, first: int) -> dict[str, Any]:
@@ -199,15 +203,19 @@ def _complete(out: Store, arrays: list[Array], target: Target, ranges: Iterator[
     A chunk can be missing though its task is known as done: the store may have been deleted since.
     """
     expected = {name for array in arrays for name in (f"{array.name}/{METADATA}", *array.chunk_names())}
-    there = {name for array in arrays for name in out.names(f"{array.name}/")}
+    there = set(out.names())
     if missing := expected - there:
-        firsts = {int(name.split(SEPARATOR)[1]) for name in missing}
         chunk = target.arrays[0].chunks[0]
+        firsts = {chunk * int(name.split(SEPARATOR)[1]) for name in missing if not name.endswith(METADATA)}
         for rows in ranges:
-            if rows.first // chunk in firsts:
+            if rows.first in firsts:
                 write_rows(target, rows)
+        if still := sorted(expected - set(out.names())):
+            raise RowsError(f"{out.url}: {len(still)} files that were written are missing, {still[0]} the first")
+    ours = {array.name for array in arrays} | set(VARIABLES) | {f"{name}{UNDATED}" for name in VARIABLES}
     for name in there - expected:
-        out.delete(name)
+        if name.partition("/")[0] in ours:
+            out.delete(name)
 
 
 def root_of(metadata: Mapping[str, bytes], attributes: Mapping[str, Any]) -> bytes:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -42,13 +43,13 @@ FEW = frozenset({"rms", "h_or", "envelope_snr", "bpfo_amplitude", "stage", "qual
 """Variables of each kind and shape; writing all of them takes ten times as long."""
 
 
-def trimmed(results: list[RecordingResult]) -> list[RecordingResult]:
+def trimmed(results: list[RecordingResult], few: Collection[str] = FEW) -> list[RecordingResult]:
     """Return results as if the records had few variables."""
     return [
         replace(
             result,
             shape=replace(
-                result.shape, variables={name: dims for name, dims in result.shape.variables.items() if name in FEW}
+                result.shape, variables={name: dims for name, dims in result.shape.variables.items() if name in few}
             ),
         )
         for result in results

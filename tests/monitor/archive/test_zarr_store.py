@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -16,14 +17,17 @@ from hypothesis import strategies as st
 import spallwatch as sw
 from models.errors import WrongInputError
 from models.work.folder_store import FolderStore
+from models.work.object_store import ObjectStore
 from models.work.runner import Runner
 from models.work.serial import SerialExecutor
 from monitor.archive import arrays
 from monitor.archive.result import RecordingResult, RecordsFile, Shape
 from monitor.archive.rows import RowsError, row_ranges
-from tests.monitor.archive.recordings import replayed, trimmed
+from tests.monitor.archive.recordings import FEW, replayed, trimmed
+from tests.object_storage import use_account
 
-write_archive = pytest.importorskip("monitor.archive.zarr_store").write_archive
+zarr_store = pytest.importorskip("monitor.archive.zarr_store")
+write_archive = zarr_store.write_archive
 BANDS = [[100, 400], [500, 900]]
 FAILED = RecordingResult("press", "bad", "s3://archive/bad.npy", status="failed", reason="no such recording")
 
@@ -73,22 +77,31 @@ def content(folder: Path) -> dict[str, bytes]:
     return {path.relative_to(folder).as_posix(): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
 
 
-def test_each_recording_is_what_its_files_hold(whole, tmp_path):
-    written = write(whole, tmp_path / "a.zarr")
-    archive = whole
-    assert (written.recordings, written.rows) == (4, 12)
-    for result in archive[1]:
-        if result.status == "done":
-            of_files = sw.open_records(archive[0] / result.machine / result.recording)
-            of_archive = sw.open_archive(tmp_path / "a.zarr", machine=result.machine, recording=result.recording)
-            assert of_archive.sizes == of_files.sizes
-            xr.testing.assert_identical(of_archive.drop_attrs(), of_files.drop_attrs())
-            assert of_archive.rms.attrs == of_files.rms.attrs
-    rms = sw.open_archive(
-        tmp_path / "a.zarr", machine="press", recording="one", variables=["rms"], channels=["column_2"]
-    )
+def test_a_recording_is_what_its_files_hold(whole, tmp_path):
+    folder, results = whole[0], [FAILED, whole[1][2]]
+    written = write((folder, results), tmp_path / "a.zarr")
+    assert (written.recordings, written.rows) == (2, 5)
+    of_files = sw.open_records(folder / "fan" / "one")
+    of_archive = sw.open_archive(tmp_path / "a.zarr", machine="fan", recording="one")
+    assert of_archive.sizes == of_files.sizes
+    xr.testing.assert_identical(of_archive.drop_attrs(), of_files.drop_attrs())
+    assert of_archive.rms.attrs == of_files.rms.attrs
+
+
+@pytest.mark.parametrize(("machine", "recording"), [("press", "one"), ("press", "two"), ("fan", "one")])
+def test_recordings_side_by_side_are_what_their_files_hold(archive, read, machine, recording):
+    of_files = sw.open_records(archive[0] / machine / recording, variables=sorted(FEW))
+    of_archive = sw.open_archive(read, machine=machine, recording=recording, variables=sorted(FEW))
+    for name in FEW:
+        np.testing.assert_array_equal(of_archive[name].values, of_files[name].values)
+        assert of_archive[name].dims == of_files[name].dims
+    assert of_archive.channel.values.tolist() == of_files.channel.values.tolist()
+
+
+def test_a_channel_of_a_recording(archive, read):
+    found = sw.open_archive(read, machine="press", recording="one", variables=["rms"], channels=["column_2"])
     of_files = sw.open_records(archive[0] / "press" / "one", variables=["rms"], channels=["column_2"])
-    xr.testing.assert_identical(rms.drop_attrs(), of_files.drop_attrs())
+    xr.testing.assert_identical(found.drop_attrs(), of_files.drop_attrs())
 
 
 def test_xarray_reads_all_of_it_lazily(archive, read):
@@ -139,35 +152,44 @@ def test_a_store_that_is_not_complete_does_not_open(archive, tmp_path):
         sw.open_archive(tmp_path)
 
 
-def test_the_bytes_are_the_same_again_and_through_a_store_of_chunks(archive, tmp_path, small_chunks):
-    write(archive, tmp_path / "a.zarr")
-    first = content(tmp_path / "a.zarr")
-    write(archive, tmp_path / "a.zarr")
-    assert content(tmp_path / "a.zarr") == first
+def test_the_bytes_are_the_same_through_a_store_of_chunks_and_again(archive, read, tmp_path, small_chunks):
+    first = content(read / "records.zarr")
     chunks = FolderStore(tmp_path / "chunks")
     with Runner(SerialExecutor(), chunks) as runner:
-        write(archive, tmp_path / "b.zarr", runner)
-    assert content(tmp_path / "b.zarr") == first
+        write(archive, tmp_path / "a.zarr", runner)
+    assert content(tmp_path / "a.zarr") == first
     # Chunks that are known as done are found missing, and written again.
     lost = next(name for name in first if name.startswith("rms/c.1"))
-    (tmp_path / "b.zarr" / lost).unlink()
+    (tmp_path / "a.zarr" / lost).unlink()
     with Runner(SerialExecutor(), chunks, resume=True) as runner:
-        write(archive, tmp_path / "b.zarr", runner)
+        write(archive, tmp_path / "a.zarr", runner)
         assert runner.tally.kept == 3
-    assert content(tmp_path / "b.zarr") == first
+    assert content(tmp_path / "a.zarr") == first
 
 
-def test_a_smaller_archive_leaves_nothing_of_a_larger_one(archive, tmp_path, small_chunks):
+@pytest.mark.parametrize(("dtype", "fill"), [("float64", np.nan), ("int32", -1), (arrays.TEXT, "")])
+def test_chunks_without_any_value_are_written_too(dtype, fill):
+    array = arrays.Array("x", ("row", "channel"), (5, 2), (4, 2), dtype, fill)
+    files = zarr_store.encoded(array, zarr_store.metadata_of(array), 0, array.empty(5))
+    assert set(files) == set(array.chunk_names()) == {"x/c.0.0", "x/c.1.0"}
+
+
+def test_a_smaller_archive_leaves_nothing_of_a_larger_one(archive, read, tmp_path, small_chunks):
     folder, results = archive
-    write(archive, tmp_path / "a.zarr")
+    shutil.copytree(read / "records.zarr", tmp_path / "a.zarr")
     (tmp_path / "a.zarr" / "notes.txt").write_text("mine")
+    (tmp_path / "a.zarr" / "notes").mkdir()
+    (tmp_path / "a.zarr" / "notes" / "more.txt").write_text("mine")
+    before = content(tmp_path / "a.zarr")
     write((folder, results[3:]), tmp_path / "a.zarr")
-    write((folder, results[3:]), tmp_path / "b.zarr")
     found = content(tmp_path / "a.zarr")
-    assert found.pop("notes.txt") == b"mine"
-    later = content(tmp_path / "b.zarr")
-    assert {name for name in found if name.startswith("rms/")} == {name for name in later if name.startswith("rms/")}
-    assert found["zarr.json"] == later["zarr.json"]
+    assert {name for name in before if name.startswith("rms/c")} == {"rms/c.0.0", "rms/c.1.0", "rms/c.2.0"}
+    assert {name for name in found if name.startswith("rms/c")} == {"rms/c.0.0"}
+    assert found["notes.txt"] == found["notes/more.txt"] == b"mine"
+    one = sw.open_archive(tmp_path / "a.zarr", machine="press", recording="two", variables=["rms"])
+    xr.testing.assert_identical(
+        one.drop_attrs(), sw.open_records(folder / "press" / "two", variables=["rms"]).drop_attrs()
+    )
 
 
 def test_an_archive_without_any_records_opens(tmp_path):
@@ -286,3 +308,21 @@ def test_extents_join_shapes():
     assert (found.rows, found.recordings, found.channels, found.undated) == (5, 2, 2, True)
     assert found.variables == {"h_or": ("channel", "band"), "tt": ("channel",)}
     assert not arrays.Extent.of([two]).undated
+
+
+@pytest.mark.cluster
+def test_an_archive_in_object_storage(whole, storage, monkeypatch):
+    use_account(storage.environment, monkeypatch)
+    folder, results = whole[0], trimmed(whole[1][2:3], {"rms"})
+    write_archive(results, FolderStore(folder), storage.url("rows/records.zarr"))
+    of_files = sw.open_records(folder / "fan" / "one", variables=["rms"])
+    lazy = sw.open_archive(storage.url("rows"), machine="fan", variables=["rms"])
+    assert lazy.rms.chunks is not None
+    np.testing.assert_array_equal(lazy.rms.values, of_files.rms.values)
+    days = ObjectStore(storage.url("days"))
+    for file in results[0].files:
+        days.write(f"fan/one/{Path(file.name).name}", (folder / file.name).read_bytes())
+    one = sw.open_archive(days.url, machine="fan", recording="one", variables=["rms"])
+    xr.testing.assert_identical(one, of_files)
+    with pytest.raises(sw.SpallwatchError, match="holds no records of fan/two"):
+        sw.open_archive(days.url, machine="fan", recording="two")
