@@ -162,6 +162,7 @@ def replay_many(
                 found[recording.name] = Outcome(recording, None, outcome.message)
             else:
                 found[recording.name] = outcome
+    remove_leftovers(out, [recording.name for recording in recordings])
     return [found[recording.name] for recording in recordings]
 
 

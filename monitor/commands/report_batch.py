@@ -207,6 +207,8 @@ def run_batch(
                 found[run.name] = Outcome(run, (), reason)
             else:
                 found[run.name] = outcome
+    for run in runs:
+        remove_leftovers(out / run.name, ["replay"])
     outcomes = [replace(found[run.name], run=run) for run in runs]
     from monitor.report.report import write_index
 
