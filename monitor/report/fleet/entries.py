@@ -151,6 +151,8 @@ def period_of(first: float | None, last: float | None, blocks: int, zone: tzinfo
         return f"{count(blocks, 'block')} without dates" if blocks else _NONE
     clock = Clock(True, zone)
     begin, end = clock.short(first), clock.short(last)
+    if begin == end:
+        return begin
     same_day = begin[:10] == end[:10]
     return f"{begin} to {end[11:] if same_day else end}"
 

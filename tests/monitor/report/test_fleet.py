@@ -105,6 +105,7 @@ def test_quality_and_period_in_words():
     )
     assert quality_of({"rejected": {}, "flagged": {}, "pending": 0}) == ""
     assert period_of(0.0, 3600.0, 5, UTC) == "1970-01-01 00:00 to 01:00"
+    assert period_of(0.0, 5.0, 5, UTC) == "1970-01-01 00:00"
     assert period_of(0.0, 90000.0, 5, UTC) == "1970-01-01 00:00 to 1970-01-02 01:00"
     assert period_of(None, None, 5, UTC) == "5 blocks without dates"
     assert period_of(None, None, 0, UTC) == "–"
@@ -164,6 +165,7 @@ def test_the_page_names_what_failed_and_escapes_what_it_is_given():
     assert "3 recordings of 2 machines, 14 blocks" in html
     assert "are listed; the numbers are those of all" not in html
     assert html.index("<strong>press</strong>") < html.index("<strong>fan</strong>")
+    assert "learns its baseline from its own first blocks" in html
     assert "<script" not in html
     assert "Content-Security-Policy" in html
 
