@@ -34,6 +34,8 @@ _R = TypeVar("_R")
 _AHEAD = 64
 """Tasks of a plain loop that are begun before their turn, a thread."""
 
+_END_S = 2.0
+"""Time for a process to end by itself when nothing is left to do."""
 _STOPPED = Failure(DIED, "the worker was stopped", "")
 
 
@@ -92,13 +94,15 @@ class PoolExecutor:
         return outcome
 
     def close(self) -> None:
-        """Kill the processes, and wait for chunks that threads of this process have begun."""
+        """Kill the processes that are at work, end the others, and wait for chunks that threads have begun."""
         for worker in self._workers:
             worker.stop()
         for _ in self._workers:
             self._calls.put(None)
         for worker in self._workers:
             worker.join()
+        for worker in self._workers:
+            worker.release()
         self._workers.clear()
 
     def in_process(
@@ -164,21 +168,31 @@ class _Worker:
         self._process: SpawnProcess | None = None
         self._connection: _Connection | None = None
         self._lock = threading.Lock()
-        self._stopped = False
+        self._stopped = self._busy = False
         self._thread = threading.Thread(target=self._loop, name="work", daemon=True)
         self._thread.start()
 
     def stop(self) -> None:
-        """Kill the process; the thread ends after its chunk."""
+        """Kill the process if it is at work; the thread ends after its chunk."""
         with self._lock:
             self._stopped = True
-            if self._process is not None:
+            if self._process is not None and self._busy:
                 self._process.kill()
 
     def join(self) -> None:
-        """Wait for the thread, and let go of the process."""
+        """Wait for the thread, and let a process end that waits for a chunk."""
         self._thread.join()
-        self._release()
+        if self._connection is not None:
+            self._connection.close()
+
+    def release(self) -> None:
+        """Wait for the end of the process; kill it after a while."""
+        process, self._process, self._connection = self._process, None, None
+        if process is not None:
+            process.join(_END_S)
+            process.kill()
+            process.join()
+            process.close()
 
     def _loop(self) -> None:
         while (call := self._calls.get()) is not None and not self._stopped:
@@ -204,27 +218,24 @@ class _Worker:
             if self._process is None or self._connection is None:
                 self._process, self._connection = _start()
             process, connection = self._process, self._connection
+            self._busy = True
         try:
             connection.send_bytes(encode(call))
-            return decode(connection.recv_bytes())
+            outcome: ChunkOutcome = decode(connection.recv_bytes())
         except (EOFError, OSError):
             process.join()
             code, number = process.exitcode, process.pid
-            self._release()
+            with self._lock:
+                connection.close()
+                self.release()
+                self._busy = False
             how = f"was killed by signal {-code}" if code is not None and code < 0 else f"ended with exit code {code}"
             worker = f"{default_worker().partition(' ')[0]} process {number}"
             message = f"the process that ran it {how}"
             return _failed(call, Failure(DIED, message, f"{worker}: a process that is killed logs nothing"), worker)
-
-    def _release(self) -> None:
         with self._lock:
-            process, connection = self._process, self._connection
-            self._process = self._connection = None
-        if connection is not None:
-            connection.close()
-        if process is not None:
-            process.join()
-            process.close()
+            self._busy = False
+        return outcome
 
 
 def _start() -> tuple[SpawnProcess, _Connection]:
