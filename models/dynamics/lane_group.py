@@ -302,18 +302,21 @@ class Workspace:
         return depth, rate, self._wave.reshape(steps, 2, LANES)
 
 
-def group_bytes(bearing: Bearing, speed: float, extent: float, slip: Slip | None, steps_per_period: int | None) -> int:
+def group_bytes(
+    bearing: Bearing, speed: float, damage: tuple[float, int], slip: Slip | None, steps_per_period: int | None
+) -> int:
     """Return the bytes that a group of scenes needs at most, beside the program.
 
     Args:
         bearing: of all scenes.
         speed: Hz.
-        extent: of the widest defect, rad.
+        damage: extent of the widest defect, rad, and the damaged rows.
         slip: of the balls.
         steps_per_period: as in ``grid_of``.
     """
+    extent, rows = damage
     pitch, angle = 2.0 * math.pi / bearing.n_elements, 0.0 if slip is None else slip.phi_slip
-    touched = bearing.rows * min(bearing.n_elements, int((extent + 2.0 * angle) / pitch) + 3)
+    touched = rows * min(bearing.n_elements, int((extent + 2.0 * angle) / pitch) + 3)
     slots = touched * (_MEAN_FORCE_POINTS if slip is not None and slip.rule == "mean_force" else 1)
     numbers = block_steps(kinematics(bearing, speed).bpfo, steps_per_period) * LANES * (6 * slots + _WAVES)
     return 8 * numbers + _LITTLE

@@ -244,8 +244,9 @@ _GROUPS = Work("groups of scenes", _run, memory=0)
 
 def _work(scenes: Sequence[Scene], options: LaneOptions, groups: int) -> Work[LaneOptions, _Scenes, LaneResponse]:
     first = scenes[0]
-    extent = max((s.defect.dphi_d for s in scenes if s.defect is not None), default=0.0)
-    memory = group_bytes(first.bearing, first.speed, extent, first.slip, options.steps_per_period)
+    defects = [scene.defect for scene in scenes if scene.defect is not None]
+    damage = max((d.dphi_d for d in defects), default=0.0), max((d.rows for d in defects), default=1)
+    memory = group_bytes(first.bearing, first.speed, damage, first.slip, options.steps_per_period)
     blocks = _SETTLING_BLOCKS + options.slip_blocks if first.slip is not None else _USUAL_BLOCKS
     steps = blocks * block_steps(kinematics(first.bearing, first.speed).bpfo, options.steps_per_period)
     return replace(_GROUPS, memory=memory).sized(STEP_SECONDS * LANES * steps, groups)

@@ -110,7 +110,7 @@ def lane_work(work: Work[_S, _T, _R], plan: MapPlan, tasks: int, scenes: int, fa
     steps = factor * (ensemble_options(plan).steps_per_period or 0)
     speed = min(plan.speed)
     seconds = _BLOCKS * STEP_SECONDS * scenes * block_steps(kinematics(plan.bearing, speed).bpfo, steps)
-    memory = group_bytes(plan.bearing, speed, max(plan.dphi_d), plan.slip, steps)
+    memory = group_bytes(plan.bearing, speed, (max(plan.dphi_d), plan.rows), plan.slip, steps)
     return replace(work, memory=memory).sized(seconds, tasks)
 
 

@@ -126,7 +126,7 @@ def test_the_memory_of_a_group_is_stated(extent: float, slip: float, rule: str) 
     workspace = Workspace()
     Group(shared_grid([scene], LaneOptions()), [scene] * LANES, scene.slip, workspace)
     kept = 8 * (workspace._tables.size + workspace._wave.size)
-    assert kept < group_bytes(scene.bearing, scene.speed, extent, scene.slip, None) < 4 * kept + 64e6
+    assert kept < group_bytes(scene.bearing, scene.speed, (extent, 1), scene.slip, None) < 2 * kept + 64e6
 
 
 def test_chunks_follow_from_the_tasks_alone() -> None:
