@@ -1,4 +1,4 @@
-"""What is made of the results of an archive once they are there: the one Zarr store."""
+"""What is made of the results of an archive once they are there: the one Zarr store, and the page of the fleet."""
 
 from __future__ import annotations
 
@@ -8,8 +8,11 @@ from typing import Any
 from models.errors import WrongInputError
 from models.work.runner import Runner
 from models.work.stores import open_store
+from monitor.archive.fleet import fleet_page
 from monitor.archive.index import Index
 from monitor.archive.run import Plan, Results
+
+REPORT_NAME = "fleet.html"
 
 
 def zarr_writer() -> Any:
@@ -34,3 +37,13 @@ def write_zarr(plan: Plan, index: Index, runner: Runner) -> str:
     records = open_store(plan.records_url)
     zarr_writer()(Results(index, records), records, plan.zarr_url, runner)
     return plan.zarr_url
+
+
+def write_report(plan: Plan, index: Index) -> str:
+    """Write the page of the machines and recordings beside the index, and return its URL."""
+    records = open_store(plan.records_url)
+    places = ((name.partition("/"), outcome.log) for name, outcome in index.wrong())
+    logs = {(machine, name): log for (machine, _, name), log in places if log}
+    page = fleet_page(Results(index, records), title=f"Archive {plan.manifest.stem}", logs=logs)
+    open_store(plan.out).write(REPORT_NAME, page.encode())
+    return f"{plan.out.rstrip('/')}/{REPORT_NAME}"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sqlite3
 import zlib
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import AbstractContextManager, closing
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -50,6 +50,7 @@ class HistorySource:
         self.name = name
         self._recordings, self._begin, self._open = recordings, begin, opener
         self._began: float | None = None
+        self._undated = False
         self._refused: tuple[Rejected, ...] = ()
         self._length: int | None = None
         self.reached = begin
@@ -57,25 +58,31 @@ class HistorySource:
         self.problem: str | None = None
 
     def after(self, store: Path) -> None:
-        """Continue the blocks of a store: the first date, and the repetitions in recordings that are behind."""
+        """Continue the blocks of a store."""
         with Store.open(store, read_only=True) as found:
             condensed = found.rows("SELECT began FROM condensed_sources WHERE source = ?", self.name)
             query = "SELECT time FROM blocks WHERE source = ? AND time IS NOT NULL ORDER BY id LIMIT 1"
-            rows = [row for row in (*condensed, *found.rows(query, self.name)) if row[0] is not None]
-            refused = found.rows(
-                "SELECT sequence, name, status, content_hash, times FROM refusals WHERE source = ? AND sequence <= ?",
-                *(self.name, self._begin.blocks),
-            )
-        self._began = rows[0][0] if rows else None
-        self._refused = tuple(
+            began = [row[0] for row in (*condensed, *found.rows(query, self.name)) if row[0] is not None]
+            query = "SELECT 1 FROM blocks WHERE source = ? AND time IS NULL AND elapsed IS NOT NULL LIMIT 1"
+            undated = bool(found.rows(query, self.name))
+            query = "SELECT sequence, name, status, content_hash, times FROM refusals WHERE source = ?"
+            refused = found.rows(query, self.name)
+        repetitions = (
             Rejected(self.name, sequence, name, status, f"{name}: in an earlier part", digest)
             for sequence, name, status, digest, times in refused
             for _ in range(times)
         )
+        self.continues(began[0] if began else None, repetitions, undated=undated)
+
+    def continues(self, began: float | None, repetitions: Iterable[Rejected], *, undated: bool = False) -> None:
+        """Continue blocks of which the first dated one ``began`` then; ``undated``: some have no date."""
+        self._began, self._undated = began, undated
+        # Those in the recording that is under way are met again.
+        self._refused = tuple(item for item in repetitions if item.sequence <= self._begin.blocks)
 
     def __iter__(self) -> Iterator[Block | Rejected]:
         """Iterate over the blocks from the position on."""
-        self.problem, began = None, self._began
+        self.problem, began, undated = None, self._began, self._undated
         yield from self._refused
         blocks = self._begin.blocks
         for place, recording in enumerate(self._recordings, self._begin.recording):
@@ -84,27 +91,18 @@ class HistorySource:
             try:
                 with self._open(recording) as source:
                     for found in source:
-                        item = found if not place else self._continued(found, blocks, began)
-                        began = item.start if began is None and isinstance(item, Block) else began
-                        highest = max(highest, item.sequence)
+                        item = _continued(found, blocks, began, undated=undated) if place else found
+                        if isinstance(item, Block):
+                            began = item.start if began is None else began
+                            undated = undated or item.start is None
+                        if not (isinstance(item, Rejected) and item.is_repetition):
+                            highest = max(highest, item.sequence)
                         yield item
             except WrongInputError as error:
                 self.problem = str(error)
                 return
             blocks = highest
         self.reached = Position(self._begin.part + 1, self._begin.recording + len(self._recordings), blocks)
-
-    def _continued(self, item: Block | Rejected, blocks: int, began: float | None) -> Block | Rejected:
-        """Return an item numbered after ``blocks``, its time from the first block of the history."""
-        if isinstance(item, Rejected):
-            return replace(item, sequence=item.sequence + blocks)
-        if item.start is None or began is None:
-            without = "it has" if item.start is None else "the first recording has"
-            raise ConfigError(
-                f"{item.name}: {without} no date, so it cannot continue another recording; "
-                'state what dates it (time_from), or set history = "each"'
-            )
-        return replace(item, sequence=item.sequence + blocks, elapsed=item.start - began)
 
     def __len__(self) -> int:
         """Return the number of blocks, or ``VOTES_NEEDED`` where there are more."""
@@ -113,6 +111,23 @@ class HistorySource:
             self._length = sum(1 for _, _ in zip(range(VOTES_NEEDED), self, strict=False))
             self.reached, self.problem = reached, problem
         return self._length
+
+
+def _continued(item: Block | Rejected, blocks: int, began: float | None, *, undated: bool) -> Block | Rejected:
+    """Return an item numbered after ``blocks``, its time from the first block of the history.
+
+    Raises:
+        ConfigError: it has no date, or those before have none.
+    """
+    if isinstance(item, Rejected):
+        return replace(item, sequence=item.sequence + blocks)
+    if item.start is None or undated:
+        without = "it has no date" if item.start is None else "blocks before it have no date"
+        raise ConfigError(
+            f"{item.name}: {without}, so it cannot continue another recording; "
+            'state what dates it (time_from), or set history = "each"'
+        )
+    return replace(item, sequence=item.sequence + blocks, elapsed=item.start - (item.start if began is None else began))
 
 
 def packed_store(path: Path) -> bytes:

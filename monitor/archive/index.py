@@ -136,6 +136,11 @@ class Index(Closing):
         """Return what is kept of the archive as a whole."""
         return dict(self._run("SELECT key, value FROM meta").fetchall())
 
+    @property
+    def planned(self) -> bool:
+        """Whether it holds the recordings of a manifest."""
+        return "manifest" in self.meta()
+
     def set_meta(self, **values: str) -> None:
         """Keep values of the archive as a whole."""
         for pair in values.items():

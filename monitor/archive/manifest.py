@@ -20,6 +20,8 @@ from monitor.config.positions import find_lines
 History = Literal["each", "continued"]
 HISTORIES: tuple[History, ...] = ("each", "continued")
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,63}")
+_TAKEN = ("work", "index.db", "index.db.lock", "fleet.html", "records.zarr")
+"""Names in the folder of an archive that are no machine's."""
 _COLUMNS = ("machine", "config", "recording")
 _FURTHER = ("history", "anew")
 _KEYS = ("name", "config", "recordings", "history", "anew")
@@ -158,9 +160,10 @@ def _entry_of_row(row: Sequence[str], head: Sequence[str], where: str, folder: P
 
 
 def _machine_name(name: object, where: str) -> str:
-    if not isinstance(name, str) or not _NAME.fullmatch(name):
+    if not isinstance(name, str) or not _NAME.fullmatch(name) or name in _TAKEN:
         raise ManifestError(
-            f"{where}: name of the machine: expected letters, digits, '_', '.' or '-', at most 64, got {name!r}"
+            f"{where}: name of the machine: expected letters, digits, '_', '.' or '-', at most 64, and none of "
+            f"{', '.join(_TAKEN)}; got {name!r}"
         )
     return name
 

@@ -61,10 +61,16 @@ def _local_index(path: Path, *, read_only: bool) -> Iterator[Index]:
     lock = take_lock(path)
     if lock is None:
         raise ManifestError(f"--out {path.parent}: another process replays this archive")
+    planned = True
     try:
         with Index(path) as index:
-            yield index
+            try:
+                yield index
+            finally:
+                planned = index.planned
     finally:
+        if not planned:
+            path.unlink()
         release_lock(lock)
 
 
@@ -80,6 +86,8 @@ class _Copier:
             self.copy()
 
     def copy(self) -> None:
+        if not self._index.planned:
+            return
         self._index.settle()
         self._store.write(INDEX_NAME, self._index.path.read_bytes())
         self._copied = time.monotonic()

@@ -16,6 +16,7 @@ from models.work.task import Store
 from monitor.archive.index import Index
 from monitor.archive.manifest import Entry, ManifestError, read_manifest
 from monitor.archive.setup import send_setup
+from monitor.config.load import ConfigError
 from streams.files import natural_key
 from streams.remote import bare, expand, is_remote
 from streams.spec import SourceError
@@ -105,7 +106,10 @@ class Planner:
         found = self._machines.get(entry.machine)
         if found is None:
             if entry.config not in self._setups:
-                self._setups[entry.config] = send_setup(entry.config, self.store)
+                try:
+                    self._setups[entry.config] = send_setup(entry.config, self.store)
+                except ConfigError as error:
+                    raise ConfigError(f"{entry.where}: machine {entry.machine}: {error}") from None
             number = self.index.add_machine(entry.machine, self._setups[entry.config], entry.history)
             found = self._machines[entry.machine] = _Planned(number, entry.config, entry.history)
         for key, before, now in (("config", found.config, entry.config), ("history", found.history, entry.history)):

@@ -78,6 +78,9 @@ class Replaying:
             self._run(self._groups())
             # What has failed together is replayed alone, and long recordings go on.
             self._run(self._task([self._first_part(row)]) for row in self._alone)
+        except KeyboardInterrupt as error:
+            error.add_note(f"{self._ended} recordings more are in {self.index.path}; --resume goes on with the others")
+            raise
         finally:
             self.runner.notify = told
             self._note()

@@ -76,17 +76,20 @@ def prepare(plan: Plan, index: Index) -> Shared:
         ManifestError: the manifest cannot be used or has changed; there is an archive already, and it is not resumed.
         ConfigError: a configuration cannot be used.
     """
-    meta = index.meta()
     work = open_store(plan.work)
-    if "manifest" in meta and not plan.resume:
+    if index.planned and not plan.resume:
         raise ManifestError(f"--out {plan.out}: holds an archive; --resume continues it, or take another --out")
-    if "manifest" not in meta:
+    if not index.planned:
         index.set_meta(archive=secrets.token_hex(8), records=plan.records, part_blocks=str(plan.part_blocks))
-        Planner(index, work).plan(plan.manifest)
-        meta = index.meta()
+        try:
+            Planner(index, work).plan(plan.manifest)
+        except BaseException:
+            delete_work(plan)
+            raise
     else:
         check_unchanged(index, plan.manifest, work)
         index.wait_again()
+    meta = index.meta()
     if meta["records"] != plan.records:
         raise ManifestError(f"--out {plan.out}: was begun with --records {meta['records']}, got {plan.records}")
     return Shared(meta["archive"], open_store(plan.records_url).url, work.url, int(meta["part_blocks"]))

@@ -67,8 +67,11 @@ def send_setup(path: Path, store: Store) -> str:
         raise ConfigError(f"{path}: an archive takes configurations with one [[source]], this has {len(config.source)}")
     if config.operating.opcua is not None:
         raise ConfigError(f"{path}: operating.opcua: an archive takes speed and load from the recordings alone")
-    # Refused here, before anything is replayed.
-    source_settings(config, config.source[0])
+    try:
+        # Refused here, before anything is replayed.
+        source_settings(config, config.source[0])
+    except ConfigError as error:
+        raise ConfigError(f"{path}: {error}") from None
     files: list[tuple[str, str]] = []
     for file in _files_of(config):
         data = file.read_bytes()

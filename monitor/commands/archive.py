@@ -40,6 +40,7 @@ def group() -> None:
     type=click.IntRange(min=200),
     help="Blocks of a recording after which its state is kept.  [default: 5000]",
 )
+@click.option("--report/--no-report", default=True, help="Write fleet.html under --out.")
 @sharing("Processes")
 @option.output
 def replay(
@@ -47,6 +48,7 @@ def replay(
     out: str,
     records: Records,
     part_blocks: int | None,
+    report: bool,
     sharing: Sharing,
     as_json: bool,
     quiet: bool,
@@ -56,7 +58,7 @@ def replay(
     With --resume, what is done stays and what failed is tried again. Exit code 1 where a recording failed: the others
     are done.
     """
-    from monitor.archive.finish import write_zarr, zarr_writer
+    from monitor.archive.finish import write_report, write_zarr, zarr_writer
     from monitor.archive.part import PART_BLOCKS
     from monitor.archive.place import INDEX_NAME, open_index
     from monitor.archive.run import Plan, delete_work, replay_waiting
@@ -69,10 +71,12 @@ def replay(
         before = index.counts().done
         counts = replay_waiting(plan, index, shared.runner, noted)
         written = write_zarr(plan, index, shared.runner) if records == "zarr" else out
+        page = write_report(plan, index) if report else None
         if counts.done == counts.recordings:
             delete_work(plan)
         values = _values(index, counts, f"{out.rstrip('/')}/{INDEX_NAME}")
-    values |= {"kept": before, "out": redact(out), "records": redact(written), "cluster": shared.values()}
+    values |= {"kept": before, "out": redact(out), "records": redact(written)}
+    values |= {"report": None if page is None else redact(page), "cluster": shared.values()}
     emit(values, [*_lines(values), *shared.lines()], as_json=as_json)
     if counts.failed or counts.set_aside:
         click.get_current_context().exit(1)
@@ -126,4 +130,6 @@ def _lines(values: Mapping[str, Any]) -> Iterator[str]:
         yield f"{one['recording']} {one['status'].replace('_', ' ')}: {one['reason']}"
     if len(values["failed"]) > _MAX_NAMED:
         yield f"and {len(values['failed']) - _MAX_NAMED} more, in {values['index']}"
+    if values.get("report"):
+        yield f"report: {values['report']}"
     yield f"archive: {values['out']}"

@@ -225,6 +225,7 @@ def test_short_recordings_share_a_task_and_are_tried_alone_once_it_fails(tmp_pat
     for number in range(6):
         write_files(tmp_path / f"r{number}", 1, seed=number)
     monkeypatch.setattr(replaying, "_KNOWN_TIMES", 1)
+    monkeypatch.setattr(replaying, "TASK_SECONDS", 1e6)
     manifest = EACH.format('"r*"')
     together = Runner(SerialExecutor(), open_store(tmp_path / "chunks"))
     assert make_archive(tmp_path, manifest, runner=together).done == 6
@@ -242,6 +243,7 @@ def test_a_recording_that_raises_does_not_take_those_of_its_task_with_it(tmp_pat
     for number in range(4):
         write_files(tmp_path / f"r{number}", 1, seed=number)
     monkeypatch.setattr(replaying, "_KNOWN_TIMES", 1)
+    monkeypatch.setattr(replaying, "TASK_SECONDS", 1e6)
     whole = part.replay_part
 
     def failing(shared, one):

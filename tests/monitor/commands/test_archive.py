@@ -11,6 +11,8 @@ from monitor.archive.place import open_index
 from tests.commands import run_command
 from tests.monitor.archive.fleet_files import CONFIG, write_files
 
+LEFT = ("index.db", "index.db.lock", "fleet.html")
+
 
 @pytest.fixture
 def fleet(tmp_path: Path) -> Path:
@@ -28,11 +30,25 @@ def test_replay_says_what_failed_and_resume_tries_it_again(fleet):
     ended = run_command(*command, cwd=fleet)
     assert ended.returncode == 1
     said = json.loads(ended.stdout)
-    assert {"recordings", "done", "failed", "kept", "blocks", "seconds", "out", "index", "cluster"} <= said.keys()
+    assert {
+        "recordings",
+        "done",
+        "failed",
+        "kept",
+        "blocks",
+        "seconds",
+        "out",
+        "index",
+        "report",
+        "cluster",
+    } <= said.keys()
     assert (said["recordings"], said["done"], said["kept"], said["blocks"]) == (2, 1, 0, 2)
     ((failed),) = said["failed"]
     assert (failed["recording"], failed["status"]) == ("press/bad", "failed")
     assert "nothing that is recognised" in failed["reason"]
+    page = (fleet / said["report"]).read_text()
+    assert "nothing that is recognised" in page
+    assert "good" in page
 
     refused = run_command(*command, cwd=fleet)
     assert refused.returncode == 2
@@ -44,7 +60,7 @@ def test_replay_says_what_failed_and_resume_tries_it_again(fleet):
     said = json.loads(ended.stdout)
     assert (said["done"], said["kept"], said["failed"], said["blocks"]) == (2, 1, [], 4)
     # Complete: what only a resumed run needs is gone.
-    assert sorted(path.name for path in (fleet / "out").iterdir()) == ["index.db", "index.db.lock", "press"]
+    assert {path.name for path in (fleet / "out").iterdir()} == {*LEFT, "press"}
     assert not (fleet / "out.chunks").exists()
 
 
@@ -56,7 +72,7 @@ def test_one_zarr_store_takes_the_place_of_daily_files(fleet):
     ended = run_command("archive", "replay", "fleet.toml", *options, cwd=fleet)
     assert ended.returncode == 0, ended.stderr
     assert json.loads(ended.stdout)["records"] == "out/records.zarr"
-    assert {path.name for path in (fleet / "out").iterdir()} == {"index.db", "index.db.lock", "records.zarr"}
+    assert {path.name for path in (fleet / "out").iterdir()} == {*LEFT, "records.zarr"}
     import xarray as xr
 
     with xr.open_zarr(fleet / "out/records.zarr", consolidated=True) as dataset:
@@ -70,6 +86,19 @@ def test_status_is_read_from_the_index_alone(fleet):
     assert "2 recordings: 1 done, 1 failed" in ended.stdout
     assert "press/bad failed: " in ended.stdout
     none = run_command("archive", "status", "press", cwd=fleet)
+    assert none.returncode == 2
+    assert "holds no archive" in none.stderr
+
+
+def test_a_configuration_that_cannot_be_used_is_named_and_leaves_nothing(fleet):
+    tracked = 'bearing = "test"\nunit = "g"\ntrack = true\nmap = "no.nc"\n'
+    text = (fleet / "m.toml").read_text().replace('unit = "g"\nbearing = "test"\n', tracked, 1)
+    (fleet / "m.toml").write_text(text)
+    ended = run_command("archive", "replay", "fleet.toml", "--out", "out", cwd=fleet)
+    assert ended.returncode == 2
+    assert f"fleet.toml:1: machine press: {fleet / 'm.toml'}: channel 'de': map: " in ended.stderr
+    assert [path.name for path in (fleet / "out").iterdir()] == ["index.db.lock"]
+    none = run_command("archive", "status", "out", cwd=fleet)
     assert none.returncode == 2
     assert "holds no archive" in none.stderr
 
