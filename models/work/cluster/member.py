@@ -13,7 +13,7 @@ from models.work.redact import redact
 from models.work.task import ChunkCall, ChunkOutcome
 
 PROGRAM_BYTES = 250_000_000
-"""Memory of a worker before its first task: measured 170 MB with all packages, and kernels that are compiled."""
+"""Memory of a worker beside its tasks (docs/evidence/cluster.md), once its kernels are compiled."""
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,95 @@
+"""Workers of a local cluster: the time until they take part, and the memory that they take beside their tasks.
+
+``python -m benchmarks.cluster_workers``; ``benchmarks/results/cluster_workers.json`` keeps the figures. A worker offers
+its limit less ``PROGRAM_BYTES`` for tasks, so its memory must stay below that and what tasks state, also where its
+kernels are compiled anew.
+"""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import tempfile
+import time
+from pathlib import Path
+from statistics import median
+
+import psutil
+
+from benchmarks.cluster_cases import CASES, Case, command
+from benchmarks.common import arguments, print_table, write_json
+from models.work.cluster import open_executor
+from models.work.cluster.member import PROGRAM_BYTES
+from models.work.folder_store import FolderStore
+
+_REPEATS = 3
+_WORKERS = (1, 2, 4)
+_SAMPLE_S = 0.2
+
+
+def join_seconds(workers: int) -> float:
+    """Return the time from nothing until so many workers of this machine take part, s."""
+    with tempfile.TemporaryDirectory() as folder:
+        begun = time.perf_counter()
+        executor = open_executor("local", workers, FolderStore(folder), print)
+        seconds = time.perf_counter() - begun
+        executor.close()
+    return seconds
+
+
+def peak_bytes(case: Case, folder: Path, kernels: Path) -> int:
+    """Return the greatest memory of the one worker that runs a case, as dask counts it.
+
+    Args:
+        case: the command.
+        folder: for its files.
+        kernels: folder of compiled kernels, of which the worker compiles what is missing.
+    """
+    case.prepare(folder)
+    environment = {**os.environ, "NUMBA_CACHE_DIR": str(kernels)}
+    out = folder / f"out{case.suffix}"
+    options = case.arguments(folder, out, "--cluster", "local", "--workers", "1")
+    with subprocess.Popen(command(options), env=environment, stdout=subprocess.DEVNULL) as process:
+        peak = 0
+        while process.poll() is None:
+            peak = max(peak, _worker_bytes(process.pid))
+            time.sleep(_SAMPLE_S)
+    if process.returncode:
+        raise RuntimeError(f"{case.name}: exit code {process.returncode}")
+    return peak
+
+
+def _worker_bytes(pid: int) -> int:
+    """Return the greatest memory so far of the worker of a command; 0 where there is none yet."""
+    found = 0
+    try:
+        for child in psutil.Process(pid).children(recursive=True):
+            if "--multiprocessing-fork" in child.cmdline():
+                status = Path(f"/proc/{child.pid}/status").read_text()
+                found = max(found, 1024 * int(status.partition("VmHWM:")[2].split()[0]))
+    except (psutil.Error, OSError, IndexError):
+        return 0
+    return found
+
+
+def main() -> None:
+    """Print the tables and write the JSON."""
+    options = arguments("Workers of a local cluster: time to join and memory beside the tasks.")
+    joined = [
+        {"workers": workers, "median_s": median(join_seconds(workers) for _ in range(_REPEATS))} for workers in _WORKERS
+    ]
+    print_table("time until workers take part", joined)
+    peaks: list[dict[str, float | str]] = []
+    with tempfile.TemporaryDirectory() as kernels:
+        for case in CASES:
+            for compiled in ("anew", "before"):
+                with tempfile.TemporaryDirectory() as folder:
+                    peak = 1e-6 * peak_bytes(case, Path(folder), Path(kernels))
+                peaks.append({"case": case.name, "kernels_compiled": compiled, "peak_mb": peak})
+                print(peaks[-1], flush=True)
+    print_table(f"memory of a worker; {1e-6 * PROGRAM_BYTES:.0f} MB are set aside for the program", peaks)
+    write_json(options.json, {"joined": joined, "peaks": peaks})
+
+
+if __name__ == "__main__":
+    main()
