@@ -50,11 +50,11 @@ def fleet(tmp_path: Path) -> Path:
 
 def test_recordings_and_records_in_object_storage(fleet, storage, monkeypatch):
     use_account(storage.environment, monkeypatch)
-    store = ObjectStore(storage.url("fleet"))
+    store = ObjectStore(storage.url("recorded"))
     files = [path for name in ("press", "fan") for path in sorted((fleet / name).iterdir())]
     for path in files:
         store.write(f"{path.parent.name}/{path.name}", path.read_bytes())
-    signed = storage.presigned(f"fleet/fan/{files[-1].name}")
+    signed = storage.presigned(f"recorded/fan/{files[-1].name}")
     rows = [f"press,m.toml,{store.url}/pr*", f"fan,m.toml,{signed}", f"fan,m.toml,{store.url}/lost.npy"]
     (fleet / "remote.csv").write_text("\n".join(["machine,config,recording", *rows]) + "\n")
 
