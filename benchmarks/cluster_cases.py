@@ -48,9 +48,20 @@ persist_blocks = 2
 """
 
 
+_CHUNK_S = 0.3
+_PROGRAM = f"""
+import models.work.task
+import monitor.archive.replaying
+models.work.task.CHUNK_SECONDS = monitor.archive.replaying.TASK_SECONDS = {_CHUNK_S}
+from monitor.cli import main
+main()
+"""
+"""Short chunks, so that small cases have many; the caller alone cuts them."""
+
+
 def command(arguments: list[str]) -> list[str]:
     """Return the command line of ``spallwatch`` of this tree."""
-    return [sys.executable, "-c", "from monitor.cli import main; main()", *arguments, "--json", "--quiet"]
+    return [sys.executable, "-c", _PROGRAM, *arguments, "--json", "--quiet"]
 
 
 @dataclass(frozen=True)
@@ -91,7 +102,8 @@ class Map(Case):
 
     def arguments(self, folder: Path, out: Path, *options: str) -> list[str]:
         """Return the arguments of the command, which writes to ``out``."""
-        axes = ["--dphi-deg", "0:50:26", "--h-d-um", f"0:32:{self.size}", "--interpolation-tolerance", "0"]
+        floors = ["--floor", "rough", "--floors", "20", "--interpolation-tolerance", "0"]
+        axes = ["--dphi-deg", "0:50:51", "--h-d-um", f"0:32:{self.size}", *floors]
         where = ["--bearing", "1205 ETN9", "--load-newton", "4000", "--speed-hz", "40"]
         return ["map", "build", *where, *axes, *options, "--out", str(out)]
 

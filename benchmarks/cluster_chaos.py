@@ -36,6 +36,7 @@ class Events:
     total: int
     done: Callable[[], int]
     log: list[dict[str, Any]] = field(default_factory=list[dict[str, Any]])
+    begun: float = field(default_factory=time.monotonic)
     killed: bool = False
 
     def happen(self, process: subprocess.Popen[str]) -> None:
@@ -44,7 +45,7 @@ class Events:
             wait_until(lambda share=share: self.done() >= share * self.total or process.poll() is not None)
             if process.poll() is not None:
                 return
-            self.log.append({"event": name, "chunks_done": self.done()})
+            self.log.append({"event": name, "chunks_done": self.done(), "at_s": time.monotonic() - self.begun})
             cause()
         self.killed = True
 
@@ -141,7 +142,7 @@ def main() -> None:
         )
         print_table("events", found["events"])
         sys.stdout.flush()
-    write_json(options.json, tables)
+        write_json(options.json, tables)
     if not all(table["equal"] for table in tables.values()):
         raise SystemExit(1)
 

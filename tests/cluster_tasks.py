@@ -27,6 +27,17 @@ def row(shared: NDArray[np.float64], task: int) -> NDArray[np.float64]:
     return np.max(shared[:, None] + walk, axis=1)
 
 
+def bytes_of(size: int, _task: int) -> bytes:
+    """Return so many bytes."""
+    return bytes(size)
+
+
+def sleep(seconds: float, task: int) -> int:
+    """Wait, without using a processor."""
+    time.sleep(seconds)
+    return task
+
+
 def take_memory(limit: int) -> int:
     """Take memory, 100 MB every 20 ms, up to twice the limit: the nanny ends the process before."""
     size = 100_000_000
