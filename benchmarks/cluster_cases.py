@@ -64,6 +64,11 @@ def command(arguments: list[str]) -> list[str]:
     return [sys.executable, "-c", _PROGRAM, *arguments, "--json", "--quiet"]
 
 
+def chunk_files(chunks: Path) -> list[Path]:
+    """Return the files of the chunks that are done, without those that are being written."""
+    return [path for path in chunks.glob("chunks/*/*") if path.name.isalnum()]
+
+
 @dataclass(frozen=True)
 class Case(ABC):
     """A command.
@@ -94,7 +99,7 @@ class Case(ABC):
 
     def chunk_seconds(self, chunks: Path) -> float:
         """Return the median of the seconds of work of the chunks in a folder."""
-        return statistics.median(decode(path.read_bytes()).seconds for path in chunks.glob("chunks/*/*"))
+        return statistics.median(decode(path.read_bytes()).seconds for path in chunk_files(chunks))
 
 
 class Map(Case):

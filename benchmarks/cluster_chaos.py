@@ -19,7 +19,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from benchmarks.cluster_cases import CASES, Case, command
+from benchmarks.cluster_cases import CASES, Case, chunk_files, command
 from benchmarks.common import print_table, write_json
 from tests.cluster_processes import ClusterProcesses, cluster_processes
 from tests.cluster_tasks import exhaust
@@ -84,7 +84,7 @@ def undisturbed(case: Case, folder: Path, workers: int) -> dict[str, Any]:
 
 
 def _count(chunks: Path) -> int:
-    return sum(1 for _ in chunks.glob("chunks/*/*"))
+    return len(chunk_files(chunks))
 
 
 def disturbed(case: Case, folder: Path, total: int) -> dict[str, Any]:

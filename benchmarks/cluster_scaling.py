@@ -14,11 +14,10 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from benchmarks.cluster_cases import CASES, Case, command
+from benchmarks.cluster_cases import CASES, Case, chunk_files, command
 from benchmarks.cluster_model import Costs, simulated_share, smallest_chunk
 from benchmarks.common import arguments, print_table, write_json
 from models.work.choose import open_runner
@@ -36,37 +35,18 @@ _SLEEPERS = 16
 _SLEEPS_S = (1.0, 5.0)
 
 
-@dataclass(frozen=True)
-class Used:
-    """Seconds of a process: on a processor, and waiting for one that others had."""
-
-    busy: float
-    delayed: float
-
-    def __sub__(self, other: Used) -> Used:
-        """Return the difference."""
-        return Used(self.busy - other.busy, self.delayed - other.delayed)
-
-    def __add__(self, other: Used) -> Used:
-        """Return the sum."""
-        return Used(self.busy + other.busy, self.delayed + other.delayed)
+def used(pid: int) -> float:
+    """Return the seconds of a processor that the threads of a process used so far (Linux: schedstat)."""
+    paths = Path(f"/proc/{pid}/task").glob("*/schedstat")
+    return sum(1e-9 * int(path.read_text().split()[0]) for path in paths)
 
 
-def used(pid: int) -> Used:
-    """Return what the threads of a process used so far (Linux: schedstat)."""
-    found = Used(0.0, 0.0)
-    for path in Path(f"/proc/{pid}/task").glob("*/schedstat"):
-        busy, delayed, _ = path.read_text().split()
-        found += Used(1e-9 * int(busy), 1e-9 * int(delayed))
-    return found
-
-
-def _used(cluster: ClusterProcesses) -> dict[str, Used]:
+def _used(cluster: ClusterProcesses) -> dict[str, float]:
     workers = [used(computing_child(worker)) for worker in cluster.workers.values()]
     return {
         "caller": used(os.getpid()),
         "scheduler": used(cluster.scheduler.pid),
-        "workers": sum(workers, Used(0.0, 0.0)),
+        "workers": sum(workers),
     }
 
 
@@ -86,7 +66,7 @@ def chunk_costs(chunks: int) -> list[dict[str, Any]]:
                     pass
                 took = time.monotonic() - begun
                 after = _used(cluster)
-            each = {name: 1e3 * (after[name] - before[name]).busy / count for name in after}
+            each = {name: 1e3 * (after[name] - before[name]) / count for name in after}
             rows.append(
                 {"result_bytes": size, "chunks": count}
                 | {f"{name}_ms": value for name, value in each.items()}
@@ -150,9 +130,9 @@ def _run(case: Case, folder: Path, cluster: ClusterProcesses, number: int) -> di
     wait_until(lambda: len(_workers_of(chunks)) == len(children) or process.poll() is not None)
     begun, before = time.monotonic(), [used(child) for child in children]
     last, after = begun, before
-    first = done = sum(1 for _ in chunks.glob("chunks/*/*"))
+    first = done = len(chunk_files(chunks))
     while process.poll() is None:
-        found = sum(1 for _ in chunks.glob("chunks/*/*"))
+        found = len(chunk_files(chunks))
         if found != done:
             last, done, after = time.monotonic(), found, [used(child) for child in children]
         time.sleep(0.05)
@@ -160,23 +140,21 @@ def _run(case: Case, folder: Path, cluster: ClusterProcesses, number: int) -> di
         raise SystemExit(process.stderr.read().decode() if process.stderr else "")
     spent = [late - early for early, late in zip(before, after, strict=True)]
     wall = last - begun
-    idle = sum(max(wall - one.busy - one.delayed, 0.0) for one in spent)
-    busy = sum(one.busy for one in spent)
+    busy = sum(spent)
     return {
         "seconds": wall,
         "busy_s": busy,
-        "idle_s": idle,
         "chunks": done - first,
         "chunk_s": case.chunk_seconds(chunks),
     }
 
 
 def _workers_of(chunks: Path) -> set[str]:
-    return {decode(path.read_bytes()).worker for path in chunks.glob("chunks/*/*")}
+    return {decode(path.read_bytes()).worker for path in chunk_files(chunks)}
 
 
 def scaling(rounds: int) -> Iterator[list[dict[str, Any]]]:
-    """Yield after each round how two workers compare with one, in turns on the same machine."""
+    """Yield after each pair of runs how two workers compare with one, in turns on the same machine."""
     pairs: dict[str, list[list[dict[str, float]]]] = {case.name: [] for case in CASES}
     with (
         tempfile.TemporaryDirectory() as scratch,
@@ -188,7 +166,7 @@ def scaling(rounds: int) -> Iterator[list[dict[str, Any]]]:
         for number in range(rounds):
             for case in CASES:
                 pairs[case.name].append([_run(case, Path(scratch), each, number) for each in (one, two)])
-            yield [_compared(name, found) for name, found in pairs.items()]
+                yield [_compared(name, found) for name, found in pairs.items() if found]
 
 
 def _compared(name: str, pairs: list[list[dict[str, float]]]) -> dict[str, Any]:
@@ -206,8 +184,7 @@ def _compared(name: str, pairs: list[list[dict[str, float]]]) -> dict[str, Any]:
         "wall_per_chunk_2": median(lambda _, two: two["seconds"] / two["chunks"]),
         "processor_per_chunk_1": median(lambda one, _: one["busy_s"] / one["chunks"]),
         "processor_per_chunk_2": median(lambda _, two: two["busy_s"] / two["chunks"]),
-        "idle_share_1": median(lambda one, _: one["idle_s"] / one["seconds"]),
-        "idle_share_2": median(lambda _, two: 0.5 * two["idle_s"] / two["seconds"]),
+        "ratio": median(lambda one, two: one["seconds"] / one["chunks"] / two["seconds"] * two["chunks"]),
     }
 
 
@@ -223,6 +200,7 @@ def main() -> None:
     needed = needed_chunks(costs)
     print_table(f"chunks of which at most {100 * MAX_LOST:g} % of the time is lost", needed)
     tables: dict[str, Any] = {"costs": costs_rows, "needed": needed}
+    write_json(options.json, tables)
     for scaled in scaling(1 if options.quick else 3):
         print_table("two workers and one", scaled)
         sys.stdout.flush()
