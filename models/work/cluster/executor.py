@@ -11,7 +11,7 @@ import time
 from collections import deque
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 from models.work.chunk import MAX_ATTEMPTS, clear_marks, read_chunk
@@ -28,8 +28,6 @@ RECONNECT_S = 300.0
 """Time for a lost scheduler to come back, and then for its workers, s."""
 IDLE_S = 600.0
 """Time for which chunks wait for a worker that can take them, s."""
-MAX_SENT_BYTES = 100_000
-"""Larger tasks of a chunk go through the store."""
 MAX_LOSSES = 10
 """How often dask may give up a chunk that has not begun, as the workers where it waited were lost."""
 _LOOK_S = 2.0
@@ -154,18 +152,13 @@ class ClusterExecutor:
 
     def _send(self, sent: _Sent) -> None:
         """Give a chunk to the scheduler under a new key; a lost scheduler is noticed later."""
-        call, tasks = sent.call, None
-        if len(call.tasks) > MAX_SENT_BYTES:
-            tasks = f"calls/{call.key}"
-            self._store.write(tasks, call.tasks)
-            call = replace(call, tasks=b"")
+        call = sent.call
         self._number += 1
         sent.waiting = None
         try:
             sent.future = self._client.submit(
                 run,
                 call,
-                tasks,
                 self._roster.resource,
                 key=f"{call.function.partition(':')[2]}-{call.key}-{self._number}",
                 pure=False,
@@ -223,8 +216,6 @@ class ClusterExecutor:
     def _end(self, sent: _Sent, outcome: ChunkOutcome) -> None:
         self._outcomes.append(outcome)
         del self._sent[sent.call.key]
-        if len(sent.call.tasks) > MAX_SENT_BYTES:
-            self._store.delete(f"calls/{sent.call.key}")
 
     def _again(self, sent: _Sent) -> None:
         """Send a chunk again; what is left of the future before is forgotten."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 from models.errors import SpallwatchError
@@ -72,15 +72,12 @@ def offered_memory(limit: int | None, pause: float | bool | None) -> int:
     return max(int(usable) - PROGRAM_BYTES, 0)
 
 
-def run(call: ChunkCall, sent: str | None, resource: str) -> ChunkOutcome:
-    """Run a chunk; ``sent`` names the file of its tasks in the store where they were too large to be sent."""
+def run(call: ChunkCall, resource: str) -> ChunkOutcome:
+    """Run a chunk with the memory that this worker offers under the name of a resource."""
     import distributed
 
     worker: Any = distributed.get_worker()
     memory = int(worker.state.total_resources.get(resource, 0))
-    if sent is not None:
-        tasks = cached_store(call.store).read(sent)
-        call = replace(call, tasks=tasks or b"")
     return run_chunk(call, memory=memory, worker=f"{worker.name} at {worker.address}")
 
 
