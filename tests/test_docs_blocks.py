@@ -21,6 +21,7 @@ import click
 import pytest
 import yaml
 
+from monitor.archive.manifest import read_manifest
 from monitor.cli import spallwatch
 from monitor.config.load import validate
 from monitor.report.options import read_options
@@ -36,6 +37,8 @@ PAGES = [
 ]
 # Programs of others that the pages use.
 OTHERS = {
+    "certificates.sh",
+    "docker",
     "openssl",
     "git",
     "cd",
@@ -118,6 +121,12 @@ def test_a_configuration_is_valid(block: Block, tmp_path: Path) -> None:
         # The map that it names is the last thing that is looked at.
         with pytest.raises(ReportError, match=r"press4\.nc: no such file"):
             read_options(tmp_path / "report.toml")
+        return
+    if isinstance(values.get("machine"), list):
+        (tmp_path / "manifest.toml").write_text(block.text)
+        for machine in values["machine"]:
+            (tmp_path / machine["config"]).touch()
+        assert [entry.machine for entry in read_manifest(tmp_path / "manifest.toml")]
         return
     whole = {"bearing", "source", "channel"} <= set(values)
     given = values if whole else merged(BASE, values)

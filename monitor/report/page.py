@@ -60,14 +60,14 @@ def write_page(out: Path, template: str, *, pdf: bool = False, **values: Any) ->
         raise ReportError(f"{path}: cannot be written: {error.strerror or error}") from error
 
 
-def render(template: str, *, bare: bool = False, zoomed: bool = False, sheet: str = "", **values: Any) -> str:
+def render(template: str, *, bare: bool = False, zoomed: bool = False, style_sheet: str = "", **values: Any) -> str:
     """Return a template as HTML, with every value escaped.
 
     ``bare``: without scripts and data of figures, for PDF. ``zoomed``: with the scripts for charts
     that can be zoomed and figures that can be saved.
     """
     script = zoom_script() + _file("save.js") if zoomed and not bare else ""
-    sheets = ["report.css", *(["pdf.css"] if bare else []), *([sheet] if sheet else [])]
+    sheets = ["report.css", *(["pdf.css"] if bare else []), *([style_sheet] if style_sheet else [])]
     return (
         _environment()
         .get_template(template)

@@ -12,6 +12,7 @@ from models.work.choose import open_runner
 from models.work.task import DIED, Failure, Progress, Work
 from tests.cluster_processes import ClusterProcesses, cluster_processes
 from tests.cluster_tasks import LETHAL, exhaust, row
+from tests.effort import effort_count
 
 pytestmark = pytest.mark.cluster
 
@@ -48,6 +49,7 @@ def test_results_are_those_of_one_process_whatever_is_lost(cluster: ClusterProce
     assert [path for path in (tmp_path / "chunks").rglob("*") if path.is_file()] == []
 
 
+@pytest.mark.skipif(effort_count(quick=1, full=0) == 1, reason="six seconds of restarting workers: full effort")
 def test_a_chunk_whose_workers_die_is_set_aside_and_the_others_are_done(
     cluster: ClusterProcesses, tmp_path: Path
 ) -> None:

@@ -140,7 +140,7 @@ def fleet_html(entries: Iterable[FleetEntry], *, title: str, zone: tzinfo) -> st
     options = Options(title=title, zone=zone)
     return render(
         "fleet.html.j2",
-        sheet="fleet.css",
+        style_sheet="fleet.css",
         title=title,
         fleet=Fleet.of(entries),
         fleet_grades=FLEET_GRADES,

@@ -42,7 +42,8 @@ def test_processes_give_what_a_loop_gives_and_survive_the_death_of_one(tmp_path)
     (died,) = (log for log in logs if log["kind"] == "died")
     assert died["message"] == "the process that ran it ended with exit code 9"
     assert died["label"] == "dies_once 2"
-    assert multiprocessing.active_children() == []
+    # The run of the tests has a server of forks of its own.
+    assert [child for child in multiprocessing.active_children() if child.name == "work"] == []
 
 
 @pytest.mark.process
