@@ -13,36 +13,13 @@ from models.work.runner import Runner
 from models.work.serial import SerialExecutor
 from monitor.archive.index import Counts, Index
 from monitor.archive.run import Plan, replay_waiting
+from tests.small_machine import BLOCK, small_machine
 
-RATE, BLOCK = 2560, 256
 BEGIN = datetime.datetime(2024, 3, 1, 20, tzinfo=datetime.UTC)
 
 DATED = 'time_from = "name"\ntime_name = "%Y%m%d-%H%M%S"'
-CONFIG = f"""
-[machine]
-name = "m"
-[[bearing]]
-name = "test"
-designation = "6205"
-[operating]
-speed_hz = 30
-[[source]]
-name = "s"
-rate_hz = {RATE}
-block_s = "file"
-{DATED}
-[[channel]]
-name = "de"
-source = "s"
-column = 1
-unit = "g"
-bearing = "test"
-band_hz = [[500, 1200]]
-[detect]
-run_in_blocks = 1
-learn_blocks = 10
-persist_blocks = 2
-"""
+DETECTION = "[detect]\nrun_in_blocks = 1\nlearn_blocks = 10\npersist_blocks = 2"
+CONFIG = small_machine(block_s='"file"', source=DATED, more=DETECTION)
 
 
 def write_files(

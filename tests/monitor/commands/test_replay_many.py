@@ -18,27 +18,9 @@ from monitor.commands.replay import command
 from monitor.commands.replay_many import Recording, Replays, find_recordings, replay_many
 from monitor.commands.shared_folders import SharedFolderError, remove_leftovers, replaced
 from monitor.records.store import Store
+from tests.small_machine import small_machine
 
-CONFIG = """
-[machine]
-name = "m"
-[[bearing]]
-name = "test"
-designation = "6205"
-[operating]
-speed_hz = 30
-[[source]]
-name = "s"
-rate_hz = 2560
-block_s = 0.1
-[[channel]]
-name = "de"
-source = "s"
-column = 1
-unit = "g"
-bearing = "test"
-band_hz = [[500, 1200]]
-"""
+CONFIG = small_machine()
 
 
 def put(folder: Path, number: int, first: int = 0) -> None:

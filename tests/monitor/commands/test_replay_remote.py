@@ -13,29 +13,11 @@ from monitor.health.record import Record
 from monitor.records.store import Store
 from tests.commands import run_command
 from tests.object_storage import BUCKET, use_account
+from tests.small_machine import small_machine
 
 pytest.importorskip("fsspec", reason="needs the extra cluster")
 
-CONFIG = """
-[machine]
-name = "m"
-[[bearing]]
-name = "test"
-designation = "6205"
-[operating]
-speed_hz = 30
-[[source]]
-name = "s"
-rate_hz = 2560
-block_s = 0.1
-[[channel]]
-name = "de"
-source = "s"
-column = 1
-unit = "g"
-bearing = "test"
-band_hz = [[500, 1200]]
-"""
+CONFIG = small_machine()
 
 
 @pytest.fixture

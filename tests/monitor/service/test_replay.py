@@ -14,31 +14,9 @@ import pytest
 from monitor.health.record import Record
 from monitor.records.store import Store
 from tests.commands import run_command
+from tests.small_machine import BLOCK, RATE, small_machine
 
-RATE = 2560
-BLOCK = 256
-"""Samples of a file, which is a block."""
-
-CONFIG = f"""
-[machine]
-name = "m"
-[[bearing]]
-name = "test"
-designation = "6205"
-[operating]
-speed_hz = 30
-[[source]]
-name = "s"
-rate_hz = {RATE}
-block_s = {BLOCK / RATE}
-[[channel]]
-name = "de"
-source = "s"
-column = 1
-unit = "g"
-bearing = "test"
-band_hz = [[500, 1200]]
-"""
+CONFIG = small_machine()
 
 
 @pytest.fixture
