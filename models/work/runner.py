@@ -13,6 +13,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Self, TypeVar
 
+from models.errors import WrongInputError
 from models.work.chunk import chunk_key, clear_attempts, read_chunk, sent_tasks, write_log
 from models.work.codec import DamagedDataError, digest_of, encode, name_of
 from models.work.direct import Meter, direct_outcomes, direct_results
@@ -205,7 +206,11 @@ class Runner:
             self._store = FolderStore(Path(self._temporary.name))
         if not self._begun:
             self._begun = True
-            if (note := write_run(self._store)) is not None and self._resume:
+            try:
+                note = write_run(self._store)
+            except OSError as error:
+                raise WrongInputError(f"{self._store.url}: chunks cannot be kept there: {error.strerror}") from None
+            if note is not None and self._resume:
                 self.tally.notes.append(note)
             self._attempted = attempted_chunks(self._store)
             self._known = KnownChunks(self._store) if self._resume else None

@@ -260,3 +260,12 @@ def test_progress_counts_chunks_and_tells_the_time_left(store):
     told.clear()
     list(Runner(SerialExecutor(), notify=told.append).run(work(refuses_from), 9, iter(range(2)), total=2))
     assert [(p.done, p.total) for p in told] == [(1, 2), (2, 2)]
+
+
+def test_a_place_where_no_chunks_can_be_kept_is_named(tmp_path):
+    (tmp_path / "file").touch()
+    with (
+        Runner(SerialExecutor(), FolderStore(tmp_path / "file" / "chunks")) as runner,
+        pytest.raises(WrongInputError, match="file/chunks: chunks cannot be kept there: Not a directory"),
+    ):
+        list(runner.run(work(scaled), Shared(1.0), [1.0]))
