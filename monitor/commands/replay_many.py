@@ -22,6 +22,7 @@ from monitor.commands.shared_folders import (
     check_mark,
     check_seen,
     files_below,
+    folder_names,
     marked,
     raise_if_unseen,
     remove_leftovers,
@@ -36,7 +37,6 @@ MARKER = "replay.json"
 """File beside the store of a recording whose replay is complete: of what, and its summary."""
 MEMORY = 400_000_000
 """Bytes that a replay with its page needs at most beside the program, measured by benchmarks/batch_memory.py."""
-_NOT_A_NAME = re.compile(r"[^\w.+-]+")
 _KIND = re.compile(r"(dataset:[^:]*:|folder:)(.*)", re.DOTALL)
 
 
@@ -100,24 +100,17 @@ def find_recordings(paths: Sequence[str]) -> list[Recording]:
         SourceError, RemoteError: a pattern fits nothing, or the storage cannot be listed.
     """
     urls = [url for path in paths for url in (expand(path) if is_remote(path) else [path])]
-    numbers: dict[str, int] = {}
-    recordings: list[Recording] = []
-    for url in urls:
-        name = _name(url)
-        numbers[name.lower()] = number = numbers.get(name.lower(), 0) + 1
-        recordings.append(Recording(name if number == 1 else f"{name}-{number}", _absolute(url), bare(url)))
-    return recordings
+    names = folder_names(map(_last_part, urls), "recording")
+    return [Recording(name, _absolute(url), bare(url)) for name, url in zip(names, urls, strict=True)]
 
 
-def _name(url: str) -> str:
+def _last_part(url: str) -> str:
     if is_remote(url):
-        last = PurePosixPath(bare(url)).name
-    elif url.startswith("rig:"):
-        last = url
-    else:
-        path = Path(url)
-        last = path.name if path.is_dir() else path.name.partition(".")[0]
-    return _NOT_A_NAME.sub("_", last).strip("._") or "recording"
+        return PurePosixPath(bare(url)).name
+    if url.startswith("rig:"):
+        return url
+    path = Path(url)
+    return path.name if path.is_dir() else path.name.partition(".")[0]
 
 
 def _absolute(url: str) -> str:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import re
 import traceback
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -20,6 +19,7 @@ from monitor.commands.shared_folders import (
     SharedFolderError,
     check_mark,
     check_seen,
+    folder_names,
     marked,
     raise_if_unseen,
     record_files,
@@ -36,7 +36,6 @@ from monitor.report.summary import VERSION, RunSummary
 
 _SUMMARY = "run.json"
 _RECORDINGS = (".tar", ".bz2", ".xz", ".gz", ".tgz", ".zip", ".csv", ".mat", ".h5", ".hdf5", ".npy", ".txt", ".wav")
-_NOT_A_NAME = re.compile(r"[^\w.+-]+")
 
 
 @dataclass(frozen=True)
@@ -145,16 +144,14 @@ def find_runs(folder: Path, *, recordings: bool, leave_out: Path | None = None) 
     if not paths:
         more = "" if recordings else "; recordings are replayed with --config FILE"
         raise ReportError(f"{folder}: holds no state.db and no .nc files of records{more}")
-    names: dict[str, int] = {}
-    runs = []
-    for path, recording in sorted(paths):
-        relative = path.relative_to(folder)
-        parts = relative.parts if path.is_dir() else (*relative.parts[:-1], path.name.partition(".")[0])
-        name = _NOT_A_NAME.sub("_", "-".join(parts)).strip("._") or "run"
-        names[name.lower()] = names.get(name.lower(), 0) + 1
-        number = names[name.lower()]
-        runs.append(BatchRun(path, name if number == 1 else f"{name}-{number}", recording))
-    return runs
+    paths.sort()
+    names = folder_names((_text(path.relative_to(folder), path) for path, _ in paths), "run")
+    return [BatchRun(path, name, recording) for (path, recording), name in zip(paths, names, strict=True)]
+
+
+def _text(relative: Path, path: Path) -> str:
+    """Return what a run is named by: its place, of a file without what follows the first dot."""
+    return "-".join(relative.parts if path.is_dir() else (*relative.parts[:-1], path.name.partition(".")[0]))
 
 
 def _stores(folder: Path, apart: Path | None) -> Iterator[Path]:

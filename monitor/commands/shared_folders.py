@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import glob
+import re
 import secrets
 import shutil
 import tempfile
@@ -16,6 +17,7 @@ from models.work.chunk import default_worker
 from models.work.errors import error_of
 from models.work.task import Failure
 
+_NOT_A_NAME = re.compile(r"[^\w.+-]+")
 _MARK = ".spallwatch-"
 _OLD = ".old"
 
@@ -30,6 +32,18 @@ class Seen:
 
     files: int
     size: int
+
+
+def folder_names(texts: Iterable[str], otherwise: str) -> Iterator[str]:
+    """Yield a name of a folder for each text, ``otherwise`` where nothing is left of it.
+
+    Of names that differ in case at most, the second and later ones get a number.
+    """
+    numbers: dict[str, int] = {}
+    for text in texts:
+        name = _NOT_A_NAME.sub("_", text).strip("._") or otherwise
+        numbers[name.lower()] = number = numbers.get(name.lower(), 0) + 1
+        yield name if number == 1 else f"{name}-{number}"
 
 
 def files_below(path: Path) -> list[Path]:
