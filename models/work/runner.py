@@ -67,7 +67,7 @@ class Runner:
         self._begun = False
         self._known: KnownChunks | None = None
         self._attempted: set[str] = set()
-        # Who waits for a chunk by its key; nobody where a run was given up.
+        # Runs that wait for a chunk, by its key; none where a run was given up.
         self._waiting: dict[str, list[tuple[Job[Any], Chunk[Any]]]] = {}
 
     def __enter__(self) -> Self:
@@ -182,7 +182,7 @@ class Runner:
     def _job(
         self, work: Work[_S, _T, Any], shared: _S, tasks: Iterable[_T], total: int | None, *, stops: bool
     ) -> Generator[Job[_T]]:
-        """Begin a run; at its end nobody waits for its chunks any more."""
+        """Begin a run; at its end its chunks are no longer waited for."""
         store = self._begin()
         data = encode(shared)
         write_shared(store, name := digest_of(data), data)
@@ -276,11 +276,9 @@ class Runner:
         )
 
     def _take(self, outcome: ChunkOutcome) -> None:
-        """Tell of an outcome whoever waits for it."""
+        """Give an outcome to the runs that wait for it."""
         for job, chunk in self._waiting.pop(outcome.key, ()):
-            if outcome.failure is None:
-                self.tally.processors.add(outcome.processor)
-            elif outcome.failure.kind == DIED and self._store is not None:
+            if outcome.failure is not None and outcome.failure.kind == DIED and self._store is not None:
                 with suppress(Exception):
                     write_log(self._store, outcome.key, chunk.label, outcome.failure, outcome.worker)
             if (aside := job.end(chunk, outcome)) is not None:
