@@ -17,6 +17,7 @@ from models.work.filesystem import filesystem
 from models.work.object_store import ObjectStore
 from models.work.storage_error import ObjectStorageError
 from models.work.stores import open_store
+from tests.models.work.store_files import check_files
 from tests.object_storage import BUCKET, use_account
 from tests.proxy import Proxy
 
@@ -32,26 +33,8 @@ def owner(storage, monkeypatch):
     return storage
 
 
-def write_and_list(store):
-    assert store.read("chunks/00/x") is None
-    assert list(store.names()) == []
-    store.write("chunks/00/x", b"one")
-    store.write("chunks/00/x", b"two")
-    store.write("chunks/01/y", b"")
-    store.write("run.json", b"{}")
-    assert (store.read("chunks/00/x"), store.read("chunks/01/y"), store.read("chunks/00/z")) == (b"two", b"", None)
-    assert sorted(store.names()) == ["chunks/00/x", "chunks/01/y", "run.json"]
-    assert list(store.names("chunks/01")) == ["chunks/01/y"]
-    assert list(store.names("chunks/00/")) == ["chunks/00/x"]
-    assert sorted(store.names("c")) == ["chunks/00/x", "chunks/01/y"]
-    assert list(store.names("chunks/2/")) == []
-    for _ in range(2):
-        store.delete("chunks/00/x")
-    assert sorted(store.names()) == ["chunks/01/y", "run.json"]
-
-
 def test_objects_in_memory_come_back_by_name():
-    write_and_list(open_store(f"memory://{uuid.uuid4()}/run/"))
+    check_files(open_store(f"memory://{uuid.uuid4()}/run/"))
 
 
 @given(st.dictionaries(NAMES, st.binary(max_size=4)), st.sets(NAMES), st.text("ab0f/r", max_size=4))
@@ -115,7 +98,7 @@ def test_a_missing_package_is_named(monkeypatch):
 
 @pytest.mark.cluster
 def test_objects_on_a_server_come_back_by_name(owner):
-    write_and_list(open_store(owner.url("run/")))
+    check_files(open_store(owner.url("run/")))
 
 
 @pytest.mark.cluster
