@@ -1,6 +1,6 @@
 #!/bin/sh
 # Makes the certificates of a cluster: an authority of its own, and one certificate each for the scheduler, the workers
-# and the callers. Whoever has one of the three keys may run programs on every machine of the cluster.
+# and the callers. Each of the three keys permits running programs on every machine of the cluster.
 #
 #   deploy/cluster/certificates.sh FOLDER [DAYS]      [825 days]
 #

@@ -64,4 +64,4 @@ def _executor(cluster: str | None, workers: int, store: Store | None, tell: Call
 
 
 def _silent(_text: str) -> None:
-    """Tell nobody."""
+    """Take a line for people, and show it nowhere."""

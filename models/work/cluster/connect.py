@@ -1,7 +1,8 @@
 """Connections to a scheduler: which addresses are allowed, encryption, and how a failure is told.
 
-Whoever reaches a port of dask may run programs there, as dask unpickles what it is sent. Beyond loopback each address
-must therefore be ``tls://``, where both ends show a certificate; certificates are named in dask's own configuration.
+A process that reaches a port of dask can run programs there, as dask unpickles what it is sent. Beyond loopback each
+address must therefore be ``tls://``, where both ends show a certificate; certificates are named in dask's own
+configuration.
 """
 
 from __future__ import annotations
