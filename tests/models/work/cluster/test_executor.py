@@ -45,14 +45,15 @@ def test_capacity_follows_the_threads_and_chunks_run_in_several_processes(execut
 
 
 def test_all_ports_of_a_local_cluster_are_on_loopback(cluster):
-    import psutil
-
     scheduler = cluster._cluster.scheduler
     assert scheduler.services["dashboard"].address == scheduler.listeners[0].bound_address[0] == "127.0.0.1"
-    for nanny in cluster._cluster.workers.values():
-        ports = psutil.Process(nanny.pid).net_connections()
-        listening = [port.laddr.ip for port in ports if port.status == psutil.CONN_LISTEN]
-        assert listening == ["127.0.0.1"] * 2
+    client = cluster.connect()
+    try:
+        client.wait_for_workers(2)
+        # Asked of the workers themselves, once the scheduler knows both: another test ends one of them.
+        assert list(client.run(jobs.listening).values()) == [["127.0.0.1"] * 2] * 2
+    finally:
+        client.close()
 
 
 def test_large_tasks_go_through_the_store(executor, store, monkeypatch):
