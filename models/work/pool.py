@@ -17,6 +17,7 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, TypeVar
 
+from models.memory import free_memory
 from models.work.chunk import default_worker, run_chunk
 from models.work.codec import decode, encode
 from models.work.errors import MemoryNeedError, failure_of
@@ -66,7 +67,9 @@ class PoolExecutor:
             ValueError: if workers is negative.
         """
         self._count = worker_count(workers)
-        self._memory = _Memory(_free() if memory is None else memory)
+        if memory is None:
+            memory = min((limit.free for limit in free_memory()), default=None)
+        self._memory = _Memory(memory)
         self._calls: queue.SimpleQueue[ChunkCall | None] = queue.SimpleQueue()
         self._outcomes: queue.SimpleQueue[ChunkOutcome] = queue.SimpleQueue()
         self._workers: list[_Worker] = []
@@ -262,9 +265,3 @@ def _serve(connection: _Connection) -> None:
 
 def _failed(call: ChunkCall, failure: Failure, worker: str | None = None) -> ChunkOutcome:
     return ChunkOutcome(call.key, failure, 0.0, 0, worker or default_worker(), processor())
-
-
-def _free() -> float | None:
-    from models.fe.solid.cost import free_memory
-
-    return min((memory.free for memory in free_memory()), default=None)

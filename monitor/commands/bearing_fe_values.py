@@ -65,7 +65,8 @@ def fe_values(case: FeCase, analytic: Mapping[str, Any], partner: Partner | None
         analytic: the analytic answer of the command, for the values side by side.
         partner: bearing and contact stiffness of the analytic answer, None where there is none.
     """
-    from models.fe.solid.cost import factor_cost, peak_memory
+    from models.fe.solid.cost import factor_cost
+    from models.memory import peak_memory
 
     made, first = case.bearing, case.first
     assembled = made.assembled

@@ -18,6 +18,7 @@ from models.work.errors import ChunksFailedError, FailedChunk
 from models.work.redact import redact
 from monitor.commands.common import PROGRESS_AFTER_S, InputError, say
 from monitor.commands.option import WHOLE
+from monitor.words.numbers import duration
 
 if TYPE_CHECKING:
     from models.work.runner import Runner
@@ -219,16 +220,8 @@ def progress_text(progress: Progress) -> str:
     if progress.failed:
         parts.append(f"{progress.failed} failed")
     if progress.seconds_left is not None and progress.done < progress.total:
-        parts.append(f"{duration_text(progress.seconds_left)} left")
+        parts.append(f"{duration(progress.seconds_left)} left")
     return ", ".join(parts)
-
-
-def duration_text(seconds: float) -> str:
-    """Return a duration in one unit, for people."""
-    for unit, length in (("d", 86400), ("h", 3600), ("min", 60)):
-        if seconds >= 1.5 * length:
-            return f"{seconds / length:.0f} {unit}"
-    return f"{seconds:.0f} s"
 
 
 def _print_logs(failed: tuple[FailedChunk, ...]) -> None:

@@ -12,7 +12,7 @@ from click.testing import CliRunner
 from models.errors import WrongInputError
 from models.work.errors import ChunksFailedError
 from models.work.task import Progress, Work
-from monitor.commands.cluster_options import Sharing, duration_text, progress_text, sharing
+from monitor.commands.cluster_options import Sharing, progress_text, sharing
 from monitor.commands.common import InputError
 
 MODULE = "monitor.commands.cluster_options"
@@ -130,16 +130,9 @@ def test_a_wrong_store_is_refused(tmp_path):
         pass
 
 
-def test_progress_and_durations_in_words():
+def test_progress_in_words():
     assert progress_text(Progress(3, 10, 1, 2, 400.0, "rows")) == "rows: 3 of 10, 1 found done, 2 failed, 7 min left"
     assert progress_text(Progress(10, 10, 0, 0, 0.0)) == "chunks: 10 of 10"
-    assert [duration_text(seconds) for seconds in (3.2, 89, 91, 7200, 200_000)] == [
-        "3 s",
-        "89 s",
-        "2 min",
-        "2 h",
-        "2 d",
-    ]
 
 
 def test_progress_is_shown_on_a_terminal(monkeypatch, capsys, tmp_path):
