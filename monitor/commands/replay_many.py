@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 import re
 import shutil
@@ -23,6 +22,7 @@ from monitor.commands.shared_folders import (
     check_seen,
     files_below,
     folder_names,
+    input_digest,
     marked,
     raise_if_unseen,
     remove_leftovers,
@@ -242,11 +242,7 @@ def _digest(replays: Replays, recording: Recording) -> str | None:
     if path is None and not recording.url.startswith("rig:"):
         return None
     chosen = (__version__, replays.limit, replays.report, recording.shown)
-    digest = hashlib.sha256(repr(chosen).encode("utf-8", "surrogateescape") + replays.config_path.read_bytes())
-    for file in [] if path is None else files_below(path):
-        found = file.stat()
-        digest.update(repr((str(file), found.st_size, found.st_mtime_ns)).encode("utf-8", "surrogateescape"))
-    return digest.hexdigest()
+    return input_digest(chosen, [replays.config_path], [] if path is None else files_below(path))
 
 
 def values(outcomes: Sequence[Outcome], out: Path) -> dict[str, Any]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 import traceback
 from collections.abc import Iterator, Sequence
@@ -20,6 +19,7 @@ from monitor.commands.shared_folders import (
     check_mark,
     check_seen,
     folder_names,
+    input_digest,
     marked,
     raise_if_unseen,
     record_files,
@@ -218,7 +218,7 @@ def run_batch(
 def reused(pages: Pages, run: BatchRun) -> Outcome | None:
     """Return the outcome of a run whose page can be kept, else None."""
     try:
-        kept = _kept(pages.out / run.name, fingerprint(pages, run), pdf=pages.pdf)
+        kept = _kept(pages.out / run.name, _digest(pages, run), pdf=pages.pdf)
     except OSError:
         return None
     return None if kept is None else Outcome(run, kept, reused=True)
@@ -234,7 +234,7 @@ def report_one(pages: Pages, task: Task) -> Outcome:
     run = task.run
     try:
         check_seen(run.path, record_files(run.path), task.expected)
-        return Outcome(run, _report(pages, run, fingerprint(pages, run)))
+        return Outcome(run, _report(pages, run, _digest(pages, run)))
     except SharedFolderError:
         raise
     except (ReportError, ConfigError, StoreError, OSError, ValueError) as error:
@@ -254,7 +254,7 @@ def _one_line(error: Exception) -> str:
     return " ".join(redact(str(error)).split()) or type(error).__name__
 
 
-def _report(pages: Pages, run: BatchRun, print_of: str) -> tuple[RunSummary, ...]:
+def _report(pages: Pages, run: BatchRun, digest: str) -> tuple[RunSummary, ...]:
     from monitor.report.report import report_runs
     from monitor.report.tables import write_whole
 
@@ -268,7 +268,7 @@ def _report(pages: Pages, run: BatchRun, print_of: str) -> tuple[RunSummary, ...
     page, summaries = report_runs(runs, folder / "report.html", options=options, tables=place, pdf=pages.pdf)
     link = f"{run.name}/{page.name}"
     linked = tuple(replace(item, link=link if len(runs) == 1 else f"{link}{item.link}") for item in summaries)
-    text = json.dumps({"fingerprint": print_of, "runs": [item.to_dict() for item in linked]}, allow_nan=False)
+    text = json.dumps({"fingerprint": digest, "runs": [item.to_dict() for item in linked]}, allow_nan=False)
     # Written last: its presence means that the page is complete.
     write_whole(folder / _SUMMARY, text)
     return _summaries(json.loads(text))
@@ -286,24 +286,19 @@ def _replayed(pages: Pages, run: BatchRun, folder: Path) -> Path:
     return folder / "replay"
 
 
-def fingerprint(pages: Pages, run: BatchRun) -> str:
-    """Return a digest of the inputs of a page: records, settings, configuration and version of the program."""
+def _digest(pages: Pages, run: BatchRun) -> str:
+    """Return a digest of what a page depends on: records, settings, configuration and program."""
     chosen = (pages.timezone, sorted(pages.sections), pages.notes, pages.tables, pages.pdf)
-    digest = hashlib.sha256(repr((__version__, VERSION, *chosen, run)).encode())
-    for path in (pages.options_path, pages.config_path if run.recording else None):
-        digest.update(b"-" if path is None else path.read_bytes())
-    for path in record_files(run.path):
-        found = path.stat()
-        digest.update(repr((str(path), found.st_size, found.st_mtime_ns)).encode())
-    return digest.hexdigest()
+    read = (pages.options_path, pages.config_path if run.recording else None)
+    return input_digest((__version__, VERSION, *chosen, run), read, record_files(run.path))
 
 
-def _kept(folder: Path, print_of: str, *, pdf: bool) -> tuple[RunSummary, ...] | None:
+def _kept(folder: Path, digest: str, *, pdf: bool) -> tuple[RunSummary, ...] | None:
     """Return the summaries of a page that can be kept, else None."""
     try:
         stored = json.loads((folder / _SUMMARY).read_text(encoding="utf-8"))
         pages = ("report.html", "report.pdf") if pdf else ("report.html",)
-        if stored["fingerprint"] != print_of or not all((folder / page).is_file() for page in pages):
+        if stored["fingerprint"] != digest or not all((folder / page).is_file() for page in pages):
             return None
         return _summaries(stored)
     except (OSError, ValueError, KeyError, TypeError):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import glob
+import hashlib
 import re
 import secrets
 import shutil
@@ -62,6 +63,23 @@ def seen(files: Iterable[Path]) -> Seen:
     """Return what is seen of files."""
     sizes = [item.stat().st_size for item in files]
     return Seen(len(sizes), sum(sizes))
+
+
+def input_digest(settings: tuple[object, ...], read: Iterable[Path | None], listed: Iterable[Path]) -> str:
+    """Return a digest of what a result depends on, by which one that is there is kept or made anew.
+
+    Args:
+        settings: whose representation is the same in each process.
+        read: files whose content counts, None for one that there is not.
+        listed: files whose path, size and time of change count: they are too large to be read again.
+    """
+    digest = hashlib.sha256(repr(settings).encode())
+    for path in read:
+        digest.update(b"-" if path is None else path.read_bytes())
+    for path in listed:
+        found = path.stat()
+        digest.update(repr((str(path), found.st_size, found.st_mtime_ns)).encode())
+    return digest.hexdigest()
 
 
 def check_seen(path: Path, files: Iterable[Path], expected: Seen | None) -> None:
