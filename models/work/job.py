@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterable, Iterator, Sequence, Sized
+from collections.abc import Iterable, Iterator, Sized
 from dataclasses import dataclass, field
 from itertools import islice
 from statistics import median
@@ -89,7 +89,6 @@ class Job(Generic[_T]):
         self.failed: list[FailedChunk] = []
         self.planned = self.done = self.kept = 0
         self._total = chunks_of(work, tasks, total)
-        self._expected_kept = 0
         self._source = _cut(work, tasks)
         self._again: deque[Chunk[_T]] = deque()
         self._seconds: deque[float] = deque(maxlen=_MAX_TIMES)
@@ -103,14 +102,6 @@ class Job(Generic[_T]):
         if chunk is not None:
             self.planned += 1
         return chunk
-
-    def planned_chunks(self, tasks: Sequence[_T]) -> Iterator[Chunk[_T]]:
-        """Yield the chunks that there will be."""
-        return _cut(self.work, tasks)
-
-    def expect_kept(self, count: int) -> None:
-        """Note how many chunks will be found done, for the time that is left."""
-        self._expected_kept = count
 
     def continue_with(self, chunk: Chunk[_T], task: _T) -> None:
         """Add the task that follows that of a chunk."""
@@ -166,9 +157,12 @@ class Job(Generic[_T]):
         chunk.kept = False
 
     def progress(self, workers: int) -> Progress:
-        """Return how far the run is; the time left is that of the median chunk on as many workers."""
+        """Return how far the run is; the time left is that of the median chunk on as many workers.
+
+        Chunks that are done are found before the first one ends: an interrupted run leaves few gaps among them.
+        """
         total = self.planned if self._total is None else self._total
-        left = total - self.done - len(self.failed) - max(self._expected_kept - self.kept, 0)
+        left = total - self.done - len(self.failed)
         seconds = median(self._seconds) * max(left, 0) / max(workers, 1) if self._seconds else None
         return Progress(self.done, total, self.kept, len(self.failed), seconds, self.work.name)
 

@@ -7,7 +7,7 @@ were run again. Those of chunks wait in the store, not in memory.
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from types import TracebackType
@@ -187,8 +187,6 @@ class Runner:
         data = encode(shared)
         write_shared(store, name := digest_of(data), data)
         job = Job(work, (name_of(work.function), name), tasks, total, stops=stops)
-        if self._known and isinstance(tasks, Sequence):
-            job.expect_kept(sum(self._encoded(job, chunk)[0] in self._known for chunk in job.planned_chunks(tasks)))
         try:
             yield job
         except KeyboardInterrupt as error:
@@ -236,17 +234,13 @@ class Runner:
             if chunk is None:
                 return
             fresh = not chunk.key
-            chunk.key, tasks = self._encoded(job, chunk)
+            tasks = encode(chunk.tasks)
+            chunk.key = chunk_key(job.function, job.shared, tasks)
             if fresh and self._known is not None and chunk.key in self._known:
                 job.found(chunk)
                 self._tell(job)
                 return
             self._send(job, chunk, tasks)
-
-    def _encoded(self, job: Job[_T], chunk: Chunk[_T]) -> tuple[str, bytes]:
-        """Return the key of a chunk and its tasks as bytes."""
-        tasks = encode(chunk.tasks)
-        return chunk_key(job.function, job.shared, tasks), tasks
 
     def _send(self, job: Job[_T], chunk: Chunk[_T], tasks: bytes) -> None:
         if (waiting := self._waiting.get(chunk.key)) is not None:
