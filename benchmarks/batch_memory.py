@@ -21,35 +21,15 @@ import numpy as np
 
 from benchmarks.common import Row, arguments, print_table, write_json
 from benchmarks.reports import make_store
+from tests.small_machine import small_machine
 
-CONFIG = """
-[machine]
-name = "m"
-[[bearing]]
-name = "test"
-designation = "6205"
-[operating]
-speed_hz = 30
-[[source]]
-name = "s"
-rate_hz = 25600
-block_s = {block_s}
-"""
-CHANNEL = """
-[[channel]]
-name = "c{number}"
-source = "s"
-column = {number}
-unit = "g"
-bearing = "test"
-"""
 RATE = 25_600
 
 
 def write_recording(folder: Path, samples: int, channels: int, blocks: int) -> None:
     """Write a recording of noise, a file a block, with its configuration beside it."""
-    names = "".join(CHANNEL.format(number=number + 1) for number in range(channels))
-    (folder / "m.toml").write_text(CONFIG.format(block_s=samples / RATE) + names)
+    config = small_machine(rate=RATE, block_s=str(samples / RATE), channels=channels, channel="")
+    (folder / "m.toml").write_text(config)
     (folder / "in").mkdir()
     for number in range(blocks):
         rows = np.random.default_rng(number).standard_normal((samples, channels))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import datetime
 import hashlib
 import os
@@ -16,6 +17,7 @@ import numpy as np
 from netCDF4 import Dataset
 
 from models.work.codec import decode
+from tests.small_machine import small_machine
 
 _DATED = frozenset({"created"})
 """Attributes of a map that differ from run to run."""
@@ -23,31 +25,7 @@ _RATE_HZ = 25_600
 _BLOCKS = 40
 _RECORDINGS = 24
 _BEGIN = datetime.datetime(2024, 3, 1, 12, tzinfo=datetime.UTC)
-_MACHINE = f"""
-[machine]
-name = "m"
-[[bearing]]
-name = "test"
-designation = "6205"
-[operating]
-speed_hz = 30
-[[source]]
-name = "s"
-rate_hz = {_RATE_HZ}
-block_s = 1.0
-[[channel]]
-name = "de"
-source = "s"
-column = 1
-unit = "g"
-bearing = "test"
-[detect]
-run_in_blocks = 1
-learn_blocks = 10
-persist_blocks = 2
-"""
-
-
+_DETECTION = "[detect]\nrun_in_blocks = 1\nlearn_blocks = 10\npersist_blocks = 2"
 _CHUNK_S = 0.3
 _PROGRAM = f"""
 import models.work.task
@@ -148,7 +126,7 @@ class Archive(Case):
         super().prepare(folder)
         rng = np.random.default_rng(23)
         lines = ["machine,config,recording"]
-        (folder / "m.toml").write_text(_MACHINE)
+        (folder / "m.toml").write_text(small_machine(rate=_RATE_HZ, block_s="1.0", channel="", more=_DETECTION))
         for number in range(self.size):
             growth = np.repeat(np.linspace(1.0, 3.0, _BLOCKS), _RATE_HZ)
             path = folder / f"recording-{number:03}.npy"
@@ -185,3 +163,12 @@ CASES: tuple[Case, ...] = (
     Library("library", ".npz", "1500MB", 40),
     Archive("archive", "", "1500MB", _RECORDINGS),
 )
+
+
+def chosen_cases(description: str) -> tuple[Path | None, list[Case]]:
+    """Return the file for the figures and the cases that the command line asks for, by default all."""
+    parser = argparse.ArgumentParser(description=description)
+    parser.add_argument("--json", type=Path, metavar="FILE", help="write the same figures to this file")
+    parser.add_argument("--only", choices=[case.name for case in CASES], action="append", help="run these cases alone")
+    options = parser.parse_args()
+    return options.json, [case for case in CASES if not options.only or case.name in options.only]

@@ -8,7 +8,6 @@ last the command itself is killed and continued with ``--resume``. Run with ``py
 
 from __future__ import annotations
 
-import argparse
 import json
 import subprocess
 import sys
@@ -19,7 +18,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from benchmarks.cluster_cases import CASES, Case, chunk_files, command
+from benchmarks.cluster_cases import Case, chosen_cases, chunk_files, command
 from benchmarks.common import print_table, write_json
 from tests.cluster_processes import ClusterProcesses, cluster_processes
 from tests.cluster_tasks import exhaust
@@ -101,9 +100,7 @@ def disturbed(case: Case, folder: Path, total: int) -> dict[str, Any]:
             process = _start(case.arguments(folder, out, *options, "--resume"))
         answer = _answer(process)["cluster"]
         starts = {"scheduler": cluster.scheduler.starts} | {n: w.starts for n, w in cluster.workers.items()}
-        children = sum(
-            (cluster.folder / f"{name}.log").read_text().count("exceeded 95% memory budget") for name in cluster.workers
-        )
+        children = cluster.ends_for_memory()
     return {
         "hash": case.content(out),
         "seconds": time.monotonic() - begun,
@@ -118,14 +115,9 @@ def disturbed(case: Case, folder: Path, total: int) -> dict[str, Any]:
 
 def main() -> None:
     """Run all cases; exit code 1 where a result differs."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--json", type=Path, metavar="FILE", help="write the same figures to this file")
-    parser.add_argument("--only", choices=[case.name for case in CASES], action="append", help="run these cases alone")
-    options = parser.parse_args()
+    json_file, cases = chosen_cases(__doc__ or "")
     tables: dict[str, Any] = {}
-    for case in CASES:
-        if options.only and case.name not in options.only:
-            continue
+    for case in cases:
         with tempfile.TemporaryDirectory(prefix="spallwatch-chaos-") as scratch:
             folder = Path(scratch)
             case.prepare(folder)
@@ -142,7 +134,7 @@ def main() -> None:
         )
         print_table("events", found["events"])
         sys.stdout.flush()
-        write_json(options.json, tables)
+        write_json(json_file, tables)
     if not all(table["equal"] for table in tables.values()):
         raise SystemExit(1)
 

@@ -103,9 +103,7 @@ def memory_lost(cluster: ClusterProcesses, client: Client, number: int, size: in
     begun = time.monotonic()
     seen = _ended(client.submit(grow, number, size, pure=False))
     took = time.monotonic() - begun
-    attempts = sum(
-        (cluster.folder / f"{name}.log").read_text().count("exceeded 95% memory budget") for name in _WORKERS
-    )
+    attempts = cluster.ends_for_memory()
     _until(lambda: _joined(client) == len(_WORKERS))
     return {
         "event": f"{number} x {size / 1e6:g} MB within {_MEMORY}",

@@ -9,7 +9,6 @@ The server is moto's on loopback, which checks signatures. Run with ``python -m 
 
 from __future__ import annotations
 
-import argparse
 import json
 import os
 import shutil
@@ -21,7 +20,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from benchmarks.cluster_cases import CASES, Case, command
+from benchmarks.cluster_cases import Case, chosen_cases, command
 from benchmarks.common import print_table, write_json
 from models.work.object_store import ObjectStore
 from tests.cluster_processes import ClusterProcesses, cluster_processes
@@ -217,17 +216,12 @@ def run_case(case: Case, storage: ObjectStorage, folder: Path, said: Said) -> di
 
 def main() -> None:
     """Run all cases; exit code 1 where a result differs or credentials are found."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--json", type=Path, metavar="FILE", help="write the same figures to this file")
-    parser.add_argument("--only", choices=[case.name for case in CASES], action="append", help="run these cases alone")
-    options = parser.parse_args()
+    json_file, cases = chosen_cases(__doc__ or "")
     tables: dict[str, Any] = {}
     said = Said()
     with tempfile.TemporaryDirectory(prefix="spallwatch-objects-") as scratch, object_storage(1000) as storage:
         os.environ.update(storage.environment)
-        for case in CASES:
-            if options.only and case.name not in options.only:
-                continue
+        for case in cases:
             table = tables[case.name] = run_case(case, storage, Path(scratch) / case.name, said)
             runs = [{"run": name, **table[name]} for name in ("one_process", "two_processes", "cluster")]
             columns = ("run", "seconds", "chunks", "hash")
@@ -239,7 +233,7 @@ def main() -> None:
             print(*table["refused"], sep="\n", flush=True)
         tables["credentials found"] = leaks(said, [Path(scratch)], storage)
     print(f"credentials found: {tables['credentials found'] or 'nowhere'}")
-    write_json(options.json, tables)
+    write_json(json_file, tables)
     if tables["credentials found"] or not all(tables[name]["equal"] for name in tables if name != "credentials found"):
         raise SystemExit(1)
 

@@ -135,6 +135,13 @@ class ClusterProcesses:
         """Address of the scheduler."""
         return f"tcp://{LOOPBACK}:{self.port}"
 
+    def ends_for_memory(self) -> int:
+        """Return how often a nanny ended its worker for its memory."""
+        return sum(self._log(name).count("exceeded 95% memory budget") for name in self.workers)
+
+    def _log(self, name: str) -> str:
+        return (self.folder / f"{name}.log").read_text()
+
     def add_worker(self, name: str, memory: str | None = None) -> Supervised:
         """Start a worker of one thread; it does not wait until the worker has joined."""
         scratch = self.folder / name

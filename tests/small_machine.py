@@ -1,21 +1,32 @@
-"""The configuration of a machine with one channel and short blocks, for tests of what is around the analysis."""
+"""The configuration of a machine with one bearing and short blocks, for tests of what is around the analysis."""
 
 from __future__ import annotations
 
 RATE = 2560
 BLOCK = 256
 """Samples of a file, which is a block."""
+BAND = "band_hz = [[500, 1200]]"
 
 
-def small_machine(*, block_s: str = "0.1", source: str = "", more: str = "") -> str:
+def small_machine(
+    *, rate: int = RATE, block_s: str = "0.1", source: str = "", channels: int = 1, channel: str = BAND, more: str = ""
+) -> str:
     """Return it as TOML.
 
     Args:
+        rate: of the samples, Hz.
         block_s: value of that key.
         source: further lines of the source.
+        channels: their number; the columns 1, 2, ... of the source.
+        channel: further lines of each channel.
         more: further tables.
     """
-    return f"""
+    names = ("de", *(f"de-{number}" for number in range(2, channels + 1)))
+    tables = [_CHANNEL.format(name=name, column=column, lines=channel) for column, name in enumerate(names, 1)]
+    return _MACHINE.format(rate=rate, block_s=block_s, lines=source) + "".join(tables) + more
+
+
+_MACHINE = """
 [machine]
 name = "m"
 [[bearing]]
@@ -25,15 +36,16 @@ designation = "6205"
 speed_hz = 30
 [[source]]
 name = "s"
-rate_hz = {RATE}
+rate_hz = {rate}
 block_s = {block_s}
-{source}
+{lines}
+"""
+_CHANNEL = """
 [[channel]]
-name = "de"
+name = "{name}"
 source = "s"
-column = 1
+column = {column}
 unit = "g"
 bearing = "test"
-band_hz = [[500, 1200]]
-{more}
+{lines}
 """
