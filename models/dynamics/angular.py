@@ -28,7 +28,8 @@ import numpy as np
 
 from models.checks import check_positive
 from models.dynamics.angular_plan import GOVERNOR_RATIO, Assembly, assemble, at_rest, prepare_plan
-from models.dynamics.over_time import LOOKED_AT, Motion, answer
+from models.dynamics.motion import Motion
+from models.dynamics.over_time import LOOKED_AT, answer
 from models.dynamics.turning import lead_in
 from models.kernels import angular as kernels
 from models.kernels.ball_ring import CARRIED, LEFT, TORQUE

@@ -30,7 +30,8 @@ import numpy as np
 
 from models.bearing import kinematics
 from models.checks import check_positive
-from models.dynamics.over_time import LOOKED_AT, SECONDS_A_CALL, Motion, answer, duration_of
+from models.dynamics.motion import Motion
+from models.dynamics.over_time import LOOKED_AT, SECONDS_A_CALL, answer, duration_of
 from models.dynamics.passages import in_intervals, passages_over
 from models.dynamics.turning import passage_rate
 from models.hertz import BALL_EXPONENT, element_angles, in_series, static_equilibrium

@@ -18,7 +18,8 @@ import numpy as np
 from models.bearing import kinematics
 from models.dynamics.gear_rolling import RollingElements
 from models.dynamics.gear_train import at_rest, course_of, longest_step, places_of, plan_of, settling
-from models.dynamics.over_time import LOOKED_AT, SECONDS_A_CALL, Motion, answer, duration_of
+from models.dynamics.motion import Motion
+from models.dynamics.over_time import LOOKED_AT, SECONDS_A_CALL, answer, duration_of
 from models.dynamics.turning import passage_rate
 from models.gears.bearings import with_bearings
 from models.gears.damping import mesh_mass

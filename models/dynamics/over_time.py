@@ -1,58 +1,43 @@
 """What the models that are simulated over time share: error of the steps, levels by block, peaks, record, status.
 
-A model gives a ``Motion``: the accelerations of its sensors from the beginning, with any number of steps a sample. The
-first sensor is the one whose errors are stated.
-
-Error of the steps: a span is simulated again with half the steps; the estimate is that of ``models.kernels.settled``
-for one halving, over the settled RMS where that is fainter. The span is at the beginning, or after the time that modes
-need to ring with the error (``Motion.build_up``). Where an accuracy is asked for,
-steps are halved until it is met together with the standard error of the mean, or until halving no longer helps, as
+A model gives a ``Motion``. The error of its steps (``models.dynamics.step_error``) is looked at in a span at the
+beginning, or after the time that modes need to ring with the error (``Motion.build_up``). Where an accuracy is asked
+for, steps are halved until it is met together with the standard error of the mean, or until halving no longer helps, as
 where the motion is chaotic.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from models.dynamics.motion import SILENCE, Motion
 from models.dynamics.recorder import margin_of, sampled_at
-from models.dynamics.six_dof import ERROR_OF_WAVE
+from models.dynamics.step_error import StepError, peaks, step_error
 from models.dynamics.turning import lines_over_angle
 from models.response import (
     HARMONICS,
     PASSBAND,
     Response,
-    Sensor,
     SignalRecord,
     Status,
-    band_passed,
     judged,
-    lines_error,
-    row_of,
 )
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from models.registry import Request
-    from models.speed_profile import SpeedProfile
 
 # Steps of a run at most: 320 MB for two sensors.
 MOST_STEPS = 20_000_000
-# A smaller vibration counts as zero, m/s2.
-SILENCE = 1e-9
 # Span of the run, and blocks of it at least, in which the error of the steps is looked at.
 LOOKED_AT = 0.1
 _BLOCKS_LOOKED_AT = 2.0
 _LEAST_BLOCKS = 4.0
-# Error of a sampled signal over its change by halving the steps: first order, where the force jumps between steps.
-_HALVED = 2.0
-# A waveform that half the steps change by more is lost.
-_LOST = 0.3
 # A halving that leaves more than this share of the waveform's error does not help.
 _HELPS = 0.7
 # A smaller change of the RMS from the first to the second half is ignored at any standard error.
@@ -62,55 +47,6 @@ _SAME_PERIOD = 2e-2
 
 # Processor time of what does not depend on the steps, s: filters, lines, levels.
 SECONDS_A_CALL = 5e-3
-
-FromRest = Callable[[int, int], tuple["NDArray[np.float64]", bool]]
-
-
-@dataclass(frozen=True, eq=False)
-class Motion:
-    """One scene over one time, with steps of any length that a sample has a whole number of.
-
-    Attributes:
-        from_rest: returns, for a number of steps and the steps a sample, the accelerations at the beginning of each
-            step from t = 0 on, (steps, sensors), and whether they are finite.
-        sensors: of the columns of what it returns.
-        model, solver: what answers.
-        bpfo: ball-pass frequency over the outer race, Hz.
-        block: duration of a block, s: the slowest of the periods with which the level swings.
-        settle: time that is simulated before and dropped, s.
-        repeats: whether nothing but the passages of the balls drives the motion.
-        passages: rate at which balls pass the defect, Hz, whose lines a request may ask for; None is BPFO.
-        build_up: time from the beginning, s, before which the error of the steps is not looked at: modes that ring
-            have not gathered theirs yet.
-        profile: how the shaft turns from the first sample of the response on.
-        per_turn: balls that pass the outer race in a turn, where the speed changes; None where it is one.
-    """
-
-    from_rest: FromRest
-    sensors: tuple[Sensor, ...]
-    model: str
-    solver: str
-    bpfo: float
-    block: float
-    settle: float
-    repeats: bool
-    passages: float | None = None
-    build_up: float = 0.0
-    profile: SpeedProfile | None = None
-    per_turn: float | None = None
-
-    def led_by(self, sensor: Sensor | None) -> Motion:
-        """Return the motion with a sensor as the first, None for the first as it is."""
-        if sensor is None or sensor == self.sensors[0]:
-            return self
-        row = row_of(self.sensors, sensor)
-        order = [row, *(k for k in range(len(self.sensors)) if k != row)]
-
-        def from_rest(steps: int, oversampling: int) -> tuple[NDArray[np.float64], bool]:
-            wave, finite = self.from_rest(steps, oversampling)
-            return np.ascontiguousarray(wave[:, order]), finite
-
-        return replace(self, from_rest=from_rest, sensors=tuple(self.sensors[k] for k in order))
 
 
 def answer(motion: Motion, request: Request, step: float, *, fixed: bool = False) -> Response:
@@ -167,33 +103,6 @@ def _samples(request: Request) -> int:
     return max(1, round(request.duration * request.rate))
 
 
-@dataclass(frozen=True)
-class _StepError:
-    """Errors of RMS, waveform, peak and, where they are asked for, lines due to the steps, over those of ``level``."""
-
-    rms: float
-    wave: float
-    peak: float
-    lines: float = math.nan
-    level: float = 0.0
-
-    def over(self, settled: float) -> _StepError:
-        """Return the errors of a settled motion, of that RMS, where the beginning that was looked at is louder.
-
-        Where the waveform is lost, its error is like noise, whose power adds to that of the motion.
-        """
-        if not settled > SILENCE or not math.isfinite(self.level):
-            return self
-        louder = max(self.level / settled, 1.0)
-        change = louder * self.wave / _HALVED
-        rms = max(louder * self.rms, 0.5 * change**2 if change > _LOST else 0.0)
-        return replace(self, rms=rms, wave=louder * self.wave, peak=louder * self.peak)
-
-    def of(self, request: Request) -> float:
-        """Return that of the quantity that is asked for."""
-        return {"waveform": self.wave, "lines": self.lines}.get(request.quantity, self.rms)
-
-
 class _Run:
     """A motion over the time of a request."""
 
@@ -222,7 +131,7 @@ class _Run:
         begin = max(margin, self.settled * oversampling)
         return self.motion.from_rest(begin + self.samples * oversampling + margin, oversampling)
 
-    def look(self, oversampling: int, accuracy: float | None) -> tuple[int, _StepError]:
+    def look(self, oversampling: int, accuracy: float | None) -> tuple[int, StepError]:
         """Return steps a sample that meet an accuracy, or those given where it is None, and the error they leave."""
         from_rest = self.motion.from_rest
         whole, skipped = self.settled + self.samples, math.ceil(self.motion.build_up * self.rate)
@@ -231,70 +140,14 @@ class _Run:
         begin = span - min(span, looked_at)
         wave, _ = from_rest(span * oversampling, oversampling)
         finer, _ = from_rest(2 * span * oversampling, 2 * oversampling)
-        error = _step_error(wave, finer, oversampling, begin, self.motion, self._request)
+        error = step_error(wave, finer, oversampling, begin, self.motion, self._request)
         while accuracy is not None and error.of(self._request) > accuracy and self.fits(2 * oversampling):
             wave, (finer, _) = finer, from_rest(4 * span * oversampling, 4 * oversampling)
-            better = _step_error(wave, finer, 2 * oversampling, begin, self.motion, self._request)
+            better = step_error(wave, finer, 2 * oversampling, begin, self.motion, self._request)
             if not better.wave < _HELPS * error.wave:
                 break
             oversampling, error = 2 * oversampling, better
         return oversampling, error
-
-
-def _rms(signal: NDArray[np.float64]) -> float:
-    return math.sqrt(float(np.mean(signal * signal)))
-
-
-def _step_error(
-    wave: NDArray[np.float64],
-    finer: NDArray[np.float64],
-    oversampling: int,
-    begin: int,
-    motion: Motion,
-    request: Request,
-) -> _StepError:
-    """Return the errors of the first sensor's waveform from one with half the steps, both from a sample on.
-
-    That of the waveform is of the sampled signal: where the force jumps between steps, it is larger than at the steps.
-    So is that of the RMS in a band.
-    """
-    wave, finer = wave[begin * oversampling :], finer[2 * begin * oversampling :]
-    coarse, fine = wave[:, 0], finer[::2, 0]
-    level = _rms(fine)
-    if not math.isfinite(level):
-        return _StepError(math.inf, math.inf, math.inf, math.inf)
-    if level <= SILENCE:
-        return _StepError(0.0, 0.0, 0.0, 0.0)
-    change = _rms(coarse - fine) / level
-    error = max(abs(_rms(coarse) - level) / level, ERROR_OF_WAVE * change)
-    peak, peak_fine = _peaks(wave)[0], _peaks(finer)[0]
-    margin, samples = margin_of(oversampling), len(wave) // oversampling
-    sampled = change
-    if samples > 4 * margin:
-        kept = samples - 2 * margin - 1
-        ours, better = (
-            sampled_at(run[:, 0], n, margin, kept) for run, n in ((wave, oversampling), (finer, 2 * oversampling))
-        )
-        sampled = max(change, _HALVED * _rms(ours - better) / level)
-        if request.band is not None:
-            ours, better = (band_passed(signal, request.rate, request.band) for signal in (ours, better))
-            inside = max(_rms(better), SILENCE)
-            error = _HALVED * max(abs(_rms(ours) - inside), ERROR_OF_WAVE * _rms(ours - better)) / inside
-    found = _StepError(error, sampled, abs(peak - peak_fine) / peak_fine + change, level=level)
-    if request.quantity == "lines":
-        found = replace(found, lines=_error_of_lines(coarse, finer[:, 0], request.rate * oversampling, motion))
-    return found
-
-
-def _error_of_lines(coarse: NDArray[np.float64], finer: NDArray[np.float64], rate: float, motion: Motion) -> float:
-    """Return the error of the lines over the largest, of first order; ``rate``: steps a second of the first signal."""
-    passages = motion.bpfo if motion.passages is None else motion.passages
-    found = [
-        2.0
-        * np.abs(SignalRecord(share * rate, signal[None], motion.sensors[:1]).coefficients(passages, HARMONICS)[0, 1:])
-        for share, signal in ((1.0, coarse), (2.0, finer))
-    ]
-    return _HALVED * lines_error(found[1], np.abs(found[1] - found[0]))
 
 
 @dataclass(frozen=True)
@@ -321,12 +174,7 @@ def _measured(wave: NDArray[np.float64], run: _Run, oversampling: int) -> _Measu
     signals = np.array([sampled_at(column, oversampling, first, samples) for column in wave.T])
     blocks = max(samples / run.rate / run.motion.block, _LEAST_BLOCKS)
     levels = tuple(_levels(column, blocks) for column in settled.T)
-    return _Measured(levels, _peaks(settled), SignalRecord(run.rate, signals, run.motion.sensors))
-
-
-def _peaks(wave: NDArray[np.float64]) -> tuple[float, ...]:
-    """Return the largest absolute value of each sensor at the steps: the force jumps, so nothing is put between."""
-    return tuple(float(highest) for highest in np.max(np.abs(wave), axis=0))
+    return _Measured(levels, peaks(settled), SignalRecord(run.rate, signals, run.motion.sensors))
 
 
 def _levels(signal: NDArray[np.float64], blocks: float) -> _Levels:
@@ -343,7 +191,7 @@ def _levels(signal: NDArray[np.float64], blocks: float) -> _Levels:
     return _Levels(rms, error, float(np.std(np.sqrt(means), ddof=1)), drift, float(np.std(peaks)))
 
 
-def _response(motion: Motion, request: Request, found: _Measured, step: _StepError, *, finite: bool) -> Response:
+def _response(motion: Motion, request: Request, found: _Measured, step: StepError, *, finite: bool) -> Response:
     """Return the response; error and spread are known over full bandwidth and apply relatively to a band."""
     levels, bpfo = found.levels[0], motion.bpfo
     rms, peaks = [level.rms for level in found.levels], list(found.peaks)

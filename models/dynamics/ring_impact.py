@@ -24,7 +24,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from models.bearing import kinematics
-from models.dynamics.over_time import Motion, answer, duration_of
+from models.dynamics.motion import Motion
+from models.dynamics.over_time import answer, duration_of
 from models.dynamics.ring_hits import defect_size, hits_on, zones_of
 from models.dynamics.turning import passage_rate
 from models.film import Film, short_bearing_film

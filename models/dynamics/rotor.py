@@ -17,7 +17,8 @@ import numpy as np
 
 from models.bearing import kinematics
 from models.checks import check_positive
-from models.dynamics.over_time import LOOKED_AT, SECONDS_A_CALL, Motion, answer, duration_of
+from models.dynamics.motion import Motion
+from models.dynamics.over_time import LOOKED_AT, SECONDS_A_CALL, answer, duration_of
 from models.dynamics.rotor_plan import at_rest, bearings_of, check_rotor, inverse_mass, prepare_plan, stiffness_of
 from models.dynamics.turning import passage_rate
 from models.hertz import contact_exponent

@@ -25,7 +25,8 @@ import numpy as np
 
 from models.bearing import kinematics
 from models.checks import check_positive
-from models.dynamics.over_time import LOOKED_AT, Motion, answer, duration_of
+from models.dynamics.motion import Motion
+from models.dynamics.over_time import LOOKED_AT, answer, duration_of
 from models.dynamics.six_dof import MODEL, TIME_EFFECTS, check_scene, steps_for
 from models.dynamics.time_plan import prepare_plan
 from models.dynamics.turning import lead_in, passage_rate

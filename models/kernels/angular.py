@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from models.kernels.ball_ring import CARRIED, COSINE, F_Z, TORQUE, Ring, carry
+from models.kernels.equal_times import NODES, SENSORS, write_wave
 from models.kernels.jit import inlined, kernel
 from models.kernels.spall import INNER, OUTER, R_ALONG, R_RADIUS, S_HALF_LENGTH, S_POSITION, S_RACE, wrapped
 from models.kernels.stepping import accept, to_end, to_stage
@@ -42,13 +43,8 @@ P_SIZE = P_BEARING + 2 * B_SIZE
 TIME = 0
 # Rows of the shapes of torsion: both bearings' nodes, the disc's, the encoder's, the load's end.
 T_A, T_B, T_DISC, T_ENCODER, T_LOAD = range(5)
-# Columns of the wave: angular speed less the nominal one, accelerations of A, B and disc.
-SENSORS = 4
 # Columns of a trace: time, angle, the wave, what both bearings carry (CARRIED each).
 TRACE = 2 + SENSORS + 2 * CARRIED
-# Nodes of the interpolation from equal angles to equal times.
-NODES = 6
-
 STATUS_OK = 0
 STATUS_NOT_FINITE = 1
 _FARTHEST = 1e-2
@@ -317,15 +313,12 @@ def trace(state: NDArray[np.float64], rows: NDArray[np.float64], step: float, pl
 
 
 def run(state: NDArray[np.float64], wave: NDArray[np.float64], h: float, step: float, plan: Plan, work: Work) -> int:
-    """Carry a state from t = 0 in steps of some angle and write the sensors at equal times, h seconds apart.
+    """Carry a state from t = 0 in steps of some angle and write the sensors at equal times; return a STATUS_ number.
 
     Args:
         state: overwritten.
+        wave: written: see SENSORS, at times h seconds apart, (rows, SENSORS).
         step: angle of a step at the speed P_SPEED, rad; in proportion to the nominal speed of each.
-        wave: see SENSORS, (rows, SENSORS).
-
-    Returns:
-        A STATUS_ number.
     """
     return _carry_over(state, np.zeros((0, TRACE)), wave, h, step, plan, work)
 
@@ -339,30 +332,6 @@ def _write_trace(speed: float, plan: Plan, work: Work, row: NDArray[np.float64])
     for side in range(2):
         for k in range(CARRIED):
             row[2 + SENSORS + side * CARRIED + k] = work.carried[side, k]
-
-
-@inlined
-def _interpolate(t: float, node: NDArray[np.float64], row: NDArray[np.float64]) -> None:
-    """Write the sensors at a time from those at NODES times, first column of ``node``, by Lagrange's polynomial."""
-    for k in range(SENSORS):
-        row[k] = 0.0
-    for i in range(NODES):
-        weight = 1.0
-        for j in range(NODES):
-            if j != i:
-                weight *= (t - node[j, 0]) / (node[i, 0] - node[j, 0])
-        for k in range(SENSORS):
-            row[k] += weight * node[i, 1 + k]
-
-
-@inlined
-def _write_wave(written: int, steps: int, h: float, wave: NDArray[np.float64], node: NDArray[np.float64]) -> int:
-    """Write what the nodes allow after so many steps, by times up to their middle; return how many rows there are."""
-    # At the beginning those before the middle too.
-    while steps >= NODES and written < wave.shape[0] and written * h <= node[NODES // 2, 0]:
-        _interpolate(written * h, node, wave[written])
-        written += 1
-    return written
 
 
 @inlined
@@ -421,7 +390,7 @@ def _carry_over(
                             node[i, k] = node[i + 1, k]
                     node[NODES - 1, 0] = work.state[TIME]
                     _sense(speed, plan, work, node[NODES - 1, 1:])
-                    written = _write_wave(written, steps, h, wave, node)
+                    written = write_wave(written, steps, h, wave, node)
             if stage % 4 == 3:
                 to_end(length, work)
                 accept(work)

@@ -11,7 +11,7 @@ import pytest
 from numpy.typing import NDArray
 
 from models.bearing import from_catalogue, kinematics
-from models.dynamics.over_time import SILENCE
+from models.dynamics.motion import SILENCE
 from models.dynamics.periodic import solve
 from models.dynamics.recorder import anti_alias_filter
 from models.dynamics.time_domain import simulate_time
