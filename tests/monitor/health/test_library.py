@@ -4,78 +4,25 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Collection
 from dataclasses import replace
-from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from monitor.health.damage import Damage, DamageInput, EdvStatus, Remaining, TtStatus
+from monitor.health.damage import EdvStatus, TtStatus
 from monitor.health.damage.library.acceleration import ACCELERATION, accelerated
-from monitor.health.damage.library.fit import FitSettings, fit_library, fit_regression, stands_still
-from monitor.health.damage.library.forecaster import (
-    QUANTILES,
-    STANDING_BLOCKS,
-    LibrarySettings,
-    LibraryState,
-    Moment,
-    _forecast,
-    step,
-)
-from monitor.health.damage.library.model import LINES, Library, quantiles_of
+from monitor.health.damage.library.fit import FitSettings, fit_library, fit_regression
+from monitor.health.damage.library.forecaster import QUANTILES, LibrarySettings, LibraryState, step
+from monitor.health.damage.library.model import LINES, quantiles_of
 from monitor.health.damage.library.scores import SHARES, crps
-from monitor.records.library_file import LibraryError, load_library, save_library
 from tests.effort import effort_count
-from tests.oracles.toy_lives import (
-    INTERVAL,
-    THRESHOLD,
-    ToyLife,
-    standing_library,
-    standing_life,
-    toy_library,
-    toy_life,
-    toy_lives,
-)
+from tests.followed_lives import Answer, blocks_of, follow
+from tests.oracles.toy_lives import INTERVAL, THRESHOLD, toy_library, toy_life, toy_lives
 
 QUICK = FitSettings(columns=100, moments=12)
-
-
-def blocks_of(life: ToyLife) -> list[DamageInput]:
-    return [
-        DamageInput(
-            time=float(life.t[i]),
-            rms=float(life.rms[i]),
-            harmonics=tuple(life.harmonics[i]),
-            load=float(life.load[i]),
-            speed=float(life.speed[i]),
-            v_eq=float(life.v_eq[i]),
-        )
-        for i in range(len(life.t))
-    ]
-
-
-class Answer(NamedTuple):
-    damage: Damage
-    forecasts: tuple[Remaining, ...]
-
-
-def follow(
-    blocks: list[DamageInput],
-    known: Library,
-    settings: LibrarySettings | None = None,
-    asked: Collection[int] | None = None,
-) -> tuple[LibraryState, list[Answer]]:
-    """Return the last state and the answers; only the blocks ``asked`` for have a forecast, by default all."""
-    state, results = LibraryState(), []
-    for i, block in enumerate(blocks):
-        thresholds = [THRESHOLD] if asked is None or i in asked else []
-        state, damage, forecasts = step(state, block, known, settings, thresholds=thresholds)
-        results.append(Answer(damage, forecasts))
-    return state, results
 
 
 @pytest.mark.parametrize("features", LINES)
@@ -291,106 +238,6 @@ def test_without_library_or_final_stage_nothing_is_said() -> None:
     assert state == LibraryState()
 
 
-def test_a_standstill_is_said_and_its_v_eq_does_not_creep_on() -> None:
-    library = standing_library()
-    assert library.made_of["never_reached"] == 30
-    late: list[float] = []
-    statuses: list[str] = []
-    for number in range(100, 100 + effort_count(quick=3, full=20)):
-        life = standing_life(number, seed=8)
-        _, results = follow(blocks_of(life), library)
-        late.append(math.log(results[-1].damage.v_eq / life.v_eq[-1]))
-        statuses += [str(result.forecasts[0].status) for result in results[100:]]
-        for damage, (forecast,) in results[5:]:
-            assert damage.p_no_growth == forecast.p_no_growth
-            assert (forecast.status == "no_growth") <= (math.isnan(forecast.tt) and forecast.p_no_growth >= 0.5)
-            if forecast.status == "ok":
-                assert math.isinf(forecast.tt_upper) == (forecast.p_no_growth > 0.5 * (1.0 - 0.8))
-                assert all(math.isfinite(value) for _, value in forecast.quantiles)
-    assert abs(np.mean(late)) < 0.15
-    assert statuses.count("no_growth") > 0.6 * len(statuses)
-
-
-def test_many_updates_leave_v_eq_where_it_is_and_the_state_as_large() -> None:
-    library = standing_library()
-    # No life lasts so long; it is about arithmetic and memory.
-    fits = {name: replace(fit, longest=math.inf, limits=None) for name, fit in library.fits.items()}
-    library, blocks = replace(library, fits=fits), blocks_of(standing_life(101, seed=8))[100:]
-    updates, state, found, sizes = effort_count(quick=200, full=100_000), LibraryState(), [], []
-    for number in range(updates):
-        block = replace(blocks[number % len(blocks)], time=number * INTERVAL)
-        asked = [THRESHOLD] if number > updates - 20 else []
-        state, damage, _ = step(state, block, library, thresholds=asked)
-        found.append(damage.v_eq)
-        if number >= updates // 2:
-            sizes.append(len(json.dumps(state.to_dict())) if number % (updates // 20) == 0 else 0)
-    half = np.array(found[updates // 2 :])
-    assert np.isfinite(half).all()
-    assert abs(math.log(np.median(half[-50:]) / np.median(half[:50]))) < 0.1
-    assert max(sizes) < 12_000
-    again = LibraryState.from_dict(json.loads(json.dumps(state.to_dict())))
-    after = replace(blocks[0], time=updates * INTERVAL)
-    assert repr(step(again, after, library, thresholds=[THRESHOLD])) == repr(
-        step(state, after, library, thresholds=[THRESHOLD])
-    )
-
-
-def test_growing_lives_are_not_said_to_stand_still() -> None:
-    statuses = [
-        str(result.forecasts[0].status)
-        for number in range(200, 200 + effort_count(quick=3, full=20))
-        for result in follow(blocks_of(toy_life(number)), standing_library())[1]
-    ]
-    assert statuses.count("no_growth") < 0.05 * len(statuses)
-
-
-def test_the_probability_of_no_growth_is_the_share_of_standing_moments() -> None:
-    fit = standing_library().fit_for("rms+harmonics")
-    rows = range(0, len(fit.standing), 3)
-    p = np.array([fit.p_no_growth(float(fit.said[r, -1]), 60, int(fit.life[r])) for r in rows])
-    stood = fit.standing[::3]
-    assert abs(p.mean() - stood.mean()) < 0.03
-    between = (p > 0.3) & (p < 0.7)
-    assert 0.25 < stood[between].mean() < 0.75
-    assert stood[p < 0.1].mean() < 0.1
-    assert stood[p > 0.9].mean() > 0.8
-
-
-def test_no_growth_is_claimed_only_after_blocks_in_succession_that_say_so() -> None:
-    library, state, standing, early = standing_library(), LibraryState(), 0, 0
-    for block in blocks_of(standing_life(102, seed=8)):
-        state, _, (forecast,) = step(state, block, library, thresholds=[THRESHOLD])
-        standing = standing + 1 if forecast.p_no_growth >= 0.5 else 0
-        assert state.standing == standing
-        assert (forecast.status == TtStatus.NO_GROWTH) == (standing >= STANDING_BLOCKS)
-        early += 0 < standing < STANDING_BLOCKS and forecast.status == TtStatus.OK
-    assert standing > STANDING_BLOCKS
-    assert early
-
-
-def test_a_state_before_the_count_of_standing_blocks_is_read() -> None:
-    state, _ = follow(blocks_of(toy_life(2000))[:8], toy_library())
-    stored = state.to_dict() | {"version": 2}
-    del stored["standing"]
-    assert LibraryState.from_dict(stored) == replace(state, standing=0)
-
-
-def moment(still: float) -> Moment:
-    """Return a moment with a probability that V_eq stands still."""
-    return Moment(predicted=(), ln_elapsed=0.0, blocks=20, t=0.0, p_no_growth=still, stands=still >= 0.5)
-
-
-def test_no_growth_lowers_the_probability_of_reaching_the_threshold() -> None:
-    sample, window = np.linspace(1e3, 2e4, 200), LibrarySettings(window=1e4)
-    grows, may_stand = (_forecast(sample, THRESHOLD, moment(still), window, below=False) for still in (0.0, 0.3))
-    assert may_stand.p_threshold == pytest.approx(0.7 * grows.p_threshold)
-    assert may_stand.tt == grows.tt
-    assert (math.isinf(may_stand.tt_upper), math.isinf(grows.tt_upper)) == (True, False)
-    stands, beyond = (_forecast(0.0 * sample, THRESHOLD, moment(0.9), window, below=below) for below in (True, False))
-    assert (stands.status, beyond.status) == (TtStatus.NO_GROWTH, TtStatus.ALREADY_CROSSED)
-    assert math.isnan(stands.p_threshold)
-
-
 @given(st.lists(st.floats(0.0, 1e6), min_size=2, max_size=400))
 def test_growth_that_accelerates_leaves_less_and_has_its_share(times: list[float]) -> None:
     left = np.sort(times)
@@ -399,17 +246,6 @@ def test_growth_that_accelerates_leaves_less_and_has_its_share(times: list[float
     assert np.all((found >= 0.0) & (found <= left[-1]))
     if len(found) >= 20 and left[0] == left[-1]:
         assert np.mean(found) == pytest.approx(0.5 * left[0], abs=1e-9)
-
-
-@pytest.mark.parametrize(("tail", "expected"), [(1.0, True), (1.002, False)])
-def test_a_life_stands_still_where_it_grows_by_less_than_a_thousandth_in_twelve_blocks(
-    tail: float, expected: bool
-) -> None:
-    v_eq = np.concatenate((np.linspace(1.0, 2.0, 40), 2.0 * tail ** (np.arange(40) / 12.0)))
-    stood = stands_still(v_eq)
-    assert not stood[:39].any()
-    assert set(stood[40:].tolist()) == {expected}
-    assert not stands_still(v_eq[:1]).any()
 
 
 def test_lifetimes_mixed_in_are_those_of_longer_lives() -> None:
@@ -453,18 +289,6 @@ def test_wrong_questions_raise() -> None:
         fit_library(toy_lives(20), thresholds=[], interval=INTERVAL, prior="", made_of={})
 
 
-def test_a_library_comes_back_from_its_file_as_it_was(tmp_path: Path) -> None:
-    path = tmp_path / "new" / "toy.npz"
-    save_library(toy_library(), path)
-    again = load_library(path)
-    assert again.hash == toy_library().hash
-    assert again.prior == "toy lives"
-    assert again.scores == toy_library().scores
-    blocks = blocks_of(toy_life(2008))
-    assert repr(follow(blocks, again)[1]) == repr(follow(blocks, toy_library())[1])
-    assert [p.name for p in path.parent.iterdir()] == ["toy.npz"]
-
-
 def test_equal_fits_have_equal_hashes_and_others_do_not() -> None:
     def make(seed: int) -> str:
         lives = toy_lives(20)
@@ -472,36 +296,3 @@ def test_equal_fits_have_equal_hashes_and_others_do_not() -> None:
         return fit_library(lives, thresholds=[THRESHOLD], interval=INTERVAL, prior="", made_of={}, settings=chosen).hash
 
     assert make(1) == make(1) != make(2)
-
-
-def test_files_that_are_no_library_are_refused_by_name(tmp_path: Path) -> None:
-    path = tmp_path / "x.npz"
-    with pytest.raises(LibraryError, match=r"x\.npz: no such library"):
-        load_library(path)
-    path.write_text("not an archive")
-    with pytest.raises(LibraryError, match=r"x\.npz: not a readable \.npz"):
-        load_library(path)
-    np.savez(path, a=np.zeros(3))
-    with pytest.raises(LibraryError, match=r"x\.npz: has no header"):
-        load_library(path)
-    np.savez(path, header=np.array(json.dumps({"kind": "other", "schema_version": 1})))
-    with pytest.raises(LibraryError, match="got 'other' of version 1"):
-        load_library(path)
-    np.savez(path, header=np.array([{}], dtype=object), allow_pickle=True)
-    with pytest.raises(LibraryError, match=r"x\.npz: not a readable \.npz"):
-        load_library(path)
-
-
-def test_a_library_that_was_tampered_with_is_refused(tmp_path: Path) -> None:
-    path = tmp_path / "toy.npz"
-    save_library(toy_library(), path)
-    with np.load(path) as archive:
-        arrays = {name: archive[name] for name in archive.files}
-    arrays["rms/shift"] = arrays["rms/shift"] + 0.1
-    np.savez(path, **arrays)
-    with pytest.raises(LibraryError, match="its content is not what was written"):
-        load_library(path)
-    del arrays["rms/shift"]
-    np.savez(path, **arrays)
-    with pytest.raises(LibraryError, match="not a usable library"):
-        load_library(path)

@@ -1,0 +1,45 @@
+"""Blocks of lives in closed form, and what the library forecaster answers to them."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from typing import NamedTuple
+
+from monitor.health.damage import Damage, DamageInput, Remaining
+from monitor.health.damage.library.forecaster import LibrarySettings, LibraryState, step
+from monitor.health.damage.library.model import Library
+from tests.oracles.toy_lives import THRESHOLD, ToyLife
+
+
+def blocks_of(life: ToyLife) -> list[DamageInput]:
+    return [
+        DamageInput(
+            time=float(life.t[i]),
+            rms=float(life.rms[i]),
+            harmonics=tuple(life.harmonics[i]),
+            load=float(life.load[i]),
+            speed=float(life.speed[i]),
+            v_eq=float(life.v_eq[i]),
+        )
+        for i in range(len(life.t))
+    ]
+
+
+class Answer(NamedTuple):
+    damage: Damage
+    forecasts: tuple[Remaining, ...]
+
+
+def follow(
+    blocks: list[DamageInput],
+    known: Library,
+    settings: LibrarySettings | None = None,
+    asked: Collection[int] | None = None,
+) -> tuple[LibraryState, list[Answer]]:
+    """Return the last state and the answers; only the blocks ``asked`` for have a forecast, by default all."""
+    state, results = LibraryState(), []
+    for i, block in enumerate(blocks):
+        thresholds = [THRESHOLD] if asked is None or i in asked else []
+        state, damage, forecasts = step(state, block, known, settings, thresholds=thresholds)
+        results.append(Answer(damage, forecasts))
+    return state, results
