@@ -18,8 +18,11 @@ from monitor.config.load import Config, ConfigError
 from monitor.config.source import SourceSection
 
 if TYPE_CHECKING:
+    from streams.block import Block
     from streams.dating import Dating
+    from streams.files import Files
     from streams.given import Loaded
+    from streams.spec import SourceSpec
 
 _MAX_OPENED = 100
 """Waiting files that ``check`` looks at."""
@@ -80,11 +83,7 @@ def preview_dating(config: Config, section: SourceSection) -> DatingPreview | No
     Raises:
         ConfigError: the configuration contradicts the kept choice.
     """
-    from monitor.records.database import StoreError
     from monitor.service.setup import source_spec
-    from streams.dating import kept_dating
-    from streams.files import Folder, natural_key, open_files
-    from streams.listing import CLOSED, list_files, shown
     from streams.recognise import data_set_of
     from streams.recording import Recording
     from streams.spec import SourceError
@@ -93,25 +92,9 @@ def preview_dating(config: Config, section: SourceSection) -> DatingPreview | No
     if section.url is None or not (watched or _is_path(section.url)):
         return None
     spec = source_spec(config, section)
-    root = Path(section.url.removeprefix("folder:"))
-    with ExitStack() as opened:
-        ledger = _open_ledger(config.machine.state_dir / "state.db", opened)
-        try:
-            kept = None if ledger is None else kept_dating(spec, ledger)
-        except SourceError as error:
-            raise ConfigError(str(error)) from None
-        except StoreError:
-            # A damaged store, or one that no daemon has opened yet.
-            kept = None
-    folders: list[str] = []
+    kept = _kept_dating(spec, config)
     try:
-        if watched or root.is_dir():
-            paths = sorted(list_files(str(root), folders), key=natural_key)
-            paths = paths[:_MAX_OPENED] + paths[_MAX_OPENED:][-_MAX_LAST:]
-            files = Folder(root, paths)
-        else:
-            paths, files = [root.name], open_files(spec.name, str(root))
-        closed = tuple(f"folder {shown(str(root / folder))} {CLOSED}" for folder in sorted(folders))
+        paths, files, closed = _first_and_last_files(spec.name, section.url)
         if not paths:
             return DatingPreview(None, "not known", problems=closed) if closed else None
         recording = Recording(spec, files, data_set_of(spec, files, spec.format), kept)
@@ -132,20 +115,54 @@ def preview_dating(config: Config, section: SourceSection) -> DatingPreview | No
         choice=choice if watched else None,
         kept=kept is not None and kept.by is not None,
     )
-    if first is None:
-        if refused is None or any(refused.reason in problem for problem in found.problems):
-            return found
-        return replace(
-            found, problems=(f"no block comes of its first files: {refused.status}: {refused.reason}", *found.problems)
-        )
+    if first is not None:
+        return _with_block(found, first, config, section)
+    if refused is None or any(refused.reason in problem for problem in found.problems):
+        return found
+    problem = f"no block comes of its first files: {refused.status}: {refused.reason}"
+    return replace(found, problems=(problem, *found.problems))
+
+
+def _kept_dating(spec: SourceSpec, config: Config) -> Dating | None:
+    from monitor.records.database import StoreError
+    from streams.dating import kept_dating
+    from streams.spec import SourceError
+
+    with ExitStack() as opened:
+        ledger = _open_ledger(config.machine.state_dir / "state.db", opened)
+        try:
+            return None if ledger is None else kept_dating(spec, ledger)
+        except SourceError as error:
+            raise ConfigError(str(error)) from None
+        except StoreError:
+            # A damaged store, or one that no daemon has opened yet.
+            return None
+
+
+def _first_and_last_files(name: str, url: str) -> tuple[list[str], Files, tuple[str, ...]]:
+    """Return names and files of a source, of a large folder the first and the last, and what is wrong with folders."""
+    from streams.files import Folder, natural_key, open_files
+    from streams.listing import CLOSED, list_files, shown
+
+    root = Path(url.removeprefix("folder:"))
+    if not (url.startswith("folder:") or root.is_dir()):
+        return [root.name], open_files(name, str(root)), ()
+    folders: list[str] = []
+    paths = sorted(list_files(str(root), folders), key=natural_key)
+    paths = paths[:_MAX_OPENED] + paths[_MAX_OPENED:][-_MAX_LAST:]
+    closed = tuple(f"folder {shown(str(root / folder))} {CLOSED}" for folder in sorted(folders))
+    return paths, Folder(root, paths), closed
+
+
+def _with_block(found: DatingPreview, first: Block, config: Config, section: SourceSection) -> DatingPreview:
+    """Return a preview with its first block as the example."""
     tacho = tacho_view(first, config, section)
     problem = None if tacho is None else tacho_problem(tacho)
-    found = replace(found, tacho=tacho)
-    if first.start is None and not found.problems:
-        found = replace(found, problems=("nothing dates its blocks; give start_utc",))
+    undated = first.start is None and not found.problems
+    problems = ("nothing dates its blocks; give start_utc",) if undated else found.problems
+    problems = problems if problem is None else (*problems, problem)
     time = None if first.start is None else _utc_text(first.start)
-    problems = found.problems if problem is None else (*found.problems, problem)
-    return replace(found, file=first.name, time_utc=time, elapsed_s=first.elapsed, problems=problems)
+    return replace(found, tacho=tacho, file=first.name, time_utc=time, elapsed_s=first.elapsed, problems=problems)
 
 
 def _is_path(url: str) -> bool:
