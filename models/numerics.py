@@ -116,6 +116,20 @@ def filter_valid(signal: NDArray[np.float64], taps: NDArray[np.float64]) -> NDAr
     return oaconvolve(signal, taps, mode="valid")
 
 
+def fast_length(length: int) -> int:
+    """Return the least length of at least this much without prime factors above 5, which a transform is fast of."""
+    best = 1 << (length - 1).bit_length()
+    five = 1
+    while five < best:
+        three = five
+        while three < best:
+            two = three * (1 << max(-(-length // three) - 1, 0).bit_length())
+            best = min(best, two)
+            three *= 3
+        five *= 5
+    return best
+
+
 def crests(before: NDArray[np.float64], at: NDArray[np.float64], after: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the largest absolute value along the first axis of what three equally spaced values each rise to.
 

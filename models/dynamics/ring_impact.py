@@ -32,6 +32,7 @@ from models.film import Film, short_bearing_film
 from models.hertz import contact_patches
 from models.kernels import ring_impact as kernels
 from models.load_zones import conforming
+from models.numerics import fast_length
 from models.registry import Request, Solver, check_effects
 from models.response import PASSBAND, Response, Sensor
 from models.rigs.ring_impact import RingImpactRig
@@ -189,7 +190,7 @@ class _FromRest:
                     turn = kernels.Turn(hits.angle - request.direction, hits.rate)
                 self._runs.append((modes, pulses, turn))
             self.fastest = max(self.fastest, float(np.max(np.abs(modes.rate.imag))))
-        samples = math.ceil(duration * request.rate) + 2
+        samples = fast_length(math.ceil(duration * request.rate) + 2)
         self._spectrum = _noise_spectrum(self.noise, samples, rig.noise_seed)
         self._samples = samples
 

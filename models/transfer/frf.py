@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from models.checks import check_positive
+from models.numerics import fast_length
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -147,7 +148,7 @@ class FrequencyResponses:
                 f"lines {closest:g} Hz apart with {samples} samples at {rate:g} Hz need a transform of more than "
                 f"{MAX_SAMPLES} samples"
             )
-        length = samples if periodic else _fast_length(samples + memory)
+        length = samples if periodic else fast_length(samples + memory)
         spectrum = np.asarray(np.fft.rfft(forces, length), np.complex128)
         frequency = np.asarray(np.fft.rfftfreq(length, 1.0 / rate), np.float64)
         outside = _outside(spectrum, self.inside(frequency), length)
@@ -314,17 +315,3 @@ def _outside(spectrum: Complex, inside: NDArray[np.bool_], length: int) -> Array
     power[:, 1 : (length - 1) // 2 + 1] *= 2.0
     total = power.sum(axis=1)
     return power[:, ~inside].sum(axis=1) / np.where(total > 0.0, total, 1.0)
-
-
-def _fast_length(length: int) -> int:
-    """Return the least length of at least this much without prime factors above 5."""
-    best = 1 << (length - 1).bit_length()
-    five = 1
-    while five < best:
-        three = five
-        while three < best:
-            two = three * (1 << max(-(-length // three) - 1, 0).bit_length())
-            best = min(best, two)
-            three *= 3
-        five *= 5
-    return best
