@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import functools
+import hashlib
 import pickle
 from collections.abc import Callable
 from contextlib import closing
 from pathlib import Path
-from typing import TypeVar
+from typing import ParamSpec, TypeVar, cast
 
 from models.portable import FileLock
 
+P = ParamSpec("P")
 T = TypeVar("T")
 
 _folder: list[Path] = []
@@ -32,3 +35,16 @@ def made_once(name: str, make: Callable[[], T]) -> T:
         made = make()
         path.write_bytes(pickle.dumps(made))
     return made
+
+
+def shared_by_workers(make: Callable[P, T]) -> Callable[P, T]:
+    """Let a function of hashable arguments run once for all workers of a run; what it returns must not be changed.
+
+    Results are kept under the function's name and the text (repr) of its arguments, which must tell them apart.
+    """
+
+    def made(*args: P.args, **options: P.kwargs) -> T:
+        digest = hashlib.sha256(repr((args, sorted(options.items()))).encode()).hexdigest()[:16]
+        return made_once(f"{make.__module__}.{make.__qualname__}-{digest}", lambda: make(*args, **options))
+
+    return cast("Callable[P, T]", functools.cache(functools.wraps(make)(made)))

@@ -26,7 +26,6 @@ from models.published.acceptance import AcceptanceRow
 from models.published.ceruti import (
     SPEED,
     STEP,
-    acceptance_rows,
     damaged,
     end_peak_value,
     kept,
@@ -39,6 +38,7 @@ from models.response import Response, Sensor
 from models.rigs.rotor import RotorRig
 from models.scene import Part, Scene
 from monitor.health.spectrum.features import BlockFeatures, FeatureSettings, block_features, fundamentals
+from tests.published.accepted import rows_of
 
 PER_MILLIMETRE = 1e3**1.5
 MODULUS = 200.0 / 210.0
@@ -71,9 +71,8 @@ def test_default_stiffness_of_the_rotor_is_that_of_table_5_1() -> None:
     assert RotorRig.k_c == pytest.approx(2.6716e5 * PER_MILLIMETRE, rel=1e-4)
 
 
-@cache
 def rows() -> list[AcceptanceRow]:
-    return acceptance_rows()
+    return rows_of("ceruti")
 
 
 def test_rows_have_the_status_that_they_can_have() -> None:
@@ -91,13 +90,6 @@ def test_rows_have_the_status_that_they_can_have() -> None:
 def test_row_is_within_its_tolerance(number: int) -> None:
     row = [r for r in rows() if r.status != "NO"][number]
     assert row.met, f"{row.test} {row.quantity}: printed {row.printed}, obtained {row.obtained:.5g}"
-
-
-def test_print_rows(capsys: pytest.CaptureFixture[str]) -> None:
-    with capsys.disabled():
-        for row in rows():
-            line = f"{row.test} {row.status}: {row.quantity} {row.printed} -> {row.obtained:.5g}"
-            print(f"\n{line} ({100.0 * row.difference:+.1f} %) {row.note}", end="")
 
 
 def test_damage_at_a_is_felt_most_at_a_and_least_at_b() -> None:

@@ -6,8 +6,6 @@ chaotic: levels and the highest lines are looked at, no traces.
 
 from __future__ import annotations
 
-from functools import cache
-
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -15,18 +13,18 @@ from numpy.typing import NDArray
 from models.bearing import kinematics
 from models.dynamics.ball_inertia import solve
 from models.published.acceptance import AcceptanceRow
-from models.published.marin import INNER, SPEED, acceptance_rows, bearing_of, level, scene_of
+from models.published.marin import INNER, SPEED, bearing_of, level, scene_of
 from models.registry import Request
 from monitor.health.spectrum.features import FeatureSettings, block_features, fundamentals
+from tests.published.accepted import rows_of
 
 RATE, DURATION = 25600.0, 4.0
 # Lines closer than this are one, Hz; so far may one be from its place.
 APART, NEAR = 1.0, 0.3
 
 
-@cache
 def rows() -> list[AcceptanceRow]:
-    return acceptance_rows()
+    return rows_of("marin")
 
 
 def highest(balls: int, damping: float, count: int) -> NDArray[np.float64]:
@@ -87,8 +85,8 @@ def test_a_healthy_bearing_has_lines_of_bpfo(balls: int) -> None:
     # BPFO is the third or ninth line of the cage.
     assert all(lines["outer"].score > 2.0 * lines[name].score for name in ("inner", "ball"))
     assert found.record is not None
-    power = sum(0.5 * found.record.line(k * bpfo) ** 2 for k in range(1, int(0.39 * RATE / bpfo)))
-    assert power > 0.9 * found.rms**2
+    multiples = found.record.coefficients(bpfo, int(0.39 * RATE / bpfo) - 1)[0, 1:]
+    assert 2.0 * np.sum(np.abs(multiples) ** 2) > 0.9 * found.rms**2
 
 
 @pytest.mark.parametrize("balls", [3, 9])

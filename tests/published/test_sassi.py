@@ -20,13 +20,14 @@ from models.bearing import from_catalogue, kinematics
 from models.dynamics.ring_calibration import Measured, calibrate
 from models.dynamics.ring_impact import noise_level, solve
 from models.published.acceptance import AcceptanceRow
-from models.published.beat import DEFECT_SIZE, acceptance_rows, inner_race_scene
+from models.published.beat import DEFECT_SIZE, inner_race_scene
 from models.registry import Request
 from models.rigs.ring_impact import RingImpactRig
 from models.scene import Defect, Part, Scene
 from monitor.health.spectrum.features import BlockFeatures, FeatureSettings, block_features, fundamentals
 from streams.block import STANDARD_GRAVITY
 from tests.once import made_once
+from tests.published.accepted import rows_of
 
 RATE, DURATION = 12_000.0, 5.0
 BEARING = from_catalogue("6205")
@@ -34,9 +35,8 @@ REQUEST = Request(duration=DURATION, rate=RATE, accuracy=2e-2)
 CWRU_SPEED = 1797.0 / 60.0
 
 
-@cache
 def rows() -> list[AcceptanceRow]:
-    return acceptance_rows()
+    return rows_of("beat")
 
 
 def test_rows_have_the_status_that_they_can_have() -> None:

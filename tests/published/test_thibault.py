@@ -18,13 +18,13 @@ from models.published.thibault import (
     PITCH,
     RIGHT,
     SLOW,
-    acceptance_rows,
     bpfo,
     interval,
     passage,
     statics,
     torsion,
 )
+from tests.published.accepted import rows_of
 
 
 def fewest(balls: int, axial: float, speed: float) -> int:
@@ -143,5 +143,5 @@ def test_calibrated_torsion_modes() -> None:
 
 
 def test_every_row_is_met() -> None:
-    for row in acceptance_rows():
+    for row in rows_of("thibault"):
         assert row.met, f"{row.test} {row.quantity}: printed {row.printed}, obtained {row.obtained}"

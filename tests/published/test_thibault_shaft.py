@@ -7,7 +7,6 @@ Spectra are over the angle of the disc, 40 turns through a Hann window, so that 
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import cache
 
 import numpy as np
 import pytest
@@ -20,7 +19,6 @@ from models.published.thibault_shaft import (
     BPFO_LEFT,
     REFERENCE,
     SPALL,
-    acceptance_rows,
     bpfo,
     highest,
     line,
@@ -28,6 +26,7 @@ from models.published.thibault_shaft import (
     passage,
     turning,
 )
+from tests.published.accepted import rows_of
 
 DAMAGED = replace(REFERENCE, defect=SPALL)
 RIGHT_DAMAGED = replace(REFERENCE, defect=replace(SPALL, support="b"))
@@ -36,9 +35,8 @@ QUICKER = replace(REFERENCE, speed=FAST)
 TORSION = 8480.0 / SLOW
 
 
-@cache
 def rows() -> list[AcceptanceRow]:
-    return acceptance_rows()
+    return rows_of("thibault_shaft")
 
 
 def test_every_row_is_met() -> None:

@@ -1,0 +1,14 @@
+"""The acceptance rows of each model, which its own tests and those of the document look at."""
+
+from __future__ import annotations
+
+from importlib import import_module
+
+from models.published.acceptance import AcceptanceRow
+from tests.once import shared_by_workers
+
+
+@shared_by_workers
+def rows_of(module: str) -> list[AcceptanceRow]:
+    """Return ``acceptance_rows`` of a module of models.published."""
+    return import_module(f"models.published.{module}").acceptance_rows()
