@@ -14,13 +14,16 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
+from unittest.mock import patch
 
 from benchmarks.cluster_cases import CASES, Case, chunk_files, command
 from benchmarks.cluster_model import Costs, simulated_share, smallest_chunk
 from benchmarks.common import arguments, print_table, write_json
 from models.work.choose import open_runner
+from models.work.cluster.roster import Roster
 from models.work.codec import decode
 from models.work.task import CHUNK_SECONDS, Work
 from tests.cluster_processes import ClusterProcesses, cluster_processes, computing_child
@@ -30,6 +33,7 @@ from tests.waiting import wait_until
 WORKERS = 100
 MAX_LOST = 0.05
 """Share of the time that a hundred workers may lose to anything but their tasks."""
+_SHARES = ("caller", "scheduler", "workers")
 _RESULT_BYTES = (0, 100_000, 1_000_000)
 _SLEEPERS = 16
 _SLEEPS_S = (1.0, 5.0)
@@ -50,11 +54,37 @@ def _used(cluster: ClusterProcesses) -> dict[str, float]:
     }
 
 
-def chunk_costs(chunks: int) -> list[dict[str, Any]]:
-    """Return the seconds of processor time per chunk, by the size of its result."""
+@contextmanager
+def _more_addresses(count: int) -> Iterator[None]:
+    """Send each chunk with so many addresses, of which those beyond the members are of no worker."""
+    members = Roster.addresses
+
+    def addresses(roster: Roster) -> list[str]:
+        found = members(roster)
+        return found + [f"tcp://127.0.0.1:{port}" for port in range(1, 1 + count - len(found))]
+
+    with patch.object(Roster, "addresses", addresses):
+        yield
+
+
+def address_costs(chunks: int, rounds: int) -> list[dict[str, Any]]:
+    """Return the milliseconds of processor time per chunk, by the number of workers that it may go to."""
+    found: dict[int, list[dict[str, float]]] = {2: [], WORKERS: []}
+    for _ in range(rounds):
+        for count, rows in found.items():
+            with _more_addresses(count):
+                rows += chunk_costs(chunks, (0,))
+    return [
+        {"addresses": count} | {f"{name}_ms": statistics.median(row[f"{name}_ms"] for row in rows) for name in _SHARES}
+        for count, rows in found.items()
+    ]
+
+
+def chunk_costs(chunks: int, sizes: tuple[int, ...] = _RESULT_BYTES) -> list[dict[str, Any]]:
+    """Return the milliseconds of processor time per chunk, by the size of its result."""
     rows: list[dict[str, Any]] = []
     with tempfile.TemporaryDirectory() as scratch, cluster_processes(Path(scratch, "c"), ("w1", "w2")) as cluster:
-        for size in _RESULT_BYTES:
+        for size in sizes:
             work = Work("nothing", bytes_of, memory=10_000_000)
             with open_runner(cluster=cluster.address, workers=2, chunks=Path(scratch, f"chunks-{size}")) as runner:
                 count = chunks if size < 1_000_000 else chunks // 4
@@ -193,13 +223,12 @@ def main() -> None:
     options = arguments(__doc__ or "")
     costs_rows = chunk_costs(100 if options.quick else 400)
     print_table("processor time per chunk, ms", costs_rows)
-    costs = {
-        row["result_bytes"]: Costs(*(1e-3 * row[f"{name}_ms"] for name in ("caller", "scheduler", "workers")))
-        for row in costs_rows
-    }
+    addressed = address_costs(100 if options.quick else 400, 1 if options.quick else 3)
+    print_table("processor time per chunk by the workers that it may go to, ms", addressed)
+    costs = {row["result_bytes"]: Costs(*(1e-3 * row[f"{name}_ms"] for name in _SHARES)) for row in costs_rows}
     needed = needed_chunks(costs)
     print_table(f"chunks of which at most {100 * MAX_LOST:g} % of the time is lost", needed)
-    tables: dict[str, Any] = {"costs": costs_rows, "needed": needed}
+    tables: dict[str, Any] = {"costs": costs_rows, "addresses": addressed, "needed": needed}
     write_json(options.json, tables)
     for scaled in scaling(1 if options.quick else 3):
         print_table("two workers and one", scaled)

@@ -30,7 +30,7 @@ from models.work.store_files import KnownChunks
 from models.work.task import ChunkCall, ChunkOutcome, Work
 
 CHUNKS = 10_000_000
-_ENCODED = encode(StoredChunk([0.0], 0.0, "worker", "processor"))
+_ENCODED = encode(StoredChunk("0" * 40, [0.0], 0.0, "worker", "processor"))
 
 
 def nothing(_shared: object, task: float) -> float:

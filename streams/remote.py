@@ -9,7 +9,8 @@ from __future__ import annotations
 import hashlib
 import os
 import re
-from collections.abc import Callable, Generator, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from datetime import datetime
@@ -18,7 +19,7 @@ from typing import Any
 from urllib.parse import unquote, urlsplit
 
 from models.errors import SpallwatchError
-from models.work.filesystem import cause, error_code, filesystem
+from models.work.filesystem import cause, error_code, filesystem, repeated
 from models.work.redact import bare_url, has_user_info, redact
 from streams.download import RemoteError, download, refuse_size
 from streams.files import natural_key
@@ -94,7 +95,7 @@ def expand(url: str) -> list[str]:
     else:
         files, path = filesystem(place)
         with _foreseen(place, "listed"):
-            paths: list[str] = files.glob(path)
+            paths: list[str] = repeated(lambda: files.glob(path)) or _nothing(files, path)
         found = [f"{scheme}://{name.strip('/')}" for name in paths]
     found = [name for name in found if not is_skipped(PurePosixPath(name).name)]
     if not found:
@@ -155,7 +156,7 @@ def remote_files(url: str) -> list[RemoteFile]:
     """
     files, path = filesystem(url)
     with _foreseen(url, "listed"):
-        entries: dict[str, dict[str, Any]] = files.find(path, detail=True)
+        entries: dict[str, dict[str, Any]] = repeated(lambda: files.find(path, detail=True))
     if list(entries) == [path]:
         return [_entry(PurePosixPath(path).name, path, entries[path])]
     inside = (
@@ -179,6 +180,14 @@ def _parts(url: str) -> tuple[str, str, str]:
             f"{redact(url)}: credentials in a URL; expected them in the environment or a configuration file"
         )
     return found["kind"], found["url"], found["scheme"].lower()
+
+
+def _nothing(files: Any, pattern: str) -> list[str]:
+    """Return no paths; raise where a pattern has no bucket, which fsspec's ``glob`` does not tell."""
+    bucket, _, path = pattern.partition("/")
+    if hasattr(files, "call_s3"):
+        files.call_s3("list_objects_v2", Bucket=bucket, Prefix=_GLOB.split(path)[0], MaxKeys=1)
+    return []
 
 
 def _local(url: str) -> str:
@@ -217,8 +226,7 @@ def _fetch_objects(url: str, folder: Path, allowed: int) -> Fetched:
     for folder in {target.parent for target in targets.values()}:
         folder.mkdir(parents=True, exist_ok=True)
     with _foreseen(url, "fetched"):
-        # Several at a time: a request waits for the network most of its time.
-        files.get([*targets], [str(target) for target in targets.values()], **_at_a_time(files))
+        _get_all(files, targets)
     for file in found:
         _check(files, file, targets[file.path], url)
     return Fetched(
@@ -226,8 +234,21 @@ def _fetch_objects(url: str, folder: Path, allowed: int) -> Fetched:
     )
 
 
-def _at_a_time(files: Any) -> dict[str, int]:
-    return {"batch_size": _FILES_AT_A_TIME} if files.async_impl else {}
+def _get_all(files: Any, targets: Mapping[str, Path]) -> None:
+    """Fetch objects, several at a time: a request waits for the network most of its time.
+
+    In threads: where a file fails, fsspec's own ``get`` leaves the others under way.
+    """
+    pool = ThreadPoolExecutor(_FILES_AT_A_TIME if files.async_impl else 1)
+    try:
+        for done in [pool.submit(_get, files, path, target) for path, target in targets.items()]:
+            done.result()
+    finally:
+        pool.shutdown(cancel_futures=True)
+
+
+def _get(files: Any, path: str, target: Path) -> None:
+    repeated(lambda: files.get_file(path, str(target)))
 
 
 def _check(files: Any, file: RemoteFile, target: Path, url: str) -> None:

@@ -29,6 +29,7 @@ class StateFile:
     def __init__(self, path: Path, problem: str) -> None:
         """``problem`` is a hash of all that the result depends on: a file of another problem is refused."""
         self._path, self._problem = path, problem
+        self._part = path.with_name(path.name + ".part")
         self._saved = time.monotonic()
 
     def load(self) -> dict[Key, Level]:
@@ -61,8 +62,7 @@ class StateFile:
     def save(self, evaluator: Evaluator) -> None:
         """Replace the file in one step by what an evaluator has found."""
         keys: NDArray[np.float64] = np.array(list(evaluator.kept))
-        part = self._path.with_name(self._path.name + ".part")
-        with part.open("wb") as file:
+        with self._part.open("wb") as file:
             np.savez(
                 file,
                 problem=np.array(self._problem),
@@ -72,9 +72,10 @@ class StateFile:
             )
             file.flush()
             os.fsync(file.fileno())
-        part.replace(self._path)
+        self._part.replace(self._path)
         self._saved = time.monotonic()
 
     def remove(self) -> None:
-        """Remove the file."""
+        """Remove the file, and what a killed process left half written."""
         self._path.unlink(missing_ok=True)
+        self._part.unlink(missing_ok=True)

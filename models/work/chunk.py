@@ -1,9 +1,9 @@
 """What a worker does with a chunk, and how chunks lie in a store.
 
 ``shared/DIGEST``: what all tasks share; each process reads it once. ``tasks/KEY``: tasks of a chunk that are too large
-to be sent. ``chunks/XX/KEY``: results of a chunk, XX being the first two digits of its key. ``started/KEY/N``: a marker
-while a chunk is at work; it stays where the worker dies. ``failed/KEY/N``: the log of a failure, as JSON. ``run.json``:
-of which program, begun when.
+to be sent. ``chunks/XX/KEY``: results of a chunk, XX being the first two digits of its key. ``started/KEY/CALLER-N``: a
+marker while a chunk is at work; it stays where the worker dies. ``failed/KEY/N``: the log of a failure, as JSON.
+``run.json``: of which program, begun when.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from dataclasses import asdict, dataclass
 from functools import cache
 from typing import Any
 
-from models.work.codec import decode, digest, digest_of, encode, resolve
+from models.work.codec import DamagedDataError, decode, digest, digest_of, encode, resolve
 from models.work.errors import MemoryNeedError, OtherProgramError, failure_of
 from models.work.program import processor, program
 from models.work.stores import open_store
@@ -36,8 +36,9 @@ _MAX_SHARED = 4
 
 @dataclass(frozen=True)
 class StoredChunk:
-    """What the store holds of a chunk: the results of its tasks in order, and of where and in how long they came."""
+    """What the store holds of a chunk: its key, the results of its tasks in order, and how long they took where."""
 
+    key: str
     results: list[Any]
     seconds: float
     worker: str
@@ -73,10 +74,20 @@ def read_chunk(store: Store, key: str) -> StoredChunk | None:
     """Return a chunk from the store, None where it is not there.
 
     Raises:
-        DamagedDataError: its file is torn or was changed.
+        DamagedDataError: its file is torn, was changed, or is that of something else.
     """
     data = store.read(chunk_name(key))
-    return None if data is None else decode(data)
+    if data is None:
+        return None
+    found = decode(data)
+    if not isinstance(found, StoredChunk) or found.key != key:
+        raise DamagedDataError(f"{store.url}/{chunk_name(key)}: expected the results of this chunk, got others")
+    return found
+
+
+def lost_workers(store: Store, call: ChunkCall) -> list[str]:
+    """Return the markers of a chunk that workers of its caller left, sorted; other callers' workers may be at work."""
+    return sorted(store.names(f"started/{call.key}/{call.caller}-"))
 
 
 def clear_marks(store: Store, key: str) -> None:
@@ -103,10 +114,10 @@ def run_chunk(call: ChunkCall, *, memory: int | None = None, worker: str | None 
     try:
         _check(call, memory, worker)
         store = cached_store(call.store)
-        lost = sorted(store.names(f"started/{call.key}/"))
+        lost = lost_workers(store, call)
         if len(lost) >= MAX_ATTEMPTS:
             return _failed(call, _died(store, lost), worker)
-        marker = f"started/{call.key}/{len(lost) + 1}-{secrets.token_hex(4)}"
+        marker = f"started/{call.key}/{call.caller}-{len(lost) + 1}-{secrets.token_hex(4)}"
         store.write(marker, _text({"label": call.label, "worker": worker, "time": time.time()}), durable=False)
         try:
             outcome = _run(call, store, worker)
@@ -160,7 +171,7 @@ def _run(call: ChunkCall, store: Store, worker: str) -> ChunkOutcome:
     except Exception as error:
         return _failed(call, failure_of(error), worker, log=True)
     seconds = time.perf_counter() - begun
-    data = encode(StoredChunk(results, seconds, worker, processor()))
+    data = encode(StoredChunk(call.key, results, seconds, worker, processor()))
     store.write(chunk_name(call.key), data)
     return ChunkOutcome(call.key, None, seconds, len(data), worker, processor())
 

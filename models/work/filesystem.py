@@ -9,8 +9,9 @@ from __future__ import annotations
 import importlib
 import os
 import re
-from collections.abc import Iterator
-from typing import Any, cast
+import time
+from collections.abc import Callable, Iterator
+from typing import Any, TypeVar, cast
 
 from models.errors import WrongInputError
 from models.work.redact import has_user_info, redact
@@ -19,9 +20,19 @@ _S3 = ("s3", "s3a")
 _QUERY = re.compile(r"\?[\w.-]+=")
 _S3_LIMITS: dict[str, object] = {"connect_timeout": 10, "read_timeout": 30}
 _S3_ATTEMPTS = 5
-"""Tries of a request that is refused, answered by 5xx or throttled; waits between them double up to 20 s."""
+"""Tries of a request that is refused, answered by 5xx or throttled; the waits between them double, below 8 s.
+
+In the mode "legacy": "standard" makes only some 100 repetitions in the life of a process that storage failed.
+"""
 _S3_ROUNDS = 2
 """How often s3fs begins such a series anew where an answer broke off."""
+_PAUSES_S = (0.2, 1.0, 5.0)
+"""Before an action is begun anew, s."""
+_INCOMPLETE = ("ClientPayloadError", "IncompleteReadError", "ResponseStreamingError", "FlexibleChecksumError")
+"""Exceptions of botocore and aiohttp for answers that broke off, or that do not have their checksum."""
+_PREFIX = re.compile(r"^\[Errno \d+\] |^An error occurred \([^)]*\) when calling the \w+ operation(?: \([^)]*\))?: ")
+
+T = TypeVar("T")
 
 
 def filesystem(url: str, *, asynchronous: bool = False) -> tuple[Any, str]:
@@ -76,8 +87,20 @@ def _s3_options(kind: Any) -> dict[str, Any]:
     stated: dict[str, Any] = config.apply_config(kind, {}).get("config_kwargs", {})
     limits = dict(_S3_LIMITS)
     if not {"AWS_MAX_ATTEMPTS", "AWS_RETRY_MODE"} & os.environ.keys():
-        limits["retries"] = {"total_max_attempts": _S3_ATTEMPTS, "mode": "standard"}
+        limits["retries"] = {"total_max_attempts": _S3_ATTEMPTS, "mode": "legacy"}
     return {"config_kwargs": {**limits, **stated}}
+
+
+def repeated(action: Callable[[], T]) -> T:
+    """Return what an action returns, begun anew where an answer was incomplete in spite of repeated requests."""
+    for pause in _PAUSES_S:
+        try:
+            return action()
+        except Exception as error:
+            if not any(type(part).__name__ in _INCOMPLETE for part in chain(error)):
+                raise
+        time.sleep(pause)
+    return action()
 
 
 def chain(error: BaseException) -> Iterator[BaseException]:
@@ -101,11 +124,16 @@ def error_code(error: BaseException) -> str | None:
 
 def cause(error: BaseException) -> str:
     """Return in one line, without credentials, why a request failed."""
+    if isinstance(error, RecursionError):
+        # botocore follows a redirection that names no region to the same place.
+        return "the endpoint redirects requests; expected its own address and region"
     code = error_code(error)
     lines = str(error).strip().splitlines()
     text = lines[0] if lines else ""
     if isinstance(error, OSError) and error.strerror and not code:
         text = error.strerror
+    while found := _PREFIX.match(text):
+        text = text[found.end() :]
     name = code if code and not code.isdigit() else type(error).__name__
     said = {"403": "denied", "404": "not found"}.get(code or "", text)
     return redact(f"{name}: {said}" if said else name)

@@ -10,6 +10,7 @@ from statistics import median
 from typing import Any, Generic, TypeVar
 
 from models.work.chunk import MAX_ATTEMPTS
+from models.work.codec import digest_of, name_of
 from models.work.errors import FailedChunk
 from models.work.task import ChunkOutcome, Failure, Progress, Work
 
@@ -70,6 +71,7 @@ class Job(Generic[_T]):
         work: kind of task.
         function: its name.
         shared: digest of what all tasks share.
+        shared_data: the same encoded.
         stops: whether wrong input ends the run.
         ready: chunks that are done or set aside, for the caller.
         failed: those that were set aside.
@@ -79,11 +81,12 @@ class Job(Generic[_T]):
     """
 
     def __init__(
-        self, work: Work[Any, _T, Any], names: tuple[str, str], tasks: Iterable[_T], total: int | None, *, stops: bool
+        self, work: Work[Any, _T, Any], shared: bytes, tasks: Iterable[_T], total: int | None, *, stops: bool
     ) -> None:
-        """Take the tasks; ``names`` are those of the function and of what is shared, ``total`` counts the tasks."""
+        """Take the tasks; ``shared`` is what they share, encoded, ``total`` counts them."""
         self.work = work
-        self.function, self.shared = names
+        self.function = name_of(work.function)
+        self.shared, self.shared_data = digest_of(shared), shared
         self.stops = stops
         self.ready: deque[Chunk[_T]] = deque()
         self.failed: list[FailedChunk] = []

@@ -8,10 +8,11 @@ from __future__ import annotations
 
 from collections.abc import Generator, Iterator
 from contextlib import contextmanager
+from functools import partial
 from typing import Any
 
 from models.errors import SpallwatchError, WrongInputError
-from models.work.filesystem import cause, error_code, filesystem
+from models.work.filesystem import cause, error_code, filesystem, repeated
 from models.work.redact import redact
 from models.work.storage_error import ObjectStorageError
 
@@ -49,7 +50,7 @@ class ObjectStore:
         path = self._path(name)
         with self._foreseen(name, "read"):
             try:
-                return bytes(self._files.cat_file(path, **self._read_options))
+                return bytes(repeated(lambda: self._files.cat_file(path, **self._read_options)))
             except FileNotFoundError as error:
                 if error_code(error) == "NoSuchBucket":
                     raise
@@ -59,14 +60,14 @@ class ObjectStore:
         """Write an object whole; ObjectStorageError where that fails."""
         path = self._path(name)
         with self._foreseen(name, "written"):
-            self._files.pipe_file(path, data)
+            repeated(lambda: self._files.pipe_file(path, data))
 
     def delete(self, name: str) -> None:
         """Delete an object if it is there; ObjectStorageError where that fails."""
         path = self._path(name)
         with self._foreseen(name, "deleted"):
             try:
-                self._files.rm_file(path)
+                repeated(lambda: self._files.rm_file(path))
             except FileNotFoundError as error:
                 if error_code(error) == "NoSuchBucket":
                     raise
@@ -96,9 +97,8 @@ class ObjectStore:
         options: dict[str, str] = {}
         while True:
             with self._foreseen(prefix, "listed"):
-                answer: dict[str, Any] = self._files.call_s3(
-                    "list_objects_v2", Bucket=bucket, Prefix=f"{root}{prefix}", **options
-                )
+                ask: Any = partial(self._files.call_s3, "list_objects_v2", Bucket=bucket, Prefix=f"{root}{prefix}")
+                answer: dict[str, Any] = repeated(partial(ask, **options))
             for entry in answer.get("Contents", ()):
                 # The mark of a folder, as some programs make an object of it.
                 if not entry["Key"].endswith("/"):

@@ -9,15 +9,16 @@ from __future__ import annotations
 import multiprocessing
 import os
 import queue
-import signal
 import threading
+import time
 from collections import deque
 from collections.abc import Callable, Generator, Iterable, Iterator, Sized
 from concurrent.futures import Future, ThreadPoolExecutor
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING, TypeVar
 
 from models.memory import free_memory
+from models.portable import ended_by_parent, interrupt_held
 from models.work.chunk import default_worker, run_chunk
 from models.work.codec import decode, encode
 from models.work.errors import MemoryNeedError, failure_of
@@ -36,7 +37,7 @@ _AHEAD = 64
 """Tasks of a plain loop that are begun before their turn, a thread."""
 
 _END_S = 2.0
-"""Time for a process to end by itself when nothing is left to do."""
+"""Time for a process to end by itself: with nothing left to do, or when it is told to, removing its temporary files."""
 _STOPPED = Failure(DIED, "the worker was stopped", "")
 
 
@@ -97,13 +98,14 @@ class PoolExecutor:
         return outcome
 
     def close(self) -> None:
-        """Kill the processes that are at work, end the others, and wait for chunks that threads have begun."""
+        """End the processes, and wait for chunks that threads have begun."""
         for worker in self._workers:
             worker.stop()
         for _ in self._workers:
             self._calls.put(None)
+        until = time.monotonic() + _END_S
         for worker in self._workers:
-            worker.join()
+            worker.join(until)
         for worker in self._workers:
             worker.release()
         self._workers.clear()
@@ -176,14 +178,18 @@ class _Worker:
         self._thread.start()
 
     def stop(self) -> None:
-        """Kill the process if it is at work; the thread ends after its chunk."""
+        """Tell the process to end if it is at work; the thread ends after its chunk."""
         with self._lock:
             self._stopped = True
             if self._process is not None and self._busy:
-                self._process.kill()
+                self._process.terminate()
 
-    def join(self) -> None:
-        """Wait for the thread, and let a process end that waits for a chunk."""
+    def join(self, until: float) -> None:
+        """Wait for the thread, and let a process end that waits for a chunk; kill one that works on at a time."""
+        self._thread.join(max(until - time.monotonic(), 0.0))
+        with self._lock:
+            if self._process is not None and self._busy:
+                self._process.kill()
         self._thread.join()
         if self._connection is not None:
             self._connection.close()
@@ -246,21 +252,18 @@ def _start() -> tuple[SpawnProcess, _Connection]:
     context = multiprocessing.get_context("spawn")
     here, there = context.Pipe()
     process = context.Process(target=_serve, args=(there,), name="work", daemon=True)
-    process.start()
+    with interrupt_held():
+        process.start()
     there.close()
     return process, here
 
 
 def _serve(connection: _Connection) -> None:
-    """Run chunks in a process of their own until its parent closes the connection, or dies."""
-    # Ctrl-C reaches all processes of a terminal; the parent ends this one.
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    while True:
-        try:
-            call = decode(connection.recv_bytes())
-        except EOFError:
-            return
-        connection.send_bytes(encode(run_chunk(call)))
+    """Run chunks in a process of their own until its parent closes the connection, ends it, or dies."""
+    # A parent that dies while it is told of a chunk breaks the connection.
+    with ended_by_parent(_END_S), suppress(EOFError, OSError):
+        while True:
+            connection.send_bytes(encode(run_chunk(decode(connection.recv_bytes()))))
 
 
 def _failed(call: ChunkCall, failure: Failure, worker: str | None = None) -> ChunkOutcome:

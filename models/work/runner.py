@@ -6,6 +6,7 @@ were run again. Those of chunks wait in the store, not in memory.
 
 from __future__ import annotations
 
+import secrets
 import tempfile
 from collections.abc import Callable, Generator, Iterable, Iterator
 from contextlib import contextmanager, suppress
@@ -15,19 +16,21 @@ from typing import Any, Self, TypeVar
 
 from models.errors import WrongInputError
 from models.work.chunk import chunk_key, clear_attempts, read_chunk, sent_tasks, write_log
-from models.work.codec import DamagedDataError, digest_of, encode, name_of
+from models.work.codec import DamagedDataError, encode, name_of
 from models.work.direct import Meter, direct_outcomes, direct_results
 from models.work.errors import chunks_failed, error_of, failure_of
 from models.work.folder_store import FolderStore
 from models.work.job import Chunk, Job, Tally, chunks_of
 from models.work.program import program
 from models.work.serial import SerialExecutor
-from models.work.store_files import KnownChunks, attempted_chunks, delete_own, write_run, write_shared
+from models.work.storage_error import ObjectStorageError
+from models.work.store_files import KnownChunks, attempted_chunks, check_writable, delete_own, write_run, write_shared
 from models.work.task import DIED, ChunkCall, ChunkOutcome, Executor, Failure, Progress, Store, Work
 
 _S = TypeVar("_S")
 _T = TypeVar("_T")
 _R = TypeVar("_R")
+_STORAGE = name_of(ObjectStorageError)
 
 
 class Runner:
@@ -65,6 +68,7 @@ class Runner:
         self._keep = keep
         self._temporary: tempfile.TemporaryDirectory[str] | None = None
         self._begun = False
+        self._caller = secrets.token_hex(4)
         self._known: KnownChunks | None = None
         self._attempted: set[str] = set()
         # Runs that wait for a chunk, by its key; none where a run was given up.
@@ -184,9 +188,8 @@ class Runner:
     ) -> Generator[Job[_T]]:
         """Begin a run; at its end its chunks are no longer waited for."""
         store = self._begin()
-        data = encode(shared)
-        write_shared(store, name := digest_of(data), data)
-        job = Job(work, (name_of(work.function), name), tasks, total, stops=stops)
+        job = Job(work, encode(shared), tasks, total, stops=stops)
+        write_shared(store, job.shared, job.shared_data)
         try:
             yield job
         except KeyboardInterrupt as error:
@@ -256,6 +259,9 @@ class Runner:
     def _call(self, job: Job[_T], chunk: Chunk[_T], tasks: bytes) -> ChunkCall:
         assert self._store is not None
         work = job.work
+        if chunk.tries:
+            # What is shared may have been deleted meanwhile.
+            write_shared(self._store, job.shared, job.shared_data)
         sent = sent_tasks(self._store, chunk.key, tasks)
         return ChunkCall(
             key=chunk.key,
@@ -267,10 +273,13 @@ class Runner:
             memory=work.memory,
             program=program(),
             threads=work.threads,
+            caller=self._caller,
         )
 
     def _take(self, outcome: ChunkOutcome) -> None:
-        """Give an outcome to the runs that wait for it."""
+        """Give an outcome to the runs that wait for it; ObjectStorageError where the store is lost to all."""
+        if outcome.failure is not None and outcome.failure.kind == _STORAGE:
+            self._check_store()
         for job, chunk in self._waiting.pop(outcome.key, ()):
             if outcome.failure is not None and outcome.failure.kind == DIED and self._store is not None:
                 with suppress(Exception):
@@ -278,6 +287,15 @@ class Runner:
             if (aside := job.end(chunk, outcome)) is not None:
                 self.tally.failed.append(aside)
             self._tell(job)
+
+    def _check_store(self) -> None:
+        """Raise ObjectStorageError where this process does not reach the store: no worker would."""
+        assert self._store is not None
+        try:
+            check_writable(self._store)
+        except ObjectStorageError as error:
+            kept = "" if self.url is None else "; chunks that are done stay, --resume goes on with the others"
+            raise ObjectStorageError(f"{error}{kept}") from None
 
     def _results(self, job: Job[_T], chunk: Chunk[_T]) -> list[Any] | None:
         """Return the results of a chunk that is done; None where they cannot be read, and it is run again."""

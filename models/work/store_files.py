@@ -70,6 +70,11 @@ def write_run(store: Store) -> str | None:
     return f"{store.url} was begun by another version of the program: its chunks are not used"
 
 
+def check_writable(store: Store) -> None:
+    """Read and write a file of a store that was begun; what the store raises tells that it is lost."""
+    store.write(_RUN, store.read(_RUN) or b"{}")
+
+
 def delete_own(store: Store) -> None:
     """Delete what runners put into a store, and no other file; the folder, too, where that leaves it empty."""
     prefixes = ("started/", "failed/", "chunks/", "tasks/", "shared/")

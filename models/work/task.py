@@ -72,6 +72,7 @@ class ChunkCall:
         memory: bytes that the chunk needs at most.
         program: digest of the program; a worker that runs another one refuses.
         threads: whether a thread of the caller's process may run it, as ``Work.threads``.
+        caller: identity of the runner, hexadecimal: several may share a store.
     """
 
     key: str
@@ -83,6 +84,7 @@ class ChunkCall:
     memory: int
     program: str
     threads: bool = False
+    caller: str = ""
 
 
 @dataclass(frozen=True)

@@ -20,10 +20,11 @@ _COPIED_EVERY_S = 60.0
 
 
 @contextmanager
-def open_index(out: str, *, read_only: bool = False) -> Iterator[tuple[Index, Callable[[], None]]]:
+def open_index(out: str, *, read_only: bool = False) -> Iterator[tuple[Index, Callable[[], bool]]]:
     """Open the index of an archive; yield it with a function that is called after outcomes were noted.
 
-    In an object storage it is a copy: of an archive that is being replayed at most a minute old.
+    The function returns whether a later process will find them. In an object storage the index is a copy: of an
+    archive that is being replayed at most a minute old.
 
     Raises:
         ManifestError: there is none to be read, or another process replays this archive.
@@ -31,7 +32,7 @@ def open_index(out: str, *, read_only: bool = False) -> Iterator[tuple[Index, Ca
     store = open_store(out)
     if isinstance(store, FolderStore):
         with _local_index(Path(store.url) / INDEX_NAME, read_only=read_only) as index:
-            yield index, lambda: None
+            yield index, lambda: True
         return
     with tempfile.TemporaryDirectory(prefix="spallwatch-index-") as folder:
         path = Path(folder) / INDEX_NAME
@@ -81,9 +82,12 @@ class _Copier:
         self._index, self._store = index, store
         self._copied = float("-inf")
 
-    def copy_if_due(self) -> None:
-        if time.monotonic() - self._copied >= _COPIED_EVERY_S:
+    def copy_if_due(self) -> bool:
+        """Copy the index once in a while; return whether that was done now."""
+        due = time.monotonic() - self._copied >= _COPIED_EVERY_S
+        if due:
             self.copy()
+        return due
 
     def copy(self) -> None:
         if not self._index.planned:

@@ -47,18 +47,20 @@ class Replaying:
 
     Attributes:
         signed: URLs with what must not be written, by the URL without it.
-        noted: called after outcomes were noted.
+        noted: called after outcomes were noted; returns whether a later process will find them in the index.
     """
 
     index: Index
     shared: Shared
     runner: Runner
     signed: dict[str, str] = field(default_factory=dict[str, str])
-    noted: Callable[[], None] = lambda: None
+    noted: Callable[[], bool] = lambda: True
     _tasks: list[tuple[int, ...]] = field(default_factory=list[tuple[int, ...]])
     _under_way: dict[int, _UnderWay] = field(default_factory=dict[int, _UnderWay])
     _alone: list[Waiting] = field(default_factory=list[Waiting])
     _outcomes: list[Outcome] = field(default_factory=list[Outcome])
+    _passed: list[str] = field(default_factory=list[str])
+    _moved: bool = False
     _seconds: deque[float] = field(default_factory=lambda: deque[float](maxlen=_NOTED_TOGETHER))
     _ended: int = 0
     _wrong: int = 0
@@ -86,20 +88,29 @@ class Replaying:
             self._note()
 
     def _run(self, groups: Iterable[_Group]) -> None:
-        records, work = open_store(self.shared.records), open_store(self.shared.work)
+        records = open_store(self.shared.records)
         since = time.monotonic()
         self._tasks.clear()
         for number, found in self.runner.outcomes(REPLAYS, self.shared, groups, follow=self._following):
-            self._take(number, found, records, work)
+            self._take(number, found, records)
             if len(self._outcomes) >= _NOTED_TOGETHER or time.monotonic() - since >= _NOTED_AFTER_S:
                 since = time.monotonic()
                 self._note()
 
     def _note(self) -> None:
+        """Note outcomes, and delete the states of which nothing can go on any more."""
         outcomes, self._outcomes = self._outcomes, []
         if outcomes:
             self.index.note(outcomes)
-            self.noted()
+        if not outcomes and not self._moved:
+            return
+        self._moved = False
+        # A process that is killed must find the states that the index names, as it was kept last.
+        if self.noted():
+            passed, self._passed = self._passed, []
+            work = open_store(self.shared.work)
+            for state in passed:
+                work.delete(state)
 
     def _groups(self) -> Iterator[_Group]:
         """Yield the recordings that wait, short ones together; a history, and what failed before, is alone."""
@@ -157,7 +168,7 @@ class Replaying:
                 return (self._part(self._under_way[part.recording].row, one.following, one.state),)
         return None
 
-    def _take(self, number: int, found: _Done | Failure, records: Store, work: Store) -> None:
+    def _take(self, number: int, found: _Done | Failure, records: Store) -> None:
         """Note the recordings of a task."""
         ids = self._tasks[number]
         if isinstance(found, Failure) and len(ids) == 1:
@@ -167,10 +178,10 @@ class Replaying:
             self._forget_failure(number)
             found = (None,) * len(ids)
         for row_id, done in zip(ids, found, strict=True):
-            if done is None or (not self._take_one(row_id, done, records, work) and len(ids) > 1):
+            if done is None or (not self._take_one(row_id, done, records) and len(ids) > 1):
                 self._alone.append(self._under_way.pop(row_id).row)
 
-    def _take_one(self, row_id: int, done: PartResult, records: Store, work: Store) -> bool:
+    def _take_one(self, row_id: int, done: PartResult, records: Store) -> bool:
         """Note a part: where its recording ends, the outcome; else from where it goes on. Return whether it ends."""
         under_way = self._under_way[row_id]
         row, before = under_way.row, under_way.before
@@ -178,6 +189,7 @@ class Replaying:
         if done.following is not None:
             self.index.keep_checkpoint(row_id, (done.following, done.state, result))
             self._under_way[row_id] = _UnderWay(row, done.state, result)
+            self._moved = True
         else:
             if before is not None:
                 write_result(records, result)
@@ -185,7 +197,7 @@ class Replaying:
             self._end(_outcome(row_id, DONE if result.status == "done" else FAILED, result))
         # A history that failed goes on from its latest state once its recording is repaired.
         if under_way.state is not None and result.status == "done" and under_way.state != done.state:
-            work.delete(under_way.state)
+            self._passed.append(under_way.state)
         return done.following is None
 
     def _set_aside(self, number: int, row_id: int, failure: Failure, records: Store) -> None:

@@ -95,7 +95,7 @@ def prepare(plan: Plan, index: Index) -> Shared:
     return Shared(meta["archive"], open_store(plan.records_url).url, work.url, int(meta["part_blocks"]))
 
 
-def replay_waiting(plan: Plan, index: Index, runner: Runner, noted: Callable[[], None] = lambda: None) -> Counts:
+def replay_waiting(plan: Plan, index: Index, runner: Runner, noted: Callable[[], bool] = lambda: True) -> Counts:
     """Plan an archive unless that is done, replay what waits, and return the counts.
 
     Raises:

@@ -67,7 +67,7 @@ def replay(
         # Not after all has been replayed.
         zarr_writer()
     plan = Plan(manifest, out, records, part_blocks=part_blocks or PART_BLOCKS, resume=sharing.resume)
-    with open_index(out) as (index, noted), sharing.open(out, quiet=quiet) as shared:
+    with open_index(out) as (index, noted), sharing.open(out, quiet=quiet, locked=False) as shared:
         before = index.counts().done
         counts = replay_waiting(plan, index, shared.runner, noted)
         written = write_zarr(plan, index, shared.runner) if records == "zarr" else out

@@ -14,10 +14,12 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
+from models.portable import ended_as_interrupted
 from models.work.errors import ChunksFailedError, FailedChunk
 from models.work.redact import redact
 from monitor.commands.common import PROGRESS_AFTER_S, InputError, say
 from monitor.commands.option import WHOLE
+from monitor.commands.sole_writer import sole_writer
 from monitor.words.numbers import duration
 
 if TYPE_CHECKING:
@@ -46,21 +48,27 @@ class Sharing:
     chunks: str | None = None
 
     @contextmanager
-    def open(self, beside: Path | str | None, *, quiet: bool, progress: bool = True) -> Iterator[Shared]:
+    def open(
+        self, beside: Path | str | None, *, quiet: bool, progress: bool = True, locked: bool = True
+    ) -> Iterator[Shared]:
         """Yield a runner; at the end its chunks are deleted, unless the user named their place or something failed.
 
         Args:
             beside: output of the command; chunks are kept in BESIDE.chunks. None where it writes none.
             quiet: whether only errors are printed.
             progress: whether chunks done and the time left are shown on a terminal.
+            locked: whether other commands with this output are refused meanwhile.
 
         Raises:
-            InputError: chunks need a place, and none was named.
+            InputError: chunks need a place, and none was named; another process writes the output.
             WrongInputError: as ``models.work.choose.open_runner``.
         """
         from models.work.choose import open_runner
 
         with ExitStack() as stack:
+            stack.enter_context(ended_as_interrupted())
+            if beside is not None and locked:
+                stack.enter_context(sole_writer(Path(beside)))
             chunks = self._chunks(beside, stack)
             line = _ProgressLine(shown=progress and not quiet and sys.stderr.isatty(), quiet=quiet)
             runner = open_runner(

@@ -14,7 +14,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
 
-from models.work.chunk import MAX_ATTEMPTS, clear_marks, read_chunk
+from models.work.chunk import MAX_ATTEMPTS, clear_marks, lost_workers, read_chunk
 from models.work.cluster.connect import Cluster
 from models.work.cluster.errors import ClusterError, RefusedWorkerError
 from models.work.cluster.member import run
@@ -44,13 +44,15 @@ class _Sent:
         call: the chunk.
         future: of dask; its key is new each time that the chunk is sent.
         losses: how often dask gave up, because the workers that had it were lost.
-        waiting: since when no worker has it, by the clock of this process.
+        waiting: since when no worker that takes part has it, by the clock of this process.
+        copied: whether it was sent again while a silent worker had it; then it is so no more.
     """
 
     call: ChunkCall
     future: Any = None
     losses: int = 0
     waiting: float | None = None
+    copied: bool = False
 
 
 class ClusterExecutor:
@@ -151,10 +153,16 @@ class ClusterExecutor:
             self._cluster.close()
 
     def _send(self, sent: _Sent) -> None:
-        """Give a chunk to the scheduler under a new key; a lost scheduler is noticed later."""
+        """Give a chunk to the scheduler under a new key, for the workers that take part at this moment.
+
+        Others may offer memory too, to a caller whose store they reach. A lost scheduler is noticed later.
+        """
         call = sent.call
         self._number += 1
-        sent.waiting = None
+        sent.future, sent.waiting = None, None
+        if not self._roster.members:
+            # To dask, no name of a worker means any worker.
+            return
         try:
             sent.future = self._client.submit(
                 run,
@@ -162,6 +170,7 @@ class ClusterExecutor:
                 self._roster.resource,
                 key=f"{call.function.partition(':')[2]}-{call.key}-{self._number}",
                 pure=False,
+                workers=self._roster.addresses(),
                 resources={self._roster.resource: max(call.memory, 1)},
             )
         except (OSError, RuntimeError):
@@ -204,7 +213,7 @@ class ClusterExecutor:
             self._end(sent, _failed(sent.call, failure_of(error, of_task=False)))
             return
         sent.losses += 1
-        marks = sum(1 for _ in self._store.names(f"started/{sent.call.key}/"))
+        marks = len(lost_workers(self._store, sent.call))
         # Dask also counts chunks that only waited on a worker that was lost; those that began left a mark.
         if marks < MAX_ATTEMPTS and sent.losses < MAX_LOSSES:
             self._again(sent)
@@ -219,11 +228,10 @@ class ClusterExecutor:
 
     def _again(self, sent: _Sent) -> None:
         """Send a chunk again; what is left of the future before is forgotten."""
-        sent.future = None
         self._send(sent)
 
     def _look(self) -> None:
-        """Ask new workers to join, and send chunks again that no worker has.
+        """Ask new workers to join, and send chunks again that no worker has, or one that is silent.
 
         Raises:
             ClusterError: there was none for too long.
@@ -232,26 +240,40 @@ class ClusterExecutor:
             self._roster.refresh()
             if not self._sent:
                 return
-            at_work = {key for keys in self._client.processing().values() for key in keys}
+            placed = {key: address for address, keys in self._client.processing().items() for key in keys}
         except (OSError, RuntimeError, TimeoutError):
             if self._client.status == "running":
                 return
             self._recover()
             return
-        now = time.monotonic()
         for sent in list(self._sent.values()):
-            if sent.future is None or sent.future.done() or sent.future.key in at_work:
-                sent.waiting = None
-            elif sent.waiting is None:
-                sent.waiting = now
-            elif sent.call.memory <= self._roster.memory():
-                # The scheduler does not look again at what it could not place.
-                self._again(sent)
-            elif now - sent.waiting > self._idle_s:
-                raise ClusterError(
-                    f"{self.name}: for {self._idle_s:.0f} s there was no worker for {sent.call.label}, which needs "
-                    f"{1e-6 * sent.call.memory:.0f} MB; {len(self._roster.members)} workers take part"
-                )
+            if sent.future is None or not sent.future.done():
+                self._look_at(sent, None if sent.future is None else placed.get(sent.future.key))
+
+    def _look_at(self, sent: _Sent, worker: str | None) -> None:
+        """Send a chunk again unless a worker that takes part has it; ``worker`` is the one that the scheduler gave it.
+
+        A copy that is left with a silent worker may end later: its results are the same.
+
+        Raises:
+            ClusterError: there was no worker for it for too long.
+        """
+        now = time.monotonic()
+        if worker in self._roster.members:
+            sent.waiting = None
+        elif sent.waiting is None:
+            sent.waiting = now
+        elif (outcome := self._stored(sent.call)) is not None:
+            self._end(sent, outcome)
+        elif sent.call.memory <= self._roster.memory() and not (worker is not None and sent.copied):
+            # The scheduler does not look again at what it could not place.
+            sent.copied = sent.copied or worker is not None
+            self._again(sent)
+        elif now - sent.waiting > self._idle_s:
+            raise ClusterError(
+                f"{self.name}: for {self._idle_s:.0f} s there was no worker for {sent.call.label}, which needs "
+                f"{1e-6 * sent.call.memory:.0f} MB; {len(self._roster.members)} workers take part"
+            )
 
     def _recover(self) -> None:
         """Connect again to a scheduler that was lost, and send again what was under way.

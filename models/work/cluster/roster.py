@@ -9,7 +9,7 @@ import operator
 import pkgutil
 import secrets
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
 from typing import Any
 
@@ -26,6 +26,9 @@ ANSWER_S = 20.0
 """Time for the answers of workers that are there at the start, s."""
 TELL_S = 3.0
 """Time after which people are told that workers are missing, s."""
+SILENT_S = 30.0
+"""Time without a heartbeat after which a worker does not take part until it answers, s. Dask sends one at least every
+2 s with up to 200 workers, and gives up a worker without one after 300 s (``worker-ttl``)."""
 _POLL_S = 0.1
 
 
@@ -110,7 +113,8 @@ class Roster:
         """
         if self._client.status != "running":
             raise ConnectionError(f"{self._address}: {self._client.status}")
-        present = set(self._client.scheduler_info(n_workers=-1)["workers"])
+        known = self._client.scheduler_info(n_workers=-1)["workers"]
+        present = self._answering(known)
         for address in set(self._asked).difference(present):
             self._delete_token(address, self._asked.pop(address)[1])
         for group in (self.members, self._refused):
@@ -123,6 +127,10 @@ class Roster:
                 del self._asked[address]
                 joined = self._take(address, future, token) or joined
         return joined
+
+    def addresses(self) -> list[str]:
+        """Return where the members are reached, in order."""
+        return sorted(self.members)
 
     def threads(self) -> int:
         """Return how many chunks may be at work, as far as their memory allows."""
@@ -138,6 +146,22 @@ class Roster:
             self._delete_token(address, token)
         for group in (self.members, self._asked, self._refused):
             group.clear()
+
+    def _answering(self, known: Mapping[str, Mapping[str, Any]]) -> set[str]:
+        """Return the workers of a scheduler that send heartbeats; forget members that stopped, or began anew.
+
+        The scheduler notes when it hears of each: the age is relative to the latest, so that no two clocks are compared
+        and a scheduler that was busy finds no worker silent.
+        """
+        latest = max((float(worker["last_seen"]) for worker in known.values()), default=0.0)
+        present = {address for address, worker in known.items() if latest - worker["last_seen"] <= SILENT_S}
+        for address in present.intersection(self.members):
+            if self.resource not in known[address]["resources"]:
+                # Another process took its port before its loss was seen here.
+                del self.members[address]
+        for address in set(known).difference(present).intersection(self.members):
+            self._tell(f"worker {self.members[address].name} is silent for {SILENT_S:.0f} s: others get its chunks")
+        return present
 
     def _delete_token(self, address: str, token: str) -> None:
         for name in (answer_name(token, address), token):

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import os
+import time
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -56,6 +58,19 @@ def dies_once(shared: str, task: int) -> int:
     except FileExistsError:
         return task
     return os._exit(9) if task % 2 else task
+
+
+def cleans_up(shared: str, task: int) -> int:
+    """Make a file, wait to be interrupted, and remove the file; task 0 does nothing."""
+    if task == 0:
+        return task
+    path = Path(shared, f"temporary-{task}")
+    path.touch()
+    try:
+        time.sleep(60.0)
+    finally:
+        path.unlink()
+    return task
 
 
 def process(_shared: None, _task: int) -> int:

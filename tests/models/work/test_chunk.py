@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from models.work import chunk
-from models.work.chunk import MAX_ATTEMPTS, chunk_key, clear_marks, read_chunk, run_chunk, sent_tasks
-from models.work.codec import decode, digest_of, encode, name_of
+from models.work.chunk import MAX_ATTEMPTS, chunk_key, chunk_name, clear_marks, read_chunk, run_chunk, sent_tasks
+from models.work.codec import DamagedDataError, decode, digest_of, encode, name_of
 from models.work.folder_store import FolderStore
 from models.work.program import processor, program
 from models.work.runner import Runner
@@ -29,7 +29,7 @@ def call_of(store, function, shared, tasks) -> ChunkCall:
     store.write(f"shared/{digest_of(data)}", data)
     coded, name = encode(tasks), name_of(function)
     key = chunk_key(name, digest_of(data), coded)
-    return ChunkCall(key, "some tasks", name, store.url, digest_of(data), coded, 1000, program())
+    return ChunkCall(key, "some tasks", name, store.url, digest_of(data), coded, 1000, program(), caller="c0")
 
 
 def test_results_are_in_the_store_and_no_marker_stays(store):
@@ -78,12 +78,21 @@ def test_a_chunk_is_refused(store, change, kind, words):
     assert not list(store.names("started/"))
 
 
+def test_results_of_another_chunk_are_damage(store):
+    one, other = (call_of(store, scaled, Shared(2.0), [task]) for task in (1.0, 2.0))
+    assert run_chunk(other).failure is None
+    for data in (store.read(chunk_name(other.key)), encode([1.0])):
+        store.write(chunk_name(one.key), data)
+        with pytest.raises(DamagedDataError, match=r"chunks/../.*: expected the results of this chunk, got others"):
+            read_chunk(store, one.key)
+
+
 def test_a_chunk_that_killed_three_workers_is_not_run_again(store):
     call = call_of(store, scaled, Shared(2.0), [1.0])
 
-    def lose(count: int) -> None:
+    def lose(count: int, caller: str = call.caller) -> None:
         for number in range(count):
-            store.write(f"started/{call.key}/{number}-ab", json.dumps({"worker": f"w{number}"}).encode())
+            store.write(f"started/{call.key}/{caller}-{number}-ab", json.dumps({"worker": f"w{number}"}).encode())
 
     lose(MAX_ATTEMPTS - 1)
     assert run_chunk(call).failure is None
@@ -94,7 +103,10 @@ def test_a_chunk_that_killed_three_workers_is_not_run_again(store):
     assert failure is not None
     assert (failure.kind, failure.message) == (DIED, "3 workers were lost while they ran it: w0, w1, w2")
     clear_marks(store, call.key)
+    # Workers of other callers are at work on the same chunk.
+    lose(MAX_ATTEMPTS, "ab")
     assert run_chunk(call).failure is None
+    assert len(list(store.names("started/"))) == MAX_ATTEMPTS
 
 
 def test_what_is_told_of_a_failure_holds_no_credentials(store, monkeypatch):

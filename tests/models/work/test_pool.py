@@ -18,7 +18,8 @@ from models.work.folder_store import FolderStore
 from models.work.pool import PoolExecutor
 from models.work.runner import SERIAL, Runner
 from models.work.task import Failure, Work
-from tests.models.work.tasks import Shared, dies_once, fails_on_odd, process, refuses_from, scaled, work
+from tests.models.work.tasks import Shared, cleans_up, dies_once, fails_on_odd, process, refuses_from, scaled, work
+from tests.waiting import wait_until
 
 TASKS = [float(i) for i in range(7)]
 
@@ -37,6 +38,11 @@ def test_processes_give_what_a_loop_gives_and_survive_the_death_of_one(tmp_path)
         with pytest.raises(WrongInputError) as error:
             list(runner.run(work(refuses_from), 2, range(9)))
         assert str(error.value) == "task 2: expected less than 2"
+        lazily = cast("Any", runner.run(work(cleans_up), str(tmp_path), range(3)))
+        assert next(lazily) == 0
+        wait_until(lambda: len(list(tmp_path.glob("temporary-*"))) == 2)
+    # Those that are at work remove their temporary files when they are ended.
+    assert not list(tmp_path.glob("temporary-*"))
     store = FolderStore(tmp_path / "chunks")
     logs = [json.loads(store.read(name) or b"") for name in store.names("failed/")]
     (died,) = (log for log in logs if log["kind"] == "died")

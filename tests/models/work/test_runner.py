@@ -11,6 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from models.errors import WrongInputError
+from models.work import chunk
 from models.work.errors import ChunksFailedError
 from models.work.folder_store import FolderStore
 from models.work.runner import SERIAL, Runner
@@ -165,6 +166,18 @@ def test_a_torn_chunk_is_run_again(store, damage):
     assert list(runner.run(work(refuses_from, 2), 9, range(6))) == expected
     assert (runner.tally.chunks, runner.tally.kept) == (3, 2)
     assert len(store.read(name) or b"") == len(whole or b"")
+
+
+def test_shared_values_that_were_deleted_are_written_again(store):
+    def forget(_label: str) -> str:
+        for name in list(store.names("shared/")):
+            store.delete(name)
+        chunk._kept.clear()
+        return "run"
+
+    fates = iter([forget, runs, runs])
+    runner = Runner(ScriptedExecutor(first, lambda label: next(fates)(label)), store)
+    assert list(runner.run(work(refuses_from), 9, [1])) == [1]
 
 
 def test_without_resume_nothing_of_an_earlier_run_is_used(store):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sqlite3
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +19,7 @@ from monitor.archive.index import FAILED, SET_ASIDE, Index
 from monitor.archive.manifest import ManifestError
 from monitor.archive.part import described
 from monitor.archive.result import RecordingResult
-from monitor.archive.run import Results
+from monitor.archive.run import Plan, Results, replay_waiting
 from monitor.config.load import load_config
 from monitor.service.replay import replay
 from tests.monitor.archive.fleet_files import CONFIG, DATED, assert_same_records, make_archive, write_files
@@ -113,6 +114,31 @@ def test_an_interrupted_history_goes_on_from_its_latest_part(replayed):
     counts = make_archive(replayed, manifest, "cut", part_blocks=8, resume=True, runner=others)
     assert (counts.done, others.tally.chunks) == (1, 1)
     assert digests(replayed / "cut/m/history") == digests_of(replayed / "one/records")
+
+
+def test_a_history_goes_on_from_an_index_that_is_older_than_its_latest_state(replayed, monkeypatch):
+    """In object storage the index is a copy, as old as a minute where its caller was killed."""
+    monkeypatch.setattr(replaying, "_NOTED_AFTER_S", 0.0)
+    (replayed / "old.toml").write_text(CONTINUED.format('"in/*.npy"'))
+    plan = Plan(replayed / "old.toml", str(replayed / "old"), part_blocks=8)
+    path, copies = replayed / "old/index.db", []
+    with Index(path) as index:
+
+        def noted():
+            if index.planned and index.checkpoint(1) is not None and not copies:
+                index.settle()
+                copies.append(path.read_bytes())
+                return True
+            return False
+
+        with Runner(Dying(2), open_store(replayed / "old.chunks")) as runner, pytest.raises(KeyboardInterrupt):
+            replay_waiting(plan, index, runner, noted)
+        assert index.checkpoint(1)[0].part == 2
+    path.write_bytes(copies[0])
+    with Index(path) as index, Runner(SerialExecutor()) as runner:
+        assert index.checkpoint(1)[0].part == 1
+        assert replay_waiting(replace(plan, resume=True), index, runner).done == 1
+    assert digests(replayed / "old/m/history") == digests_of(replayed / "one/records")
 
 
 def test_what_is_wrong_with_a_recording_is_a_result_and_the_others_stand(tmp_path):

@@ -143,3 +143,25 @@ def test_progress_is_shown_on_a_terminal(monkeypatch, capsys, tmp_path):
             list(shared.runner.run(DOUBLED, -1, range(2)))
         told = capsys.readouterr().err
         assert ("doubles: 2 of 2" in told) is not quiet
+
+
+def test_an_output_has_one_writer_at_a_time(tmp_path):
+    out, other = tmp_path / "a" / "map.nc", tmp_path / "a" / "map.nc2"
+    with Sharing(workers=1).open(out, quiet=True), Sharing(workers=1).open(other, quiet=True):
+        for part in (".map.nc.x.part", ".map.nc2.x.part"):
+            (tmp_path / "a" / part).touch()
+        with (
+            pytest.raises(InputError, match=rf"--out {out}: another process is writing it"),
+            Sharing(workers=1).open(out, quiet=True),
+        ):
+            pass
+        with Sharing(workers=1).open(out, quiet=True, locked=False):
+            pass
+    # What a killed one left half written goes, also after its lock was left.
+    (tmp_path / "a" / ".map.nc.lock").touch()
+    with Sharing(workers=1).open(out, quiet=True):
+        assert {path.name for path in (tmp_path / "a").iterdir()} == {".map.nc.lock", ".map.nc2.x.part"}
+    assert [path.name for path in (tmp_path / "a").iterdir()] == [".map.nc2.x.part"]
+    (tmp_path / "file").touch()
+    with pytest.raises(InputError, match=r"--out .*/file/map\.nc: cannot be written: "):
+        Sharing(workers=1).open(tmp_path / "file" / "map.nc", quiet=True).__enter__()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import numpy as np
@@ -126,6 +127,27 @@ class Elsewhere(FolderStore):
 def test_workers_that_reach_another_folder_are_refused(cluster, tmp_path):
     with pytest.raises(RefusedWorkerError, match="all workers must reach the same"):
         ClusterExecutor(cluster, Elsewhere(tmp_path / "a", tmp_path / "b"), print)
+
+
+def test_chunks_stay_away_from_workers_that_only_another_caller_accepts(cluster, executor, tmp_path, monkeypatch):
+    """All workers offer memory to the first caller; the second one's store is reached by one of them."""
+    monkeypatch.setattr(roster_module.Roster.wait_for, "__kwdefaults__", {"strict": False})
+    monkeypatch.setattr(cluster, "workers", 1)
+    (tmp_path / "seen").mkdir()
+    seen = Elsewhere(tmp_path / "seen" / "chunks", Path("/proc/self/cwd/chunks"))
+    client = cluster.connect()
+    near, far = client.scheduler_info()["workers"]
+    told: list[str] = []
+    folders = client.run(os.getcwd)
+    try:
+        client.run(os.chdir, str(tmp_path / "seen"), workers=[near])
+        with Runner(ClusterExecutor(cluster, seen, told.append), seen) as runner:
+            numbers = list(runner.run(tasks.work(tasks.process), None, range(6)))
+        assert numbers == list(client.run(os.getpid, workers=[near]).values()) * 6
+    finally:
+        client.run(os.chdir, folders[near], workers=[near])
+        client.close()
+    assert [far in line and "all workers must reach the same" in line for line in told] == [True]
 
 
 def test_too_few_workers_are_told(cluster, store, monkeypatch):

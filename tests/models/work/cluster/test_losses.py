@@ -15,6 +15,7 @@ from models.work.cluster import executor as executor_module
 from models.work.cluster.errors import ClusterError
 from models.work.cluster.executor import ClusterExecutor
 from models.work.cluster.member import Membership, answer_name, join
+from models.work.cluster.roster import SILENT_S
 from models.work.cluster.versions import facts
 from models.work.codec import encode
 from models.work.folder_store import FolderStore
@@ -33,6 +34,7 @@ class Future:
     def __init__(self, key: str) -> None:
         self.key, self.status, self.value = key, "pending", None
         self.callbacks: list[Callable[[Future], None]] = []
+        self.workers: list[str] = []
 
     def add_done_callback(self, function):
         self.callbacks.append(function)
@@ -63,13 +65,20 @@ class Client:
         self.status, self.store, self.present = "running", store, workers
         self.futures: list[Future] = []
         self.at_work: dict[str, list[str]] = {}
+        self.offers: dict[str, dict[str, float]] = {}
+        self.heard: dict[str, float] = {}
 
     def run_on_scheduler(self, _function):
         return facts()
 
     def scheduler_info(self, n_workers):
         assert n_workers == -1
-        return {"workers": dict.fromkeys(self.present)}
+        return {
+            "workers": {
+                address: {"last_seen": self.heard.get(address, 0.0), "resources": self.offers.get(address, {})}
+                for address in self.present
+            }
+        }
 
     def submit(self, function, *arguments, workers=(), key, pure, resources=MappingProxyType({})):
         assert pure is False
@@ -79,11 +88,14 @@ class Client:
         if function is pkgutil.resolve_name:
             assert pkgutil.resolve_name(*arguments) is join
         elif function is operator.call:
-            token = arguments[2]
+            token, resource = arguments[2], arguments[4]
+            self.offers[workers[0]] = {resource: MEMORY}
             self.store.write(answer_name(token, workers[0]), token.encode())
             future.end("finished", Membership(workers[0], 1, MEMORY))
         else:
             assert list(resources.values()) == [1000]
+            assert workers
+            future.workers = workers
             self.futures.append(future)
         return future
 
@@ -292,3 +304,67 @@ def test_an_outcome_that_went_with_its_worker_is_found_in_the_store(store, told)
     client.futures[1].end("finished", None)
     assert executor.wait().worker == "w"
     assert len(client.futures) == 2
+
+
+def test_chunks_go_to_the_workers_that_take_part(store, told):
+    client = Client(store, ["tls://a:1"])
+    executor = ClusterExecutor(Cluster(client), store, told.append)
+    client.present = ["tls://a:1", "tls://b:1", "tcp://10.0.0.7:5"]
+    executor._look()
+    executor.submit(call(store))
+    assert client.futures[0].workers == ["tls://a:1", "tls://b:1"]
+    client.present = []
+    executor._look()
+    # Without a name, any worker of the scheduler could have it.
+    executor.submit(call(store, 2))
+    assert len(client.futures) == 1
+    client.present = ["tls://c:1"]
+    executor._look()
+    executor._look()
+    assert [future.workers for future in client.futures[1:]] == [["tls://c:1"]] * 2
+
+
+def test_a_worker_that_began_anew_at_the_same_port_is_asked_again(store, told):
+    client = Client(store, ["tls://a:1"])
+    executor = ClusterExecutor(Cluster(client), store, told.append)
+    resource = executor._roster.resource
+    client.offers["tls://a:1"] = {}
+    executor._look()
+    assert client.offers == {"tls://a:1": {resource: MEMORY}}
+    assert executor.workers() == 1
+
+
+def test_a_chunk_of_a_silent_worker_is_sent_again_once(store, told):
+    client = Client(store, ["tls://a:1", "tls://b:1", "tls://c:1"])
+    executor = ClusterExecutor(Cluster(client), store, told.append)
+    executor.submit(call(store))
+    client.at_work = {"tls://a:1": [client.futures[0].key]}
+    client.heard = {"tls://b:1": SILENT_S, "tls://c:1": SILENT_S}
+    executor._look()
+    assert told == []
+    client.heard = {"tls://b:1": SILENT_S + 1, "tls://c:1": SILENT_S + 1}
+    executor._look()
+    executor._look()
+    assert told == ["worker tls://a:1 is silent for 30 s: others get its chunks"]
+    assert executor.workers() == 2
+    assert [future.workers for future in client.futures[1:]] == [["tls://b:1", "tls://c:1"]]
+    # Where the next one is silent, too, it may be the chunk: it is left there, until one of both has ended it.
+    client.at_work["tls://b:1"] = [client.futures[1].key]
+    client.heard["tls://c:1"] += SILENT_S + 1
+    for _ in range(3):
+        executor._look()
+    assert len(client.futures) == 2
+    assert chunk.run_chunk(call(store), worker="a").failure is None
+    executor._look()
+    assert executor.wait().worker == "a"
+
+
+def test_a_silent_worker_that_answers_takes_part_again(store, told):
+    client = Client(store, ["tls://a:1", "tls://b:1"])
+    executor = ClusterExecutor(Cluster(client), store, told.append)
+    client.heard = {"tls://b:1": SILENT_S + 1}
+    executor._look()
+    assert executor.workers() == 1
+    client.heard = {"tls://b:1": SILENT_S + 1, "tls://a:1": SILENT_S}
+    executor._look()
+    assert executor.workers() == 2

@@ -1,0 +1,60 @@
+"""One command at a time writes an output: a second one is refused, and what a killed one left half written removed."""
+
+from __future__ import annotations
+
+import glob
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+from models.portable import FileLock
+from monitor.commands.common import InputError, output_errors
+
+_WAIT_S = 0.5
+"""Time in which a process that was being started when its parent was killed lets go of the lock."""
+_POLL_S = 0.02
+
+
+@contextmanager
+def sole_writer(out: Path) -> Iterator[None]:
+    """Hold the lock of an output file or folder, ``.NAME.lock`` beside it, while the block runs.
+
+    The system releases it when the process ends. Where the file system has no locks, none is held.
+
+    Raises:
+        InputError: another process holds it, or nothing can be written there.
+    """
+    place = out.absolute()
+    path = place.with_name(f".{place.name or 'root'}.lock")
+    with output_errors("--out", out):
+        place.parent.mkdir(parents=True, exist_ok=True)
+        lock = _held(path)
+    if lock is None:
+        raise InputError(f"--out {out}: another process is writing it")
+    try:
+        for part in place.parent.glob(f".{glob.escape(place.name)}.*.part"):
+            part.unlink(missing_ok=True)
+        yield
+    finally:
+        # Its name goes before the lock: one who opened it sees that it is no longer there.
+        with suppress(OSError):
+            path.unlink()
+        lock.close()
+
+
+def _held(path: Path) -> FileLock | None:
+    """Return the lock at a path, None where another process holds it."""
+    until = time.monotonic() + _WAIT_S
+    while True:
+        lock = FileLock(path)
+        try:
+            if lock.take() and lock.is_at(path):
+                return lock
+        except OSError:
+            # There are no locks here.
+            return lock
+        lock.close()
+        if time.monotonic() >= until:
+            return None
+        time.sleep(_POLL_S)
