@@ -13,6 +13,8 @@ if TYPE_CHECKING:
     from models.work.cluster.executor import ClusterExecutor
     from models.work.task import Store
 
+_NEEDED = ("distributed", "cryptography")
+
 
 def open_executor(address: str, workers: int, store: Store, tell: Callable[[str], None]) -> ClusterExecutor:
     """Return an executor of chunks on a cluster whose workers were compared with this program.
@@ -30,8 +32,10 @@ def open_executor(address: str, workers: int, store: Store, tell: Callable[[str]
     """
     if workers < 0:
         raise ValueError(f"workers must not be negative, got {workers!r}")
-    if importlib.util.find_spec("distributed") is None:
-        raise WrongInputError('--cluster needs dask: pip install "spallwatch[cluster]" (distributed is missing)')
+    if missing := [name for name in _NEEDED if importlib.util.find_spec(name) is None]:
+        raise WrongInputError(
+            f'--cluster needs dask: pip install "spallwatch[cluster]" ({" and ".join(missing)} missing)'
+        )
     from models.work.cluster.connect import Remote
     from models.work.cluster.executor import ClusterExecutor
     from models.work.cluster.local import Local

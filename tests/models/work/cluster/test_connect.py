@@ -75,9 +75,10 @@ def test_a_negative_number_of_workers_is_refused(tmp_path):
         open_executor("local", -1, FolderStore(tmp_path), print)
 
 
-def test_without_dask_the_extra_is_named(tmp_path, monkeypatch):
-    monkeypatch.setattr("importlib.util.find_spec", lambda _: None)
-    with pytest.raises(WrongInputError, match=r"pip install \"spallwatch\[cluster\]\""):
+@pytest.mark.parametrize("missing", ["distributed", "cryptography"])
+def test_without_dask_the_extra_is_named(tmp_path, monkeypatch, missing):
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None if name == missing else name)
+    with pytest.raises(WrongInputError, match=rf"pip install \"spallwatch\[cluster\]\" \({missing} missing\)"):
         open_executor("local", 1, FolderStore(tmp_path), print)
 
 

@@ -3,7 +3,12 @@
 from __future__ import annotations
 
 import os
+import socket
+import ssl
+import urllib.error
+import urllib.request
 from pathlib import Path
+from urllib.parse import urlsplit
 
 import numpy as np
 import pytest
@@ -55,6 +60,32 @@ def test_all_ports_of_a_local_cluster_are_on_loopback(cluster):
         assert list(client.run(jobs.listening).values()) == [["127.0.0.1"] * 2] * 2
     finally:
         client.close()
+
+
+def test_ports_of_a_local_cluster_ask_for_the_certificate_of_its_run(cluster):
+    from distributed import Security
+
+    client = cluster.connect()
+    try:
+        workers = client.scheduler_info()["workers"]
+        pages = [found["services"]["dashboard"] for found in (client.scheduler_info(), *workers.values())]
+    finally:
+        client.close()
+    addresses = [cluster._cluster.scheduler_address, *workers, *(worker["nanny"] for worker in workers.values())]
+    assert len(addresses) == 5
+    stranger = Security.temporary().get_connection_args("client")["ssl_context"]
+    stranger.check_hostname, stranger.verify_mode = False, ssl.CERT_NONE
+    for address in addresses:
+        where = urlsplit(address)
+        with (
+            socket.create_connection((where.hostname, where.port), 5.0) as plain,
+            stranger.wrap_socket(plain) as held,
+            pytest.raises(ssl.SSLError, match=r"UNKNOWN_CA|CERTIFICATE"),
+        ):
+            held.recv(1)
+    for port in pages:
+        with pytest.raises(urllib.error.HTTPError, match="404"):
+            urllib.request.urlopen(f"http://127.0.0.1:{port}/info/main/workers.html", timeout=5)
 
 
 def test_large_tasks_go_through_the_store(executor, store, monkeypatch):
@@ -112,7 +143,7 @@ def test_workers_of_another_program_are_refused_by_name(cluster, store, monkeypa
     real = roster_module.facts
     monkeypatch.setattr(roster_module.Roster, "_check_scheduler", lambda self: None)
     monkeypatch.setattr(roster_module, "facts", lambda: real() | {"program": "0" * 40})
-    with pytest.raises(RefusedWorkerError, match=r"worker \d at tcp://127\.0\.0\.1:\d+: spallwatch of other files"):
+    with pytest.raises(RefusedWorkerError, match=r"worker \d at tls://127\.0\.0\.1:\d+: spallwatch of other files"):
         ClusterExecutor(cluster, store, print)
 
 
