@@ -15,7 +15,6 @@ import numpy as np
 from benchmarks.common import Row
 from benchmarks.forecast_cases import LEVEL, LEVELS, WORST, Floats
 from benchmarks.forecast_filter import FEATURES, slice_of
-from benchmarks.forecast_library import block_of
 from benchmarks.forecast_population import THRESHOLD
 from benchmarks.forecast_thesis import map_plan
 from models.lives.life import LifeHistory
@@ -29,6 +28,7 @@ from monitor.health.damage.thesis import edv, forecast
 from monitor.health.damage.thesis.level_set import LevelMap
 from monitor.report.score import baselines
 from monitor.report.score.metrics import crps_from_quantiles, mean_over_runs
+from tests.followed_lives import block_of
 
 Answer = tuple[float, float, float, Sequence[float]]
 """V_eq and its lower and upper end, m2; quantiles of the time to threshold at ``LEVELS``, or one number, s; NaN or ()

@@ -9,11 +9,11 @@ import numpy as np
 from benchmarks.forecast_cases import LEVEL, LEVELS, Answers, Cases
 from benchmarks.forecast_population import LIBRARY, THRESHOLD
 from models.lives.life import LifeHistory
-from monitor.health.damage import DamageInput
 from monitor.health.damage.library.fit import fit_library
 from monitor.health.damage.library.forecaster import Conditions, LibrarySettings, LibraryState, step
 from monitor.health.damage.library.model import Library, levels_of
 from monitor.health.damage.library.summaries import LevelHistory
+from tests.followed_lives import block_of
 
 
 def fitted(lives: Sequence[LifeHistory]) -> Library:
@@ -53,18 +53,6 @@ def ask(library: Library, cases: Cases, features: str) -> Answers:
             if result.quantiles:
                 tt[r, m] = [value for _, value in result.quantiles]
     return Answers(v_eq, v_lower, v_upper, tt)
-
-
-def block_of(life: LifeHistory, k: int) -> DamageInput:
-    """Return what one block of a life says; its true V_eq stands for a tracked one."""
-    return DamageInput(
-        time=float(life.t[k]),
-        rms=float(life.rms[k]),
-        harmonics=tuple(life.harmonics[k].tolist()),
-        load=float(life.load[k]),
-        speed=float(life.speed[k]),
-        v_eq=float(life.v_eq[k]),
-    )
 
 
 def _states(library: Library, life: LifeHistory, features: str, blocks: Sequence[int]) -> list[LibraryState]:

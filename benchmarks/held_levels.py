@@ -12,7 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from benchmarks.common import Row, arguments, print_table, write_json
-from benchmarks.forecast_library import block_of, fitted
+from benchmarks.forecast_library import fitted
 from benchmarks.forecast_lives import cached_lives
 from benchmarks.forecast_population import LIBRARY, LIBRARY_RUNS, THRESHOLD
 from models.lives.life import LifeHistory
@@ -20,6 +20,7 @@ from monitor.health.damage import TtStatus
 from monitor.health.damage.library.fit import stands_still
 from monitor.health.damage.library.forecaster import LibrarySettings, LibraryState, step
 from monitor.health.damage.library.model import Library
+from tests.followed_lives import block_of
 
 STANDSTILL = "standstill"
 FEATURES = ("rms", "rms+harmonics", "v_eq")

@@ -18,13 +18,14 @@ from models.lives.life import draw_life
 from models.lives.population import Population
 from models.maps.data import RmsMap
 from models.maps.file import cached_map
-from monitor.health.damage import Damage, DamageInput, Remaining
+from monitor.health.damage import Damage, Remaining
 from monitor.health.damage.library.forecaster import LibrarySettings
 from monitor.health.damage.library.model import Library
 from monitor.health.damage.tracker import DamageGate, DamageSettings, DamageState, TrackMethod, step
 from monitor.records.library_file import load_library
 from monitor.service.libraries import cached_library
 from monitor.service.setup import part_map
+from tests.followed_lives import block_of
 
 FRACTIONS = (0.25, 0.5, 0.75)
 """Shares of the time from the onset to the threshold at which methods are asked."""
@@ -79,18 +80,6 @@ def settings_for(
         library=library,
         library_settings=LibrarySettings(features=features, interval=LEVEL),
         calibrated=True,
-    )
-
-
-def block_of(life: UnseenLife, k: int) -> DamageInput:
-    """Return what the monitor has of a block; the true V_eq is read by the features "v_eq" alone."""
-    return DamageInput(
-        time=float(life.t[k]),
-        rms=float(life.rms[k]),
-        harmonics=tuple(life.harmonics[k].tolist()),
-        load=float(life.load[k]),
-        speed=float(life.speed[k]),
-        v_eq=float(life.v_eq[k]),
     )
 
 
