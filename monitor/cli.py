@@ -16,7 +16,7 @@ DONE, FAILED, WRONG = 0, 1, 2
 
 _COMMANDS = {
     "demo": ("demo:command", "Monitor a simulated bearing that wears out, and write a report."),
-    "init": ("init:command", "Look at files, ask what they do not state, write a configuration."),
+    "init": ("init.command:command", "Look at files, ask what they do not state, write a configuration."),
     "run": ("run:command", "The daemon: follows the configured sources until it is stopped."),
     "page": ("run:page", "One page over all machines of a folder."),
     "status": ("run:status", "What the daemon of a machine is doing now."),
@@ -25,11 +25,11 @@ _COMMANDS = {
     "report": ("report:command", "One self-contained HTML report of records, or one per run."),
     "check": ("check:command", "Validate a configuration and list what would be monitored."),
     "redate": ("redate:command", "Choose anew what dates the later blocks of a source."),
-    "bearing": ("bearing:command", "Fault frequencies, stiffness, natural frequencies and life."),
-    "gear": ("gear:command", "A gear train: speeds, mesh orders, forces, levels."),
+    "bearing": ("bearing.command:command", "Fault frequencies, stiffness, natural frequencies and life."),
+    "gear": ("gear.command:command", "A gear train: speeds, mesh orders, forces, levels."),
     "ias": ("ias:command", "Angular speed of a shaft from the pulses of an encoder."),
     "cyclic": ("cyclic:command", "Spectral coherence of a recording over the orders of its shaft."),
-    "simulate": ("simulate:command", "One scene of the bearing model."),
+    "simulate": ("simulate.command:command", "One scene of the bearing model."),
     "map": ("maps:command", "RMS maps: build, show, check."),
     "library": ("library:command", "Libraries of simulated lives: build."),
     "identify": ("identify:command", "Parameters of a rig from tests with known defects."),

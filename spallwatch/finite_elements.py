@@ -8,8 +8,8 @@ import numpy as np
 
 from models.bearing import Bearing, CatalogueEntry, catalogue_entry
 from models.errors import WrongInputError
-from monitor.commands.bearing_fe import FeOptions, fe_case
-from monitor.commands.bearing_fe_values import contact_pressures, law_values, status_of
+from monitor.commands.bearing.fe import FeOptions, fe_case
+from monitor.commands.bearing.fe_values import contact_pressures, law_values, status_of
 from spallwatch.bearings import BearingError
 
 if TYPE_CHECKING:

@@ -18,7 +18,7 @@ from monitor.commands.check_extras import missing_extras
 from monitor.commands.check_interference import interference_lines, proposal_words, propose_interference, taken_families
 from monitor.commands.check_tacho import tacho_words
 from monitor.commands.common import emit, read_config
-from monitor.commands.gear_kinematics import gear_lines
+from monitor.commands.gear.kinematics import gear_lines
 from monitor.commands.model_parameters import effects_of
 from monitor.commands.redate import DatingPreview, keep_previews, preview_dating
 from monitor.config.load import Config, ConfigError

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from monitor.commands.init import command
+from monitor.commands.init.command import command
 from monitor.config.load import load_config
 from monitor.service.setup import open_configured
 from streams.block import Block

@@ -20,7 +20,7 @@ from models.load_distribution import stiffness_against_load
 from models.maps.nodes import drawn_rig
 from models.maps.plan import MapError, MapPlan
 from models.rigs.six_dof import Rig
-from monitor.commands.bearing_rig import rig_text
+from monitor.commands.bearing.rig import rig_text
 from monitor.config.bearing import RigSection
 
 BALLS, ROLLERS = from_catalogue("6210"), from_catalogue("NU 202 ECP")

@@ -14,7 +14,7 @@ from click.testing import CliRunner
 
 from models.ball_statics import BallStatics, equilibrium
 from models.bearing import Bearing
-from monitor.commands.bearing import command
+from monitor.commands.bearing.command import command
 from monitor.commands.common import InputError
 
 MACHINE = """

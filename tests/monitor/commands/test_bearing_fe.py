@@ -37,8 +37,8 @@ from models.fe.meshes.sizing import half_sizes
 from models.fe.solid.condense import ContactCells
 from models.fe.solid.cost import check_memory
 from models.hertz import contact_stiffness
-from monitor.commands.bearing import command
-from monitor.commands.bearing_fe_values import fe_lines
+from monitor.commands.bearing.command import command
+from monitor.commands.bearing.fe_values import fe_lines
 from monitor.commands.common import InputError
 
 ROLLER, BALL, SELF_ALIGNING = "NU 202 ECP", "6210", "1205 ETN9"
@@ -77,7 +77,7 @@ def analytic_bearing(
 @pytest.fixture(autouse=True)
 def _analytic_bodies(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setattr(models.fe.bearings.bearing, "fe_bearing", analytic_bearing)
-    monkeypatch.setattr("monitor.commands.bearing.published_figures", lambda designation: [])
+    monkeypatch.setattr("monitor.commands.bearing.command.published_figures", lambda designation: [])
     # Each state costs milliseconds, and a command takes hundreds.
     whole = AssembledBearing.stiffness_over_passage
     monkeypatch.setattr(

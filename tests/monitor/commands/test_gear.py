@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from monitor.commands.gear_kinematics import gear_lines
+from monitor.commands.gear.kinematics import gear_lines
 from tests.commands import run_command
 from tests.monitor.config.test_config import MINIMAL, validate
 

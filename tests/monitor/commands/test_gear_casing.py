@@ -12,9 +12,9 @@ from pydantic import ValidationError
 
 from models.fe.extra import has_extra
 from monitor.commands.common import InputError
-from monitor.commands.gear_casing import casing_by_elements, casing_lines, lines_of
-from monitor.commands.gear_forces import GearRun
-from monitor.commands.gear_transfer import felt, motion_values, pressure_values
+from monitor.commands.gear.casing import casing_by_elements, casing_lines, lines_of
+from monitor.commands.gear.forces import GearRun
+from monitor.commands.gear.transfer import felt, motion_values, pressure_values
 from monitor.config.casing import CasingFile, read_casing
 from monitor.config.gears.section import GearSection
 from monitor.config.load import ConfigError

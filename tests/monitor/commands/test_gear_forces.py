@@ -11,11 +11,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from monitor.commands import simulate_gears
 from monitor.commands.common import InputError
-from monitor.commands.gear_forces import GearRun, amplitudes, build_train, force_lines, force_values, run_train
-from monitor.commands.gear_kinematics import GearInput
-from monitor.commands.gear_picture import draw_gears, gear_picture, shaft_centres
+from monitor.commands.gear.forces import GearRun, amplitudes, build_train, force_lines, force_values, run_train
+from monitor.commands.gear.kinematics import GearInput
+from monitor.commands.gear.picture import draw_gears, gear_picture, shaft_centres
+from monitor.commands.simulate import gears as simulate_gears
 from monitor.config.load import validate
 from tests.commands import run_command
 from tests.monitor.config.test_config import MINIMAL

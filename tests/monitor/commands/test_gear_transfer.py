@@ -15,8 +15,8 @@ from models.acoustics.transfer_vectors import TransferVectors
 from models.acoustics.wav import read_wav
 from models.transfer.frf import FrequencyResponses
 from monitor.commands.common import InputError
-from monitor.commands.gear_forces import GearRun, amplitudes
-from monitor.commands.gear_transfer import (
+from monitor.commands.gear.forces import GearRun, amplitudes
+from monitor.commands.gear.transfer import (
     Casing,
     bands_within,
     casing_of,

@@ -18,8 +18,8 @@ from hypothesis import strategies as st
 
 from benchmarks import loggers
 from benchmarks.loggers import LOGGERS, Truth
-from monitor.commands.init import command
-from monitor.commands.init_text import _pair
+from monitor.commands.init.command import command
+from monitor.commands.init.text import _pair
 from monitor.config.load import Config, load_config
 from monitor.service.setup import open_configured
 from streams.block import STANDARD_GRAVITY, Block, to_si

@@ -11,7 +11,7 @@ from click.testing import CliRunner
 
 from models.bearing import from_catalogue, kinematics
 from monitor.cli import main
-from monitor.commands.simulate import command
+from monitor.commands.simulate.command import command
 
 pytestmark = pytest.mark.usefixtures("empty_directory")
 

@@ -21,8 +21,8 @@ from models.rigs.rotor import RotorRig
 from models.rigs.six_dof import Rig
 from models.scene import Scene
 from models.simulate import simulate as simulate_scene
-from monitor.commands.simulate import command
-from monitor.commands.simulate_models import request_of, simulated
+from monitor.commands.simulate.command import command
+from monitor.commands.simulate.models import request_of, simulated
 from monitor.config.load import validate
 
 pytestmark = pytest.mark.usefixtures("empty_directory")
@@ -43,8 +43,8 @@ def answers_once() -> Iterator[None]:
         return kept[key]
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("monitor.commands.simulate_models.simulated", once)
-        patch.setattr("monitor.commands.simulate.simulated", once)
+        patch.setattr("monitor.commands.simulate.models.simulated", once)
+        patch.setattr("monitor.commands.simulate.command.simulated", once)
         yield
 
 
@@ -133,7 +133,7 @@ def test_times_of_a_comparison_leave_out_the_first_call(monkeypatch: pytest.Monk
             answers[scene.model] = simulate_scene(scene, accuracy=options["accuracy"], duration=options["duration_s"])
         return answers[scene.model]
 
-    monkeypatch.setattr("monitor.commands.simulate_models.simulated", slow_at_first)
+    monkeypatch.setattr("monitor.commands.simulate.models.simulated", slow_at_first)
     found = simulate(*DAMAGED, "--compare")
     assert {row["model"] for row in found["models"]} == set(answers)
     assert all(row["seconds"] < 0.25 for row in found["models"])

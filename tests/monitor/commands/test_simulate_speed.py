@@ -11,8 +11,8 @@ import pytest
 from click.testing import CliRunner
 
 from models.speed_profile import ramp
-from monitor.commands.simulate import command
-from monitor.commands.simulate_speed import parse_speeds
+from monitor.commands.simulate.command import command
+from monitor.commands.simulate.speed import parse_speeds
 
 pytestmark = pytest.mark.usefixtures("empty_directory")
 

@@ -8,7 +8,7 @@ import pytest
 
 from models.contact_estimates import estimate_stiffness
 from models.fe.meshes.shaft_mesh import ShaftMeshRule
-from monitor.commands.bearing_shaft import shaft_lines, shaft_values
+from monitor.commands.bearing.shaft import shaft_lines, shaft_values
 from monitor.config.fe_shaft import ShaftFile, SupportSection, read_shaft
 from monitor.config.load import ConfigError
 

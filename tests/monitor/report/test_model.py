@@ -26,7 +26,7 @@ from models.scene import Defect, Floor, Scene, Slip
 from models.simulate import simulate
 from monitor.cli import main
 from monitor.commands.maps import command as map_command
-from monitor.commands.simulate import command as simulate_command
+from monitor.commands.simulate.command import command as simulate_command
 from monitor.report.figures.rms_map import cut_nodes, map_sheet, node_errors, node_miss
 from monitor.report.figures.scene import SensorSignal, passages, resonances, scene_sheet, signal_of, ways
 from monitor.report.figures.sheet import write_sheet

@@ -16,7 +16,7 @@ def rig_text(bearing: str, element: str, k_c: EffectiveStiffness | None, shaft: 
         bearing: name of the bearing in the configuration.
         element: "ball" or "roller".
         k_c: of the bearing; None leaves the key out.
-        shaft: what ``monitor.commands.bearing_shaft.shaft_values`` found; None leaves k_i out.
+        shaft: what ``monitor.commands.bearing.shaft.shaft_values`` found; None leaves k_i out.
 
     Raises:
         ValueError: there is nothing to write, or the shaft did not settle.

@@ -23,10 +23,10 @@ from models.fe.meshes.geometry import fe_geometry
 from models.fe.meshes.named_rules import NAMED_RULES, MeshName
 from models.hertz import contact_exponent
 from monitor.commands import option
-from monitor.commands.bearing_fe_values import Partner, fe_picture, fe_values
-from monitor.commands.bearing_rig import rig_text
-from monitor.commands.bearing_shaft import shaft_values
-from monitor.commands.bearing_statics import LOAD_STEPS
+from monitor.commands.bearing.fe_values import Partner, fe_picture, fe_values
+from monitor.commands.bearing.rig import rig_text
+from monitor.commands.bearing.shaft import shaft_values
+from monitor.commands.bearing.statics import LOAD_STEPS
 from monitor.commands.common import PROGRESS_AFTER_S, InputError, check_writable, input_errors, output_errors, say
 from monitor.config.fe_shaft import read_shaft
 

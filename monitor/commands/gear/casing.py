@@ -18,7 +18,7 @@ from models.fe.casing.modes import Modes, NoModesError, first_modes, modal_respo
 from models.fe.casing.surface import RadiatingSurface, radiating_surface
 from models.transfer.frf import FrequencyResponses
 from monitor.commands.common import InputError
-from monitor.commands.gear_transfer import Casing, heard
+from monitor.commands.gear.transfer import Casing, heard
 from monitor.config.casing import CasingFile, read_casing
 from monitor.config.gears.section import GearSection
 

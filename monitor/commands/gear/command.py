@@ -10,11 +10,11 @@ import click
 
 from monitor.commands import option
 from monitor.commands.common import PICTURES, InputError, check_suffix, emit, say
-from monitor.commands.gear_kinematics import GearInput, kinematic_lines, kinematic_values, read_gears
+from monitor.commands.gear.kinematics import GearInput, kinematic_lines, kinematic_values, read_gears
 
 if TYPE_CHECKING:
-    from monitor.commands.gear_forces import GearRun
-    from monitor.commands.gear_transfer import Casing
+    from monitor.commands.gear.forces import GearRun
+    from monitor.commands.gear.transfer import Casing
 
 _FILES: dict[str, tuple[tuple[str, ...], str | None]] = {
     "csv": ((".csv",), None),
@@ -95,7 +95,7 @@ def _add_motion(
     quiet: bool,
 ) -> Iterator[str]:
     """Add motion, levels and sound of the train to the values; yield them as text, and write the files."""
-    from monitor.commands.gear_forces import build_train, force_lines, force_values, run_train, write_forces
+    from monitor.commands.gear.forces import build_train, force_lines, force_values, run_train, write_forces
 
     builder = build_train(given, speed)
     casing, known = _casing(given, files, quiet=quiet)
@@ -107,7 +107,7 @@ def _add_motion(
     if casing is not None and run.motion.finite:
         yield from _add_levels(run, casing, known, files["wav"], values)
     if files["plot"] is not None and run.motion.finite:
-        from monitor.commands.gear_picture import draw_gears
+        from monitor.commands.gear.picture import draw_gears
 
         draw_gears(run, values, given.title, files["plot"])
 
@@ -120,11 +120,11 @@ def _casing(given: GearInput, files: Mapping[str, Path | None], *, quiet: bool) 
     casing: Casing | None = None
     known: dict[str, Any] = {}
     if frf is not None:
-        from monitor.commands.gear_transfer import read_casing
+        from monitor.commands.gear.transfer import read_casing
 
         casing = read_casing(given.gear, frf, files["atv"])
     elif shape is not None:
-        from monitor.commands.gear_casing import casing_by_elements
+        from monitor.commands.gear.casing import casing_by_elements
 
         casing, known = casing_by_elements(given.gear, shape, lambda text: say(text, quiet=quiet))
     if wav is not None and (casing is None or casing.pressure is None):
@@ -138,7 +138,7 @@ def _add_levels(
     run: GearRun, casing: Casing, known: dict[str, Any], wav: Path | None, values: dict[str, Any]
 ) -> Iterator[str]:
     """Add acceleration and sound to the values; yield them as text, and write the sound."""
-    from monitor.commands.gear_transfer import (
+    from monitor.commands.gear.transfer import (
         felt,
         motion_lines,
         motion_values,
@@ -148,7 +148,7 @@ def _add_levels(
     )
 
     if known:
-        from monitor.commands.gear_casing import casing_lines
+        from monitor.commands.gear.casing import casing_lines
 
         values["casing_by_elements"] = known
         yield from casing_lines(known)

@@ -6,9 +6,9 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from monitor.commands import init_answers as read
-from monitor.commands.init_answers import Answers
-from monitor.commands.init_channels import channel_names, check_bearings, has_all_bearings
+from monitor.commands.init import answers as read
+from monitor.commands.init.answers import Answers
+from monitor.commands.init.channels import channel_names, check_bearings, has_all_bearings
 from monitor.words.numbers import duration
 from streams.date_patterns import NameReading, find_readings, nearest_change
 from streams.listing import shown

@@ -29,9 +29,9 @@ from monitor.commands.common import (
     read_machine,
 )
 from monitor.commands.model_parameters import further_effects, with_machine, with_parameters
-from monitor.commands.simulate_gears import GEAR_TRAIN, simulate_gears
-from monitor.commands.simulate_models import WAVEFORM_RATE, compare, compared_lines, request_of, simulated
-from monitor.commands.simulate_speed import (
+from monitor.commands.simulate.gears import GEAR_TRAIN, simulate_gears
+from monitor.commands.simulate.models import WAVEFORM_RATE, compare, compared_lines, request_of, simulated
+from monitor.commands.simulate.speed import (
     settle_speeds,
     speed_lines,
     speed_values,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from monitor.commands.init_answers import AnsweredBearing, Answers
+from monitor.commands.init.answers import AnsweredBearing, Answers
 from monitor.config.fields import plain_name
 from streams.survey import Survey, SurveyedRow
 

@@ -12,11 +12,11 @@ import numpy as np
 from click.core import ParameterSource
 
 from monitor.commands.common import InputError, check_suffix, emit, finite
-from monitor.commands.gear_kinematics import read_gears
+from monitor.commands.gear.kinematics import read_gears
 from streams.block import STANDARD_GRAVITY
 
 if TYPE_CHECKING:
-    from monitor.commands.gear_forces import GearRun
+    from monitor.commands.gear.forces import GearRun
 
 GEAR_TRAIN = "gear_train"
 _TAKEN = {"config_path", "speed_hz", "duration_s", "model", "plot", "waveform", "as_json", "quiet"}
@@ -39,7 +39,7 @@ def simulate_gears(config_path: Path | None, options: Mapping[str, Any], *, as_j
             raise InputError(
                 f"{parameter.opts[0]} is about a bearing; --model {GEAR_TRAIN} takes its train from [gear]"
             )
-    from monitor.commands.gear_forces import build_train, force_lines, force_values, run_train, write_forces
+    from monitor.commands.gear.forces import build_train, force_lines, force_values, run_train, write_forces
 
     waveform, plot = options["waveform"], options["plot"]
     if waveform is not None:
@@ -54,7 +54,7 @@ def simulate_gears(config_path: Path | None, options: Mapping[str, Any], *, as_j
     if waveform is not None:
         write_forces(run, waveform, "--waveform")
     if plot is not None and run.motion.finite:
-        from monitor.commands.gear_picture import draw_gears
+        from monitor.commands.gear.picture import draw_gears
 
         draw_gears(run, {"train": values, "casing": None, "sound": None}, given.title, plot)
     emit(values, [*force_lines({**values, "status": run.status}), level_line(values)], as_json=as_json)

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from monitor.commands.common import output_errors
-from monitor.commands.gear_forces import GearRun
+from monitor.commands.gear.forces import GearRun
 
 Array = NDArray[np.float64]
 

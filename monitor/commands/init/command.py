@@ -12,12 +12,12 @@ from typing import Any
 import click
 
 from models.bearing import kinematics
-from monitor.commands import init_answers as read
 from monitor.commands import option
 from monitor.commands.common import InputError, emit, input_errors, output_errors, say
-from monitor.commands.init_answers import Answers
-from monitor.commands.init_channels import bearing_of, channel_names, check_bearings
-from monitor.commands.init_questions import (
+from monitor.commands.init import answers as read
+from monitor.commands.init.answers import Answers
+from monitor.commands.init.channels import bearing_of, channel_names, check_bearings
+from monitor.commands.init.questions import (
     Question,
     interval_question,
     name_readings,
@@ -26,7 +26,7 @@ from monitor.commands.init_questions import (
     period_of,
     unit_of,
 )
-from monitor.commands.init_text import Draft, configuration_text, level_in_g, machine_name
+from monitor.commands.init.text import Draft, configuration_text, level_in_g, machine_name
 from monitor.config.load import Config, load_config
 from monitor.words.numbers import duration
 from streams.listing import shown

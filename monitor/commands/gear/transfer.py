@@ -20,7 +20,7 @@ from models.acoustics.wav import full_scale_for, write_wav
 from models.acoustics.weighting import power
 from models.transfer.frf import MOTION_UNITS, FrequencyResponses
 from monitor.commands.common import InputError, finite, output_errors
-from monitor.commands.gear_forces import GearRun
+from monitor.commands.gear.forces import GearRun
 from monitor.config.gears.section import GearSection
 from streams.block import STANDARD_GRAVITY
 from streams.readers.frf import read_frf

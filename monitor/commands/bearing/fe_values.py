@@ -16,8 +16,8 @@ from models.fe.meshes.geometry import fe_geometry
 from models.fe.meshes.sizing import half_sizes
 from models.hertz import BALL_EXPONENT, point_contact_semi_axes
 from models.load_distribution import load_distribution, stiffness_against_load, stiffness_over_passage
-from monitor.commands.bearing_shaft import shaft_lines
-from monitor.commands.bearing_statics import LOAD_STEPS, distribution_rows, load_rows, passage_values
+from monitor.commands.bearing.shaft import shaft_lines
+from monitor.commands.bearing.statics import LOAD_STEPS, distribution_rows, load_rows, passage_values
 from monitor.commands.common import finite
 from monitor.words.numbers import figure
 
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from models.fe.bearings.assembled import FePassage
     from models.fe.bearings.bearing import FeContact
     from models.fe.meshes.geometry import FeGeometry, Race
-    from monitor.commands.bearing_fe import FeCase
+    from monitor.commands.bearing.fe import FeCase
     from monitor.report.figures.fe_bearing import BearingPicture, Pressure
 
 Partner = tuple[Bearing, float]

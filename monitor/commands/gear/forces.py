@@ -18,7 +18,7 @@ from models.gears.iso6336 import iso_stiffness
 from models.gears.linear import natural_frequencies
 from models.gears.train import GearTrain
 from monitor.commands.common import InputError, finite, output_errors
-from monitor.commands.gear_kinematics import GearInput
+from monitor.commands.gear.kinematics import GearInput
 from monitor.config.fields import LocatedError
 from monitor.config.gears.train import TrainBuilder
 from monitor.records.database import replacing

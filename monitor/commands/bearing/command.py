@@ -18,11 +18,11 @@ from models.line_contact import LINE_CONTACTS, LineContact
 from models.published.thesis import published_figures
 from models.scene import Defect
 from monitor.commands import option
-from monitor.commands.bearing_balls import BallCase, ball_case, ball_lines, ball_values, draw_balls
-from monitor.commands.bearing_fe import FeOptions, fe_answer, fe_options
-from monitor.commands.bearing_fe_values import fe_lines
-from monitor.commands.bearing_origins import origin_lines, origin_values
-from monitor.commands.bearing_statics import analytic_statics, areas_known, static_lines
+from monitor.commands.bearing.balls import BallCase, ball_case, ball_lines, ball_values, draw_balls
+from monitor.commands.bearing.fe import FeOptions, fe_answer, fe_options
+from monitor.commands.bearing.fe_values import fe_lines
+from monitor.commands.bearing.origins import origin_lines, origin_values
+from monitor.commands.bearing.statics import analytic_statics, areas_known, static_lines
 from monitor.commands.common import PICTURES, InputError, check_suffix, emit, find_entry, read_machine
 from monitor.config.load import Config
 

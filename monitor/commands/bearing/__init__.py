@@ -1,0 +1,1 @@
+"""``spallwatch bearing``: the bearing of a machine, its rows of balls, its rings as finite elements."""

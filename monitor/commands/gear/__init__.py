@@ -1,0 +1,1 @@
+"""``spallwatch gear``: a gear train, its orders, forces and levels."""

@@ -1,0 +1,1 @@
+"""``spallwatch init``: from files and answers to a configuration."""

@@ -1,0 +1,1 @@
+"""``spallwatch simulate``: one scene, and what comes of it."""
