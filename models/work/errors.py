@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from models.errors import SpallwatchError, WrongInputError
 from models.work.codec import ROOTS
 from models.work.redact import redact
+from models.work.storage_error import ObjectStorageError
 from models.work.task import Failure
 
 _MAX_LISTED = 20
@@ -71,7 +72,8 @@ def failure_of(error: BaseException, *, of_task: bool = True) -> Failure:
         log = f"{log[: _MAX_LOG // 2]}\n...\n{log[-_MAX_LOG // 2 :]}"
     message = redact(str(error)) or kind.__qualname__
     wrong = isinstance(error, WrongInputError) or (of_task and isinstance(error, ValueError))
-    return Failure(f"{kind.__module__}:{kind.__qualname__}", message, redact(log), wrong)
+    of_store = isinstance(error, ObjectStorageError) or (not of_task and isinstance(error, OSError))
+    return Failure(f"{kind.__module__}:{kind.__qualname__}", message, redact(log), wrong, of_store)
 
 
 def error_of(failure: Failure) -> Exception:

@@ -16,21 +16,20 @@ from typing import Any, Self, TypeVar
 
 from models.errors import WrongInputError
 from models.work.chunk import chunk_key, clear_attempts, read_chunk, sent_tasks, write_log
-from models.work.codec import DamagedDataError, encode, name_of
+from models.work.codec import DamagedDataError, encode
 from models.work.direct import Meter, direct_outcomes, direct_results
 from models.work.errors import chunks_failed, error_of, failure_of
 from models.work.folder_store import FolderStore
 from models.work.job import Chunk, Job, Tally, chunks_of
 from models.work.program import program
 from models.work.serial import SerialExecutor
-from models.work.storage_error import ObjectStorageError
+from models.work.storage_error import LostFolderError, ObjectStorageError
 from models.work.store_files import KnownChunks, attempted_chunks, check_writable, delete_own, write_run, write_shared
 from models.work.task import DIED, ChunkCall, ChunkOutcome, Executor, Failure, Progress, Store, Work
 
 _S = TypeVar("_S")
 _T = TypeVar("_T")
 _R = TypeVar("_R")
-_STORAGE = name_of(ObjectStorageError)
 
 
 class Runner:
@@ -189,7 +188,11 @@ class Runner:
         """Begin a run; at its end its chunks are no longer waited for."""
         store = self._begin()
         job = Job(work, encode(shared), tasks, total, stops=stops)
-        write_shared(store, job.shared, job.shared_data)
+        try:
+            write_shared(store, job.shared, job.shared_data)
+        except OSError:
+            self._check_store()
+            raise
         try:
             yield job
         except KeyboardInterrupt as error:
@@ -277,8 +280,8 @@ class Runner:
         )
 
     def _take(self, outcome: ChunkOutcome) -> None:
-        """Give an outcome to the runs that wait for it; ObjectStorageError where the store is lost to all."""
-        if outcome.failure is not None and outcome.failure.kind == _STORAGE:
+        """Give an outcome to the runs that wait for it; raise where the store is lost to all."""
+        if outcome.failure is not None and outcome.failure.of_store:
             self._check_store()
         for job, chunk in self._waiting.pop(outcome.key, ()):
             if outcome.failure is not None and outcome.failure.kind == DIED and self._store is not None:
@@ -289,13 +292,18 @@ class Runner:
             self._tell(job)
 
     def _check_store(self) -> None:
-        """Raise ObjectStorageError where this process does not reach the store: no worker would."""
+        """Raise where this process does not reach the store: no worker would."""
         assert self._store is not None
         try:
             check_writable(self._store)
         except ObjectStorageError as error:
-            kept = "" if self.url is None else "; chunks that are done stay, --resume goes on with the others"
-            raise ObjectStorageError(f"{error}{kept}") from None
+            raise ObjectStorageError(f"{error}{self._kept}") from None
+        except OSError as error:
+            raise LostFolderError(f"{self._store.url}: cannot be written: {error.strerror}{self._kept}") from None
+
+    @property
+    def _kept(self) -> str:
+        return "" if self.url is None else "; chunks that are done stay, --resume goes on with the others"
 
     def _results(self, job: Job[_T], chunk: Chunk[_T]) -> list[Any] | None:
         """Return the results of a chunk that is done; None where they cannot be read, and it is run again."""

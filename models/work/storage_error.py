@@ -1,4 +1,4 @@
-"""What goes wrong with an object storage."""
+"""What goes wrong with a store."""
 
 from __future__ import annotations
 
@@ -7,3 +7,7 @@ from models.errors import SpallwatchError
 
 class ObjectStorageError(SpallwatchError):
     """A request to an object storage failed; the message names its URL and the cause, without credentials."""
+
+
+class LostFolderError(SpallwatchError):
+    """The folder of a store can no longer be written; the message names it and the cause."""

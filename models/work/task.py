@@ -96,12 +96,14 @@ class Failure:
         message: one line.
         log: traceback, or what is known of a lost worker.
         wrong_input: whether the exception is a WrongInputError or a ValueError: another attempt would fail, too.
+        of_store: whether a store may have failed, rather than the task.
     """
 
     kind: str
     message: str
     log: str
     wrong_input: bool = False
+    of_store: bool = False
 
 
 @dataclass(frozen=True)

@@ -14,10 +14,11 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
+from models.errors import WrongInputError
 from models.portable import ended_as_interrupted
 from models.work.errors import ChunksFailedError, FailedChunk
 from models.work.redact import redact
-from monitor.commands.common import PROGRESS_AFTER_S, InputError, say
+from monitor.commands.common import PROGRESS_AFTER_S, InputError, check_folder, say
 from monitor.commands.option import WHOLE
 from monitor.commands.sole_writer import sole_writer
 from monitor.words.numbers import duration
@@ -101,14 +102,39 @@ class Sharing:
 
     def _chunks(self, beside: Path | str | None, stack: ExitStack) -> str | None:
         """Return the place of the chunks, None where the run needs none."""
-        if self.chunks is not None or (self.cluster is None and not self.resume):
-            return self.chunks
+        if self.chunks is not None:
+            return _named_place(self.chunks, beside)
+        if self.cluster is None and not self.resume:
+            return None
         if beside is not None:
             return f"{str(beside).rstrip('/')}.chunks"
         if self.resume or self.cluster != "local":
             option = "--resume" if self.resume else "--cluster"
             raise InputError(f"{option}: expected --chunks, a folder or URL that all workers reach")
         return stack.enter_context(tempfile.TemporaryDirectory(prefix="spallwatch-chunks-"))
+
+
+def _named_place(chunks: str, out: Path | str | None) -> str:
+    """Return the place of chunks that the user named.
+
+    Raises:
+        InputError: it is no store, cannot be written, or is that of the output.
+    """
+    from models.work.folder_store import FolderStore
+    from models.work.stores import open_store
+
+    if not chunks.strip():
+        raise InputError(f"--chunks: expected a folder or URL, got {chunks!r}")
+    try:
+        store = open_store(chunks)
+    except WrongInputError as error:
+        raise InputError(f"--chunks: {error}") from None
+    if isinstance(store, FolderStore):
+        folder = Path(store.url)
+        if isinstance(out, Path) and folder.resolve() == out.resolve():
+            raise InputError(f"--chunks {chunks}: is the output; expected another folder")
+        check_folder("--chunks", folder, folder)
+    return chunks
 
 
 @dataclass

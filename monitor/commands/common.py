@@ -147,9 +147,20 @@ def check_writable(option: str, path: Path) -> None:
     Raises:
         InputError: naming the option, the file and the reason.
     """
+    if path.is_dir():
+        raise InputError(f"{option} {path}: is a folder, expected a file")
+    check_folder(option, path, path.parent)
+
+
+def check_folder(option: str, path: Path, folder: Path) -> None:
+    """Make a folder and refuse one that takes no file; ``path`` is what the option names.
+
+    Raises:
+        InputError: naming the option, the path and the reason.
+    """
     with output_errors(option, path):
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryFile(dir=path.parent):
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder):
             pass
 
 

@@ -67,11 +67,16 @@ def command(
     if sharing.cluster is not None or len(recordings) > 1:
         if pace is not None:
             raise InputError("--pace: expected one PATH on this machine, got several or --cluster")
+        read_config(config_path)
         replays = (config_path or Path("config.toml"), out, limit, report)
         _replay_many(recordings, replays, sharing, as_json=as_json, quiet=quiet)
         return
     from monitor.service.replay import replay
 
+    if sharing.chunks is not None:
+        raise InputError(
+            "--chunks: expected several PATHs or --cluster; one recording is kept in its store under --out"
+        )
     config = read_config(config_path)
     path = paths[0] if paths else None
     with local_source(config.source[0].url if path is None else path, out / "fetched") as source:
@@ -105,7 +110,6 @@ def _replay_many(
     from monitor.commands import replay_many
 
     config_path, out, limit, report = replays
-    read_config(config_path)
     settings = replay_many.Replays(config_path.absolute(), out.absolute(), limit, report, sharing.resume)
     began = time.perf_counter()
     # The stores are what is kept, rather than chunks.

@@ -78,6 +78,8 @@ def command(
         raise InputError("--config belongs to --batch; to replay one recording: spallwatch replay")
     if sharing.cluster is not None:
         raise InputError("--cluster belongs to --batch: one page is made here")
+    if sharing.chunks is not None:
+        raise InputError("--chunks belongs to --batch: one page is made here")
     from monitor.report.report import build_report
 
     options = replace(options, maps={**options.maps, **read_maps(maps)})

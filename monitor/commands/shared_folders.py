@@ -165,7 +165,9 @@ def replaced(place: Path) -> Iterator[Path]:
 def remove_leftovers(out: Path, names: Iterable[str]) -> None:
     """Remove what :func:`replaced` left in ``out`` where a worker was killed; put back what was there before."""
     for name in names:
-        for leftover in sorted(out.glob(f".{name}.????????*")):
+        # Nothing else is removed that is named alike.
+        ours = re.compile(rf"\.{re.escape(name)}\.[0-9a-f]{{8}}({re.escape(_OLD)})?")
+        for leftover in sorted(path for path in out.glob(f".{name}.*") if ours.fullmatch(path.name)):
             if leftover.name.endswith(_OLD) and not (out / name).exists():
                 leftover.rename(out / name)
             else:

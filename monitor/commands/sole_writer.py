@@ -33,7 +33,7 @@ def sole_writer(out: Path) -> Iterator[None]:
     if lock is None:
         raise InputError(f"--out {out}: another process is writing it")
     try:
-        for part in place.parent.glob(f".{glob.escape(place.name)}.*.part"):
+        for part in place.parent.glob(f".{glob.escape(place.name)}.*.part") if place.name else ():
             part.unlink(missing_ok=True)
         yield
     finally:

@@ -16,6 +16,7 @@ from models.work.errors import ChunksFailedError
 from models.work.folder_store import FolderStore
 from models.work.runner import SERIAL, Runner
 from models.work.serial import SerialExecutor
+from models.work.storage_error import LostFolderError
 from models.work.task import Failure, Progress
 from tests.models.work.tasks import (
     ScriptedExecutor,
@@ -282,3 +283,25 @@ def test_a_place_where_no_chunks_can_be_kept_is_named(tmp_path):
         pytest.raises(WrongInputError, match="file/chunks: chunks cannot be kept there: Not a directory"),
     ):
         list(runner.run(work(scaled), Shared(1.0), [1.0]))
+
+
+def test_a_folder_that_can_no_longer_be_written_ends_a_run_with_one_line(store, monkeypatch):
+    runner = Runner(SerialExecutor(), store, keep=False)
+    results = runner.run(work(refuses_from), 9, range(9))
+    assert next(results) == 0
+    with monkeypatch.context() as full:
+
+        def refuse(*_: object) -> None:
+            raise OSError(28, "No space left on device")
+
+        full.setattr("os.open", refuse)
+        with pytest.raises(LostFolderError) as error, runner:
+            next(results)
+    assert str(error.value) == (
+        f"{store.url}: cannot be written: No space left on device; chunks that are done stay, --resume goes on with "
+        "the others"
+    )
+    assert error.value.exit_code == 1
+    again = Runner(SerialExecutor(), store, resume=True)
+    assert list(again.run(work(refuses_from), 9, range(9))) == list(range(9))
+    assert again.tally.kept == 1

@@ -125,6 +125,25 @@ def test_chunks_need_a_place(options, named):
         pass
 
 
+@pytest.mark.parametrize(
+    ("chunks", "words"),
+    [
+        ("", "expected a folder or URL, got ''"),
+        ("file://host/x", "expected file:///FOLDER, got 'file://host/x'"),
+        ("{}/file/x", " {}/file/x: cannot be written: "),
+        ("{}/file", " {}/file: cannot be written: "),
+        ("{}/map.nc", "{}/map.nc: is the output; expected another folder"),
+    ],
+)
+def test_a_wrong_place_of_chunks_is_refused_by_its_option(tmp_path, chunks, words):
+    (tmp_path / "file").touch()
+    with pytest.raises(InputError) as error:
+        Sharing(chunks=chunks.format(tmp_path)).open(tmp_path / "map.nc", quiet=True).__enter__()
+    assert str(error.value).startswith("--chunks")
+    assert words.format(tmp_path) in str(error.value)
+    assert [path.name for path in tmp_path.iterdir()] == ["file"]
+
+
 def test_a_wrong_store_is_refused(tmp_path):
     with pytest.raises(WrongInputError), Sharing(chunks="nowhere://x").open(tmp_path / "out", quiet=True):
         pass

@@ -144,6 +144,10 @@ def test_a_folder_takes_its_place_whole_or_not_at_all(tmp_path: Path) -> None:
     assert [path.name for path in place.parent.iterdir()] == ["run"]
     # Killed between the two renames.
     place.rename(place.with_name(".run.01234567.old"))
+    # Of the user, or of a run of another name.
+    others = [place.with_name(name) for name in (".run.my-own-files", ".run.b.01234567", ".run.0123456789")]
+    for other in others:
+        other.mkdir()
     remove_leftovers(place.parent, ["run"])
     assert (place / "file").read_text() == "second"
-    assert [path.name for path in place.parent.iterdir()] == ["run"]
+    assert set(place.parent.iterdir()) == {place, *others}
