@@ -24,6 +24,7 @@ from typing import Any
 from models.work.codec import DamagedDataError, decode, digest, digest_of, encode, resolve
 from models.work.errors import MemoryNeedError, OtherProgramError, failure_of
 from models.work.program import processor, program
+from models.work.redact import has_signed_url
 from models.work.stores import open_store
 from models.work.task import DIED, ChunkCall, ChunkOutcome, Failure, Store
 
@@ -53,8 +54,11 @@ class StoredTasks:
 
 
 def sent_tasks(store: Store, key: str, tasks: bytes) -> bytes:
-    """Return what is sent of the encoded tasks of a chunk, after writing large ones to the store."""
-    if len(tasks) <= MAX_SENT_BYTES:
+    """Return what is sent of the encoded tasks of a chunk, after writing large ones to the store.
+
+    Those with signed URLs are sent whatever their size: whoever may read the store could use the signatures.
+    """
+    if len(tasks) <= MAX_SENT_BYTES or has_signed_url(tasks):
         return tasks
     store.write(f"tasks/{key}", tasks)
     return encode(StoredTasks(key))

@@ -1,7 +1,7 @@
 """Keep credentials out of what is written: logs, messages, indexes, reports, JSON, tracebacks of failed chunks.
 
 What is hidden: user info and signed queries of URLs, headers and quoted options by their names, and the values of this
-process's own credentials wherever they appear (environment, fsspec configuration, the credentials file of AWS).
+process's own credentials wherever they appear (environment, fsspec configuration, the files of AWS).
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ import re
 import sys
 import traceback
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from functools import lru_cache
 from pathlib import Path
 from typing import Any, cast
@@ -85,6 +86,14 @@ def bare_url(url: str, hide: Callable[[str], str] = redact) -> str:
     return hide(urlunsplit((parts.scheme, parts.netloc.rpartition("@")[2], parts.path, "", "")))
 
 
+def has_signed_url(data: bytes) -> bool:
+    """Return whether bytes hold a URL with a parameter that looks like a signature or a key."""
+    if b"://" not in data:
+        return False
+    text = data.decode("latin-1")
+    return _SIGNED_PARAMETER.search(text) is not None or _LONG_PARAMETER.search(text) is not None
+
+
 def redacted_traceback(error: BaseException) -> str:
     """Return the traceback of an exception without credentials."""
     return redact("".join(traceback.format_exception(error)))
@@ -97,7 +106,7 @@ def has_user_info(url: str) -> bool:
 
 def _secrets() -> list[str]:
     """Return the credentials of this process in all spellings of URLs and JSON, the longest first."""
-    values = {*_of_environment(os.environ), *_of_fsspec(), *_of_aws_file()}
+    values = {*_of_environment(os.environ), *_of_fsspec(), *_of_aws_files()}
     spellings: set[str] = set()
     for value in values:
         if len(value) >= MIN_SECRET_CHARACTERS:
@@ -141,19 +150,18 @@ def _of_options(options: Mapping[str, object]) -> Iterator[str]:
             yield value
 
 
-def _of_aws_file() -> tuple[str, ...]:
-    named = os.environ.get("AWS_SHARED_CREDENTIALS_FILE")
-    try:
-        place = Path(named).expanduser() if named else Path.home() / ".aws" / "credentials"
-        changed = place.stat().st_mtime_ns
-    except (OSError, RuntimeError):
-        return ()
-    return _read_aws_file(str(place), changed)
+def _of_aws_files() -> Iterator[str]:
+    for variable, name in (("AWS_SHARED_CREDENTIALS_FILE", "credentials"), ("AWS_CONFIG_FILE", "config")):
+        named = os.environ.get(variable)
+        # No such file, or no home.
+        with suppress(OSError, RuntimeError):
+            place = Path(named).expanduser() if named else Path.home() / ".aws" / name
+            yield from _read_aws_file(str(place), place.stat().st_mtime_ns)
 
 
 @lru_cache(maxsize=4)
 def _read_aws_file(place: str, changed: int) -> tuple[str, ...]:
-    """Return the secrets in a credentials file; ``changed``, its time of change, makes the answer anew."""
+    """Return the secrets in a file of AWS; ``changed``, its time of change, makes the answer anew."""
     parser = configparser.RawConfigParser(strict=False)
     try:
         parser.read(place, encoding="utf-8")

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import os
 import re
+import shutil
 import signal
 import ssl
 import subprocess
@@ -208,6 +209,31 @@ def test_certificates_that_are_there_stay_and_keys_are_read_by_the_owner_only(tl
     subprocess.run(["sh", str(DEPLOY / "certificates.sh"), str(tls)], check=True)
     assert {path.name: path.read_bytes() for path in tls.iterdir()} == before
     assert all(path.stat().st_mode & 0o077 == 0 for path in tls.glob("*.key"))
+
+
+def test_certificates_that_cannot_be_made_or_used_are_named(tls: Path, tmp_path: Path) -> None:
+    def refused(*arguments: str) -> str:
+        run = subprocess.run(
+            ["sh", str(DEPLOY / "certificates.sh"), *arguments],
+            capture_output=True,
+            text=True,
+            check=False,
+            cwd=tmp_path,
+        )
+        assert run.returncode != 0
+        return run.stderr.strip().removeprefix("certificates.sh: ")
+
+    assert refused("made", "1.5") == "DAYS: expected a whole number from 1, got '1.5'"
+    assert not (tmp_path / "made").exists()
+    folder = tmp_path / "-a folder"
+    shutil.copytree(tls, folder)
+    for missing in ("ca.key", "worker.pem"):
+        (folder / missing).unlink()
+    assert refused(folder.name) == "-a folder: ca.key is missing, which makes worker.pem; bring it here for the moment"
+    (folder / "ca.pem").unlink()
+    # A new authority, of which the others are not.
+    assert refused(folder.name).startswith("-a folder: scheduler.pem is not of this ca.pem, or has expired; delete it")
+    assert {path.suffix for path in folder.iterdir()} == {".pem", ".key"}
 
 
 def test_workers_have_the_packages_of_the_lock_file() -> None:

@@ -129,6 +129,9 @@ def test_large_tasks_wait_in_the_store(store):
     coded = encode(tasks)
     assert decode(sent_tasks(store, "k", coded)).key == "k"
     assert sent_tasks(store, "k", coded[:100]) == coded[:100]
+    signed = encode([f"https://host/{number}.npy?X-Amz-Signature=planted" for number in range(2000)])
+    assert sent_tasks(store, "signed", signed) == signed
+    assert [*store.names()] == ["tasks/k"]
     found = list(Runner(SerialExecutor(), store, keep=False).run(work(fails_on_odd), 0, [2]))
     assert found == [2]
     with Runner(SerialExecutor(), store, keep=False) as runner:

@@ -18,7 +18,8 @@ SECRET = "wJalrXUtnFEMI/K7MDENG+bPxRfiCYplanted"
 
 @pytest.fixture(autouse=True)
 def no_credentials(monkeypatch, tmp_path):
-    monkeypatch.setenv("AWS_SHARED_CREDENTIALS_FILE", str(tmp_path / "none"))
+    for name in ("AWS_SHARED_CREDENTIALS_FILE", "AWS_CONFIG_FILE"):
+        monkeypatch.setenv(name, str(tmp_path / "none"))
     for name in ("AWS_SECRET_ACCESS_KEY", "AWS_SESSION_TOKEN", "AWS_ACCESS_KEY_ID"):
         monkeypatch.delenv(name, raising=False)
 
@@ -80,10 +81,11 @@ def test_values_of_the_environment_are_hidden_in_every_spelling(name, value, spe
     assert redact(text).replace('"', "").replace("'", "") == f"begin{HIDDEN}end"
 
 
-def test_values_of_files_are_hidden(monkeypatch, tmp_path):
-    place = tmp_path / "credentials"
+@pytest.mark.parametrize("variable", ["AWS_SHARED_CREDENTIALS_FILE", "AWS_CONFIG_FILE"])
+def test_values_of_files_are_hidden(variable, monkeypatch, tmp_path):
+    place = tmp_path / "file of aws"
     place.write_text(f"[default]\naws_access_key_id = someone\naws_secret_access_key = {SECRET}\nregion = nowhere-1\n")
-    monkeypatch.setenv("AWS_SHARED_CREDENTIALS_FILE", str(place))
+    monkeypatch.setenv(variable, str(place))
     assert redact(f"{SECRET} of nowhere-1") == "*** of nowhere-1"
     # Configuration files of fsspec are read by fsspec itself.
     loaded = types.SimpleNamespace(conf={"abfs": {"account_key": "Abcdefgh==", "account_name": "spallwatch"}})
