@@ -10,6 +10,7 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+import re
 import tempfile
 import time
 import zipfile
@@ -34,6 +35,9 @@ MAX_BYTES = 200_000_000
 _HEADER = "header"
 _STALE_S = 86_400.0
 """Age from which an unfinished file is that of a process which was killed."""
+_ENTRY = re.compile(r"[0-9a-f]{32}\.npz")
+_UNFINISHED = re.compile(r"\.[a-z0-9_]{8}\.part")
+"""Names of files that are ours: the folder may hold others."""
 _UNREADABLE = (OSError, ValueError, KeyError, EOFError, TypeError, zipfile.BadZipFile, zlib.error)
 
 
@@ -155,9 +159,9 @@ class FeCache:
         for path in newest.parent.iterdir():
             with suppress(OSError):
                 status = path.stat()
-                if path.suffix == ".npz" and path != newest:
+                if _ENTRY.fullmatch(path.name) and path != newest:
                     entries.append((status.st_mtime, status.st_size, path))
-                elif path.suffix == ".part" and status.st_mtime < time.time() - _STALE_S:
+                elif _UNFINISHED.fullmatch(path.name) and status.st_mtime < time.time() - _STALE_S:
                     path.unlink()
         total += sum(size for _, size, _ in entries)
         for _, size, path in sorted(entries):

@@ -39,6 +39,7 @@ _AROUND = 0.02
 _LIBRARY_SEED = 20
 _WINDOW_HOURS = 4.0
 """Time to the next maintenance, h."""
+_MACHINE = "demo"
 _TESTED = "test_bearing"
 _ONE = "This is one life of many. "
 _NOTES = {
@@ -82,7 +83,7 @@ def demo_config(method: str = "library", model: str = Rig.model) -> Config:
     designation = machine_of(model).bearing.designation
     return validate(
         {
-            "machine": {"name": "demo"},
+            "machine": {"name": _MACHINE},
             "bearing": [
                 {"name": "test", "designation": designation},
                 {"name": "support_drive", "designation": "22207"},
@@ -244,12 +245,28 @@ def _clear(out: Path) -> None:
     foreign = sorted(item.name for item in out.iterdir() if item.name not in ours)
     if foreign:
         raise InputError(f"--out {out}: holds {foreign[0]!r}, which is not from a demo; give another folder")
+    if (out / "state.db").exists():
+        _refuse_other_machine(out)
     for item in out.iterdir():
         if item.is_dir():
             for file in item.glob("demo-*.nc"):
                 file.unlink()
         else:
             item.unlink()
+
+
+def _refuse_other_machine(out: Path) -> None:
+    """Refuse the store of a machine that is watched: its folder may hold no other file."""
+    from monitor.records.database import StoreError
+    from monitor.records.store import Store
+
+    try:
+        with Store.open(out / "state.db", read_only=True) as store:
+            machine = store.machine
+    except StoreError as error:
+        raise InputError(f"--out {out}: {error}; give another folder") from None
+    if machine != _MACHINE:
+        raise InputError(f"--out {out}: holds the state of machine {machine!r}; give another folder")
 
 
 def _compare(store_path: Path) -> list[dict[str, Any]]:

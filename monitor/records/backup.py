@@ -99,7 +99,8 @@ def back_up(contents: Contents, folder: Path, *, keep: int, utc: float, min_free
         if lock is None:
             raise RefusedError(f"{folder}: another backup of machine {contents.machine!r} is being written")
         for left in folder.glob(f".{contents.machine}-*.partial"):
-            shutil.rmtree(left)
+            if _is_of(contents.machine, left.stem[1:]):
+                shutil.rmtree(left)
         earlier = backups_of(folder, contents.machine)
         before = _read_manifest(earlier[-1]) if earlier else None
         _refuse_full_disk(contents, folder, min_free, before)
@@ -113,8 +114,14 @@ def back_up(contents: Contents, folder: Path, *, keep: int, utc: float, min_free
 
 def backups_of(folder: Path, machine: str) -> list[Path]:
     """Return the backups of a machine below a folder, the oldest first."""
-    found = (path for path in folder.glob(f"{machine}-*") if (path / MANIFEST).is_file())
-    return sorted(path for path in found if (match := _NAME.fullmatch(path.name)) and match["machine"] == machine)
+    found = folder.glob(f"{machine}-*")
+    return sorted(path for path in found if _is_of(machine, path.name) and (path / MANIFEST).is_file())
+
+
+def _is_of(machine: str, name: str) -> bool:
+    """Return whether a name is that of a backup of a machine: another one's may begin alike."""
+    match = _NAME.fullmatch(name)
+    return match is not None and match["machine"] == machine
 
 
 def find_backup(folder: Path, machine: str) -> Path:

@@ -95,14 +95,18 @@ def test_pickled_objects_are_not_loaded(tmp_path: Path) -> None:
 
 
 def test_the_folder_is_bounded_and_what_was_used_last_stays(tmp_path: Path) -> None:
-    kept = FeCache(tmp_path, max_bytes=30_000)
+    kept, foreign = FeCache(tmp_path / "fe", max_bytes=30_000), tmp_path / "fe" / "measured.npz"
+    foreign.parent.mkdir()
+    foreign.write_bytes(bytes(40_000))
+    age(foreign, 10_000.0)
     for load in range(6):
         kept.get({"load": load}, lambda: entry(1.0, 1000))
         age(kept.path({"load": load}), 100.0 - load)
         if load == 1:
             age(kept.path({"load": 0}), 1000.0)
             kept.get({"load": 0}, never)
-    paths = list(tmp_path.iterdir())
+    assert foreign.exists()
+    paths = [path for path in foreign.parent.iterdir() if path != foreign]
     assert sum(path.stat().st_size for path in paths) <= 30_000
     assert {kept.path({"load": 0}), kept.path({"load": 5})} <= set(paths)
     assert kept.path({"load": 1}) not in paths
@@ -115,11 +119,11 @@ def test_an_entry_beyond_the_bound_is_returned_and_not_kept(tmp_path: Path) -> N
 
 
 def test_unfinished_files_of_killed_processes_go(tmp_path: Path) -> None:
-    for name, seconds in (("old.part", 100_000.0), ("new.part", 0.0)):
+    for name, seconds in ((".old_file.part", 100_000.0), (".new_file.part", 0.0), ("film.part", 100_000.0)):
         (tmp_path / name).write_bytes(b"")
         age(tmp_path / name, seconds)
     FeCache(tmp_path).get(KEY, entry)
-    assert sorted(path.name for path in tmp_path.iterdir() if path.suffix == ".part") == ["new.part"]
+    assert sorted(path.name for path in tmp_path.iterdir() if path.suffix == ".part") == [".new_file.part", "film.part"]
 
 
 def test_without_a_folder_nothing_is_kept() -> None:

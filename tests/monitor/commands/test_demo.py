@@ -14,6 +14,7 @@ from monitor.commands import demo_prior
 from monitor.commands.common import InputError
 from monitor.commands.demo import MODELS, _prior_note, command, demo_config
 from monitor.commands.demo_prior import QUADRATIC, forecast_quadratic
+from monitor.records.store import Store
 from monitor.service.libraries import shipped_library
 
 
@@ -44,6 +45,16 @@ def test_what_there_is_not_is_refused(options: tuple[str, ...], tmp_path: Path) 
         assert result.exit_code == 2
         assert "'ring_impact' is not one of" in result.output
     assert not (tmp_path / "out").exists()
+
+
+def test_the_state_of_another_machine_is_not_taken_for_an_earlier_demo(tmp_path: Path) -> None:
+    with Store.open(tmp_path / "state.db", machine="press-7"):
+        pass
+    found = CliRunner().invoke(command, ["--out", str(tmp_path)])
+    assert "holds the state of machine 'press-7'; give another folder" in str(found.exception)
+    (tmp_path / "state.db").write_bytes(b"no store")
+    assert "give another folder" in str(CliRunner().invoke(command, ["--out", str(tmp_path)]).exception)
+    assert (tmp_path / "state.db").read_bytes() == b"no store"
 
 
 def test_v_eq_as_tracked_is_forecast_once_more_by_block(monkeypatch: pytest.MonkeyPatch) -> None:

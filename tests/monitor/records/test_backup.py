@@ -126,6 +126,16 @@ def test_only_the_newest_are_kept_and_only_those_of_the_machine_go(made: Path) -
     assert len(removed) == 3
 
 
+def test_what_another_machine_is_writing_stays(made: Path) -> None:
+    """Machines may share the folder, and the name of one may begin with that of another."""
+    theirs = made / "backups" / ".m-2-20260101T000000Z.partial"
+    ours = made / "backups" / ".m-20260101T000000Z.partial"
+    for partial in (theirs, ours):
+        partial.mkdir(parents=True)
+    back_up(contents_of(made), made / "backups", keep=9, utc=UTC)
+    assert (theirs.exists(), ours.exists()) == (True, False)
+
+
 def test_two_in_one_second_are_two(made: Path) -> None:
     back_up(contents_of(made), made / "backups", keep=3, utc=UTC)
     assert [path.name for path in backups_of(made / "backups", "m")] == ["m-20261122T090000Z", "m-20261122T090000Z-2"]
