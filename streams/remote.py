@@ -19,12 +19,12 @@ from typing import Any
 from urllib.parse import unquote, urlsplit
 
 from models.errors import SpallwatchError
+from models.scratch import free_bytes, scratch_folder
 from models.work.filesystem import cause, error_code, filesystem, repeated
 from models.work.redact import bare_url, has_user_info, redact
 from streams.download import RemoteError, download, refuse_size
 from streams.files import natural_key
 from streams.listing import is_skipped, shown
-from streams.scratch import free_bytes, scratch_folder
 from streams.spec import SourceError
 
 _URL = re.compile(r"(?P<kind>(?:dataset:[^:]*:|folder:)?)(?P<url>(?P<scheme>[A-Za-z][A-Za-z0-9+.-]*)://.*)", re.DOTALL)
@@ -32,6 +32,7 @@ _LIVE = ("tcp", "mqtt")
 _HTTP = ("http", "https")
 _GLOB = re.compile(r"[*?\[]")
 _FILES_AT_A_TIME = 16
+_FETCHED = "fetched-"
 _MD5 = re.compile(r"[0-9a-f]{32}")
 
 
@@ -122,7 +123,7 @@ def fetched(url: str, scratch: Path, max_bytes: int | None = None) -> Generator[
         yield Fetched(f"{kind}{path}", path, 0, {})
         return
     allowed = free_bytes(scratch) if max_bytes is None else max_bytes
-    with scratch_folder(scratch) as folder:
+    with scratch_folder(_FETCHED, scratch) as folder:
         found = _fetch_http(place, folder, allowed) if scheme in _HTTP else _fetch_objects(place, folder, allowed)
         yield Fetched(f"{kind}{found.path}", found.path, found.size, found.etags)
 

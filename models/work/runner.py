@@ -9,12 +9,12 @@ from __future__ import annotations
 import secrets
 import tempfile
 from collections.abc import Callable, Generator, Iterable, Iterator
-from contextlib import contextmanager, suppress
-from pathlib import Path
+from contextlib import ExitStack, contextmanager, suppress
 from types import TracebackType
 from typing import Any, Self, TypeVar
 
 from models.errors import WrongInputError
+from models.scratch import scratch_folder
 from models.work.chunk import chunk_key, clear_attempts, read_chunk, sent_tasks, write_log
 from models.work.codec import DamagedDataError, encode
 from models.work.direct import Meter, direct_outcomes, direct_results
@@ -65,7 +65,7 @@ class Runner:
         self._store = store
         self._resume = resume
         self._keep = keep
-        self._temporary: tempfile.TemporaryDirectory[str] | None = None
+        self._temporary: ExitStack | None = None
         self._begun = False
         self._caller = secrets.token_hex(4)
         self._known: KnownChunks | None = None
@@ -175,7 +175,7 @@ class Runner:
             self.executor.close()
         finally:
             if self._temporary is not None:
-                self._temporary.cleanup()
+                self._temporary.close()
                 self._temporary, self._store = None, None
 
     def _meter(self, work: Work[Any, _T, Any], tasks: Iterable[_T], total: int | None) -> Callable[[], Meter]:
@@ -205,15 +205,17 @@ class Runner:
 
     def _begin(self) -> Store:
         """Return the store; at first, see what is in it."""
-        if self._store is None:
-            self._temporary = tempfile.TemporaryDirectory(prefix="spallwatch-work-", ignore_cleanup_errors=True)
-            self._store = FolderStore(Path(self._temporary.name))
+        try:
+            if self._store is None:
+                with ExitStack() as stack:
+                    self._store = FolderStore(stack.enter_context(scratch_folder("spallwatch-work-")))
+                    self._temporary = stack.pop_all()
+            note = None if self._begun else write_run(self._store)
+        except OSError as error:
+            place = tempfile.gettempdir() if self._store is None else self._store.url
+            raise WrongInputError(f"{place}: chunks cannot be kept there: {error.strerror}") from None
         if not self._begun:
             self._begun = True
-            try:
-                note = write_run(self._store)
-            except OSError as error:
-                raise WrongInputError(f"{self._store.url}: chunks cannot be kept there: {error.strerror}") from None
             if note is not None and self._resume:
                 self.tally.notes.append(note)
             self._attempted = attempted_chunks(self._store)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import functools
 import sys
-import tempfile
 import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
@@ -16,6 +15,7 @@ import click
 
 from models.errors import WrongInputError
 from models.portable import ended_as_interrupted
+from models.scratch import scratch_folder
 from models.work.errors import ChunksFailedError, FailedChunk
 from models.work.redact import redact
 from monitor.commands.common import PROGRESS_AFTER_S, InputError, check_folder, say
@@ -111,7 +111,7 @@ class Sharing:
         if self.resume or self.cluster != "local":
             option = "--resume" if self.resume else "--cluster"
             raise InputError(f"{option}: expected --chunks, a folder or URL that all workers reach")
-        return stack.enter_context(tempfile.TemporaryDirectory(prefix="spallwatch-chunks-"))
+        return str(stack.enter_context(scratch_folder("spallwatch-chunks-")))
 
 
 def _named_place(chunks: str, out: Path | str | None) -> str:

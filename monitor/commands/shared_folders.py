@@ -7,13 +7,13 @@ import hashlib
 import re
 import secrets
 import shutil
-import tempfile
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
 from models.errors import WrongInputError
+from models.scratch import scratch_folder
 from models.work.chunk import default_worker
 from models.work.errors import error_of
 from models.work.task import Failure
@@ -140,8 +140,8 @@ def replaced(place: Path) -> Iterator[Path]:
     So ``place`` is whole where it is there, also where workers are lost, or two of them do the same. What was in
     ``place`` is deleted. A database is not written over a network.
     """
-    with tempfile.TemporaryDirectory(prefix="spallwatch-run-") as scratch:
-        work = Path(scratch) / place.name
+    with scratch_folder("spallwatch-run-") as scratch:
+        work = scratch / place.name
         work.mkdir()
         yield work
         fresh = place.with_name(f".{place.name}.{secrets.token_hex(4)}")

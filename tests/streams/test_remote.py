@@ -12,12 +12,10 @@ from typing import Any
 
 import pytest
 
-from models.portable import FileLock
 from models.work.object_store import ObjectStore
 from streams import download as http
 from streams.download import RemoteError
 from streams.remote import bare, expand, fetched, is_remote, remote_files
-from streams.scratch import scratch_folder
 from streams.spec import SourceError
 from tests.object_storage import use_account
 
@@ -151,18 +149,6 @@ def test_a_name_that_leads_elsewhere_is_not_fetched(name, message, fleet, tmp_pa
     ]
     with pytest.raises(SourceError, match=message), fetched(f"{fleet}/evil", tmp_path):
         pass
-
-
-def test_the_folder_of_a_killed_process_is_removed_by_the_next(tmp_path):
-    for name in ("fetched-dead", "fetched-live", "mine"):
-        (tmp_path / name).mkdir()
-    (tmp_path / "fetched-dead.lock").touch()
-    alive = FileLock(tmp_path / "fetched-live.lock")
-    assert alive.take()
-    with scratch_folder(tmp_path) as folder:
-        left = {path.name for path in tmp_path.iterdir()}
-    assert left == {"fetched-live", "fetched-live.lock", "mine", folder.name, f"{folder.name}.lock"}
-    alive.close()
 
 
 @dataclass
