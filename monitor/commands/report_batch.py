@@ -13,6 +13,7 @@ from models.work.redact import redact
 from models.work.runner import SERIAL, Runner
 from models.work.task import DIED, Failure, Work
 from monitor import __version__
+from monitor.commands.common import InputError
 from monitor.commands.shared_folders import (
     Seen,
     SharedFolderError,
@@ -237,7 +238,7 @@ def report_one(pages: Pages, task: Task) -> Outcome:
         return Outcome(run, _report(pages, run, _digest(pages, run)))
     except SharedFolderError:
         raise
-    except (ReportError, ConfigError, StoreError, OSError, ValueError) as error:
+    except (ReportError, ConfigError, InputError, StoreError, OSError, ValueError) as error:
         return Outcome(run, (), _one_line(error))
     except Exception as error:  # An unforeseen error in one run must not end the batch.
         frames = traceback.extract_tb(error.__traceback__)

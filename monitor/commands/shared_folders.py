@@ -17,6 +17,7 @@ from models.scratch import scratch_folder
 from models.work.chunk import default_worker
 from models.work.errors import error_of
 from models.work.task import Failure
+from monitor.commands.common import InputError
 
 _NOT_A_NAME = re.compile(r"[^\w.+-]+")
 _MARK = ".spallwatch-"
@@ -135,11 +136,15 @@ def raise_if_unseen(failure: Failure) -> None:
 
 @contextmanager
 def replaced(place: Path) -> Iterator[Path]:
-    """Give a folder of this machine; without an exception its content becomes ``place`` in one step.
+    """Give a folder of this machine for a store; without an exception its content becomes ``place`` in one step.
 
-    So ``place`` is whole where it is there, also where workers are lost, or two of them do the same. What was in
-    ``place`` is deleted. A database is not written over a network.
+    So ``place`` is whole where it is there, also where workers are lost, or two of them do the same. An earlier store
+    in ``place`` is deleted. A database is not written over a network.
+
+    Raises:
+        InputError: ``place`` holds files and no store.
     """
+    _refuse_foreign(place)
     with scratch_folder("spallwatch-run-") as scratch:
         work = scratch / place.name
         work.mkdir()
@@ -160,6 +165,13 @@ def replaced(place: Path) -> Iterator[Path]:
         finally:
             shutil.rmtree(fresh, ignore_errors=True)
         shutil.rmtree(old, ignore_errors=True)
+
+
+def _refuse_foreign(place: Path) -> None:
+    if place.is_symlink() or (place.exists() and not place.is_dir()):
+        raise InputError(f"{place}: expected a folder, or nothing yet")
+    if place.is_dir() and not (place / "state.db").is_file() and any(place.iterdir()):
+        raise InputError(f"{place}: holds files and no state.db; use another --out")
 
 
 def remove_leftovers(out: Path, names: Iterable[str]) -> None:

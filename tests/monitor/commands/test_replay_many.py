@@ -136,11 +136,11 @@ def test_a_folder_takes_its_place_whole_or_not_at_all(tmp_path: Path) -> None:
     place = tmp_path / "out" / "run"
     for text in ("first", "second"):
         with replaced(place) as folder:
-            (folder / "file").write_text(text)
-        assert (place / "file").read_text() == text
+            (folder / "state.db").write_text(text)
+        assert (place / "state.db").read_text() == text
     with pytest.raises(RuntimeError, match="half"), replaced(place):
         raise RuntimeError("half")
-    assert (place / "file").read_text() == "second"
+    assert (place / "state.db").read_text() == "second"
     assert [path.name for path in place.parent.iterdir()] == ["run"]
     # Killed between the two renames.
     place.rename(place.with_name(".run.01234567.old"))
@@ -149,5 +149,21 @@ def test_a_folder_takes_its_place_whole_or_not_at_all(tmp_path: Path) -> None:
     for other in others:
         other.mkdir()
     remove_leftovers(place.parent, ["run"])
-    assert (place / "file").read_text() == "second"
+    assert (place / "state.db").read_text() == "second"
     assert set(place.parent.iterdir()) == {place, *others}
+
+
+def test_a_folder_of_the_user_is_not_replaced(fleet: Path) -> None:
+    """It is called as a recording, and --resume takes what stands there for an earlier replay."""
+    mine = fleet / "out" / "c" / "notes.txt"
+    mine.parent.mkdir(parents=True)
+    mine.write_text("mine")
+    replays = Replays(fleet / "m.toml", fleet / "out", report=False, resume=True)
+    (outcome,) = replay_many(find_recordings(["c"]), replays)
+    assert outcome.error == f"{mine.parent}: holds files and no state.db; use another --out"
+    assert [path.name for path in mine.parent.iterdir()] == ["notes.txt"]
+    mine.parent.rename(fleet / "elsewhere")
+    (fleet / "out" / "c").symlink_to(fleet / "elsewhere")
+    (outcome,) = replay_many(find_recordings(["c"]), replays)
+    assert outcome.error == f"{mine.parent}: expected a folder, or nothing yet"
+    assert (fleet / "elsewhere" / "notes.txt").read_text() == "mine"
