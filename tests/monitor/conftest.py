@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import pytest
+from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 
 from tests.effort import effort_count
@@ -28,3 +29,13 @@ def plain_layout() -> Iterator[None]:
 def arranged_layout(monkeypatch: pytest.MonkeyPatch) -> None:
     """Arrange axes and labels in one test of a module with ``plain_layout``."""
     monkeypatch.setattr(ConstrainedLayoutEngine, "execute", ARRANGE)
+
+
+@pytest.fixture
+def blank_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Quick effort leaves the pictures of a page blank: figures are built and have their sizes, nothing is drawn.
+
+    For tests of words and of paper, of whose pictures another test has the same ones drawn.
+    """
+    if effort_count(quick=1, full=0):
+        monkeypatch.setattr(Figure, "draw", lambda figure, renderer: None)

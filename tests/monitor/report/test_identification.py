@@ -174,6 +174,7 @@ def test_grades_and_headlines() -> None:
     assert (grade, line) == ("bad", "The tests do not determine any of the 4 free parameters")
 
 
+@pytest.mark.usefixtures("blank_pictures")
 def test_a_fit_that_misses_the_tests_is_no_calibration(tmp_path: Path) -> None:
     subject = replace(whole(), calibrated=False, warnings=("the model misses <all> tests",))
     assert words.grade(subject) == "bad"
@@ -374,6 +375,7 @@ def test_a_healthy_machine_resonances_and_priors_beside_the_tests(tmp_path: Path
 
 
 @pytest.mark.pdf
+@pytest.mark.usefixtures("blank_pictures")
 def test_sections_on_paper_begin_beside_what_they_are_about(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     taken: list[str] = []
     monkeypatch.setattr("monitor.report.page.to_pdf", lambda page: taken.append(page) or b"")

@@ -64,6 +64,13 @@ def words(page: Any) -> str:
     return " ".join(box.text for box in page._page_box.descendants() if type(box).__name__ == "TextBox")
 
 
+def only_events(folder: Path) -> Path:
+    """Return a file of options that leaves out pictures."""
+    path = folder / "include.toml"
+    path.write_text('[report]\ninclude = ["events"]\n')
+    return path
+
+
 def bare_page(monkeypatch: pytest.MonkeyPatch, tmp_path: Path, source: Path, **options: Any) -> str:
     """The HTML of which a PDF is made."""
     taken: list[str] = []
@@ -94,6 +101,7 @@ def test_a_pdf_is_tagged_and_says_whose_it_is_and_nothing_is_printed(
 
 
 @pytest.mark.pdf
+@pytest.mark.usefixtures("blank_pictures")
 def test_pages_are_a4_with_header_footer_and_whole_figures(
     stored: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -186,7 +194,8 @@ def test_nothing_is_fetched_from_a_network_or_a_file(listener: tuple[str, list[s
 @pytest.mark.pdf
 def test_the_command_writes_a_page_and_its_pdf(short: Path, tmp_path: Path) -> None:
     out = tmp_path / "press.html"
-    outcome = CliRunner().invoke(command, [str(short), "--out", str(out), "--pdf", "--json", "--quiet"])
+    order = [str(short), "--out", str(out), "--include", str(only_events(tmp_path)), "--pdf", "--json", "--quiet"]
+    outcome = CliRunner().invoke(command, order)
     assert outcome.exit_code == 0, outcome.output
     assert json.loads(outcome.output)["pdf"] == str(tmp_path / "press.pdf")
     assert (tmp_path / "press.pdf").read_bytes().startswith(b"%PDF")
@@ -197,10 +206,8 @@ def test_the_command_writes_a_page_and_its_pdf(short: Path, tmp_path: Path) -> N
 def test_a_batch_writes_pdfs_too_and_makes_again_one_that_is_missing(short: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
     shutil.copytree(short, tmp_path / "hall" / "press")
-    include = tmp_path / "include.toml"
-    include.write_text('[report]\ninclude = ["events"]\n')
-    order = ["--batch", str(tmp_path / "hall"), "--out", str(out), "--workers", "1", "--include", str(include)]
-    order += ["--json", "--quiet", "--no-tables", "--pdf"]
+    order = ["--batch", str(tmp_path / "hall"), "--out", str(out), "--workers", "1", "--json", "--quiet"]
+    order += ["--include", str(only_events(tmp_path)), "--no-tables", "--pdf"]
     outcome = CliRunner().invoke(command, order)
     assert outcome.exit_code == 0, outcome.output
     (page,) = out.glob("*/report.pdf")
