@@ -36,6 +36,9 @@ os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 # There are more workers than cores: the threads of BLAS would wait for each other in loops, which triples its time.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
+# Little of what collection makes is garbage; looking for it takes a tenth of the time before the first test.
+gc.disable()
+
 # No failure depends on the time that an example takes. Quick effort draws the same examples every time.
 settings.register_profile(
     "any machine",
@@ -96,6 +99,7 @@ def pytest_collection_finish() -> None:
     gc.collect()
     gc.freeze()
     gc.set_threshold(100_000, 10, 10)
+    gc.enable()
 
 
 def pytest_itemcollected(item: pytest.Item) -> None:
