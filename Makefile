@@ -26,7 +26,10 @@ help:
 $(READY): requirements.lock pyproject.toml
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { echo "spallwatch needs Python 3.11 or newer; set PYTHON=/path/to/python3.11"; exit 2; }
 	$(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile --require-hashes -r requirements.lock
+	@# pip takes one package after the other: four of them at once, each with a part of the lock, which names everything.
+	mkdir -p $(VENV)/lock
+	awk '/^[^ #]/ { part = (part + 1) % 4 } { print > ("$(VENV)/lock/" part) }' requirements.lock
+	ls $(VENV)/lock/* | xargs -n 1 -P 4 $(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile --no-deps --require-hashes -r
 	@# All cores at once, which pip does not; some packages ship files that are not meant for this Python. Tests of
 	@# packages, and the many services of moto, are a third of all and hardly ever imported.
 	@$(BIN)/python -m compileall -qq -j 0 -x '/(tests|moto)/' $(VENV)/lib || true
