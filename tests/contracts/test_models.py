@@ -87,8 +87,8 @@ ANGLED = replace(RINGS.bearing, rows=2, contact_angle=0.2)
 ROTOR = Scene(40.0, 1000.0, bearing=from_catalogue("6305"), rig=RotorRig(end_mass=0.3), defect=OUTER)
 GEARS = Scene(40.0, 1000.0, bearing=from_catalogue("6305"), rig=GearPairRig(), defect=OUTER)
 BALLS = Scene(40.0, 1000.0, bearing=from_catalogue("6206"), rig=BallInertiaRig(), defect=OUTER)
-# Couplings as stiff as these let the motion settle in 0.2 s.
-STIFF = AngularRig(mode_limit=15e3, coupling=8000.0)
+# With such couplings, damping and governor the motion settles in 0.06 s.
+STIFF = AngularRig(mode_limit=8e3, coupling=8000.0, damping=0.06, governor=0.3)
 SHAFT = Scene(100.0, 600.0, bearing=Bearing("", 11, 12.7e-3, 80e-3), rig=STIFF, defect=OUTER)
 # For each type of parameters a scene with a defect of the outer race, and with each effect.
 SCENES: dict[type[AnyRig], dict[str, Scene]] = {
