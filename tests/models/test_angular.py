@@ -33,6 +33,7 @@ from models.scene import Defect, Scene
 from models.shaft_beam import torsion_frequencies
 from models.spall_contact import Spall, force_over_spall
 from models.speed_profile import constant, hunt, ramp
+from tests.effort import effort_count
 from tests.signals import record_of
 
 LEFT_BEARING, RIGHT_BEARING = (Bearing("", balls, 12.7e-3, 80e-3) for balls in (11, 10))
@@ -162,7 +163,7 @@ def test_without_resistance_the_speed_is_constant_and_the_shaft_vibrates_all_the
 
 @pytest.mark.parametrize("scene", [SCENE, replace(SCENE, defect=SPALL)], ids=["healthy", "spall"])
 def test_order_of_convergence_is_four(scene: Scene) -> None:
-    runs = [run(scene, 2.0, step) for step in (8e-6, 4e-6, 2e-6, 1e-6)]
+    runs = [run(scene, effort_count(quick=1, full=2), step) for step in (8e-6, 4e-6, 2e-6, 1e-6)]
     size = len(runs[0].ias)
     for pick in (lambda found: found.ias, lambda found: found.acceleration[:, 0]):
         values = [pick(found)[:: 2**k][:size] for k, found in enumerate(runs)]
@@ -174,7 +175,7 @@ def test_order_of_convergence_is_four(scene: Scene) -> None:
 @pytest.mark.parametrize("slope", [0.0, 200.0, -200.0])
 def test_equal_angles_make_time_by_the_speed(slope: float) -> None:
     scene = replace(SCENE, speed_slope=slope)
-    found = run(scene, 10.0, 6e-6)
+    found = run(scene, effort_count(quick=4, full=10), 6e-6)
     steps = np.arange(len(found.angle))
     assert found.angle - found.angle[0] == pytest.approx(found.step * steps, abs=1e-9)
     end = float(found.time[-1])
@@ -208,13 +209,13 @@ def test_records_at_equal_times_are_those_over_equal_angles(slope: float) -> Non
     scene, rate = replace(SCENE, defect=SPALL, speed_slope=slope), 102400.0
     assembly = assemble(scene)
     plan = prepare_plan(scene, assembly, profile=scene.rotation(0.1))
-    wave = np.zeros((4000, kernels.SENSORS))
+    wave = np.zeros((effort_count(quick=1500, full=4000), kernels.SENSORS))
     work = kernels.new_work(plan)
     assert (
         kernels.run(at_rest(plan, assembly), wave, 1.0 / rate, 0.25 * TURN * 100.0 / rate, plan, work)
         == kernels.STATUS_OK
     )
-    found = run(scene, 5.0, 2e-6)
+    found = run(scene, effort_count(quick=2, full=5), 2e-6)
     times = np.arange(len(wave)) / rate
     for column, signal in ((0, found.ias), (1, found.acceleration[:, 0]), (3, found.acceleration[:, 2])):
         expected = CubicSpline(found.time, signal)(times)

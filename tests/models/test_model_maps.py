@@ -99,11 +99,12 @@ def test_the_result_does_not_depend_on_the_workers(workers: int) -> None:
     assert level.sensor == "a"
 
 
-def test_a_defect_of_the_inner_race_has_its_own_lines() -> None:
+def test_a_defect_of_the_inner_race_has_its_own_lines(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("models.maps.model_nodes._DURATIONS", (0.25, effort_count(quick=1, full=4)))
     plan = replace(plan_of(), part="inner", dphi_d=EXTENTS[2:3], h_d=DEPTHS[1:2])
     built = build_map(plan)
     scene = scene_at(plan, 4000.0, 40.0, DEPTHS[1], EXTENTS[2])
-    record = simulate(scene, duration=effort_count(quick=2, full=4)).record
+    record = simulate(scene, duration=effort_count(quick=1, full=4)).record
     assert record is not None
     first = record.line(kinematics(ENTRY.bearing, 40.0).bpfi)
     assert built.harmonic_amplitude[0, 0, 0, 0, 0] == pytest.approx(first, rel=0.1)
@@ -111,7 +112,8 @@ def test_a_defect_of_the_inner_race_has_its_own_lines() -> None:
 
 
 def test_the_level_of_a_shaft_over_its_angle_is_an_acceleration() -> None:
-    plan = replace(plan_of(), rig=AngularRig(damping=0.05), model="angular", dphi_d=EXTENTS[2:3], h_d=DEPTHS[1:2])
+    rig = AngularRig(mode_limit=10e3, coupling=8000.0, damping=0.06, governor=0.3)
+    plan = replace(plan_of(), rig=rig, model="angular", dphi_d=EXTENTS[2:3], h_d=DEPTHS[1:2])
     level = model_level(plan, (4000.0, 40.0, DEPTHS[1], EXTENTS[2]))
     assert level.sensor == "a"
     found = simulate(scene_at(plan, 4000.0, 40.0, DEPTHS[1], EXTENTS[2]), accuracy=2e-3, band=BAND, duration=0.25)
