@@ -94,7 +94,9 @@ def _angular_speed() -> None:
     from models.registry import Request
     from models.rigs.angular import AngularRig
 
-    scene = Scene(40.0, 1000.0, bearing=from_catalogue("6206"), rig=AngularRig())
+    # With such couplings, damping and governor little is simulated before the record.
+    rig = AngularRig(mode_limit=5e3, coupling=1e5, damping=0.5, governor=10.0)
+    scene = Scene(40.0, 1000.0, bearing=from_catalogue("6206"), rig=rig)
     trace(scene, 0.1, 1e-2)
     solve(scene, Request(duration=1e-3, rate=5120.0, accuracy=1.0))
 

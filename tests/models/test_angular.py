@@ -320,9 +320,10 @@ def test_centrifugal_force_and_clearance_and_unbalance_do_what_they_are() -> Non
     assert np.all(fast > 2.0 * slow)
     narrow, wide = (assemble(replace(SCENE, clearance=c)).rings[0].displacement[0] for c in (10e-6, 20e-6))
     assert wide - narrow == pytest.approx(10e-6, abs=2e-6)
-    turned = run(replace(SCENE, unbalance=1e-4), 40.0)
+    turns = effort_count(quick=20, full=40)
+    turned = run(replace(SCENE, unbalance=1e-4), turns)
     line = np.mean(turned.acceleration[-6250:, 2] * np.exp(-1j * turned.angle[-6250:]))
-    plain = run(SCENE, 40.0)
+    plain = run(SCENE, turns)
     without = np.mean(plain.acceleration[-6250:, 2] * np.exp(-1j * plain.angle[-6250:]))
     # Far below the shaft's own modes: mass times acceleration is small beside the bearings' reaction.
     assert abs(line) > 20.0 * abs(without)

@@ -56,7 +56,7 @@ def scene_of(case: Case) -> Scene:
 
 @pytest.mark.parametrize("name", list(CASES) if effort_count(quick=1, full=2) == 2 else QUICK)
 def test_accelerations_are_those_of_the_oracle(name: str) -> None:
-    case, step, duration = CASES[name], 1e-6, 0.004
+    case, step, duration = CASES[name], 1e-6, 1e-3 * effort_count(quick=2, full=4)
     scene = scene_of(case)
     found = trace(scene, duration, step)
     chosen = np.arange(0, len(found.acceleration), 11)

@@ -9,14 +9,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from models.dynamics.lanes import simulate_lanes
+from models.dynamics.lanes import LaneOptions, simulate_lanes
+from models.kernels.lanes import LANES
 from models.maps.build import build_map, solver_of
 from models.maps.ensemble import ensemble_nodes, ensemble_options, ensemble_rms, step_error
 from models.maps.file import load_map, save_map
 from models.maps.nodes import scene_at
 from models.maps.plan import MapError, MapPlan
 from models.response import STATUSES
-from models.scene import Floor, Slip
+from models.scene import Defect, Floor, Slip
 from models.simulate import simulate
 from models.work.choose import local_runner
 from models.work.runner import SERIAL
@@ -69,9 +70,17 @@ def test_slip_is_simulated_in_lanes() -> None:
 
 @pytest.mark.process
 def test_floors_beyond_one_group_and_processes_change_nothing() -> None:
-    plan = replace(COARSE, floors=34, slip=Slip(0.01, seed=2))
+    plan = replace(COARSE, floors=34, slip=Slip(0.01, seed=2), h_d=(8e-6,), dphi_d=(0.1, 0.5))
+    scenes = [
+        replace(scene_at(plan, 4000.0, 40.0, 8e-6, 0.1, 0), slip=plan.slip, defect=Defect(0.1, 1e-6 * k))
+        for k in range(1, 2 * LANES + 1)
+    ]
+    options = LaneOptions(steps_per_period=32, slip_blocks=2)
     with local_runner(2) as runner:
         one, two = (ensemble_nodes(plan, runner=r) for r in (SERIAL, runner))
+        alone, shared = (simulate_lanes(scenes, options, runner=r) for r in (SERIAL, runner))
+    assert np.array_equal(alone.rms, shared.rms)
+    assert np.array_equal(alone.harmonics, shared.harmonics)
     assert np.array_equal(one.rms, two.rms)
     assert np.array_equal(one.harmonic_std, two.harmonic_std)
     assert np.all(one.status == STATUSES.index("not_periodic"))

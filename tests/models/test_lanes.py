@@ -22,8 +22,6 @@ from models.path.defect import ball_path
 from models.response import STATUSES
 from models.scene import Defect, Floor, Scene, Slip
 from models.simulate import simulate
-from models.work.choose import local_runner
-from models.work.runner import SERIAL
 from tests.effort import effort_count
 from tests.oracles.lanes_oracle import SlipOracle
 from tests.oracles.periodic.settle import simulate_oracle
@@ -194,16 +192,6 @@ def test_band_limits_the_rms() -> None:
     band = (0.0, 9500.0)
     found = simulate_lanes([SCENE], LaneOptions(band=band))
     assert found.rms[0] == pytest.approx(simulate(SCENE, band=band).rms, rel=3e-3)
-
-
-@pytest.mark.process
-def test_processes_give_the_same_bits() -> None:
-    scenes = [replace(s, slip=Slip(0.01)) for s in map_scenes(2 * LANES)]
-    options = LaneOptions(steps_per_period=32, slip_blocks=2)
-    with local_runner(2) as runner:
-        one, two = (simulate_lanes(scenes, options, runner=r) for r in (SERIAL, runner))
-    assert np.array_equal(one.rms, two.rms)
-    assert np.array_equal(one.harmonics, two.harmonics)
 
 
 def test_slip_against_the_oracle() -> None:
