@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import secrets
 from collections.abc import Iterator
 from contextlib import suppress
@@ -11,6 +12,7 @@ from pathlib import Path
 from models.portable import BINARY
 
 _PART = ".part-"
+_OWN_PART = re.compile(r"\.part-\d+-[0-9a-f]{8}")
 
 
 class FolderStore:
@@ -61,7 +63,7 @@ class FolderStore:
 
     def remove_parts(self) -> None:
         """Delete what killed processes have left half written, and the folders that this leaves empty."""
-        for part in list(self._folder.rglob(f"{_PART}*")):
+        for part in [part for part in self._folder.rglob(f"{_PART}*") if _OWN_PART.fullmatch(part.name)]:
             part.unlink(missing_ok=True)
             self._remove_empty(part.parent)
 

@@ -8,6 +8,7 @@ from datetime import UTC, datetime
 
 import numpy as np
 
+from models.errors import WrongInputError
 from models.work.folder_store import FolderStore
 from models.work.program import processor, program, versions
 from models.work.task import Store
@@ -52,7 +53,11 @@ def write_shared(store: Store, name: str, data: bytes) -> None:
 
 
 def write_run(store: Store) -> str | None:
-    """Write of which program a store is; return a line for people where it was of another one."""
+    """Write of which program a store is; return a line for people where it was of another one.
+
+    Raises:
+        WrongInputError: the store has a file of that name which no runner wrote.
+    """
     told = {
         "format": _FORMAT,
         "program": program(),
@@ -60,14 +65,21 @@ def write_run(store: Store) -> str | None:
         "processor": processor(),
         "begun": datetime.now(UTC).isoformat(timespec="seconds"),
     }
-    try:
-        before = json.loads(store.read(_RUN) or b"{}").get("program")
-    except (ValueError, AttributeError):
-        before = None
+    before = _program_of(store)
     store.write(_RUN, json.dumps(told, indent=1).encode())
     if before in (None, told["program"]):
         return None
     return f"{store.url} was begun by another version of the program: its chunks are not used"
+
+
+def _program_of(store: Store) -> str | None:
+    data = store.read(_RUN) or b"{}"
+    if data == b"{}":
+        return None
+    try:
+        return str(json.loads(data)["program"])
+    except (ValueError, TypeError, KeyError):
+        raise WrongInputError(f"{store.url}: holds a {_RUN} of something else; expected a place for chunks") from None
 
 
 def check_writable(store: Store) -> None:

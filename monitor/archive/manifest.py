@@ -20,7 +20,9 @@ from monitor.config.positions import find_lines
 History = Literal["each", "continued"]
 HISTORIES: tuple[History, ...] = ("each", "continued")
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,63}")
-_TAKEN = ("work", "index.db", "index.db.lock", "fleet.html", "records.zarr")
+WORK_NAME = "archive-work"
+"""Folder of the archive for what is needed until it is complete."""
+_TAKEN = (WORK_NAME, "index.db", "index.db.lock", "fleet.html", "records.zarr")
 """Names in the folder of an archive that are no machine's."""
 _COLUMNS = ("machine", "config", "recording")
 _FURTHER = ("history", "anew")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import secrets
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -13,13 +14,14 @@ from models.work.runner import Runner
 from models.work.stores import open_store
 from models.work.task import Store
 from monitor.archive.index import Counts, Index
-from monitor.archive.manifest import ManifestError
+from monitor.archive.manifest import WORK_NAME, ManifestError
 from monitor.archive.part import PART_BLOCKS, Shared, read_result
 from monitor.archive.plan import Planner, check_unchanged, signed_urls
 from monitor.archive.replaying import Replaying
 from monitor.archive.result import RecordingResult
 
 Records = Literal["days", "zarr"]
+_OWN = re.compile(r"(inputs|states)/[0-9a-f]{40}|records/[^/]+/[^/]+/([^/]+\.nc|result\.json)")
 
 
 @dataclass(frozen=True)
@@ -40,10 +42,15 @@ class Plan:
     part_blocks: int = PART_BLOCKS
     resume: bool = False
 
+    def __post_init__(self) -> None:
+        """Refuse an ``out`` that is no place of its own."""
+        if "://" not in self.out and (not self.out or len(Path(self.out).absolute().parts) == 1):
+            raise ManifestError(f"--out: expected a folder or URL of the archive's own, got {self.out!r}")
+
     @property
     def work(self) -> str:
         """URL of what is needed until the archive is complete."""
-        return f"{self.out.rstrip('/')}/work"
+        return f"{self.out.rstrip('/')}/{WORK_NAME}"
 
     @property
     def zarr_url(self) -> str:
@@ -109,9 +116,9 @@ def replay_waiting(plan: Plan, index: Index, runner: Runner, noted: Callable[[],
 
 
 def delete_work(plan: Plan) -> None:
-    """Delete what an archive needs no more once it is complete."""
+    """Delete what an archive needs no more once it is complete, and no other file."""
     work = open_store(plan.work)
-    for name in [*work.names()]:
+    for name in [name for name in work.names() if _OWN.fullmatch(name)]:
         work.delete(name)
     if isinstance(work, FolderStore):
         work.remove_if_empty()

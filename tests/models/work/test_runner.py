@@ -305,3 +305,13 @@ def test_a_folder_that_can_no_longer_be_written_ends_a_run_with_one_line(store, 
     again = Runner(SerialExecutor(), store, resume=True)
     assert list(again.run(work(refuses_from), 9, range(9))) == list(range(9))
     assert again.tally.kept == 1
+
+
+def test_a_place_with_a_file_of_that_name_is_refused(tmp_path):
+    (tmp_path / "run.json").write_text('{"speed": 1500}')
+    with (
+        pytest.raises(WrongInputError, match=r"holds a run\.json of something else"),
+        Runner(SerialExecutor(), FolderStore(tmp_path)) as runner,
+    ):
+        list(runner.run(work(scaled), Shared(1.0), [1.0]))
+    assert (tmp_path / "run.json").read_text() == '{"speed": 1500}'

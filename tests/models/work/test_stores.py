@@ -55,15 +55,16 @@ def test_a_write_that_fails_leaves_the_old_file_and_no_part(tmp_path, monkeypatc
 
 
 def test_a_part_of_a_killed_writer_is_not_listed(tmp_path):
-    (tmp_path / ".part-1-2").write_bytes(b"half")
+    (tmp_path / ".part-1-0123abcd").write_bytes(b"half")
     store = FolderStore(tmp_path)
     assert list(store.names()) == []
     store.write("a/b", b"")
-    (tmp_path / "a" / ".part-1-2").write_bytes(b"half")
+    (tmp_path / "a" / ".part-1-0123abcd").write_bytes(b"half")
     store.delete("a/b")
     assert (tmp_path / "a").exists()
+    (tmp_path / ".part-1-of-others").write_bytes(b"x")
     store.remove_parts()
-    assert list(tmp_path.iterdir()) == []
+    assert [path.name for path in tmp_path.iterdir()] == [".part-1-of-others"]
 
 
 def test_writers_and_deleters_of_one_folder_do_not_disturb_each_other(tmp_path):

@@ -19,7 +19,7 @@ from monitor.archive.index import FAILED, SET_ASIDE, Index
 from monitor.archive.manifest import ManifestError
 from monitor.archive.part import described
 from monitor.archive.result import RecordingResult
-from monitor.archive.run import Plan, Results, replay_waiting
+from monitor.archive.run import Plan, Results, delete_work, replay_waiting
 from monitor.config.load import load_config
 from monitor.service.replay import replay
 from tests.monitor.archive.fleet_files import CONFIG, DATED, assert_same_records, make_archive, write_files
@@ -74,7 +74,7 @@ def test_a_history_in_parts_is_that_of_one_go(replayed, recordings, request):
     with sqlite3.connect(replayed / "one/state.db") as store:
         assert (result.first, result.last) == store.execute("SELECT min(time), max(time) FROM blocks").fetchone()
     assert result.summary["blocks"] == 22
-    assert not list((replayed / out / "work/states").glob("*"))
+    assert not list((replayed / out / "archive-work/states").glob("*"))
 
 
 def test_a_machine_that_begins_anew_learns_anew(tmp_path):
@@ -295,3 +295,24 @@ def test_an_archive_is_not_continued_by_accident_or_with_another_manifest(tmp_pa
         make_archive(tmp_path, EACH.format('"in/*"'), resume=True)
     with pytest.raises(WrongInputError, match=r"m\.toml: it or its maps have changed"):
         make_archive(tmp_path, EACH.format('"in"'), resume=True, config=CONFIG.replace("6205", "6206"))
+
+
+def test_files_of_others_in_the_place_of_an_archive_stay(tmp_path):
+    write_files(tmp_path / "in", 2)
+    theirs = [tmp_path / "out" / name for name in ("archive-work/notes", "archive-work/inputs/a/b", "work/a", "m/b")]
+    for path in theirs:
+        path.parent.mkdir(parents=True)
+        path.write_bytes(b"theirs")
+    with pytest.raises(ManifestError, match="missing"):
+        make_archive(tmp_path, EACH.format('["in", "missing"]'))
+    plan = Plan(tmp_path / "manifest.toml", str(tmp_path / "out"), "zarr")
+    make_archive(tmp_path, EACH.format('"in"'), records="zarr")
+    delete_work(plan)
+    assert [path.read_bytes() for path in theirs] == [b"theirs"] * 4
+    assert sorted(path.name for path in (tmp_path / "out/archive-work").iterdir()) == ["inputs", "notes"]
+
+
+@pytest.mark.parametrize("out", ["", "/", "//", "/."])
+def test_an_archive_has_a_place_of_its_own(out):
+    with pytest.raises(ManifestError, match="expected a folder or URL of the archive's own, got"):
+        Plan(Path("fleet.toml"), out)

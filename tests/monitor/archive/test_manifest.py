@@ -88,7 +88,7 @@ def test_a_signature_is_neither_kept_nor_a_change(folder):
         (TABLE + 'recordings = "a"\nanew = [{since = 3}]', 1, "expected at = RECORDING"),
         (TABLE + 'recordings = ["a"]\nhistory = "continued"\nanew = [{at = "b9"}]', 1, "is none of the recordings"),
         (TABLE.replace("press", "../press") + 'recordings = "a"', 1, "name of the machine: expected letters"),
-        (TABLE.replace("press", "work") + 'recordings = "a"', 1, "none of work, index.db"),
+        (TABLE.replace("press", "archive-work") + 'recordings = "a"', 1, "none of archive-work, index.db"),
         (TABLE.replace("m.toml", "n.toml") + 'recordings = "a"', 1, "config: there is no file"),
         (
             TABLE + 'recordings = "a"\n' + TABLE + 'recordings = "b*"\nhistory = "continued"',
