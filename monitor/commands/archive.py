@@ -28,7 +28,7 @@ def group() -> None:
 
 @group.command("replay")
 @click.argument("manifest", type=option.FILE)
-@click.option("--out", required=True, metavar="URL", help="Folder or object storage of the archive.")
+@click.option("--out", required=True, type=option.PLACE, metavar="URL", help="Folder or object storage of the archive.")
 @click.option(
     "--records",
     type=click.Choice(["days", "zarr"]),
@@ -83,7 +83,7 @@ def replay(
 
 
 @group.command("status")
-@click.argument("out")
+@click.argument("out", type=option.PLACE)
 @option.output
 def status(out: str, as_json: bool, quiet: bool) -> None:
     """Say how far the archive at OUT is, from its index."""

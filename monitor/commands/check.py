@@ -35,7 +35,7 @@ from monitor.words.calibration import ASSUMED, rig_words
 @click.option("--keep", is_flag=True, help="Keep what dates the blocks, as shown, before the first start.")
 @click.option(
     "--recording",
-    metavar="PATH",
+    type=option.PLACE,
     help="Look at the first block of a recording for strong lines of other origin, and propose [[interference]].",
 )
 @option.output

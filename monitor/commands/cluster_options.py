@@ -19,7 +19,7 @@ from models.scratch import scratch_folder
 from models.work.errors import ChunksFailedError, FailedChunk
 from models.work.redact import redact
 from monitor.commands.common import PROGRESS_AFTER_S, InputError, check_folder, say
-from monitor.commands.option import WHOLE
+from monitor.commands.option import PLACE, WHOLE
 from monitor.commands.sole_writer import sole_writer
 from monitor.words.numbers import duration
 
@@ -191,7 +191,9 @@ def sharing(words: str) -> Callable[[F], F]:
         click.option("--cluster", metavar="ADDRESS", help="Dask scheduler, tls://HOST:PORT, or local for processes."),
         click.option("--workers", type=WHOLE, default=0, help=f"{words}; 0: one per core. Of a cluster: waited for."),
         click.option("--resume", is_flag=True, help="Keep chunks as they are done, and use those of an earlier run."),
-        click.option("--chunks", metavar="URL", help="Folder or URL of chunks.  [default: OUT.chunks while it runs]"),
+        click.option(
+            "--chunks", type=PLACE, metavar="URL", help="Folder or URL of chunks.  [default: OUT.chunks while it runs]"
+        ),
     )
 
     def add(function: F) -> F:

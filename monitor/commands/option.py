@@ -25,12 +25,35 @@ class FiniteRange(click.FloatRange):
         return number
 
 
+class Place(click.Path):
+    """A path; an empty one, which would be the working directory, is refused."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """Return the path; refuse an empty one, as an empty variable of a shell gives it."""
+        if not str(value).strip():
+            self.fail(f"expected a path, got {value!r}", param, ctx)
+        return super().convert(value, param, ctx)
+
+
+class PlaceOrUrl(click.ParamType):
+    """A path or a URL as it is given; an empty one is refused."""
+
+    name = "PATH"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str:
+        """Return the text; refuse an empty one."""
+        if not str(value).strip():
+            self.fail(f"expected a path or a URL, got {value!r}", param, ctx)
+        return str(value)
+
+
 POSITIVE = FiniteRange(min=0, min_open=True)
 NOT_NEGATIVE = FiniteRange(min=0)
 WHOLE = click.IntRange(min=0)
-FILE = click.Path(path_type=Path)
-OUT_FILE = click.Path(path_type=Path, dir_okay=False)
-FOLDER = click.Path(path_type=Path, file_okay=False)
+FILE = Place(path_type=Path)
+OUT_FILE = Place(path_type=Path, dir_okay=False)
+FOLDER = Place(path_type=Path, file_okay=False)
+PLACE = PlaceOrUrl()
 
 config = click.option("--config", "config_path", type=FILE, help="Configuration of the machine (TOML).")
 bearing = click.option("--bearing", "name", help="A bearing of the configuration or of the catalogue.")

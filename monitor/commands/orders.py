@@ -27,7 +27,7 @@ _APART_BINS = 3
 
 
 @click.command("orders")
-@click.argument("input_path", metavar="RECORDING")
+@click.argument("input_path", metavar="RECORDING", type=option.PLACE)
 @option.config
 @click.option("--block", "wanted", type=click.IntRange(min=1), help="Number of the block; by default the first.")
 @click.option("--envelope", is_flag=True, help="Spectra of the envelopes of the channels' bands.")

@@ -31,7 +31,7 @@ _MAX_IGNORED = 10
 
 
 @click.command("replay")
-@click.argument("paths", metavar="[PATH]...", nargs=-1)
+@click.argument("paths", metavar="[PATH]...", nargs=-1, type=option.PLACE)
 @option.config
 @click.option(
     "--out", type=option.FOLDER, default="replay-out", help="Folder for the store, the records and the report."

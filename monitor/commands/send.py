@@ -16,7 +16,7 @@ from monitor.commands.common import InputError, emit, progress_bar, read_config
 if TYPE_CHECKING:
     from streams.source import Source
 
-_FILE = click.Path(path_type=Path, dir_okay=False, exists=True)
+_FILE = option.Place(path_type=Path, dir_okay=False, exists=True)
 
 
 class _Seconds(click.ParamType):
@@ -32,7 +32,7 @@ class _Seconds(click.ParamType):
 
 
 @click.command("send")
-@click.argument("path")
+@click.argument("path", type=option.PLACE)
 @click.option("--to", "url", required=True, help="tcp://HOST:PORT or mqtt://HOST[:PORT]/TOPIC.")
 @click.option(
     "--stream", help="Stream id: the name of the [[source]] of a TCP receiver. Default: the name of the recording."

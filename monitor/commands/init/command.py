@@ -58,7 +58,7 @@ _LEAST_RATE_HZ = 200.0
 
 
 @click.command("init")
-@click.argument("path", default=".")
+@click.argument("path", default=".", type=option.PLACE)
 @click.option(
     "--bearing", callback=_words(read.read_bearing), help="Designation (6205-2RS), or geometry: 9 7.94 39.04."
 )
