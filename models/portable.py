@@ -1,4 +1,4 @@
-"""Calls that only POSIX has, each with a portable way; the one module that makes them.
+"""Calls that only POSIX has, each with a portable way; with ``models.process_signals`` the only place of them.
 
 Where a call is missing, as on Windows, the portable way is taken. What is lost there: limits of memory and processor
 time of a parser (its time stays limited), the durability of a name in a folder by a call of its own, the check of a
@@ -10,18 +10,16 @@ Every process imports this; what few calls need is imported by them.
 
 from __future__ import annotations
 
-import _thread
 import errno
 import importlib
 import os
 import queue
 import select
-import signal
 import stat
 import threading
 import time
-from collections.abc import Callable, Generator, Iterable, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -41,10 +39,8 @@ def _optional(name: str) -> Any:
 _fcntl, _resource = _optional("fcntl"), _optional("resource")
 # Types are those of one system; what another lacks is looked up.
 _os: Any = os
-_signal: Any = signal
 _select: Any = select
 _POLL_S = 0.02
-_AGAIN_S = 0.2
 
 BINARY: int = getattr(os, "O_BINARY", 0)
 """Flag of ``os.open``: bytes as they are. It belongs to each call."""
@@ -329,131 +325,6 @@ def after_fork(function: Callable[[], None]) -> None:
     """Call a function in each process that is forked from this one."""
     if hasattr(os, "register_at_fork"):
         _os.register_at_fork(after_in_child=function)
-
-
-def on_signals(numbers: Iterable[signal.Signals], function: Callable[[], Any]) -> None:
-    """Call a function in the running event loop when a signal comes."""
-    import asyncio
-
-    loop = asyncio.get_running_loop()
-
-    def wake(*_: object) -> None:
-        loop.call_soon_threadsafe(function)
-
-    for number in numbers:
-        try:
-            loop.add_signal_handler(number, function)
-        except NotImplementedError:
-            signal.signal(number, wake)
-
-
-@contextmanager
-def ended_as_interrupted() -> Generator[None]:
-    """Raise KeyboardInterrupt for requests to end too (SIGTERM, and SIGHUP of a terminal that is closed).
-
-    In the main thread; a signal that is ignored or handled stays so.
-    """
-    numbers = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]
-    if threading.current_thread() is not threading.main_thread():
-        numbers = []
-    taken = [number for number in numbers if signal.getsignal(number) is signal.SIG_DFL]
-    for number in taken:
-        signal.signal(number, signal.default_int_handler)
-    try:
-        yield
-    finally:
-        for number in taken:
-            signal.signal(number, signal.SIG_DFL)
-
-
-@contextmanager
-def interrupt_held() -> Generator[None]:
-    """Hold Ctrl-C back from the processes that this thread starts, until they call :func:`end_quietly`."""
-    if not hasattr(signal, "pthread_sigmask"):
-        yield
-        return
-    from multiprocessing import resource_tracker
-
-    # Its start would let the signal through again.
-    resource_tracker.ensure_running()
-    mask: Any = _signal.pthread_sigmask(_signal.SIG_BLOCK, {signal.SIGINT})
-    try:
-        yield
-    finally:
-        _signal.pthread_sigmask(_signal.SIG_SETMASK, mask)
-
-
-def _interrupt_main(number: signal.Signals) -> None:
-    if hasattr(signal, "pthread_kill"):
-        # What it waits for is left at once.
-        _signal.pthread_kill(threading.main_thread().ident, number)
-    else:
-        _thread.interrupt_main(number)
-
-
-@contextmanager
-def ended_by_parent(grace_s: float) -> Generator[None]:
-    """Leave the block quietly, cleaning up, when the parent of this process ends it (SIGTERM) or is gone.
-
-    Ctrl-C reaches all processes of a terminal and is ignored: the parent decides. What has not cleaned up ``grace_s``
-    after the parent was lost is ended without. Of a process that ``multiprocessing`` has spawned, in its main thread.
-    """
-    import multiprocessing
-
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    if hasattr(signal, "pthread_sigmask"):
-        _signal.pthread_sigmask(_signal.SIG_UNBLOCK, {signal.SIGINT})
-    left, told = threading.Event(), threading.Event()
-
-    def interrupt(*_: object) -> None:
-        # Once: what cleans up is not interrupted.
-        if not told.is_set():
-            told.set()
-            raise KeyboardInterrupt
-
-    def watch() -> None:
-        if (parent := multiprocessing.parent_process()) is None:
-            return
-        parent.join()
-        until = time.monotonic() + grace_s
-        while not left.is_set():
-            if time.monotonic() > until:
-                os._exit(1)
-            # Again: the first one may come just before the main thread begins to wait for something.
-            _interrupt_main(signal.SIGTERM)
-            left.wait(_AGAIN_S)
-
-    signal.signal(signal.SIGTERM, interrupt)
-    threading.Thread(target=watch, name="parent", daemon=True).start()
-    try:
-        with suppress(KeyboardInterrupt):
-            yield
-    finally:
-        signal.signal(signal.SIGTERM, signal.SIG_IGN)
-        left.set()
-
-
-@contextmanager
-def sigpipe_kept() -> Generator[None]:
-    """Let no call of a foreign library change what a broken pipe does, by default an error where one writes to it.
-
-    In every thread, where ``signal.signal`` does not work.
-    """
-    number = getattr(signal, "SIGPIPE", None)
-    if number is None:
-        yield
-        return
-    import ctypes
-
-    handle = ctypes.CDLL(None).signal
-    handle.argtypes, handle.restype = (ctypes.c_int, ctypes.c_void_p), ctypes.c_void_p
-    # The C library tells a handler only when another one takes its place.
-    before = handle(number, int(signal.SIG_IGN))
-    handle(number, before)
-    try:
-        yield
-    finally:
-        handle(number, before)
 
 
 def process_memory(pid: int | None) -> float | None:

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import click
 
 from models.errors import WrongInputError
-from models.portable import ended_as_interrupted
+from models.process_signals import ended_as_interrupted
 from models.scratch import scratch_folder
 from models.work.errors import ChunksFailedError, FailedChunk
 from models.work.redact import redact

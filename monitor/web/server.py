@@ -19,7 +19,8 @@ import uvicorn
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
 from models.errors import WrongInputError
-from models.portable import lower_priority, on_signals
+from models.portable import lower_priority
+from models.process_signals import on_signals
 from monitor.config.load import Config, ConfigError, load_config
 from monitor.config.outputs import WebSection
 from monitor.service.child_process import end_with_parent, report_line

@@ -4,21 +4,16 @@ from __future__ import annotations
 
 import os
 import re
-import signal
 import subprocess
 import sys
 import threading
-import time
-from collections.abc import Generator
 from contextlib import closing
 from pathlib import Path
-from types import SimpleNamespace
 
 import pytest
 
 from models import portable
-from models.portable import FileLock, MemoryFile, PipeReader, ended_as_interrupted, ended_by_parent, interrupt_held
-from tests.waiting import wait_until
+from models.portable import FileLock, MemoryFile, PipeReader
 
 _CALLS = (
     *("pread", "preadv", "pwrite", "memfd_create", "posix_fadvise", "O_DIRECTORY", "nice", "ST_RDONLY", "major"),
@@ -26,7 +21,7 @@ _CALLS = (
 )
 
 
-def test_no_other_module_makes_such_calls() -> None:
+def test_no_other_modules_make_such_calls() -> None:
     """Names are those that tests/without_posix takes away, and some that it has to leave."""
     root = Path(__file__).resolve().parents[2]
     taken = re.findall(r'"(\w+)"', (root / "tests" / "without_posix" / "sitecustomize.py").read_text())
@@ -40,7 +35,8 @@ def test_no_other_module_makes_such_calls() -> None:
         for path in (root / folder).rglob("*.py")
         for made in call.findall(path.read_text(encoding="utf-8"))
     }
-    assert {name for name in found if not name.startswith("models/portable.py")} == set()
+    ours = ("models/portable.py", "models/process_signals.py")
+    assert {name for name in found if not name.startswith(ours)} == set()
 
 
 @pytest.fixture(params=["posix", "portable"])
@@ -167,57 +163,3 @@ def test_folders_are_opened_and_made_durable(way: str, tmp_path: Path) -> None:
     assert not portable.is_read_only(tmp_path)
     assert portable.others_may(0o644, 0o004) is (way == "posix")
     assert not portable.others_may(0o600, 0o077)
-
-
-@pytest.fixture
-def signals() -> Generator[None]:
-    """Put the handlers back that a test changes."""
-    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)}
-    signal.signal(signal.SIGTERM, signal.SIG_DFL)
-    yield
-    for number, handler in before.items():
-        signal.signal(number, handler)
-
-
-@pytest.mark.usefixtures("signals")
-def test_a_request_to_end_is_an_interruption_unless_it_is_ignored() -> None:
-    signal.signal(signal.SIGHUP, signal.SIG_IGN)
-    with ended_as_interrupted():
-        os.kill(os.getpid(), signal.SIGHUP)
-        with pytest.raises(KeyboardInterrupt):
-            os.kill(os.getpid(), signal.SIGTERM)
-    assert (signal.getsignal(signal.SIGTERM), signal.getsignal(signal.SIGHUP)) == (signal.SIG_DFL, signal.SIG_IGN)
-    thread = threading.Thread(target=ended_as_interrupted().__enter__)
-    thread.start()
-    thread.join()
-    assert signal.getsignal(signal.SIGTERM) == signal.SIG_DFL
-
-
-@pytest.mark.usefixtures("signals")
-def test_a_process_cleans_up_when_its_parent_ends_it_or_is_lost(monkeypatch: pytest.MonkeyPatch) -> None:
-    cleaned: list[str] = []
-    for ended in (True, False):
-        lost = threading.Event()
-        monkeypatch.setattr("multiprocessing.parent_process", lambda lost=lost: SimpleNamespace(join=lost.wait))
-        with ended_by_parent(60.0):
-            try:
-                # Ctrl-C is for the parent.
-                os.kill(os.getpid(), signal.SIGINT)
-                if ended:
-                    os.kill(os.getpid(), signal.SIGTERM)
-                lost.set()
-                time.sleep(60.0)
-            finally:
-                os.kill(os.getpid(), signal.SIGTERM)
-                cleaned.append("cleaned")
-        assert signal.getsignal(signal.SIGTERM) == signal.SIG_IGN
-        lost.set()
-        wait_until(lambda: all(thread.name != "parent" for thread in threading.enumerate()))
-    assert len(cleaned) == 2
-
-
-def test_ctrl_c_is_held_back_from_what_is_started() -> None:
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, ())
-    with interrupt_held():
-        assert signal.SIGINT in signal.pthread_sigmask(signal.SIG_BLOCK, ())
-    assert signal.pthread_sigmask(signal.SIG_BLOCK, ()) == before

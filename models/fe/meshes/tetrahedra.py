@@ -18,7 +18,7 @@ import numpy as np
 
 from models.errors import SpallwatchError, WrongInputError
 from models.fe.extra import require_gmsh, require_skfem
-from models.portable import sigpipe_kept
+from models.process_signals import sigpipe_kept
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Generator

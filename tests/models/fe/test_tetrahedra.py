@@ -15,7 +15,7 @@ from models.errors import WrongInputError
 from models.fe.extra import MissingExtraError, require_gmsh, require_skfem
 from models.fe.meshes.tet_bodies import RaceSector, tet_ball, tet_race, tet_roller
 from models.fe.meshes.tetrahedra import MeshingError, Patch, TetRule, estimated_nodes
-from models.portable import sigpipe_kept
+from models.process_signals import sigpipe_kept
 
 RADIUS, LENGTH, EDGE = 2.75e-3, 6e-3, 0.2e-3
 ANGLE = math.pi / 11.0
