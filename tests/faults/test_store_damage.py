@@ -23,8 +23,6 @@ from monitor.records.recover.salvage import open_or_salvage
 from monitor.records.store import Store
 from streams.source import FileProgress
 from tests.effort import effort_count
-from tests.faults.test_folder_kill import drain
-from tests.streams.folders import csv_bytes, noise
 
 pytestmark = pytest.mark.process
 
@@ -381,32 +379,3 @@ def copied_damage(data: bytes | bytearray, folder: Path) -> Path:
     path = folder / "state.db"
     path.write_bytes(data)
     return path
-
-
-@pytest.mark.parametrize("where", [b"f00003.csv", b"accepted"])
-def test_files_that_the_store_no_longer_knows_are_read_again_and_counted_once(tmp_path: Path, where: bytes) -> None:
-    folder, path = tmp_path / "in", tmp_path / "state.db"
-    folder.mkdir()
-    for number in range(1, 7):
-        (folder / f"f{number:05d}.csv").write_bytes(csv_bytes(noise(512, number)))
-    drain(folder, path)
-    with Store.open(path, read_only=True) as store:
-        before = list(store.records())
-    data = bytearray(path.read_bytes())
-    while (place := data.find(where)) > 0:
-        zero(data, place, 0)
-    path.write_bytes(data)
-    store, report = open_or_salvage(path, machine="m")
-    store.close()
-    assert report is not None
-    (folder / "f00007.csv").write_bytes(csv_bytes(noise(512, 7)))
-    drain(folder, path)
-    with Store.open(path, machine="m") as store, StoreLedger(store) as ledger:
-        assert store.check() == []
-        found = list(store.records())
-        # Those that are gone without a trace come again from their files, as late as they come.
-        assert sum(ledger.file_counts("s").values()) == 7
-    assert len(before) == 12
-    kept = [item.content_hash for item in found]
-    assert len(set(kept)) == len(kept) == 14
-    assert {item.content_hash for item in before} <= set(kept)
