@@ -121,6 +121,7 @@ class ClusterProcesses:
         memory: limit of each worker, as ``dask worker --memory-limit`` takes it.
         scheduler: process of the scheduler.
         workers: processes of the workers by name; each is a nanny with one child.
+        protocol: "tcp" or "tls".
     """
 
     folder: Path
@@ -129,11 +130,12 @@ class ClusterProcesses:
     memory: str
     scheduler: Supervised
     workers: dict[str, Supervised] = field(default_factory=dict[str, Supervised])
+    protocol: str = "tcp"
 
     @property
     def address(self) -> str:
         """Address of the scheduler."""
-        return f"tcp://{LOOPBACK}:{self.port}"
+        return f"{self.protocol}://{LOOPBACK}:{self.port}"
 
     def ends_for_memory(self) -> int:
         """Return how often a nanny ended its worker for its memory."""
@@ -207,9 +209,23 @@ def _listens(port: int) -> bool:
     return True
 
 
+def tls_variables(folder: Path) -> dict[str, str]:
+    """Make certificates by the script of ``deploy/cluster``; return what names them in the environment."""
+    script = Path(__file__).resolve().parents[1] / "deploy" / "cluster" / "certificates.sh"
+    subprocess.run(["sh", str(script), str(folder), "2"], check=True)
+    found = {"CA_FILE": folder / "ca.pem"}
+    for role in ("scheduler", "worker", "client"):
+        found |= {f"{role.upper()}__CERT": folder / f"{role}.pem", f"{role.upper()}__KEY": folder / f"{role}.key"}
+    return {f"DASK_DISTRIBUTED__COMM__TLS__{name}": str(path) for name, path in found.items()}
+
+
 @contextmanager
 def cluster_processes(
-    folder: Path, workers: tuple[str, ...] = ("w1",), memory: str = "2GiB", variables: Mapping[str, str] | None = None
+    folder: Path,
+    workers: tuple[str, ...] = ("w1",),
+    memory: str = "2GiB",
+    variables: Mapping[str, str] | None = None,
+    protocol: str = "tcp",
 ) -> Iterator[ClusterProcesses]:
     """Start a scheduler and workers; they are killed with the block.
 
@@ -218,6 +234,7 @@ def cluster_processes(
         workers: their names.
         memory: limit of each worker.
         variables: of the environment, beside those of this process.
+        protocol: "tcp", or "tls" with ``tls_variables``.
 
     Yields:
         The processes. The scheduler listens; the workers may not have joined.
@@ -230,10 +247,16 @@ def cluster_processes(
     port = free_port()
     command = [
         *(sys.executable, "-m", "dask", "scheduler", "--host", LOOPBACK, "--port", str(port)),
+        *("--protocol", protocol),
         *("--no-dashboard", "--dashboard-address", f"{LOOPBACK}:0"),
     ]
     cluster = ClusterProcesses(
-        folder, port, environment, memory, Supervised(command, folder / "scheduler.log", environment)
+        folder,
+        port,
+        environment,
+        memory,
+        Supervised(command, folder / "scheduler.log", environment),
+        protocol=protocol,
     )
     try:
         for name in workers:

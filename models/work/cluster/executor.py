@@ -9,7 +9,7 @@ from __future__ import annotations
 import queue
 import time
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
@@ -237,10 +237,12 @@ class ClusterExecutor:
             ClusterError: there was none for too long.
         """
         try:
-            self._roster.refresh()
+            joined = self._roster.refresh()
             if not self._sent:
                 return
             placed = {key: address for address, keys in self._client.processing().items() for key in keys}
+            if joined:
+                self._widen(placed)
         except (OSError, RuntimeError, TimeoutError):
             if self._client.status == "running":
                 return
@@ -249,6 +251,14 @@ class ClusterExecutor:
         for sent in list(self._sent.values()):
             if sent.future is None or not sent.future.done():
                 self._look_at(sent, None if sent.future is None else placed.get(sent.future.key))
+
+    def _widen(self, keys: Iterable[str]) -> None:
+        """Let workers that have joined take chunks that wait for others; the scheduler moves them by itself."""
+        own = {sent.future.key for sent in self._sent.values() if sent.future is not None}
+        allowed = dict.fromkeys(own.intersection(keys), self._roster.addresses())
+        # A chunk that has ended meanwhile is unknown: at worst the others wait where they are.
+        with suppress(KeyError):
+            self._client.sync(self._client.scheduler.set_restrictions, worker=allowed)
 
     def _look_at(self, sent: _Sent, worker: str | None) -> None:
         """Send a chunk again unless a worker that takes part has it; ``worker`` is the one that the scheduler gave it.

@@ -67,6 +67,7 @@ class Client:
         self.at_work: dict[str, list[str]] = {}
         self.offers: dict[str, dict[str, float]] = {}
         self.heard: dict[str, float] = {}
+        self.scheduler = SimpleNamespace(set_restrictions=self.restrict)
 
     def run_on_scheduler(self, _function):
         return facts()
@@ -98,6 +99,13 @@ class Client:
             future.workers = workers
             self.futures.append(future)
         return future
+
+    def sync(self, function, **arguments):
+        return function(**arguments)
+
+    def restrict(self, worker):
+        for future in self.futures:
+            future.workers = worker.get(future.key, future.workers)
 
     def processing(self):
         return self.at_work
@@ -216,7 +224,7 @@ def test_a_chunk_that_only_waited_on_lost_workers_is_sent_again(store, told):
     executor._take(client.futures[0])
     assert len(client.futures) == 2
     for number in range(3):
-        store.write(f"started/{1:040x}/{number}", b"{}")
+        store.write(f"started/{1:040x}/{call(store).caller}-{number}", b"{}")
     client.futures[-1].end("error", killed())
     outcome = executor.wait()
     assert outcome.failure is not None
@@ -322,6 +330,17 @@ def test_chunks_go_to_the_workers_that_take_part(store, told):
     executor._look()
     executor._look()
     assert [future.workers for future in client.futures[1:]] == [["tls://c:1"]] * 2
+
+
+def test_a_worker_that_joins_may_take_what_waits_for_others(store, told):
+    client = Client(store, ["tls://a:1"])
+    executor = ClusterExecutor(Cluster(client), store, told.append)
+    for number in (1, 2):
+        executor.submit(call(store, number))
+    client.at_work = {"tls://a:1": [client.futures[0].key, client.futures[1].key, "of-another-caller"]}
+    client.present = ["tls://a:1", "tls://b:1"]
+    executor._look()
+    assert [future.workers for future in client.futures] == [["tls://a:1", "tls://b:1"]] * 2
 
 
 def test_a_worker_that_began_anew_at_the_same_port_is_asked_again(store, told):
