@@ -83,17 +83,20 @@ def _pool_process(pid: int, draw: random.Random) -> bool:
     return False
 
 
-FAULTS: dict[str, tuple[Callable[[int, random.Random], bool], int]] = {
-    "SIGKILL to the caller": (_caller(signal.SIGKILL), -signal.SIGKILL),
-    "SIGKILL to all": (_group(signal.SIGKILL), -signal.SIGKILL),
-    "SIGTERM to the caller": (_caller(signal.SIGTERM), 1),
-    "SIGTERM to all": (_group(signal.SIGTERM), 1),
-    "SIGHUP to all": (_group(signal.SIGHUP), 1),
-    "Ctrl-C": (_group(signal.SIGINT), 1),
-    "Ctrl-C twice": (_twice, 1),
-    "SIGKILL to a process of the pool": (_pool_process, 0),
+FAULTS: dict[str, tuple[Callable[[int, random.Random], bool], tuple[int, ...]]] = {
+    "SIGKILL to the caller": (_caller(signal.SIGKILL), (-signal.SIGKILL,)),
+    "SIGKILL to all": (_group(signal.SIGKILL), (-signal.SIGKILL,)),
+    "SIGTERM to the caller": (_caller(signal.SIGTERM), (1, -signal.SIGTERM)),
+    "SIGTERM to all": (_group(signal.SIGTERM), (1, -signal.SIGTERM)),
+    "SIGHUP to all": (_group(signal.SIGHUP), (1, -signal.SIGHUP)),
+    "Ctrl-C": (_group(signal.SIGINT), (1,)),
+    "Ctrl-C twice": (_twice, (1,)),
+    "SIGKILL to a process of the pool": (_pool_process, (0,)),
 }
-"""What happens to a command, and the exit code that it then has; 0 where it had ended before."""
+"""What happens to a command, and its exit codes then: the signal itself before the shared work has begun.
+
+0 where it had ended before.
+"""
 
 
 def session(leader: int) -> list[int]:
@@ -170,7 +173,7 @@ class Round:
         process = self.start("--workers", "2", "--resume")
         wait_until(lambda: begun.exists() or process.poll() is not None)
         time.sleep(delay)
-        cause, code = FAULTS[name]
+        cause, codes = FAULTS[name]
         came = process.poll() is None and cause(process.pid, draw)
         _, errors = process.communicate()
         ended = time.monotonic()
@@ -183,7 +186,7 @@ class Round:
             for pid in left:
                 with suppress(ProcessLookupError):
                     os.kill(pid, signal.SIGKILL)
-        if process.returncode not in ((code, 0) if came else (0,)):
+        if process.returncode not in ((*codes, 0) if came else (0,)):
             self.problems.append(f"{name} after {delay:.2f} s: exit code {process.returncode}")
         if "Traceback" in errors or "Exception ignored" in errors:
             self.problems.append(f"{name} after {delay:.2f} s: {errors[-2000:]}")

@@ -5,8 +5,10 @@ A map file is netCDF-4 with dimensions load, speed, h_d, dphi_d and bpfo_harmoni
 
 from __future__ import annotations
 
+import errno
 import hashlib
 import os
+import shutil
 import tempfile
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, cast
@@ -67,6 +69,11 @@ def save_map(rms_map: RmsMap, path: Path | str) -> None:
     try:
         with Dataset(temporary, "w", format="NETCDF4") as dataset:
             _write(dataset, rms_map)
+    except RuntimeError as error:
+        # The library does not say why, as on a disk that is full.
+        free = shutil.disk_usage(path.parent).free
+        raise OSError(errno.EIO, f"{error}, with {1e-6 * free:.1f} MB free") from None
+    else:
         # mkstemp makes files that only their owner can read.
         temporary.chmod(0o644)
         temporary.replace(path)

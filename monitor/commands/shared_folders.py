@@ -142,7 +142,7 @@ def replaced(place: Path) -> Iterator[Path]:
     in ``place`` is deleted. A database is not written over a network.
 
     Raises:
-        InputError: ``place`` holds files and no store.
+        InputError: ``place`` holds files and no store, or cannot be written.
     """
     _refuse_foreign(place)
     with scratch_folder("spallwatch-run-") as scratch:
@@ -153,7 +153,7 @@ def replaced(place: Path) -> Iterator[Path]:
         old = fresh.with_name(fresh.name + _OLD)
         place.parent.mkdir(parents=True, exist_ok=True)
         try:
-            shutil.copytree(work, fresh)
+            shutil.copytree(work, fresh, copy_function=_copy)
             with suppress(FileNotFoundError):
                 place.rename(old)
             try:
@@ -165,6 +165,13 @@ def replaced(place: Path) -> Iterator[Path]:
         finally:
             shutil.rmtree(fresh, ignore_errors=True)
         shutil.rmtree(old, ignore_errors=True)
+
+
+def _copy(source: str, target: str) -> None:
+    try:
+        shutil.copy2(source, target)
+    except OSError as error:
+        raise InputError(f"{target}: cannot be written: {error.strerror or error}") from None
 
 
 def _refuse_foreign(place: Path) -> None:

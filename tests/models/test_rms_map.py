@@ -141,6 +141,20 @@ def test_saved_and_loaded_is_the_same(tmp_path: Path) -> None:
     assert list(path.parent.iterdir()) == [path]
 
 
+def test_a_map_that_cannot_be_written_leaves_the_one_before(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "map.nc"
+    path.write_bytes(b"before")
+
+    def fail(*_: object) -> None:
+        raise RuntimeError("NetCDF: HDF error")
+
+    monkeypatch.setattr("models.maps.file._write", fail)
+    with pytest.raises(OSError, match=r"NetCDF: HDF error, with \d+\.\d MB free"):
+        save_map(built(), path)
+    assert path.read_bytes() == b"before"
+    assert list(tmp_path.iterdir()) == [path]
+
+
 def test_the_file_says_what_made_it(tmp_path: Path) -> None:
     save_map(built(), tmp_path / "map.nc")
     with Dataset(tmp_path / "map.nc") as dataset:

@@ -132,6 +132,10 @@ class _Forgetful(Runner):
         return self._inner.outcomes(*arguments, **named)
 
 
+def no_space(*_: object) -> None:
+    raise OSError(28, "No space left on device")
+
+
 def test_a_folder_takes_its_place_whole_or_not_at_all(tmp_path: Path) -> None:
     place = tmp_path / "out" / "run"
     for text in ("first", "second"):
@@ -142,6 +146,12 @@ def test_a_folder_takes_its_place_whole_or_not_at_all(tmp_path: Path) -> None:
         raise RuntimeError("half")
     assert (place / "state.db").read_text() == "second"
     assert [path.name for path in place.parent.iterdir()] == ["run"]
+    with pytest.MonkeyPatch.context() as full:
+        full.setattr("shutil.copy2", no_space)
+        with pytest.raises(InputError, match=r"/state\.db: cannot be written: No space"), replaced(place) as folder:
+            (folder / "state.db").write_text("third")
+    assert [path.name for path in place.parent.iterdir()] == ["run"]
+    assert (place / "state.db").read_text() == "second"
     # Killed between the two renames.
     place.rename(place.with_name(".run.01234567.old"))
     # Of the user, or of a run of another name.
