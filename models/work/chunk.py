@@ -2,7 +2,7 @@
 
 ``shared/DIGEST``: what all tasks share; each process reads it once. ``tasks/KEY``: tasks of a chunk that are too large
 to be sent. ``chunks/XX/KEY``: results of a chunk, XX being the first two digits of its key. ``started/KEY/CALLER-N``: a
-marker while a chunk is at work; it stays where the worker dies. ``failed/KEY/N``: the log of a failure, as JSON.
+marker while a chunk is at work; it stays where the worker is killed. ``failed/KEY/N``: the log of a failure, as JSON.
 ``run.json``: of which program, begun when.
 """
 
@@ -56,7 +56,7 @@ class StoredTasks:
 def sent_tasks(store: Store, key: str, tasks: bytes) -> bytes:
     """Return what is sent of the encoded tasks of a chunk, after writing large ones to the store.
 
-    Those with signed URLs are sent whatever their size: whoever may read the store could use the signatures.
+    Those with signed URLs are sent whatever their size: a reader of the store could use the signatures.
     """
     if len(tasks) <= MAX_SENT_BYTES or has_signed_url(tasks):
         return tasks
@@ -149,8 +149,8 @@ def cached_store(url: str) -> Store:
 def write_log(store: Store, key: str, label: str, failure: Failure, worker: str) -> None:
     """Write the log of a failure of a chunk."""
     number = sum(1 for _ in store.names(f"failed/{key}/")) + 1
-    told = asdict(failure) | {"label": label, "worker": worker, "time": time.time()}
-    store.write(f"failed/{key}/{number}-{secrets.token_hex(4)}", _text(told))
+    entry = asdict(failure) | {"label": label, "worker": worker, "time": time.time()}
+    store.write(f"failed/{key}/{number}-{secrets.token_hex(4)}", _text(entry))
 
 
 def _check(call: ChunkCall, memory: int | None, worker: str) -> None:
@@ -205,8 +205,8 @@ def _found(store: Store, name: str) -> bytes:
 
 def _died(store: Store, markers: list[str]) -> Failure:
     """Return the failure of a chunk whose workers died, by the markers that they left."""
-    told = [json.loads(store.read(marker) or b"{}") for marker in markers]
-    workers = ", ".join(str(entry.get("worker", "unknown")) for entry in told)
+    entries = [json.loads(store.read(marker) or b"{}") for marker in markers]
+    workers = ", ".join(str(entry.get("worker", "unknown")) for entry in entries)
     return Failure(
         DIED, f"{len(markers)} workers were lost while they ran it: {workers}", "a killed process logs nothing"
     )
@@ -220,5 +220,5 @@ def _failed(call: ChunkCall, failure: Failure, worker: str, *, log: bool = False
     return ChunkOutcome(call.key, failure, 0.0, 0, worker, processor())
 
 
-def _text(told: dict[str, Any]) -> bytes:
-    return json.dumps(told, indent=1).encode()
+def _text(values: dict[str, Any]) -> bytes:
+    return json.dumps(values, indent=1).encode()

@@ -62,7 +62,7 @@ def chunks_failed(failed: Sequence[FailedChunk], total: int, kept: str | None) -
 
 
 def failure_of(error: BaseException, *, of_task: bool = True) -> Failure:
-    """Return what is told of an exception: class, message and traceback, a long one shortened in the middle.
+    """Return the failure of an exception: class, message and traceback, a long one shortened in the middle.
 
     Credentials are left out. A ValueError is wrong input only where a task raised it (``of_task``), not what runs it.
     """

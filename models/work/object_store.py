@@ -46,7 +46,7 @@ class ObjectStore:
         self._read_options: dict[str, Any] = {"max_concurrency": 1} if self._is_s3 else {}
 
     def read(self, name: str) -> bytes | None:
-        """Return an object, None where there is none; ObjectStorageError where that cannot be told."""
+        """Return an object, None where there is none; ObjectStorageError where that is not known."""
         path = self._path(name)
         with self._foreseen(name, "read"):
             try:

@@ -1,7 +1,7 @@
 """Work on the cores of this machine: threads where the tasks release the GIL, else processes.
 
 Each worker is a thread of this process. It runs a chunk itself, or has a process of its own for those that need one,
-which begins with the first such chunk and is replaced where it dies.
+which begins with the first such chunk and is replaced where it is killed.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ _AHEAD = 64
 """Tasks of a plain loop that are begun before their turn, a thread."""
 
 _END_S = 2.0
-"""Time for a process to end by itself: with nothing left to do, or when it is told to, removing its temporary files."""
+"""Time for a process to end by itself: with nothing left to do, or when asked to, removing its temporary files."""
 _STOPPED = Failure(DIED, "the worker was stopped", "")
 
 
@@ -259,8 +259,8 @@ def _start() -> tuple[SpawnProcess, _Connection]:
 
 
 def _serve(connection: _Connection) -> None:
-    """Run chunks in a process of their own until its parent closes the connection, ends it, or dies."""
-    # A parent that dies while it is told of a chunk breaks the connection.
+    """Run chunks in a process of their own until its parent closes the connection, ends it, or is killed."""
+    # A parent that is killed while it reads an outcome breaks the connection.
     with ended_by_parent(_END_S), suppress(EOFError, OSError):
         while True:
             connection.send_bytes(encode(run_chunk(decode(connection.recv_bytes()))))

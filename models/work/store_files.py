@@ -58,7 +58,7 @@ def write_run(store: Store) -> str | None:
     Raises:
         WrongInputError: the store has a file of that name which no runner wrote.
     """
-    told = {
+    run = {
         "format": _FORMAT,
         "program": program(),
         "versions": versions(),
@@ -66,8 +66,8 @@ def write_run(store: Store) -> str | None:
         "begun": datetime.now(UTC).isoformat(timespec="seconds"),
     }
     before = _program_of(store)
-    store.write(_RUN, json.dumps(told, indent=1).encode())
-    if before in (None, told["program"]):
+    store.write(_RUN, json.dumps(run, indent=1).encode())
+    if before in (None, run["program"]):
         return None
     return f"{store.url} was begun by another version of the program: its chunks are not used"
 

@@ -1,7 +1,7 @@
 """The task of an archive: replay one recording, or a part of the recordings that continue each other.
 
-What is remote is fetched into a scratch folder; the records go to the store of the archive as one file a UTC day. What
-the recording or its configuration is at fault for is a result, not an exception: the others go on.
+What is remote is fetched into a scratch folder; the records go to the store of the archive as one file a UTC day. An
+error of the recording or of its configuration is a result, not an exception: the others go on.
 """
 
 from __future__ import annotations

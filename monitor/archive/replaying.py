@@ -67,15 +67,15 @@ class Replaying:
 
     def run(self) -> None:
         """Replay all; what was done is noted, also where this is interrupted."""
-        told, total, began = self.runner.notify, self.index.left(), time.monotonic()
+        notify, total, began = self.runner.notify, self.index.left(), time.monotonic()
 
         def tell(progress: Progress) -> None:
-            if told is not None:
+            if notify is not None:
                 done = self._ended
                 left = (time.monotonic() - began) * (total - done) / done if done else None
-                told(replace(progress, done=done, total=total, kept=0, failed=self._wrong, seconds_left=left))
+                notify(replace(progress, done=done, total=total, kept=0, failed=self._wrong, seconds_left=left))
 
-        self.runner.notify = None if told is None else tell
+        self.runner.notify = None if notify is None else tell
         try:
             self._run(self._groups())
             # What has failed together is replayed alone, and long recordings go on.
@@ -84,7 +84,7 @@ class Replaying:
             error.add_note(f"{self._ended} recordings more are in {self.index.path}; --resume goes on with the others")
             raise
         finally:
-            self.runner.notify = told
+            self.runner.notify = notify
             self._note()
 
     def _run(self, groups: Iterable[_Group]) -> None:

@@ -139,7 +139,7 @@ def _named_place(chunks: str, out: Path | str | None) -> str:
 
 @dataclass
 class Shared:
-    """A runner that is open, and what is told of it.
+    """A runner that is open, and what is said of it.
 
     Attributes:
         runner: runs the work of the command.
@@ -172,7 +172,7 @@ class Shared:
         }
 
     def lines(self) -> Iterator[str]:
-        """Yield what people are told of a run on a cluster, or of one that was resumed."""
+        """Yield the lines for people of a run on a cluster, or of one that was resumed."""
         tally = self.runner.tally
         if self.sharing.cluster is not None or tally.kept:
             kept = f", {tally.kept} of them found done" if tally.kept else ""

@@ -166,7 +166,7 @@ def _refuse_used(recordings: Iterable[Recording], out: Path) -> None:
 
 
 def replay_one(replays: Replays, task: Task) -> Outcome:
-    """Replay one recording; what it or its configuration is at fault for becomes its outcome.
+    """Replay one recording; an error of it or of its configuration becomes its outcome.
 
     Raises:
         SharedFolderError: this worker sees other folders than the caller.
@@ -267,9 +267,9 @@ def values(outcomes: Sequence[Outcome], out: Path) -> dict[str, Any]:
     }
 
 
-def lines(told: Mapping[str, Any]) -> Iterator[str]:
+def lines(answer: Mapping[str, Any]) -> Iterator[str]:
     """Yield the lines for people: one a recording."""
-    for run in told["runs"]:
+    for run in answer["runs"]:
         if "blocks" not in run:
             yield f"{run['name']}: failed: {run['error']}"
             continue
@@ -277,4 +277,4 @@ def lines(told: Mapping[str, Any]) -> Iterator[str]:
         kept = ", kept" if run["kept"] else ""
         error = "" if run["error"] is None else f", {run['error']}"
         yield f"{run['name']}: {run['blocks']} blocks, {run['accepted']} accepted ({grades}){error}{kept}"
-    yield f"{len(told['runs']) - told['failed']} of {len(told['runs'])} recordings replayed"
+    yield f"{len(answer['runs']) - answer['failed']} of {len(answer['runs'])} recordings replayed"

@@ -1,4 +1,4 @@
-"""Connections to a scheduler: which addresses are allowed, encryption, and how a failure is told.
+"""Connections to a scheduler: which addresses are allowed, encryption, and how a failure is reported.
 
 A process that reaches a port of dask can run programs there, as dask unpickles what it is sent. Beyond loopback each
 address must therefore be ``tls://``, where both ends show a certificate; certificates are named in dask's own
@@ -128,7 +128,7 @@ def new_client(address: str, security: Any) -> Any:
     import distributed
     from distributed.versions import VersionMismatchWarning
 
-    # Lost workers and schedulers are told by the executor, once; dask gives each of its loggers a level.
+    # Lost workers and schedulers are reported by the executor, once; dask gives each of its loggers a level.
     for name in ("distributed", *(name for name in logging.root.manager.loggerDict if name.startswith("distributed."))):
         logging.getLogger(name).setLevel(logging.CRITICAL)
     with warnings.catch_warnings():

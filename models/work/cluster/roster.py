@@ -24,8 +24,8 @@ JOIN_S = 600.0
 """Time for the first workers to come, s."""
 ANSWER_S = 20.0
 """Time for the answers of workers that are there at the start, s."""
-TELL_S = 3.0
-"""Time after which people are told that workers are missing, s."""
+NOTICE_S = 3.0
+"""Time after which missing workers are reported, s."""
 SILENT_S = 30.0
 """Time without a heartbeat after which a worker does not take part until it answers, s. Dask sends one at least every
 2 s with up to 200 workers, and gives up a worker without one after 300 s (``worker-ttl``)."""
@@ -84,7 +84,7 @@ class Roster:
             OSError: the scheduler is lost.
         """
         begun = time.monotonic()
-        told, self._strict = False, strict
+        reported, self._strict = False, strict
         while True:
             self.refresh()
             if self._refused and strict:
@@ -96,8 +96,8 @@ class Roster:
             if len(self.members) >= count and (not self._asked or passed > ANSWER_S):
                 self._strict = False
                 return
-            if passed > TELL_S and not told:
-                told = True
+            if passed > NOTICE_S and not reported:
+                reported = True
                 self._tell(f"{self._address}: {len(self.members)} workers take part, waiting for {count}")
             if passed > seconds:
                 raise ClusterError(
