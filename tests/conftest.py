@@ -223,6 +223,12 @@ def forked_children() -> Iterator[None]:
         yield
 
 
+@pytest.fixture
+def refused_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Refuse a second writer at once: no process that was killed while it started a child can hold the lock."""
+    monkeypatch.setattr("monitor.records.database._LOCK_WAIT_S", 0.0)
+
+
 @pytest.fixture(scope="module")
 def kept_band_choices() -> Iterator[None]:
     """Find the band of a block once, for tests that analyse the same recording several times.

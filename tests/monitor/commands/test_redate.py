@@ -116,6 +116,7 @@ def test_check_keeps_no_step_of_a_file_that_may_grow(tmp_path: Path) -> None:
     assert (kept["by"], kept["step"], kept["first"]) == ("count", None, 1)
 
 
+@pytest.mark.usefixtures("refused_at_once")
 def test_check_keeps_nothing_beside_a_daemon_or_where_the_store_is_lost(tmp_path: Path) -> None:
     config = machine(tmp_path, f'start_utc = "{START}"')
     (tmp_path / "records").mkdir()
@@ -210,6 +211,7 @@ def test_redate_makes_a_changed_configuration_valid(tmp_path: Path) -> None:
     assert checked(config)["dating"]["s"]["by"] == "count"
 
 
+@pytest.mark.usefixtures("refused_at_once")
 def test_redate_needs_a_store_without_a_writer(tmp_path: Path) -> None:
     config = machine(tmp_path)
     assert run_command("redate", "s", "--config", config).returncode == 2

@@ -167,6 +167,7 @@ def test_a_stream_silenced_by_an_earlier_version_goes_on(machine: Path) -> None:
     assert [(row[0], row[3]) for row in rows(machine)][-2:] == [(4, ""), (5, "")]
 
 
+@pytest.mark.usefixtures("refused_at_once")
 def test_what_cannot_be_reset_is_named(machine: Path, tmp_path: Path) -> None:
     def refused(source: str, config: Path = machine) -> str:
         done = run_command("stream", "reset", source, "--config", str(config))

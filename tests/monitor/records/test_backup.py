@@ -197,6 +197,7 @@ def test_without_a_store_there_is_nothing_to_back_up(tmp_path: Path) -> None:
         back_up(contents_of(tmp_path), tmp_path / "backups", keep=1, utc=UTC)
 
 
+@pytest.mark.usefixtures("refused_at_once")
 def test_two_at_once_are_refused(made: Path) -> None:
     lock = backup.take_lock(made / "backups" / "m")
     with pytest.raises(RefusedError, match="another backup of machine 'm' is being written"):
@@ -291,6 +292,7 @@ def test_a_damaged_store_is_kept_with_its_log(made: Path) -> None:
     assert blocks_in(made / "state" / "state.db") == 20
 
 
+@pytest.mark.usefixtures("refused_at_once")
 def test_what_cannot_be_meant_is_refused(made: Path, tmp_path_factory: pytest.TempPathFactory) -> None:
     folder, target = find_backup(made / "backups", "m"), tmp_path_factory.mktemp("target")
     with pytest.raises(RefusedError, match="is a backup of machine 'm', not of 'press'"):

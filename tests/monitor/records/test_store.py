@@ -142,6 +142,7 @@ def test_a_reader_sees_what_is_committed_and_cannot_write(store: Store, path: Pa
             reader.commit(block(3), {})
 
 
+@pytest.mark.usefixtures("refused_at_once")
 def test_a_second_writer_is_kept_out_until_the_first_is_gone(store: Store, path: Path) -> None:
     with pytest.raises(StoreError, match="another process is writing"):
         Store.open(path, machine="m")
