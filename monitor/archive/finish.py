@@ -13,6 +13,15 @@ from monitor.archive.index import Index
 from monitor.archive.run import Plan, Results
 
 REPORT_NAME = "fleet.html"
+_ROOT = "zarr.json"
+"""Written last: with it a Zarr store is whole."""
+
+
+def is_finished(plan: Plan, index: Index) -> bool:
+    """Return whether an earlier run has finished a Zarr store: the files that it was made of are gone then."""
+    counts = index.counts()
+    whole = plan.records == "zarr" and counts.recordings == counts.done > 0
+    return whole and open_store(plan.zarr_url).read(_ROOT) is not None
 
 
 def zarr_writer() -> Any:
@@ -28,15 +37,23 @@ def zarr_writer() -> Any:
     return module.write_archive
 
 
-def write_zarr(plan: Plan, index: Index, runner: Runner) -> str:
-    """Write the records of all recordings into the Zarr store of an archive, and return its URL.
+def write_zarr(plan: Plan, index: Index, runner: Runner) -> None:
+    """Write the records of all recordings into the Zarr store of an archive.
 
     Raises:
         WrongInputError: the extra is not installed, or another Zarr store is in its place.
     """
     records = open_store(plan.records_url)
     zarr_writer()(Results(index, records), records, plan.zarr_url, runner)
-    return plan.zarr_url
+
+
+def report_of(plan: Plan) -> str | None:
+    """Return the URL of the page of an earlier run, None where there is none."""
+    return None if open_store(plan.out).read(REPORT_NAME) is None else _report_url(plan)
+
+
+def _report_url(plan: Plan) -> str:
+    return f"{plan.out.rstrip('/')}/{REPORT_NAME}"
 
 
 def write_report(plan: Plan, index: Index) -> str:
@@ -46,4 +63,4 @@ def write_report(plan: Plan, index: Index) -> str:
     logs = {(machine, name): log for (machine, _, name), log in places if log}
     page = fleet_page(Results(index, records), title=f"Archive {plan.manifest.stem}", logs=logs)
     open_store(plan.out).write(REPORT_NAME, page.encode())
-    return f"{plan.out.rstrip('/')}/{REPORT_NAME}"
+    return _report_url(plan)

@@ -85,8 +85,9 @@ def write_archive(results: Iterable[RecordingResult], records: Store, out_url: s
     """
     out = open_store(out_url)
     _refuse_foreign(out)
-    out.delete(METADATA)
     extent = Extent.of(results)
+    # From here on it is not whole.
+    out.delete(METADATA)
     arrays, table = arrays_of_rows(extent), arrays_of_table(extent)
     labels = coordinates()
     metadata = {array.name: metadata_of(array) for array in (*arrays, *table, *(array for array, _ in labels))}

@@ -58,7 +58,7 @@ def replay(
     With --resume, what is done stays and what failed is tried again. Exit code 1 where a recording failed: the others
     are done.
     """
-    from monitor.archive.finish import write_report, write_zarr, zarr_writer
+    from monitor.archive.finish import is_finished, report_of, write_report, write_zarr, zarr_writer
     from monitor.archive.part import PART_BLOCKS
     from monitor.archive.place import INDEX_NAME, open_index
     from monitor.archive.run import Plan, delete_work, replay_waiting
@@ -68,10 +68,12 @@ def replay(
         zarr_writer()
     plan = Plan(manifest, out, records, part_blocks=part_blocks or PART_BLOCKS, resume=sharing.resume)
     with open_index(out) as (index, noted), sharing.open(out, quiet=quiet, locked=False) as shared:
-        before = index.counts().done
+        before, finished = index.counts().done, is_finished(plan, index)
         counts = replay_waiting(plan, index, shared.runner, noted)
-        written = write_zarr(plan, index, shared.runner) if records == "zarr" else out
-        page = write_report(plan, index) if report else None
+        written = plan.zarr_url if records == "zarr" else out
+        if records == "zarr" and not finished:
+            write_zarr(plan, index, shared.runner)
+        page = report_of(plan) if finished else write_report(plan, index) if report else None
         if counts.done == counts.recordings:
             delete_work(plan)
         values = _values(index, counts, f"{out.rstrip('/')}/{INDEX_NAME}")

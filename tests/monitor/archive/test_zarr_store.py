@@ -23,6 +23,7 @@ from models.work.serial import SerialExecutor
 from monitor.archive import arrays
 from monitor.archive.result import RecordingResult, RecordsFile, Shape
 from monitor.archive.rows import RowsError, row_ranges
+from monitor.archive.setup import ArchiveError
 from tests.monitor.archive.recordings import FEW, replayed, trimmed
 from tests.object_storage import use_account
 
@@ -150,6 +151,17 @@ def test_a_store_that_is_not_complete_does_not_open(archive, tmp_path):
         xr.open_zarr(tmp_path / "records.zarr")
     with pytest.raises(sw.SpallwatchError, match="is not complete; archive replay --resume"):
         sw.open_archive(tmp_path)
+
+
+def test_results_that_cannot_be_read_leave_the_store_whole(archive, read, tmp_path):
+    def missing():
+        yield archive[1][0]
+        raise ArchiveError("press/two/result.json is missing")
+
+    shutil.copytree(read / "records.zarr", tmp_path / "records.zarr")
+    with pytest.raises(ArchiveError, match="is missing"):
+        write((archive[0], missing()), tmp_path / "records.zarr")
+    assert content(tmp_path / "records.zarr") == content(read / "records.zarr")
 
 
 def test_the_bytes_are_the_same_through_a_store_of_chunks_and_again(archive, read, tmp_path, small_chunks):

@@ -77,6 +77,15 @@ def test_one_zarr_store_takes_the_place_of_daily_files(fleet):
 
     with xr.open_zarr(fleet / "out/records.zarr", consolidated=True) as dataset:
         assert dataset.sizes["row"] == 4
+    before = {path: path.stat().st_mtime_ns for path in (fleet / "out/records.zarr").rglob("*")}
+    # What it was made of is gone, and nothing is left to be done.
+    again = run_command("archive", "replay", "fleet.toml", *options, "--resume", cwd=fleet)
+    assert again.returncode == 0, again.stderr
+    said = json.loads(again.stdout)
+    assert (said["done"], said["kept"], said["report"]) == (2, 2, "out/fleet.html")
+    assert {path: path.stat().st_mtime_ns for path in (fleet / "out/records.zarr").rglob("*")} == before
+    assert {path.name for path in (fleet / "out").iterdir()} == {*LEFT, "records.zarr"}
+    assert not (fleet / "out.chunks").exists()
 
 
 def test_status_is_read_from_the_index_alone(fleet):
