@@ -18,6 +18,7 @@ from models.errors import SpallwatchError
 from models.work.codec import decode, digest_of, encode
 from models.work.stores import open_store
 from models.work.task import Store
+from monitor.config.files import files_of
 from monitor.config.load import Config, ConfigError, load_config, read_toml
 from monitor.health.state import SourceSettings
 from monitor.health.waterfall import WaterfallSettings
@@ -73,7 +74,7 @@ def send_setup(path: Path, store: Store) -> str:
     except ConfigError as error:
         raise ConfigError(f"{path}: {error}") from None
     files: list[tuple[str, str]] = []
-    for file in _files_of(config):
+    for file in files_of(config):
         data = file.read_bytes()
         files.append((str(file), digest_of(data)))
         _write_once(store, f"inputs/{files[-1][1]}", data)
@@ -85,16 +86,6 @@ def send_setup(path: Path, store: Store) -> str:
 def _write_once(store: Store, name: str, data: bytes) -> None:
     if store.read(name) != data:
         store.write(name, data)
-
-
-def _files_of(config: Config) -> list[Path]:
-    found: dict[Path, None] = {}
-    for channel in config.channel:
-        if channel.track:
-            found |= dict.fromkeys((*channel.maps, *([] if channel.library is None else [channel.library])))
-    if config.forecast.library is not None:
-        found[config.forecast.library] = None
-    return [*found]
 
 
 @lru_cache(maxsize=4)

@@ -29,6 +29,7 @@ from monitor.commands.shared_folders import (
     replaced,
     seen,
 )
+from monitor.config.files import files_of
 from monitor.config.load import ConfigError, load_config
 from streams.remote import bare, expand, is_remote, local_source
 from streams.spec import SourceError
@@ -65,6 +66,7 @@ class Replays:
         report: whether each gets a page.
         resume: whether what stands under ``out`` is kept or continued.
         mark: of the caller in ``out``, for workers of other machines; "" without.
+        configured: digest of the configuration with the files that it names.
     """
 
     config_path: Path
@@ -73,6 +75,7 @@ class Replays:
     report: bool = True
     resume: bool = False
     mark: str = ""
+    configured: str = ""
 
 
 @dataclass(frozen=True)
@@ -132,7 +135,8 @@ def replay_many(
         ConfigError: the configuration or the output folder cannot be used.
         SharedFolderError: a worker sees other folders.
     """
-    load_config(replays.config_path)
+    named = files_of(load_config(replays.config_path))
+    replays = replace(replays, configured=input_digest((), [replays.config_path, *named], []))
     out = replays.out
     remove_leftovers(out, [recording.name for recording in recordings])
     if not replays.resume:
@@ -198,7 +202,7 @@ def _replay(replays: Replays, recording: Recording) -> dict[str, Any]:
     with replaced(place) as folder:
         resume = place.exists()
         if resume:
-            _check_same(place, recording)
+            _check_same(place, recording, replays)
             shutil.copytree(place, folder, dirs_exist_ok=True)
         with local_source(recording.url, folder / "fetched") as source:
             result = replay(config, source, folder, limit=replays.limit, resume=resume)
@@ -206,25 +210,36 @@ def _replay(replays: Replays, recording: Recording) -> dict[str, Any]:
             write_report(result, folder / "report.html", f"{config.machine.name}: {recording.name}")
         files = [str(place / Path(file).relative_to(folder)) for file in result.summary["records"]]
         text = json.dumps(
-            {"recording": recording.shown, "digest": digest, "summary": {**result.summary, "records": files}},
+            {
+                "recording": recording.shown,
+                "configured": replays.configured,
+                "digest": digest,
+                "summary": {**result.summary, "records": files},
+            },
             allow_nan=False,
         )
         (folder / MARKER).write_text(text, encoding="utf-8")
     return json.loads(text)["summary"]
 
 
-def _check_same(place: Path, recording: Recording) -> None:
-    """Refuse to continue the store of another recording."""
-    found = _marker(place).get("recording", recording.shown)
+def _check_same(place: Path, recording: Recording, replays: Replays) -> None:
+    """Refuse to continue the store of another recording, or one of another configuration."""
+    before = _marker(place)
+    found = before.get("recording", recording.shown)
     if found != recording.shown:
         raise InputError(f"{place}: holds the replay of {found}, expected {recording.shown}; use another --out")
+    if before.get("configured", replays.configured) != replays.configured:
+        raise InputError(
+            f"{place}: was replayed with another configuration, or other maps or libraries; use another --out"
+        )
 
 
 def _marker(place: Path) -> dict[str, Any]:
     try:
-        return json.loads((place / MARKER).read_text(encoding="utf-8"))
+        found = json.loads((place / MARKER).read_text(encoding="utf-8"))
     except (OSError, ValueError):
         return {}
+    return found if isinstance(found, dict) else {}
 
 
 def _kept(replays: Replays, recording: Recording) -> Outcome | None:
@@ -241,8 +256,8 @@ def _digest(replays: Replays, recording: Recording) -> str | None:
     path = recording.path
     if path is None and not recording.url.startswith("rig:"):
         return None
-    chosen = (__version__, replays.limit, replays.report, recording.shown)
-    return input_digest(chosen, [replays.config_path], [] if path is None else files_below(path))
+    chosen = (__version__, replays.limit, replays.report, recording.shown, replays.configured)
+    return input_digest(chosen, [], [] if path is None else files_below(path))
 
 
 def values(outcomes: Sequence[Outcome], out: Path) -> dict[str, Any]:

@@ -67,6 +67,7 @@ class Pages:
     """What all pages of a batch share, as it is sent to workers; paths are absolute.
 
     Attributes:
+        maps: channel and hash of the maps that ``options_path`` names.
         mark: of the caller in ``out``, for workers of other machines; "" without.
     """
 
@@ -78,6 +79,7 @@ class Pages:
     config_path: Path | None
     tables: bool
     pdf: bool
+    maps: tuple[tuple[str, str], ...] = ()
     mark: str = ""
 
     @classmethod
@@ -93,6 +95,7 @@ class Pages:
             None if settings.config_path is None else settings.config_path.absolute(),
             settings.tables,
             settings.pdf,
+            tuple(sorted((channel, rms_map.hash) for channel, rms_map in options.maps.items())),
         )
 
     def options(self, title: str) -> Options:
@@ -289,7 +292,7 @@ def _replayed(pages: Pages, run: BatchRun, folder: Path) -> Path:
 
 def _digest(pages: Pages, run: BatchRun) -> str:
     """Return a digest of what a page depends on: records, settings, configuration and program."""
-    chosen = (pages.timezone, sorted(pages.sections), pages.notes, pages.tables, pages.pdf)
+    chosen = (pages.timezone, sorted(pages.sections), pages.notes, pages.tables, pages.pdf, pages.maps)
     read = (pages.options_path, pages.config_path if run.recording else None)
     return input_digest((__version__, VERSION, *chosen, run), read, record_files(run.path))
 

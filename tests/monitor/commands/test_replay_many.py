@@ -101,6 +101,19 @@ def test_a_store_of_another_recording_is_not_continued(fleet: Path) -> None:
     assert told["failed"] == 2
 
 
+def test_a_store_of_another_configuration_is_not_continued(fleet: Path) -> None:
+    replay("a/run", "c", "--out", "all")
+    (fleet / "all" / "run" / "replay.json").write_text("[]")
+    (fleet / "m.toml").write_text(CONFIG.replace("speed_hz = 30", "speed_hz = 31"))
+    put(fleet / "c", 2, 2)
+    _, told = replay("a/run", "c", "--out", "all", "--resume")
+    assert told["runs"][0]["error"] is None
+    assert told["runs"][1]["error"].endswith(
+        "with another configuration, or other maps or libraries; use another --out"
+    )
+    assert len(records(fleet / "all" / "c")) == 2
+
+
 def test_several_at_a_pace_or_a_cluster_of_nothing_are_refused(fleet: Path) -> None:
     with pytest.raises(InputError, match="--pace: expected one PATH"):
         replay("a/run", "c", "--pace", "1")

@@ -6,7 +6,8 @@ import math
 import re
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from types import SimpleNamespace
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -148,6 +149,8 @@ def test_reading_a_store_for_the_first_time_is_no_change_of_it(tmp_path: Path, l
         (outcome,) = run_batch([item], tmp_path / "out", SHORT_PAGES)
         assert outcome.error == ""
         assert outcome.reused is expected
+    mapped = replace(SHORT_PAGES.options, maps={"": cast("Any", SimpleNamespace(hash="of another map"))})
+    assert reused(Pages.of(tmp_path / "out", replace(SHORT_PAGES, options=mapped)), item) is None
     with Store.open(tmp_path / "in" / "a" / ("old.db" if loose else "state.db"), machine="press") as store:
         store.commit(life(61, onset=100, learn=40)[60], {})
     assert not run_batch([item], tmp_path / "out", SHORT_PAGES)[0].reused
