@@ -36,9 +36,6 @@ os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 # There are more workers than cores: the threads of BLAS would wait for each other in loops, which triples its time.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
-# Little of what collection makes is garbage; looking for it takes a tenth of the time before the first test.
-gc.disable()
-
 # No failure depends on the time that an example takes. Quick effort draws the same examples every time.
 settings.register_profile(
     "any machine",
@@ -94,12 +91,21 @@ def pytest_xdist_auto_num_workers(config: pytest.Config) -> int:
     return cores + (cores + 1) // 2 if config.option.markexpr == "not process" else 2 * cores
 
 
+@pytest.hookimpl(wrapper=True)
+def pytest_collection() -> Iterator[None]:
+    """Seek no garbage meanwhile: there is little of it, and it takes a tenth of the time before the first test."""
+    gc.disable()
+    try:
+        return (yield)
+    finally:
+        gc.enable()
+
+
 def pytest_collection_finish() -> None:
     """Exempt the thousands of tests and modules from garbage collection, and collect what tests leave less often."""
     gc.collect()
     gc.freeze()
     gc.set_threshold(100_000, 10, 10)
-    gc.enable()
 
 
 def pytest_itemcollected(item: pytest.Item) -> None:
