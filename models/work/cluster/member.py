@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import threading
+from collections.abc import Generator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
@@ -78,7 +80,35 @@ def run(call: ChunkCall, resource: str) -> ChunkOutcome:
 
     worker: Any = distributed.get_worker()
     memory = int(worker.state.total_resources.get(resource, 0))
-    return run_chunk(call, memory=memory, worker=f"{worker.name} at {worker.address}")
+    with _without_cluster():
+        return run_chunk(call, memory=memory, worker=f"{worker.name} at {worker.address}")
+
+
+_at_work: list[Any] = []
+_lock = threading.Lock()
+
+
+@contextmanager
+def _without_cluster() -> Generator[None]:
+    """Keep dask, and xarray by it, from using the scheduler within a chunk.
+
+    xarray would ask it for a lock of each file, which fails in a worker that has lost its scheduler and ends its chunk.
+    The setting is one for all threads of the process.
+    """
+    from dask import config
+
+    with _lock:
+        if not _at_work:
+            setting: Any = config.set
+            _at_work.append(setting(scheduler="synchronous"))
+        _at_work.append(None)
+    try:
+        yield
+    finally:
+        with _lock:
+            _at_work.pop()
+            if len(_at_work) == 1:
+                _at_work.pop().__exit__(None, None, None)
 
 
 def _store_problem(url: str, token: str, address: str) -> str:

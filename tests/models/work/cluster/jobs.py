@@ -31,6 +31,13 @@ def grows(shared: int, task: int) -> int:
     return task + len(held)
 
 
+def dask_scheduler(_shared: None, _task: int) -> str:
+    """Return the module of what computes dask's collections here."""
+    from dask.base import get_scheduler
+
+    return str(getattr(get_scheduler(), "__module__", ""))
+
+
 def listening() -> list[str]:
     """Return the addresses of all sockets of this process that listen."""
     found = []

@@ -88,6 +88,18 @@ def test_ports_of_a_local_cluster_ask_for_the_certificate_of_its_run(cluster):
             urllib.request.urlopen(f"http://127.0.0.1:{port}/info/main/workers.html", timeout=5)
 
 
+def test_libraries_within_chunks_do_not_ask_the_scheduler(cluster, executor, store):
+    from dask import config
+
+    assert list(Runner(executor, store).run(tasks.work(jobs.dask_scheduler), None, range(4))) == ["dask.local"] * 4
+    client = cluster.connect()
+    try:
+        # Afterwards, tasks of others are as before.
+        assert set(client.run(config.get, "scheduler", None).values()) == {None}
+    finally:
+        client.close()
+
+
 def test_large_tasks_go_through_the_store(executor, store, monkeypatch):
     monkeypatch.setattr("models.work.chunk.MAX_SENT_BYTES", 100)
     sent = []
