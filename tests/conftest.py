@@ -101,6 +101,12 @@ def pytest_collection() -> Iterator[None]:
         gc.enable()
 
 
+@pytest.hookimpl(trylast=True)
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Keep the tests of the page together, in whatever order: they share a browser and a daemon."""
+    items.sort(key=lambda item: item.get_closest_marker("browser") is None)
+
+
 def pytest_collection_finish() -> None:
     """Exempt the thousands of tests and modules from garbage collection, and collect what tests leave less often."""
     gc.collect()
@@ -216,6 +222,16 @@ def kept_readers() -> Iterator[None]:
             patch.setattr("streams.folder.reading.ReaderProcess", KeptReader)
         yield
     KeptReader.end()
+
+
+@pytest.fixture(autouse=True, scope="session")
+def quick_pace() -> Iterator[None]:
+    """Quick effort shortens the intervals of daemons and pages in this process; those of forks: tests.forks."""
+    from tests.pace import quicken
+
+    with pytest.MonkeyPatch.context() as patch:
+        quicken(patch.setattr)
+        yield
 
 
 @pytest.fixture(autouse=True, scope="session")

@@ -15,8 +15,10 @@ from multiprocessing import process, reduction
 from types import SimpleNamespace
 from typing import Any, cast
 
+from tests.pace import quicken
+
 PRELOADED = [
-    *("monitor.service.publisher", "monitor.records.publish", "monitor.records.moved_days", "netCDF4"),
+    *("monitor.service.publisher", "monitor.records.publish", "monitor.records.moved_days", "netCDF4", "dask.array"),
     *("monitor.web.server", "streams.readers.worker", "streams.readers.text", "pandas"),
 ]
 """What those children import."""
@@ -54,6 +56,7 @@ def _become(command: Sequence[str], handles: Mapping[str, int], environment: Map
     for name in ("stdin", "stdout"):
         if name in handles:
             os.close(handles[name])
+    quicken()
     # Numbers of descriptors among the words are those of this process.
     code, *words = command[command.index("-c") + 1 :]
     sys.argv = ["-c", *(str(handles.get(word, word)) for word in words)]

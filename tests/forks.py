@@ -17,11 +17,15 @@ from typing import Any
 
 from tests.effort import effort_count
 from tests.forked_children import PRELOADED, ForkedProcess, address_of_forks, fork_children_too
+from tests.pace import quicken
 from tests.waiting import wait_until
 
 _CONTEXT = multiprocessing.get_context("forkserver")
 _CONTEXT.set_forkserver_preload(
-    ["pytest", "monitor.cli", "monitor.commands.run", "monitor.service.daemon", *PRELOADED, "tests.forked_children"]
+    [
+        *("pytest", "monitor.cli", "monitor.commands.run", "monitor.service.daemon"),
+        *(*PRELOADED, "tests.forked_children", "tests.pace"),
+    ]
 )
 # Full effort starts the children of daemons as programs.
 _FORKED_CHILDREN = effort_count(quick=1, full=0) == 1
@@ -83,6 +87,7 @@ def _run_program(words: Sequence[str], folder: Path, environment: Mapping[str, s
     os.environ.clear()
     os.environ.update(environment)
     time.tzset()
+    quicken()
     if forks:
         fork_children_too(forks)
     os.dup2(os.open(errors, os.O_WRONLY | os.O_APPEND | os.O_CREAT, 0o600), 2)

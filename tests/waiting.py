@@ -109,15 +109,17 @@ def wait_until(
     Args:
         progress: value that changes while work goes on; processor time of child processes and threads counts always.
         stalled_after: time without progress after which the wait fails, s.
-        every: pause between two looks, s.
+        every: least pause between two looks, s; a look that takes longer is followed by a pause as long.
 
     Raises:
         AssertionError: nothing went on for so long.
     """
     stall = Stall(progress, stalled_after)
+    looked = time.monotonic()
     while not condition():
         stall.check()
-        time.sleep(every)
+        time.sleep(max(every, time.monotonic() - looked))
+        looked = time.monotonic()
 
 
 def finish(process: Running) -> str:

@@ -13,7 +13,7 @@ import time
 from collections.abc import Callable
 from contextlib import AbstractContextManager, suppress
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 from models.portable import lower_priority
 from monitor.records.database import StoreError, locked
@@ -208,6 +208,9 @@ def child() -> None:
     store, records_dir = Path(sys.argv[1]), Path(sys.argv[2])
     # The thread that commits has priority.
     lower_priority()
+    if "xarray" not in sys.modules:
+        # Where dask is installed, xarray would load it to ask whether arrays are dask's: 0.4 s and 40 MB.
+        sys.modules.setdefault("dask", cast("Any", None))
     # A broken pipe means that the daemon has ended.
     with _alone(store), suppress(BrokenPipeError):
         for line in sys.stdin:

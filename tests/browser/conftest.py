@@ -74,7 +74,7 @@ class Visit:
 Visitor = Callable[..., Visit]
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="package")
 def browser() -> Iterator[Browser]:
     """Chromium of the system; while it runs, no other event loop can run in this thread."""
     with sync_playwright() as playwright:
@@ -89,7 +89,7 @@ Screen = tuple[int, int, bool, bool]
 """Width and height, whether the system is dark, whether scripts run."""
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="package")
 def screens(browser: Browser) -> Callable[[Screen], Page]:
     """Pages of the browser, one for each screen: most of the work of a new one is to compile its program again."""
 
@@ -126,7 +126,7 @@ def visitor(screens: Callable[[Screen], Page]) -> Iterator[Visitor]:
     assert [visit.trouble for visit in visits if visit.trouble] == []
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="package")
 def pump(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Served]:
     """A daemon with a bearing that has turned bad, and one that is well."""
     served = Served(tmp_path_factory.mktemp("pump"))

@@ -28,7 +28,9 @@ from tests.waiting import stop, wait_until
 
 pytestmark = pytest.mark.process
 
-BLOCKS = effort_count(quick=120, full=200)
+BLOCKS = effort_count(quick=70, full=200)
+RETRIES_S = effort_count(quick=5, full=15) / 10
+"""Time in which a daemon tries to commit again."""
 
 
 class Feeder(threading.Thread):
@@ -164,16 +166,16 @@ def test_on_a_full_disk_nothing_is_acknowledged_until_there_is_room(tmp_path: Pa
         machine.send_and_wait(5)
         wait_until(lambda: published_blocks(machine.config) == 5)
         filler = fill(small_disk)
-        machine.send(100)
+        machine.send(60)
         wait_until(lambda: "the store fails, nothing is committed" in machine.said)
-        time.sleep(1.5)
+        time.sleep(RETRIES_S)
         stuck = machine.acknowledged
-        assert 5 <= stuck < 100
+        assert 5 <= stuck < 60
         assert machine.committed() == stuck
         assert published_blocks(machine.config) >= 5
         assert machine.process.poll() is None
         filler.unlink()
-        wait_until(lambda: machine.acknowledged == 100)
+        wait_until(lambda: machine.acknowledged == 60)
         assert "the store works again" in machine.said
         wait_until(lambda: machine.status()["problems"] == {})
         machine.finish()
@@ -185,7 +187,7 @@ def test_over_a_quota_nothing_is_acknowledged_until_it_is_raised(tmp_path: Path)
         # As a quota does, the limit refuses what makes a file longer, in the midst of a write.
         limit = (machine.state / "state.db-wal").stat().st_size + 150_000
         resource.prlimit(machine.process.pid, resource.RLIMIT_FSIZE, (limit, resource.RLIM_INFINITY))
-        machine.send(100)
+        machine.send(60)
         wait_until(lambda: "the store fails, nothing is committed" in machine.said)
         wait_until(lambda: "store" in machine.status()["problems"])
         assert machine.status()["status"] == "degraded"
@@ -193,7 +195,7 @@ def test_over_a_quota_nothing_is_acknowledged_until_it_is_raised(tmp_path: Path)
         assert machine.committed() == stuck
         infinite = (resource.RLIM_INFINITY, resource.RLIM_INFINITY)
         resource.prlimit(machine.process.pid, resource.RLIMIT_FSIZE, infinite)
-        wait_until(lambda: machine.acknowledged == 100)
+        wait_until(lambda: machine.acknowledged == 60)
         wait_until(lambda: machine.status()["problems"] == {})
         machine.finish()
 

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import json
-import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -20,7 +20,6 @@ from models.rigs.ball_inertia import BallInertiaRig
 from models.rigs.rotor import RotorRig
 from models.rigs.six_dof import Rig
 from models.scene import Scene
-from models.simulate import simulate as simulate_scene
 from monitor.commands.simulate.command import command
 from monitor.commands.simulate.models import request_of, simulated
 from monitor.config.load import validate
@@ -31,8 +30,11 @@ SHORT = ["--bearing", "6305", "--speed-hz", "20", "--load-newton", "500", "--acc
 DAMAGED = [*SHORT, "--dphi-deg", "3", "--h-d-um", "20"]
 
 
+Answer = Callable[[Scene, dict[str, Any]], Response]
+
+
 @pytest.fixture(autouse=True, scope="module")
-def answers_once() -> Iterator[None]:
+def answers_once() -> Iterator[Answer]:
     """Solve each scene once: comparisons of this module ask for the same ones again."""
     kept: dict[str, Response] = {}
 
@@ -45,7 +47,7 @@ def answers_once() -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("monitor.commands.simulate.models.simulated", once)
         patch.setattr("monitor.commands.simulate.command.simulated", once)
-        yield
+        yield once
 
 
 def simulate(*options: str) -> dict[str, Any]:
@@ -121,22 +123,21 @@ def test_what_lacks_effects_of_a_compared_scene_is_said() -> None:
     assert found["refused"]["rotor"] == "does not describe gravity"
 
 
-def test_times_of_a_comparison_leave_out_the_first_call(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The first call of each model is made to take processor time, as compiling does; the second takes none."""
-    answers: dict[str, Response] = {}
+def test_times_of_a_comparison_leave_out_the_first_call(monkeypatch: pytest.MonkeyPatch, answers_once: Answer) -> None:
+    """The first call of each model takes a minute of processor time, as compiling may; the second 10 ms."""
+    now, compiled = [0.0], set[str | None]()
 
     def slow_at_first(scene: Scene, options: dict[str, Any]) -> Response:
-        if scene.model not in answers:
-            begin = time.process_time()
-            while time.process_time() < begin + 0.5:
-                pass
-            answers[scene.model] = simulate_scene(scene, accuracy=options["accuracy"], duration=options["duration_s"])
-        return answers[scene.model]
+        now[0] += 0.01 if scene.model in compiled else 60.0
+        compiled.add(scene.model)
+        return answers_once(scene, options)
 
+    clock = SimpleNamespace(process_time=lambda: now[0])
+    monkeypatch.setattr("monitor.commands.simulate.models.time", clock)
     monkeypatch.setattr("monitor.commands.simulate.models.simulated", slow_at_first)
     found = simulate(*DAMAGED, "--compare")
-    assert {row["model"] for row in found["models"]} == set(answers)
-    assert all(row["seconds"] < 0.25 for row in found["models"])
+    assert {row["model"] for row in found["models"]} == compiled
+    assert [row["seconds"] for row in found["models"]] == pytest.approx([0.01] * len(compiled))
 
 
 def test_a_picture_of_a_rotor_shows_its_orbits(tmp_path: Path) -> None:

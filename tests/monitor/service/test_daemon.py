@@ -126,7 +126,7 @@ def test_without_room_on_the_disk_nothing_is_taken_until_there_is_room(
         wait_until(lambda: status(config)["status"] == "degraded")
         assert "nearly full" in status(config)["problems"]["disk"]
         put(config, 2)
-        time.sleep(1.5)
+        time.sleep(0.5)
         assert last(config) == 2
         free[0] = 10**9
         wait_until(lambda: last(config) == 4)

@@ -79,7 +79,7 @@ def test_on_a_slow_disk_blocks_wait_in_turn_and_their_age_is_shown(
         put(config, number)
         put(config, number, source=1)
     with running(config):
-        wait_until(lambda: status(config)["sources"]["s0"]["oldest_age_s"] > 1.5)
+        wait_until(lambda: status(config)["sources"]["s0"]["oldest_age_s"] > 0.7)
         wait_until(lambda: min(order(config).count(name) for name in ("s0", "s1")) >= 5)
         found = status(config)
         assert found["status"] == "running"
@@ -100,7 +100,7 @@ def test_on_a_slow_disk_blocks_wait_in_turn_and_their_age_is_shown(
 def test_a_disk_that_hangs_for_a_moment_loses_nothing_and_the_stop_waits_for_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    SlowDisk(monkeypatch, 2.0)
+    SlowDisk(monkeypatch, 0.7)
     config = make_machine(tmp_path)
     put(config, 1)
     with running(config):
