@@ -37,14 +37,21 @@ def zarr_writer() -> Any:
     return module.write_archive
 
 
-def write_zarr(plan: Plan, index: Index, runner: Runner) -> None:
-    """Write the records of all recordings into the Zarr store of an archive.
+def finish(plan: Plan, index: Index, runner: Runner, *, report: bool, finished: bool) -> str | None:
+    """Write the one Zarr store, if the archive is one, and the page, unless it was ``finished`` before.
+
+    Return the URL of the page, None where there is none.
 
     Raises:
         WrongInputError: the extra is not installed, or another Zarr store is in its place.
     """
+    if finished:
+        return report_of(plan)
     records = open_store(plan.records_url)
-    zarr_writer()(Results(index, records), records, plan.zarr_url, runner)
+    with Results(index, records) as results:
+        if plan.records == "zarr":
+            zarr_writer()(results, records, plan.zarr_url, runner)
+        return _write_report(plan, index, results) if report else None
 
 
 def report_of(plan: Plan) -> str | None:
@@ -56,11 +63,10 @@ def _report_url(plan: Plan) -> str:
     return f"{plan.out.rstrip('/')}/{REPORT_NAME}"
 
 
-def write_report(plan: Plan, index: Index) -> str:
+def _write_report(plan: Plan, index: Index, results: Results) -> str:
     """Write the page of the machines and recordings beside the index, and return its URL."""
-    records = open_store(plan.records_url)
     places = ((name.partition("/"), outcome.log) for name, outcome in index.wrong())
     logs = {(machine, name): log for (machine, _, name), log in places if log}
-    page = fleet_page(Results(index, records), title=f"Archive {plan.manifest.stem}", logs=logs)
+    page = fleet_page(results, title=f"Archive {plan.manifest.stem}", logs=logs)
     open_store(plan.out).write(REPORT_NAME, page.encode())
     return _report_url(plan)

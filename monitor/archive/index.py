@@ -93,6 +93,13 @@ class Counts(NamedTuple):
         return self.waiting + self.done + self.failed + self.set_aside
 
 
+class Later(NamedTuple):
+    """Recordings that came after an archive was planned: how many they are, and the first, "" where there is none."""
+
+    recordings: int = 0
+    first: str = ""
+
+
 class Index(Closing):
     """The index, open in one process; :class:`ArchiveIndexError` where the file cannot be read or written."""
 
@@ -196,6 +203,25 @@ class Index(Closing):
     def last_link(self, recording: int) -> int:
         """Return the place of the last recording of a history, 0 where there is one alone."""
         return self._run("SELECT coalesce(max(place), 0) FROM links WHERE recording = ?", recording).fetchone()[0]
+
+    def not_in_it(self, recordings: Iterable[tuple[str, str]]) -> Later:
+        """Return which of some recordings, by machine and URL, it does not hold."""
+        self._run("CREATE TEMP TABLE named (machine TEXT, url TEXT)")
+        try:
+            self.begin()
+            for pair in recordings:
+                self._run("INSERT INTO named VALUES (?, ?)", *pair)
+            self.commit()
+            row = self._run(
+                "SELECT count(*), coalesce(min(url), '') FROM (SELECT machine, url FROM named"
+                " EXCEPT SELECT machines.name, url FROM recordings JOIN machines ON machines.id = machine"
+                " EXCEPT SELECT machines.name, links.url FROM links JOIN recordings ON recordings.id = recording"
+                " JOIN machines ON machines.id = machine)"
+            ).fetchone()
+        finally:
+            self.rollback()
+            self._run("DROP TABLE named")
+        return Later(*row)
 
     def note(self, outcomes: Iterable[Outcome]) -> None:
         """Note outcomes in one transaction."""

@@ -7,13 +7,14 @@ import hashlib
 import json
 import re
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from pathlib import Path
 
 from models.work.redact import redactor
 from models.work.task import Store
-from monitor.archive.index import Index
+from monitor.archive.index import Index, Later
 from monitor.archive.manifest import Entry, ManifestError, read_manifest
 from monitor.archive.setup import send_setup
 from monitor.config.load import ConfigError
@@ -171,6 +172,25 @@ def signed_urls(manifest: Path) -> dict[str, str]:
     shown = _bare_of_many()
     urls = (url for entry in read_manifest(manifest) for url in entry.recordings if is_remote(url))
     return {shown(url): url for url in urls if shown(url) != url}
+
+
+def later_recordings(index: Index, manifest: Path) -> Later:
+    """Count the recordings that patterns of a manifest name now, and did not when its archive was planned.
+
+    Raises:
+        ManifestError: it cannot be used.
+        RemoteError: an object storage cannot be listed.
+    """
+    shown = _bare_of_many()
+
+    def named() -> Iterator[tuple[str, str]]:
+        for entry in read_manifest(manifest):
+            patterns = tuple(url for url in entry.recordings if _MAGIC.search(url) and not url.startswith("rig:"))
+            # What a pattern named then may all be gone.
+            with suppress(ManifestError):
+                yield from ((entry.machine, shown(url)) for url in expanded(replace(entry, recordings=patterns)))
+
+    return index.not_in_it(named())
 
 
 def expanded(entry: Entry) -> Iterator[str]:

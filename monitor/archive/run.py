@@ -4,8 +4,12 @@ from __future__ import annotations
 
 import re
 import secrets
+import tempfile
 from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import partial
+from itertools import islice
 from pathlib import Path
 from typing import Literal
 
@@ -19,8 +23,13 @@ from monitor.archive.part import PART_BLOCKS, Shared, read_result
 from monitor.archive.plan import Planner, check_unchanged, signed_urls
 from monitor.archive.replaying import Replaying
 from monitor.archive.result import RecordingResult
+from monitor.records.database import Closing
 
 Records = Literal["days", "zarr"]
+_READERS = 16
+"""Results that are read at a time."""
+_MAX_RESULTS_BYTES = 8 << 20
+"""Of results in memory; more are kept on the disk."""
 _OWN = re.compile(r"(inputs|states)/[0-9a-f]{40}|records/[^/]+/[^/]+/([^/]+\.nc|result\.json)")
 
 
@@ -63,17 +72,51 @@ class Plan:
         return self.out if self.records == "days" else f"{self.work}/records"
 
 
-@dataclass(frozen=True)
-class Results:
-    """The results of an archive in the order of its manifest, read anew at each iteration."""
+class Results(Closing):
+    """The results of an archive in the order of its manifest, read from its store once.
 
-    index: Index
-    records: Store
+    The first iteration keeps them in a temporary file; the recordings do not change meanwhile.
+    """
+
+    def __init__(self, index: Index, records: Store) -> None:
+        """Take the index and the store of the records."""
+        self._index, self._records = index, records
+        self._kept = tempfile.SpooledTemporaryFile(max_size=_MAX_RESULTS_BYTES)  # noqa: SIM115 - see close()
+        self._complete = False
+
+    def close(self) -> None:
+        """Delete the temporary file; closing twice does nothing."""
+        self._kept.close()
 
     def __iter__(self) -> Iterator[RecordingResult]:
         """Yield the result of each recording that does not wait; ArchiveError where one is missing."""
-        for machine, name in self.index.folders():
-            yield read_result(self.records, f"{machine}/{name}")
+        if not self._complete:
+            yield from self._read()
+            return
+        place = 0
+        while True:
+            # Another iteration may move the file.
+            self._kept.seek(place)
+            line = self._kept.readline()
+            if not line:
+                return
+            place = self._kept.tell()
+            yield RecordingResult.from_json(line)
+
+    def _read(self) -> Iterator[RecordingResult]:
+        place = 0
+        folders = (f"{machine}/{name}" for machine, name in self._index.folders())
+        with ThreadPoolExecutor(_READERS) as pool:
+            # Object storage answers late, and holds one file for each recording.
+            while listed := [*islice(folders, _READERS)]:
+                for result in pool.map(partial(read_result, self._records), listed):
+                    self._kept.seek(place)
+                    self._kept.write(result.to_json() + b"\n")
+                    place = self._kept.tell()
+                    yield result
+        self._kept.seek(place)
+        self._kept.truncate()
+        self._complete = True
 
 
 def prepare(plan: Plan, index: Index) -> Shared:

@@ -58,9 +58,11 @@ def replay(
     With --resume, what is done stays and what failed is tried again. Exit code 1 where a recording failed: the others
     are done.
     """
-    from monitor.archive.finish import is_finished, report_of, write_report, write_zarr, zarr_writer
+    from monitor.archive.finish import finish, is_finished, zarr_writer
+    from monitor.archive.index import Later
     from monitor.archive.part import PART_BLOCKS
     from monitor.archive.place import INDEX_NAME, open_index
+    from monitor.archive.plan import later_recordings
     from monitor.archive.run import Plan, delete_work, replay_waiting
 
     if records == "zarr":
@@ -69,17 +71,17 @@ def replay(
     plan = Plan(manifest, out, records, part_blocks=part_blocks or PART_BLOCKS, resume=sharing.resume)
     with open_index(out) as (index, noted), sharing.open(out, quiet=quiet, locked=False) as shared:
         before, finished = index.counts().done, is_finished(plan, index)
+        later = later_recordings(index, manifest) if sharing.resume and index.planned else Later()
         counts = replay_waiting(plan, index, shared.runner, noted)
         written = plan.zarr_url if records == "zarr" else out
-        if records == "zarr" and not finished:
-            write_zarr(plan, index, shared.runner)
-        page = report_of(plan) if finished else write_report(plan, index) if report else None
+        page = finish(plan, index, shared.runner, report=report, finished=finished)
         if counts.done == counts.recordings:
             delete_work(plan)
         values = _values(index, counts, f"{out.rstrip('/')}/{INDEX_NAME}")
     values |= {"kept": before, "out": redact(out), "records": redact(written)}
+    values["not_in_archive"] = {"recordings": later.recordings, "first": later.first or None}
     values |= {"report": None if page is None else redact(page), "cluster": shared.values()}
-    emit(values, [*_lines(values), *shared.lines()], as_json=as_json)
+    emit(values, [*lines(values), *shared.lines()], as_json=as_json)
     if counts.failed or counts.set_aside:
         click.get_current_context().exit(1)
 
@@ -94,7 +96,7 @@ def status(out: str, as_json: bool, quiet: bool) -> None:
     with open_index(out, read_only=True) as (index, _):
         values = _values(index, index.counts(), f"{out.rstrip('/')}/{INDEX_NAME}")
     values["out"] = redact(out)
-    emit(values, _lines(values), as_json=as_json)
+    emit(values, lines(values), as_json=as_json)
 
 
 def _values(index: Index, counts: Counts, place: str) -> dict[str, Any]:
@@ -120,7 +122,7 @@ def _values(index: Index, counts: Counts, place: str) -> dict[str, Any]:
     }
 
 
-def _lines(values: Mapping[str, Any]) -> Iterator[str]:
+def lines(values: Mapping[str, Any]) -> Iterator[str]:
     """Yield the lines for people."""
     waiting = f", {values['waiting']} wait" if values["waiting"] else ""
     kept = f" ({values['kept']} of them before)" if values.get("kept") else ""
@@ -128,6 +130,12 @@ def _lines(values: Mapping[str, Any]) -> Iterator[str]:
         f"{values['recordings']} recordings: {values['done']} done{kept}, {len(values['failed'])} failed{waiting}; "
         f"{values['blocks']} blocks in {values['seconds']:.1f} s of work"
     )
+    later = values.get("not_in_archive", {"recordings": 0})
+    if later["recordings"]:
+        yield (
+            f"not in this archive: {later['recordings']} recordings that its patterns name since it was begun, "
+            f"{later['first']} the first; they need another --out"
+        )
     for one in islice(values["failed"], _MAX_NAMED):
         yield f"{one['recording']} {one['status'].replace('_', ' ')}: {one['reason']}"
     if len(values["failed"]) > _MAX_NAMED:

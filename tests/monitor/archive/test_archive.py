@@ -153,7 +153,11 @@ def test_what_is_wrong_with_a_recording_is_a_result_and_the_others_stand(tmp_pat
     assert (counts.done, counts.failed, counts.set_aside) == (1, 2, 0)
     with Index(tmp_path / "out/index.db", read_only=True) as index:
         wrong = dict(index.wrong())
-        results = list(Results(index, open_store(tmp_path / "out")))
+        with Results(index, open_store(tmp_path / "out")) as found:
+            results = list(found)
+            # They are read once.
+            (tmp_path / "out/m/good/result.json").unlink()
+            assert [*found] == [*found] == results
     assert [one.recording for one in results] == ["bad", "good", "empty"]
     assert [one.status for one in results] == ["failed", "done", "failed"]
     assert wrong.keys() == {"m/bad", "m/empty"}

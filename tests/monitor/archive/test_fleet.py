@@ -21,8 +21,8 @@ def test_a_recording_has_the_grade_of_its_report(tmp_path):
         (run,) = read_runs(tmp_path / "out" / "m" / name)
         grades[name] = judge(run, run.channels["de"]).grade
     assert grades["worn"] != grades["fine"]
-    with Index(tmp_path / "out" / "index.db", read_only=True) as index:
-        results = Results(index, open_store(tmp_path / "out"))
+    store = open_store(tmp_path / "out")
+    with Index(tmp_path / "out" / "index.db", read_only=True) as index, Results(index, store) as results:
         for result in results:
             html = fleet_page([result])
             assert "1 recording of 1 machine, 22 blocks: <span" in html

@@ -7,9 +7,9 @@ from pathlib import Path
 import pytest
 
 from models.work.stores import open_store
-from monitor.archive.index import Index
+from monitor.archive.index import Index, Later
 from monitor.archive.manifest import ManifestError, read_manifest
-from monitor.archive.plan import Planner, check_unchanged, manifest_digest, signed_urls
+from monitor.archive.plan import Planner, check_unchanged, later_recordings, manifest_digest, signed_urls
 from tests.monitor.archive.fleet_files import CONFIG
 
 TABLE = '[[machine]]\nname = "press"\nconfig = "m.toml"\n'
@@ -57,6 +57,22 @@ def test_a_csv_says_what_a_toml_says(folder):
         ("press", "history", f"{folder}/b9", f"{folder}/b10"),
         ("press", "history-2", f"{folder}/a"),
     ]
+
+
+def test_what_a_pattern_names_since_an_archive_was_planned_is_counted(folder):
+    text = TABLE + 'recordings = ["b*", "s3://store/a.npy"]\n'
+    more = TABLE.replace("press", "fan") + 'history = "continued"\nrecordings = ["a*"]\n'
+    manifest = write(folder, text + more)
+    planned(folder, manifest)
+    with Index(folder / "index.db") as index:
+        assert later_recordings(index, manifest) == Later(0, "")
+        for name in ("b11", "a1", "a2"):
+            (folder / name).mkdir()
+        assert later_recordings(index, manifest) == Later(3, f"{folder}/a1")
+        # What is gone is said by its replay.
+        for name in ("b9", "b10", "b11", "a1"):
+            (folder / name).rmdir()
+        assert later_recordings(index, manifest) == Later(1, f"{folder}/a2")
 
 
 def test_a_signature_is_neither_kept_nor_a_change(folder):

@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from monitor.archive.place import open_index
+from monitor.commands.archive import lines
 from tests.commands import run_command
 from tests.monitor.archive.fleet_files import CONFIG, write_files
 
@@ -20,7 +21,7 @@ def fleet(tmp_path: Path) -> Path:
     write_files(tmp_path / "good", 2)
     (tmp_path / "bad").mkdir()
     (tmp_path / "bad/readme.rtf").write_text("no samples")
-    recordings = 'recordings = ["good", "bad"]'
+    recordings = 'recordings = ["good", "[b]ad*"]'
     (tmp_path / "fleet.toml").write_text(f'[[machine]]\nname = "press"\nconfig = "m.toml"\n{recordings}\n')
     return tmp_path
 
@@ -54,10 +55,17 @@ def test_replay_says_what_failed_and_resume_tries_it_again(fleet):
     assert refused.returncode == 2
     assert "--resume" in refused.stderr
 
+    assert said["not_in_archive"] == {"recordings": 0, "first": None}
     write_files(fleet / "bad", 2, begin=100)
+    write_files(fleet / "bad-2", 2)
     ended = run_command(*command, "--resume", cwd=fleet)
     assert ended.returncode == 0, ended.stderr
     said = json.loads(ended.stdout)
+    assert said["not_in_archive"] == {"recordings": 1, "first": str(fleet / "bad-2")}
+    assert (
+        "not in this archive: 1 recordings that its patterns name since it was begun, "
+        f"{fleet}/bad-2 the first; they need another --out"
+    ) in lines(said)
     assert (said["done"], said["kept"], said["failed"], said["blocks"]) == (2, 1, [], 4)
     # Complete: what only a resumed run needs is gone.
     assert {path.name for path in (fleet / "out").iterdir()} == {*LEFT, "press"}
