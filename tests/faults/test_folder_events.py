@@ -25,19 +25,26 @@ from tests.streams.folders import CHANNELS, RATE, csv_bytes, noise
 from tests.waiting import Stall, at_most
 
 SETTLE = 1.0
+SHORT_SETTLE = 0.2
 
 
 def spec(root: Path, **more: Any) -> SourceSpec:
-    values: dict[str, Any] = {"rate": RATE, "channels": CHANNELS, "block_s": "file", "format": "csv"}
-    return SourceSpec(name="s", url=f"folder:{root}", settle_s=SETTLE, **(values | more))
+    values: dict[str, Any] = {
+        "rate": RATE,
+        "channels": CHANNELS,
+        "block_s": "file",
+        "format": "csv",
+        "settle_s": SETTLE,
+    }
+    return SourceSpec(name="s", url=f"folder:{root}", **(values | more))
 
 
 class Collector:
     """A source and the names of what it delivered; everything is committed."""
 
-    def __init__(self, root: Path) -> None:
+    def __init__(self, root: Path, settle_s: float) -> None:
         self.ledger = MemoryLedger()
-        self.source = FolderSource(spec(root), str(root))
+        self.source = FolderSource(spec(root, settle_s=settle_s), str(root))
         self.source.open(self.ledger)
         self.names: list[str] = []
 
@@ -71,7 +78,15 @@ def folder(tmp_path: Path) -> Path:
 
 @pytest.fixture
 def collector(folder: Path) -> Iterator[Collector]:
-    found = Collector(folder)
+    found = Collector(folder, SETTLE)
+    yield found
+    found.source.close()
+
+
+@pytest.fixture
+def prompt(folder: Path) -> Iterator[Collector]:
+    """One whose files settle soon, where events are not what is shown."""
+    found = Collector(folder, SHORT_SETTLE)
     yield found
     found.source.close()
 
@@ -95,37 +110,39 @@ def test_closed_files_are_taken_before_they_settle(folder: Path, collector: Coll
     assert collector.names == [f"f{number}.csv" for number in range(1, 6)]
 
 
-def test_moved_in_files_and_new_folders_are_found(folder: Path, collector: Collector, tmp_path: Path) -> None:
+def test_moved_in_files_and_new_folders_are_found(folder: Path, prompt: Collector, tmp_path: Path) -> None:
     write(folder, "f1.csv", 1)
-    collector.collect(1)
+    prompt.collect(1)
     write(tmp_path, "f2.csv", 2)
     (tmp_path / "f2.csv").rename(folder / "f2.csv")
-    collector.collect(2)
+    prompt.collect(2)
     (folder / "sub").mkdir()
     count = 50
     for number in range(count):
         write(folder / "sub", f"f{number}.csv", 100 + number)
-    collector.collect(2 + count)
-    assert len(set(collector.names)) == 2 + count
+    prompt.collect(2 + count)
+    assert len(set(prompt.names)) == 2 + count
 
 
-def test_a_dead_observer_and_a_root_made_anew_are_recovered(folder: Path, collector: Collector) -> None:
+def test_a_dead_observer_and_a_root_made_anew_are_recovered(folder: Path, prompt: Collector) -> None:
     write(folder, "f1.csv", 1)
-    collector.collect(1)
+    prompt.collect(1)
     shutil.rmtree(folder)
-    collector.collect_for(2 * SETTLE)
-    assert collector.source.problem() is not None
+    stall = Stall()
+    while prompt.source.problem() is None:
+        stall.check()
+        prompt.collect_for(0.1)
     folder.mkdir()
     write(folder, "f2.csv", 2)
-    collector.collect(2)
-    assert collector.source.problem() is None
-    source = collector.source
+    prompt.collect(2)
+    assert prompt.source.problem() is None
+    source = prompt.source
     for emitter in source._watch._observer.emitters:
         emitter.stop()
         emitter.join()
     assert not source._watch.alive()
     write(folder, "f3.csv", 3)
-    collector.collect(3)
+    prompt.collect(3)
     assert source._watch.alive()
 
 
@@ -161,7 +178,7 @@ def test_events_that_the_kernel_dropped_are_told_and_no_file_is_lost_by_it(
     assert collector.source.problem() is None
 
 
-def test_more_files_than_the_kernel_keeps_events_for(folder: Path, collector: Collector) -> None:
+def test_more_files_than_the_kernel_keeps_events_for(folder: Path, prompt: Collector) -> None:
     count = effort_count(quick=500, full=30_000)
 
     def produce() -> None:
@@ -171,12 +188,12 @@ def test_more_files_than_the_kernel_keeps_events_for(folder: Path, collector: Co
     producer = threading.Thread(target=produce)
     producer.start()
     # Nobody listens for a while, so that events pile up.
-    time.sleep(1.0)
-    collector.collect(count)
+    time.sleep(0.5)
+    prompt.collect(count)
     producer.join()
-    assert sorted(collector.names) == [f"f{number:06d}.csv" for number in range(count)]
-    collector.collect_for(2 * SETTLE)
-    backlog = collector.source.backlog()
+    assert sorted(prompt.names) == [f"f{number:06d}.csv" for number in range(count)]
+    prompt.collect_for(4 * SHORT_SETTLE)
+    backlog = prompt.source.backlog()
     assert (backlog.offered, backlog.accepted, backlog.pending) == (count, count, 0)
 
 
