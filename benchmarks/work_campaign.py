@@ -137,13 +137,18 @@ class Round:
         """File or folder of the output."""
         return self.folder / "out" / f"result{self.case.suffix or ''}"
 
+    @property
+    def begun(self) -> Path:
+        """File that a command makes as its work begins, after the imports of the interpreter."""
+        return self.folder / "begun"
+
     def start(self, *options: str) -> subprocess.Popen[str]:
         """Start the command."""
         for name in ("out", "tmp"):
             (self.folder / name).mkdir(exist_ok=True)
         place = ["--chunks", str(self.folder / "chunks")] if self.case.suffix is None else ["--out", str(self.out)]
         arguments = [*self.case.arguments(self.inputs), *place, *options, "--json", "--quiet"]
-        environment = os.environ | {"TMPDIR": str(self.folder / "tmp"), "CAMPAIGN_BEGUN": str(self.folder / "begun")}
+        environment = os.environ | {"TMPDIR": str(self.folder / "tmp"), "CAMPAIGN_BEGUN": str(self.begun)}
         return subprocess.Popen(
             [sys.executable, "-c", _PROGRAM, *arguments],
             stdout=subprocess.PIPE,
@@ -156,6 +161,7 @@ class Round:
     def undisturbed(self, *options: str) -> tuple[str, float]:
         """Run the command to its end; return the digest of its result, and the seconds after it had begun."""
         process = self.start(*options)
+        wait_until(lambda: self.begun.exists() or process.poll() is not None)
         begun = time.monotonic()
         output, errors = process.communicate()
         took = time.monotonic() - begun
@@ -168,10 +174,9 @@ class Round:
 
     def disturbed(self, name: str, delay: float, draw: random.Random) -> None:
         """Start the command, let a fault come, and wait for its end."""
-        begun = self.folder / "begun"
-        begun.unlink(missing_ok=True)
+        self.begun.unlink(missing_ok=True)
         process = self.start("--workers", "2", "--resume")
-        wait_until(lambda: begun.exists() or process.poll() is not None)
+        wait_until(lambda: self.begun.exists() or process.poll() is not None)
         time.sleep(delay)
         cause, codes = FAULTS[name]
         came = process.poll() is None and cause(process.pid, draw)

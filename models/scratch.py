@@ -28,7 +28,7 @@ def scratch_folder(prefix: str, parent: Path | None = None) -> Generator[Path]:
     """
     parent = Path(tempfile.gettempdir()) if parent is None else parent
     parent.mkdir(parents=True, exist_ok=True)
-    _sweep(parent, prefix)
+    remove_abandoned(prefix, parent)
     while True:
         folder = parent / f"{prefix}{secrets.token_hex(8)}"
         beside = _lock_of(folder)
@@ -66,8 +66,9 @@ def _lock_of(folder: Path) -> Path:
     return folder.with_name(f"{folder.name}.lock")
 
 
-def _sweep(parent: Path, prefix: str) -> None:
-    """Remove the folders whose processes were killed."""
+def remove_abandoned(prefix: str, parent: Path | None = None) -> None:
+    """Remove the folders of :func:`scratch_folder` whose processes were killed."""
+    parent = Path(tempfile.gettempdir()) if parent is None else parent
     ours = re.compile(rf"{re.escape(prefix)}[0-9a-f]{{16}}\.lock")
     for beside in [path for path in parent.iterdir() if ours.fullmatch(path.name)]:
         # Another process may sweep too, or end.

@@ -15,7 +15,7 @@ import click
 
 from models.errors import WrongInputError
 from models.process_signals import ended_as_interrupted
-from models.scratch import scratch_folder
+from models.scratch import remove_abandoned, scratch_folder
 from models.work.errors import ChunksFailedError, FailedChunk
 from models.work.redact import redact
 from monitor.commands.common import PROGRESS_AFTER_S, InputError, check_folder, say
@@ -28,6 +28,8 @@ if TYPE_CHECKING:
     from models.work.task import Progress
 
 F = TypeVar("F", bound=Callable[..., Any])
+_SCRATCH = ("spallwatch-work-", "spallwatch-chunks-", "spallwatch-run-")
+"""Temporary folders of commands that share their work; nothing may need one where all is found done."""
 MAX_LOGS_SHOWN = 3
 """Failed chunks whose log is printed; those of the others are in the store."""
 
@@ -70,6 +72,8 @@ class Sharing:
             stack.enter_context(ended_as_interrupted())
             if beside is not None and locked:
                 stack.enter_context(sole_writer(Path(beside)))
+            for prefix in _SCRATCH:
+                remove_abandoned(prefix)
             chunks = self._chunks(beside, stack)
             line = _ProgressLine(shown=progress and not quiet and sys.stderr.isatty(), quiet=quiet)
             runner = open_runner(

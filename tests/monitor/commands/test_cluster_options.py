@@ -164,6 +164,14 @@ def test_progress_is_shown_on_a_terminal(monkeypatch, capsys, tmp_path):
         assert ("doubles: 2 of 2" in told) is not quiet
 
 
+def test_temporary_folders_of_killed_commands_are_removed(tmp_path, monkeypatch):
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    (tmp_path / f"spallwatch-run-{'0' * 16}").mkdir()
+    (tmp_path / f"spallwatch-run-{'0' * 16}.lock").touch()
+    with Sharing(workers=1).open(None, quiet=True):
+        assert list(tmp_path.iterdir()) == []
+
+
 def test_an_output_has_one_writer_at_a_time(tmp_path):
     out, other = tmp_path / "a" / "map.nc", tmp_path / "a" / "map.nc2"
     with Sharing(workers=1).open(out, quiet=True), Sharing(workers=1).open(other, quiet=True):
