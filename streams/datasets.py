@@ -57,6 +57,7 @@ class DataSet:
         states_unit: whether each file may state its unit.
         counted: whether the files of a run are numbered from 1 without gaps, so that order is known in one pass.
         plain: whether it is a format of files of any origin, which :mod:`streams.dater` dates.
+        endings: of the names of files of a plain format; none: any.
     """
 
     name: str
@@ -70,6 +71,7 @@ class DataSet:
     states_unit: bool = False
     counted: bool = False
     plain: bool = False
+    endings: tuple[str, ...] = ()
 
 
 def _file_name(path: str) -> str:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable
+from collections.abc import Hashable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 from streams.block import Block, Rejected
@@ -40,6 +40,24 @@ class Loaded:
         return shown(self.path)
 
 
+@dataclass(frozen=True)
+class GivenState:
+    """What a pass has given before a file.
+
+    Attributes:
+        accepted, rejected: numbers of files.
+        contents: name of a file, and number of its block or 0, by digest.
+        numbers: digests of the files that state the number of their block, by number.
+        in_blocks: of the samples that wait for more, whether others of their file are in a block.
+    """
+
+    accepted: int
+    rejected: int
+    contents: Mapping[str, tuple[str, int]]
+    numbers: Mapping[int, str]
+    in_blocks: tuple[bool, ...] = ()
+
+
 class Given:
     """Contents and numbers that one pass has given, so that it finds repetitions, and its files by verdict."""
 
@@ -49,12 +67,45 @@ class Given:
         self._contents: dict[str, tuple[str, int]] = {}
         self._numbers: dict[int, str] = {}
         self._in_blocks: set[Hashable] = set()
+        self._counts = (0, 0, self._in_blocks)
+        self._content_before: tuple[str, tuple[str, int] | None] | None = None
+        self._new_number: int | None = None
+
+    @classmethod
+    def of(cls, state: GivenState) -> Given:
+        """Go on from a state; see :meth:`note_held`."""
+        given = cls()
+        given.accepted, given.rejected = state.accepted, state.rejected
+        given._contents, given._numbers = dict(state.contents), dict(state.numbers)
+        return given
+
+    def note_held(self, origins: Sequence[Hashable], in_blocks: Sequence[bool]) -> None:
+        """Note of the origins of samples that wait for more whether others of them are in a block."""
+        self._in_blocks |= {origin for origin, within in zip(origins, in_blocks, strict=True) if within}
+
+    def begin_file(self) -> None:
+        """Note the state before a file."""
+        self._counts = (self.accepted, self.rejected, set(self._in_blocks))
+        self._content_before = self._new_number = None
+
+    def state_before(self, origins: Sequence[Hashable]) -> GivenState:
+        """Return the state before the latest file, at which samples of ``origins`` waited for more."""
+        accepted, rejected, in_blocks = self._counts
+        contents, numbers = dict(self._contents), dict(self._numbers)
+        if self._content_before is not None:
+            digest, before = self._content_before
+            contents.pop(digest, None)
+            contents |= {} if before is None else {digest: before}
+        if self._new_number is not None:
+            del numbers[self._new_number]
+        return GivenState(accepted, rejected, contents, numbers, tuple(origin in in_blocks for origin in origins))
 
     def unrepeated(self, loaded: Loaded, number: int | None, highest: int) -> Loaded:
         """Return a file, or the rejection of one whose content or ``number`` came before.
 
         Files whose samples are all equal are those of a dead sensor, and no copies.
         """
+        self._content_before = (loaded.digest, self._contents.get(loaded.digest))
         if isinstance(loaded.result, Samples):
             this = (loaded.name, 0)
             first = self._contents.setdefault(loaded.digest, this)
@@ -64,7 +115,7 @@ class Given:
         if number is None:
             return loaded
         if number not in self._numbers:
-            self._numbers[number] = loaded.digest
+            self._numbers[number], self._new_number = loaded.digest, number
             return loaded
         error = taken_error(loaded.name, number, same=self._numbers[number] == loaded.digest)
         if isinstance(loaded.result, ReaderError):
@@ -89,6 +140,31 @@ class Given:
                 self.accepted += accepted
                 self.rejected += not accepted
                 self._in_blocks.discard(origin)
+
+
+def reordered(files: Iterable[Loaded], wanted: Iterator[tuple[object, ...]], archive: str) -> Iterator[Loaded]:
+    """Yield files in the ``wanted`` order; one that comes too early is held back until those before it have come.
+
+    Where the ``archive`` breaks off, what is held comes next, and the rejection of the archive last.
+    """
+    following = next(wanted, None)
+    held: dict[tuple[object, ...], list[Loaded]] = {}
+    done: set[tuple[object, ...]] = set()
+    damaged: list[Loaded] = []
+    try:
+        for loaded in files:
+            if loaded.facts.order in done:
+                yield loaded
+                continue
+            held.setdefault(loaded.facts.order, []).append(loaded)
+            while following is not None and following in held:
+                done.add(following)
+                yield from held.pop(following)
+                following = next(wanted, None)
+    except ReaderError as error:
+        damaged.append(Loaded(archive, FileFacts(()), error))
+    yield from (loaded for order in sorted(held) for loaded in held[order])
+    yield from damaged
 
 
 @dataclass(eq=False)

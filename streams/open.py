@@ -12,14 +12,21 @@ from streams.source import Ledger, LiveSource, Source
 from streams.spec import SourceError, SourceSpec, parse_address, refuse_credentials
 
 if TYPE_CHECKING:
+    from streams.files import Files
     from streams.folder.source import FolderSource
     from streams.link.arrivals import Receiver
+    from streams.reading import ReadingState
 
 
-def open_source(spec: SourceSpec, kept: Dating | None = None) -> Source:
+def open_source(
+    spec: SourceSpec, kept: Dating | None = None, begin: ReadingState | None = None, files: Files | None = None
+) -> Source:
     """Open the recording or rig of a URL; it can be iterated over repeatedly.
 
-    ``kept`` is what dates its files, where that was chosen before.
+    Args:
+        kept: what dates its files, where that was chosen before.
+        begin: state from which a recording goes on, where it can; else it begins at its first block.
+        files: of a recording, in place of those at the path of its URL.
 
     Raises:
         SourceError: the path does not exist, nothing there is recognised, or rate or unit is stated by neither the
@@ -42,10 +49,10 @@ def open_source(spec: SourceSpec, kept: Dating | None = None) -> Source:
         data_set, second, path = rest.partition(":")
         if not (data_set and second and path):
             raise SourceError(f"[[source]] {spec.name}: url {redact(spec.url)!r}: expected dataset:NAME:PATH")
-        return open_recording(spec, path, data_set, kept=kept)
+        return open_recording(spec, path, data_set, kept=kept, begin=begin, files=files)
     if scheme == "folder" and colon:
-        return open_recording(spec, rest, spec.format, must_be_folder=True, kept=kept)
-    return open_recording(spec, spec.url, spec.format, kept=kept)
+        return open_recording(spec, rest, spec.format, must_be_folder=True, kept=kept, begin=begin, files=files)
+    return open_recording(spec, spec.url, spec.format, kept=kept, begin=begin, files=files)
 
 
 def open_live(specs: Sequence[SourceSpec], ledger: Ledger) -> list[LiveSource]:

@@ -37,6 +37,21 @@ class Cut:
     missing: int = 0
 
 
+@dataclass(frozen=True, eq=False)
+class HeldSamples:
+    """What a :class:`Reblocker` holds, so that another one goes on.
+
+    Attributes:
+        pieces: samples that wait for more, in order.
+        last: the latest samples without their values, which the next ones may continue; None at a gap.
+        rate: of the block under way, Hz.
+    """
+
+    pieces: tuple[Samples, ...]
+    last: Samples | None
+    rate: float
+
+
 class Reblocker:
     """Cuts a stream into blocks of equal length, or of so many turns of the shaft.
 
@@ -66,6 +81,17 @@ class Reblocker:
     def origins(self) -> frozenset[Hashable]:
         """The origins of the samples that wait."""
         return frozenset(piece.origin for piece in self._held)
+
+    def held_samples(self) -> HeldSamples:
+        """Return what it holds."""
+        last = self._last
+        if last is not None:
+            last = replace(last, values=last.values[:, :0], offset=last.end, pulses=None)
+        return HeldSamples(tuple(self._held), last, self._rate)
+
+    def restore(self, held: HeldSamples) -> None:
+        """Go on where another one stood."""
+        self._held, self._last, self._rate = [*held.pieces], held.last, held.rate
 
     def feed(self, samples: Samples) -> Iterator[Cut]:
         """Take the next samples; yield what a gap leaves over, then the complete blocks."""
@@ -219,19 +245,19 @@ class Numbering:
         ``began`` is the start of the first dated block of the source, seconds since 1970 UTC, or None. ``place_time``
         dates the blocks that have no time of their own.
         """
-        self._source, self.highest, self._began = source, highest, began
+        self._source, self.highest, self.began = source, highest, began
         self._place_time = place_time
 
     def note(self, item: Block | Rejected) -> None:
         """Count an item; the next one has a higher number."""
         self.highest = max(self.highest, item.sequence)
-        if self._began is None and isinstance(item, Block):
-            self._began = item.start
+        if self.began is None and isinstance(item, Block):
+            self.began = item.start
 
     def block(self, samples: Samples, name: str, digest: str, number: int | None = None) -> Block:
         """Return the block of all samples, under the next number by default."""
         number = self.highest + 1 if number is None else number
-        block = samples.block(self._source, number, name, digest, samples.elapsed_since(self._began))
+        block = samples.block(self._source, number, name, digest, samples.elapsed_since(self.began))
         if self._place_time is None or block.start is not None or block.elapsed is not None:
             return block
         placed = self._place_time(number, block.duration)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 from pathlib import Path, PurePosixPath
 from typing import Any
@@ -90,16 +90,21 @@ def plain(kind: str, spec: SourceSpec, endings: tuple[str, ...]) -> DataSet:
 
     shown = ", ".join(f"*{ending}" for ending in endings) or "any name"
     rate, unit = kind in _STATE_RATE, kind in _STATE_UNIT
-    return DataSet(kind, shown, facts, readers[kind], unit=None, states_rate=rate, states_unit=unit, plain=True)
+    return DataSet(
+        kind, shown, facts, readers[kind], unit=None, states_rate=rate, states_unit=unit, plain=True, endings=endings
+    )
 
 
-def data_set_of(spec: SourceSpec, files: Files, kind: str) -> DataSet:
+def data_set_of(spec: SourceSpec, files: Files, kind: str, endings: tuple[str, ...] | None = None) -> DataSet:
     """Return the data set or format of a recording ("auto": recognised), with side-cars.
+
+    ``endings``: of the files of a plain format that was recognised before; no file is opened then.
 
     Raises:
         SourceError: the name is not known, nothing is recognised, or a library is missing.
     """
-    found = _found_data_set(spec, files, kind)
+    known = endings is not None and kind in FORMATS
+    found = plain(kind, spec, endings or ()) if known else _found_data_set(spec, files, kind)
     if is_beside(spec.pulses):
         if files.sequential:
             raise SourceError(f"[[source]] {spec.name}: pulses = {spec.pulses!r}: archives have no files beside files")
@@ -107,6 +112,17 @@ def data_set_of(spec: SourceSpec, files: Files, kind: str) -> DataSet:
     if spec.pulses is not None and not found.plain:
         raise SourceError(f"[[source]] {spec.name}: pulses = {spec.pulses!r}: {found.name} has none that is known")
     return found if files.sequential else _with_sidecars(found, spec, files)
+
+
+def one_run(paths: Iterable[str], name: str, data_set: DataSet) -> list[str]:
+    """Return the paths; SourceError where they are of several runs."""
+    kept = list(paths)
+    if data_set.snapshot:
+        folders = sorted({path.rpartition("/")[0] or "." for path in kept})
+        if len(folders) > 1:
+            shown = ", ".join(folders[:5])
+            raise SourceError(f"[[source]] {name}: url: holds several runs ({shown}); name the folder of one of them")
+    return kept
 
 
 def _with_sidecars(data_set: DataSet, spec: SourceSpec, files: Files) -> DataSet:

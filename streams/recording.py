@@ -12,13 +12,14 @@ from streams.datasets import DataSet, FileFacts
 from streams.dater import Dater, UndatedError
 from streams.dating import Dating
 from streams.files import Files, Item, natural_key, open_files
-from streams.given import Given, Loaded, Met
+from streams.given import Loaded, Met, reordered
 from streams.listing import CLOSED, shown
 from streams.load import Loader, content_hash, cutter_of, is_cut, is_dated_by_choice, renamed
 from streams.pulse_files import is_pulse_file
 from streams.readers.sidecar import is_sidecar
-from streams.reblock import Cut, Numbering, Reblocker
-from streams.recognise import data_set_of
+from streams.reading import VERSION, Reading, ReadingState, names_digest
+from streams.reblock import Cut, Reblocker
+from streams.recognise import data_set_of, one_run
 from streams.samples import Origin, ReaderError, Samples
 from streams.source import MAX_IGNORED_NAMES, Backlog
 from streams.spec import SourceError, SourceSpec
@@ -31,8 +32,18 @@ class Recording:
     before it are read. Where the files are not numbered without gaps, a pass before lists the names.
     """
 
-    def __init__(self, spec: SourceSpec, files: Files, data_set: DataSet, kept: Dating | None = None) -> None:
-        """Take the files of a data set, ``kept`` what dates them; SourceError where no block can come of them."""
+    def __init__(
+        self,
+        spec: SourceSpec,
+        files: Files,
+        data_set: DataSet,
+        kept: Dating | None = None,
+        begin: ReadingState | None = None,
+    ) -> None:
+        """Take the files of a data set, ``kept`` what dates them; SourceError where no block can come of them.
+
+        Each iteration goes on from ``begin``, and opens none of the files behind it.
+        """
         self.name = spec.name
         self._spec = spec
         self._files = files
@@ -41,12 +52,15 @@ class Recording:
         cut = is_cut(spec, data_set)
         if is_dated_by_choice(spec, data_set):
             self._dater = Dater(spec, kept, cut=cut, several=files.several, names=self._listed)
+            self._dater.remarks |= {} if begin is None else begin.remarks
         self._loader = Loader(spec, data_set, files.root, several=files.several, dater=self._dater)
         self._count: int | None = None
         self._met: Met | None = None
-        self._given = Given()
         self._block_s = spec.block_s if cut and spec.block_s != "file" else None
-        self._check()
+        self._begin = begin
+        self._reading = self._new_reading()
+        if begin is None:
+            self._check()
         self._settle_dating()
 
     @property
@@ -120,8 +134,21 @@ class Recording:
         """Return the number of blocks and rejections, found by one pass."""
         if self._count is None:
             one_a_file = self._block_s is None
-            self._count = self._count_files() if one_a_file else sum(1 for _ in self._parts(Numbering(""), Given()))
+            self._count = self._count_files() if one_a_file else sum(1 for _ in self._parts(self._new_reading()))
         return self._count
+
+    def has_blocks(self, count: int) -> bool:
+        """Return whether there are so many blocks and rejections, without reading on behind them."""
+        if self._count is not None or self._block_s is None:
+            return len(self) >= count
+        return sum(1 for _ in itertools.islice(self._parts(self._new_reading()), count)) >= count
+
+    def state(self) -> ReadingState | None:
+        """Return the state after the latest item, from which another :class:`Recording` goes on.
+
+        None before the first item, and where the files come in the order of an archive.
+        """
+        return self._reading.state(self._set.name, self._set.endings)
 
     def levels(self) -> dict[str, str]:
         """Return in words what states the level of each channel in the first file that can be read."""
@@ -139,7 +166,7 @@ class Recording:
 
     def files(self) -> Backlog:
         """Return the counts of files: those that the latest iteration has not given are pending."""
-        met, given = self._met_files(), self._given
+        met, given = self._met_files(), self._reading.given
         ignored = len(self._ignored_paths())
         offered = len(met.known) + ignored + met.damaged
         return Backlog(
@@ -206,32 +233,45 @@ class Recording:
         return count
 
     def __iter__(self) -> Iterator[Block | Rejected]:
-        """Iterate over the blocks from the first one on."""
-        numbers = Numbering(self.name, place_time=None if self._dater is None else self._dater.place_time)
-        given = self._given = Given()
-        for part in self._parts(numbers, given):
+        """Iterate over the blocks from the first one on, or from the state given; repetitions before it come first."""
+        reading = self._reading = self._new_reading()
+        yield from tuple(reading.repetitions)
+        known = 0 if self._begin is None else self._begin.items
+        count = 0
+        for count, item in enumerate(self._items(reading), 1):
+            if count > known:
+                if isinstance(item, Rejected) and item.is_repetition:
+                    reading.repetitions.append(item)
+                yield item
+        if self._begin is None:
+            self._count = count
+
+    def _new_reading(self) -> Reading:
+        return Reading(self.name, self._dater, cutter_of(self._spec, self._set), self._begin)
+
+    def _items(self, reading: Reading) -> Iterator[Block | Rejected]:
+        for part in self._parts(reading):
             if isinstance(part, Cut):
-                item = numbers.cut(part)
-                given.note_cut(part)
+                item = reading.numbers.cut(part)
+                reading.given.note_cut(part)
             else:
                 number = part.facts.number if self._block_s is None else None
                 if isinstance(part.result, ReaderError):
-                    item = numbers.rejected(part.name, part.result, part.digest, part.repeats or number)
+                    item = reading.numbers.rejected(part.name, part.result, part.digest, part.repeats or number)
                 else:
-                    item = numbers.block(part.result, part.name, part.digest, number)
-                given.note_file(part, item)
-            if not (isinstance(item, Rejected) and item.is_repetition):
-                numbers.note(item)
+                    item = reading.numbers.block(part.result, part.name, part.digest, number)
+                reading.given.note_file(part, item)
+            reading.note(item)
             yield item
 
-    def _parts(self, numbers: Numbering, given: Given) -> Iterator[Cut | Loaded]:
+    def _parts(self, reading: Reading) -> Iterator[Cut | Loaded]:
         """Yield the files in order or, unless each is a block, their cuts and those that give none."""
+        given, numbers = reading.given, reading.numbers
         files = (
             given.unrepeated(loaded, loaded.facts.number if self._block_s is None else None, numbers.highest)
-            for loaded in self._in_order()
+            for loaded in self._in_order(reading)
         )
-        cutter = cutter_of(self._spec, self._set)
-        return files if cutter is None else self._cuts(files, cutter)
+        return files if reading.cutter is None else self._cuts(files, reading.cutter)
 
     def _check(self) -> None:
         """Raise SourceError where files, rate or unit are missing."""
@@ -273,40 +313,37 @@ class Recording:
         except ReaderError:
             return None
 
-    def _in_order(self) -> Iterator[Loaded]:
-        if not self._files.sequential:
-            known = sorted(self._known(), key=lambda pair: (pair[0].order, pair[1].path))
-            _one_run([item.path for _, item in known], self.name, self._set)
-            for facts, item in known:
-                yield self._load(item, facts)
+    def _in_order(self, reading: Reading) -> Iterator[Loaded]:
+        """Yield the files in order of acquisition, without those behind the state that the pass began from."""
+        if self._files.sequential:
+            yield from self._in_order_of_archive()
             return
-        yield from self._in_order_of_archive()
+        known = sorted(self._known(), key=lambda pair: (pair[0].order, pair[1].path))
+        paths = one_run([item.path for _, item in known], self.name, self._set)
+        first, begin = reading.files, self._begin
+        if begin is not None and names_digest(paths[: first + 1]) != begin.names:
+            raise SourceError(
+                f"[[source]] {self.name}: url: {self._files.root}: the names of its first {first + 1} files are others "
+                "than when they were read"
+            )
+        reading.begin_files(paths)
+        for number, (facts, item) in enumerate(known[first:], first):
+            reading.begin_file(number)
+            yield self._load(item, facts)
 
     def _in_order_of_archive(self) -> Iterator[Loaded]:
         wanted: Iterator[tuple[object, ...]] = (
             ((number,) for number in itertools.count(1)) if self._set.counted else iter(self._listed_orders())
         )
-        following = next(wanted, None)
-        held: dict[tuple[object, ...], list[Loaded]] = {}
-        done: set[tuple[object, ...]] = set()
         paths: list[str] = []
-        damaged: list[Loaded] = []
-        try:
+
+        def loaded() -> Iterator[Loaded]:
             for facts, item in self._known():
-                paths = _one_run([*paths[:1], item.path], self.name, self._set)
-                loaded = self._load(item, facts)
-                if facts.order in done:
-                    yield loaded
-                    continue
-                held.setdefault(facts.order, []).append(loaded)
-                while following is not None and following in held:
-                    done.add(following)
-                    yield from held.pop(following)
-                    following = next(wanted, None)
-        except ReaderError as error:
-            damaged.append(Loaded(self._files.root.name, FileFacts(()), error))
-        yield from (loaded for order in sorted(held) for loaded in held[order])
-        yield from damaged
+                paths[1:] = [item.path]
+                one_run(paths, self.name, self._set)
+                yield self._load(item, facts)
+
+        yield from reordered(loaded(), wanted, self._files.root.name)
 
     def _listed_orders(self) -> list[tuple[object, ...]]:
         orders: set[tuple[object, ...]] = set()
@@ -342,24 +379,22 @@ class Recording:
         yield from cutter.flush()
 
 
-def _one_run(paths: Iterable[str], name: str, data_set: DataSet) -> list[str]:
-    """Return the paths; SourceError where they are of several runs."""
-    kept = list(paths)
-    if data_set.snapshot:
-        folders = sorted({path.rpartition("/")[0] or "." for path in kept})
-        if len(folders) > 1:
-            shown = ", ".join(folders[:5])
-            raise SourceError(f"[[source]] {name}: url: holds several runs ({shown}); name the folder of one of them")
-    return kept
-
-
 def open_recording(
-    spec: SourceSpec, path: str, kind: str, must_be_folder: bool = False, kept: Dating | None = None
+    spec: SourceSpec,
+    path: str,
+    kind: str,
+    must_be_folder: bool = False,
+    kept: Dating | None = None,
+    begin: ReadingState | None = None,
+    files: Files | None = None,
 ) -> Recording:
-    """Open a recording: a file, a folder or a tar archive.
+    """Open a recording: a file, a folder or a tar archive; arguments and errors as :func:`streams.open.open_source`.
 
-    ``kind`` is the name of a data set or format, or "auto", ``kept`` what dates the files. SourceError as for
-    :func:`streams.open.open_source`.
+    ``kind`` is the name of a data set or format, or "auto".
     """
-    files = open_files(spec.name, path, must_be_folder)
-    return Recording(spec, files, data_set_of(spec, files, kind), kept)
+    if files is None:
+        files = open_files(spec.name, path, must_be_folder)
+    if begin is None or begin.version != VERSION or files.sequential:
+        return Recording(spec, files, data_set_of(spec, files, kind), kept)
+    data_set = data_set_of(spec, files, begin.data_set, begin.endings)
+    return Recording(spec, files, data_set, begin.dating or kept, begin)

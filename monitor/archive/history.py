@@ -7,21 +7,25 @@ import zlib
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import AbstractContextManager, closing
 from dataclasses import dataclass, replace
+from itertools import islice
 from pathlib import Path
 
 from models.errors import WrongInputError
+from models.work.codec import decode, encode
 from monitor.config.load import ConfigError
 from monitor.health.spectrum.bands import VOTES_NEEDED
 from monitor.records.condense import condense
+from monitor.records.database import MAGIC
 from monitor.records.store import Store
 from streams.block import Block, Rejected
+from streams.reading import VERSION, ReadingState, ResumableSource
 from streams.source import Source
 
 _FULL_S = 86400.0
 """Full records stay in the store for a day of record time: the day that the next part completes."""
 _ALL = 1 << 40
 
-Opener = Callable[[str], AbstractContextManager[Source]]
+Opener = Callable[[str, ReadingState | None], AbstractContextManager[Source]]
 
 
 @dataclass(frozen=True)
@@ -45,10 +49,21 @@ class HistorySource:
     A recording that cannot be opened, or has no dates although it continues another, ends it: see ``problem``.
     """
 
-    def __init__(self, name: str, recordings: Sequence[str], begin: Position, opener: Opener) -> None:
-        """Take recordings from a position on; ``opener`` opens one for the time of a ``with`` statement."""
+    def __init__(
+        self,
+        name: str,
+        recordings: Sequence[str],
+        begin: Position,
+        opener: Opener,
+        reading: ReadingState | None = None,
+    ) -> None:
+        """Take recordings from a position on.
+
+        ``opener`` opens one for the time of a ``with`` statement, the first one to go on from ``reading``.
+        """
         self.name = name
-        self._recordings, self._begin, self._open = recordings, begin, opener
+        self._recordings, self._begin, self._open, self._reading = recordings, begin, opener, reading
+        self._source: Source | None = None
         self._began: float | None = None
         self._undated = False
         self._refused: tuple[Rejected, ...] = ()
@@ -74,6 +89,10 @@ class HistorySource:
         )
         self.continues(began[0] if began else None, repetitions, undated=undated)
 
+    def state(self) -> ReadingState | None:
+        """Return the state of the recording that is being read, as :meth:`streams.reading.ResumableSource.state`."""
+        return self._source.state() if isinstance(self._source, ResumableSource) else None
+
     def continues(self, began: float | None, repetitions: Iterable[Rejected], *, undated: bool = False) -> None:
         """Continue blocks of which the first dated one ``began`` then; ``undated``: some have no date."""
         self._began, self._undated = began, undated
@@ -84,12 +103,13 @@ class HistorySource:
         """Iterate over the blocks from the position on."""
         self.problem, began, undated = None, self._began, self._undated
         yield from self._refused
-        blocks = self._begin.blocks
+        blocks, reading = self._begin.blocks, self._reading
         for place, recording in enumerate(self._recordings, self._begin.recording):
             self.reached = Position(self._begin.part + 1, place, blocks)
-            highest = blocks
+            highest = blocks if reading is None else blocks + reading.latest
             try:
-                with self._open(recording) as source:
+                with self._open(recording, reading) as source:
+                    self._source = source
                     for found in source:
                         item = _continued(found, blocks, began, undated=undated) if place else found
                         if isinstance(item, Block):
@@ -101,15 +121,15 @@ class HistorySource:
             except WrongInputError as error:
                 self.problem = str(error)
                 return
-            blocks = highest
+            blocks, reading, self._source = highest, None, None
         self.reached = Position(self._begin.part + 1, self._begin.recording + len(self._recordings), blocks)
 
     def __len__(self) -> int:
         """Return the number of blocks, or ``VOTES_NEEDED`` where there are more."""
         if self._length is None:
             reached, problem = self.reached, self.problem
-            self._length = sum(1 for _, _ in zip(range(VOTES_NEEDED), self, strict=False))
-            self.reached, self.problem = reached, problem
+            self._length = sum(1 for _ in islice(self, VOTES_NEEDED))
+            self.reached, self.problem, self._source = reached, problem, None
         return self._length
 
 
@@ -130,8 +150,19 @@ def _continued(item: Block | Rejected, blocks: int, began: float | None, *, unda
     return replace(item, sequence=item.sequence + blocks, elapsed=item.start - (item.start if began is None else began))
 
 
-def packed_store(path: Path) -> bytes:
-    """Return a store for the next part of a history, without what the published days hold.
+@dataclass(frozen=True, eq=False)
+class KeptState:
+    """What the next part of a recording or history begins from: a store of records, and how far its files were read.
+
+    ``reading`` is None where they are read from the first one on.
+    """
+
+    store: bytes
+    reading: ReadingState | None = None
+
+
+def packed_state(path: Path, reading: ReadingState | None) -> bytes:
+    """Return a store for the next part, without what the published days hold, and the state of reading as bytes.
 
     Full records older than a day leave it, as they leave the store of a daemon, unless a record has no date: then all
     stay, since all are in one file.
@@ -144,10 +175,16 @@ def packed_store(path: Path) -> bytes:
     with closing(sqlite3.connect(path, isolation_level=None)) as connection:
         connection.execute("VACUUM")
         connection.execute("PRAGMA wal_checkpoint(TRUNCATE)")
-    return zlib.compress(path.read_bytes(), 1)
+    return zlib.compress(encode(KeptState(path.read_bytes(), reading)), 1)
 
 
-def unpack_store(data: bytes, path: Path) -> None:
-    """Write a store that :func:`packed_store` gave."""
+def unpack_state(data: bytes, path: Path) -> ReadingState | None:
+    """Write the store that :func:`packed_state` gave, and return the state of reading.
+
+    Earlier versions kept the store alone.
+    """
+    raw = zlib.decompress(data)
+    kept = KeptState(raw) if raw.startswith(MAGIC) else decode(raw)
     path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_bytes(zlib.decompress(data))
+    path.write_bytes(kept.store)
+    return kept.reading if kept.reading is not None and kept.reading.version == VERSION else None

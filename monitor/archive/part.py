@@ -11,6 +11,7 @@ import time
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -21,7 +22,7 @@ from models.work.codec import digest_of
 from models.work.redact import redact
 from models.work.stores import open_store
 from models.work.task import Store, Work
-from monitor.archive.history import HistorySource, Position, packed_store, unpack_store
+from monitor.archive.history import HistorySource, Position, packed_state, unpack_state
 from monitor.archive.result import RESULT_NAME, RecordingResult, RecordsFile, Shape
 from monitor.archive.setup import ArchiveError, Machine, load_setup
 from monitor.records.condense import condensed_on
@@ -30,6 +31,7 @@ from monitor.records.publish import days, file_name
 from monitor.records.store import Store as RecordStore
 from monitor.service.replay import Extent, Replay, kept_dating, replay_source
 from monitor.service.setup import open_configured
+from streams.reading import ReadingState, ResumableSource
 from streams.remote import fetched, is_remote
 from streams.source import Source
 
@@ -178,6 +180,7 @@ class _Replayed:
         self._out = folder / "out"
         self._work = open_store(shared.work)
         self._fetched_bytes = 0
+        self._reading: ReadingState | None = None
 
     def result(self) -> PartResult:
         part = self._part
@@ -186,34 +189,40 @@ class _Replayed:
             data = self._work.read(part.state)
             if data is None:
                 raise ArchiveError(f"{self._work.url}: {part.state} is missing; begin the archive again elsewhere")
-            unpack_store(data, self._out / "state.db")
+            self._reading = unpack_state(data, self._out / "state.db")
         if not part.is_history:
-            with self._opened(machine, part.urls[0], keep=True) as source:
+            with self._opened(machine, part.urls[0], self._reading, keep=True) as source:
                 replayed = self._replay(machine, source)
+                self._reading = source.state() if isinstance(source, ResumableSource) else None
             reached = replace(part.begin, part=part.begin.part + 1)
             return self._settled(replayed, reached, replayed.taken < self._shared.part_blocks, None)
-        history = HistorySource(
-            machine.settings.name, part.urls, part.begin, lambda url: self._opened(machine, url, keep=False)
-        )
+        opener = partial(self._opened, machine)
+        history = HistorySource(machine.settings.name, part.urls, part.begin, opener, self._reading)
         if part.state is not None:
             history.after(self._out / "state.db")
         replayed = self._replay(machine, history)
+        self._reading = history.state()
         last = replayed.taken < self._shared.part_blocks and not part.more
         return self._settled(replayed, history.reached, last, history.problem)
 
     @contextmanager
-    def _opened(self, machine: Machine, url: str, *, keep: bool) -> Iterator[Source]:
-        """Open a recording, fetched where it is remote; ``keep``: what dates its files is that of the state."""
+    def _opened(
+        self, machine: Machine, url: str, reading: ReadingState | None, *, keep: bool = False
+    ) -> Iterator[Source]:
+        """Open a recording to go on from a state of reading, fetched where it is remote.
+
+        ``keep``: what dates its files is that of the store.
+        """
         section = machine.config.source[0]
         dating = kept_dating(self._out, section.name) if keep and self._part.state is not None else None
         if not is_remote(url):
-            yield open_configured(machine.config, section, url, dating)
+            yield open_configured(machine.config, section, url, dating, reading)
             return
         scratch = self._folder / "fetched"
         scratch.mkdir(exist_ok=True)
         with fetched(url, scratch) as found:
             self._fetched_bytes += found.size
-            yield open_configured(machine.config, section, found.url, dating)
+            yield open_configured(machine.config, section, found.url, dating, reading)
 
     def _replay(self, machine: Machine, source: Source) -> Replay:
         part = self._part
@@ -222,7 +231,7 @@ class _Replayed:
             machine.settings,
             source,
             self._out,
-            Extent(limit=self._shared.part_blocks, whole=part.state is None),
+            Extent(limit=self._shared.part_blocks, whole=part.state is None, in_parts=True),
             resume=part.state is not None,
             before_publishing=self._fetch_days,
         )
@@ -283,7 +292,7 @@ class _Replayed:
             return store.rows("SELECT max(day) FROM blocks")[0][0]
 
     def _kept_state(self) -> str:
-        data = packed_store(self._out / "state.db")
+        data = packed_state(self._out / "state.db", self._reading)
         name = f"states/{digest_of(data)}"
         self._work.write(name, data)
         return name

@@ -111,7 +111,7 @@ class RecordingResult:
             first=min(firsts, default=None),
             last=max(lasts, default=None),
             shape=self.shape.joined(later.shape),
-            summary=later.summary or self.summary,
+            summary=_summary_of(self.summary, later.summary),
             seconds=self.seconds + later.seconds,
             bytes_read=self.bytes_read + later.bytes_read,
         )
@@ -136,3 +136,10 @@ class RecordingResult:
         values["shape"] = Shape(tuple(shape["channels"]), variables, shape["sizes"], shape["attributes"])
         values["files"] = tuple(RecordsFile(**file) for file in values["files"])
         return cls(**values)
+
+
+def _summary_of(earlier: Mapping[str, Any], later: Mapping[str, Any]) -> Mapping[str, Any]:
+    """Return the summary of two parts: that of the later one, with the first reason of each status."""
+    if not later or not earlier:
+        return later or earlier
+    return {**later, "reasons": {**later.get("reasons", {}), **earlier.get("reasons", {})}}

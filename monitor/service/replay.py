@@ -38,6 +38,7 @@ from monitor.service.setup import open_configured, source_settings
 from monitor.service.summary import bearing_summaries, channel_summary, run_attributes, with_words
 from streams.block import STANDARD_GRAVITY, Block, Rejected
 from streams.dating import Dating
+from streams.reading import ResumableSource
 from streams.source import FileSource, Source
 
 _FILE_COUNTS = ("offered", "accepted", "rejected", "ignored", "pending")
@@ -103,11 +104,13 @@ class Extent:
         pace: times real time, or None for full speed.
         limit: greatest number of blocks.
         whole: False where parts before were replayed: what the source offers is not counted, and its bands are chosen.
+        in_parts: whether another part follows where the limit is reached; this one then counts its own blocks alone.
     """
 
     pace: float | None = None
     limit: int | None = None
     whole: bool = True
+    in_parts: bool = False
 
 
 def replay_source(
@@ -141,6 +144,7 @@ def replay_source(
         run.take_all(items, extent.pace)
         _keep_dating(store, source)
         seconds = time.perf_counter() - began
+        run.whole = extent.whole and not (extent.in_parts and run.taken == limit)
         if before_publishing is not None:
             before_publishing(store)
         files = publish(store, out / "records")
@@ -194,7 +198,7 @@ def _fix_bands(
 ) -> SourceState:
     """Choose the bands of a recording too short to learn them from the recording as a whole; its records say so."""
     automatic = any(channel.bands is None for channel in settings.channels.values())
-    if not automatic or len(source) >= VOTES_NEEDED:
+    if not automatic or _has_blocks(source, VOTES_NEEDED):
         return state
     try:
         blocks = [item for item in source if isinstance(item, Block)]
@@ -204,6 +208,10 @@ def _fix_bands(
     for name, band in found.items():
         state = state.with_band(name, band)
     return state
+
+
+def _has_blocks(source: Source, count: int) -> bool:
+    return source.has_blocks(count) if isinstance(source, ResumableSource) else len(source) >= count
 
 
 @dataclass(frozen=True)

@@ -40,7 +40,9 @@ from monitor.service.calibration import calibration_of
 from monitor.words.zones import MACHINE_CLASSES
 from streams.block import STANDARD_GRAVITY
 from streams.dating import Dating
+from streams.files import Files
 from streams.open import open_source
+from streams.reading import ReadingState
 from streams.source import Source
 from streams.spec import ChannelSpec, SourceError, SourceSpec
 
@@ -93,11 +95,16 @@ def source_spec(config: Config, source: SourceSection, path: str | None = None) 
 
 
 def open_configured(
-    config: Config, source: SourceSection, path: str | None = None, kept: Dating | None = None
+    config: Config,
+    source: SourceSection,
+    path: str | None = None,
+    kept: Dating | None = None,
+    begin: ReadingState | None = None,
+    files: Files | None = None,
 ) -> Source:
-    """Open a source of the configuration, ``kept`` what dates its files, or raise ConfigError."""
+    """Open a source of the configuration, or raise ConfigError; arguments as :func:`streams.open.open_source`."""
     try:
-        return open_source(source_spec(config, source, path), kept)
+        return open_source(source_spec(config, source, path), kept, begin, files)
     except SourceError as error:
         raise ConfigError(str(error)) from None
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 import sqlite3
 from dataclasses import replace
 from pathlib import Path
@@ -9,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import streams.files
 from models.errors import WrongInputError
 from models.work.runner import Runner
 from models.work.serial import SerialExecutor
@@ -75,6 +77,34 @@ def test_a_history_in_parts_is_that_of_one_go(replayed, recordings, request):
         assert (result.first, result.last) == store.execute("SELECT min(time), max(time) FROM blocks").fetchone()
     assert result.summary["blocks"] == 22
     assert not list((replayed / out / "archive-work/states").glob("*"))
+
+
+TIMES = ("seconds", "blocks_per_second", "records")
+_READ = streams.files.read_regular
+
+
+@pytest.mark.parametrize(("history", "block_s"), [("each", '"file"'), ("continued", "0.05")])
+def test_a_folder_in_parts_has_the_refusals_and_the_summary_of_one_go(tmp_path, block_s, history, monkeypatch):
+    files = sorted(write_files(tmp_path / "in", 10).iterdir())
+    shutil.copy(files[1], files[4])
+    shutil.copy(files[2], files[8])
+    files[5].write_bytes(b"no numbers")
+    (tmp_path / "in/notes.rtf").write_text("no samples")
+    config = CONFIG.replace('block_s = "file"', f"block_s = {block_s}")
+    (tmp_path / "m.toml").write_text(config)
+    one = replay(load_config(tmp_path / "m.toml"), str(tmp_path / "in"), tmp_path / "one").summary
+    opened: list[str] = []
+    monkeypatch.setattr(streams.files, "read_regular", lambda root, path: opened.append(path) or _READ(root, path))
+    manifest = EACH.format('"in"') + f'history = "{history}"\n'
+    assert make_archive(tmp_path, manifest, config=config, part_blocks=4).done == 1
+    folder = tmp_path / f"out/m/{'in' if history == 'each' else 'history'}"
+    assert_same_records(folder, tmp_path / "one/records")
+    found = result_of(folder).summary
+    keys = one.keys() - {*TIMES} if history == "each" else {"blocks", "accepted", "rejected", "flagged", "reasons"}
+    assert {key: found[key] for key in keys} == {key: one[key] for key in keys}
+    assert one["rejected"].keys() >= {"duplicate", "unreadable"}
+    # The bands may be chosen in a pass of its own; then each part reads the file again that the one before ended in.
+    assert len(opened) <= 10 + 10 + one["blocks"] // 4
 
 
 def test_a_machine_that_begins_anew_learns_anew(tmp_path):

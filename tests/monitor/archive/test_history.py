@@ -62,7 +62,7 @@ def recordings(kinds: list[list[str]]) -> dict[str, Items]:
 
 def source(found: dict[str, Items], begin: Position = Position()) -> HistorySource:  # noqa: B008 - frozen
     @contextmanager
-    def opener(name: str) -> Iterator[Opened]:
+    def opener(name: str, reading: object) -> Iterator[Opened]:
         if name not in found:
             raise SourceError(f"there is no {name}")
         yield Opened(found[name])
