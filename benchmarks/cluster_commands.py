@@ -97,7 +97,8 @@ def start(case: WorkCase, folder: Path, inputs: Path, environment: dict[str, str
 def ended(process: Any, case: WorkCase, folder: Path) -> dict[str, Any]:
     """Wait for the end of a command; return what came of it."""
     output, errors = process.communicate()
-    row: dict[str, Any] = {"exit_code": process.returncode, "said": errors.strip().splitlines()[-3:]}
+    said = errors.strip().replace(f"{folder.parent}/", "").splitlines()
+    row: dict[str, Any] = {"exit_code": process.returncode, "said": said[-3:]}
     if process.returncode == 0:
         answer = row["answer"] = json.loads(output)
         row["digest"] = case.content(folder / f"result{case.suffix or ''}", answer)
