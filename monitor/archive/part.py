@@ -6,6 +6,7 @@ error of the recording or of its configuration is a result, not an exception: th
 
 from __future__ import annotations
 
+import re
 import tempfile
 import time
 from collections.abc import Iterator, Mapping
@@ -124,7 +125,7 @@ def replay_part(shared: Shared, part: Part) -> PartResult:
             done = PartResult(_failed(part, str(error)))
     result = replace(done.result, seconds=time.perf_counter() - began)
     if done.following is None and part.begin.part == 0:
-        write_result(records, result)
+        write_result(records, result, again=part.attempt > 0)
     return replace(done, result=result)
 
 
@@ -149,9 +150,15 @@ def replay_parts(shared: Shared, parts: tuple[Part, ...]) -> tuple[PartResult | 
 REPLAYS = Work("recordings", replay_parts, memory=MEMORY)
 
 
-def write_result(records: Store, result: RecordingResult) -> None:
-    """Write the result of a recording beside its records."""
+def write_result(records: Store, result: RecordingResult, *, again: bool = False) -> None:
+    """Write the result of a recording beside its records; ``again``: delete those of an attempt that failed before."""
     records.write(f"{result.folder}/{RESULT_NAME}", result.to_json())
+    if again:
+        ours = re.compile(rf"{re.escape(f'{result.folder}/{result.machine}')}-(?:\d{{8}}|undated)\.nc")
+        kept = {file.name for file in result.files}
+        for name in [name for name in records.names(f"{result.folder}/") if ours.fullmatch(name)]:
+            if name not in kept:
+                records.delete(name)
 
 
 def read_result(records: Store, folder: str) -> RecordingResult:

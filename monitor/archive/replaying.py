@@ -192,7 +192,7 @@ class Replaying:
             self._moved = True
         else:
             if before is not None:
-                write_result(records, result)
+                write_result(records, result, again=row.attempt > 0)
             self._seconds.append(result.seconds)
             self._end(_outcome(row_id, DONE if result.status == "done" else FAILED, result))
         # A history that failed goes on from its latest state once its recording is repaired.

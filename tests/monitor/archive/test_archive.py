@@ -216,6 +216,23 @@ def test_a_history_ends_at_the_recording_that_cannot_be_read_and_goes_on_once_it
     assert digests(tmp_path / "out/m/history") == digests_of(replayed / "one/records")
 
 
+def test_records_of_an_attempt_that_failed_do_not_stay_beside_those_of_the_next(tmp_path):
+    """A file that came short has no date that is believed; whole, its records are of a day."""
+    (path,) = write_files(tmp_path / "in", 1).iterdir()
+    whole = path.read_bytes()
+    path.write_bytes(whole[: len(whole) // 2])
+    manifest = EACH.format('"in"')
+    assert make_archive(tmp_path, manifest).failed == 1
+    folder = tmp_path / "out/m/in"
+    before = {one.name for one in folder.iterdir()}
+    assert "m-undated.nc" in before
+    (folder / "m-notes.nc").write_bytes(b"of the user")
+    path.write_bytes(whole)
+    assert make_archive(tmp_path, manifest, resume=True).done == 1
+    listed = {file.name.rpartition("/")[2] for file in result_of(folder).files}
+    assert {one.name for one in folder.iterdir()} == {*listed, "result.json", "m-notes.nc"}
+
+
 def test_a_recording_without_dates_cannot_continue_another(tmp_path):
     write_files(tmp_path / "in", 3)
     for number, path in enumerate(sorted((tmp_path / "in").iterdir())):
