@@ -5,7 +5,7 @@ from __future__ import annotations
 import tempfile
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from models.work.folder_store import FolderStore
@@ -58,10 +58,14 @@ def _local_index(path: Path, *, read_only: bool) -> Iterator[Index]:
         with Index(path, read_only=True) as index:
             yield index
         return
-    path.parent.mkdir(parents=True, exist_ok=True)
-    lock = take_lock(path)
+    folder, new = path.parent, not path.parent.exists()
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        lock = take_lock(path)
+    except OSError as error:
+        raise ManifestError(f"--out {folder}: cannot be written: {error.strerror or error}") from None
     if lock is None:
-        raise ManifestError(f"--out {path.parent}: another process replays this archive")
+        raise ManifestError(f"--out {folder}: another process replays this archive")
     planned = True
     try:
         with Index(path) as index:
@@ -72,7 +76,12 @@ def _local_index(path: Path, *, read_only: bool) -> Iterator[Index]:
     finally:
         if not planned:
             path.unlink()
+            if new:
+                path.with_name(f"{path.name}.lock").unlink(missing_ok=True)
         release_lock(lock)
+        if new and not planned:
+            with suppress(OSError):
+                folder.rmdir()
 
 
 class _Copier:

@@ -53,7 +53,8 @@ class Plan:
 
     def __post_init__(self) -> None:
         """Refuse an ``out`` that is no place of its own."""
-        if "://" not in self.out and (not self.out or len(Path(self.out).absolute().parts) == 1):
+        store = open_store(self.out)
+        if not self.out.strip() or (isinstance(store, FolderStore) and len(Path(store.url).resolve().parts) == 1):
             raise ManifestError(f"--out: expected a folder or URL of the archive's own, got {self.out!r}")
 
     @property

@@ -363,7 +363,7 @@ def test_files_of_others_in_the_place_of_an_archive_stay(tmp_path):
     assert sorted(path.name for path in (tmp_path / "out/archive-work").iterdir()) == ["inputs", "notes"]
 
 
-@pytest.mark.parametrize("out", ["", "/", "//", "/."])
+@pytest.mark.parametrize("out", ["", " ", "/", "//", "/.", "/tmp/..", "file:///"])
 def test_an_archive_has_a_place_of_its_own(out):
     with pytest.raises(ManifestError, match="expected a folder or URL of the archive's own, got"):
         Plan(Path("fleet.toml"), out)

@@ -114,7 +114,7 @@ def test_a_configuration_that_cannot_be_used_is_named_and_leaves_nothing(fleet):
     ended = run_command("archive", "replay", "fleet.toml", "--out", "out", cwd=fleet)
     assert ended.returncode == 2
     assert f"fleet.toml:1: machine press: {fleet / 'm.toml'}: channel 'de': map: " in ended.stderr
-    assert [path.name for path in (fleet / "out").iterdir()] == ["index.db.lock"]
+    assert not (fleet / "out").exists()
     none = run_command("archive", "status", "out", cwd=fleet)
     assert none.returncode == 2
     assert "holds no archive" in none.stderr
