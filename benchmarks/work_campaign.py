@@ -1,7 +1,7 @@
 """Commands with local workers, killed and interrupted at random moments, then continued with ``--resume``.
 
-Each round runs one command (``benchmarks/work_cases.py``) in a session and a temporary folder of its own. Two or three
-times a fault comes at a moment drawn evenly from the time that the command takes; then ``--resume`` ends it. Counted as
+Each round runs one command (``benchmarks/work_cases.py``) in a session and a temporary folder of its own. Two to
+four times a fault comes, early ones more often, as each run has less left to do; then ``--resume`` ends it. Counted as
 a problem: a result that differs from that of one undisturbed process, an exit code other than ``FAULTS`` says, a
 traceback, a process that is alive ``MAX_END_S`` after its caller, and a file left in the folder of the output or in the
 temporary folder. Run with ``python -m benchmarks.work_campaign``; ``benchmarks/results/work_campaign.json`` keeps what
@@ -33,7 +33,7 @@ from tests.waiting import wait_until
 ROUNDS = 6
 """Of each command."""
 SEED = 23
-MIN_FAULTS, MAX_FAULTS = 2, 3
+MIN_FAULTS, MAX_FAULTS = 2, 4
 MAX_END_S = 10.0
 _UNFINISHED = (".part", ".tmp", ".state", ".chunks", ".lock")
 _PROGRAM = """
@@ -234,7 +234,7 @@ def campaign(case: WorkCase, folder: Path, seed: int, rounds: int) -> Iterator[R
         one = Round(case, inputs, folder / f"round-{number}")
         one.folder.mkdir()
         for _ in range(draw.randint(MIN_FAULTS, MAX_FAULTS)):
-            one.disturbed(draw.choice(list(FAULTS)), draw.uniform(0.0, took), draw)
+            one.disturbed(draw.choice(list(FAULTS)), took * draw.random() ** 2, draw)
         one.end(expected)
         yield one
 
@@ -247,6 +247,8 @@ def main() -> None:
     parser.add_argument("--rounds", type=int, default=ROUNDS, help="of each command")
     parser.add_argument("--seed", type=int, default=SEED)
     options = parser.parse_args()
+    # A shell ignores it for what runs in the background, and so would the commands.
+    signal.signal(signal.SIGINT, signal.default_int_handler)
     told: dict[str, Any] = {}
     for case in CASES:
         if options.only and not case.name.startswith(tuple(options.only)):
