@@ -6,8 +6,8 @@ worker.
 
 from __future__ import annotations
 
+import json
 import tempfile
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -24,6 +24,8 @@ from monitor.health.state import SourceSettings
 from monitor.health.waterfall import WaterfallSettings
 from monitor.service.setup import source_settings
 
+_NOT_SENT = ("notify", "web")
+
 
 class ArchiveError(SpallwatchError):
     """An archive cannot be written or continued; the message says what is missing."""
@@ -34,12 +36,12 @@ class Setup:
     """A configuration as it is sent.
 
     Attributes:
-        text: of the file.
+        tables: of the file, as JSON; without those that a replay does not need and that may hold secrets.
         path: of the file, to which the paths in it are relative.
         files: digests of the files that a replay reads, by absolute path.
     """
 
-    text: str
+    tables: str
     path: str
     files: tuple[tuple[str, str], ...]
 
@@ -78,7 +80,8 @@ def send_setup(path: Path, store: Store) -> str:
         data = file.read_bytes()
         files.append((str(file), digest_of(data)))
         _write_once(store, f"inputs/{files[-1][1]}", data)
-    data = encode(Setup(read_toml(path)[0], str(path.resolve()), tuple(files)))
+    tables = {name: table for name, table in read_toml(path)[1].items() if name not in _NOT_SENT}
+    data = encode(Setup(json.dumps(tables, default=str), str(path.resolve()), tuple(files)))
     _write_once(store, f"inputs/{digest_of(data)}", data)
     return digest_of(data)
 
@@ -97,9 +100,8 @@ def load_setup(url: str, digest: str) -> Machine:
     """
     store = open_store(url)
     setup: Setup = decode(_read(store, digest))
-    values = tomllib.loads(setup.text)
     # Without the posterior of an identification, which the sender has checked.
-    config = Config.model_validate(values).with_absolute_paths(Path(setup.path).parent)
+    config = Config.model_validate(json.loads(setup.tables)).with_absolute_paths(Path(setup.path).parent)
     with tempfile.TemporaryDirectory(prefix="spallwatch-setup-") as folder:
         places: dict[Path, Path] = {}
         for number, (path, of) in enumerate(setup.files):

@@ -12,6 +12,7 @@ import pytest
 
 import streams.files
 from models.errors import WrongInputError
+from models.work.folder_store import FolderStore
 from models.work.runner import Runner
 from models.work.serial import SerialExecutor
 from models.work.stores import open_store
@@ -22,6 +23,7 @@ from monitor.archive.manifest import ManifestError
 from monitor.archive.part import described
 from monitor.archive.result import RecordingResult
 from monitor.archive.run import Plan, Results, delete_work, replay_waiting
+from monitor.archive.setup import load_setup, send_setup
 from monitor.config.load import load_config
 from monitor.service.replay import replay
 from tests.monitor.archive.fleet_files import CONFIG, DATED, assert_same_records, make_archive, write_files
@@ -367,3 +369,13 @@ def test_files_of_others_in_the_place_of_an_archive_stay(tmp_path):
 def test_an_archive_has_a_place_of_its_own(out):
     with pytest.raises(ManifestError, match="expected a folder or URL of the archive's own, got"):
         Plan(Path("fleet.toml"), out)
+
+
+def test_addresses_of_messages_are_not_sent_to_workers(tmp_path):
+    address = "https://ping.example/0c4f-planted"
+    path = tmp_path / "m.toml"
+    path.write_text(f'{CONFIG}\n[notify]\nheartbeat_url = "{address}"\n')
+    store = FolderStore(tmp_path / "work")
+    found = load_setup(store.url, send_setup(path, store)).config
+    assert found.hash == load_config(path).hash
+    assert not any(b"planted" in (store.read(name) or b"") for name in store.names())
