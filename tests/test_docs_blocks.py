@@ -37,6 +37,7 @@ PAGES = [
 ]
 # Programs of others that the pages use.
 OTHERS = {
+    "dask",
     "certificates.sh",
     "docker",
     "openssl",
