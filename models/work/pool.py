@@ -200,8 +200,8 @@ class _Worker:
         if process is not None:
             process.join(_END_S)
             process.kill()
+            # Not closed: multiprocessing may wait for it too, at the exit of an interrupted command.
             process.join()
-            process.close()
 
     def _loop(self) -> None:
         while (call := self._calls.get()) is not None and not self._stopped:

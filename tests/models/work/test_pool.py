@@ -33,6 +33,7 @@ def test_processes_give_what_a_loop_gives_and_survive_the_death_of_one(tmp_path)
         pids = set(runner.run(work(process), None, range(6)))
         assert os.getpid() not in pids
         assert 1 <= len(pids) <= 2
+        waited_for = [child for child in multiprocessing.active_children() if child.name == "work"]
         assert list(runner.run(work(dies_once), str(tmp_path), range(3))) == [0, 1, 2]
         assert not list(FolderStore(tmp_path / "chunks").names("started/"))
         with pytest.raises(WrongInputError) as error:
@@ -41,6 +42,10 @@ def test_processes_give_what_a_loop_gives_and_survive_the_death_of_one(tmp_path)
         lazily = cast("Any", runner.run(work(cleans_up), str(tmp_path), range(3)))
         assert next(lazily) == 0
         wait_until(lambda: len(list(tmp_path.glob("temporary-*"))) == 2)
+    assert waited_for
+    for child in waited_for:
+        # As multiprocessing does at the exit of a command that was interrupted while this one closed.
+        child.join()
     # Those that are at work remove their temporary files when they are ended.
     assert not list(tmp_path.glob("temporary-*"))
     store = FolderStore(tmp_path / "chunks")
