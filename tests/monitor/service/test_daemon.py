@@ -15,20 +15,16 @@ import pytest
 import xarray as xr
 
 from monitor.config.load import ConfigError, load_config
-from monitor.health.record import Record
 from monitor.records.database import StoreError
 from monitor.records.events import EventLog
 from monitor.records.store import Store
 from monitor.service.daemon import Daemon, DiskGuard, free_bytes
 from monitor.service.machine_status import channel_state
-from monitor.service.publisher import Publisher
 from monitor.service.status_file import StatusFile, read_status
 from monitor.service.systemd import ServiceManager
 from tests.faults.daemons import make_machine, status
 from tests.streams.folders import csv_bytes, noise
 from tests.waiting import PATIENCE_S, at_most, join, wait_until
-
-DAY = 86400.0
 
 
 @contextmanager
@@ -238,77 +234,6 @@ def test_a_damaged_store_is_saved_as_far_as_it_can_be_and_the_daemon_goes_on(tmp
     assert sorted(after) == list(range(1, 43))
     same = [number for number, found in before.items() if after[number] == found]
     assert len(same) == notice.body["saved"] >= 1
-
-
-def record(sequence: int, when: float) -> Record:
-    return Record("s", sequence, f"b{sequence}", str(sequence), "ok", time=when, elapsed=0.0)
-
-
-def days_of(folder: Path) -> dict[str, int]:
-    found = {}
-    for path in sorted(folder.glob("*.nc")):
-        with xr.open_dataset(path) as dataset:
-            found[path.name] = dataset.sizes["time"]
-    return found
-
-
-@pytest.mark.process
-def test_the_publisher_mends_what_is_lost_and_comes_back_when_killed(tmp_path: Path) -> None:
-    files = tmp_path / "records"
-    with Store.open(tmp_path / "state.db", machine="m") as store:
-        for sequence, when in ((1, 10.0 * DAY), (2, 11.0 * DAY)):
-            store.commit(record(sequence, when), {})
-        publisher = Publisher(store, files)
-        try:
-            assert publisher.finish(PATIENCE_S)
-            assert days_of(files) == {"m-19700111.nc": 1, "m-19700112.nc": 1}
-            kept = (files / "m-19700112.nc").stat().st_ino
-            # A late record falls into a closed day; the other day is left alone.
-            store.commit(record(3, 10.5 * DAY), {})
-            publisher.changed()
-            assert publisher.finish(PATIENCE_S)
-            assert days_of(files) == {"m-19700111.nc": 2, "m-19700112.nc": 1}
-            assert (files / "m-19700112.nc").stat().st_ino == kept
-            (files / "m-19700112.nc").write_bytes(b"damaged")
-            (files / "m-19700111.nc").unlink()
-            publisher.changed()
-            assert publisher.finish(PATIENCE_S)
-            assert days_of(files) == {"m-19700111.nc": 2, "m-19700112.nc": 1}
-            child = vars(vars(publisher)["_child"])["_process"]
-            child.kill()
-            child.wait()
-            store.commit(record(4, 11.5 * DAY), {})
-            publisher.changed()
-            assert not publisher.finish(PATIENCE_S)
-            assert publisher.problem is not None
-            assert publisher.finish(PATIENCE_S)
-            assert publisher.problem is None
-            assert days_of(files) == {"m-19700111.nc": 2, "m-19700112.nc": 2}
-        finally:
-            publisher.close()
-        assert publisher.pid is None
-
-
-@pytest.mark.process
-def test_the_publisher_asks_only_when_something_changed(tmp_path: Path) -> None:
-    now = [0.0]
-    with Store.open(tmp_path / "state.db", machine="m") as store:
-        publisher = Publisher(store, tmp_path / "records", every=60.0, monotonic=lambda: now[0])
-        try:
-            assert publisher.finish(PATIENCE_S)
-            now[0] = 59.0
-            publisher.changed()
-            publisher.tick()
-            assert not publisher.busy
-            now[0] = 61.0
-            publisher.tick()
-            assert publisher.busy
-            assert publisher.finish(PATIENCE_S)
-            now[0] = 1e3
-            publisher.tick()
-            assert not publisher.busy
-        finally:
-            publisher.close()
 
 
 def test_the_disk_guard_waits_for_a_quarter_more(tmp_path: Path) -> None:

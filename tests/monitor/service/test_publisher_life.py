@@ -1,4 +1,4 @@
-"""The publisher's child is replaced now and then, for what its libraries lose; nobody notices."""
+"""The publisher's child: when it is asked, what it mends, and that it is replaced now and then, unnoticed."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 import xarray as xr
 
+from monitor.health.record import Record
 from monitor.records.store import Store
 from monitor.service import publisher as publishing
 from monitor.service.publisher import Publisher
@@ -14,6 +15,7 @@ from tests.faults.test_store_kill import block
 from tests.waiting import PATIENCE_S
 
 pytestmark = pytest.mark.process
+DAY = 86400.0
 
 
 def test_another_child_takes_over_after_some_publications(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -35,3 +37,72 @@ def test_another_child_takes_over_after_some_publications(tmp_path: Path, monkey
     # After every second publication there is none, and then another one.
     assert [pid is None for pid in children] == [False, True, False, True, False]
     assert len({pid for pid in children if pid is not None}) == 3
+
+
+def record(sequence: int, when: float) -> Record:
+    return Record("s", sequence, f"b{sequence}", str(sequence), "ok", time=when, elapsed=0.0)
+
+
+def days_of(folder: Path) -> dict[str, int]:
+    found = {}
+    for path in sorted(folder.glob("*.nc")):
+        with xr.open_dataset(path) as dataset:
+            found[path.name] = dataset.sizes["time"]
+    return found
+
+
+def test_the_publisher_mends_what_is_lost_and_comes_back_when_killed(tmp_path: Path) -> None:
+    files = tmp_path / "records"
+    with Store.open(tmp_path / "state.db", machine="m") as store:
+        for sequence, when in ((1, 10.0 * DAY), (2, 11.0 * DAY)):
+            store.commit(record(sequence, when), {})
+        publisher = Publisher(store, files)
+        try:
+            assert publisher.finish(PATIENCE_S)
+            assert days_of(files) == {"m-19700111.nc": 1, "m-19700112.nc": 1}
+            kept = (files / "m-19700112.nc").stat().st_ino
+            # A late record falls into a closed day; the other day is left alone.
+            store.commit(record(3, 10.5 * DAY), {})
+            publisher.changed()
+            assert publisher.finish(PATIENCE_S)
+            assert days_of(files) == {"m-19700111.nc": 2, "m-19700112.nc": 1}
+            assert (files / "m-19700112.nc").stat().st_ino == kept
+            (files / "m-19700112.nc").write_bytes(b"damaged")
+            (files / "m-19700111.nc").unlink()
+            publisher.changed()
+            assert publisher.finish(PATIENCE_S)
+            assert days_of(files) == {"m-19700111.nc": 2, "m-19700112.nc": 1}
+            child = vars(vars(publisher)["_child"])["_process"]
+            child.kill()
+            child.wait()
+            store.commit(record(4, 11.5 * DAY), {})
+            publisher.changed()
+            assert not publisher.finish(PATIENCE_S)
+            assert publisher.problem is not None
+            assert publisher.finish(PATIENCE_S)
+            assert publisher.problem is None
+            assert days_of(files) == {"m-19700111.nc": 2, "m-19700112.nc": 2}
+        finally:
+            publisher.close()
+        assert publisher.pid is None
+
+
+def test_the_publisher_asks_only_when_something_changed(tmp_path: Path) -> None:
+    now = [0.0]
+    with Store.open(tmp_path / "state.db", machine="m") as store:
+        publisher = Publisher(store, tmp_path / "records", every=60.0, monotonic=lambda: now[0])
+        try:
+            assert publisher.finish(PATIENCE_S)
+            now[0] = 59.0
+            publisher.changed()
+            publisher.tick()
+            assert not publisher.busy
+            now[0] = 61.0
+            publisher.tick()
+            assert publisher.busy
+            assert publisher.finish(PATIENCE_S)
+            now[0] = 1e3
+            publisher.tick()
+            assert not publisher.busy
+        finally:
+            publisher.close()
