@@ -202,6 +202,14 @@ def write_at(handle: int, data: bytes | memoryview, place: int) -> int:
     return os.write(handle, data)
 
 
+def reserve(handle: int, size: int) -> None:
+    """Give a file a length, with room on the disk where the system can promise it; OSError where there is none."""
+    if hasattr(os, "posix_fallocate") and size:
+        _os.posix_fallocate(handle, 0, size)
+    else:
+        os.ftruncate(handle, size)
+
+
 class MemoryFile:
     """An open file that no other program sees, in memory where the system has that, else in the temporary folder.
 
@@ -229,6 +237,32 @@ class MemoryFile:
             # A child that was killed may hold it for a moment.
             with suppress(OSError):
                 self._own.unlink()
+
+
+class DiskFile:
+    """An open file of the temporary folder that vanishes when it is closed.
+
+    Attributes:
+        handle: file descriptor.
+        path: by which this process and its children open it again, for as long as it is open here.
+    """
+
+    def __init__(self) -> None:
+        """Make an empty one; OSError where the folder cannot be written to."""
+        import tempfile
+
+        self.handle, name = tempfile.mkstemp(prefix="spallwatch-")
+        self.path, self._own = name, Path(name)
+        if hasattr(os, "memfd_create"):
+            # Without a name nothing is left of it, even where this process is killed.
+            self.path = f"/proc/{os.getpid()}/fd/{self.handle}"
+            self._own.unlink()
+
+    def close(self) -> None:
+        """Close it; its content is gone."""
+        os.close(self.handle)
+        with suppress(OSError):
+            self._own.unlink()
 
 
 class PipeReader:

@@ -15,6 +15,7 @@ from zoneinfo import ZoneInfo
 import numpy as np
 
 from streams.files import natural_key, unpacked_name
+from streams.large import Data
 from streams.readers.child import isolated
 from streams.readers.mat import load_mat, mat_variables, read_mat, scalar, text
 from streams.readers.text import read_layout, read_text
@@ -63,7 +64,7 @@ class DataSet:
     name: str
     files: str
     facts: Callable[[str, str, ZoneInfo], FileFacts | None]
-    read: Callable[[bytes, str], Samples]
+    read: Callable[[Data, str], Samples]
     unit: str | None = "g"
     snapshot: bool = False
     samples: int | None = None

@@ -5,7 +5,6 @@ from __future__ import annotations
 import bz2
 import errno
 import gzip
-import io
 import lzma
 import os
 import re
@@ -19,6 +18,8 @@ from pathlib import Path, PurePosixPath
 from typing import Literal, Protocol
 
 from models.portable import NO_LINK, NO_WAIT, open_folder
+from streams import large
+from streams.large import Data, FileBytes, shared_path, stream_of
 from streams.limits import MAX_BYTES, max_loaded_bytes
 from streams.listing import Stat, is_skipped, list_files, shown, stat_file
 from streams.samples import ReaderError
@@ -58,7 +59,7 @@ class Item:
     """
 
     path: str
-    read: Callable[[], bytes]
+    read: Callable[[], Data]
     changed: Callable[[], float | None] = lambda: None
     filled: bool = True
 
@@ -138,7 +139,7 @@ def _members(archive: tarfile.TarFile, name: str, max_bytes: int) -> Iterator[It
         if member.isdir() or any(map(is_skipped, path.parts)):
             continue
 
-        def read(member: tarfile.TarInfo = member) -> bytes:
+        def read(member: tarfile.TarInfo = member) -> Data:
             try:
                 return _read_member(archive, member, max_bytes)
             except _DAMAGED as error:
@@ -151,13 +152,15 @@ def _members(archive: tarfile.TarFile, name: str, max_bytes: int) -> Iterator[It
             return
 
 
-def _read_member(archive: tarfile.TarFile, member: tarfile.TarInfo, max_bytes: int) -> bytes:
+def _read_member(archive: tarfile.TarFile, member: tarfile.TarInfo, max_bytes: int) -> Data:
     if not member.isreg():
         raise ReaderError("refused", f"{member.name}: a link or a device, not a regular file")
     if member.size > max_bytes:
         raise ReaderError("refused", f"{member.name}: {member.size} bytes, {max_bytes} are allowed")
     stream = archive.extractfile(member)
-    data = b"" if stream is None else stream.read()
+    data: Data = b""
+    if stream is not None:
+        data = FileBytes.copied(stream, max_bytes) if member.size >= large.MAX_IN_MEMORY else stream.read()
     if len(data) < member.size:
         raise EOFError(f"{len(data)} of {member.size} bytes")
     return data
@@ -183,10 +186,43 @@ def path_within(root: Path, path: str) -> str:
     return real
 
 
-def read_regular(root: Path, path: str) -> bytes:
-    """Return the bytes of a file of a folder as :func:`read_guarded`, which follows links; here they are refused."""
-    refuse_special(stat_file(str(root), path), root, path)
-    return read_guarded(root, path)
+def read_regular(root: Path, path: str) -> Data:
+    """Return the content of a file of a folder as :func:`read_guarded`, which follows links; here they are refused.
+
+    A large one is read as it is needed.
+    """
+    status = stat_file(str(root), path)
+    refuse_special(status, root, path)
+    if status is None or not large.MAX_IN_MEMORY <= status.size <= MAX_BYTES:
+        return read_guarded(root, path)
+    real, handle = _opened(root, path)
+    try:
+        size = _checked(handle, path, MAX_BYTES).st_size
+    except ReaderError:
+        os.close(handle)
+        raise
+    return FileBytes(handle, size, shared_path(handle, real))
+
+
+def _opened(root: Path, path: str) -> tuple[str, int]:
+    """Open a file for reading; return its real path and the descriptor; ReaderError as :func:`read_guarded`."""
+    real = path_within(root, path)
+    try:
+        # A FIFO must not block; a link may have replaced the file meanwhile.
+        return real, os.open(real, os.O_RDONLY | NO_WAIT | NO_LINK)
+    except OSError as error:
+        status = "refused" if error.errno in (errno.ELOOP, errno.ENXIO) else "unreadable"
+        raise ReaderError(status, f"{path}: cannot be opened ({error.strerror})") from error
+
+
+def _checked(handle: int, path: str, allowed: int) -> os.stat_result:
+    """Return the status of an open file; ``refused`` where it is no regular one or too large."""
+    found = os.fstat(handle)
+    if not stat.S_ISREG(found.st_mode):
+        raise ReaderError("refused", f"{path}: not a regular file")
+    if found.st_size > allowed:
+        raise ReaderError("refused", f"{path}: {found.st_size} bytes, {allowed} are allowed")
+    return found
 
 
 def refuse_special(status: Stat | None, root: Path, path: str) -> None:
@@ -206,20 +242,9 @@ def read_guarded(root: Path, path: str, *, may_grow: bool = False, max_bytes: in
             ``max_bytes`` (default ``MAX_BYTES``), ``unreadable`` where it cannot be opened, ``changed`` where it
             changes while it is read.
     """
-    real = path_within(root, path)
+    _, handle = _opened(root, path)
     try:
-        # A FIFO must not block; a link may have replaced the file meanwhile.
-        handle = os.open(real, os.O_RDONLY | NO_WAIT | NO_LINK)
-    except OSError as error:
-        status = "refused" if error.errno in (errno.ELOOP, errno.ENXIO) else "unreadable"
-        raise ReaderError(status, f"{path}: cannot be opened ({error.strerror})") from error
-    try:
-        before = os.fstat(handle)
-        if not stat.S_ISREG(before.st_mode):
-            raise ReaderError("refused", f"{path}: not a regular file")
-        allowed = MAX_BYTES if max_bytes is None else max_bytes
-        if before.st_size > allowed:
-            raise ReaderError("refused", f"{path}: {before.st_size} bytes, {allowed} are allowed")
+        before = _checked(handle, path, MAX_BYTES if max_bytes is None else max_bytes)
         # A raw read to the end reads on until there is no more; one of so many bytes may give fewer.
         with open(handle, "rb", buffering=-1 if may_grow else 0, closefd=False) as stream:
             data = stream.read(before.st_size) if may_grow else stream.read()
@@ -247,8 +272,8 @@ def unpacked_name(name: str) -> str:
     return name[: -len(suffix)] if suffix else name
 
 
-def unpack(data: bytes, name: str, limit: int | None = None) -> bytes:
-    """Decompress a file by the ending of its name; else return ``data`` itself.
+def unpack(data: Data, name: str, limit: int | None = None) -> Data:
+    """Decompress a file by the ending of its name; else return ``data`` itself. What becomes large is on disk.
 
     Raises:
         ReaderError: ``incomplete`` where the file breaks off, ``unreadable`` where it is no such file, ``refused``
@@ -259,8 +284,10 @@ def unpack(data: bytes, name: str, limit: int | None = None) -> bytes:
         return data
     limit = max_loaded_bytes(len(data)) if limit is None else limit
     try:
-        with _OPENERS[suffix](io.BytesIO(data)) as stream:
-            raw = stream.read(limit + 1)
+        with stream_of(data) as packed, _OPENERS[suffix](packed) as stream:
+            head: bytes = stream.read(min(limit + 1, large.MAX_IN_MEMORY))
+            more = large.MAX_IN_MEMORY <= len(head) <= limit
+            raw = FileBytes.copied(stream, limit + 1 - len(head), head) if more else head
     except EOFError as error:
         raise ReaderError("incomplete", f"{name}: the compressed file breaks off before its end") from error
     except (OSError, lzma.LZMAError, zlib.error, ValueError) as error:

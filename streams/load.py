@@ -14,6 +14,7 @@ from zoneinfo import ZoneInfo
 import numpy as np
 
 from streams.block import STANDARD_GRAVITY
+from streams.large import Data, FileBytes, NoRoomError, elementwise, pieces_of
 from streams.limits import max_blocks
 from streams.readers.complete import declared_size
 from streams.readers.pulse_times import fitting_pulses
@@ -32,9 +33,12 @@ _MAX_LISTED = 1000
 """Characters of names in a message."""
 
 
-def content_hash(data: bytes) -> str:
+def content_hash(data: Data) -> str:
     """Return the BLAKE2b-128 digest of the bytes of a file, in hexadecimal."""
-    return hashlib.blake2b(data, digest_size=16).hexdigest()
+    digest = hashlib.blake2b(digest_size=16)
+    for piece in pieces_of(data):
+        digest.update(piece)
+    return digest.hexdigest()
 
 
 def is_dated_by_choice(spec: SourceSpec, data_set: DataSet) -> bool:
@@ -91,7 +95,7 @@ class Loader:
 
     def load(
         self,
-        raw: bytes,
+        raw: Data,
         path: str,
         facts: FileFacts,
         name: str | None = None,
@@ -127,7 +131,7 @@ class Loader:
             return fitting_pulses(replace(samples, start=start, elapsed=elapsed), path)
         return fitting_pulses(self.dater.date(samples, path, changed, whole=whole), path)
 
-    def load_undated(self, raw: bytes, path: str, facts: FileFacts, name: str) -> Samples:
+    def load_undated(self, raw: Data, path: str, facts: FileFacts, name: str) -> Samples:
         """Return the same without times but those that the file states; ReaderError as :meth:`load`."""
         samples = self.read(raw, path, name)
         self._check_length(samples, name)
@@ -141,7 +145,7 @@ class Loader:
             load=samples.load if samples.load is not None else facts.load,
         )
 
-    def read(self, raw: bytes, path: str, name: str) -> Samples:
+    def read(self, raw: Data, path: str, name: str) -> Samples:
         """Return all rows of a file and what the file itself states; ReaderError as :meth:`load`."""
         promised = declared_size(raw, path)
         if promised is not None and promised > len(raw):
@@ -149,15 +153,21 @@ class Loader:
         try:
             if not raw:
                 raise ReaderError("empty", f"{name}: the file has 0 bytes")
-            return self.data_set.read(raw, path)
+            samples = self.data_set.read(raw, path)
+            if isinstance(raw, FileBytes) and raw.is_changed:
+                raise changed_error(path)
+            return samples
+        except NoRoomError:
+            raise
         except ReaderError as error:
-            raise renamed(error, path, name) from error
+            changed = isinstance(raw, FileBytes) and raw.is_changed
+            raise renamed(changed_error(path) if changed else error, path, name) from error
         except Exception as error:
             # Third-party parsers raise any exception on damaged files; one file must not stop the others.
             _LOG.warning("%s: the reader failed", name, exc_info=True)
             raise ReaderError("unreadable", f"{name}: the reader failed ({type(error).__name__})") from error
 
-    def levels(self, raw: bytes, path: str) -> dict[str, str]:
+    def levels(self, raw: Data, path: str) -> dict[str, str]:
         """Return in words what states the level of each channel of a file; ReaderError as :meth:`load`."""
         samples, unit = self.read(raw, path, path), self.data_set.unit
         samples = replace(samples, units=tuple(stated or unit for stated in samples.units))
@@ -203,6 +213,11 @@ class Loader:
             return None, None
         elapsed = facts.elapsed or 0.0
         return None if self._spec.start is None else self._spec.start + elapsed, elapsed
+
+
+def changed_error(name: str) -> ReaderError:
+    """Return the rejection of a file that changed while it was read."""
+    return ReaderError("changed", f"{name}: changed while it was read")
 
 
 def renamed(error: ReaderError, path: str, name: str) -> ReaderError:
@@ -258,7 +273,8 @@ def in_own_units(samples: Samples) -> tuple[Samples, tuple[float, ...]]:
 def _times(samples: Samples, factors: Sequence[float]) -> Samples:
     if all(factor == 1.0 for factor in factors):
         return samples
-    return replace(samples, values=samples.values * np.array(factors, samples.values.dtype)[:, np.newaxis])
+    column = np.array(factors, samples.values.dtype)[:, np.newaxis]
+    return replace(samples, values=elementwise(lambda values: values * column, samples.values, 1))
 
 
 def _check_unit(stated: str | None, name: str, where: str) -> None:

@@ -11,6 +11,7 @@ from zoneinfo import ZoneInfo
 
 from streams.datasets import DataSet, FileFacts
 from streams.files import read_guarded, unpacked_name
+from streams.large import Data
 from streams.readers.child import isolated
 from streams.readers.pulse_text import pulse_column
 from streams.samples import ReaderError, Samples
@@ -62,7 +63,7 @@ def with_pulse_files(data_set: DataSet, spec: SourceSpec, root: Path) -> DataSet
     def facts(path: str, place: str, zone: ZoneInfo) -> FileFacts | None:
         return None if is_pulse_file(spec.pulses, path) else data_set.facts(path, place, zone)
 
-    def read(data: bytes, path: str) -> Samples:
+    def read(data: Data, path: str) -> Samples:
         samples = data_set.read(data, path)
         beside = pulse_file_of(spec.pulses, path)
         if beside is None or not os.path.lexists(f"{root}/{beside}"):

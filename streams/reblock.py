@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from streams.block import Block, Rejected
+from streams.large import forget_pages
 from streams.pulses import Pulses
 from streams.revolutions import BlockRevolutions
 from streams.samples import RATE_TOLERANCE, Origin, ReaderError, Samples
@@ -166,6 +167,7 @@ class Reblocker:
             if taken < piece.values.shape[1]:
                 self._held.insert(0, replace(piece, values=piece.values[:, taken:], offset=piece.offset + taken))
         values = np.ascontiguousarray(parts[0]) if len(parts) == 1 else np.concatenate(parts, axis=1)
+        forget_pages(parts[-1])
         missing = 0 if whole else max(1, self._length - count)
         samples = replace(first, values=values, pulses=_joined(times))
         return Cut(samples, tuple(used), missing)

@@ -12,6 +12,7 @@ from zoneinfo import ZoneInfo
 
 from streams.datasets import DATA_SETS, DataSet, FileFacts
 from streams.files import Files, Item, is_archive, natural_key, unpacked_name
+from streams.large import Data
 from streams.pulse_files import is_beside, is_pulse_file, with_pulse_files
 from streams.readers.child import isolated
 from streams.readers.hdf5 import read_hdf5
@@ -73,7 +74,7 @@ def plain(kind: str, spec: SourceSpec, endings: tuple[str, ...]) -> DataSet:
             f"[[source]] {spec.name}: pulses = {inside!r}: files of {kind} hold no array of pulses besides their "
             "channels; give a file beside them, such as {stem}.pulses.csv, or [operating] tacho_channel"
         )
-    readers: dict[str, Callable[[bytes, str], Samples]] = {
+    readers: dict[str, Callable[[Data, str], Samples]] = {
         "csv": isolated(read_layout, zone),
         "npy": read_plain_npy,
         "wav": isolated(read_wav),
@@ -129,7 +130,7 @@ def _with_sidecars(data_set: DataSet, spec: SourceSpec, files: Files) -> DataSet
     """Return the data set with a reader that applies the side-car of each file."""
     root = files.root
 
-    def read(data: bytes, path: str) -> Samples:
+    def read(data: Data, path: str) -> Samples:
         sidecar = find_sidecar(root, path, spec.timezone)
         samples = data_set.read(data, path)
         return samples if sidecar is None else apply_sidecar(samples, sidecar, path)

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from models.errors import SpallwatchError
 from streams.block import Block
+from streams.large import chosen_rows, contiguous, copy_into, empty_rows
 from streams.limits import MAX_BYTES, MAX_DIMENSIONS, MAX_ROWS
 from streams.pulses import Pulses
 
@@ -156,7 +157,7 @@ class Samples:
         whole = list(rows) == list(range(len(self.columns)))
         return replace(
             self,
-            values=np.ascontiguousarray(self.values if whole else self.values[list(rows)]),
+            values=contiguous(self.values, self.values.dtype) if whole else chosen_rows(self.values, rows),
             channels=tuple(self.channels[row] for row in rows) if channels is None else channels,
             names=tuple(self.names[row] for row in rows),
             columns=tuple(self.columns[row] for row in rows),
@@ -186,7 +187,14 @@ class Samples:
 
 def stack_rows(rows: Sequence[NDArray[np.floating]]) -> NDArray[np.floating]:
     """Join rows of equal length to shape (row, sample); a single one is not copied."""
-    return np.ascontiguousarray(rows[0])[np.newaxis] if len(rows) == 1 else np.stack(rows)
+    if len(rows) == 1:
+        return contiguous(rows[0], rows[0].dtype)[np.newaxis]
+    if len({row.dtype for row in rows}) > 1 or len({row.size for row in rows}) > 1:
+        return np.stack(rows)
+    found = empty_rows((len(rows), rows[0].size), rows[0].dtype)
+    for target, row in zip(found, rows, strict=True):
+        copy_into(target, row)
+    return found
 
 
 def stored_as(dtype: np.dtype[Any]) -> str:
@@ -230,4 +238,4 @@ def rows_of(array: NDArray[np.generic], where: str) -> NDArray[np.floating]:
     size = array.size * (4 if exact else 8)
     if size > MAX_BYTES:
         raise ReaderError("refused", f"{where}: {array.size} numbers of {size} bytes, {MAX_BYTES} bytes are allowed")
-    return np.ascontiguousarray(rows, dtype=np.float32 if exact else np.float64)
+    return contiguous(rows, np.float32 if exact else np.float64)

@@ -23,7 +23,8 @@ import numpy as np
 
 from models.errors import SpallwatchError
 from models.installation import child_path
-from models.portable import MemoryFile, PipeReader, after_fork, handed_down
+from models.portable import DiskFile, MemoryFile, PipeReader, after_fork, handed_down
+from streams.large import Data, FileBytes, NoRoomError, mapped_array
 from streams.limits import MAX_BYTES, ChildLimits
 from streams.pulses import Pulses
 from streams.readers.worker import read_all, read_into, write_all
@@ -31,6 +32,8 @@ from streams.samples import ReaderError, Samples
 
 _ANSWER_BYTES = 1 << 22
 _KEPT_BYTES = 64 << 20
+_MIN_DISK_BYTES = 1 << 18
+"""A smaller file cannot become so large that its samples are on disk, by :func:`streams.limits.max_loaded_bytes`."""
 SLOW_S = 0.25
 """A file whose parser takes longer is noted as being handled, see :class:`ReaderProcess`."""
 # A service manager signals all processes at once; the child ends with its parent, so that no file counts as crashed.
@@ -101,13 +104,16 @@ class ReaderProcess(AbstractContextManager["ReaderProcess"]):
         """Number of the process, or None where none is running."""
         return None if self._process is None else self._process.pid
 
-    def call(self, function: Callable[..., Any], data: bytes, name: str, *arguments: Any) -> Any:
+    def call(self, function: Callable[..., Any], data: Data, name: str, *arguments: Any) -> Any:
         """Call a function of a module in the child with ``data``, ``name`` and arguments.
 
         Where ``name`` ends like that of a compressed file, the child decompresses the data first. JSON can represent
         the arguments, and the result unless it is Samples.
 
+        A :class:`~streams.large.FileBytes` is opened by the child; large samples come in a file.
+
         Raises:
+            NoRoomError: the temporary folder has no room for large samples.
             ReaderError: as the reader; ``unreadable`` for its other exceptions; ``reader_crashed`` where the child died
                 or was killed; ``refused`` where the file is larger than ``MAX_BYTES``.
             SystemExit: the process was closed, before or meanwhile: the program ends, which is no verdict on the file.
@@ -122,11 +128,20 @@ class ReaderProcess(AbstractContextManager["ReaderProcess"]):
             "size": len(data),
             "memory": self._limits.memory_for(len(data)),
             "cpu_s": self._limits.cpu_s_for(len(data)),
+            "path": data.path if isinstance(data, FileBytes) else None,
         }
-        with self._lock:
+        with self._lock, ExitStack() as undo:
+            disk = DiskFile() if len(data) >= _MIN_DISK_BYTES else None
+            if disk is not None:
+                undo.callback(disk.close)
+                request["disk"] = disk.path
             try:
                 answer = self._ask(request, data)
-                found = self._result(answer)
+                if "no_room" in answer:
+                    raise NoRoomError(int(answer["no_room"]))
+                found = self._result(answer, disk)
+                if answer.get("on_disk"):
+                    undo.pop_all()
                 self._shrink()
                 return found
             except _DiedError as error:
@@ -134,6 +149,8 @@ class ReaderProcess(AbstractContextManager["ReaderProcess"]):
                 if self._closed:
                     raise SystemExit("the reader process is closed") from error
                 raise ReaderError("reader_crashed", f"{name}: the reader {error}") from error
+            except NoRoomError:
+                raise
             except (OSError, EOFError, ValueError, KeyError, TypeError) as error:
                 self._kill()
                 raise ReaderError("reader_crashed", f"{name}: the reader did not answer sensibly ({error})") from error
@@ -162,14 +179,15 @@ class ReaderProcess(AbstractContextManager["ReaderProcess"]):
             pipes.hang_up()
             pipes.close_files()
 
-    def _ask(self, request: dict[str, Any], data: bytes) -> dict[str, Any]:
+    def _ask(self, request: dict[str, Any], data: Data) -> dict[str, Any]:
         if self._process is not None and (self._files >= self._limits.files or self._process.poll() is not None):
             # Used up, or dead since the last file: not the fault of this one.
             self._stop()
         pipes = self._start() if self._process is None or self._pipes is None else self._pipes
         self._files += 1
         answers = pipes.answers
-        write_all(pipes.input.handle, data)
+        if not isinstance(data, FileBytes):
+            write_all(pipes.input.handle, data)
         try:
             view = memoryview(json.dumps(request).encode() + b"\n")
             while view:
@@ -196,7 +214,7 @@ class ReaderProcess(AbstractContextManager["ReaderProcess"]):
                 raise _DiedError("gave an answer without end")
         return line
 
-    def _result(self, answer: dict[str, Any]) -> Any:
+    def _result(self, answer: dict[str, Any], disk: DiskFile | None = None) -> Any:
         if "status" in answer:
             raise ReaderError(str(answer["status"]), str(answer["reason"]))
         if "value" in answer:
@@ -205,17 +223,21 @@ class ReaderProcess(AbstractContextManager["ReaderProcess"]):
         dtype = {4: np.float32, 8: np.float64}[answer["itemsize"]]
         if self._pipes is None:
             raise ValueError("the reader process is closed")
-        output = self._pipes.output.handle
+        on_disk = disk if answer.get("on_disk") else None
+        output = self._pipes.output.handle if on_disk is None else on_disk.handle
         count, revolution = answer.get("pulses") or (0, None)
         size = rows * length * answer["itemsize"]
         if min(rows, length, count) < 0 or size + 8 * count != os.fstat(output).st_size:
             raise ValueError("the samples do not fit their shape")
-        samples = np.empty((rows, length), dtype=dtype)
-        read_into(output, samples.reshape(-1).data)
         fields = answer["stated"]
         if "pulses" in answer:
             times = np.frombuffer(read_all(output, 8 * count, size), dtype=np.float64)
             fields["pulses"] = Pulses(times, revolution)
+        if on_disk is not None:
+            samples = mapped_array(on_disk, (rows, length), dtype)
+        else:
+            samples = np.empty((rows, length), dtype=dtype)
+            read_into(output, samples.reshape(-1).data)
         lists = {key: tuple(value) for key, value in fields.items() if isinstance(value, list)}
         return Samples(samples, **{**fields, **lists})
 
@@ -323,13 +345,13 @@ def use_process(process: ReaderProcess) -> None:
     _of_thread.process = process
 
 
-def isolated(function: Callable[..., Any], *arguments: Any) -> Callable[[bytes, str], Any]:
+def isolated(function: Callable[..., Any], *arguments: Any) -> Callable[[Data, str], Any]:
     """Return a reader, with further arguments, that runs in a child process: :func:`shared_process`.
 
     It returns and raises what the reader does; see :meth:`ReaderProcess.call`.
     """
 
-    def read(data: bytes, name: str) -> Any:
+    def read(data: Data, name: str) -> Any:
         return shared_process().call(function, data, name, *arguments)
 
     return read

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import re
 import struct
 from dataclasses import dataclass
@@ -11,6 +10,8 @@ from math import prod
 from typing import Any
 
 import numpy as np
+
+from streams.large import Data, stream_of
 
 _TDMS_LEAD = 28
 _TDMS_UNKNOWN = 0xFFFFFFFFFFFFFFFF
@@ -24,7 +25,7 @@ _NPY_HEADER = re.compile(
 )
 
 
-def declared_size(data: bytes, name: str) -> int | None:
+def declared_size(data: Data, name: str) -> int | None:
     """Return the least size in bytes that a header promises, None where it does not.
 
     Known are WAV (RIFF), .npy, HDF5 with netCDF4 and MAT v7.3 (end-of-file address of the superblock) and TDMS.
@@ -42,8 +43,8 @@ def declared_size(data: bytes, name: str) -> int | None:
     return None
 
 
-def _riff_size(data: bytes) -> int | None:
-    size = struct.unpack_from("<I", data, 4)[0]
+def _riff_size(data: Data) -> int | None:
+    (size,) = struct.unpack("<I", data[4:8])
     # Writers to a pipe put 0 or the largest number there, and never come back to it.
     return None if size in (0, 0xFFFFFFFF, 0x7FFFFFFF) else size + 8
 
@@ -70,7 +71,7 @@ class NpyHeader:
         return prod(self.shape) * self.dtype.itemsize
 
 
-def npy_header(data: bytes) -> NpyHeader:
+def npy_header(data: Data) -> NpyHeader:
     """Return the header of a .npy file.
 
     A header that numpy would not write is evaluated as Python source; a damaged one raises any exception that source
@@ -79,14 +80,14 @@ def npy_header(data: bytes) -> NpyHeader:
     plain = plain_npy_header(data)
     if plain is not None:
         return plain
-    stream = io.BytesIO(data)
-    version = np.lib.format.read_magic(stream)
-    read = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
-    shape, fortran_order, dtype = read(stream)
-    return NpyHeader(stream.tell(), shape, fortran_order, dtype)
+    with stream_of(data) as stream:
+        version = np.lib.format.read_magic(stream)
+        read = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
+        shape, fortran_order, dtype = read(stream)
+        return NpyHeader(stream.tell(), shape, fortran_order, dtype)
 
 
-def plain_npy_header(data: bytes) -> NpyHeader | None:
+def plain_npy_header(data: Data) -> NpyHeader | None:
     """Return the header of a .npy file as numpy writes it, else None.
 
     Such a header is of numbers in at most two dimensions, and nothing in it has to be evaluated.
@@ -111,13 +112,13 @@ def _plain_npy_header(text: bytes, end: int) -> NpyHeader | None:
     return NpyHeader(end, tuple(int(size) for size in match[3].split(b",") if size), match[2] == b"True", dtype)
 
 
-def _npy_size(data: bytes) -> int | None:
+def _npy_size(data: Data) -> int | None:
     # Another header promises nothing here; the reader says what is missing.
     header = plain_npy_header(data)
     return None if header is None else header.end + header.promised
 
 
-def hdf5_size(data: bytes, base: int) -> int | None:
+def hdf5_size(data: Data, base: int) -> int | None:
     """Return the end-of-file address of the superblock at ``base``, or None."""
     version = data[base + 8] if len(data) > base + 8 else 255
     if version not in _SUPERBLOCKS:
@@ -131,11 +132,11 @@ def hdf5_size(data: bytes, base: int) -> int | None:
     return int.from_bytes(field, "little")
 
 
-def _tdms_segments(data: bytes) -> tuple[int, int | None]:
+def _tdms_segments(data: Data) -> tuple[int, int | None]:
     """Return the end of the last whole segment, and that declared by the next, or None."""
     end = 0
     while data[end : end + 4] == b"TDSm" and len(data) >= end + _TDMS_LEAD:
-        (following,) = struct.unpack_from("<Q", data, end + 12)
+        (following,) = struct.unpack("<Q", data[end + 12 : end + 20])
         if following == _TDMS_UNKNOWN:
             return end, None
         target = end + _TDMS_LEAD + following
@@ -145,7 +146,7 @@ def _tdms_segments(data: bytes) -> tuple[int, int | None]:
     return end, (end + _TDMS_LEAD if end < len(data) else None)
 
 
-def _tdms_size(data: bytes) -> int | None:
+def _tdms_size(data: Data) -> int | None:
     end, promised = _tdms_segments(data)
     return promised if promised is not None else (end or None)
 

@@ -2,34 +2,40 @@
 
 from __future__ import annotations
 
-import io
 from math import prod
+from typing import Literal
 
 import numpy as np
 import soundfile
+from numpy.typing import NDArray
 
+from streams import large
 from streams.files import packed_suffix
+from streams.large import Data, FileBytes, elementwise, empty_rows, forget_pages, stream_of
 from streams.limits import MAX_BYTES, MAX_DIMENSIONS, max_loaded_bytes
 from streams.readers.child import isolated
 from streams.readers.complete import npy_header, plain_npy_header
+from streams.readers.worker import from_disk
 from streams.samples import FRACTIONS, VALUES, ReaderError, Samples, check_rows, rows_of, stored_as
 
 _EXACT_IN_FLOAT32 = ("PCM_S8", "PCM_U8", "PCM_16", "PCM_24", "FLOAT", "ALAW", "ULAW")
 _FLOATING = ("FLOAT", "DOUBLE")
 
 
-def read_plain_npy(data: bytes, name: str) -> Samples:
+def read_plain_npy(data: Data, name: str) -> Samples:
     """Read as :func:`read_npy`, in this process where the time and memory for it are bounded by the size of the file.
 
     So it is where the header is one as numpy writes it, of at most two dimensions, which a pattern recognises without
-    evaluating it, and the numbers are copied once at most. Any other file is read in the child process.
+    evaluating it, and the numbers are copied once at most. Any other file, and a large one, is read in the child
+    process.
     """
-    if not packed_suffix(name) and plain_npy_header(data) is not None:
+    if not isinstance(data, FileBytes) and not packed_suffix(name) and plain_npy_header(data) is not None:
         return read_npy(data, name)
     return isolated(read_npy)(data, name)
 
 
-def read_npy(data: bytes, name: str) -> Samples:
+@from_disk
+def read_npy(data: Data, name: str) -> Samples:
     """Read an array of one or two dimensions, the longer axis being time.
 
     Values that are stored as they are needed are a read-only view of ``data``.
@@ -59,13 +65,15 @@ def read_npy(data: bytes, name: str) -> Samples:
     if declared < present:
         raise ReaderError("unreadable", f"{name}: the header promises {declared} bytes, {present} follow it")
     order = "F" if header.fortran_order else "C"
-    array = np.frombuffer(data, dtype, prod(shape), header.end).reshape(shape, order=order)
+    held = data.mapped() if isinstance(data, FileBytes) else data
+    array = np.frombuffer(held, dtype, prod(shape), header.end).reshape(shape, order=order)
     # Where the writer did not pad the header, the samples begin at any byte.
-    rows = rows_of(array if array.flags.aligned else array.copy(), name)
+    rows = rows_of(array if array.flags.aligned else elementwise(np.copy, array), name)
     return Samples(rows, stored=(stored_as(dtype),) * len(rows))
 
 
-def read_wav(data: bytes, name: str) -> Samples:
+@from_disk
+def read_wav(data: Data, name: str) -> Samples:
     """Read a WAV or FLAC file, with the rate of its header.
 
     Integer samples are given as ``FRACTIONS`` of full scale, -1 to 1, float32 up to 24 bits, else float64. Floating
@@ -79,8 +87,8 @@ def read_wav(data: bytes, name: str) -> Samples:
         raise ReaderError("empty", f"{name}: the file has 0 bytes")
     _check_riff(data, name)
     try:
-        with soundfile.SoundFile(io.BytesIO(data)) as sound:
-            dtype = "float32" if sound.subtype in _EXACT_IN_FLOAT32 else "float64"
+        with stream_of(data) as stream, soundfile.SoundFile(stream) as sound:
+            dtype: Literal["float32", "float64"] = "float32" if sound.subtype in _EXACT_IN_FLOAT32 else "float64"
             stored = VALUES if sound.subtype in _FLOATING else FRACTIONS
             declared = sound.frames * sound.channels * np.dtype(dtype).itemsize
             allowed = max_loaded_bytes(len(data))
@@ -88,17 +96,34 @@ def read_wav(data: bytes, name: str) -> Samples:
                 raise ReaderError("refused", f"{name}: claims {declared} bytes when loaded, {allowed} are allowed")
             check_rows(sound.channels, name, "channels")
             frames, rate = sound.frames, float(sound.samplerate)
-            samples = sound.read(dtype=dtype, always_2d=True)
+            rows, there = _sound_rows(sound, dtype)
     except (soundfile.LibsndfileError, RuntimeError, TypeError) as error:
-        raise ReaderError("unreadable", f"{name}: not a readable WAV or FLAC file ({error})") from error
-    if len(samples) < frames:
-        raise ReaderError("incomplete", f"{name}: the header promises {frames} frames, {len(samples)} are there")
-    if not len(samples):
+        # The library names the object that it was given.
+        reason = str(error).rpartition(">: ")[2]
+        raise ReaderError("unreadable", f"{name}: not a readable WAV or FLAC file ({reason})") from error
+    if there < frames:
+        raise ReaderError("incomplete", f"{name}: the header promises {frames} frames, {there} are there")
+    if not there:
         raise ReaderError("empty", f"{name}: holds no samples")
-    return Samples(np.ascontiguousarray(samples.T, dtype=dtype), rate=rate, stored=(stored,) * samples.shape[1])
+    return Samples(rows, rate=rate, stored=(stored,) * len(rows))
 
 
-def _check_riff(data: bytes, name: str) -> None:
+def _sound_rows(sound: soundfile.SoundFile, dtype: Literal["float32", "float64"]) -> tuple[NDArray[np.floating], int]:
+    """Return the samples as (channel, frame), and the number of frames that are there."""
+    rows = empty_rows((sound.channels, sound.frames), dtype)
+    step = max(1, large.PIECE_BYTES // (sound.channels * rows.dtype.itemsize))
+    place = 0
+    while place < sound.frames:
+        part = sound.read(min(step, sound.frames - place), dtype=dtype, always_2d=True)
+        if not len(part):
+            break
+        rows[:, place : place + len(part)] = part.T
+        forget_pages(rows)
+        place += len(part)
+    return rows, place
+
+
+def _check_riff(data: Data, name: str) -> None:
     """Compare the data chunk with the file; libsndfile silently shortens it."""
     if data[:4] != b"RIFF" or data[8:12] != b"WAVE":
         return

@@ -20,6 +20,7 @@ from typing import Any
 import numpy as np
 
 from streams.files import read_guarded
+from streams.large import elementwise
 from streams.readers.stated import seconds_utc
 from streams.samples import SCALED, VALUES, ReaderError, Samples
 from streams.spec import UNITS
@@ -159,7 +160,7 @@ def apply_sidecar(samples: Samples, sidecar: SideCar, name: str) -> Samples:
     if factor != 1.0:
         # What leaves the range of the numbers becomes inf or nan, which the quality stage names.
         with np.errstate(over="ignore", invalid="ignore"):
-            values = values * factor
+            values = elementwise(lambda numbers: numbers * factor, values)
     return replace(
         samples,
         values=values,

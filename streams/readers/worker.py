@@ -5,6 +5,7 @@ Samples are in shared memory. The parent is trusted, the files are not; nothing 
 
 from __future__ import annotations
 
+import errno
 import importlib
 import json
 import logging
@@ -12,17 +13,21 @@ import math
 import os
 import sys
 import warnings
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import closing, contextmanager, suppress
-from typing import Any
+from pathlib import Path
+from typing import Any, TypeVar
 
 import numpy as np
 
 from models.portable import MemoryFile, limit, read_at, read_into_at, taken_over, write_at
+from streams import large
 from streams.files import unpack
+from streams.large import FileBytes, NoRoomError, contiguous, forget_pages
 from streams.limits import MAX_BYTES
 from streams.samples import ReaderError, Samples
 
+Reader = TypeVar("Reader", bound=Callable[..., Any])
 _LIBRARIES = {
     "streams.datasets": ("pandas",),
     "streams.readers.text": ("pandas",),
@@ -32,6 +37,7 @@ _LIBRARIES = {
     "streams.readers.tdms": ("nptdms",),
     "streams.readers.uff": ("pyuff",),
 }
+_FROM_DISK = "takes_files_from_disk"
 _FIELDS = (
     *("channels", "names", "columns", "units", "rate", "start", "speed", "load", "scaled", "stamp", "stored"),
     *("pulse_epoch", "pulses_per_revolution"),
@@ -76,10 +82,15 @@ def _load_libraries(module: str) -> None:
 def _answer(request: dict[str, Any], input_fd: int, output_fd: int) -> dict[str, Any]:
     name = request["name"]
     try:
-        data = unpack(read_all(input_fd, request["size"]), name)
+        path = request.get("path")
+        data = unpack(read_all(input_fd, request["size"]) if path is None else FileBytes.opened(path), name)
         function = getattr(importlib.import_module(request["module"]), request["function"])
+        if isinstance(data, FileBytes) and not hasattr(function, _FROM_DISK):
+            data = data[:]
         found = function(data, name, *request["arguments"])
-        return _written(found, output_fd) if isinstance(found, Samples) else {"value": found}
+        return _answer_of(found, request, output_fd) if isinstance(found, Samples) else {"value": found}
+    except NoRoomError as error:
+        return {"no_room": error.size}
     except ReaderError as error:
         return {"status": error.status, "reason": str(error)}
     except MemoryError:
@@ -92,12 +103,31 @@ def _answer(request: dict[str, Any], input_fd: int, output_fd: int) -> dict[str,
         return {"status": "unreadable", "reason": f"{name}: the reader failed ({type(error).__name__})"}
 
 
+def from_disk(function: Reader) -> Reader:
+    """Mark a reader that takes :class:`streams.large.FileBytes`; others get the bytes of a large file in memory."""
+    setattr(function, _FROM_DISK, True)
+    return function
+
+
+def _answer_of(found: Samples, request: Mapping[str, Any], output_fd: int) -> dict[str, Any]:
+    """Write samples to the file that is meant for them, a large array to one on disk; return what is told of them."""
+    if request.get("disk") is None or found.values.nbytes < large.MAX_IN_MEMORY:
+        return _written(found, output_fd)
+    with Path(request["disk"]).open("r+b", buffering=0) as disk:
+        try:
+            return {**_written(found, disk.fileno()), "on_disk": True}
+        except OSError as error:
+            raise NoRoomError(found.values.nbytes) if error.errno == errno.ENOSPC else error from error
+
+
 def _written(found: Samples, output_fd: int) -> dict[str, Any]:
     values = found.values
     if values.dtype.kind != "f" or values.dtype.itemsize not in (4, 8):
         raise TypeError(f"a reader gave {values.dtype}")
-    array = np.ascontiguousarray(values, dtype=values.dtype.newbyteorder("="))
-    parts = [array.reshape(-1).data]
+    array = contiguous(values, values.dtype.newbyteorder("="))
+    step = max(1, large.PIECE_BYTES // array.dtype.itemsize)
+    flat = array.reshape(-1)
+    parts = [flat[begin : begin + step].data for begin in range(0, flat.size, step)]
     fields = {field: getattr(found, field) for field in _FIELDS}
     answer: dict[str, Any] = {"shape": array.shape, "itemsize": array.dtype.itemsize, "stated": fields}
     if found.pulses is not None:
@@ -117,6 +147,8 @@ def write_all(handle: int, *parts: bytes | memoryview) -> None:
         while done < len(view):
             done += write_at(handle, view[done:], end + done)
         end += len(view)
+        if isinstance(view.obj, np.ndarray):
+            forget_pages(view.obj)
     os.ftruncate(handle, end)
 
 
