@@ -10,7 +10,7 @@ import importlib
 import os
 import re
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Awaitable, Callable, Iterator
 from typing import Any, TypeVar, cast
 
 from models.errors import WrongInputError
@@ -101,6 +101,12 @@ def repeated(action: Callable[[], T]) -> T:
                 raise
         time.sleep(pause)
     return action()
+
+
+def in_loop(files: Any, request: Callable[[], Awaitable[T]]) -> T:
+    """Return what a request of an asynchronous file system answers, made in its own event loop."""
+    asynchronous: Any = importlib.import_module("fsspec.asyn")
+    return asynchronous.sync(files.loop, request)
 
 
 def chain(error: BaseException) -> Iterator[BaseException]:

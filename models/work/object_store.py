@@ -12,12 +12,15 @@ from functools import partial
 from typing import Any
 
 from models.errors import SpallwatchError, WrongInputError
-from models.work.filesystem import cause, error_code, filesystem, repeated
+from models.work.filesystem import cause, error_code, filesystem, in_loop, repeated
+from models.work.kept import Kept, age_of, tag_of
 from models.work.redact import redact
 from models.work.storage_error import ObjectStorageError
 
 SCHEMES = ("s3", "s3a", "gs", "gcs", "az", "abfs", "abfss", "memory")
 """Where a file appears whole or not at all. Of these s3 is tested against a server; memory is for tests."""
+_CHANGED = ("PreconditionFailed", "412", "ConditionalRequestConflict", "409", "NoSuchKey", "404")
+"""Codes of S3 for a conditional request that found another object, or one that is being written or gone."""
 
 
 class ObjectStore:
@@ -124,6 +127,69 @@ class ObjectStore:
             if path.rstrip("/") != place and not (entry["type"] != "directory" and path.endswith("/")):
                 entries.append((path[len(self._root) + 1 :].rstrip("/"), entry["type"] == "directory"))
         return entries
+
+    def read_kept(self, name: str) -> Kept | None:
+        """Return an object that is written in turn, None where there is none; ObjectStorageError otherwise."""
+        if not self._is_s3:
+            data = self.read(name)
+            return None if data is None else Kept(data, tag_of(data))
+        bucket, _, key = self._path(name).partition("/")
+
+        async def get() -> tuple[dict[str, Any], bytes]:
+            answer = await self._files._call_s3("get_object", Bucket=bucket, Key=key)
+            async with answer["Body"] as body:
+                return answer, await body.read()
+
+        with self._foreseen(name, "read"):
+            try:
+                answer, data = repeated(lambda: in_loop(self._files, get))
+            except FileNotFoundError as error:
+                if error_code(error) == "NoSuchBucket":
+                    raise
+                return None
+        return Kept(data, str(answer["ETag"]), age_of(answer))
+
+    def write_kept(self, name: str, data: bytes, tag: str | None) -> str | None:
+        """Write an object that is written in turn, as ``models.work.kept``; ObjectStorageError where that fails."""
+        if self._is_s3:
+            written = self._put_if(name, data, tag)
+            # A server may ignore the condition.
+            if written is not None:
+                return written if self._etag(name) == written else None
+        else:
+            if self._has_tag(name, tag):
+                self.write(name, data)
+        # An earlier attempt may have written it whose answer was lost.
+        now = self.read_kept(name)
+        return now.tag if now is not None and now.data == data else None
+
+    def _put_if(self, name: str, data: bytes, tag: str | None) -> str | None:
+        """Ask S3 to write an object where it has not changed; return its tag, None where another one was found."""
+        bucket, _, key = self._path(name).partition("/")
+        put = partial(self._files.call_s3, "put_object", Bucket=bucket, Key=key, Body=data)
+        condition = {"IfNoneMatch": "*"} if tag is None else {"IfMatch": tag}
+        with self._foreseen(name, "written"):
+            try:
+                return str(repeated(partial(put, **condition))["ETag"])
+            except Exception as error:
+                code = error_code(error)
+                if code == "NotImplemented":
+                    return str(repeated(put)["ETag"]) if self._has_tag(name, tag) else None
+                if code not in _CHANGED:
+                    raise
+                return None
+
+    def _has_tag(self, name: str, tag: str | None) -> bool:
+        found = self.read_kept(name)
+        return (None if found is None else found.tag) == tag
+
+    def _etag(self, name: str) -> str | None:
+        bucket, _, key = self._path(name).partition("/")
+        with self._foreseen(name, "read"):
+            try:
+                return str(repeated(partial(self._files.call_s3, "head_object", Bucket=bucket, Key=key))["ETag"])
+            except FileNotFoundError:
+                return None
 
     def _path(self, name: str) -> str:
         if any(part in ("", ".", "..") or "\\" in part for part in name.split("/")):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+from collections.abc import Callable
 from typing import Any
 
 from models.errors import WrongInputError
@@ -37,12 +38,22 @@ def zarr_writer() -> Any:
     return module.write_archive
 
 
-def finish(plan: Plan, index: Index, runner: Runner, *, report: bool, finished: bool) -> str | None:
+def finish(
+    plan: Plan,
+    index: Index,
+    runner: Runner,
+    *,
+    report: bool,
+    finished: bool,
+    confirm: Callable[[], None] = lambda: None,
+) -> str | None:
     """Write the one Zarr store, if the archive is one, and the page, unless it was ``finished`` before.
 
-    Return the URL of the page, None where there is none.
+    Return the URL of the page, None where there is none. ``confirm`` is called before the metadata of the store and the
+    page are written.
 
     Raises:
+        LeaseLostError: as ``confirm``.
         WrongInputError: the extra is not installed, or another Zarr store is in its place.
     """
     if finished:
@@ -50,8 +61,11 @@ def finish(plan: Plan, index: Index, runner: Runner, *, report: bool, finished: 
     records = open_store(plan.records_url)
     with Results(index, records) as results:
         if plan.records == "zarr":
-            zarr_writer()(results, records, plan.zarr_url, runner)
-        return _write_report(plan, index, results) if report else None
+            zarr_writer()(results, records, plan.zarr_url, runner, confirm)
+        if not report:
+            return None
+        confirm()
+        return _write_report(plan, index, results)
 
 
 def report_of(plan: Plan) -> str | None:

@@ -8,7 +8,7 @@ Nothing in it depends on when or by whom it was written.
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Any
@@ -69,7 +69,13 @@ class Target:
     metadata: dict[str, bytes]
 
 
-def write_archive(results: Iterable[RecordingResult], records: Store, out_url: str, runner: Runner = SERIAL) -> Written:
+def write_archive(
+    results: Iterable[RecordingResult],
+    records: Store,
+    out_url: str,
+    runner: Runner = SERIAL,
+    confirm: Callable[[], None] = lambda: None,
+) -> Written:
     """Write the records of recordings into one Zarr store, in their order; a store that is there is replaced.
 
     Args:
@@ -77,8 +83,10 @@ def write_archive(results: Iterable[RecordingResult], records: Store, out_url: s
         records: has their files.
         out_url: folder or URL of the Zarr store.
         runner: runs the tasks.
+        confirm: called before the metadata of the whole are deleted, and before they are written.
 
     Raises:
+        LeaseLostError: as ``confirm``.
         WrongInputError: another Zarr store is at ``out_url``.
         RowsError: files of records are missing or damaged.
         ChunksFailedError: tasks were set aside; the store does not open until they are done.
@@ -86,6 +94,7 @@ def write_archive(results: Iterable[RecordingResult], records: Store, out_url: s
     out = open_store(out_url)
     _refuse_foreign(out)
     extent = Extent.of(results)
+    confirm()
     # From here on it is not whole.
     out.delete(METADATA)
     arrays, table = arrays_of_rows(extent), arrays_of_table(extent)
@@ -103,6 +112,7 @@ def write_archive(results: Iterable[RecordingResult], records: Store, out_url: s
     _write_all(out, files)
     _write_table(out, table, metadata, results)
     _complete(out, [*arrays, *table, *(array for array, _ in labels)], target, row_ranges(results, chunk))
+    confirm()
     out.write(METADATA, root_of(metadata, global_attributes(extent)))
     return Written(extent.recordings, extent.rows, len(metadata), total * len(arrays))
 

@@ -12,7 +12,7 @@ import click
 from models.work.redact import redact
 from monitor.commands import option
 from monitor.commands.cluster_options import Sharing, sharing
-from monitor.commands.common import emit
+from monitor.commands.common import emit, say
 
 if TYPE_CHECKING:
     from monitor.archive.index import Counts, Index
@@ -69,13 +69,19 @@ def replay(
         # Not after all has been replayed.
         zarr_writer()
     plan = Plan(manifest, out, records, part_blocks=part_blocks or PART_BLOCKS, resume=sharing.resume)
-    with open_index(out) as (index, noted), sharing.open(out, quiet=quiet, locked=False) as shared:
+
+    def tell(text: str) -> None:
+        say(f"spallwatch: {redact(text)}", quiet=quiet)
+
+    with open_index(out, tell=tell) as opened, sharing.open(out, quiet=quiet, locked=False) as shared:
+        index, confirm = opened.index, opened.confirm
         before, finished = index.counts().done, is_finished(plan, index)
         later = later_recordings(index, manifest) if sharing.resume and index.planned else Later()
-        counts = replay_waiting(plan, index, shared.runner, noted)
+        counts = replay_waiting(plan, index, shared.runner, opened.noted)
         written = plan.zarr_url if records == "zarr" else out
-        page = finish(plan, index, shared.runner, report=report, finished=finished)
+        page = finish(plan, index, shared.runner, report=report, finished=finished, confirm=confirm)
         if counts.done == counts.recordings:
+            confirm()
             delete_work(plan)
         values = _values(index, counts, f"{out.rstrip('/')}/{INDEX_NAME}")
     values |= {"kept": before, "out": redact(out), "records": redact(written)}
@@ -93,8 +99,8 @@ def status(out: str, as_json: bool, quiet: bool) -> None:
     """Say how far the archive at OUT is, from its index."""
     from monitor.archive.place import INDEX_NAME, open_index
 
-    with open_index(out, read_only=True) as (index, _):
-        values = _values(index, index.counts(), f"{out.rstrip('/')}/{INDEX_NAME}")
+    with open_index(out, read_only=True) as opened:
+        values = _values(opened.index, opened.index.counts(), f"{out.rstrip('/')}/{INDEX_NAME}")
     values["out"] = redact(out)
     emit(values, lines(values), as_json=as_json)
 

@@ -159,12 +159,13 @@ def command(
             with _near(sharing) as run["near"], _resumable(state):
                 found = identify(trials, space, settings, evidence, state=state, resume=sharing.resume, **run)
             verdict = judge(found, config, entry, shared.runner)
-    values = _values(found, settings, table) | verdict.values(is_calibration(found))
-    values["cluster"] = shared.values()
-    values["warnings"] = [*table.warnings, *find_warnings(found, config, entry), *values["why_uncalibrated"]]
-    if out is not None:
-        for kind, path in _write_rig(out, found, config, channel.bearing, values):
-            say(f"{kind}: {path}", quiet=quiet)
+            values = _values(found, settings, table) | verdict.values(is_calibration(found))
+            values["cluster"] = shared.values()
+            values["warnings"] = [*table.warnings, *find_warnings(found, config, entry), *values["why_uncalibrated"]]
+            # While other commands with this OUT are refused.
+            if out is not None:
+                for kind, path in _write_rig(out, found, config, channel.bearing, values):
+                    say(f"{kind}: {path}", quiet=quiet)
     written = {name: None if path is None else str(path) for name, path in (("out", out), ("report", page))}
     if page is not None:
         keys = {name: key_of(name, space.rig.element) for name in space.free}

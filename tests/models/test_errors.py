@@ -22,6 +22,7 @@ WRONG_INPUT = {
     "HistoryError",
     "InputError",
     "LawError",
+    "LeaseHeldError",
     "LibraryError",
     "ManifestError",
     "MapError",

@@ -17,6 +17,7 @@ from hypothesis import strategies as st
 import spallwatch as sw
 from models.errors import WrongInputError
 from models.work.folder_store import FolderStore
+from models.work.lease import LeaseLostError
 from models.work.object_store import ObjectStore
 from models.work.runner import Runner
 from models.work.serial import SerialExecutor
@@ -338,3 +339,19 @@ def test_an_archive_in_object_storage(whole, storage, monkeypatch):
     xr.testing.assert_identical(one, of_files)
     with pytest.raises(sw.SpallwatchError, match="holds no records of fan/two"):
         sw.open_archive(days.url, machine="fan", recording="two")
+
+
+def test_one_that_was_overtaken_does_not_complete_the_store(archive, tmp_path, small_chunks):
+    folder, results = archive
+    asked = []
+
+    def confirm():
+        asked.append((tmp_path / "a.zarr" / "zarr.json").exists())
+        if len(asked) == 2:
+            raise LeaseLostError("overtaken")
+
+    with pytest.raises(LeaseLostError):
+        write_archive(results, FolderStore(folder), str(tmp_path / "a.zarr"), confirm=confirm)
+    assert asked == [False, False]
+    assert not (tmp_path / "a.zarr" / "zarr.json").exists()
+    assert content(tmp_path / "a.zarr")

@@ -17,6 +17,7 @@ from models.bearing import from_catalogue, kinematics
 from models.identify import posterior as sampling
 from models.rigs.draws import read_posterior
 from monitor.cli import spallwatch
+from monitor.commands import identify
 from monitor.commands.common import InputError
 from monitor.commands.option import spread_names
 from monitor.commands.trial_files import Measuring, read_trials, tracked_channel
@@ -77,8 +78,15 @@ def test_names_may_follow_an_option_in_succession() -> None:
     assert list(spread_names(given, names)) == expected
 
 
-def test_tests_become_a_rig(table: Path, machine: Path, tmp_path: Path) -> None:
+def test_tests_become_a_rig(table: Path, machine: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     out = tmp_path / "rig.toml"
+    write, locked = identify._write, list[bool]()
+
+    def noted(path: Path, text: str) -> None:
+        locked.append((tmp_path / ".rig.toml.lock").exists())
+        write(path, text)
+
+    monkeypatch.setattr(identify, "_write", noted)
     page = tmp_path / "rig.html"
     options = ("--config", machine, "--free", "m_r_kg", "--seed", 4, "--workers", 1, "--out", out)
     run = run_command("identify", table, *options, "--report", page, "--json")
@@ -86,6 +94,8 @@ def test_tests_become_a_rig(table: Path, machine: Path, tmp_path: Path) -> None:
     found = json.loads(run.stdout)
     assert {"front", "best", "intervals", "undetermined", "evaluations", "seconds"} <= set(found)
     assert found["best"]["m_r_kg"] == pytest.approx(TRUTH.m_r, rel=0.01)
+    # Other commands with this OUT are refused until it is written.
+    assert locked == [True, True]
     low, high = found["intervals"]["m_r_kg"]
     assert low < TRUTH.m_r < high
     assert found["undetermined"] == []

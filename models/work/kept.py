@@ -1,0 +1,69 @@
+"""An object that several processes write in turn: read with a tag, written only where it is still as it was read.
+
+On S3 by conditional requests (``If-None-Match``, ``If-Match``). Where a server ignores or lacks them, and on other
+kinds, it is compared before it is written and read again afterwards: two writers at the same moment can then both
+believe that they were alone.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from email.utils import parsedate_to_datetime
+from hashlib import blake2b
+from typing import Any, Protocol
+
+
+@dataclass(frozen=True)
+class Kept:
+    """An object as it was read.
+
+    Attributes:
+        data: its content.
+        tag: of this content at this place.
+        age_s: time since it was written by the clock of the server, s; None where the server does not say.
+    """
+
+    data: bytes
+    tag: str
+    age_s: float | None = None
+
+
+class KeptStore(Protocol):
+    """A store with objects that are written in turn; ObjectStorageError where a request fails."""
+
+    @property
+    def url(self) -> str:
+        """URL of the store."""
+        ...
+
+    def read_kept(self, name: str) -> Kept | None:
+        """Return an object, None where there is none."""
+        ...
+
+    def write_kept(self, name: str, data: bytes, tag: str | None) -> str | None:
+        """Write an object where its tag is still this one (None: where there is none); return the new tag.
+
+        None where another one is there. ``data`` is unlike what any other process writes: what a lost answer leaves
+        unknown is found by reading the object again.
+        """
+        ...
+
+    def delete(self, name: str) -> None:
+        """Delete an object if it is there."""
+        ...
+
+
+def tag_of(data: bytes) -> str:
+    """Return a tag by content, for servers without tags."""
+    return blake2b(data, digest_size=16).hexdigest()
+
+
+def age_of(answer: Mapping[str, Any]) -> float | None:
+    """Return the age of an object by an answer of S3: its time of change against the server's ``Date``, s."""
+    stated = answer.get("ResponseMetadata", {}).get("HTTPHeaders", {}).get("date")
+    try:
+        now = parsedate_to_datetime(stated)
+        return (now - answer["LastModified"]).total_seconds()
+    except (KeyError, TypeError, ValueError):
+        return None

@@ -1,0 +1,121 @@
+"""The index of an archive in an object storage: written by the holder of the lease alone."""
+
+from __future__ import annotations
+
+import uuid
+from contextlib import ExitStack
+from functools import partial
+from pathlib import Path
+
+import pytest
+
+from models.work.lease import LEASE_NAME, Holder, LeaseHeldError, LeaseLostError, Times, leased
+from models.work.object_store import ObjectStore
+from monitor.archive import place
+from monitor.archive.manifest import ManifestError
+from monitor.archive.place import INDEX_NAME, open_index
+from tests.commands import run_command
+from tests.monitor.archive.fleet_files import CONFIG, write_files
+
+pytest.importorskip("fsspec", reason="needs the extra cluster")
+
+OTHER = Holder("other", "far", 7, "2026-01-01T00:00:00+00:00").to_json()
+
+
+@pytest.fixture
+def url(monkeypatch):
+    """An archive of no recordings; leases are renewed at once."""
+    monkeypatch.setattr(place, "leased", partial(leased, times=Times(renew_s=0.005, stale_s=1000.0, poll_s=0.001)))
+    url = f"memory://{uuid.uuid4()}/out"
+    with open_index(url) as opened:
+        opened.index.set_meta(manifest="m")
+    assert set(ObjectStore(url).names()) == {INDEX_NAME}
+    return url
+
+
+@pytest.fixture
+def fleet(tmp_path: Path) -> Path:
+    (tmp_path / "m.toml").write_text(CONFIG)
+    write_files(tmp_path / "one", 1)
+    (tmp_path / "fleet.toml").write_text('[[machine]]\nname = "a"\nconfig = "m.toml"\nrecordings = ["one"]\n')
+    return tmp_path
+
+
+def test_the_index_is_copied_and_the_lease_removed(url):
+    with open_index(url) as opened:
+        assert opened.index.planned
+        opened.confirm()
+        assert not opened.noted()
+        opened.index.set_meta(one="1")
+    assert set(ObjectStore(url).names()) == {INDEX_NAME}
+    with open_index(url, read_only=True) as opened:
+        assert opened.index.meta()["one"] == "1"
+
+
+def test_nothing_is_left_of_an_archive_that_was_not_planned(url):
+    with open_index(f"{url}-2"):
+        pass
+    assert list(ObjectStore(f"{url}-2").names()) == []
+    with pytest.raises(ManifestError, match="holds no archive"), open_index(f"{url}-2", read_only=True):
+        pass
+
+
+def test_a_second_process_is_refused(url, fleet):
+    with open_index(url):
+        with pytest.raises(LeaseHeldError, match=r"is being written by process \d+ on "), open_index(url):
+            pass
+        ended = run_command("archive", "replay", "fleet.toml", "--out", url, "--resume", "--workers", 1, cwd=fleet)
+    assert ended.returncode == 2
+    assert "waiting up to 1000 s" in ended.stderr
+    assert ended.stderr.splitlines()[-1].startswith(f"spallwatch: {url}: is being written by process ")
+
+
+def test_a_process_that_was_overtaken_does_not_write_the_index(url):
+    store = ObjectStore(url)
+    with ExitStack() as stack:
+        opened = stack.enter_context(open_index(url))
+        before = store.read(INDEX_NAME)
+        store.write(LEASE_NAME, OTHER)
+        opened.index.set_meta(one="1")
+        with pytest.raises(LeaseLostError, match="process 7 on far"):
+            opened.confirm()
+        with pytest.raises(LeaseLostError):
+            opened.noted()
+        with pytest.raises(LeaseLostError):
+            stack.close()
+    assert store.read(INDEX_NAME) == before
+    assert store.read(LEASE_NAME) == OTHER
+
+
+def test_an_index_that_another_one_wrote_is_not_written_over(url):
+    """As where the process stands still between the confirmation and its write."""
+    store = ObjectStore(url)
+    with ExitStack() as stack:
+        opened = stack.enter_context(open_index(url))
+        opened.index.set_meta(one="1")
+        store.write(INDEX_NAME, b"another")
+        with pytest.raises(LeaseLostError, match="was written by another process"):
+            stack.close()
+    assert store.read(INDEX_NAME) == b"another"
+
+
+def test_a_command_that_was_overtaken_ends_with_one_line_and_deletes_nothing(url, fleet, monkeypatch):
+    from monitor.archive import run
+
+    url = f"{url}-3"
+    store = ObjectStore(url)
+    replay_waiting = run.replay_waiting
+
+    def overtaken(*arguments):
+        counts = replay_waiting(*arguments)
+        store.write(LEASE_NAME, OTHER)
+        return counts
+
+    monkeypatch.setattr(run, "replay_waiting", overtaken)
+    ended = run_command("archive", "replay", "fleet.toml", "--out", url, "--workers", 1, cwd=fleet)
+    assert ended.returncode == 1
+    assert len(ended.stderr.splitlines()) == 1
+    assert f"spallwatch: {url}: {LEASE_NAME} is held by process 7 on far" in ended.stderr
+    names = set(store.names())
+    assert any(name.startswith("archive-work/inputs/") for name in names)
+    assert "fleet.html" not in names
