@@ -21,6 +21,8 @@ APPLICATION_ID = 0x53504C41
 """The bytes "SPLA" in the header of the database: it is ours."""
 VERSION = 1
 WAITING, DONE, FAILED, SET_ASIDE = range(4)
+_MAX_TAKEN = 100_000
+"""Names of several recordings of which the largest number is known; of others it is sought."""
 STATUS_WORDS = ("waiting", "done", "failed", "set_aside")
 
 _SCHEMA = f"""
@@ -106,6 +108,7 @@ class Index(Closing):
     def __init__(self, path: Path, *, read_only: bool = False) -> None:
         """Open the index at ``path``, or make it where there is none and it is not ``read_only``."""
         self.path = path
+        self._taken: dict[tuple[int, str], int] = {}
         new = not path.exists()
         if new and read_only:
             raise ArchiveIndexError(f"{path}: there is no index of an archive")
@@ -163,6 +166,7 @@ class Index(Closing):
 
     def rollback(self) -> None:
         """Undo the transaction, where there is one."""
+        self._taken.clear()
         if self._connection.in_transaction:
             self._run("ROLLBACK")
 
@@ -173,11 +177,26 @@ class Index(Closing):
     def add_recording(self, machine: int, name: str, url: str) -> int:
         """Add the first recording of a history under ``name``, or NAME-2, ..., and return its number."""
         statement = "INSERT OR IGNORE INTO recordings (machine, name, url) VALUES (?, ?, ?)"
-        cursor, number = self._run(statement, machine, name, url), 1
-        while not cursor.rowcount:
+        number = self._taken.get((machine, name), 0) + 1
+        while True:
+            cursor = self._run(statement, machine, name if number == 1 else f"{name}-{number}", url)
+            if cursor.rowcount:
+                break
             number += 1
-            cursor = self._run(statement, machine, f"{name}-{number}", url)
+        if number > 1:
+            # Thousands of recordings may share a name, as /srv/press-7/*/raw do.
+            if len(self._taken) >= _MAX_TAKEN:
+                self._taken.clear()
+            self._taken[machine, name] = number
         return cursor.lastrowid or 0
+
+    def given_twice(self) -> tuple[str, str] | None:
+        """Return machine and URL of a recording that a machine has more than once; it sorts all of them."""
+        return self._run(
+            "SELECT machines.name, url FROM (SELECT machine, url FROM recordings UNION ALL SELECT machine, links.url"
+            " FROM links JOIN recordings ON recordings.id = recording) JOIN machines ON machines.id = machine"
+            " GROUP BY machine, url HAVING count(*) > 1 LIMIT 1"
+        ).fetchone()
 
     def add_link(self, recording: int, place: int, url: str) -> None:
         """Add the recording at a place (from 1) of a history."""

@@ -69,6 +69,8 @@ class Planner:
                 self._add(entry)
             if not self._machines:
                 raise ManifestError(f"{manifest}: holds no recordings")
+            if (twice := self.index.given_twice()) is not None:
+                raise ManifestError(f"{manifest}: recordings: {twice[1]} is given twice for machine {twice[0]}")
             signed = "yes" if self.signed else "no"
             self.index.set_meta(manifest=digest.text(), configs=self._configs(), signed=signed)
             self.index.commit()

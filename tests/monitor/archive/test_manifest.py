@@ -75,6 +75,19 @@ def test_what_a_pattern_names_since_an_archive_was_planned_is_counted(folder):
         assert later_recordings(index, manifest) == Later(1, f"{folder}/a2")
 
 
+def test_recordings_of_one_name_are_numbered_each_by_one_statement(folder):
+    with Index(folder / "index.db") as index:
+        machine = index.add_machine("press", "setup", "each")
+        index.add_recording(machine, "raw-3", "/0/raw-3")
+        for number in range(5):
+            index.add_recording(machine, "raw", f"/{number}/raw")
+        statements: list[str] = []
+        index._connection.set_trace_callback(statements.append)
+        index.add_recording(machine, "raw", "/5/raw")
+        assert [row.name for row in index.waiting()] == ["raw-3", "raw", "raw-2", "raw-4", "raw-5", "raw-6", "raw-7"]
+        assert sum("INSERT" in statement for statement in statements) == 1
+
+
 def test_a_signature_is_neither_kept_nor_a_change(folder):
     signed = "https://store.example/a.npy?X-Amz-Signature={}"
     manifest = write(folder, TABLE + f'recordings = "{signed.format("0123456789abcdef")}"\n')
@@ -99,6 +112,7 @@ def test_a_signature_is_neither_kept_nor_a_change(folder):
         (TABLE + 'recordings = "c"', 1, "there is no"),
         (TABLE + 'recordings = "c*"', 1, "nothing is named"),
         (TABLE + 'recordings = ["a", "a"]', 1, "is given twice"),
+        (TABLE + 'recordings = "a"\n' + TABLE + 'recordings = "a"', None, "/a is given twice for machine press"),
         (TABLE + 'recordings = "a"\nhistory = "some"', 1, "history: expected each or continued, got 'some'"),
         (TABLE + 'recordings = "a"\nanew = [{at = "a"}]', 1, 'with history = "each"'),
         (TABLE + 'recordings = "a"\nanew = [{since = 3}]', 1, "expected at = RECORDING"),
