@@ -74,12 +74,11 @@ class HistorySource:
 
     def after(self, store: Path) -> None:
         """Continue the blocks of a store."""
+        undated = has_undated(store, self.name)
         with Store.open(store, read_only=True) as found:
             condensed = found.rows("SELECT began FROM condensed_sources WHERE source = ?", self.name)
             query = "SELECT time FROM blocks WHERE source = ? AND time IS NOT NULL ORDER BY id LIMIT 1"
             began = [row[0] for row in (*condensed, *found.rows(query, self.name)) if row[0] is not None]
-            query = "SELECT 1 FROM blocks WHERE source = ? AND time IS NULL AND elapsed IS NOT NULL LIMIT 1"
-            undated = bool(found.rows(query, self.name))
             query = "SELECT sequence, name, status, content_hash, times FROM refusals WHERE source = ?"
             refused = found.rows(query, self.name)
         repetitions = (
@@ -133,6 +132,23 @@ class HistorySource:
         return self._length
 
 
+def end_of(store: Path, source: str) -> int | None:
+    """Return the highest number of a block of a source, None where a longer history would not go on from this store.
+
+    Blocks without a date cannot be continued; and a history too short to learn its bands chooses them from all of it.
+    """
+    with Store.open(store, read_only=True) as found:
+        last = found.last(source)
+    return None if last < VOTES_NEEDED or has_undated(store, source) else last
+
+
+def has_undated(store: Path, source: str) -> bool:
+    """Return whether blocks of a source that were not refused have no date."""
+    with Store.open(store, read_only=True) as found:
+        query = "SELECT 1 FROM blocks WHERE source = ? AND time IS NULL AND elapsed IS NOT NULL LIMIT 1"
+        return bool(found.rows(query, source))
+
+
 def _continued(item: Block | Rejected, blocks: int, began: float | None, *, undated: bool) -> Block | Rejected:
     """Return an item numbered after ``blocks``, its time from the first block of the history.
 
@@ -164,6 +180,8 @@ class KeptState:
 def packed_state(path: Path, reading: ReadingState | None) -> bytes:
     """Return a store for the next part, without what the published days hold, and the state of reading as bytes.
 
+    Without ``reading`` they are those of the SQLite file alone, which later versions read too.
+
     Full records older than a day leave it, as they leave the store of a daemon, unless a record has no date: then all
     stay, since all are in one file.
     """
@@ -175,14 +193,12 @@ def packed_state(path: Path, reading: ReadingState | None) -> bytes:
     with closing(sqlite3.connect(path, isolation_level=None)) as connection:
         connection.execute("VACUUM")
         connection.execute("PRAGMA wal_checkpoint(TRUNCATE)")
-    return zlib.compress(encode(KeptState(path.read_bytes(), reading)), 1)
+    store = path.read_bytes()
+    return zlib.compress(store if reading is None else encode(KeptState(store, reading)), 1)
 
 
 def unpack_state(data: bytes, path: Path) -> ReadingState | None:
-    """Write the store that :func:`packed_state` gave, and return the state of reading.
-
-    Earlier versions kept the store alone.
-    """
+    """Write the store that :func:`packed_state` gave, and return the state of reading."""
     raw = zlib.decompress(data)
     kept = KeptState(raw) if raw.startswith(MAGIC) else decode(raw)
     path.parent.mkdir(parents=True, exist_ok=True)

@@ -10,11 +10,14 @@ import sqlite3
 import time
 from collections.abc import Iterable, Iterator
 from contextlib import suppress
+from dataclasses import astuple
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from models.errors import SpallwatchError
 from models.work.codec import decode, encode
+from monitor.archive.history import Position
+from monitor.archive.result import RecordingResult
 from monitor.records.database import Closing
 
 APPLICATION_ID = 0x53504C41
@@ -54,19 +57,48 @@ class Waiting(NamedTuple):
     Attributes:
         id: its number.
         setup: digest of the configuration of its machine.
+        history: "each" or "continued".
         attempt: how often it failed in runs before.
     """
 
     id: int
     machine: str
     setup: str
+    history: str
     name: str
     url: str
     attempt: int
 
 
+class Checkpoint(NamedTuple):
+    """Where a history stands: where its next part begins, from which state, and the result of the parts before.
+
+    It is kept in plain types, since a history may go on years later.
+    """
+
+    position: Position
+    state: str | None
+    result: RecordingResult
+
+    def packed(self) -> bytes:
+        """Return it as bytes."""
+        return encode((list(astuple(self.position)), self.state, self.result.to_json()))
+
+    @classmethod
+    def unpacked(cls, data: bytes) -> Checkpoint | None:
+        """Return it from its bytes, None where they are of another version: the history is then replayed anew."""
+        try:
+            position, state, result = decode(data)
+            return cls(Position(*position), state, RecordingResult.from_json(result))
+        except (ValueError, TypeError, KeyError):
+            return None
+
+
 class Outcome(NamedTuple):
-    """What the index keeps of a recording that is replayed, failed or set aside."""
+    """What the index keeps of a recording that is replayed, failed or set aside.
+
+    ``end`` is the checkpoint at the end of a history that was replayed, from which it can go on later.
+    """
 
     id: int
     status: int
@@ -77,6 +109,7 @@ class Outcome(NamedTuple):
     chunk: str | None = None
     reason: str | None = None
     log: str | None = None
+    end: Checkpoint | None = None
 
 
 class Counts(NamedTuple):
@@ -140,11 +173,11 @@ class Index(Closing):
 
     def settle(self) -> None:
         """Bring the outcomes of the write-ahead log into the file itself, so that it can be copied."""
-        self._run("PRAGMA wal_checkpoint(TRUNCATE)")
+        self.run("PRAGMA wal_checkpoint(TRUNCATE)")
 
     def meta(self) -> dict[str, str]:
         """Return what is kept of the archive as a whole."""
-        return dict(self._run("SELECT key, value FROM meta").fetchall())
+        return dict(self.run("SELECT key, value FROM meta").fetchall())
 
     @property
     def planned(self) -> bool:
@@ -154,21 +187,21 @@ class Index(Closing):
     def set_meta(self, **values: str) -> None:
         """Keep values of the archive as a whole."""
         for pair in values.items():
-            self._run("INSERT OR REPLACE INTO meta VALUES (?, ?)", *pair)
+            self.run("INSERT OR REPLACE INTO meta VALUES (?, ?)", *pair)
 
     def begin(self) -> None:
         """Begin a transaction."""
-        self._run("BEGIN IMMEDIATE")
+        self.run("BEGIN IMMEDIATE")
 
     def commit(self) -> None:
         """End the transaction."""
-        self._run("COMMIT")
+        self.run("COMMIT")
 
     def rollback(self) -> None:
         """Undo the transaction, where there is one."""
         self._taken.clear()
         if self._connection.in_transaction:
-            self._run("ROLLBACK")
+            self.run("ROLLBACK")
 
     def add_machine(self, name: str, setup: str, history: str) -> int:
         """Add a machine and return its number."""
@@ -179,7 +212,7 @@ class Index(Closing):
         statement = "INSERT OR IGNORE INTO recordings (machine, name, url) VALUES (?, ?, ?)"
         number = self._taken.get((machine, name), 0) + 1
         while True:
-            cursor = self._run(statement, machine, name if number == 1 else f"{name}-{number}", url)
+            cursor = self.run(statement, machine, name if number == 1 else f"{name}-{number}", url)
             if cursor.rowcount:
                 break
             number += 1
@@ -192,7 +225,7 @@ class Index(Closing):
 
     def given_twice(self) -> tuple[str, str] | None:
         """Return machine and URL of a recording that a machine has more than once; it sorts all of them."""
-        return self._run(
+        return self.run(
             "SELECT machines.name, url FROM (SELECT machine, url FROM recordings UNION ALL SELECT machine, links.url"
             " FROM links JOIN recordings ON recordings.id = recording) JOIN machines ON machines.id = machine"
             " GROUP BY machine, url HAVING count(*) > 1 LIMIT 1"
@@ -200,38 +233,38 @@ class Index(Closing):
 
     def add_link(self, recording: int, place: int, url: str) -> None:
         """Add the recording at a place (from 1) of a history."""
-        self._run("INSERT INTO links VALUES (?, ?, ?)", recording, place, url)
+        self.run("INSERT INTO links VALUES (?, ?, ?)", recording, place, url)
 
     def waiting(self) -> Iterator[Waiting]:
         """Yield the recordings that are not replayed yet; they may be noted meanwhile."""
         query = (
-            "SELECT recordings.id, machines.name, setup, recordings.name, url, attempt FROM recordings"
+            "SELECT recordings.id, machines.name, setup, history, recordings.name, url, attempt FROM recordings"
             " JOIN machines ON machines.id = machine WHERE status = 0 AND recordings.id > ?"
             " ORDER BY recordings.id LIMIT 512"
         )
         last = 0
-        while rows := self._run(query, last).fetchall():
+        while rows := self.run(query, last).fetchall():
             yield from (Waiting(*row) for row in rows)
             last = rows[-1][0]
 
     def links(self, recording: int, after: int, most: int) -> list[str]:
         """Return at most so many recordings of a history behind a place."""
         query = "SELECT url FROM links WHERE recording = ? AND place > ? ORDER BY place LIMIT ?"
-        return [row[0] for row in self._run(query, recording, after, most)]
+        return [row[0] for row in self.run(query, recording, after, most)]
 
     def last_link(self, recording: int) -> int:
         """Return the place of the last recording of a history, 0 where there is one alone."""
-        return self._run("SELECT coalesce(max(place), 0) FROM links WHERE recording = ?", recording).fetchone()[0]
+        return self.run("SELECT coalesce(max(place), 0) FROM links WHERE recording = ?", recording).fetchone()[0]
 
     def not_in_it(self, recordings: Iterable[tuple[str, str]]) -> Later:
         """Return which of some recordings, by machine and URL, it does not hold."""
-        self._run("CREATE TEMP TABLE named (machine TEXT, url TEXT)")
+        self.run("CREATE TEMP TABLE named (machine TEXT, url TEXT)")
         try:
             self.begin()
             for pair in recordings:
-                self._run("INSERT INTO named VALUES (?, ?)", *pair)
+                self.run("INSERT INTO named VALUES (?, ?)", *pair)
             self.commit()
-            row = self._run(
+            row = self.run(
                 "SELECT count(*), coalesce(min(url), '') FROM (SELECT machine, url FROM named"
                 " EXCEPT SELECT machines.name, url FROM recordings JOIN machines ON machines.id = machine"
                 " EXCEPT SELECT machines.name, links.url FROM links JOIN recordings ON recordings.id = recording"
@@ -239,7 +272,7 @@ class Index(Closing):
             ).fetchone()
         finally:
             self.rollback()
-            self._run("DROP TABLE named")
+            self.run("DROP TABLE named")
         return Later(*row)
 
     def note(self, outcomes: Iterable[Outcome]) -> None:
@@ -247,34 +280,42 @@ class Index(Closing):
         self.begin()
         try:
             for outcome in outcomes:
-                self._run(
+                self.run(
                     "UPDATE recordings SET status = ?, rows = ?, first = ?, last = ?, seconds = ?, chunk = ?,"
                     " reason = ?, log = ? WHERE id = ?",
-                    *(*outcome[1:], outcome.id),
+                    *(*outcome[1:-1], outcome.id),
                 )
-                if outcome.status == DONE:
-                    self._run("DELETE FROM checkpoints WHERE recording = ?", outcome.id)
+                if outcome.end is not None:
+                    self.keep_checkpoint(outcome.id, outcome.end)
+                elif outcome.status == DONE:
+                    self.run("DELETE FROM checkpoints WHERE recording = ?", outcome.id)
             self.commit()
         except BaseException:
             self.rollback()
             raise
 
-    def keep_checkpoint(self, recording: int, value: object) -> None:
+    def keep_checkpoint(self, recording: int, value: Checkpoint) -> None:
         """Keep where a history stands."""
-        self._run("INSERT OR REPLACE INTO checkpoints VALUES (?, ?)", recording, encode(value))
+        self.run("INSERT OR REPLACE INTO checkpoints VALUES (?, ?)", recording, value.packed())
 
-    def checkpoint(self, recording: int) -> Any:
-        """Return where a history stands, also one that failed later; None before its first part is done."""
-        row = self._run("SELECT body FROM checkpoints WHERE recording = ?", recording).fetchone()
-        return None if row is None else decode(row[0])
+    def checkpoint(self, recording: int) -> Checkpoint | None:
+        """Return where a history stands or ends, also one that failed later; None where no part has left its state."""
+        row = self.run("SELECT body FROM checkpoints WHERE recording = ?", recording).fetchone()
+        return None if row is None else Checkpoint.unpacked(row[0])
+
+    def checkpoints(self) -> Iterator[tuple[int, Checkpoint]]:
+        """Yield the number of each history that has a checkpoint, with it."""
+        for (number,) in self.run("SELECT recording FROM checkpoints ORDER BY recording").fetchall():
+            if (found := self.checkpoint(number)) is not None:
+                yield number, found
 
     def wait_again(self) -> int:
         """Let recordings that failed or were set aside wait again; return how many they are."""
-        return self._run("UPDATE recordings SET status = 0, attempt = attempt + 1 WHERE status > 1").rowcount
+        return self.run("UPDATE recordings SET status = 0, attempt = attempt + 1 WHERE status > 1").rowcount
 
     def counts(self) -> Counts:
         """Count the recordings; the sums take a pass over all of them."""
-        rows = self._run("SELECT status, count(*), sum(rows), sum(seconds) FROM recordings GROUP BY status").fetchall()
+        rows = self.run("SELECT status, count(*), sum(rows), sum(seconds) FROM recordings GROUP BY status").fetchall()
         numbers = {status: number for status, number, _, _ in rows}
         return Counts(
             *(numbers.get(status, 0) for status in range(len(STATUS_WORDS))),
@@ -284,7 +325,7 @@ class Index(Closing):
 
     def left(self) -> int:
         """Return how many recordings wait, by the index over them alone."""
-        return self._run("SELECT count(*) FROM recordings WHERE status = 0").fetchone()[0]
+        return self.run("SELECT count(*) FROM recordings WHERE status = 0").fetchone()[0]
 
     def wrong(self, most: int = -1) -> Iterator[tuple[str, Outcome]]:
         """Yield those that failed or were set aside, as "MACHINE/RECORDING" with their outcome, at most so many."""
@@ -293,7 +334,7 @@ class Index(Closing):
             " coalesce(seconds, 0), chunk, reason, log FROM recordings JOIN machines ON machines.id = machine"
             " WHERE status > 1 ORDER BY recordings.id LIMIT ?"
         )
-        for name, *values in self._run(query, most):
+        for name, *values in self.run(query, most):
             yield name, Outcome(*values)
 
     def folders(self) -> Iterator[tuple[str, str]]:
@@ -304,14 +345,15 @@ class Index(Closing):
             " ORDER BY recordings.id LIMIT 512"
         )
         last = 0
-        while rows := self._run(query, last).fetchall():
+        while rows := self.run(query, last).fetchall():
             yield from ((machine, name) for _, machine, name in rows)
             last = rows[-1][0]
 
     def _inserted(self, statement: str, *values: Any) -> int:
-        return self._run(statement, *values).lastrowid or 0
+        return self.run(statement, *values).lastrowid or 0
 
-    def _run(self, statement: str, *values: Any) -> sqlite3.Cursor:
+    def run(self, statement: str, *values: Any) -> sqlite3.Cursor:
+        """Run one statement of SQL; :class:`ArchiveIndexError` where it fails."""
         try:
             return self._connection.execute(statement, values)
         except sqlite3.Error as error:

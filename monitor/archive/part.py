@@ -23,7 +23,7 @@ from models.work.codec import digest_of
 from models.work.redact import redact
 from models.work.stores import open_store
 from models.work.task import Store, Work
-from monitor.archive.history import HistorySource, Position, packed_state, unpack_state
+from monitor.archive.history import HistorySource, Position, end_of, packed_state, unpack_state
 from monitor.archive.result import RESULT_NAME, RecordingResult, RecordsFile, Shape
 from monitor.archive.setup import ArchiveError, Machine, load_setup
 from monitor.records.condense import condensed_on
@@ -79,6 +79,7 @@ class Part:
         urls: of the recordings from ``begin`` on.
         shown: URL of the first recording of all, without credentials.
         more: whether further recordings continue them.
+        continued: whether recordings that come later may continue them.
         begin: where the part begins.
         state: name of the store of records at ``begin``, None at the first part.
         attempt: how often it failed in runs before.
@@ -91,6 +92,7 @@ class Part:
     urls: tuple[str, ...]
     shown: str
     more: bool = False
+    continued: bool = False
     begin: Position = _BEGIN
     state: str | None = None
     attempt: int = 0
@@ -103,11 +105,18 @@ class Part:
 
 @dataclass(frozen=True)
 class PartResult:
-    """What a part leaves: its result, and where the next one begins with which state, None where it was the last."""
+    """What a part leaves.
+
+    Attributes:
+        following: where the next part begins, None where this was the last.
+        end: after the last part, where recordings that come later would begin; None where they cannot go on.
+        state: name of the store of records there.
+    """
 
     result: RecordingResult
     following: Position | None = None
     state: str | None = None
+    end: Position | None = None
 
 
 def replay_part(shared: Shared, part: Part) -> PartResult:
@@ -292,7 +301,17 @@ class _Replayed:
             summary=summary,
             bytes_read=self._fetched_bytes,
         )
-        return PartResult(result) if last else PartResult(result, reached, self._kept_state())
+        if not last:
+            return PartResult(result, reached, self._kept_state())
+        end = None if reason or not part.continued else self._end(reached)
+        return PartResult(result) if end is None else PartResult(result, state=self._kept_state(), end=end)
+
+    def _end(self, reached: Position) -> Position | None:
+        """Return where recordings that come later would begin."""
+        part, self._reading = self._part, None
+        blocks = end_of(self._out / "state.db", load_setup(self._shared.work, part.setup).settings.name)
+        behind = part.begin.recording + len(part.urls)
+        return None if blocks is None else Position(reached.part, behind, blocks)
 
     def _newest_day(self) -> int | None:
         with RecordStore.open(self._out / "state.db", read_only=True) as store:

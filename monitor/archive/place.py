@@ -38,11 +38,14 @@ class Opened:
         noted: called after outcomes were noted; returns whether a later process will find them.
         confirm: called before what readers take for whole is written; raises LeaseLostError where another process
             replays the archive by now.
+        keep: brings outcomes to where a later process finds them, before what the index named earlier is deleted;
+            raises as ``confirm``.
     """
 
     index: Index
     noted: Callable[[], bool]
     confirm: Callable[[], None]
+    keep: Callable[[], None] = lambda: None
 
 
 @contextmanager
@@ -89,7 +92,7 @@ def _copied_index(store: ObjectStore, path: Path, lease: Lease) -> Iterator[Open
         # From here on a process that held the lease before cannot write the index any more.
         copier.copy()
         try:
-            yield Opened(index, copier.copy_if_due, lease.confirm)
+            yield Opened(index, copier.copy_if_due, lease.confirm, copier.copy)
         finally:
             copier.copy()
 

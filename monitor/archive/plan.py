@@ -24,6 +24,7 @@ from streams.spec import SourceError
 
 _NOT_IN_NAMES = re.compile(r"[^A-Za-z0-9_.+-]+")
 _MAX_NAME = 80
+HISTORY_NAME = "history"
 _MAGIC = re.compile(r"[*?\[]")
 
 
@@ -96,7 +97,7 @@ class Planner:
                 self.signed[shown] = url
             if entry.history == "each" or machine.recording is None or shown in anew:
                 machine.recording = self.index.add_recording(
-                    machine.id, _name_of(shown) if entry.history == "each" else "history", shown
+                    machine.id, name_of(shown) if entry.history == "each" else HISTORY_NAME, shown
                 )
                 machine.place = 0
             else:
@@ -163,7 +164,9 @@ def check_unchanged(index: Index, manifest: Path, store: Store) -> None:
     """
     meta = index.meta()
     if meta["manifest"] != manifest_digest(manifest):
-        raise ManifestError(f"{manifest}: has changed since the archive was begun; take another --out for it")
+        raise ManifestError(
+            f"{manifest}: has changed since the archive was begun; --extend adds recordings, or take another --out"
+        )
     for path, digest in json.loads(meta["configs"]).items():
         if send_setup(Path(path), store) != digest:
             raise ManifestError(f"{path}: it or its maps have changed since the archive was begun; take another --out")
@@ -221,7 +224,7 @@ def expanded(entry: Entry) -> Iterator[str]:
             raise ManifestError(f"{entry.where}: recordings: there is no {url!r}")
 
 
-def _name_of(url: str) -> str:
+def name_of(url: str) -> str:
     """Return a name for a recording, a part of a path: the last part of its URL."""
     text = url if url.startswith("rig:") else url.rstrip("/").rpartition("/")[2]
     name = _NOT_IN_NAMES.sub("-", text).strip(".-")[:_MAX_NAME]

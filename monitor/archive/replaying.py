@@ -17,7 +17,7 @@ from models.work.runner import Runner
 from models.work.stores import open_store
 from models.work.task import Failure, Progress, Store
 from monitor.archive.history import Position
-from monitor.archive.index import DONE, FAILED, SET_ASIDE, Index, Outcome, Waiting
+from monitor.archive.index import DONE, FAILED, SET_ASIDE, Checkpoint, Index, Outcome, Waiting
 from monitor.archive.part import MAX_PART_RECORDINGS, REPLAYS, Part, PartResult, Shared, write_result
 from monitor.archive.result import RecordingResult
 
@@ -137,8 +137,7 @@ class Replaying:
         return tuple(parts)
 
     def _first_part(self, row: Waiting) -> Part:
-        kept = self.index.checkpoint(row.id)
-        position, state, before = (Position(), None, None) if kept is None else kept
+        position, state, before = self.index.checkpoint(row.id) or (Position(), None, None)
         self._under_way[row.id] = _UnderWay(row, state, before)
         return self._part(row, position, state)
 
@@ -154,6 +153,7 @@ class Replaying:
             tuple(self.signed.get(url, url) for url in urls),
             row.url,
             more=self.index.last_link(row.id) >= begin.recording + len(urls),
+            continued=row.history == "continued",
             begin=begin,
             state=state,
             attempt=row.attempt,
@@ -187,14 +187,16 @@ class Replaying:
         row, before = under_way.row, under_way.before
         result = done.result if before is None else before.followed_by(done.result)
         if done.following is not None:
-            self.index.keep_checkpoint(row_id, (done.following, done.state, result))
+            self.index.keep_checkpoint(row_id, Checkpoint(done.following, done.state, result))
             self._under_way[row_id] = _UnderWay(row, done.state, result)
             self._moved = True
         else:
             if before is not None:
                 write_result(records, result, again=row.attempt > 0)
             self._seconds.append(result.seconds)
-            self._end(_outcome(row_id, DONE if result.status == "done" else FAILED, result))
+            outcome = _outcome(row_id, DONE if result.status == "done" else FAILED, result)
+            end = None if done.end is None else Checkpoint(done.end, done.state, result)
+            self._end(outcome._replace(end=end))
         # A history that failed goes on from its latest state once its recording is repaired.
         if under_way.state is not None and result.status == "done" and under_way.state != done.state:
             self._passed.append(under_way.state)

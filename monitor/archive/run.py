@@ -17,7 +17,8 @@ from models.work.folder_store import FolderStore
 from models.work.runner import Runner
 from models.work.stores import open_store
 from models.work.task import Store
-from monitor.archive.index import Counts, Index
+from monitor.archive.growth import extend
+from monitor.archive.index import Counts, Index, Later
 from monitor.archive.manifest import WORK_NAME, ManifestError
 from monitor.archive.part import PART_BLOCKS, Shared, read_result
 from monitor.archive.plan import Planner, check_unchanged, signed_urls
@@ -128,22 +129,49 @@ def prepare(plan: Plan, index: Index) -> Shared:
         ConfigError: a configuration cannot be used.
     """
     work = open_store(plan.work)
+    _check_records(plan, index)
     if index.planned and not plan.resume:
-        raise ManifestError(f"--out {plan.out}: holds an archive; --resume continues it, or take another --out")
+        raise ManifestError(
+            f"--out {plan.out}: holds an archive; --resume continues it, --extend also adds recordings, "
+            "or take another --out"
+        )
     if not index.planned:
         index.set_meta(archive=secrets.token_hex(8), records=plan.records, part_blocks=str(plan.part_blocks))
         try:
             Planner(index, work).plan(plan.manifest)
         except BaseException:
-            delete_work(plan)
+            delete_work(plan, index)
             raise
     else:
         check_unchanged(index, plan.manifest, work)
         index.wait_again()
     meta = index.meta()
-    if meta["records"] != plan.records:
-        raise ManifestError(f"--out {plan.out}: was begun with --records {meta['records']}, got {plan.records}")
     return Shared(meta["archive"], open_store(plan.records_url).url, work.url, int(meta["part_blocks"]))
+
+
+def _check_records(plan: Plan, index: Index) -> None:
+    records = index.meta()["records"] if index.planned else plan.records
+    if records != plan.records:
+        raise ManifestError(f"--out {plan.out}: was begun with --records {records}, got {plan.records}")
+
+
+def extend_archive(plan: Plan, index: Index) -> Later:
+    """Add what the manifest names now to an archive that was planned; return what was added.
+
+    Raises:
+        ManifestError, ConfigError, RemoteError: as :func:`monitor.archive.growth.extend`.
+    """
+    _check_records(plan, index)
+    counts = index.counts()
+    complete = counts.done == counts.recordings
+    if complete and plan.records == "zarr":
+        raise ManifestError(f"--out {plan.out}: --extend: a complete archive with --records zarr cannot be extended")
+    try:
+        return extend(index, plan.manifest, open_store(plan.work))
+    except BaseException:
+        if complete:
+            delete_work(plan, index)
+        raise
 
 
 def replay_waiting(plan: Plan, index: Index, runner: Runner, noted: Callable[[], bool] = lambda: True) -> Counts:
@@ -159,10 +187,15 @@ def replay_waiting(plan: Plan, index: Index, runner: Runner, noted: Callable[[],
     return index.counts()
 
 
-def delete_work(plan: Plan) -> None:
-    """Delete what an archive needs no more once it is complete, and no other file."""
+def delete_work(plan: Plan, index: Index) -> None:
+    """Delete what an archive needs no more once it is complete, and no other file.
+
+    The states at the ends of histories stay, since recordings that come later go on from them.
+    """
     work = open_store(plan.work)
+    kept = {checkpoint.state for _, checkpoint in index.checkpoints()}
     for name in [name for name in work.names() if _OWN.fullmatch(name)]:
-        work.delete(name)
+        if name not in kept:
+            work.delete(name)
     if isinstance(work, FolderStore):
         work.remove_if_empty()

@@ -40,6 +40,7 @@ def group() -> None:
     type=click.IntRange(min=200),
     help="Blocks of a recording after which its state is kept.  [default: 5000]",
 )
+@click.option("--extend", is_flag=True, help="Add the recordings that MANIFEST names since --out was begun.")
 @click.option("--report/--no-report", default=True, help="Write fleet.html under --out.")
 @sharing("Processes")
 @option.output
@@ -48,6 +49,7 @@ def replay(
     out: str,
     records: Records,
     part_blocks: int | None,
+    extend: bool,
     report: bool,
     sharing: Sharing,
     as_json: bool,
@@ -55,37 +57,40 @@ def replay(
 ) -> None:
     """Replay the recordings of MANIFEST (TOML or CSV), each on its own or as the history of a machine.
 
-    With --resume, what is done stays and what failed is tried again. Exit code 1 where a recording failed: the others
-    are done.
+    With --resume, what is done stays and what failed is tried again. With --extend, recordings are added as well: new
+    ones, and those that continue a history at its end. Exit code 1 where a recording failed: the others are done.
     """
     from monitor.archive.finish import finish, is_finished, zarr_writer
     from monitor.archive.index import Later
     from monitor.archive.part import PART_BLOCKS
     from monitor.archive.place import INDEX_NAME, open_index
     from monitor.archive.plan import later_recordings
-    from monitor.archive.run import Plan, delete_work, replay_waiting
+    from monitor.archive.run import Plan, delete_work, extend_archive, replay_waiting
 
     if records == "zarr":
         # Not after all has been replayed.
         zarr_writer()
-    plan = Plan(manifest, out, records, part_blocks=part_blocks or PART_BLOCKS, resume=sharing.resume)
+    plan = Plan(manifest, out, records, part_blocks=part_blocks or PART_BLOCKS, resume=sharing.resume or extend)
 
     def tell(text: str) -> None:
         say(f"spallwatch: {redact(text)}", quiet=quiet)
 
     with open_index(out, tell=tell) as opened, sharing.open(out, quiet=quiet, locked=False) as shared:
         index, confirm = opened.index, opened.confirm
+        begun = index.planned
+        added = extend_archive(plan, index) if extend and begun else Later()
         before, finished = index.counts().done, is_finished(plan, index)
-        later = later_recordings(index, manifest) if sharing.resume and index.planned else Later()
+        later = later_recordings(index, manifest) if sharing.resume and begun and not extend else Later()
         counts = replay_waiting(plan, index, shared.runner, opened.noted)
         written = plan.zarr_url if records == "zarr" else out
         page = finish(plan, index, shared.runner, report=report, finished=finished, confirm=confirm)
         if counts.done == counts.recordings:
-            confirm()
-            delete_work(plan)
+            opened.keep()
+            delete_work(plan, index)
         values = _values(index, counts, f"{out.rstrip('/')}/{INDEX_NAME}")
     values |= {"kept": before, "out": redact(out), "records": redact(written)}
-    values["not_in_archive"] = {"recordings": later.recordings, "first": later.first or None}
+    for key, found in (("added", added), ("not_in_archive", later)):
+        values[key] = {"recordings": found.recordings, "first": found.first or None}
     values |= {"report": None if page is None else redact(page), "cluster": shared.values()}
     emit(values, [*lines(values), *shared.lines()], as_json=as_json)
     if counts.failed or counts.set_aside:
@@ -136,11 +141,13 @@ def lines(values: Mapping[str, Any]) -> Iterator[str]:
         f"{values['recordings']} recordings: {values['done']} done{kept}, {len(values['failed'])} failed{waiting}; "
         f"{values['blocks']} blocks in {values['seconds']:.1f} s of work"
     )
+    if (added := values.get("added", {"recordings": 0}))["recordings"]:
+        yield f"added: {added['recordings']} recordings that the manifest names since, {added['first']} the first"
     later = values.get("not_in_archive", {"recordings": 0})
     if later["recordings"]:
         yield (
             f"not in this archive: {later['recordings']} recordings that its patterns name since it was begun, "
-            f"{later['first']} the first; they need another --out"
+            f"{later['first']} the first; --extend adds them"
         )
     for one in islice(values["failed"], _MAX_NAMED):
         yield f"{one['recording']} {one['status'].replace('_', ' ')}: {one['reason']}"

@@ -12,7 +12,8 @@ import xarray as xr
 from models.work.runner import Runner
 from models.work.serial import SerialExecutor
 from monitor.archive.index import Counts, Index
-from monitor.archive.run import Plan, replay_waiting
+from monitor.archive.result import RESULT_NAME, RecordingResult
+from monitor.archive.run import Plan, extend_archive, replay_waiting
 from tests.small_machine import BLOCK, small_machine
 
 BEGIN = datetime.datetime(2024, 3, 1, 20, tzinfo=datetime.UTC)
@@ -42,13 +43,22 @@ def make_archive(
     *,
     runner: Runner | None = None,
     config: str = CONFIG,
+    extend: bool = False,
     **plan: Any,
 ) -> Counts:
-    """Write a manifest and ``m.toml`` into a folder, and replay it into ``out`` there."""
+    """Write a manifest and ``m.toml`` into a folder, and replay it into ``out`` there, which ``extend`` adds to."""
     (folder / "m.toml").write_text(config)
     (folder / "manifest.toml").write_text(manifest)
     with Index(folder / out / "index.db") as index, runner or Runner(SerialExecutor()) as workers:
-        return replay_waiting(Plan(folder / "manifest.toml", str(folder / out), **plan), index, workers)
+        asked = Plan(folder / "manifest.toml", str(folder / out), **{"resume": extend, **plan})
+        if extend:
+            extend_archive(asked, index)
+        return replay_waiting(asked, index, workers)
+
+
+def result_of(folder: Path) -> RecordingResult:
+    """Return the result that stands beside the records in a folder."""
+    return RecordingResult.from_json((folder / RESULT_NAME).read_bytes())
 
 
 def records_of(folder: Path) -> dict[tuple[str, str, str], xr.DataArray]:

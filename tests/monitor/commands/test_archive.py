@@ -64,12 +64,21 @@ def test_replay_says_what_failed_and_resume_tries_it_again(fleet):
     assert said["not_in_archive"] == {"recordings": 1, "first": str(fleet / "bad-2")}
     assert (
         "not in this archive: 1 recordings that its patterns name since it was begun, "
-        f"{fleet}/bad-2 the first; they need another --out"
+        f"{fleet}/bad-2 the first; --extend adds them"
     ) in lines(said)
     assert (said["done"], said["kept"], said["failed"], said["blocks"]) == (2, 1, [], 4)
     # Complete: what only a resumed run needs is gone.
     assert {path.name for path in (fleet / "out").iterdir()} == {*LEFT, "press"}
     assert not (fleet / "out.chunks").exists()
+
+    ended = run_command(*command, "--extend", cwd=fleet)
+    assert ended.returncode == 0, ended.stderr
+    said = json.loads(ended.stdout)
+    assert said["added"] == {"recordings": 1, "first": str(fleet / "bad-2")}
+    assert f"added: 1 recordings that the manifest names since, {fleet}/bad-2 the first" in lines(said)
+    assert (said["recordings"], said["done"], said["kept"], said["blocks"]) == (3, 3, 2, 6)
+    assert "bad-2" in (fleet / said["report"]).read_text()
+    assert {path.name for path in (fleet / "out").iterdir()} == {*LEFT, "press"}
 
 
 @pytest.mark.cluster
