@@ -8,6 +8,7 @@ from __future__ import annotations
 import _thread
 import os
 import signal
+import sys
 import threading
 import time
 from collections.abc import Callable, Generator, Iterable
@@ -17,6 +18,7 @@ from typing import Any
 # Types are those of one system; what another lacks is looked up.
 _signal: Any = signal
 _AGAIN_S = 0.2
+_DROPPED_S = 0.01
 
 
 def on_signals(numbers: Iterable[signal.Signals], function: Callable[[], Any]) -> None:
@@ -52,6 +54,36 @@ def ended_as_interrupted() -> Generator[None]:
     finally:
         for number in taken:
             signal.signal(number, signal.SIG_DFL)
+
+
+@contextmanager
+def interrupts_kept() -> Generator[None]:
+    """Raise KeyboardInterrupt again where Python drops it with a message: in callbacks, as of imports and compilers.
+
+    In the main thread; other exceptions that are dropped are reported as before.
+    """
+    before = sys.unraisablehook
+
+    def again() -> None:
+        time.sleep(_DROPPED_S)
+        for number in (signal.SIGINT, signal.SIGTERM):
+            # One that is ignored, or ends the process, was not what came.
+            if callable(signal.getsignal(number)):
+                _interrupt_main(number)
+                return
+
+    def hook(dropped: Any) -> None:
+        if issubclass(dropped.exc_type, KeyboardInterrupt):
+            # By another thread: here it would be dropped again.
+            threading.Thread(target=again, name="interrupt", daemon=True).start()
+        else:
+            before(dropped)
+
+    sys.unraisablehook = hook
+    try:
+        yield
+    finally:
+        sys.unraisablehook = before
 
 
 @contextmanager

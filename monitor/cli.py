@@ -105,8 +105,11 @@ def main() -> None:
     if problem is not None:
         click.echo(f"spallwatch: {problem}", err=True)
         sys.exit(WRONG)
+    from models.process_signals import interrupts_kept
+
     try:
-        code = spallwatch.main(prog_name="spallwatch", standalone_mode=False)
+        with interrupts_kept():
+            code = spallwatch.main(prog_name="spallwatch", standalone_mode=False)
         sys.exit(code if isinstance(code, int) else DONE)
     except click.ClickException as error:
         error.show()

@@ -1,13 +1,15 @@
 import os
 import signal
+import sys
 import threading
 import time
+import weakref
 from collections.abc import Generator
 from types import SimpleNamespace
 
 import pytest
 
-from models.process_signals import ended_as_interrupted, ended_by_parent, interrupt_held
+from models.process_signals import ended_as_interrupted, ended_by_parent, interrupt_held, interrupts_kept
 from tests.waiting import wait_until
 
 
@@ -63,3 +65,22 @@ def test_ctrl_c_is_held_back_from_what_is_started() -> None:
     with interrupt_held():
         assert signal.SIGINT in signal.pthread_sigmask(signal.SIG_BLOCK, ())
     assert signal.pthread_sigmask(signal.SIG_BLOCK, ()) == before
+
+
+@pytest.mark.usefixtures("signals")
+def test_an_interruption_of_a_callback_is_raised_behind_it() -> None:
+    def interrupted(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    def drop_it() -> None:
+        held = {1}
+        kept = weakref.ref(held, interrupted)
+        del held
+        assert kept() is None
+        time.sleep(60.0)
+
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    before = sys.unraisablehook
+    with interrupts_kept(), pytest.raises(KeyboardInterrupt):
+        drop_it()
+    assert sys.unraisablehook is before
