@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import socket
 import time
+from typing import Any
 
 
 def repeated(shared: int, task: str) -> str:
@@ -51,3 +52,8 @@ def listening() -> list[str]:
             found.append(held.getsockname()[0])
         held.detach()
     return found
+
+
+def periodic(dask_worker: Any) -> list[str]:
+    """Return what a worker does again and again; dask gives the worker."""
+    return list(dask_worker.periodic_callbacks)

@@ -62,6 +62,15 @@ def test_all_ports_of_a_local_cluster_are_on_loopback(cluster):
         client.close()
 
 
+def test_workers_of_a_local_cluster_take_no_samples_of_their_stack(cluster):
+    client = cluster.connect()
+    try:
+        client.wait_for_workers(1)
+        assert all("heartbeat" in names and "profile" not in names for names in client.run(jobs.periodic).values())
+    finally:
+        client.close()
+
+
 def test_ports_of_a_local_cluster_ask_for_the_certificate_of_its_run(cluster):
     from distributed import Security
 
