@@ -196,9 +196,9 @@ def empty_rows(shape: Sequence[int], dtype: DTypeLike) -> NDArray[Any]:
     return array_on_disk(shape, dtype) if large else np.empty(shape, dtype)
 
 
-def parts_along(shape: Sequence[int], itemsize: int, axis: int) -> Iterator[tuple[slice, ...]]:
-    """Yield the indices of pieces of an array along an axis."""
-    step = max(1, PIECE_BYTES * shape[axis] // max(1, prod(shape) * itemsize))
+def parts_along(shape: Sequence[int], itemsize: int, axis: int, least: int = 1) -> Iterator[tuple[slice, ...]]:
+    """Yield the indices of pieces of an array along an axis, each but the last a multiple of ``least`` long."""
+    step = max(1, PIECE_BYTES * shape[axis] // max(1, prod(shape) * itemsize) // least) * least
     for begin in range(0, shape[axis], step):
         yield (*(slice(None),) * axis, slice(begin, begin + step))
 
@@ -226,6 +226,18 @@ def elementwise(
         forget_pages(array)
         forget_pages(found)
     return function(array) if found is None else found
+
+
+def is_any(function: Callable[[NDArray[Any]], NDArray[np.bool]], array: NDArray[Any]) -> bool:
+    """Return whether a function of each number alone is true of any; of a large array piece by piece."""
+    if array.size * 8 < MAX_IN_MEMORY:
+        return bool(function(array).any())
+    for part in parts_along(array.shape, 8, longest_axis(array.shape)):
+        found = bool(function(array[part]).any())
+        forget_pages(array)
+        if found:
+            return True
+    return False
 
 
 def contiguous(array: NDArray[Any], dtype: DTypeLike) -> NDArray[Any]:

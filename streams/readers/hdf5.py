@@ -15,6 +15,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from streams import large
+from streams.large import Data, FileBytes, array_on_disk, forget_pages, longest_axis, parts_along
 from streams.limits import max_loaded_bytes
 from streams.readers.complete import hdf5_size
 from streams.readers.pulse_times import matches_pulses, only_one, own_facts, sought, with_pulses
@@ -30,6 +32,7 @@ from streams.readers.stated import (
     stated_time,
     stated_unit,
 )
+from streams.readers.worker import from_disk
 from streams.samples import DIGITAL, VALUES, ReaderError, Samples, check_rows, may_be_rows, rows_of, stack_rows
 
 SIGNATURE = b"\x89HDF\r\n\x1a\n"
@@ -55,8 +58,9 @@ class Found:
     own: Facts = field(default_factory=dict)
 
 
+@from_disk
 def read_hdf5(
-    data: bytes, name: str, patterns: Sequence[str] = (), zone: str = "UTC", pulses: str | None = None
+    data: Data, name: str, patterns: Sequence[str] = (), zone: str = "UTC", pulses: str | None = None
 ) -> Samples:
     """Read the numeric data sets of an HDF5 file.
 
@@ -162,7 +166,7 @@ def join_arrays(arrays: Sequence[tuple[str, NDArray[np.floating], Facts]], name:
 
 
 @contextmanager
-def open_hdf5(data: bytes, name: str) -> Iterator[Any]:
+def open_hdf5(data: Data, name: str) -> Iterator[Any]:
     """Open an HDF5 file in memory; while it is open any failure is a ReaderError."""
     if not data:
         raise ReaderError("empty", f"{name}: the file has 0 bytes")
@@ -178,12 +182,16 @@ def open_hdf5(data: bytes, name: str) -> Iterator[Any]:
     except ImportError as error:
         raise ReaderError("unreadable", f'{name}: needs h5py: pip install "spallwatch[hdf5]"') from error
     try:
-        with h5py.File(h5py.h5f.open_file_image(data)) as file:
+        with h5py.File(data.path, "r") if isinstance(data, FileBytes) else _image(h5py, data) as file:
             yield file
     except (ReaderError, MemoryError):
         raise
     except Exception as error:  # Any exception may come of corrupt input.
         raise ReaderError("unreadable", f"{name}: not a readable HDF5 file ({str(error)[:200]})") from error
+
+
+def _image(h5py: Any, data: bytes) -> Any:
+    return h5py.File(h5py.h5f.open_file_image(data))
 
 
 def walk(file: Any, name: str, patterns: Sequence[str] = (), separator: str = "/") -> Iterator[Found]:
@@ -260,4 +268,15 @@ def load(item: Found, name: str, budget: Budget) -> NDArray[Any]:
         written = dataset.id.get_num_chunks()
         if written < expected:
             raise ReaderError("incomplete", f"{where}: {expected} chunks are promised, {written} were written")
-    return np.asarray(dataset[()])
+    return np.asarray(dataset[()]) if declared < large.MAX_IN_MEMORY else _on_disk(dataset)
+
+
+def _on_disk(dataset: Any) -> NDArray[Any]:
+    """Read a data set in pieces of whole chunks, so that each is unpacked once."""
+    found = array_on_disk(dataset.shape, dataset.dtype)
+    axis = longest_axis(dataset.shape)
+    least = 1 if dataset.chunks is None else dataset.chunks[axis]
+    for part in parts_along(dataset.shape, dataset.dtype.itemsize, axis, least):
+        found[part] = dataset[part]
+        forget_pages(found)
+    return found

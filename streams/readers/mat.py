@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import struct
 import warnings
 import zlib
@@ -15,10 +14,12 @@ import numpy as np
 import scipy.io
 from numpy.typing import NDArray
 
+from streams.large import Data, stream_of
 from streams.limits import max_loaded_bytes
 from streams.readers.hdf5 import SIGNATURE, Budget, attributes, join_arrays, load, open_hdf5, walk
 from streams.readers.pulse_times import matches_pulses, only_one, own_facts, sought, with_pulses
 from streams.readers.stated import KEYS, STORED, plain_key, stated_time
+from streams.readers.worker import from_disk
 from streams.samples import ReaderError, Samples, may_be_rows, rows_of, stored_as
 
 _DATENUM_OF_1970 = 719529.0
@@ -33,7 +34,8 @@ _ITEM_BYTES |= {"char": 4, "int32": 4, "uint32": 4, "single": 4}
 MatValues = Mapping[str, "NDArray[np.generic]"]
 
 
-def mat_variables(data: bytes, name: str) -> dict[str, tuple[tuple[int, ...], str]]:
+@from_disk
+def mat_variables(data: Data, name: str) -> dict[str, tuple[tuple[int, ...], str]]:
     """Return shape and MATLAB class ("double", "struct", ...) of each variable.
 
     Raises:
@@ -50,7 +52,8 @@ def mat_variables(data: bytes, name: str) -> dict[str, tuple[tuple[int, ...], st
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            found = scipy.io.whosmat(io.BytesIO(data))
+            with stream_of(data) as stream:
+                found = scipy.io.whosmat(stream)
     except Exception as error:  # Any exception may come of corrupt input.
         raise ReaderError("unreadable", f"{name}: not a readable MAT file ({error})") from error
     declared = max(declared, sum(prod(shape) * _ITEM_BYTES.get(kind, 8) for _, shape, kind in found))
@@ -60,11 +63,11 @@ def mat_variables(data: bytes, name: str) -> dict[str, tuple[tuple[int, ...], st
     return {variable: (tuple(shape), kind) for variable, shape, kind in found}
 
 
-def _is_hdf5(data: bytes) -> bool:
+def _is_hdf5(data: Data) -> bool:
     return data.startswith((b"MATLAB 7.3", SIGNATURE)) or data[512:520] == SIGNATURE
 
 
-def _hdf5_variables(data: bytes, name: str) -> dict[str, tuple[tuple[int, ...], str]]:
+def _hdf5_variables(data: Data, name: str) -> dict[str, tuple[tuple[int, ...], str]]:
     """List the variables of a version 7.3 file; its arrays are stored transposed."""
     with open_hdf5(data, name) as file:
         found: dict[str, tuple[tuple[int, ...], str]] = {}
@@ -78,7 +81,7 @@ def _hdf5_variables(data: bytes, name: str) -> dict[str, tuple[tuple[int, ...], 
         return found
 
 
-def _load_hdf5(data: bytes, name: str, patterns: Sequence[str]) -> dict[str, NDArray[np.generic]]:
+def _load_hdf5(data: Data, name: str, patterns: Sequence[str]) -> dict[str, NDArray[np.generic]]:
     with open_hdf5(data, name) as file:
         values: dict[str, NDArray[np.generic]] = {}
         budget = Budget(name, len(data))
@@ -93,12 +96,12 @@ def _load_hdf5(data: bytes, name: str, patterns: Sequence[str]) -> dict[str, NDA
         return values
 
 
-def _declared_bytes(data: bytes, name: str) -> int:
+def _declared_bytes(data: Data, name: str) -> int:
     """Sum the unpacked sizes of the top-level elements; whosmat skips structures."""
     order = "<" if data[126:128] == b"IM" else ">"
     position, total = 128, 0
     while position + 8 <= len(data):
-        kind, size = struct.unpack_from(order + "II", data, position)
+        kind, size = struct.unpack(order + "II", data[position : position + 8])
         start, position = position + 8, position + 8 + size
         if position > len(data):
             raise ReaderError("incomplete", f"{name}: breaks off after {len(data)} bytes, {position} are declared")
@@ -112,7 +115,7 @@ def _declared_bytes(data: bytes, name: str) -> int:
     return total
 
 
-def load_mat(data: bytes, name: str, patterns: Sequence[str]) -> dict[str, NDArray[np.generic]]:
+def load_mat(data: Data, name: str, patterns: Sequence[str]) -> dict[str, NDArray[np.generic]]:
     """Load the variables, or fields of structures, that match any of some patterns.
 
     ``X*_DE_time`` is the pattern of a variable, ``bearing.gs`` that of the field of a structure. The arrays come under
@@ -128,7 +131,8 @@ def load_mat(data: bytes, name: str, patterns: Sequence[str]) -> dict[str, NDArr
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             # MATLAB stores doubles that are whole numbers as integers: mat_dtype restores their class.
-            loaded = scipy.io.loadmat(io.BytesIO(data), variable_names=wanted, squeeze_me=False, mat_dtype=True)
+            with stream_of(data) as stream:
+                loaded = scipy.io.loadmat(stream, variable_names=wanted, squeeze_me=False, mat_dtype=True)
     except Exception as error:  # As above.
         raise ReaderError("unreadable", f"{name}: not a readable MAT file ({error})") from error
     values: dict[str, NDArray[np.generic]] = {}
@@ -176,8 +180,9 @@ def text(values: MatValues, key: str) -> str | None:
     return str(array.reshape(-1)[0])
 
 
+@from_disk
 def read_mat(
-    data: bytes, name: str, patterns: Sequence[str] = ("*",), zone: str | None = None, pulses: str | None = None
+    data: Data, name: str, patterns: Sequence[str] = ("*",), zone: str | None = None, pulses: str | None = None
 ) -> Samples:
     """Read the numeric vectors of a MAT file that match some patterns.
 
@@ -243,7 +248,7 @@ def _stated(values: MatValues) -> dict[str, dict[str, object]]:
 
 def _joined(
     values: MatValues,
-    data: bytes,
+    data: Data,
     name: str,
     patterns: Sequence[str],
     facts: Mapping[str, Mapping[str, object]],

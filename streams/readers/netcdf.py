@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import warnings
 from collections.abc import Sequence
 from fnmatch import fnmatchcase
@@ -12,9 +11,11 @@ import numpy as np
 import scipy.io
 from numpy.typing import NDArray
 
+from streams.large import Data, FileBytes, elementwise, is_any, stream_of
 from streams.readers.hdf5 import Budget, Found, join_arrays, load, open_hdf5, walk
 from streams.readers.pulse_times import matches_pulses, only_one, own_facts, with_pulses
 from streams.readers.stated import STORED, Facts, plain_key, rate_of_times, seconds_utc, stated_rate
+from streams.readers.worker import from_disk
 from streams.samples import SCALED, ReaderError, Samples, rows_of, stored_as
 
 _TIMES = ("time", "t")
@@ -23,8 +24,9 @@ _Variables = tuple[dict[str, tuple[NDArray[Any], Facts]], dict[str, Facts]]
 """Variables with what is stated of each, by itself or around it; and what each states itself."""
 
 
+@from_disk
 def read_netcdf(
-    data: bytes, name: str, patterns: Sequence[str] = (), zone: str = "UTC", pulses: str | None = None
+    data: Data, name: str, patterns: Sequence[str] = (), zone: str = "UTC", pulses: str | None = None
 ) -> Samples:
     """Read the numeric variables of a netCDF file, a row for each vector.
 
@@ -63,7 +65,7 @@ def read_netcdf(
     return with_pulses(samples, _unpacked(times, own), own, zone, f"{name}: variable {tacho}")
 
 
-def _netcdf4(data: bytes, name: str) -> _Variables:
+def _netcdf4(data: Data, name: str) -> _Variables:
     arrays: dict[str, tuple[NDArray[Any], Facts]] = {}
     owned: dict[str, Facts] = {}
     budget = Budget(name, len(data))
@@ -81,17 +83,21 @@ def _is_variable(item: Found) -> bool:
     return not named and item.dataset.dtype.kind in "fiu" and bool(item.dataset.shape)
 
 
-def _classic(data: bytes, name: str) -> _Variables:
+def _classic(data: Data, name: str) -> _Variables:
     found: dict[str, tuple[NDArray[Any], Facts]] = {}
     owned: dict[str, Facts] = {}
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            with scipy.io.netcdf_file(io.BytesIO(data), "r", mmap=False, maskandscale=False) as file:
+            mapped = isinstance(data, FileBytes)
+            with (
+                stream_of(data) as stream,
+                scipy.io.netcdf_file(stream, "r", mmap=mapped, maskandscale=False) as file,
+            ):
                 shared = _facts(file._attributes)
                 for key, variable in file.variables.items():
                     owned[str(key)] = own = _facts(variable._attributes)
-                    found[str(key)] = np.array(variable.data), {**shared, **own}
+                    found[str(key)] = variable.data if mapped else np.array(variable.data), {**shared, **own}
     except MemoryError:
         raise
     except Exception as error:  # Any exception may come of corrupt input.
@@ -120,13 +126,19 @@ def _stored(array: NDArray[Any], facts: Facts) -> str:
 def _unpacked(array: NDArray[Any], facts: Facts) -> NDArray[Any]:
     fills = [fill for key in ("fillvalue", "missingvalue") if isinstance(fill := facts.get(key), float)]
     scale, offset = facts.get("scalefactor"), facts.get("addoffset")
-    holes = np.logical_or.reduce([array == fill for fill in fills]) if fills else None
-    if isinstance(scale, float) or isinstance(offset, float):
-        factor = scale if isinstance(scale, float) else 1.0
-        array = array * factor + (offset if isinstance(offset, float) else 0.0)
-    if holes is not None and holes.any():
-        array = np.where(holes, np.nan, array.astype(np.float64))
-    return array
+    packed = isinstance(scale, float) or isinstance(offset, float)
+    factor, zero = scale if isinstance(scale, float) else 1.0, offset if isinstance(offset, float) else 0.0
+
+    def holes(part: NDArray[Any]) -> NDArray[np.bool]:
+        return np.logical_or.reduce([part == fill for fill in fills])
+
+    has_holes = bool(fills) and is_any(holes, array)
+
+    def unpacked(part: NDArray[Any]) -> NDArray[Any]:
+        values = part * factor + zero if packed else part
+        return np.where(holes(part), np.nan, values.astype(np.float64)) if has_holes else values
+
+    return elementwise(unpacked, array) if packed or has_holes else array
 
 
 def _time(arrays: dict[str, tuple[NDArray[Any], Facts]], name: str, zone: str) -> dict[str, object]:

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from streams.large import elementwise
 from streams.samples import COUNTS, RATE_TOLERANCE, SCALED, ReaderError, stored_as
 from streams.stamps import CLOCK, DATE, Stamp, read_stamp
 
@@ -149,7 +150,7 @@ def scaled_integers(array: NDArray[Any], facts: Facts) -> tuple[NDArray[Any], Fa
     stored = stored_as(array.dtype)
     scale, offset = (_finite(facts, key) for key in (("scalefactor", "scale"), ("addoffset",)))
     if stored == COUNTS and scale:
-        array, stored = array * scale + (offset or 0.0), SCALED
+        array, stored = elementwise(lambda part: part * scale + (offset or 0.0), array), SCALED
     return array, {**facts, STORED: stored}
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import struct
 from collections.abc import Sequence
 from fnmatch import fnmatchcase
@@ -11,6 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from streams import large
+from streams.large import Data, contiguous, empty_rows, forget_pages, stream_of
 from streams.limits import max_loaded_bytes
 from streams.readers.pulse_times import matches_pulses, only_one, with_pulses
 from streams.readers.stated import (
@@ -23,6 +24,7 @@ from streams.readers.stated import (
     stated_rate,
     stated_unit,
 )
+from streams.readers.worker import from_disk
 from streams.samples import ReaderError, Samples, check_rows, stack_rows, stored_as
 
 _LEAD_IN = 28
@@ -31,8 +33,9 @@ _LABVIEW_ZERO = -2082844800.0
 """Seconds from 1970 to 1904-01-01, the stamp of a waveform whose time was never set."""
 
 
+@from_disk
 def read_tdms(
-    data: bytes, name: str, patterns: Sequence[str] = (), zone: str = "UTC", pulses: str | None = None
+    data: Data, name: str, patterns: Sequence[str] = (), zone: str = "UTC", pulses: str | None = None
 ) -> Samples:
     """Read the numeric channels of a TDMS file, a row for each, scaled as it says.
 
@@ -54,7 +57,7 @@ def read_tdms(
     _check_segments(data, name)
     tdms = _nptdms()
     try:
-        with tdms.TdmsFile.open(io.BytesIO(data)) as file:
+        with stream_of(data) as stream, tdms.TdmsFile.open(stream) as file:
             channels = [channel for group in file.groups() for channel in group.channels()]
             check_rows(len(channels), name, "channels")
             tacho = [channel for channel in channels if matches_pulses(pulses, *_titles(channel), channel.group_name)]
@@ -63,12 +66,12 @@ def read_tdms(
             allowed = max_loaded_bytes(len(data))
             if declared > allowed:
                 raise ReaderError("refused", f"{name}: claims {declared} bytes when loaded, {allowed} are allowed")
-            rows = [np.asarray(channel[:]) for channel in wanted]
+            rows = [_values(channel) for channel in wanted]
             properties = [_properties(channel) for channel in wanted]
             lengths = [len(channel) for channel in wanted]
             types = [row.dtype for row in rows]
             titles = [(str(channel.group_name), str(channel.name)) for channel in wanted]
-            marks = [(_titles(channel)[1], np.asarray(channel[:]), _properties(channel)) for channel in tacho]
+            marks = [(_titles(channel)[1], _values(channel), _properties(channel)) for channel in tacho]
     except ReaderError:
         raise
     except Exception as error:  # Any exception may come of corrupt input.
@@ -102,6 +105,23 @@ def _titles(channel: Any) -> tuple[str, str]:
     return str(channel.name), f"{channel.group_name}/{channel.name}"
 
 
+def _values(channel: Any) -> NDArray[Any]:
+    """Return the scaled values of a channel; many of them are read piece by piece, and are on disk."""
+    length = len(channel)
+    if 8 * length < large.MAX_IN_MEMORY:
+        return np.asarray(channel[:])
+    step = max(1, large.PIECE_BYTES // 8)
+    first = np.asarray(channel[:step])
+    found = empty_rows((length,), first.dtype)
+    for begin in range(0, length, step):
+        part = first if begin == 0 else np.asarray(channel[begin : begin + step])
+        if len(part) < min(step, length - begin):
+            return found[: begin + len(part)]
+        found[begin : begin + step] = part
+        forget_pages(found)
+    return found
+
+
 def _properties(channel: Any) -> dict[str, Any]:
     return {plain_key(str(key)): value for key, value in channel.properties.items()}
 
@@ -117,7 +137,7 @@ def _nptdms() -> Any:
     return nptdms
 
 
-def _check_segments(data: bytes, name: str) -> None:
+def _check_segments(data: Data, name: str) -> None:
     """Compare declared lengths with the data; nptdms silently reads what there is."""
     position = 0
     while position < len(data):
@@ -159,7 +179,7 @@ def _wanted(channels: Sequence[Any], name: str, patterns: Sequence[str]) -> list
 
 def _stacked(rows: list[NDArray[Any]]) -> NDArray[np.floating]:
     exact = all(row.dtype.itemsize <= (4 if row.dtype.kind == "f" else 2) for row in rows)
-    return stack_rows([row.astype(np.float32 if exact else np.float64, copy=False) for row in rows])
+    return stack_rows([contiguous(row, np.float32 if exact else np.float64) for row in rows])
 
 
 def _start(properties: Sequence[Facts], zone: str) -> float | None:

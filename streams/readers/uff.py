@@ -9,8 +9,9 @@ from typing import Any
 
 import numpy as np
 
+from streams.large import Data, FileBytes
 from streams.readers.stated import check_lengths, common_rate, known_unit, nice_rate, seconds_utc
-from streams.readers.worker import memory_file
+from streams.readers.worker import from_disk, memory_file
 from streams.samples import ReaderError, Samples, stack_rows
 
 _TIME_RESPONSES = (0, 1)
@@ -21,7 +22,8 @@ Function = dict[str, Any]
 _TAG = b"    -1"
 
 
-def read_uff(data: bytes, name: str, patterns: Sequence[str] = (), zone: str = "UTC") -> Samples:
+@from_disk
+def read_uff(data: Data, name: str, patterns: Sequence[str] = (), zone: str = "UTC") -> Samples:
     """Read the time responses of a universal file, a row for each.
 
     The rate is that of the abscissa (which must be even), the unit that of the ordinate's label, else m/s2 for
@@ -46,7 +48,7 @@ def read_uff(data: bytes, name: str, patterns: Sequence[str] = (), zone: str = "
 
 
 @contextmanager
-def universal_file(data: bytes, name: str) -> Iterator[Any]:
+def universal_file(data: Data, name: str) -> Iterator[Any]:
     """Give the bytes as a ``pyuff.UFF``; whatever goes wrong with it inside the context is a ReaderError.
 
     Raises:
@@ -64,6 +66,9 @@ def universal_file(data: bytes, name: str) -> Iterator[Any]:
     except ImportError as error:
         raise ReaderError("unreadable", f'{name}: needs pyuff: pip install "spallwatch[uff]"') from error
     try:
+        if isinstance(data, FileBytes):
+            yield pyuff.UFF(data.path)
+            return
         with memory_file(data) as path:
             yield pyuff.UFF(path)
     except (ReaderError, MemoryError):
@@ -94,14 +99,15 @@ def _functions(file: Any, name: str, patterns: Sequence[str]) -> list[Function]:
     return found
 
 
-def _count_tags(data: bytes) -> int:
+def _count_tags(data: Data) -> int:
     """Count the lines that open and close data sets."""
-    count, place = 0, data.find(_TAG)
+    held = data.mapped() if isinstance(data, FileBytes) else data
+    count, place = 0, held.find(_TAG)
     while place >= 0:
-        alone = place == 0 or data[place - 1] in b"\r\n"
-        rest = data[place + len(_TAG) : place + 82].partition(b"\n")[0]
+        alone = place == 0 or held[place - 1] in b"\r\n"
+        rest = held[place + len(_TAG) : place + 82].partition(b"\n")[0]
         count += alone and not rest.strip()
-        place = data.find(_TAG, place + 1)
+        place = held.find(_TAG, place + 1)
     return count
 
 
