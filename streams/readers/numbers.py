@@ -5,14 +5,18 @@ from __future__ import annotations
 import csv
 import io
 import re
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from streams import large
+from streams.large import FileBytes, empty_rows, forget_pages
 from streams.limits import MAX_BYTES
 from streams.samples import ReaderError
 
+_BLANKS = b"\r\n "
 _NOT_A_NUMBER = ["nan", "NaN", "NAN", "-nan"]
 
 
@@ -69,21 +73,91 @@ def parse_columns(
     Raises:
         ReaderError: with the place of the first field that is missing or no number; ``refused`` for too many.
     """
-    trimmed = body.rstrip(b"\r\n ")
+    trimmed = body.rstrip(_BLANKS)
     n_lines = trimmed.count(b"\n") + 1
     _check_count(n_lines * (width if columns is None else len(columns)), precision, name)
+
+    def wrong(reason: str) -> ReaderError:
+        return located(body, name, dialect, width, first_line, reason)
+
     # pandas silently drops surplus fields where only some columns are read.
     if dialect.separator and trimmed.count(dialect.separator.encode()) != n_lines * (width - 1):
-        raise located(body, name, dialect, width, first_line, "the columns do not agree")
+        raise wrong("the columns do not agree")
     try:
         # A number beyond float32 becomes inf, which the quality stage names.
         with np.errstate(over="ignore"):
             values = _parse_with_pandas(trimmed, dialect, columns, precision)
     except (ValueError, OverflowError) as error:
-        raise located(body, name, dialect, width, first_line, str(error)) from error
+        raise wrong(str(error)) from error
     if values.shape[1] != n_lines:
-        raise located(body, name, dialect, width, first_line, f"{n_lines} lines, but {values.shape[1]} of numbers")
+        raise wrong(f"{n_lines} lines, but {values.shape[1]} of numbers")
     return values
+
+
+def parse_file(data: FileBytes, begin: int, name: str, dialect: Dialect, width: int) -> NDArray[np.floating]:
+    """Return what :func:`parse_columns` gives of all columns of the lines from ``begin`` on, read piece by piece.
+
+    Raises:
+        ReaderError: as that; line numbers count from ``begin``.
+    """
+    end = _trimmed_end(data, begin)
+    n_lines = sum(piece.count(b"\n") for piece in _between(data, begin, end)) + 1
+    _check_count(n_lines * width, np.float64, name)
+    values = empty_rows((width, n_lines), np.float64)
+    done = 0
+    first = b""
+    for lines in _whole_lines(data, begin, end):
+        first = first or first_line_of(lines)
+        last = begin + len(lines) >= end
+        begin += len(lines)
+        trimmed = lines if last else lines[:-1]
+        count = trimmed.count(b"\n") + 1
+        # What follows the last line tells whether it is complete.
+        body = lines + data[end : end + 1] if last else lines
+        try:
+            if dialect.separator and trimmed.count(dialect.separator.encode()) != count * (width - 1):
+                raise ValueError("the columns do not agree")
+            # The first line tells pandas how many columns there are.
+            part = _parse_with_pandas(first + b"\n" + trimmed, dialect, None, np.float64)[:, 1:]
+            if part.shape[1] != count:
+                raise ValueError(f"{count} lines, but {part.shape[1]} of numbers")
+        except (ValueError, OverflowError) as error:
+            raise located(body, name, dialect, width, done + 1, str(error), trimmed) from error
+        values[:, done : done + count] = part
+        forget_pages(values)
+        done += count
+    return values
+
+
+def _between(data: FileBytes, begin: int, end: int) -> Iterator[bytes]:
+    """Yield a part of a file in pieces."""
+    for place in range(begin, end, large.PIECE_BYTES):
+        yield data[place : min(place + large.PIECE_BYTES, end)]
+
+
+def _trimmed_end(data: FileBytes, begin: int) -> int:
+    """Return the place behind the last byte that is not blank."""
+    end = len(data)
+    while end > begin:
+        place = max(begin, end - large.PIECE_BYTES)
+        left = len(data[place:end].rstrip(_BLANKS))
+        if left:
+            return place + left
+        end = place
+    return begin
+
+
+def _whole_lines(data: FileBytes, begin: int, end: int) -> Iterator[bytes]:
+    """Yield pieces of whole lines with their ends, the last up to ``end``."""
+    rest = b""
+    for piece in _between(data, begin, end):
+        lines, newline, behind = piece.rpartition(b"\n")
+        if newline:
+            yield rest + lines + newline
+            rest = behind
+        else:
+            rest += piece
+    yield rest
 
 
 def _check_count(numbers: int, precision: type[np.floating], name: str) -> None:
@@ -97,7 +171,7 @@ def parse_row(
     body: bytes, name: str, dialect: Dialect, precision: type[np.float32] | type[np.float64], first_line: int
 ) -> NDArray[np.floating]:
     """Return the numbers of one line in shape (1, number); as a column, since pandas is slow with many columns."""
-    trimmed = body.rstrip(b"\r\n ")
+    trimmed = body.rstrip(_BLANKS)
     width = dialect.count(trimmed)
     _check_count(width, precision, name)
     column = trimmed.replace(dialect.separator.encode(), b"\n") if dialect.separator else b"\n".join(trimmed.split())
@@ -133,9 +207,14 @@ def _parse_with_pandas(
     return np.ascontiguousarray(frame.to_numpy(dtype=precision).T)
 
 
-def located(body: bytes, name: str, dialect: Dialect, width: int, first_line: int, reason: str) -> ReaderError:
-    """Return the error of the first line that is not ``width`` numbers; slow."""
-    lines = body.rstrip(b"\r\n ").split(b"\n")
+def located(
+    body: bytes, name: str, dialect: Dialect, width: int, first_line: int, reason: str, trimmed: bytes | None = None
+) -> ReaderError:
+    """Return the error of the first line that is not ``width`` numbers; slow.
+
+    ``trimmed``: the lines, by default without what is blank behind the last one.
+    """
+    lines = (body.rstrip(_BLANKS) if trimmed is None else trimmed).split(b"\n")
     broken_off = not body.endswith((b"\n", b"\r"))
     for index, line in enumerate(lines):
         fields = dialect.fields(line.rstrip(b"\r"))

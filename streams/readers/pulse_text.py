@@ -8,10 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from streams.limits import MAX_BYTES
+from streams.readers.head import Head, decoded, head_of, titles_with_blanks
 from streams.readers.numbers import is_number
 from streams.readers.pulse_times import with_pulses
 from streams.readers.stated import PULSE_KEYS, Facts, plain_key, seconds_utc
-from streams.readers.text import Head, clean_text, decoded, head_of, read_text, titles_with_blanks
+from streams.readers.text import clean_text, read_text
 from streams.samples import ReaderError, Samples
 
 _MAX_HEAD_LINES = 200

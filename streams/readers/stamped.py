@@ -75,6 +75,11 @@ def split_stamps(body: bytes, name: str, zone: str) -> StampedRows | None:
     return StampedRows(b"\n".join(numbers) + end, head, times, read_stamp(first, zone), columns)
 
 
+def begins_with_stamps(body: bytes, zone: str) -> bool:
+    """Return whether the rows of a text begin with stamps, by its first lines; arguments as :func:`split_stamps`."""
+    return _first_row(body, zone) is not None
+
+
 def _first_row(body: bytes, zone: str) -> tuple[int, list[str], str, int] | None:
     """Return where rows with stamps begin, the lines above, the separator, and the columns of a stamp."""
     head: list[str] = []

@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from streams.large import elementwise
+from streams import large
+from streams.large import contiguous, elementwise, forget_pages, is_any
 from streams.samples import COUNTS, RATE_TOLERANCE, SCALED, ReaderError, stored_as
 from streams.stamps import CLOCK, DATE, Stamp, read_stamp
 
@@ -210,25 +211,38 @@ def rate_of_times(times: NDArray[np.floating], where: str) -> float | None:
     """
     if len(times) < 2:
         return None
-    values = np.asarray(times, dtype=np.float64)
-    if not np.isfinite(values).all():
+    values = contiguous(times, np.float64)
+    if is_any(lambda part: ~np.isfinite(part), values):
         raise ReaderError("nan", f"{where}: a time is not a number")
     span = values[-1] - values[0]
     step = span / (len(values) - 1)
     if not (step > 0.0 and math.isfinite(step)):
         raise ReaderError("wrong_rate", f"{where}: the times do not increase")
-    ideal = values[0] + step * np.arange(len(values))
-    deviation = float(np.max(np.abs(values - ideal)))
-    resolution = float(np.spacing(np.max(np.abs(values))))
-    steps = np.diff(values)
-    # Times written more coarsely than the sampling interval repeat themselves, then jump by one unit.
-    unit = float(np.min(steps[steps > 0.0]))
-    if float(np.max(steps)) > max(1.5 * step, 1.01 * unit) or float(np.min(steps)) < 0.0:
-        raise ReaderError(
-            "wrong_rate", f"{where}: the times are not evenly spaced; the longest step is {steps.max():g} s"
-        )
-    uncertainty = 2.0 * max(deviation, resolution) / span
+    deviation, largest, unit, longest, shortest = _spread_of_times(values, step)
+    if longest > max(1.5 * step, 1.01 * unit) or shortest < 0.0:
+        raise ReaderError("wrong_rate", f"{where}: the times are not evenly spaced; the longest step is {longest:g} s")
+    uncertainty = 2.0 * max(deviation, float(np.spacing(largest))) / span
     return nice_rate(1.0 / step, uncertainty + 1e-12) if uncertainty < 5e-5 else None
+
+
+def _spread_of_times(times: NDArray[np.float64], step: float) -> tuple[float, float, float, float, float]:
+    """Return of times that should have one step: the largest deviation from that and the largest amount, then of the
+    steps the least above 0, the largest and the least; all in s, computed piece by piece.
+    """
+    deviation = largest = 0.0
+    unit, longest, shortest = math.inf, -math.inf, math.inf
+    count = max(2, large.PIECE_BYTES // times.dtype.itemsize)
+    for begin in range(0, len(times) - 1, count - 1):
+        part = times[begin : begin + count]
+        ideal = times[0] + step * np.arange(begin, begin + len(part))
+        deviation = max(deviation, float(np.max(np.abs(part - ideal))))
+        largest = max(largest, float(np.max(np.abs(part))))
+        steps = np.diff(part)
+        # Times written more coarsely than the sampling interval repeat themselves, then jump by one unit.
+        unit = min(unit, float(np.min(steps[steps > 0.0], initial=math.inf)))
+        longest, shortest = max(longest, float(np.max(steps))), min(shortest, float(np.min(steps)))
+        forget_pages(times)
+    return deviation, largest, unit, longest, shortest
 
 
 def check_lengths(

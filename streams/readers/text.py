@@ -3,50 +3,29 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 
 import numpy as np
 
+from streams.large import Data, FileBytes, elementwise
 from streams.limits import MIN_COLUMNS_OF_A_ROW
-from streams.readers.numbers import Dialect, first_line_of, is_number, located, parse_columns, parse_row
-from streams.readers.stamped import StampedRows, split_stamps
+from streams.readers.head import MAX_HEAD_LINES, TIMES, Head, cut_head, head_of, names_and_units, titles_with_blanks
+from streams.readers.numbers import Dialect, first_line_of, located, parse_columns, parse_file, parse_row
+from streams.readers.stamped import StampedRows, begins_with_stamps, split_stamps
 from streams.readers.stated import (
-    Facts,
-    is_date,
-    known_unit,
-    multiple_of,
     plain_key,
     rate_of_times,
     stated_rate,
     stated_time,
     stated_unit,
 )
+from streams.readers.worker import from_disk
 from streams.samples import ReaderError, Samples, check_rows
 
 _BOM = b"\xef\xbb\xbf"
-_MAX_HEAD_LINES = 200
-_MAX_SNIFFED_CHARACTERS = 1 << 16
-_TIMES = {
-    "time",
-    "times",
-    "timesec",
-    "timeseconds",
-    "timems",
-    "zeit",
-    "zeits",
-    "zeitins",
-    "timeins",
-    "t",
-    "ts",
-    "tempo",
-    "temps",
-    "xvalue",
-}
-_SECONDS = ("s", "sec", "second", "seconds", "ms")
+_MAX_HEAD_BYTES = 4 << 20
+"""Of a large file: its first lines of numbers stand in them."""
 _IN_MS = {"timems"}
-_FACT = re.compile(r"\s*[#%\"]*\s*([A-Za-z][^:=;\t,]{0,60}?)\s*[:=;\t,]\s*(.*?)[\"\s;,]*$")
-_CLOCK_IN_VALUE = re.compile(r"\d:\d\d,\d+$|\d,\s*\d{1,2}:\d\d")
-_UNIT_IN_NAME = re.compile(r"^(.*?)\s*[\[(]([^\])]*)[\])]\s*$")
 
 
 def read_text(
@@ -109,17 +88,10 @@ def read_text(
     return Samples(values, chosen, columns=columns)
 
 
-def first_characters(data: bytes, name: str) -> str:
+@from_disk
+def first_characters(data: Data, name: str) -> str:
     """Return the first 200 characters of a text."""
     return data[:200].decode("latin-1")
-
-
-def decoded(line: bytes) -> str:
-    """Return a line of UTF-8 or, where it is none, of Windows-1252."""
-    try:
-        return line.decode("utf-8")
-    except UnicodeDecodeError:
-        return line.decode("cp1252", "replace")
 
 
 def clean_text(data: bytes, name: str) -> bytes:
@@ -172,18 +144,8 @@ def _check_width(
         raise ReaderError("wrong_shape", f"{name}: {len(names)} names in the header, {width} columns in line {line}")
 
 
-@dataclass
-class Head:
-    """What stands above the numbers."""
-
-    facts: dict[str, object] = field(default_factory=dict)
-    names: tuple[str, ...] | None = None
-    units: tuple[str | None, ...] | None = None
-    lines: int = 0
-    title: str = ""
-
-
-def read_layout(data: bytes, name: str, zone: str = "UTC") -> Samples:
+@from_disk
+def read_layout(data: Data, name: str, zone: str = "UTC") -> Samples:
     """Read a text file of a layout recognised without guessing, as (column, line).
 
     Above the numbers there may be lines ``KEY: VALUE`` (also with "=", ";", "," or a tab; "#" or "%" before them), a
@@ -195,7 +157,11 @@ def read_layout(data: bytes, name: str, zone: str = "UTC") -> Samples:
     Raises:
         ReaderError: as :func:`read_text`; ``wrong_rate`` for uneven times or contradictory rates.
     """
-    text = clean_text(data, name)
+    if isinstance(data, FileBytes):
+        found = _read_from_disk(data, name, zone)
+        if found is not None:
+            return found
+    text = clean_text(data[:], name)
     stamped = split_stamps(text, name, zone)
     body, skipped = cut_head(text, name) if stamped is None else (stamped.body, stamped.head)
     # The text is not held while its numbers are parsed.
@@ -204,6 +170,35 @@ def read_layout(data: bytes, name: str, zone: str = "UTC") -> Samples:
     if stamped is not None:
         return _with_times(_read_rows(body, head, name, zone, stamped.columns), stamped, name)
     return _read_rows(body, head, name, zone)
+
+
+def _read_from_disk(data: FileBytes, name: str, zone: str) -> Samples | None:
+    """Read a large file as :func:`read_layout`, line by line; None for one that has to be read as a whole.
+
+    Such are UTF-16, rows with stamps, ends of lines without a newline, and few long lines.
+    """
+    begin = len(_BOM) if data.startswith(_BOM) else 0
+    top = data[begin : begin + _MAX_HEAD_BYTES]
+    if data.startswith((b"\xff\xfe", b"\xfe\xff")) or top.count(b"\n") < MAX_HEAD_LINES + 2 or top.isspace():
+        return None
+    if data.find(b"\0") >= 0:
+        clean_text(b"\0", name)
+    if begins_with_stamps(top, zone):
+        return None
+    rest, skipped = cut_head(top, name)
+    begin += len(top) - len(rest)
+    head, first = head_of(skipped), first_line_of(rest)
+    points = data.find(b".", begin) >= 0
+    dialect = _sniff(first, b"," if not points and data.find(b",", begin) >= 0 else b".", ";\t, ")
+    width = dialect.count(first)
+    if not dialect.is_number(dialect.fields(first)[0]) or not rest[len(first) :].strip():
+        return None
+    try:
+        check_rows(width, name, "columns")
+        samples = Samples(parse_file(data, begin, name, dialect, width))
+    except ReaderError as error:
+        raise _moved(error, name, head.lines, 0) from error
+    return _titled(samples, head, name, zone)
 
 
 def _with_times(samples: Samples, stamped: StampedRows, name: str) -> Samples:
@@ -227,6 +222,11 @@ def _read_rows(body: bytes, head: Head, name: str, zone: str, removed: int = 0) 
         samples = read_text(body, name, header=False, as_row=head.names is None or len(head.names) == 1)
     except ReaderError as error:
         raise _moved(error, name, head.lines, removed) from error
+    return _titled(samples, head, name, zone, removed)
+
+
+def _titled(samples: Samples, head: Head, name: str, zone: str, removed: int = 0) -> Samples:
+    """Give columns what the head states; arguments as :func:`_read_rows`."""
     width = len(samples.names)
     if removed:
         samples = Samples(samples.values, columns=tuple(column + removed for column in samples.columns))
@@ -244,87 +244,10 @@ def _read_rows(body: bytes, head: Head, name: str, zone: str, removed: int = 0) 
     return _described(samples, head, name, zone)
 
 
-def cut_head(body: bytes, name: str) -> tuple[bytes, list[str]]:
-    """Cut the text before its first line of numbers."""
-    skipped: list[str] = []
-    begin = 0
-    while begin < len(body) and len(skipped) <= _MAX_HEAD_LINES:
-        line = first_line_of(body, begin)
-        text = decoded(line).strip()
-        if _is_numbers(text):
-            return (body[begin:] if begin else body), skipped
-        skipped.append(text)
-        begin += len(line) + 1
-    if any(skipped):
-        first = next(line for line in skipped if line)
-        shown = re.sub(r"[^ -~]", "?", first[:30])
-        status = "empty" if len(skipped) <= 3 and begin >= len(body) else "unreadable"
-        raise ReaderError(status, f"{name}: line 1: expected a number or a header above numbers, found {shown!r}")
-    raise ReaderError("empty", f"{name}: no line of numbers")
-
-
-def _is_numbers(line: str) -> bool:
-    fields = _fields(line[:_MAX_SNIFFED_CHARACTERS])
-    return bool(fields) and any(fields) and is_number(fields[0]) and sum(map(is_number, fields)) * 2 >= len(fields)
-
-
-def _fields(line: str) -> list[str]:
-    separator = next((c for c in ";\t" if c in line), None)
-    if separator is None:
-        separator = "," if "," in line else None
-    return [part.strip().strip('"') for part in line.split(separator)]
-
-
-def head_of(lines: list[str]) -> Head:
-    """Return what the lines above the numbers state."""
-    head = Head(lines=len(lines))
-    kept = [line for line in lines if line.strip()]
-    titles = [line for line in kept[-2:] if not line.startswith(("#", "%", "***"))]
-    if len(titles) == 2 and _are_units(_fields(titles[1])) and len(_fields(titles[0])) == len(_fields(titles[1])):
-        head.names = tuple(_fields(titles[0]))
-        head.units = tuple(known_unit(unit) for unit in _fields(titles[1]))
-        kept = kept[:-2]
-    elif titles and titles[-1] == kept[-1] and not _is_fact(titles[-1]):
-        head.names, head.title = tuple(_fields(titles[-1])), titles[-1]
-        kept = kept[:-1]
-    for line in kept:
-        match = _FACT.match(line)
-        if match is not None:
-            whole = is_number(match[2].split(" ")[0]) or _CLOCK_IN_VALUE.search(match[2])
-            value = match[2] if whole else re.split(r"[;\t,]", match[2])[0]
-            head.facts.setdefault(plain_key(match[1]), value.strip().strip('"'))
-    return head
-
-
-def titles_with_blanks(line: str, width: int) -> tuple[str, ...] | None:
-    """Return names that hold blanks, such as ``acc [g]``, of a line without separators; None where they do not fit."""
-    if width == 1:
-        return None if any(separator in line for separator in ";\t,") else (line.strip().strip('"'),)
-    names = re.findall(r"\S+(?:\s+[\[(][^\])]*[\])])?", line)
-    return tuple(name.strip('"') for name in names) if len(names) == width else None
-
-
-def _are_units(fields: list[str]) -> bool:
-    bare = [part.strip("[]() ") for part in fields]
-    known = any(multiple_of(known_unit(part))[0] in ("g", "m/s2", "V") for part in bare) or bare[0].lower() in _SECONDS
-    return known and all(len(part) <= 12 for part in bare)
-
-
-def _is_fact(line: str) -> bool:
-    """Return whether a line is metadata: one value, and a known key or a number."""
-    match = _FACT.match(line)
-    if match is None:
-        return False
-    key, value = plain_key(match[1]), match[2].strip()
-    facts: Facts = {key: value}
-    dated = stated_time(facts, "UTC") != (None, None) or is_date(value)
-    return ":" in line or "=" in line or dated or is_number(value.split(" ")[0])
-
-
 def _described(samples: Samples, head: Head, name: str, zone: str) -> Samples:
     """Add what the head states; a column of times gives the rate and is removed."""
-    titles, names, units = _names_and_units(samples, head)
-    times = [i for i, title in enumerate(names) if plain_key(title) in _TIMES] if head.names is not None else []
+    titles, names, units = names_and_units(samples, head)
+    times = [i for i, title in enumerate(names) if plain_key(title) in TIMES] if head.names is not None else []
     rate = stated_rate(head.facts, name)
     start, stamp = stated_time(head.facts, zone)
     overall = stated_unit(head.facts)
@@ -333,7 +256,7 @@ def _described(samples: Samples, head: Head, name: str, zone: str) -> Samples:
     if len(times) == 1 and len(names) > 1:
         place = times[0]
         millis = plain_key(names[place]) in _IN_MS or (units[place] or "").lower() == "ms"
-        seconds = samples.values[place] * (1e-3 if millis else 1.0)
+        seconds = elementwise(lambda times: times * (1e-3 if millis else 1.0), samples.values[place])
         by_times = rate_of_times(seconds, name)
         if by_times is not None and rate is not None and abs(by_times - rate) > 1e-4 * rate:
             raise ReaderError("wrong_rate", f"{name}: the header states {rate:g} Hz, the times {by_times:g} Hz")
@@ -342,26 +265,6 @@ def _described(samples: Samples, head: Head, name: str, zone: str) -> Samples:
             start, stamp = float(seconds[0]), None
         samples = samples.select([row for row in range(len(names)) if row != place])
     return replace(samples, rate=rate, start=start, stamp=stamp)
-
-
-def _names_and_units(samples: Samples, head: Head) -> tuple[tuple[str, ...], tuple[str, ...], tuple[str | None, ...]]:
-    """Return titles, names and units of the columns; a title is its name, or names the unit behind it."""
-    if head.names is None:
-        return samples.names, samples.names, (None,) * len(samples.names)
-    names: list[str] = []
-    units: list[str | None] = list(head.units) if head.units is not None else [None] * len(head.names)
-    for index, title in enumerate(head.names):
-        match = _UNIT_IN_NAME.match(title)
-        unit = known_unit(match[2]) if match is not None else None
-        is_time = match is not None and plain_key(match[1]) in _TIMES
-        is_ours = unit in ("g", "m/s2", "V") or is_time
-        name = title
-        if match is not None and (is_ours or multiple_of(unit)[0] in ("g", "m/s2", "V")):
-            name = match[1].strip() or title
-            units[index] = units[index] or unit
-        names.append(name)
-    # A configuration may name a column with its unit, as it stands in the file, or without.
-    return tuple(head.names), tuple(names), tuple(units)
 
 
 def _moved(error: ReaderError, name: str, lines: int, columns: int) -> ReaderError:

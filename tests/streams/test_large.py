@@ -25,9 +25,19 @@ from streams.readers.mat import read_mat
 from streams.readers.netcdf import read_netcdf
 from streams.readers.npy_wav import read_npy, read_plain_npy, read_wav
 from streams.readers.tdms import read_tdms
+from streams.readers.text import read_layout
 from streams.readers.uff import read_uff
 from streams.samples import ReaderError, Samples
-from tests.streams.format_makers import hdf5_bytes, mat73_bytes, mat_bytes, netcdf_bytes, signal, tdms_bytes, uff_bytes
+from tests.streams.format_makers import (
+    csv_bytes,
+    hdf5_bytes,
+    mat73_bytes,
+    mat_bytes,
+    netcdf_bytes,
+    signal,
+    tdms_bytes,
+    uff_bytes,
+)
 
 Reader = Callable[..., Samples]
 LENGTH = 1013
@@ -70,6 +80,12 @@ def packed_netcdf(kind: Literal["NETCDF4", "NETCDF3_CLASSIC"]) -> bytes:
     return bytes(file.close())
 
 
+def text_bytes(head: str, separator: str, decimal: str, *, times: bool = False) -> bytes:
+    columns = np.vstack([np.arange(LENGTH) * 0.0390625, signal(2, LENGTH)]) if times else signal(2, LENGTH)
+    lines = [separator.join(f"{number:.9g}".replace(".", decimal) for number in row) for row in columns.T]
+    return "\n".join([*([head] if head else []), *lines, ""]).encode()
+
+
 FILES: dict[str, tuple[Reader, str, Callable[[], bytes]]] = {
     "npy, float32": (read_npy, "a.npy", lambda: npy_bytes(signal(2, LENGTH).astype(np.float32))),
     "npy, columns": (read_npy, "a.npy", lambda: npy_bytes(signal(3, LENGTH).T.copy())),
@@ -90,6 +106,11 @@ FILES: dict[str, tuple[Reader, str, Callable[[], bytes]]] = {
     "tdms": (read_tdms, "a.tdms", lambda: tdms_bytes(signal(2, LENGTH), segments=5)),
     "tdms, float32": (read_tdms, "a.tdms", lambda: tdms_bytes(signal(3, LENGTH).astype(np.float32))),
     "uff": (read_uff, "a.uff", lambda: uff_bytes(signal(2, LENGTH))),
+    "text": (read_layout, "a.csv", lambda: csv_bytes(signal(2, LENGTH))),
+    "text, times": (read_layout, "a.csv", lambda: text_bytes("Time [ms];a [g];b [g]", ";", ",", times=True)),
+    "text, blanks": (read_layout, "a.txt", lambda: b"\xef\xbb\xbf" + text_bytes("", " ", ".") + b"\r\n \n"),
+    "text, tabs and CRLF": (read_layout, "a.txt", lambda: text_bytes("a\tb", "\t", ".").replace(b"\n", b"\r\n")),
+    "text, no end of the last line": (read_layout, "a.txt", lambda: text_bytes("a,b", ",", ".")[:-1]),
     "flac": (read_wav, "a.flac", lambda: wav_bytes(signal(2, LENGTH), "PCM_24", "FLAC")),
 }
 
@@ -151,6 +172,35 @@ def test_a_file_that_breaks_off_is_refused_in_the_same_words(
     file = FileBytes.opened(str(tmp_path / name))
     assert declared_size(file, name) == declared_size(data, name)
     assert content_hash(file) == content_hash(data)
+
+
+@pytest.mark.parametrize(
+    ("line", "text"),
+    [
+        (1012, b"0.5,x"),
+        (700, b"0.5"),
+        (701, b"0.5,0.25,0.125"),
+        (300, b""),
+        (400, b"0.5,"),
+        (2, b"a,b"),
+        (500, b"0.5,1.5 "),
+        (900, b"nan,inf"),
+        (1013, b"0.5"),
+    ],
+)
+@pytest.mark.parametrize("separator", [b",", b" ", b";"])
+def test_a_wrong_line_of_a_text_is_named(
+    line: int, text: bytes, separator: bytes, tmp_path: Path, small_limits: None
+) -> None:
+    lines = text_bytes("", ",", ".").split(b"\n")
+    lines[line - 1] = text
+    data = b"\n".join(lines).replace(b",", separator)
+    assert verdict(read_layout, on_disk(tmp_path / "a", data), "a") == verdict(read_layout, data, "a")
+
+
+def test_stamped_rows_are_read_as_a_whole(tmp_path: Path, small_limits: None) -> None:
+    rows = "".join(f"2024-05-01 12:{i // 60:02d}:{i % 60:02d};{i / 8}\n" for i in range(LENGTH)).encode()
+    assert_same(read_layout(on_disk(tmp_path / "a", rows), "a"), read_layout(rows, "a"))
 
 
 def test_bytes_of_a_file(tmp_path: Path, small_limits: None) -> None:
