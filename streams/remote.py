@@ -32,7 +32,7 @@ _LIVE = ("tcp", "mqtt")
 _HTTP = ("http", "https")
 _GLOB = re.compile(r"[*?\[]")
 _FILES_AT_A_TIME = 16
-_FETCHED = "fetched-"
+FETCHED = "fetched-"
 _MD5 = re.compile(r"[0-9a-f]{32}")
 
 
@@ -86,7 +86,7 @@ def expand(url: str) -> list[str]:
         SourceError: nothing fits the pattern.
         RemoteError: the storage cannot be listed.
     """
-    kind, place, scheme = _parts(url)
+    kind, place, scheme = split_url(url)
     if scheme in _HTTP or not _GLOB.search(place):
         return [url]
     if scheme == "file":
@@ -115,7 +115,7 @@ def fetched(url: str, scratch: Path, max_bytes: int | None = None) -> Generator[
         SourceError: nothing is there, it is too large, a name leads out of the folder, credentials stand in the URL.
         RemoteError: the storage refuses or cannot be reached, or a file changed while it was fetched.
     """
-    kind, place, scheme = _parts(url)
+    kind, place, scheme = split_url(url)
     if scheme == "file":
         path = Path(_local(place))
         if not path.exists():
@@ -123,7 +123,7 @@ def fetched(url: str, scratch: Path, max_bytes: int | None = None) -> Generator[
         yield Fetched(f"{kind}{path}", path, 0, {})
         return
     allowed = free_bytes(scratch) if max_bytes is None else max_bytes
-    with scratch_folder(_FETCHED, scratch) as folder:
+    with scratch_folder(FETCHED, scratch) as folder:
         found = _fetch_http(place, folder, allowed) if scheme in _HTTP else _fetch_objects(place, folder, allowed)
         yield Fetched(f"{kind}{found.path}", found.path, found.size, found.etags)
 
@@ -171,7 +171,7 @@ def remote_files(url: str) -> list[RemoteFile]:
     return sorted(found, key=lambda file: natural_key(file.name))
 
 
-def _parts(url: str) -> tuple[str, str, str]:
+def split_url(url: str) -> tuple[str, str, str]:
     """Return the kind of a source, its URL and the scheme; SourceError for credentials in it."""
     found = _URL.fullmatch(url)
     if found is None:
@@ -208,7 +208,7 @@ def _entry(name: str, path: str, entry: dict[str, Any]) -> RemoteFile:
 
 def _fetch_http(url: str, folder: Path, allowed: int) -> Fetched:
     name = PurePosixPath(unquote(urlsplit(url).path)).name or "recording"
-    target = _target(folder, name, url)
+    target = target_of(folder, name, url)
     found = download(url, target, allowed)
     _set_time(target, found.changed)
     return Fetched("", target, found.size, {} if found.etag is None else {name: found.etag.strip('"')})
@@ -216,23 +216,32 @@ def _fetch_http(url: str, folder: Path, allowed: int) -> Fetched:
 
 def _fetch_objects(url: str, folder: Path, allowed: int) -> Fetched:
     found = remote_files(url)
-    files, path = filesystem(url)
+    path = filesystem(url)[1]
     size = sum(file.size for file in found)
     count = f"{url} ({len(found)} files)" if len(found) > 1 else url
     refuse_size(count, size, allowed)
     top = PurePosixPath(path).name
     one = len(found) == 1 and found[0].path.strip("/") == path.strip("/")
     root = folder if one else folder / top
-    targets = {file.path: _target(root, file.name, url) for file in found}
+    fetch_files(url, found, {file.path: target_of(root, file.name, url) for file in found})
+    return Fetched(
+        "", root / found[0].name if one else root, size, {file.name: file.etag for file in found if file.etag}
+    )
+
+
+def fetch_files(url: str, found: Sequence[RemoteFile], targets: Mapping[str, Path]) -> None:
+    """Fetch objects of one URL to the paths of ``targets``, several at a time, and compare them with their entries.
+
+    Raises:
+        SourceError, RemoteError: as :func:`fetched`.
+    """
+    files = filesystem(url)[0]
     for folder in {target.parent for target in targets.values()}:
         folder.mkdir(parents=True, exist_ok=True)
     with _foreseen(url, "fetched"):
         _get_all(files, targets)
     for file in found:
         _check(files, file, targets[file.path], url)
-    return Fetched(
-        "", root / found[0].name if one else root, size, {file.name: file.etag for file in found if file.etag}
-    )
 
 
 def _get_all(files: Any, targets: Mapping[str, Path]) -> None:
@@ -278,7 +287,7 @@ def _is_same(files: Any, file: RemoteFile) -> bool:
     return all(None in pair or pair[0] == pair[1] for pair in pairs)
 
 
-def _target(folder: Path, name: str, url: str) -> Path:
+def target_of(folder: Path, name: str, url: str) -> Path:
     """Return where a file goes; SourceError for a name that no folder can hold."""
     parts: Sequence[str] = name.split("/")
     if any(part in ("", ".", "..") or "\\" in part or "\0" in part for part in parts):

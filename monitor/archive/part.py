@@ -33,7 +33,8 @@ from monitor.records.store import Store as RecordStore
 from monitor.service.replay import Extent, Replay, kept_dating, replay_source
 from monitor.service.setup import open_configured
 from streams.reading import ReadingState, ResumableSource
-from streams.remote import fetched, is_remote
+from streams.remote import is_remote
+from streams.remote_folder import opened_remote
 from streams.source import Source
 
 PART_BLOCKS = 5000
@@ -236,9 +237,11 @@ class _Replayed:
             return
         scratch = self._folder / "fetched"
         scratch.mkdir(exist_ok=True)
-        with fetched(url, scratch) as found:
-            self._fetched_bytes += found.size
-            yield open_configured(machine.config, section, found.url, dating, reading)
+        with opened_remote(url, scratch, section.pulses) as found:
+            try:
+                yield open_configured(machine.config, section, found.url, dating, reading, found.files)
+            finally:
+                self._fetched_bytes += found.size
 
     def _replay(self, machine: Machine, source: Source) -> Replay:
         part = self._part

@@ -1,0 +1,160 @@
+"""Files below a prefix are fetched as they are read, from where a pass begins, and removed behind it."""
+
+from __future__ import annotations
+
+import uuid
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from models.work.object_store import ObjectStore
+from streams import remote, remote_folder
+from streams.block import Block, Rejected
+from streams.open import open_source
+from streams.reading import ReadingState
+from streams.recording import Recording
+from streams.remote_folder import OpenedRemote, opened_remote
+from streams.spec import ChannelSpec, SourceError, SourceSpec
+from tests.monitor.archive.fleet_files import assert_same_records, make_archive, write_files
+
+pytest.importorskip("fsspec", reason="needs the extra cluster")
+
+COUNT = 12
+CHANNELS = (ChannelSpec("a", column=1),)
+
+
+@pytest.fixture
+def gets(monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """The names of the objects that are fetched, in order."""
+    fetched: list[str] = []
+    get = remote._get
+
+    def noted(files: object, path: str, target: Path) -> None:
+        fetched.append(target.name)
+        get(files, path, target)
+
+    monkeypatch.setattr(remote, "_get", noted)
+    return fetched
+
+
+@pytest.fixture
+def prefix(tmp_path: Path) -> tuple[str, Path]:
+    """The URL of a prefix, and a folder with the same files: recordings of 1.5 blocks each, and a side-car."""
+    store = ObjectStore(f"memory://{uuid.uuid4()}/plant")
+    folder = tmp_path / "local" / "press"
+    folder.mkdir(parents=True)
+    rng = np.random.default_rng(1)
+    for number in range(COUNT):
+        np.save(folder / f"run-{number}.npy", rng.standard_normal(150).astype(np.float32))
+    (folder / "spallwatch.json").write_text('{"rate_hz": 100, "unit": "g"}')
+    (folder / "run-3.npy.json").write_text('{"rate_hz": 100, "unit": "g", "scale": 2.0}')
+    for path in folder.iterdir():
+        store.write(f"press/{path.name}", path.read_bytes())
+    return f"{store.url}/press", folder
+
+
+def opened(found: OpenedRemote, begin: ReadingState | None = None) -> Recording:
+    source = open_source(spec_of(found.url), begin=begin, files=found.files)
+    assert isinstance(source, Recording)
+    return source
+
+
+def spec_of(url: str) -> SourceSpec:
+    return SourceSpec("s", url, block_s=1.0, channels=CHANNELS, start=0.0)
+
+
+def seen(items: list[Block | Rejected]) -> list[object]:
+    return [(i.name, i.start, i.samples.tobytes()) if isinstance(i, Block) else replace(i) for i in items]
+
+
+@pytest.mark.parametrize("files", [1, 4, 16])
+def test_blocks_are_those_of_a_folder(
+    files: int, prefix: tuple[str, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(remote_folder, "MAX_FILES", files)
+    url, folder = prefix
+    local = open_source(spec_of(str(folder)))
+    most = 0
+    with opened_remote(url, tmp_path / "scratch") as found:
+        items: list[Block | Rejected] = []
+        for item in opened(found):
+            items.append(item)
+            most = max(most, len(list((tmp_path / "scratch").rglob("*.npy"))))
+    assert seen(items) == seen(list(local))
+    assert len(items) > COUNT
+    assert most <= files
+    assert not list((tmp_path / "scratch").iterdir())
+
+
+def test_a_part_fetches_from_the_file_on_in_which_the_one_before_ended(
+    prefix: tuple[str, Path], tmp_path: Path, gets: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(remote_folder, "MAX_FILES", 2)
+    url, folder = prefix
+    with opened_remote(url, tmp_path / "scratch") as found:
+        source = opened(found)
+        first = [item for _, item in zip(range(7), source, strict=False)]
+        state = source.state()
+    gets.clear()
+    with opened_remote(url, tmp_path / "scratch") as found:
+        rest = list(opened(found, state))
+    assert seen([*first, *rest]) == seen(list(open_source(spec_of(str(folder)))))
+    assert [name for name in gets if name.endswith(".npy")] == [f"run-{number}.npy" for number in range(3, COUNT)]
+    assert found.size == sum((folder / name).stat().st_size for name in gets)
+
+
+def test_a_batch_has_a_limit_of_bytes(
+    prefix: tuple[str, Path], tmp_path: Path, gets: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    url, folder = prefix
+    monkeypatch.setattr(remote_folder, "MAX_BATCH_BYTES", 2 * (folder / "run-0.npy").stat().st_size + 10)
+    with opened_remote(url, tmp_path) as found:
+        assert found.files is not None
+        items = {item.path: item for item in found.files}
+        gets.clear()
+        for name in ("run-5.npy", "run-6.npy", "run-2.npy"):
+            items[name].read()
+        assert gets == ["run-5.npy", "run-6.npy", "run-2.npy", "run-3.npy", "run-3.npy.json"][: len(gets)]
+        assert len(gets) == 3
+
+
+def test_a_file_that_changed_meanwhile_ends_the_pass(prefix: tuple[str, Path], tmp_path: Path) -> None:
+    url, folder = prefix
+    store = ObjectStore(url.removesuffix("/press"))
+    with opened_remote(url, tmp_path / "scratch") as found:
+        store.write("press/run-0.npy", (folder / "run-0.npy").read_bytes() + b"more")
+        with pytest.raises(remote.RemoteError, match=r"run-0\.npy: changed while it was fetched"):
+            opened(found)
+        store.delete("press/run-0.npy")
+        with pytest.raises(SourceError, match=r"cannot be fetched"):
+            opened(found)
+
+
+def test_an_object_is_fetched_at_once(prefix: tuple[str, Path], tmp_path: Path) -> None:
+    url, folder = prefix
+    with opened_remote(f"{url}/run-1.npy", tmp_path / "scratch") as found:
+        assert found.files is None
+        assert Path(found.url).read_bytes() == (folder / "run-1.npy").read_bytes()
+        assert found.size == (folder / "run-1.npy").stat().st_size
+
+
+def test_an_archive_of_prefixes_in_parts_has_the_records_of_folders(
+    tmp_path: Path, gets: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(remote_folder, "MAX_FILES", 3)
+    store = ObjectStore(f"memory://{uuid.uuid4()}/plant")
+    for place, count in (("one", 5), ("two", 3)):
+        for path in write_files(tmp_path / place, count, begin=0 if place == "one" else 5).iterdir():
+            store.write(f"{place}/{path.name}", path.read_bytes())
+    manifest = (
+        '[[machine]]\nname = "m"\nconfig = "m.toml"\nrecordings = ["{0}/one", "{0}/two"]\nhistory = "continued"\n'
+    )
+    make_archive(tmp_path, manifest.format(store.url), part_blocks=3)
+    fetched = [name for name in gets if name.endswith(".npy")]
+    make_archive(tmp_path, manifest.format(tmp_path), "local", part_blocks=100)
+    for folder in sorted((tmp_path / "local" / "m").iterdir()):
+        assert_same_records(tmp_path / "out" / "m" / folder.name, folder)
+    # Bands are chosen of so few blocks by a pass of its own, and a part fetches the last file of the one before again.
+    assert len(fetched) <= 3 * 8
