@@ -7,6 +7,11 @@ from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
+from models.errors import WrongInputError
+from models.portable import address_limit
+
+MIN_ADDRESS_BYTES = 600_000_000
+"""Of a process that analyses: 433 MB after a short replay whose kernels were compiled before."""
 _RESERVE_BYTES = 200e6
 """Left to the system."""
 
@@ -29,6 +34,19 @@ def free_memory() -> list[Memory]:
     if machine is not None:
         found.append(Memory(machine - _RESERVE_BYTES, "memory of the machine"))
     return found
+
+
+def check_address_space() -> None:
+    """Raise WrongInputError where the address space is too small to load the numerical libraries.
+
+    The OpenBLAS of scipy 1.17.1 asks again and again for memory that it does not get while it is loaded.
+    """
+    limit = address_limit()
+    if limit is not None and limit < MIN_ADDRESS_BYTES:
+        raise WrongInputError(
+            f"the address space is limited to {1e-6 * limit:.0f} MB (ulimit -v), expected at least "
+            f"{1e-6 * MIN_ADDRESS_BYTES:.0f} MB"
+        )
 
 
 def held_memory() -> float | None:

@@ -349,6 +349,14 @@ def limit(kind: str, value: int) -> None:
     _resource.setrlimit(number, (value if hard == _resource.RLIM_INFINITY else min(value, hard), hard))
 
 
+def address_limit() -> int | None:
+    """Return the soft limit of the address space of this process (``ulimit -v``), bytes; None where there is none."""
+    if _resource is None:
+        return None
+    soft, _ = _resource.getrlimit(_resource.RLIMIT_AS)
+    return None if soft == _resource.RLIM_INFINITY else int(soft)
+
+
 def lower_priority(steps: int = 5) -> None:
     """Let threads of other processes go first, where the system can be told; ``steps`` are those of nice(2)."""
     if hasattr(os, "nice"):

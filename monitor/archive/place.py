@@ -162,6 +162,7 @@ class _Copier:
         if len(data) <= _MAX_GUARDED_BYTES:
             tag = self._store.write_kept(INDEX_NAME, data, self._tag)
             if tag is None:
+                self._lease.confirm()
                 raise LeaseLostError(f"{self._store.url}: {INDEX_NAME} was written by another process; this one ends")
             self._tag = tag
         else:

@@ -81,7 +81,7 @@ class Replaying:
             # What has failed together is replayed alone, and long recordings go on.
             self._run(self._task([self._first_part(row)]) for row in self._alone)
         except KeyboardInterrupt as error:
-            error.add_note(f"{self._ended} recordings more are in {self.index.path}; --resume goes on with the others")
+            error.add_note(f"{self._ended} recordings more are in the index; --resume goes on with the others")
             raise
         finally:
             self.runner.notify = notify

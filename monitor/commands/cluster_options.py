@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import click
 
 from models.errors import WrongInputError
+from models.memory import check_address_space
 from models.process_signals import ended_as_interrupted
 from models.scratch import remove_abandoned, scratch_folder
 from models.work.errors import ChunksFailedError, FailedChunk
@@ -205,6 +206,8 @@ def sharing(words: str) -> Callable[[F], F]:
         def command(
             *args: Any, cluster: str | None, workers: int, resume: bool, chunks: str | None, **others: Any
         ) -> Any:
+            # Before the command imports what may wait for memory without end.
+            check_address_space()
             return function(*args, sharing=Sharing(cluster, workers, resume, chunks), **others)
 
         decorated: Any = command

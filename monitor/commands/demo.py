@@ -19,6 +19,7 @@ from monitor.commands import option
 from monitor.commands.common import InputError, counter, emit, finite, progress_bar, say
 from monitor.commands.demo_prior import forecast_quadratic, quadratic_library
 from monitor.commands.replay import summary_lines, write_report
+from monitor.commands.sole_writer import hold_output
 from monitor.config.load import Config, validate
 from monitor.config.source import ChannelSection
 from monitor.words.numbers import duration, interval
@@ -145,6 +146,7 @@ def command(out: Path, seed: int, method: str | None, model: str, as_json: bool,
             f"take filter, or make one with: spallwatch library build --model {model}"
         )
     config = demo_config(method, model)
+    hold_output(out)
     _clear(out)
     maps = {_TESTED: _demo_map(config, model, quiet=quiet)}
     libraries = {_TESTED: _demo_library(config, quiet=quiet)} if method != "thesis" and own else {}

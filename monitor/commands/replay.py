@@ -14,6 +14,7 @@ import click
 from monitor.commands import option
 from monitor.commands.cluster_options import Sharing, sharing
 from monitor.commands.common import InputError, emit, progress_bar, read_config, say
+from monitor.commands.sole_writer import hold_output
 from monitor.words.advice import status_line
 from monitor.words.gears import gears_line
 from monitor.words.numbers import duration, interval
@@ -79,6 +80,8 @@ def command(
         )
     config = read_config(config_path)
     path = paths[0] if paths else None
+    # Until the page is written, too.
+    hold_output(out)
     with local_source(config.source[0].url if path is None else path, out / "fetched") as source:
         result = replay(
             config,

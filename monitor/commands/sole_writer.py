@@ -8,7 +8,10 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from models.portable import FileLock
+import click
+
+from models.portable import FileLock, may_write
+from models.process_signals import ended_as_interrupted
 from monitor.commands.common import InputError, output_errors
 
 _WAIT_S = 0.5
@@ -20,7 +23,8 @@ _POLL_S = 0.02
 def sole_writer(out: Path) -> Iterator[None]:
     """Hold the lock of an output file or folder, ``.NAME.lock`` beside it, while the block runs.
 
-    The system releases it when the process ends. Where the file system has no locks, none is held.
+    The system releases it when the process ends. Where the file system has no locks, none is held; nor for a folder in
+    one that may not be written, such as what is mounted at the root of a container.
 
     Raises:
         InputError: another process holds it, or nothing can be written there.
@@ -29,7 +33,11 @@ def sole_writer(out: Path) -> Iterator[None]:
     path = place.with_name(f".{place.name or 'root'}.lock")
     with output_errors("--out", out):
         place.parent.mkdir(parents=True, exist_ok=True)
-        lock = _held(path)
+        free = place.is_dir() and not may_write(place.parent)
+        lock = None if free else _held(path)
+    if free:
+        yield
+        return
     if lock is None:
         raise InputError(f"--out {out}: another process is writing it")
     try:
@@ -41,6 +49,13 @@ def sole_writer(out: Path) -> Iterator[None]:
         with suppress(OSError):
             path.unlink()
         lock.close()
+
+
+def hold_output(out: Path) -> None:
+    """Hold an output as :func:`sole_writer` until the command that is running ends; SIGTERM ends it as Ctrl-C does."""
+    context = click.get_current_context()
+    context.with_resource(ended_as_interrupted())
+    context.with_resource(sole_writer(out))
 
 
 def _held(path: Path) -> FileLock | None:

@@ -1,6 +1,13 @@
+import subprocess
+import sys
 from pathlib import Path
 
-from models.memory import group_memory, machine_memory
+import pytest
+
+from models import memory
+from models.errors import WrongInputError
+from models.memory import check_address_space, group_memory, machine_memory
+from tests.commands import run_command
 
 
 def test_memory_of_the_machine(tmp_path: Path) -> None:
@@ -37,3 +44,26 @@ def test_a_control_group_of_version_one(tmp_path: Path) -> None:
     group(root / "memory", names | {"memory.limit_in_bytes": "1000"})
     assert group_memory(membership, root) == 940.0
     assert group_memory(tmp_path / "missing", root) is None
+
+
+@pytest.mark.parametrize("words", [("replay", "rig:ferrara"), ("archive", "replay", __file__, "--out", "s3://a/b")])
+def test_a_command_that_analyses_needs_address_space(words: tuple[str, ...], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(memory, "address_limit", lambda: 409_600_000)
+    ended = run_command(*words)
+    assert ended.returncode == 2
+    said = "spallwatch: the address space is limited to 410 MB (ulimit -v), expected at least 600 MB\n"
+    assert ended.stderr == said
+
+
+@pytest.mark.parametrize("limit", [None, 600_000_000])
+def test_enough_address_space_is_enough(limit: int | None, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(memory, "address_limit", lambda: limit)
+    check_address_space()
+
+
+@pytest.mark.process
+def test_the_limit_of_the_address_space_is_that_of_the_shell() -> None:
+    code = "import models.memory as m; m.MIN_ADDRESS_BYTES = 1 << 40; m.check_address_space()"
+    words = [sys.executable, "-c", f"import resource as r; r.setrlimit(r.RLIMIT_AS, (1 << 30,) * 2); {code}"]
+    ended = subprocess.run(words, capture_output=True, text=True, check=False)
+    assert f"{WrongInputError.__name__}: the address space is limited to 1074 MB" in ended.stderr

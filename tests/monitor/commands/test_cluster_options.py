@@ -172,6 +172,13 @@ def test_temporary_folders_of_killed_commands_are_removed(tmp_path, monkeypatch)
         assert list(tmp_path.iterdir()) == []
 
 
+def test_a_folder_in_one_that_may_not_be_written_is_an_output(tmp_path, monkeypatch):
+    monkeypatch.setattr("monitor.commands.sole_writer.may_write", lambda folder: folder != tmp_path)
+    (tmp_path / "out").mkdir()
+    with Sharing(workers=1).open(tmp_path / "out", quiet=True):
+        assert [path.name for path in tmp_path.iterdir()] == ["out"]
+
+
 def test_an_output_has_one_writer_at_a_time(tmp_path):
     out, other = tmp_path / "a" / "map.nc", tmp_path / "a" / "map.nc2"
     with Sharing(workers=1).open(out, quiet=True), Sharing(workers=1).open(other, quiet=True):

@@ -14,8 +14,10 @@ from monitor.commands import demo_prior
 from monitor.commands.common import InputError
 from monitor.commands.demo import MODELS, _prior_note, command, demo_config
 from monitor.commands.demo_prior import QUADRATIC, forecast_quadratic
+from monitor.commands.sole_writer import sole_writer
 from monitor.records.store import Store
 from monitor.service.libraries import shipped_library
+from tests.commands import run_command
 
 
 def test_the_bench_is_that_of_the_thesis() -> None:
@@ -79,3 +81,15 @@ def test_v_eq_as_tracked_is_forecast_once_more_by_block(monkeypatch: pytest.Monk
 def test_the_report_says_what_the_prior_costs(tt: float | None, known: float | None, said: str) -> None:
     row = {"share_of_life": 0.5, "tt_s": tt, "tt_quadratic_s": known, "tt_true_s": 5400.0}
     assert re.search(said, _prior_note([{**row, "share_of_life": 0.25}, row]))
+
+
+def test_a_demo_does_not_delete_what_another_one_is_writing(tmp_path: Path) -> None:
+    out = tmp_path / "demo"
+    out.mkdir()
+    (out / "report.html").touch()
+    with sole_writer(out):
+        ended = run_command("demo", "--out", out)
+    assert ended.returncode == 2
+    assert f"--out {out}: another process is writing it" in ended.stderr
+    assert (out / "report.html").exists()
+    assert {path.name for path in tmp_path.iterdir()} == {"demo"}

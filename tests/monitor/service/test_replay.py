@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from monitor.commands import replay as replay_command
 from monitor.health.record import Record
 from monitor.records.store import Store
 from tests.commands import run_command
@@ -49,6 +50,24 @@ def records(folder: Path, out: str = "out") -> list[Record]:
     with Store.open(folder / out / "state.db", read_only=True) as store:
         assert store.check() == []
         return list(store.records())
+
+
+def test_a_replay_has_its_folder_alone_until_its_report_is_written(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    put(folder, "a.npy", 1)
+    refused: list[str] = []
+    write = replay_command.write_report
+
+    def written(*arguments: Any) -> Path:
+        refused.append(run_command("replay", "in", "--config", "m.toml", "--out", "out", "--resume").stderr)
+        return write(*arguments)
+
+    monkeypatch.setattr(replay_command, "write_report", written)
+    result = run_command("replay", "in", "--config", "m.toml", "--out", "out", cwd=folder)
+    assert result.returncode == 0, result.stderr
+    assert refused == ["spallwatch: --out out: another process is writing it\n"]
+    assert {path.name for path in folder.iterdir()} == {"m.toml", "in", "out"}
 
 
 def test_names_that_are_not_utf_8_are_escaped_in_records_and_report(folder: Path) -> None:
