@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import logging
 import os
 from typing import Any
@@ -48,6 +49,8 @@ class Local:
                 dashboard_address="127.0.0.1:0",
                 scheduler_kwargs={"dashboard": False},
                 memory_limit=MEMORY_LIMIT // self.workers,
+                # A nanny refers to the settings of the process: a worker started again would have those of then.
+                config=copy.deepcopy(config.config),
                 silence_logs=logging.CRITICAL,
                 preload=["models.work.cluster.local_worker"],
             )

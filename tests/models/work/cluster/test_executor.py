@@ -66,9 +66,17 @@ def test_workers_of_a_local_cluster_take_no_samples_of_their_stack(cluster):
     client = cluster.connect()
     try:
         client.wait_for_workers(1)
-        assert all("heartbeat" in names and "profile" not in names for names in client.run(jobs.periodic).values())
+        names = client.run(jobs.periodic)
     finally:
         client.close()
+    assert names
+    assert all("heartbeat" in found and "profile" not in found for found in names.values())
+
+
+def test_workers_of_a_local_cluster_that_are_started_again_have_its_settings(cluster):
+    # What a nanny gives to the next worker, once the settings of this process are as before.
+    kept = [nanny.config["distributed"]["worker"] for nanny in cluster._cluster.workers.values()]
+    assert [(found["profile"]["enabled"], found["http"]["routes"]) for found in kept] == [(False, [])] * 2
 
 
 def test_ports_of_a_local_cluster_ask_for_the_certificate_of_its_run(cluster):
