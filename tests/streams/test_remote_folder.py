@@ -99,7 +99,8 @@ def test_a_part_fetches_from_the_file_on_in_which_the_one_before_ended(
         state = source.state()
     gets.clear()
     with opened_remote(url, tmp_path / "scratch") as found:
-        rest = list(opened(found, state))
+        # list() would ask for the length first, which takes a pass of its own.
+        rest = [*iter(opened(found, state))]
     assert seen([*first, *rest]) == seen(list(open_source(spec_of(str(folder)))))
     assert [name for name in gets if name.endswith(".npy")] == [f"run-{number}.npy" for number in range(3, COUNT)]
     assert found.size == sum((folder / name).stat().st_size for name in gets)
