@@ -33,6 +33,8 @@ MAX_ATTEMPTS = 3
 MAX_SENT_BYTES = 50_000
 """Size up to which the tasks of a chunk are sent; what is larger waits in the store."""
 _MAX_SHARED = 4
+_ABANDONED_S = 30.0
+"""Time of a chunk after which its worker may have been frozen, and its run have ended without it, s."""
 
 
 @dataclass(frozen=True)
@@ -83,7 +85,7 @@ def read_chunk(store: Store, key: str) -> StoredChunk | None:
     data = store.read(chunk_name(key))
     if data is None:
         return None
-    found = decode(data)
+    found = _decoded(store, chunk_name(key), data)
     if not isinstance(found, StoredChunk) or found.key != key:
         raise DamagedDataError(f"{store.url}/{chunk_name(key)}: expected the results of this chunk, got others")
     return found
@@ -94,16 +96,15 @@ def lost_workers(store: Store, call: ChunkCall) -> list[str]:
     return sorted(store.names(f"started/{call.key}/{call.caller}-"))
 
 
-def clear_marks(store: Store, key: str) -> None:
-    """Delete the markers of a chunk, so that its workers do not count as lost."""
-    for name in list(store.names(f"started/{key}/")):
+def clear_marks(store: Store, key: str, caller: str) -> None:
+    """Delete the markers of a chunk that workers of a caller left, so that these do not count as lost."""
+    for name in list(store.names(f"started/{key}/{caller}-")):
         store.delete(name)
 
 
 def clear_attempts(store: Store, key: str) -> None:
     """Delete the markers and the logs of a chunk, so that it may be attempted anew."""
-    clear_marks(store, key)
-    for name in list(store.names(f"failed/{key}/")):
+    for name in [name for prefix in ("started", "failed") for name in store.names(f"{prefix}/{key}/")]:
         store.delete(name)
 
 
@@ -168,13 +169,16 @@ def _run(call: ChunkCall, store: Store, worker: str) -> ChunkOutcome:
     function: Callable[[Any, Any], Any] = resolve(call.function)
     shared, tasks = _shared(call.store, store, call.shared), decode(call.tasks)
     if isinstance(tasks, StoredTasks):
-        tasks = decode(_found(store, f"tasks/{tasks.key}"))
+        tasks = _found(store, f"tasks/{tasks.key}")
     begun = time.perf_counter()
     try:
         results = [function(shared, task) for task in tasks]
     except Exception as error:
         return _failed(call, failure_of(error), worker, log=True)
     seconds = time.perf_counter() - begun
+    if seconds > _ABANDONED_S and next(iter(store.names(f"shared/{call.shared}")), None) is None:
+        # Results would stay in a place that was tidied up.
+        raise FileNotFoundError(f"{store.url}: {call.label}: its run has ended meanwhile")
     data = encode(StoredChunk(call.key, results, seconds, worker, processor()))
     store.write(chunk_name(call.key), data)
     return ChunkOutcome(call.key, None, seconds, len(data), worker, processor())
@@ -189,18 +193,25 @@ def _shared(url: str, store: Store, name: str) -> Any:
     with _lock:
         key = (url, name)
         if key not in _kept:
-            _kept[key] = decode(_found(store, f"shared/{name}"))
+            _kept[key] = _found(store, f"shared/{name}")
             while len(_kept) > _MAX_SHARED:
                 _kept.popitem(last=False)
         _kept.move_to_end(key)
         return _kept[key]
 
 
-def _found(store: Store, name: str) -> bytes:
+def _found(store: Store, name: str) -> Any:
     data = store.read(name)
     if data is None:
         raise FileNotFoundError(f"{store.url} has no {name}: workers and caller must reach the same store")
-    return data
+    return _decoded(store, name, data)
+
+
+def _decoded(store: Store, name: str, data: bytes) -> Any:
+    try:
+        return decode(data)
+    except DamagedDataError as error:
+        raise DamagedDataError(f"{store.url}/{name}: {error}") from None
 
 
 def _died(store: Store, markers: list[str]) -> Failure:

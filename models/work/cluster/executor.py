@@ -17,7 +17,7 @@ from typing import Any
 from models.work.chunk import MAX_ATTEMPTS, clear_marks, lost_workers, read_chunk
 from models.work.cluster.connect import Cluster
 from models.work.cluster.errors import ClusterError, RefusedWorkerError
-from models.work.cluster.member import run
+from models.work.cluster.member import run, turn_name
 from models.work.cluster.roster import Roster
 from models.work.codec import DamagedDataError
 from models.work.errors import MemoryNeedError, failure_of
@@ -110,8 +110,8 @@ class ClusterExecutor:
         return _AHEAD * max(self._roster.threads(), 1)
 
     def workers(self) -> int:
-        """Return how many chunks may be at work side by side."""
-        return self._roster.threads()
+        """Return how many workers take part."""
+        return len(self._roster.members)
 
     def submit(self, call: ChunkCall) -> None:
         """Send a chunk; one that no worker has the memory for has failed."""
@@ -155,7 +155,8 @@ class ClusterExecutor:
     def _send(self, sent: _Sent) -> None:
         """Give a chunk to the scheduler under a new key, for the workers that take part at this moment.
 
-        Others may offer memory too, to a caller whose store they reach. A lost scheduler is noticed later.
+        Others may offer memory too, to a caller whose store they reach. A future before is forgotten. A lost scheduler
+        is noticed later.
         """
         call = sent.call
         self._number += 1
@@ -163,15 +164,17 @@ class ClusterExecutor:
         if not self._roster.members:
             # To dask, no name of a worker means any worker.
             return
+        resource = self._roster.resource
+        turn = {} if call.threads else {turn_name(resource): 1}
         try:
             sent.future = self._client.submit(
                 run,
                 call,
-                self._roster.resource,
+                resource,
                 key=f"{call.function.partition(':')[2]}-{call.key}-{self._number}",
                 pure=False,
                 workers=self._roster.addresses(),
-                resources={self._roster.resource: max(call.memory, 1)},
+                resources={resource: max(call.memory, 1), **turn},
             )
         except (OSError, RuntimeError):
             if self._client.status == "running":
@@ -189,7 +192,7 @@ class ClusterExecutor:
         sent = found[0]
         if future is not None and future.status in ("pending", "lost"):
             # Its worker was lost after it had ended.
-            self._again(sent)
+            self._send(sent)
         elif future is None or future.status not in ("finished", "error"):
             self._recover()
         elif future.status == "finished":
@@ -201,7 +204,7 @@ class ClusterExecutor:
             if outcome is not None:
                 self._end(sent, outcome)
             else:
-                self._again(sent)
+                self._send(sent)
         else:
             self._fail(sent, future.exception(timeout=_RESULT_S))
 
@@ -216,7 +219,7 @@ class ClusterExecutor:
         marks = len(lost_workers(self._store, sent.call))
         # Dask also counts chunks that only waited on a worker that was lost; those that began left a mark.
         if marks < MAX_ATTEMPTS and sent.losses < MAX_LOSSES:
-            self._again(sent)
+            self._send(sent)
             return
         last = getattr(error.last_worker, "address", "unknown")
         failure = Failure(DIED, f"its workers were lost, the last one at {last}", "a killed process logs nothing")
@@ -225,10 +228,6 @@ class ClusterExecutor:
     def _end(self, sent: _Sent, outcome: ChunkOutcome) -> None:
         self._outcomes.append(outcome)
         del self._sent[sent.call.key]
-
-    def _again(self, sent: _Sent) -> None:
-        """Send a chunk again; what is left of the future before is forgotten."""
-        self._send(sent)
 
     def _look(self) -> None:
         """Ask new workers to join, and send chunks again that no worker has, or one that is silent.
@@ -278,7 +277,7 @@ class ClusterExecutor:
         elif sent.call.memory <= self._roster.memory() and not (worker is not None and sent.copied):
             # The scheduler does not look again at what it could not place.
             sent.copied = sent.copied or worker is not None
-            self._again(sent)
+            self._send(sent)
         elif now - sent.waiting > self._idle_s:
             raise ClusterError(
                 f"{self.name}: for {self._idle_s:.0f} s there was no worker for {sent.call.label}, which needs "
@@ -300,11 +299,11 @@ class ClusterExecutor:
         self._connect_again(time.monotonic() + self._reconnect_s, stated)
         for sent in list(self._sent.values()):
             # Workers go with their scheduler: that says nothing against the chunks that they had.
-            clear_marks(self._store, sent.call.key)
+            clear_marks(self._store, sent.call.key, sent.call.caller)
             if (outcome := self._stored(sent.call)) is not None:
                 self._end(sent, outcome)
             else:
-                self._again(sent)
+                self._send(sent)
         self._looked = time.monotonic()
 
     def _stored(self, call: ChunkCall) -> ChunkOutcome | None:
@@ -321,7 +320,7 @@ class ClusterExecutor:
                 self._client = self._cluster.connect()
                 self._roster.use(self._client)
                 self._roster.wait_for(1, max(deadline - time.monotonic(), 1.0), strict=False)
-                self._tell(f"{self.name}: {self._roster.threads()} workers are back")
+                self._tell(f"{self.name}: {len(self._roster.members)} workers are back")
                 return
             except RefusedWorkerError:
                 raise

@@ -57,8 +57,16 @@ def join(url: str, token: str, expected: Mapping[str, str], resource: str) -> Me
         return Membership(name, problem=problem)
     memory = offered_memory(worker.memory_manager.memory_limit, worker.memory_manager.memory_pause_fraction)
     if resource not in worker.state.total_resources:
-        sync(worker.loop, worker.set_resources, **{resource: float(memory)})
+        sync(worker.loop, worker.set_resources, **{resource: float(memory), turn_name(resource): 1.0})
     return Membership(name, worker.state.nthreads, memory)
+
+
+def turn_name(resource: str) -> str:
+    """Return the name of the resource of which a worker has one, whatever its threads.
+
+    Chunks that need a process take it: what reads and writes their files bears no second thread.
+    """
+    return f"{resource}-process"
 
 
 def offered_memory(limit: int | None, pause: float | bool | None) -> int:

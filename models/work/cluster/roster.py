@@ -29,6 +29,9 @@ NOTICE_S = 3.0
 SILENT_S = 30.0
 """Time without a heartbeat after which a worker does not take part until it answers, s. Dask sends one at least every
 2 s with up to 200 workers, and gives up a worker without one after 300 s (``worker-ttl``)."""
+PAUSED_S = 30.0
+"""Time for which dask has paused a worker with no task at work, after which it does not take part until it goes on, s:
+what fills its memory is not a chunk that will end."""
 _POLL_S = 0.1
 
 
@@ -57,6 +60,7 @@ class Roster:
         self.resource = f"spallwatch-{self._facts['program'][:12]}"
         self._asked: dict[str, tuple[Any, str]] = {}
         self._refused: dict[str, str] = {}
+        self._paused: dict[str, float] = {}
         self._strict = False
 
     def use(self, client: Any) -> None:
@@ -133,7 +137,7 @@ class Roster:
         return sorted(self.members)
 
     def threads(self) -> int:
-        """Return how many chunks may be at work, as far as their memory allows."""
+        """Return how many chunks may be at work, as far as their memory and their kind allow."""
         return sum(member.threads for member in self.members.values())
 
     def memory(self) -> int:
@@ -144,11 +148,11 @@ class Roster:
         """Forget all workers, and delete the tokens of those that have not answered."""
         for address, (_, token) in self._asked.items():
             self._delete_token(address, token)
-        for group in (self.members, self._asked, self._refused):
+        for group in (self.members, self._asked, self._refused, self._paused):
             group.clear()
 
     def _answering(self, known: Mapping[str, Mapping[str, Any]]) -> set[str]:
-        """Return the workers of a scheduler that send heartbeats; forget members that stopped, or began anew.
+        """Return the workers of a scheduler that send heartbeats and take tasks; forget members that began anew.
 
         The scheduler notes when it hears of each: the age is relative to the latest, so that no two clocks are compared
         and a scheduler that was busy finds no worker silent.
@@ -159,9 +163,26 @@ class Roster:
             if self.resource not in known[address]["resources"]:
                 # Another process took its port before its loss was seen here.
                 del self.members[address]
-        for address in set(known).difference(present).intersection(self.members):
-            self._tell(f"worker {self.members[address].name} is silent for {SILENT_S:.0f} s: others get its chunks")
-        return present
+        stuck = self._stuck(known)
+        for address in set(known).intersection(self.members).difference(present - stuck):
+            how = (
+                f"is paused for {PAUSED_S:.0f} s, its memory is full"
+                if address in stuck
+                else (f"is silent for {SILENT_S:.0f} s")
+            )
+            self._tell(f"worker {self.members[address].name} {how}: others get its chunks")
+        return present - stuck
+
+    def _stuck(self, known: Mapping[str, Mapping[str, Any]]) -> set[str]:
+        """Return the workers that dask has paused for long while no task is at work there."""
+        now = time.monotonic()
+        idle = {
+            address
+            for address, worker in known.items()
+            if worker["status"] == "paused" and not worker["metrics"].get("task_counts", {}).get("executing")
+        }
+        self._paused = {address: self._paused.get(address, now) for address in idle}
+        return {address for address, since in self._paused.items() if now - since > PAUSED_S}
 
     def _delete_token(self, address: str, token: str) -> None:
         for name in (answer_name(token, address), token):

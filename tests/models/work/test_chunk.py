@@ -102,11 +102,33 @@ def test_a_chunk_that_killed_three_workers_is_not_run_again(store):
     failure = run_chunk(call).failure
     assert failure is not None
     assert (failure.kind, failure.message) == (DIED, "3 workers were lost while they ran it: w0, w1, w2")
-    clear_marks(store, call.key)
     # Workers of other callers are at work on the same chunk.
     lose(MAX_ATTEMPTS, "ab")
+    clear_marks(store, call.key, call.caller)
     assert run_chunk(call).failure is None
     assert len(list(store.names("started/"))) == MAX_ATTEMPTS
+
+
+def test_damaged_files_are_named(store):
+    call = call_of(store, scaled, Shared(2.0), [1.0])
+    store.write(f"shared/{call.shared}", b"torn")
+    chunk._kept.clear()
+    failure = run_chunk(call).failure
+    assert failure is not None
+    assert failure.message.startswith(f"{store.url}/shared/{call.shared}: expected encoded data")
+
+
+def test_a_chunk_that_ends_after_its_run_leaves_nothing(store, monkeypatch):
+    call = call_of(store, scaled, Shared(2.0), [1.0])
+    monkeypatch.setattr(chunk, "_ABANDONED_S", -1.0)
+    assert run_chunk(call).failure is None
+    store.delete(chunk_name(call.key))
+    # The caller has deleted what is its own.
+    store.delete(f"shared/{call.shared}")
+    failure = run_chunk(call).failure
+    assert failure is not None
+    assert failure.message.endswith("its run has ended meanwhile")
+    assert not list(store.names("chunks/"))
 
 
 def test_what_is_told_of_a_failure_holds_no_credentials(store, monkeypatch):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import operator
 import pkgutil
 from collections.abc import Callable
+from dataclasses import replace
 from types import MappingProxyType, SimpleNamespace
 from typing import Any
 
@@ -12,9 +13,10 @@ import pytest
 
 from models.work import chunk
 from models.work.cluster import executor as executor_module
+from models.work.cluster import roster as roster_module
 from models.work.cluster.errors import ClusterError
 from models.work.cluster.executor import ClusterExecutor
-from models.work.cluster.member import Membership, answer_name, join
+from models.work.cluster.member import Membership, answer_name, join, turn_name
 from models.work.cluster.roster import SILENT_S
 from models.work.cluster.versions import facts
 from models.work.codec import encode
@@ -67,6 +69,7 @@ class Client:
         self.at_work: dict[str, list[str]] = {}
         self.offers: dict[str, dict[str, float]] = {}
         self.heard: dict[str, float] = {}
+        self.paused: dict[str, int] = {}
         self.scheduler = SimpleNamespace(set_restrictions=self.restrict)
 
     def run_on_scheduler(self, _function):
@@ -76,7 +79,12 @@ class Client:
         assert n_workers == -1
         return {
             "workers": {
-                address: {"last_seen": self.heard.get(address, 0.0), "resources": self.offers.get(address, {})}
+                address: {
+                    "last_seen": self.heard.get(address, 0.0),
+                    "resources": self.offers.get(address, {}),
+                    "status": "paused" if address in self.paused else "running",
+                    "metrics": {"task_counts": {"executing": self.paused.get(address, 0)}},
+                }
                 for address in self.present
             }
         }
@@ -94,7 +102,8 @@ class Client:
             self.store.write(answer_name(token, workers[0]), token.encode())
             future.end("finished", Membership(workers[0], 1, MEMORY))
         else:
-            assert list(resources.values()) == [1000]
+            name = arguments[1]
+            assert resources == {name: 1000} | ({} if arguments[0].threads else {turn_name(name): 1})
             assert workers
             future.workers = workers
             self.futures.append(future)
@@ -168,7 +177,7 @@ def test_what_was_under_way_is_sent_again_to_a_scheduler_that_is_back(store, tol
     executor = ClusterExecutor(Cluster(first, ClusterError("not yet"), second), store, told.append)
     for number in (1, 2):
         executor.submit(call(store, number))
-    store.write(f"started/{1:040x}/1-a", b"{}")
+    store.write(f"started/{1:040x}/-1-a", b"{}")
     # The worker of the second chunk has ended it before it went.
     assert chunk.run_chunk(call(store, 2), worker="w").failure is None
     first.lose()
@@ -376,6 +385,33 @@ def test_a_chunk_of_a_silent_worker_is_sent_again_once(store, told):
     assert chunk.run_chunk(call(store), worker="a").failure is None
     executor._look()
     assert executor.wait().worker == "a"
+
+
+def test_a_worker_that_is_paused_with_nothing_at_work_takes_no_part(store, told, monkeypatch):
+    monkeypatch.setattr(roster_module, "PAUSED_S", -1.0)
+    client = Client(store, ["tls://a:1", "tls://b:1", "tls://c:1"])
+    executor = ClusterExecutor(Cluster(client), store, told.append)
+    executor.submit(call(store))
+    client.at_work = {"tls://a:1": [client.futures[0].key]}
+    # The memory of c belongs to a chunk that will end.
+    client.paused = {"tls://a:1": 0, "tls://c:1": 1}
+    for _ in range(3):
+        executor._look()
+    assert told == ["worker tls://a:1 is paused for -1 s, its memory is full: others get its chunks"]
+    assert executor.workers() == 2
+    assert [future.workers for future in client.futures[1:]] == [["tls://b:1", "tls://c:1"]]
+    client.paused = {}
+    executor._look()
+    assert executor.workers() == 3
+
+
+def test_chunks_of_threads_take_no_turn(store, told):
+    client = Client(store, ["tls://a:1"])
+    executor = ClusterExecutor(Cluster(client), store, told.append)
+    # What each takes, the client checks.
+    for threads in (True, False):
+        executor.submit(replace(call(store), key=f"{threads:040d}", threads=threads))
+    assert len(client.futures) == 2
 
 
 def test_a_silent_worker_that_answers_takes_part_again(store, told):
