@@ -22,6 +22,7 @@ def open_runner(
     resume: bool = False,
     notify: Callable[[Progress], None] | None = None,
     keep: bool = False,
+    lasting: bool = True,
     tell: Callable[[str], None] | None = None,
 ) -> Runner:
     """Return a runner, to be used with ``with``.
@@ -35,6 +36,7 @@ def open_runner(
         resume: whether chunks that are found in the store are used.
         notify: called whenever a chunk is done.
         keep: whether the chunks stay, because the user named their place.
+        lasting: whether ``chunks`` is there after the run.
         tell: called with lines for people while they matter, such as that a scheduler was lost.
 
     Raises:
@@ -45,7 +47,8 @@ def open_runner(
         named = "resume" if resume else "cluster"
         raise WrongInputError(f"{named}: expected a folder or URL for chunks, which all workers reach")
     store = None if chunks is None else open_store(chunks)
-    return Runner(_executor(cluster, workers, store, tell or _silent), store, resume, notify, keep=keep)
+    executor = _executor(cluster, workers, store, tell or _silent)
+    return Runner(executor, store, resume, notify, keep=keep, lasting=lasting)
 
 
 def local_runner(workers: int) -> Runner:

@@ -207,7 +207,8 @@ class _Worker:
         while (call := self._calls.get()) is not None and not self._stopped:
             try:
                 outcome = self._run(call)
-            except Exception as error:
+            except BaseException as error:
+                # Without an outcome the caller would wait for ever.
                 outcome = _failed(call, failure_of(error, of_task=False))
             self._outcomes.put(outcome)
 

@@ -49,6 +49,7 @@ class Runner:
         notify: Callable[[Progress], None] | None = None,
         *,
         keep: bool = True,
+        lasting: bool = True,
     ) -> None:
         """Take an executor, which the runner closes.
 
@@ -58,6 +59,7 @@ class Runner:
             resume: whether chunks that are found in the store are used.
             notify: called in this process whenever a chunk is done.
             keep: whether :meth:`finished` leaves the files in the store.
+            lasting: whether the store is there after the run, so that people are told what it keeps.
         """
         self.executor = executor
         self.tally = Tally()
@@ -65,6 +67,7 @@ class Runner:
         self._store = store
         self._resume = resume
         self._keep = keep
+        self._lasting = lasting
         self._temporary: ExitStack | None = None
         self._begun = False
         self._caller = secrets.token_hex(4)
@@ -80,15 +83,23 @@ class Runner:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """Close it; without an exception its files are deleted as by :meth:`finished`."""
-        if kind is None:
-            self.finished()
-        self.close()
+        """Close it; without an exception its files are then deleted as by :meth:`finished`."""
+        try:
+            # First: what a worker has yet to answer is among the files.
+            self.executor.close()
+            if kind is None:
+                self.finished()
+        finally:
+            self._leave()
 
     @property
     def url(self) -> str | None:
-        """URL of the store that outlives the runner, None where there is none."""
+        """URL of the store that was given, None where there is none."""
         return None if self._store is None or self._temporary is not None else self._store.url
+
+    @property
+    def _kept_in(self) -> str | None:
+        return self.url if self._lasting else None
 
     def run(self, work: Work[_S, _T, _R], shared: _S, tasks: Iterable[_T], *, total: int | None = None) -> Iterator[_R]:
         """Yield the result of each task, in their order.
@@ -125,7 +136,7 @@ class Runner:
                         yield from results
                     following += 1
             if job.failed:
-                raise chunks_failed(job.failed, job.planned, self.url)
+                raise chunks_failed(job.failed, job.planned, self._kept_in)
 
     def outcomes(
         self,
@@ -174,9 +185,12 @@ class Runner:
         try:
             self.executor.close()
         finally:
-            if self._temporary is not None:
-                self._temporary.close()
-                self._temporary, self._store = None, None
+            self._leave()
+
+    def _leave(self) -> None:
+        if self._temporary is not None:
+            self._temporary.close()
+            self._temporary, self._store = None, None
 
     def _meter(self, work: Work[Any, _T, Any], tasks: Iterable[_T], total: int | None) -> Callable[[], Meter]:
         return lambda: Meter(work, chunks_of(work, tasks, total), self.tally, self.notify)
@@ -196,8 +210,8 @@ class Runner:
         try:
             yield job
         except KeyboardInterrupt as error:
-            if self.url is not None:
-                error.add_note(f"{job.done} chunks of {work.name} are kept in {self.url}; --resume goes on from there")
+            if (place := self._kept_in) is not None:
+                error.add_note(f"{job.done} chunks of {work.name} are kept in {place}; --resume goes on from there")
             raise
         finally:
             for waiting in self._waiting.values():
@@ -265,8 +279,8 @@ class Runner:
         assert self._store is not None
         work = job.work
         if chunk.tries:
-            # What is shared may have been deleted meanwhile.
-            write_shared(self._store, job.shared, job.shared_data)
+            # What is shared may have been deleted or damaged meanwhile.
+            write_shared(self._store, job.shared, job.shared_data, again=True)
         sent = sent_tasks(self._store, chunk.key, tasks)
         return ChunkCall(
             key=chunk.key,
@@ -305,7 +319,7 @@ class Runner:
 
     @property
     def _kept(self) -> str:
-        return "" if self.url is None else "; chunks that are done stay, --resume goes on with the others"
+        return "" if self._kept_in is None else "; chunks that are done stay, --resume goes on with the others"
 
     def _results(self, job: Job[_T], chunk: Chunk[_T]) -> list[Any] | None:
         """Return the results of a chunk that is done; None where they cannot be read, and it is run again."""

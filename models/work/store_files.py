@@ -17,6 +17,7 @@ _RUN = "run.json"
 _FORMAT = 1
 _OWN = re.compile(
     r"chunks/[0-9a-f]{2}/[0-9a-f]{40}|(shared|tasks)/[0-9a-f]{40}|(started|failed)/[0-9a-f]{40}/[0-9a-f-]+"
+    r"|preflight/[0-9a-f]{16}(-\w+)?"
 )
 
 
@@ -46,9 +47,9 @@ def attempted_chunks(store: Store) -> set[str]:
     return {name.split("/")[1] for name in names if _OWN.fullmatch(name)}
 
 
-def write_shared(store: Store, name: str, data: bytes) -> None:
-    """Write what all tasks share, unless it is there."""
-    if next(iter(store.names(f"shared/{name}")), None) is None:
+def write_shared(store: Store, name: str, data: bytes, *, again: bool = False) -> None:
+    """Write what all tasks share, unless it is there; ``again``: a file that is there may be damaged."""
+    if again or next(iter(store.names(f"shared/{name}")), None) is None:
         store.write(f"shared/{name}", data)
 
 
@@ -89,7 +90,7 @@ def check_writable(store: Store) -> None:
 
 def delete_own(store: Store) -> None:
     """Delete what runners put into a store, and no other file; the folder, too, where that leaves it empty."""
-    prefixes = ("started/", "failed/", "chunks/", "tasks/", "shared/")
+    prefixes = ("started/", "failed/", "chunks/", "tasks/", "shared/", "preflight/")
     for name in [name for prefix in prefixes for name in store.names(prefix) if _OWN.fullmatch(name)]:
         store.delete(name)
     store.delete(_RUN)

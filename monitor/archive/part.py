@@ -7,7 +7,6 @@ error of the recording or of its configuration is a result, not an exception: th
 from __future__ import annotations
 
 import re
-import tempfile
 import time
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -19,6 +18,7 @@ from typing import Any, NamedTuple
 import netCDF4
 
 from models.errors import WrongInputError
+from models.scratch import scratch_folder
 from models.work.codec import digest_of
 from models.work.redact import redact
 from models.work.stores import open_store
@@ -37,6 +37,7 @@ from streams.remote import is_remote
 from streams.remote_folder import opened_remote
 from streams.source import Source
 
+_SCRATCH = "spallwatch-archive-"
 PART_BLOCKS = 5000
 """Blocks of a part: some minutes of work, after which a state is kept."""
 MAX_PART_RECORDINGS = 1000
@@ -128,9 +129,9 @@ def replay_part(shared: Shared, part: Part) -> PartResult:
     """
     began = time.perf_counter()
     records = open_store(shared.records)
-    with tempfile.TemporaryDirectory(prefix="spallwatch-archive-") as folder:
+    with scratch_folder(_SCRATCH) as folder:
         try:
-            done = _Replayed(shared, part, records, Path(folder)).result()
+            done = _Replayed(shared, part, records, folder).result()
         except WrongInputError as error:
             done = PartResult(_failed(part, str(error)))
     result = replace(done.result, seconds=time.perf_counter() - began)

@@ -26,10 +26,11 @@ from monitor.words.numbers import duration
 
 if TYPE_CHECKING:
     from models.work.runner import Runner
-    from models.work.task import Progress
+    from models.work.task import Progress, Store
 
 F = TypeVar("F", bound=Callable[..., Any])
-_SCRATCH = ("spallwatch-work-", "spallwatch-chunks-", "spallwatch-run-")
+_CHUNKS = "spallwatch-chunks-"
+_SCRATCH = ("spallwatch-work-", _CHUNKS, "spallwatch-run-", "spallwatch-archive-")
 """Temporary folders of commands that share their work; nothing may need one where all is found done."""
 MAX_LOGS_SHOWN = 3
 """Failed chunks whose log is printed; those of the others are in the store."""
@@ -75,7 +76,10 @@ class Sharing:
                 stack.enter_context(sole_writer(Path(beside)))
             for prefix in _SCRATCH:
                 remove_abandoned(prefix)
-            chunks = self._chunks(beside, stack)
+            chunks = self._chunks(beside)
+            lasting = chunks is not None
+            if not lasting and self.cluster is not None:
+                chunks = str(stack.enter_context(scratch_folder(_CHUNKS)))
             line = _ProgressLine(shown=progress and not quiet and sys.stderr.isatty(), quiet=quiet)
             runner = open_runner(
                 cluster=self.cluster,
@@ -84,6 +88,7 @@ class Sharing:
                 resume=self.resume,
                 notify=line.show,
                 keep=self.chunks is not None,
+                lasting=lasting,
                 tell=line.tell,
             )
             shared = Shared(runner, self)
@@ -105,8 +110,8 @@ class Sharing:
                 line.end()
                 line.tell_notes()
 
-    def _chunks(self, beside: Path | str | None, stack: ExitStack) -> str | None:
-        """Return the place of the chunks, None where the run needs none."""
+    def _chunks(self, beside: Path | str | None) -> str | None:
+        """Return the place of the chunks, None where they need not outlive the run."""
         if self.chunks is not None:
             return _named_place(self.chunks, beside)
         if self.cluster is None and not self.resume:
@@ -116,7 +121,7 @@ class Sharing:
         if self.resume or self.cluster != "local":
             option = "--resume" if self.resume else "--cluster"
             raise InputError(f"{option}: expected --chunks, a folder or URL that all workers reach")
-        return str(stack.enter_context(scratch_folder("spallwatch-chunks-")))
+        return None
 
 
 def _named_place(chunks: str, out: Path | str | None) -> str:
@@ -134,12 +139,17 @@ def _named_place(chunks: str, out: Path | str | None) -> str:
         store = open_store(chunks)
     except WrongInputError as error:
         raise InputError(f"--chunks: {error}") from None
+    if out is not None and _place_of(store) == _place_of(open_store(str(out))):
+        raise InputError(f"--chunks {chunks}: is the output; expected another folder or URL")
     if isinstance(store, FolderStore):
-        folder = Path(store.url)
-        if isinstance(out, Path) and folder.resolve() == out.resolve():
-            raise InputError(f"--chunks {chunks}: is the output; expected another folder")
-        check_folder("--chunks", folder, folder)
+        check_folder("--chunks", Path(store.url), Path(store.url))
     return chunks
+
+
+def _place_of(store: Store) -> Path | str:
+    from models.work.folder_store import FolderStore
+
+    return Path(store.url).resolve() if isinstance(store, FolderStore) else store.url.rstrip("/")
 
 
 @dataclass

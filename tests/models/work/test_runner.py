@@ -181,6 +181,14 @@ def test_shared_values_that_were_deleted_are_written_again(store):
     assert list(runner.run(work(refuses_from), 9, [1])) == [1]
 
 
+def test_shared_values_that_are_damaged_are_written_again(store):
+    list(Runner(SerialExecutor(), store).run(work(refuses_from), 9, [1]))
+    for name in store.names("shared/"):
+        store.write(name, b"torn")
+    chunk._kept.clear()
+    assert list(Runner(SerialExecutor(), store).run(work(refuses_from), 9, [2])) == [2]
+
+
 def test_without_resume_nothing_of_an_earlier_run_is_used(store):
     list(Runner(SerialExecutor(), store).run(work(refuses_from), 9, [1]))
     executor = ScriptedExecutor(first, runs)
@@ -193,6 +201,8 @@ def test_only_own_files_are_deleted_and_kept_where_asked(store):
     with Runner(SerialExecutor(), store, keep=True) as runner:
         list(runner.run(work(refuses_from), 9, [1]))
     assert {name.split("/")[0] for name in store.names()} == {"chunks", "shared", "run.json"}
+    # A caller that was killed had asked a worker to join.
+    store.write("preflight/0123456789abcdef-tls___127_0_0_1_5", b"token")
     with Runner(SerialExecutor(), store, keep=False, resume=True) as runner:
         list(runner.run(work(refuses_from), 9, [1]))
     assert list(store.names()) == ["chunks/readme.txt"]
@@ -200,6 +210,36 @@ def test_only_own_files_are_deleted_and_kept_where_asked(store):
     with Runner(SerialExecutor(), store, keep=False) as runner:
         list(runner.outcomes(work(refuses_from), 0, [1]))
     assert list(store.names("failed/"))
+
+
+def test_workers_are_released_before_files_are_deleted_and_where_that_fails(store, monkeypatch):
+    order = []
+    executor = ScriptedExecutor(first, runs)
+    monkeypatch.setattr(executor, "close", lambda: order.append("closed"))
+
+    def refuse(_store):
+        order.append("deletes")
+        raise PermissionError(13, "Permission denied")
+
+    monkeypatch.setattr("models.work.runner.delete_own", refuse)
+    with pytest.raises(PermissionError), Runner(executor, store, keep=False) as runner:
+        list(runner.run(work(refuses_from), 9, [1]))
+    assert order == ["closed", "deletes"]
+
+
+def test_a_store_that_ends_with_the_run_is_not_said_to_keep_anything(store):
+    runner = Runner(ScriptedExecutor(first, lambda label: "dies"), store, lasting=False)
+    with pytest.raises(ChunksFailedError) as error:
+        list(runner.run(work(refuses_from), 9, [1]))
+    assert "kept" not in str(error.value)
+
+    def interrupt(_count: int) -> int:
+        raise KeyboardInterrupt
+
+    runner = Runner(ScriptedExecutor(interrupt, runs), store, lasting=False)
+    with pytest.raises(KeyboardInterrupt) as interrupted:
+        list(runner.run(work(refuses_from), 9, [1]))
+    assert not hasattr(interrupted.value, "__notes__")
 
 
 def test_an_interrupted_run_says_what_is_kept(store):
