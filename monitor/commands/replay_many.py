@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+import secrets
 import shutil
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -18,8 +19,10 @@ from monitor.commands.common import InputError
 from monitor.commands.shared_folders import (
     Seen,
     SharedFolderError,
+    check_config,
     check_mark,
     check_seen,
+    config_digest,
     files_below,
     folder_names,
     input_digest,
@@ -29,7 +32,6 @@ from monitor.commands.shared_folders import (
     replaced,
     seen,
 )
-from monitor.config.files import files_of
 from monitor.config.load import ConfigError, load_config
 from streams.remote import bare, expand, is_remote, local_source
 from streams.spec import SourceError
@@ -67,6 +69,7 @@ class Replays:
         resume: whether what stands under ``out`` is kept or continued.
         mark: of the caller in ``out``, for workers of other machines; "" without.
         configured: digest of the configuration with the files that it names.
+        run: identity of the command: what it has put in place stands there, and is not replayed again.
     """
 
     config_path: Path
@@ -76,6 +79,7 @@ class Replays:
     resume: bool = False
     mark: str = ""
     configured: str = ""
+    run: str = ""
 
 
 @dataclass(frozen=True)
@@ -84,6 +88,14 @@ class Task:
 
     recording: Recording
     expected: Seen | None = None
+
+
+@dataclass(frozen=True)
+class Replayed:
+    """What a worker leaves in the store: the summary of a replay or why there is none, and no URL with a signature."""
+
+    summary: Mapping[str, Any] | None
+    error: str = ""
 
 
 @dataclass(frozen=True)
@@ -135,8 +147,8 @@ def replay_many(
         ConfigError: the configuration or the output folder cannot be used.
         SharedFolderError: a worker sees other folders.
     """
-    named = files_of(load_config(replays.config_path))
-    replays = replace(replays, configured=input_digest((), [replays.config_path, *named], []))
+    config = load_config(replays.config_path)
+    replays = replace(replays, configured=config_digest(replays.config_path, config), run=secrets.token_hex(8))
     out = replays.out
     remove_leftovers(out, [recording.name for recording in recordings])
     if not replays.resume:
@@ -158,7 +170,7 @@ def replay_many(
                 raise_if_unseen(outcome)
                 found[recording.name] = Outcome(recording, None, outcome.message)
             else:
-                found[recording.name] = outcome
+                found[recording.name] = Outcome(recording, outcome.summary, outcome.error)
     remove_leftovers(out, [recording.name for recording in recordings])
     return [found[recording.name] for recording in recordings]
 
@@ -169,11 +181,11 @@ def _refuse_used(recordings: Iterable[Recording], out: Path) -> None:
             raise InputError(f"--out {out}: has a folder {recording.name}; use --resume to go on, or another folder")
 
 
-def replay_one(replays: Replays, task: Task) -> Outcome:
+def replay_one(replays: Replays, task: Task) -> Replayed:
     """Replay one recording; an error of it or of its configuration becomes its outcome.
 
     Raises:
-        SharedFolderError: this worker sees other folders than the caller.
+        SharedFolderError: this worker sees other folders, or another configuration, than the caller.
     """
     check_mark(replays.out, replays.mark)
     recording = task.recording
@@ -181,11 +193,11 @@ def replay_one(replays: Replays, task: Task) -> Outcome:
         path = Path(_KIND.sub(r"\2", recording.url))
         check_seen(path, files_below(path), task.expected)
     try:
-        return Outcome(recording, _replay(replays, recording))
+        return Replayed(_replay(replays, recording))
     except SharedFolderError:
         raise
     except (ConfigError, SourceError, InputError) as error:
-        return Outcome(recording, None, redact(" ".join(str(error).split())))
+        return Replayed(None, redact(" ".join(str(error).split())))
 
 
 REPLAYS = Work("recordings", replay_one, memory=MEMORY)
@@ -197,10 +209,16 @@ def _replay(replays: Replays, recording: Recording) -> dict[str, Any]:
     from monitor.service.replay import replay
 
     config = load_config(replays.config_path)
+    check_config(replays.config_path, config, replays.configured)
     place = replays.out / recording.name
+    if (before := _marker(place)).get("run") == replays.run:
+        # The worker was lost after the folder was in its place.
+        return before["summary"]
     digest = _digest(replays, recording)
     with replaced(place) as folder:
         resume = place.exists()
+        if resume and not replays.resume:
+            raise InputError(f"{place}: another command has made it meanwhile; use another --out")
         if resume:
             _check_same(place, recording, replays)
             shutil.copytree(place, folder, dirs_exist_ok=True)
@@ -213,6 +231,7 @@ def _replay(replays: Replays, recording: Recording) -> dict[str, Any]:
             {
                 "recording": recording.shown,
                 "configured": replays.configured,
+                "run": replays.run,
                 "digest": digest,
                 "summary": {**result.summary, "records": files},
             },

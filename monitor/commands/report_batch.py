@@ -9,16 +9,18 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from models.work.program import program
 from models.work.redact import redact
 from models.work.runner import SERIAL, Runner
 from models.work.task import DIED, Failure, Work
-from monitor import __version__
 from monitor.commands.common import InputError
 from monitor.commands.shared_folders import (
     Seen,
     SharedFolderError,
+    check_config,
     check_mark,
     check_seen,
+    config_digest,
     folder_names,
     input_digest,
     marked,
@@ -69,6 +71,7 @@ class Pages:
     Attributes:
         maps: channel and hash of the maps that ``options_path`` names.
         mark: of the caller in ``out``, for workers of other machines; "" without.
+        configured: digest of the configuration with the files that it names; "" without one.
     """
 
     out: Path
@@ -81,21 +84,23 @@ class Pages:
     pdf: bool
     maps: tuple[tuple[str, str], ...] = ()
     mark: str = ""
+    configured: str = ""
 
     @classmethod
     def of(cls, out: Path, settings: BatchSettings) -> Pages:
-        """Return what is sent of the settings of a batch."""
-        options = settings.options
+        """Return what is sent of the settings of a batch; ConfigError where the configuration cannot be used."""
+        options, config = settings.options, settings.config_path
         return cls(
             out.absolute(),
             str(options.zone),
             options.sections,
             options.notes,
             None if settings.options_path is None else settings.options_path.absolute(),
-            None if settings.config_path is None else settings.config_path.absolute(),
+            None if config is None else config.absolute(),
             settings.tables,
             settings.pdf,
             tuple(sorted((channel, rms_map.hash) for channel, rms_map in options.maps.items())),
+            configured="" if config is None else config_digest(config, load_config(config)),
         )
 
     def options(self, title: str) -> Options:
@@ -185,6 +190,7 @@ def run_batch(
 
     Raises:
         ReportError: the output folder or the index cannot be written, or a requirement of PDF is missing.
+        ConfigError: the configuration cannot be used.
         SharedFolderError: a worker sees other folders.
     """
     if settings.pdf:
@@ -285,16 +291,17 @@ def _replayed(pages: Pages, run: BatchRun, folder: Path) -> Path:
     if pages.config_path is None:
         raise ReportError(f"{run.path}: is a recording; give --config FILE to replay it")
     config = load_config(pages.config_path)
+    check_config(pages.config_path, config, pages.configured)
     with replaced(folder / "replay") as store:
         replay(config, str(run.path), store)
     return folder / "replay"
 
 
 def _digest(pages: Pages, run: BatchRun) -> str:
-    """Return a digest of what a page depends on: records, settings, configuration and program."""
+    """Return a digest of what a page depends on: records, settings, configuration with its files, and program."""
     chosen = (pages.timezone, sorted(pages.sections), pages.notes, pages.tables, pages.pdf, pages.maps)
-    read = (pages.options_path, pages.config_path if run.recording else None)
-    return input_digest((__version__, VERSION, *chosen, run), read, record_files(run.path))
+    configured = pages.configured if run.recording else ""
+    return input_digest((program(), VERSION, *chosen, configured, run), [pages.options_path], record_files(run.path))
 
 
 def _kept(folder: Path, digest: str, *, pdf: bool) -> tuple[RunSummary, ...] | None:

@@ -18,6 +18,8 @@ from models.work.chunk import default_worker
 from models.work.errors import error_of
 from models.work.task import Failure
 from monitor.commands.common import InputError
+from monitor.config.files import files_of
+from monitor.config.load import Config
 
 _NOT_A_NAME = re.compile(r"[^\w.+-]+")
 _MARK = ".spallwatch-"
@@ -81,6 +83,24 @@ def input_digest(settings: tuple[object, ...], read: Iterable[Path | None], list
         found = path.stat()
         digest.update(repr((str(path), found.st_size, found.st_mtime_ns)).encode())
     return digest.hexdigest()
+
+
+def config_digest(path: Path, config: Config) -> str:
+    """Return a digest of a configuration and of the files that it names; ``config`` is what was loaded of ``path``."""
+    return input_digest((), [path, *files_of(config)], [])
+
+
+def check_config(path: Path, config: Config, expected: str) -> None:
+    """Compare a configuration with the digest of what the caller has loaded.
+
+    Raises:
+        SharedFolderError: it is another one, or has changed meanwhile.
+    """
+    if config_digest(path, config) != expected:
+        raise SharedFolderError(
+            f"{path}: worker {default_worker()} sees another configuration, or other maps or libraries, than the "
+            "command began with"
+        )
 
 
 def check_seen(path: Path, files: Iterable[Path], expected: Seen | None) -> None:

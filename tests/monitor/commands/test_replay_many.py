@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +15,7 @@ from click.testing import CliRunner
 from models.work.folder_store import FolderStore
 from models.work.runner import Runner
 from models.work.serial import SerialExecutor
+from monitor.commands import replay_many as replay_many_module
 from monitor.commands.common import InputError
 from monitor.commands.replay import command
 from monitor.commands.replay_many import Recording, Replays, find_recordings, replay_many
@@ -112,6 +115,70 @@ def test_a_store_of_another_configuration_is_not_continued(fleet: Path) -> None:
         "with another configuration, or other maps or libraries; use another --out"
     )
     assert len(records(fleet / "all" / "c")) == 2
+
+
+def test_what_a_lost_worker_has_put_in_place_is_not_replayed_again(fleet: Path) -> None:
+    replays = Replays(fleet / "m.toml", fleet / "out", limit=1, report=False)
+    recordings = find_recordings(["c"])
+    twice = _Twice(SerialExecutor())
+    (outcome,) = replay_many(recordings, replays, twice)
+    assert outcome.summary is not None
+    assert twice.first == outcome.summary
+    assert outcome.summary["blocks"] == len(records(fleet / "out" / "c")) == 1
+
+
+class _Twice(Runner):
+    """A runner that runs each task again after its worker was lost."""
+
+    first: object = None
+
+    def outcomes(self, work: Any, shared: Any, tasks: Any, **named: Any) -> Any:
+        for i, task in enumerate(tasks):
+            self.first = work.function(shared, task).summary
+            yield i, work.function(shared, task)
+
+
+def test_a_folder_that_another_command_made_meanwhile_is_left_alone(fleet: Path) -> None:
+    replays = Replays(fleet / "m.toml", fleet / "out", report=False)
+
+    class Late(Runner):
+        def outcomes(self, *arguments: Any, **named: Any) -> Any:
+            replay("a/run", "b/run", "c", "--out", "out")
+            return super().outcomes(*arguments, **named)
+
+    (outcome,) = replay_many(find_recordings(["c"]), replays, Late(SerialExecutor()))
+    assert outcome.error.endswith("another command has made it meanwhile; use another --out")
+    assert len(records(fleet / "out" / "c")) == 2
+
+
+def test_a_configuration_that_changes_meanwhile_ends_the_command(fleet: Path) -> None:
+    class Changed(Runner):
+        def outcomes(self, *arguments: Any, **named: Any) -> Any:
+            (fleet / "m.toml").write_text(CONFIG.replace("speed_hz = 30", "speed_hz = 31"))
+            return super().outcomes(*arguments, **named)
+
+    replays = Replays(fleet / "m.toml", fleet / "out", report=False)
+    with pytest.raises(SharedFolderError, match=r"m\.toml: worker .* sees another configuration"):
+        replay_many(find_recordings(["c"]), replays, Changed(SerialExecutor()))
+
+
+def test_no_signature_is_kept_in_a_chunk(fleet: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    signed = "https://plant.example/c.npy?X-Amz-Signature=planted"
+
+    @contextmanager
+    def fetched(_url: str, _scratch: Path) -> Iterator[str]:
+        yield str(fleet / "c")
+
+    monkeypatch.setattr(replay_many_module, "local_source", fetched)
+    store = FolderStore(fleet / "chunks")
+    recording = Recording("c", signed, "https://plant.example/c.npy")
+    replays = Replays(fleet / "m.toml", fleet / "out", report=False)
+    (outcome,) = replay_many([recording], replays, Runner(SerialExecutor(), store))
+    assert outcome.summary is not None
+    assert outcome.recording.url == signed
+    kept = [path.read_bytes() for path in (fleet / "chunks").rglob("*") if path.is_file()]
+    assert len(kept) > 2
+    assert not any(b"planted" in data for data in kept)
 
 
 def test_several_at_a_pace_or_a_cluster_of_nothing_are_refused(fleet: Path) -> None:

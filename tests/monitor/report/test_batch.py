@@ -196,7 +196,9 @@ def test_a_worker_that_sees_other_folders_ends_the_batch(fleet: Path, tmp_path: 
         raise_if_unseen(outcome)
 
 
-def test_recordings_are_replayed_where_a_configuration_is_given(tmp_path: Path) -> None:
+def test_recordings_are_replayed_where_a_configuration_is_given(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     recordings = tmp_path / "in" / "take 1"
     recordings.mkdir(parents=True)
     rng = np.random.default_rng(1)
@@ -213,6 +215,12 @@ def test_recordings_are_replayed_where_a_configuration_is_given(tmp_path: Path) 
     again = reused(pages, run)
     assert again is not None
     assert again.summaries == outcome.summaries
+    # A map or library of the configuration has changed since.
+    assert reused(replace(pages, configured="other"), run) is None
+    with pytest.raises(SharedFolderError, match=r"n\.toml: worker .* sees another configuration"):
+        report_one(replace(pages, configured="other"), Task(run))
+    monkeypatch.setattr("monitor.commands.report_batch.program", lambda: "another")
+    assert reused(pages, run) is None
     without = Pages.of(tmp_path / "out", BatchSettings(Options(), tables=False))
     assert "give --config FILE" in report_one(without, Task(BatchRun(recordings, "other", recording=True))).error
     (item,) = find_runs(tmp_path / "in", recordings=True)
