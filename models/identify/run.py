@@ -25,6 +25,7 @@ from models.identify.state import StateFile
 from models.identify.trials import FEATURES, Trials
 from models.identify.valleys import valley_choice
 from models.rigs.draws import RigPosterior, rounded
+from models.work.program import program
 from models.work.runner import SERIAL
 
 if TYPE_CHECKING:
@@ -162,7 +163,7 @@ def identify(
     _check_known(problem)
     threshold(problem, 1.0, options.level)
     facts = _problem_facts(trials, space, options, evidence)
-    file = None if state is None else StateFile(state, _hash(facts))
+    file = None if state is None else StateFile(state, _hash(facts | {"program": program()}))
     if file is not None and resume:
         evaluator.kept.update(file.load())
     stage = _Stage(evaluator, file, progress, _planned(space, options))

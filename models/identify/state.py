@@ -48,8 +48,8 @@ class StateFile:
             raise WrongInputError(f"{self._path}: is no state of an identification ({error}); delete it") from None
         if problem != self._problem:
             raise WrongInputError(
-                f"{self._path}: is the state of another identification: tests, configuration or options have changed; "
-                "delete it, or leave --resume out"
+                f"{self._path}: is the state of another identification: tests, configuration, options or the "
+                "program have changed; delete it, or leave --resume out"
             )
         keys, features, doubt = arrays
         return {tuple(key): Level(f, d) for key, f, d in zip(keys.tolist(), features, doubt, strict=True)}

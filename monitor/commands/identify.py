@@ -202,7 +202,9 @@ def _of_candidates(sharing: Sharing) -> Sharing:
 
 def _near(sharing: Sharing) -> AbstractContextManager[Runner | None]:
     """Return threads for batches of candidates that are too small to be sent; None where nothing is sent."""
-    return nullcontext() if sharing.cluster is None and sharing.chunks is None else local_runner(0)
+    if sharing.cluster is None:
+        return nullcontext() if sharing.chunks is None else local_runner(sharing.workers)
+    return local_runner(0)
 
 
 def _check_files(out: Path | None, page: Path | None, *, resume: bool) -> None:

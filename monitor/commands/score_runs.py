@@ -25,14 +25,14 @@ class RecordsTask:
         path: as the workers open it.
         shown: as it was given.
         expected: what the caller sees of it.
-        newest: latest time of change of its files, ns, so that records that changed are read again.
+        files: name, size and time of change, ns, of each of its files, so that records that changed are read again.
         elsewhere: whether the worker is on another machine and compares what it sees.
     """
 
     path: Path
     shown: str
     expected: Seen
-    newest: int
+    files: tuple[tuple[str, int, int], ...]
     elsewhere: bool
 
 
@@ -83,5 +83,6 @@ def read_all(
 
 def _task(path: Path, *, elsewhere: bool) -> RecordsTask:
     files = record_files(path)
-    newest = max((file.stat().st_mtime_ns for file in files), default=0)
-    return RecordsTask(path.absolute() if elsewhere else path, str(path), seen(files), newest, elsewhere)
+    states = ((file, file.stat()) for file in files)
+    named = tuple((str(file.relative_to(path.parent)), state.st_size, state.st_mtime_ns) for file, state in states)
+    return RecordsTask(path.absolute(), str(path), seen(files), named, elsewhere)

@@ -146,7 +146,9 @@ def test_neither_workers_nor_resuming_change_the_result(
     assert not kept.exists()
 
 
-def test_a_state_of_other_tests_is_refused(simulated: list[dict[str, float]], tmp_path: Path) -> None:
+def test_a_state_of_other_tests_is_refused(
+    simulated: list[dict[str, float]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     kept = tmp_path / "a.state"
 
     def stop(*progress: object) -> None:
@@ -158,6 +160,10 @@ def test_a_state_of_other_tests_is_refused(simulated: list[dict[str, float]], tm
         identify(stand_in_trials(seed=2), stand_in_space(), OPTIONS, state=kept, resume=True)
     with pytest.raises(WrongInputError, match="state of another identification"):
         identify(stand_in_trials(), stand_in_space(limits=Limits(k_r=(1e9, 9e9))), OPTIONS, state=kept, resume=True)
+    with monkeypatch.context() as patch:
+        patch.setattr("models.identify.run.program", lambda: "another")
+        with pytest.raises(WrongInputError, match="or the program have changed"):
+            identify(stand_in_trials(), stand_in_space(), OPTIONS, state=kept, resume=True)
     kept.write_bytes(b"PK damaged")
     with pytest.raises(WrongInputError, match="is no state of an identification"):
         identify(stand_in_trials(), stand_in_space(), OPTIONS, state=kept, resume=True)
