@@ -80,8 +80,9 @@ def checked_address(address: str) -> str:
     try:
         split = urlsplit(address)
         host, port = split.hostname, split.port
-    except ValueError as error:
-        raise WrongInputError(f"--cluster: {expected}; {error}") from None
+    except ValueError:
+        # Its words may hold a part of a password.
+        raise WrongInputError(f"--cluster: {expected}") from None
     rest = split.path.strip("/") or split.query or split.fragment or split.username or split.password
     if split.scheme not in ("tcp", "tls") or not host or not port or rest:
         raise WrongInputError(f"--cluster: {expected}, got {_shown(address)!r}")

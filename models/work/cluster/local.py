@@ -35,6 +35,7 @@ class Local:
         from distributed.system import MEMORY_LIMIT
 
         self.workers = workers or os.cpu_count() or 1
+        settings: Any = config
         security: Any = distributed.Security
         start: Any = distributed.LocalCluster
         self._security = security.temporary()
@@ -50,7 +51,7 @@ class Local:
                 scheduler_kwargs={"dashboard": False},
                 memory_limit=MEMORY_LIMIT // self.workers,
                 # A nanny refers to the settings of the process: a worker started again would have those of then.
-                config=copy.deepcopy(config.config),
+                config=copy.deepcopy(settings.config),
                 silence_logs=logging.CRITICAL,
                 preload=["models.work.cluster.local_worker"],
             )
