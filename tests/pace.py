@@ -21,10 +21,12 @@ _INTERVALS: dict[str, dict[str, float]] = {
     "monitor.web.stream": {"_POLL_S": 0.1},
 }
 """Seconds, turns, and a number of durations, by module."""
+_LIMITS: dict[str, dict[str, float]] = {"monitor.service.notify.picture": {"MAX_S": 300.0}}
+"""Seconds after which the product goes on without something that a busy machine only brings later."""
 
 
 def quicken(assign: Callable[[object, str, Any], None] = setattr) -> None:
-    """Shorten the intervals of the product in this process, in quick effort."""
-    for module, values in _INTERVALS.items() if _QUICK else ():
+    """Shorten the intervals of the product in this process, in quick effort, and lengthen its limits of time."""
+    for module, values in (_INTERVALS | _LIMITS).items() if _QUICK else ():
         for name, value in values.items():
             assign(import_module(module), name, value)

@@ -62,14 +62,20 @@ def picture_request(
 
 
 def draw_picture(
-    request: Mapping[str, Any], ending: Callable[[], bool] = lambda: False, *, entry: str = ENTRY, most_s: float = MAX_S
+    request: Mapping[str, Any],
+    ending: Callable[[], bool] = lambda: False,
+    *,
+    entry: str = ENTRY,
+    most_s: float | None = None,
 ) -> bytes | None:
     """Return a PNG, or None where it could not be drawn in time, which is logged; no exception.
 
     Args:
         ending: whether to give up at once.
         entry: function of the child.
+        most_s: time for it, s; default ``MAX_S``.
     """
+    most_s = MAX_S if most_s is None else most_s
     try:
         child = Child(entry, json.dumps(request))
     except OSError as error:
