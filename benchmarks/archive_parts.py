@@ -24,6 +24,7 @@ from monitor.archive.history import unpack_state
 from monitor.archive.index import Index
 from monitor.archive.result import RecordingResult
 from monitor.archive.run import Plan, replay_waiting
+from streams.large import Data
 from tests.monitor.archive.fleet_files import CONFIG, write_files
 
 FILES = 5000
@@ -36,7 +37,7 @@ def counted_files() -> Iterator[list[str]]:
     opened: list[str] = []
     read = streams.files.read_regular
 
-    def noted(root: Path, path: str) -> bytes:
+    def noted(root: Path, path: str) -> Data:
         opened.append(path)
         return read(root, path)
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Callable
 from dataclasses import fields
 from pathlib import Path
 from typing import Any
@@ -16,6 +15,7 @@ from hypothesis import strategies as st
 from models.work.codec import decode, encode
 from streams import files
 from streams.block import Block, Rejected
+from streams.large import Data
 from streams.open import open_source
 from streams.recording import Recording
 from streams.spec import ChannelSpec, SourceError, SourceSpec
@@ -114,9 +114,9 @@ def test_parts_give_what_one_pass_gives(listed, settings, length):
 def reads(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     """The names of the files that are opened."""
     found: list[str] = []
-    read: Callable[[Path, str], bytes] = files.read_regular
+    read = files.read_regular
 
-    def noted(root: Path, path: str) -> bytes:
+    def noted(root: Path, path: str) -> Data:
         found.append(path)
         return read(root, path)
 
