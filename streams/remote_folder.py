@@ -80,11 +80,11 @@ class RemoteFolder:
         self.fetched_bytes = 0
         self._url, self._pulses = url, pulses
         self._files = {file.name: file for file in found}
-        self._places = {file.name: place for place, file in enumerate(found)}
-        self._names = [file.name for file in found]
+        self._kept = {name for name in self._files if PurePosixPath(name).name in FOLDER_NAMES}
+        self._names = [name for name in self._files if name not in self._kept]
+        self._places = {name: place for place, name in enumerate(self._names)}
         self._here: set[str] = set()
-        self._fetch({name for name in self._names if PurePosixPath(name).name in FOLDER_NAMES})
-        self._here.clear()
+        self._fetch(self._kept)
 
     def __iter__(self) -> Iterator[Item]:
         """Iterate over all files; none is fetched by that."""
@@ -92,9 +92,11 @@ class RemoteFolder:
             yield Item(name, lambda name=name: self._read(name), lambda at=file.changed: at, file.size > 0)
 
     def _read(self, name: str) -> Data:
-        if name not in self._here:
+        if name not in self._here and name not in self._kept:
             self._remove()
-            self._fetch(self._batch(name))
+            batch = self._batch(name)
+            self._fetch(batch)
+            self._here = batch
         return read_regular(self.root, name)
 
     def _beside(self, name: str) -> set[str]:
@@ -116,7 +118,7 @@ class RemoteFolder:
 
     def _fetch(self, names: set[str]) -> None:
         """Fetch files; SourceError or RemoteError as :func:`streams.remote.fetched`."""
-        wanted = [self._files[name] for name in self._names if name in names and not (self.root / name).exists()]
+        wanted = [file for name, file in self._files.items() if name in names]
         size = sum(file.size for file in wanted)
         refuse_size(f"{self._url} ({len(wanted)} files)", size, free_bytes(self.root))
         targets = {file.path: target_of(self.root, file.name, self._url) for file in wanted}
@@ -127,7 +129,6 @@ class RemoteFolder:
             for target in targets.values():
                 target.unlink(missing_ok=True)
             raise
-        self._here |= names
         self.fetched_bytes += size
 
     def _remove(self) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import uuid
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
@@ -42,17 +43,29 @@ def gets(monkeypatch: pytest.MonkeyPatch) -> list[str]:
 @pytest.fixture
 def prefix(tmp_path: Path) -> tuple[str, Path]:
     """The URL of a prefix, and a folder with the same files: recordings of 1.5 blocks each, and a side-car."""
-    store = ObjectStore(f"memory://{uuid.uuid4()}/plant")
-    folder = tmp_path / "local" / "press"
-    folder.mkdir(parents=True)
     rng = np.random.default_rng(1)
-    for number in range(COUNT):
-        np.save(folder / f"run-{number}.npy", rng.standard_normal(150).astype(np.float32))
+    files = {f"run-{number}.npy": rng.standard_normal(150) for number in range(COUNT)}
+    folder = written(tmp_path / "local" / "press", files)
     (folder / "spallwatch.json").write_text('{"rate_hz": 100, "unit": "g"}')
     (folder / "run-3.npy.json").write_text('{"rate_hz": 100, "unit": "g", "scale": 2.0}')
-    for path in folder.iterdir():
-        store.write(f"press/{path.name}", path.read_bytes())
-    return f"{store.url}/press", folder
+    return stored(folder), folder
+
+
+def written(folder: Path, files: Mapping[str, np.ndarray]) -> Path:
+    """Write recordings below a folder."""
+    for name, values in files.items():
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        np.save(folder / name, values.astype(np.float32))
+    return folder
+
+
+def stored(folder: Path) -> str:
+    """Return the URL of a prefix of the name and with the files of a folder."""
+    store = ObjectStore(f"memory://{uuid.uuid4()}/plant")
+    for path in folder.rglob("*"):
+        if path.is_file():
+            store.write(f"{folder.name}/{path.relative_to(folder).as_posix()}", path.read_bytes())
+    return f"{store.url}/{folder.name}"
 
 
 def opened(found: OpenedRemote, begin: ReadingState | None = None) -> Recording:
@@ -86,6 +99,25 @@ def test_blocks_are_those_of_a_folder(
     assert len(items) > COUNT
     assert most <= files
     assert not list((tmp_path / "scratch").iterdir())
+
+
+@pytest.mark.parametrize("several", [False, True])
+def test_side_cars_of_folders_stay_until_the_end(
+    several: bool, tmp_path: Path, gets: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(remote_folder, "MAX_FILES", 3)
+    rng = np.random.default_rng(1)
+    names = [f"{'one/' if several and letter == 'a' else ''}{letter}{n}.npy" for letter in "az" for n in range(8)]
+    folder = written(tmp_path / "local" / "press", {name: rng.standard_normal(100) for name in names})
+    for place in {(folder / name).parent for name in names}:
+        (place / "spallwatch.json").write_text('{"rate_hz": 100, "unit": "g", "scale": 4.0}')
+    with opened_remote(stored(folder), tmp_path / "scratch") as found:
+        source = opened(found)
+        assert len(source) == len(names)
+        items = [*iter(source)]
+    assert seen(items) == seen(list(open_source(spec_of(str(folder)))))
+    assert all(isinstance(item, Block) for item in items)
+    assert gets.count("spallwatch.json") == 1 + several
 
 
 def test_a_part_fetches_from_the_file_on_in_which_the_one_before_ended(
