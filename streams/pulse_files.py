@@ -9,30 +9,17 @@ from dataclasses import replace
 from pathlib import Path
 from zoneinfo import ZoneInfo
 
+from streams.beside import is_beside, pulse_file_of
 from streams.datasets import DataSet, FileFacts
 from streams.files import read_guarded, unpacked_name
 from streams.large import Data
 from streams.readers.child import isolated
 from streams.readers.pulse_text import pulse_column
 from streams.samples import ReaderError, Samples
-from streams.spec import FILE_WORDS, SourceSpec
+from streams.spec import SourceSpec
 
 _ENDINGS = tuple(f".{word}{end}" for word in ("pulses", "pulse", "tacho") for end in (".csv", ".txt", ""))
 """Endings of files of pulses that need no configuration to be told."""
-
-
-def is_beside(pattern: str | None) -> bool:
-    """Return whether a pattern of pulses is that of files beside the recording."""
-    return pattern is not None and any(word in pattern for word in FILE_WORDS)
-
-
-def pulse_file_of(pattern: str | None, path: str) -> str | None:
-    """Return the path of the file of pulses that belongs to a file of the recording; None: pulses are no files."""
-    if pattern is None or not is_beside(pattern):
-        return None
-    folder, slash, name = path.rpartition("/")
-    stem, dot, _ = unpacked_name(name).rpartition(".")
-    return folder + slash + pattern.replace("{stem}", stem if dot else name).replace("{name}", name)
 
 
 def is_pulse_file(pattern: str | None, path: str) -> bool:

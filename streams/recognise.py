@@ -10,16 +10,17 @@ from pathlib import Path, PurePosixPath
 from typing import Any
 from zoneinfo import ZoneInfo
 
+from streams.beside import FOLDER_NAMES, is_beside
 from streams.datasets import DATA_SETS, DataSet, FileFacts
 from streams.files import Files, Item, is_archive, natural_key, unpacked_name
 from streams.large import Data
-from streams.pulse_files import is_beside, is_pulse_file, with_pulse_files
+from streams.pulse_files import is_pulse_file, with_pulse_files
 from streams.readers.child import isolated
 from streams.readers.hdf5 import read_hdf5
 from streams.readers.mat import mat_variables, read_mat
 from streams.readers.netcdf import read_netcdf
 from streams.readers.npy_wav import read_plain_npy, read_wav
-from streams.readers.sidecar import FOLDER_NAMES, apply_sidecar, find_sidecar
+from streams.readers.sidecar import apply_sidecar, find_sidecar
 from streams.readers.tdms import read_tdms
 from streams.readers.text import first_characters, read_layout
 from streams.readers.uff import read_uff

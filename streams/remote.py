@@ -14,6 +14,7 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from datetime import datetime
+from functools import partial
 from pathlib import Path, PurePosixPath
 from typing import Any
 from urllib.parse import unquote, urlsplit
@@ -22,8 +23,9 @@ from models.errors import SpallwatchError
 from models.scratch import free_bytes, scratch_folder
 from models.work.filesystem import cause, error_code, filesystem, repeated
 from models.work.redact import bare_url, has_user_info, redact
+from streams.beside import pulse_file_of, sidecar_paths
 from streams.download import RemoteError, download, refuse_size
-from streams.files import natural_key
+from streams.files import is_archive, natural_key
 from streams.listing import is_skipped, shown
 from streams.spec import SourceError
 
@@ -105,11 +107,16 @@ def expand(url: str) -> list[str]:
 
 
 @contextmanager
-def fetched(url: str, scratch: Path, max_bytes: int | None = None) -> Generator[Fetched]:
+def fetched(url: str, scratch: Path, max_bytes: int | None = None, *, pulses: str | None = None) -> Generator[Fetched]:
     """Fetch a recording (an object, or all below a prefix) below ``scratch``; it is removed at the end.
 
-    ``max_bytes`` limits what is fetched, by default nine tenths of what is free there; the sum of a recording is
-    compared with it before the first byte. Names of files and of the folder are kept, as they may date or name blocks.
+    With an object come its side-car and its file of pulses, where they are there; with a file behind HTTP none. Names
+    of files and of the folder are kept, as they may date or name blocks.
+
+    Args:
+        max_bytes: limit of what is fetched, by default nine tenths of what is free there; the sum of a recording is
+            compared with it before the first byte.
+        pulses: pattern of the files of pulses, as of a source.
 
     Raises:
         SourceError: nothing is there, it is too large, a name leads out of the folder, credentials stand in the URL.
@@ -124,15 +131,16 @@ def fetched(url: str, scratch: Path, max_bytes: int | None = None) -> Generator[
         return
     allowed = free_bytes(scratch) if max_bytes is None else max_bytes
     with scratch_folder(FETCHED, scratch) as folder:
-        found = _fetch_http(place, folder, allowed) if scheme in _HTTP else _fetch_objects(place, folder, allowed)
+        http = scheme in _HTTP
+        found = _fetch_http(place, folder, allowed) if http else _fetch_objects(place, folder, allowed, pulses)
         yield Fetched(f"{kind}{found.path}", found.path, found.size, found.etags)
 
 
 @contextmanager
-def local_source(url: str | None, folder: Path) -> Generator[str | None]:
+def local_source(url: str | None, folder: Path, pulses: str | None = None) -> Generator[str | None]:
     """Give the URL of a source that can be opened here: of its copy in ``folder`` where it is remote, else itself.
 
-    The folder is made for a copy and removed with it, unless something else is in it.
+    The folder is made for a copy and removed with it, unless something else is in it. ``pulses`` as of :func:`fetched`.
 
     Raises:
         SourceError, RemoteError: as :func:`fetched`.
@@ -141,7 +149,7 @@ def local_source(url: str | None, folder: Path) -> Generator[str | None]:
         yield url
         return
     try:
-        with fetched(url, folder) as recording:
+        with fetched(url, folder, pulses=pulses) as recording:
             yield recording.url
     finally:
         with suppress(OSError):
@@ -214,19 +222,43 @@ def _fetch_http(url: str, folder: Path, allowed: int) -> Fetched:
     return Fetched("", target, found.size, {} if found.etag is None else {name: found.etag.strip('"')})
 
 
-def _fetch_objects(url: str, folder: Path, allowed: int) -> Fetched:
+def _fetch_objects(url: str, folder: Path, allowed: int, pulses: str | None) -> Fetched:
     found = remote_files(url)
     path = filesystem(url)[1]
+    one = len(found) == 1 and found[0].path.strip("/") == path.strip("/")
+    if one:
+        found += _files_beside(url, found[0], pulses)
     size = sum(file.size for file in found)
     count = f"{url} ({len(found)} files)" if len(found) > 1 else url
     refuse_size(count, size, allowed)
-    top = PurePosixPath(path).name
-    one = len(found) == 1 and found[0].path.strip("/") == path.strip("/")
-    root = folder if one else folder / top
+    root = folder if one else folder / PurePosixPath(path).name
     fetch_files(url, found, {file.path: target_of(root, file.name, url) for file in found})
     return Fetched(
         "", root / found[0].name if one else root, size, {file.name: file.etag for file in found if file.etag}
     )
+
+
+def _files_beside(url: str, file: RemoteFile, pulses: str | None) -> list[RemoteFile]:
+    """Return the side-car of an object and its file of pulses, as far as they are there; an archive has none."""
+    if is_archive(file.name):
+        return []
+    files, folder = filesystem(url)[0], file.path.removesuffix(file.name)
+    marks = pulse_file_of(pulses, file.name)
+    with _foreseen(url, "listed"):
+        return [
+            *_first_of(files, folder, sidecar_paths(file.name)),
+            *_first_of(files, folder, () if marks is None else (marks,)),
+        ]
+
+
+def _first_of(files: Any, folder: str, names: Sequence[str]) -> list[RemoteFile]:
+    """Return the first object that is there of some names in a folder, which ends with "/"."""
+    for name in names:
+        with suppress(FileNotFoundError):
+            entry = repeated(partial(files.info, folder + name))
+            if entry.get("type") == "file":
+                return [_entry(name, folder + name, entry)]
+    return []
 
 
 def fetch_files(url: str, found: Sequence[RemoteFile], targets: Mapping[str, Path]) -> None:

@@ -12,12 +12,11 @@ from pathlib import Path, PurePosixPath
 
 from models.scratch import free_bytes, scratch_folder
 from models.work.filesystem import filesystem
+from streams.beside import FOLDER_NAMES, pulse_file_of
 from streams.download import refuse_size
 from streams.files import Item, read_regular
 from streams.large import Data
 from streams.listing import shown
-from streams.pulse_files import pulse_file_of
-from streams.readers.sidecar import FOLDER_NAMES
 from streams.remote import FETCHED, RemoteFile, fetch_files, fetched, remote_files, split_url, target_of
 
 MAX_FILES = 16
@@ -49,7 +48,7 @@ class OpenedRemote:
 def opened_remote(url: str, scratch: Path, pulses: str | None = None) -> Generator[OpenedRemote]:
     """Open a recording below ``scratch``: an object is fetched, of a prefix the names of its objects are.
 
-    What was fetched is removed at the end. ``pulses`` is the pattern of files of pulses beside the others.
+    What was fetched is removed at the end; ``pulses`` as of :func:`streams.remote.fetched`.
 
     Raises:
         SourceError, RemoteError: as :func:`streams.remote.fetched`, of the files of a prefix when they are read.
@@ -58,7 +57,7 @@ def opened_remote(url: str, scratch: Path, pulses: str | None = None) -> Generat
     found = remote_files(place) if scheme not in ("file", "http", "https") else []
     path = "" if not found else filesystem(place)[1]
     if not found or found[0].path.strip("/") == path.strip("/"):
-        with fetched(url, scratch) as one:
+        with fetched(url, scratch, pulses=pulses) as one:
             yield OpenedRemote(one.url, None, one.size)
         return
     with scratch_folder(FETCHED, scratch) as folder:

@@ -82,7 +82,8 @@ def command(
     path = paths[0] if paths else None
     # Until the page is written, too.
     hold_output(out)
-    with local_source(config.source[0].url if path is None else path, out / "fetched") as source:
+    section = config.source[0]
+    with local_source(section.url if path is None else path, out / "fetched", section.pulses) as source:
         result = replay(
             config,
             source,

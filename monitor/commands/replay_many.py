@@ -222,7 +222,7 @@ def _replay(replays: Replays, recording: Recording) -> dict[str, Any]:
         if resume:
             _check_same(place, recording, replays)
             shutil.copytree(place, folder, dirs_exist_ok=True)
-        with local_source(recording.url, folder / "fetched") as source:
+        with local_source(recording.url, folder / "fetched", config.source[0].pulses) as source:
             result = replay(config, source, folder, limit=replays.limit, resume=resume)
         if replays.report:
             write_report(result, folder / "report.html", f"{config.machine.name}: {recording.name}")

@@ -19,13 +19,13 @@ from typing import Any
 
 import numpy as np
 
+from streams.beside import FOLDER_NAMES, sidecar_paths
 from streams.files import read_guarded
 from streams.large import elementwise
 from streams.readers.stated import seconds_utc
 from streams.samples import SCALED, VALUES, ReaderError, Samples
 from streams.spec import UNITS
 
-FOLDER_NAMES = ("spallwatch.json", "spallwatch.toml")
 _MAX_SIDECAR_BYTES = 1 << 16
 
 
@@ -62,9 +62,7 @@ def find_sidecar(root: Path, path: str, zone: str = "UTC") -> SideCar | None:
     Raises:
         ReaderError: ``unreadable`` where it is no valid side-car, naming the key; ``refused`` as for any file.
     """
-    folder = path.rpartition("/")[0]
-    beside = [f"{folder}/{name}" if folder else name for name in FOLDER_NAMES]
-    for candidate in (f"{path}.json", *beside):
+    for candidate in sidecar_paths(path):
         if not os.path.lexists(f"{root}/{candidate}"):
             continue
         return _parsed(read_guarded(root, candidate, max_bytes=_MAX_SIDECAR_BYTES), candidate, zone)

@@ -9,9 +9,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+from streams.beside import pulse_file_of
 from streams.block import Block, Rejected
 from streams.open import open_source
-from streams.pulse_files import is_pulse_file, pulse_file_of
+from streams.pulse_files import is_pulse_file
 from streams.recording import Recording
 from streams.spec import SourceError, SourceSpec
 from tests.streams.folders import CHANNELS, RATE, Rig, csv_bytes, noise

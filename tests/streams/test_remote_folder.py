@@ -16,6 +16,7 @@ from streams.block import Block, Rejected
 from streams.open import open_source
 from streams.reading import ReadingState
 from streams.recording import Recording
+from streams.remote import local_source
 from streams.remote_folder import OpenedRemote, opened_remote
 from streams.spec import ChannelSpec, SourceError, SourceSpec
 from tests.monitor.archive.fleet_files import assert_same_records, make_archive, write_files
@@ -24,6 +25,7 @@ pytest.importorskip("fsspec", reason="needs the extra cluster")
 
 COUNT = 12
 CHANNELS = (ChannelSpec("a", column=1),)
+PULSES = "{stem}.pulses.csv"
 
 
 @pytest.fixture
@@ -74,8 +76,8 @@ def opened(found: OpenedRemote, begin: ReadingState | None = None) -> Recording:
     return source
 
 
-def spec_of(url: str) -> SourceSpec:
-    return SourceSpec("s", url, block_s=1.0, channels=CHANNELS, start=0.0)
+def spec_of(url: str, pulses: str | None = None) -> SourceSpec:
+    return SourceSpec("s", url, block_s=1.0, channels=CHANNELS, start=0.0, pulses=pulses)
 
 
 def seen(items: list[Block | Rejected]) -> list[object]:
@@ -170,7 +172,36 @@ def test_an_object_is_fetched_at_once(prefix: tuple[str, Path], tmp_path: Path) 
     with opened_remote(f"{url}/run-1.npy", tmp_path / "scratch") as found:
         assert found.files is None
         assert Path(found.url).read_bytes() == (folder / "run-1.npy").read_bytes()
-        assert found.size == (folder / "run-1.npy").stat().st_size
+        assert found.size == sum((folder / name).stat().st_size for name in ("run-1.npy", "spallwatch.json"))
+
+
+@pytest.mark.parametrize("beside", ["run-1.npy.json", "spallwatch.json", "spallwatch.toml"])
+def test_an_object_is_read_with_the_files_beside_it(beside: str, tmp_path: Path, gets: list[str]) -> None:
+    rng = np.random.default_rng(1)
+    folder = written(tmp_path / "local" / "press", {f"run-{n}.npy": rng.standard_normal(100) for n in range(12)})
+    own = 'rate_hz = 100\nunit = "g"\nscale = 3.0' if beside.endswith("toml") else '{"rate_hz": 100, "unit": "g"}'
+    (folder / beside).write_text(own)
+    (folder / "run-1.pulses.csv").write_text("0.1\n0.5\n")
+    (folder / "run-2.npy.json").write_text('{"rate_hz": 50}')
+    with opened_remote(f"{stored(folder)}/run-1.npy", tmp_path / "scratch", PULSES) as found:
+        assert found.files is None
+        items = list(iter(open_source(spec_of(found.url, PULSES))))
+    assert seen(items) == seen(list(open_source(spec_of(str(folder / "run-1.npy"), PULSES))))
+    assert [pulses_of(item) for item in items] == [[0.1, 0.5]]
+    assert sorted(gets) == sorted(["run-1.npy", beside, "run-1.pulses.csv"])
+    with local_source(f"{stored(folder)}/run-1.npy", tmp_path / "scratch", PULSES) as url:
+        assert seen(list(open_source(spec_of(url or "", PULSES)))) == seen(items)
+
+
+def pulses_of(item: Block | Rejected) -> list[float] | None:
+    return item.pulses.times.tolist() if isinstance(item, Block) and item.pulses is not None else None
+
+
+def test_an_object_without_files_beside_it_is_fetched_alone(tmp_path: Path, gets: list[str]) -> None:
+    folder = written(tmp_path / "local" / "press", {"run-1.npy": np.arange(100.0)})
+    (folder / "run-2.npy.json").write_text('{"rate_hz": 50}')
+    with opened_remote(f"{stored(folder)}/run-1.npy", tmp_path / "scratch", PULSES):
+        assert gets == ["run-1.npy"]
 
 
 def test_an_archive_of_prefixes_in_parts_has_the_records_of_folders(

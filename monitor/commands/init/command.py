@@ -29,9 +29,9 @@ from monitor.commands.init.questions import (
 from monitor.commands.init.text import Draft, configuration_text, level_in_g, machine_name
 from monitor.config.load import Config, load_config
 from monitor.words.numbers import duration
+from streams.beside import is_beside
 from streams.listing import shown
 from streams.plausible import doubts
-from streams.pulse_files import is_beside
 from streams.samples import ReaderError
 from streams.spec import SourceError
 from streams.stamps import stamp_in_name, utc_text
