@@ -13,6 +13,7 @@ import os
 import tempfile
 import weakref
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from math import prod
 from pathlib import Path
 from typing import Any, BinaryIO, overload
@@ -58,15 +59,18 @@ class FileBytes:
     def copied(cls, stream: Any, max_bytes: int, before: bytes = b"") -> FileBytes:
         """Copy what a stream gives, at most ``max_bytes``, to a file that vanishes with this object.
 
-        ``before`` is what the stream has given already, and precedes it.
+        ``before`` is what the stream has given already, and precedes it. NoRoomError as of :func:`array_on_disk`; what
+        the stream raises is not caught.
         """
-        disk = DiskFile()
-        write_whole(disk.handle, before)
-        size = 0
-        while size < max_bytes and (part := stream.read(min(PIECE_BYTES, max_bytes - size))):
-            write_whole(disk.handle, part)
-            size += len(part)
-        return cls(disk.handle, len(before) + size, disk.path, disk)
+        with _disk_file(len(before)) as disk:
+            size, part = 0, before
+            while True:
+                with _temporary(size + len(part)):
+                    write_whole(disk.handle, part)
+                size += len(part)
+                part = stream.read(min(PIECE_BYTES, len(before) + max_bytes - size))
+                if not part:
+                    return cls(disk.handle, size, disk.path, disk)
 
     @property
     def is_changed(self) -> bool:
@@ -150,33 +154,77 @@ def _state(handle: int) -> tuple[int, int]:
 
 
 def array_on_disk(shape: Sequence[int], dtype: DTypeLike) -> NDArray[Any]:
-    """Return an array in a file of the temporary folder; NoRoomError where that has no room."""
+    """Return an array in a file of the temporary folder.
+
+    Raises:
+        NoRoomError: the folder cannot be written, or has no room.
+        MemoryError: there is no address space for it.
+    """
     kind = np.dtype(dtype)
     size = prod(shape) * kind.itemsize
-    disk = DiskFile()
-    try:
-        reserve(disk.handle, size)
-    except OSError as error:
-        disk.close()
-        raise NoRoomError(size) if error.errno == errno.ENOSPC else error from error
-    return mapped_array(disk, shape, kind)
+    with _disk_file(size) as disk:
+        with _temporary(size):
+            reserve(disk.handle, size)
+        return mapped_array(disk, shape, kind)
 
 
 class NoRoomError(SpallwatchError):
-    """The temporary folder has no room for the samples of a large file, which says nothing about the file."""
+    """The temporary folder does not take the content of a large file, which says nothing about the file."""
 
-    def __init__(self, size: int) -> None:
-        """Take the number of bytes."""
-        super().__init__(f"{tempfile.gettempdir()}: no room for {size} bytes of samples; set TMPDIR to a larger disk")
-        self.size = size
+    def __init__(self, size: int, reason: str) -> None:
+        """Take the number of bytes, and what the system says."""
+        where = _temporary_folder()
+        super().__init__(f"{where}: no room for {size} bytes of a large file ({reason}); set TMPDIR to a larger disk")
+        self.size, self.reason = size, reason
+
+
+NOT_OF_CONTENT = (NoRoomError, MemoryError)
+"""What a reader raises for other reasons than the content of its file, and never turns into a verdict on it."""
+
+
+def _temporary_folder() -> str:
+    try:
+        return tempfile.gettempdir()
+    except OSError:
+        # None of the folders that it tries can be written.
+        return os.environ.get("TMPDIR", "the temporary folder")
+
+
+@contextmanager
+def _temporary(size: int) -> Iterator[None]:
+    """Raise NoRoomError for any failure of a file in the temporary folder; ``size`` bytes were to be in it."""
+    try:
+        yield
+    except OSError as error:
+        raise NoRoomError(size, error.strerror or type(error).__name__) from error
+
+
+@contextmanager
+def _disk_file(size: int) -> Iterator[DiskFile]:
+    """Give a new file of the temporary folder, which is closed where the block fails; NoRoomError."""
+    with _temporary(size):
+        disk = DiskFile()
+    try:
+        yield disk
+    except BaseException:
+        disk.close()
+        raise
 
 
 def mapped_array(disk: DiskFile, shape: Sequence[int], dtype: DTypeLike) -> NDArray[Any]:
-    """Return the array that a file holds; the file is closed with the last view of it."""
+    """Return the array that a file holds; the file is closed with the last view of it, and not where this fails.
+
+    Raises:
+        MemoryError: there is no address space for it.
+    """
     kind = np.dtype(dtype)
-    memory = mmap.mmap(disk.handle, prod(shape) * kind.itemsize)
+    try:
+        memory = mmap.mmap(disk.handle, prod(shape) * kind.itemsize)
+    except OSError as error:
+        raise MemoryError(str(error)) if error.errno == errno.ENOMEM else error from error
+    found = np.frombuffer(memory, kind, prod(shape)).reshape(shape)
     weakref.finalize(memory, disk.close)
-    return np.frombuffer(memory, kind, prod(shape)).reshape(shape)
+    return found
 
 
 def forget_pages(array: NDArray[Any]) -> None:

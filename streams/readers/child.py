@@ -15,7 +15,7 @@ import threading
 import time
 import weakref
 from collections.abc import Callable
-from contextlib import AbstractContextManager, ExitStack
+from contextlib import AbstractContextManager, ExitStack, suppress
 from dataclasses import dataclass
 from typing import Any
 
@@ -131,14 +131,17 @@ class ReaderProcess(AbstractContextManager["ReaderProcess"]):
             "path": data.path if isinstance(data, FileBytes) else None,
         }
         with self._lock, ExitStack() as undo:
-            disk = DiskFile() if len(data) >= _MIN_DISK_BYTES else None
-            if disk is not None:
-                undo.callback(disk.close)
-                request["disk"] = disk.path
+            disk = None
+            if len(data) >= _MIN_DISK_BYTES:
+                # A file whose samples need the temporary folder fails in the child, with the reason.
+                with suppress(OSError):
+                    disk = DiskFile()
+                    undo.callback(disk.close)
+                    request["disk"] = disk.path
             try:
                 answer = self._ask(request, data)
                 if "no_room" in answer:
-                    raise NoRoomError(int(answer["no_room"]))
+                    raise NoRoomError(int(answer["no_room"]), str(answer["reason"]))
                 found = self._result(answer, disk)
                 if answer.get("on_disk"):
                     undo.pop_all()

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from streams import large
-from streams.large import Data, FileBytes, array_on_disk, forget_pages, longest_axis, parts_along
+from streams.large import NOT_OF_CONTENT, Data, FileBytes, array_on_disk, forget_pages, longest_axis, parts_along
 from streams.limits import max_loaded_bytes
 from streams.readers.complete import hdf5_size
 from streams.readers.pulse_times import matches_pulses, only_one, own_facts, sought, with_pulses
@@ -184,7 +184,7 @@ def open_hdf5(data: Data, name: str) -> Iterator[Any]:
     try:
         with h5py.File(data.path, "r") if isinstance(data, FileBytes) else _image(h5py, data) as file:
             yield file
-    except (ReaderError, MemoryError):
+    except (ReaderError, *NOT_OF_CONTENT):
         raise
     except Exception as error:  # Any exception may come of corrupt input.
         raise ReaderError("unreadable", f"{name}: not a readable HDF5 file ({str(error)[:200]})") from error

@@ -11,7 +11,7 @@ import numpy as np
 import scipy.io
 from numpy.typing import NDArray
 
-from streams.large import Data, FileBytes, elementwise, is_any, stream_of
+from streams.large import NOT_OF_CONTENT, Data, FileBytes, elementwise, is_any, stream_of
 from streams.readers.hdf5 import Budget, Found, join_arrays, load, open_hdf5, walk
 from streams.readers.pulse_times import matches_pulses, only_one, own_facts, with_pulses
 from streams.readers.stated import STORED, Facts, plain_key, rate_of_times, seconds_utc, stated_rate
@@ -98,7 +98,7 @@ def _classic(data: Data, name: str) -> _Variables:
                 for key, variable in file.variables.items():
                     owned[str(key)] = own = _facts(variable._attributes)
                     found[str(key)] = variable.data if mapped else np.array(variable.data), {**shared, **own}
-    except MemoryError:
+    except NOT_OF_CONTENT:
         raise
     except Exception as error:  # Any exception may come of corrupt input.
         raise ReaderError("unreadable", f"{name}: not a readable netCDF file ({type(error).__name__})") from error

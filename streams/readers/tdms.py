@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from streams import large
-from streams.large import Data, contiguous, empty_rows, forget_pages, stream_of
+from streams.large import NOT_OF_CONTENT, Data, contiguous, empty_rows, forget_pages, stream_of
 from streams.limits import max_loaded_bytes
 from streams.readers.pulse_times import matches_pulses, only_one, with_pulses
 from streams.readers.stated import (
@@ -72,7 +72,7 @@ def read_tdms(
             types = [row.dtype for row in rows]
             titles = [(str(channel.group_name), str(channel.name)) for channel in wanted]
             marks = [(_titles(channel)[1], _values(channel), _properties(channel)) for channel in tacho]
-    except ReaderError:
+    except (ReaderError, *NOT_OF_CONTENT):
         raise
     except Exception as error:  # Any exception may come of corrupt input.
         raise ReaderError("unreadable", f"{name}: not a readable TDMS file ({type(error).__name__})") from error

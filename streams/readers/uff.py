@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from streams.large import Data, FileBytes
+from streams.large import NOT_OF_CONTENT, Data, FileBytes
 from streams.readers.stated import check_lengths, common_rate, known_unit, nice_rate, seconds_utc
 from streams.readers.worker import from_disk, memory_file
 from streams.samples import ReaderError, Samples, stack_rows
@@ -71,7 +71,7 @@ def universal_file(data: Data, name: str) -> Iterator[Any]:
             return
         with memory_file(data) as path:
             yield pyuff.UFF(path)
-    except (ReaderError, MemoryError):
+    except (ReaderError, *NOT_OF_CONTENT):
         raise
     except Exception as error:  # Any exception may come of corrupt input.
         raise ReaderError("unreadable", f"{name}: not a readable universal file ({type(error).__name__})") from error

@@ -5,7 +5,6 @@ Samples are in shared memory. The parent is trusted, the files are not; nothing 
 
 from __future__ import annotations
 
-import errno
 import importlib
 import json
 import logging
@@ -90,7 +89,7 @@ def _answer(request: dict[str, Any], input_fd: int, output_fd: int) -> dict[str,
         found = function(data, name, *request["arguments"])
         return _answer_of(found, request, output_fd) if isinstance(found, Samples) else {"value": found}
     except NoRoomError as error:
-        return {"no_room": error.size}
+        return {"no_room": error.size, "reason": error.reason}
     except ReaderError as error:
         return {"status": error.status, "reason": str(error)}
     except MemoryError:
@@ -117,7 +116,7 @@ def _answer_of(found: Samples, request: Mapping[str, Any], output_fd: int) -> di
         try:
             return {**_written(found, disk.fileno()), "on_disk": True}
         except OSError as error:
-            raise NoRoomError(found.values.nbytes) if error.errno == errno.ENOSPC else error from error
+            raise NoRoomError(found.values.nbytes, str(error.strerror)) from error
 
 
 def _written(found: Samples, output_fd: int) -> dict[str, Any]:
