@@ -21,8 +21,8 @@ from typing import Any
 import numpy as np
 
 from benchmarks.common import REFERENCE_MS, Row, arguments, calibration_kernel, interleaved_ms, print_table, write_json
+from streams.digest import content_hash
 from streams.folder.source import FolderSource
-from streams.load import content_hash
 from streams.recognise import data_set_of
 from streams.spec import ChannelSpec, SourceSpec
 from tests.memory_ledger import MemoryLedger

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import logging
 from collections.abc import Sequence
 from dataclasses import replace
@@ -14,7 +13,8 @@ from zoneinfo import ZoneInfo
 import numpy as np
 
 from streams.block import STANDARD_GRAVITY
-from streams.large import Data, FileBytes, NoRoomError, elementwise, pieces_of
+from streams.digest import changed_error
+from streams.large import Data, FileBytes, NoRoomError, elementwise
 from streams.limits import max_blocks
 from streams.readers.complete import declared_size
 from streams.readers.pulse_times import fitting_pulses
@@ -31,14 +31,6 @@ if TYPE_CHECKING:
 _LOG = logging.getLogger(__name__)
 _MAX_LISTED = 1000
 """Characters of names in a message."""
-
-
-def content_hash(data: Data) -> str:
-    """Return the BLAKE2b-128 digest of the bytes of a file, in hexadecimal."""
-    digest = hashlib.blake2b(digest_size=16)
-    for piece in pieces_of(data):
-        digest.update(piece)
-    return digest.hexdigest()
 
 
 def is_dated_by_choice(spec: SourceSpec, data_set: DataSet) -> bool:
@@ -147,22 +139,23 @@ class Loader:
 
     def read(self, raw: Data, path: str, name: str) -> Samples:
         """Return all rows of a file and what the file itself states; ReaderError as :meth:`load`."""
-        promised = declared_size(raw, path)
-        if promised is not None and promised > len(raw):
-            raise ReaderError("incomplete", f"{name}: {len(raw)} bytes are there, its header promises {promised}")
         try:
+            promised = declared_size(raw, path)
+            if promised is not None and promised > len(raw):
+                raise ReaderError("incomplete", f"{path}: {len(raw)} bytes are there, its header promises {promised}")
             if not raw:
-                raise ReaderError("empty", f"{name}: the file has 0 bytes")
+                raise ReaderError("empty", f"{path}: the file has 0 bytes")
             samples = self.data_set.read(raw, path)
             if isinstance(raw, FileBytes) and raw.is_changed:
                 raise changed_error(path)
             return samples
         except NoRoomError:
             raise
-        except ReaderError as error:
-            changed = isinstance(raw, FileBytes) and raw.is_changed
-            raise renamed(changed_error(path) if changed else error, path, name) from error
         except Exception as error:
+            if isinstance(raw, FileBytes) and raw.is_changed:
+                raise changed_error(name) from error
+            if isinstance(error, ReaderError):
+                raise renamed(error, path, name) from error
             # Third-party parsers raise any exception on damaged files; one file must not stop the others.
             _LOG.warning("%s: the reader failed", name, exc_info=True)
             raise ReaderError("unreadable", f"{name}: the reader failed ({type(error).__name__})") from error
@@ -213,11 +206,6 @@ class Loader:
             return None, None
         elapsed = facts.elapsed or 0.0
         return None if self._spec.start is None else self._spec.start + elapsed, elapsed
-
-
-def changed_error(name: str) -> ReaderError:
-    """Return the rejection of a file that changed while it was read."""
-    return ReaderError("changed", f"{name}: changed while it was read")
 
 
 def renamed(error: ReaderError, path: str, name: str) -> ReaderError:

@@ -8,13 +8,15 @@ from collections.abc import Iterable, Iterator
 from dataclasses import replace
 
 from streams.block import Block, Rejected
+from streams.configured import check_stated
 from streams.datasets import DataSet, FileFacts
 from streams.dater import Dater, UndatedError
 from streams.dating import Dating
+from streams.digest import hash_of_file
 from streams.files import Files, Item, natural_key, open_files
 from streams.given import Loaded, Met, reordered
 from streams.listing import CLOSED, shown
-from streams.load import Loader, content_hash, cutter_of, is_cut, is_dated_by_choice, renamed
+from streams.load import Loader, cutter_of, is_cut, is_dated_by_choice, renamed
 from streams.pulse_files import is_pulse_file
 from streams.readers.sidecar import is_sidecar
 from streams.reading import VERSION, Reading, ReadingState, names_digest
@@ -286,20 +288,7 @@ class Recording:
             place = "holds no file" if self._files.several else "is not a file"
             text = f"{where}: url: {self._files.root} {place} of {self._set.name} ({self._set.files})"
             raise SourceError("; ".join((text, *(f"{name} {reason}" for name, reason in self.closed().items()))))
-        states_rate = self._set.states_rate and (samples is None or samples.rate is not None)
-        if found[0].rate is None and not states_rate and self._spec.rate is None:
-            raise SourceError(f"{where}: rate_hz is missing: neither the files nor {self._set.name} state a rate")
-        states_unit = self._set.states_unit and (samples is None or any(unit is not None for unit in samples.units))
-        if self._set.unit is None and not states_unit and not self._spec.channels:
-            raise SourceError(f"{where}: a [[channel]] with its unit is missing: these files do not state one")
-        for channel in self._spec.channels:
-            stated = self._set.unit
-            if stated is None and channel.unit is None and not states_unit:
-                raise SourceError(f"[[channel]] {channel.name}: unit is missing: the files of {self.name} state none")
-            if channel.unit is not None and stated not in (None, "unknown", channel.unit):
-                raise SourceError(
-                    f"[[channel]] {channel.name}: unit is {channel.unit!r}, but {self._set.name} is in {stated}"
-                )
+        check_stated(self._spec, self._set, found[0], samples)
 
     def _peek(self, facts: FileFacts, item: Item) -> Samples | None:
         """Read the first file if only it can state rate or unit; None if it is unreadable."""
@@ -357,7 +346,7 @@ class Recording:
         digest, name = "", shown(item.path)
         try:
             raw = item.read()
-            digest = content_hash(raw)
+            digest = hash_of_file(raw, item.path)
             samples = self._loader.load(raw, item.path, facts, name, changed=item.changed())
         except UndatedError as error:
             raise self._undated(error) from error

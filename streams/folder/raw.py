@@ -7,10 +7,10 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from models.errors import SpallwatchError
+from streams.digest import content_hash
 from streams.files import read_guarded, refuse_special
 from streams.folder.entry import Entry
 from streams.listing import Stat, stat_file
-from streams.load import content_hash
 from streams.readers.complete import whole_part
 from streams.reblock import Cut
 from streams.samples import ReaderError

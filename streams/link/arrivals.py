@@ -13,11 +13,11 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 from streams.block import Block, Rejected
+from streams.digest import content_hash
 from streams.link.frame_item import item_of_frame
 from streams.link.pulse_frame import Held, HeldPulses, decode_pulses
 from streams.link.refusals import LINK, Refusals
 from streams.link.wire import PULSES, JumpError, WireError, decode_frame, frame_version
-from streams.load import content_hash
 from streams.source import Backlog, Delivery, Ledger, LiveSource, StreamCount
 from streams.spec import MAX_FRAME, NetworkSpec, SourceError, SourceSpec, parse_address
 

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from streams.block import Block
-from streams.load import content_hash
+from streams.digest import content_hash
 from tests.effort import effort_count
 from tests.streams.folders import Rig, csv_bytes, noise
 

@@ -11,8 +11,8 @@ import pytest
 from google_crc32c import value as crc32c
 
 from streams.block import Block, Rejected
+from streams.digest import content_hash
 from streams.link.wire import WireError, block_frame, decode_frame, encode_frame
-from streams.load import content_hash
 from streams.open import open_source
 from streams.readers.child import shared_process
 from streams.spec import ChannelSpec, SourceSpec

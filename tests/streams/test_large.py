@@ -15,9 +15,9 @@ import pytest
 import soundfile
 
 from streams import large
+from streams.digest import content_hash
 from streams.files import open_files, read_regular, unpack
 from streams.large import FileBytes
-from streams.load import content_hash
 from streams.readers.child import isolated
 from streams.readers.complete import declared_size
 from streams.readers.hdf5 import read_hdf5

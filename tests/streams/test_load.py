@@ -9,7 +9,8 @@ import pytest
 from numpy.testing import assert_array_equal
 
 from streams.block import STANDARD_GRAVITY, to_si
-from streams.load import agreed_rate, choose_channels, content_hash
+from streams.digest import content_hash
+from streams.load import agreed_rate, choose_channels
 from streams.samples import ReaderError, Samples
 from streams.spec import ChannelSpec
 
