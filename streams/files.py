@@ -285,14 +285,15 @@ def unpack(data: Data, name: str, limit: int | None = None) -> Data:
     limit = max_loaded_bytes(len(data)) if limit is None else limit
     try:
         with stream_of(data) as packed, _OPENERS[suffix](packed) as stream:
-            head: bytes = stream.read(min(limit + 1, large.MAX_IN_MEMORY))
-            more = large.MAX_IN_MEMORY <= len(head) <= limit
-            raw = FileBytes.copied(stream, limit + 1 - len(head), head) if more else head
+            head: bytes = stream.read(min(limit, large.MAX_IN_MEMORY))
+            raw = FileBytes.copied(stream, limit - len(head), head) if len(head) >= large.MAX_IN_MEMORY else head
+            # A child may not write a file of more bytes, even to find that there are more.
+            too_large = bool(stream.read(1))
     except EOFError as error:
         raise ReaderError("incomplete", f"{name}: the compressed file breaks off before its end") from error
     except (OSError, lzma.LZMAError, zlib.error, ValueError) as error:
         raise ReaderError("unreadable", f"{name}: not a valid {suffix} file ({error})") from error
-    if len(raw) > limit:
+    if too_large:
         raise ReaderError("refused", f"{name}: {len(data)} bytes become more than {limit} when unpacked")
     return raw
 

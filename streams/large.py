@@ -23,6 +23,7 @@ from numpy.typing import DTypeLike, NDArray
 
 from models.errors import SpallwatchError
 from models.portable import BINARY, DiskFile, read_at, reserve
+from streams.limits import MAX_BYTES
 
 MAX_IN_MEMORY = 32 << 20
 """Bytes of a file or array that are held in memory."""
@@ -157,11 +158,14 @@ def array_on_disk(shape: Sequence[int], dtype: DTypeLike) -> NDArray[Any]:
     """Return an array in a file of the temporary folder.
 
     Raises:
+        TooLargeError: it has more than ``MAX_BYTES``.
         NoRoomError: the folder cannot be written, or has no room.
         MemoryError: there is no address space for it.
     """
     kind = np.dtype(dtype)
     size = prod(shape) * kind.itemsize
+    if size > MAX_BYTES:
+        raise TooLargeError(size)
     with _disk_file(size) as disk:
         with _temporary(size):
             reserve(disk.handle, size)
@@ -178,8 +182,16 @@ class NoRoomError(SpallwatchError):
         self.size, self.reason = size, reason
 
 
-NOT_OF_CONTENT = (NoRoomError, MemoryError)
-"""What a reader raises for other reasons than the content of its file, and never turns into a verdict on it."""
+class TooLargeError(SpallwatchError):
+    """The samples of a file have more than ``MAX_BYTES``: to :mod:`streams.readers.worker` the file is ``refused``."""
+
+    def __init__(self, size: int) -> None:
+        """Take the number of bytes."""
+        super().__init__(f"{size} bytes when loaded, {MAX_BYTES} are allowed")
+
+
+NOT_OF_CONTENT = (NoRoomError, TooLargeError, MemoryError)
+"""What a reader raises for lack of room; it never turns that into a verdict of its own on the content of its file."""
 
 
 def _temporary_folder() -> str:

@@ -22,7 +22,7 @@ import numpy as np
 from models.portable import MemoryFile, limit, read_at, read_into_at, taken_over, write_at
 from streams import large
 from streams.files import unpack
-from streams.large import FileBytes, NoRoomError, contiguous, forget_pages
+from streams.large import FileBytes, NoRoomError, TooLargeError, contiguous, forget_pages
 from streams.limits import MAX_BYTES
 from streams.samples import ReaderError, Samples
 
@@ -90,6 +90,8 @@ def _answer(request: dict[str, Any], input_fd: int, output_fd: int) -> dict[str,
         return _answer_of(found, request, output_fd) if isinstance(found, Samples) else {"value": found}
     except NoRoomError as error:
         return {"no_room": error.size, "reason": error.reason}
+    except TooLargeError as error:
+        return {"status": "refused", "reason": f"{name}: {error}"}
     except ReaderError as error:
         return {"status": error.status, "reason": str(error)}
     except MemoryError:
@@ -109,7 +111,14 @@ def from_disk(function: Reader) -> Reader:
 
 
 def _answer_of(found: Samples, request: Mapping[str, Any], output_fd: int) -> dict[str, Any]:
-    """Write samples to the file that is meant for them, a large array to one on disk; return what is told of them."""
+    """Write samples to the file that is meant for them, a large array to one on disk; return what is told of them.
+
+    Raises:
+        TooLargeError: there are more than a file of this process may hold.
+        NoRoomError: there is no room for a large array.
+    """
+    if found.values.nbytes > MAX_BYTES:
+        raise TooLargeError(found.values.nbytes)
     if request.get("disk") is None or found.values.nbytes < large.MAX_IN_MEMORY:
         return _written(found, output_fd)
     with Path(request["disk"]).open("r+b", buffering=0) as disk:

@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
+import gzip
 import json
 import re
 from pathlib import Path
 from typing import Any
 
+import netCDF4
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from streams import files, limits
+from streams import files, large, limits
 from streams.block import Block, Rejected
 from streams.open import open_source
-from streams.readers import hdf5, npy_wav, numbers
+from streams.readers import hdf5, netcdf, npy_wav, numbers, worker
 from streams.readers.text import read_layout
 from streams.samples import ReaderError
 from streams.spec import ChannelSpec, SourceSpec
@@ -136,6 +138,59 @@ def test_a_large_sidecar_is_not_read(tmp_path: Path) -> None:
     found = verdict(tmp_path / "x.csv", "csv")
     assert isinstance(found, Rejected)
     assert (found.status, "65536 are allowed" in found.reason) == ("refused", True)
+
+
+def rows_of_counts() -> bytes:
+    def fill(file: Any) -> None:
+        for number in range(4):
+            file[f"d{number}"] = np.arange(1000, dtype=np.int16)
+
+    return hdf5_of(fill)
+
+
+def scaled_counts() -> bytes:
+    file = netCDF4.Dataset("a.nc", "w", format="NETCDF3_CLASSIC", memory=1024)
+    file.createDimension("time", 4000)
+    item = file.createVariable("d", "i2", ("time",))
+    item.set_auto_maskandscale(False)
+    item[:] = np.arange(4000)
+    item.scale_factor = 0.5
+    return bytes(file.close())
+
+
+@pytest.mark.parametrize(
+    ("reader", "make", "size"),
+    [(hdf5.read_hdf5, rows_of_counts, 4 * 1000 * 4), (netcdf.read_netcdf, scaled_counts, 4000 * 8)],
+)
+@pytest.mark.parametrize("in_memory", [1000, 1 << 20])
+def test_samples_beyond_what_the_child_may_write_are_refused(
+    reader: Any, make: Any, size: int, in_memory: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(large, "MAX_IN_MEMORY", in_memory)
+    for module in (large, worker):
+        monkeypatch.setattr(module, "MAX_BYTES", size - 1)
+    reserved, reserve = [0], large.reserve
+    monkeypatch.setattr(large, "reserve", lambda handle, room: (reserved.append(room), reserve(handle, room)))
+    monkeypatch.setattr(worker, "write_at", lambda *_: pytest.fail("it was written"))
+    path = tmp_path / "a"
+    path.write_bytes(make())
+    request = {"module": reader.__module__, "function": reader.__name__, "name": "a", "arguments": [], "memory": 1}
+    answer = worker._answer({**request, "size": path.stat().st_size, "path": str(path)}, -1, -1)
+    assert answer == {"status": "refused", "reason": f"a: {size} bytes when loaded, {size - 1} are allowed"}
+    assert max(reserved) < size
+
+
+def test_no_more_is_unpacked_to_disk_than_is_allowed(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(large, "MAX_IN_MEMORY", 1000)
+    written: list[int] = []
+    write = large.write_whole
+    monkeypatch.setattr(large, "write_whole", lambda handle, part: (written.append(len(part)), write(handle, part)))
+    packed = gzip.compress(np.random.default_rng(1).bytes(5000))
+    with pytest.raises(ReaderError, match="become more than 4999 when unpacked") as caught:
+        files.unpack(packed, "a.gz", 4999)
+    assert caught.value.status == "refused"
+    assert sum(written) == 4999
+    assert len(files.unpack(packed, "a.gz", 5000)) == 5000
 
 
 def test_limits_grow_with_the_file() -> None:
