@@ -79,6 +79,10 @@ class Files(Protocol):
         """Iterate over all files; ReaderError where an archive breaks off."""
         ...
 
+    def expect(self, paths: Sequence[str]) -> None:
+        """Take the order in which files will be read, by which those that have to be fetched are fetched ahead."""
+        ...
+
 
 class Folder:
     """The files below a folder, in natural order of their paths."""
@@ -110,6 +114,9 @@ class Folder:
             changed = None if status is None else status.mtime_ns / 1e9
             yield Item(path, lambda path=path: read_regular(self.root, path), lambda at=changed: at, filled)
 
+    def expect(self, paths: Sequence[str]) -> None:
+        """Ignore the order: all files are here."""
+
 
 class Archive:
     """The members of a tar archive in stored order, read in one pass."""
@@ -130,6 +137,9 @@ class Archive:
                 yield from _members(archive, self.root.name, max_loaded_bytes(self.root.stat().st_size))
         except _DAMAGED as error:
             raise _damage(error, self.root.name) from error
+
+    def expect(self, paths: Sequence[str]) -> None:
+        """Ignore the order: members come as they are stored."""
 
 
 def _members(archive: tarfile.TarFile, name: str, max_bytes: int) -> Iterator[Item]:

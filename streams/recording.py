@@ -316,6 +316,7 @@ class Recording:
                 "than when they were read"
             )
         reading.begin_files(paths)
+        self._files.expect(paths)
         for number, (facts, item) in enumerate(known[first:], first):
             reading.begin_file(number)
             yield self._load(item, facts)

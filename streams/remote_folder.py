@@ -5,7 +5,7 @@ What was read is removed before more is fetched, so that the disk holds a batch 
 
 from __future__ import annotations
 
-from collections.abc import Generator, Iterator
+from collections.abc import Generator, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
@@ -73,22 +73,26 @@ class RemoteFolder:
     several = True
 
     def __init__(self, url: str, found: list[RemoteFile], root: Path, pulses: str | None = None) -> None:
-        """Take the objects in the order of their names, and fetch the side-cars of folders into ``root``."""
+        """Take the objects, at first in the order of their names, and fetch the side-cars of folders into ``root``."""
         self.root = root.resolve()
         self.closed: list[str] = []
         self.fetched_bytes = 0
         self._url, self._pulses = url, pulses
         self._files = {file.name: file for file in found}
         self._kept = {name for name in self._files if PurePosixPath(name).name in FOLDER_NAMES}
-        self._names = [name for name in self._files if name not in self._kept]
-        self._places = {name: place for place, name in enumerate(self._names)}
         self._here: set[str] = set()
+        self.expect([name for name in self._files if name not in self._kept])
         self._fetch(self._kept)
 
     def __iter__(self) -> Iterator[Item]:
         """Iterate over all files; none is fetched by that."""
         for name, file in self._files.items():
             yield Item(name, lambda name=name: self._read(name), lambda at=file.changed: at, file.size > 0)
+
+    def expect(self, paths: Sequence[str]) -> None:
+        """Take the order in which files will be read; what is fetched with one are those behind it."""
+        self._names = list(paths)
+        self._places = {name: place for place, name in enumerate(self._names)}
 
     def _read(self, name: str) -> Data:
         if name not in self._here and name not in self._kept:
@@ -103,10 +107,10 @@ class RemoteFolder:
         return {name, f"{name}.json", pulse_file_of(self._pulses, name) or name} & self._files.keys()
 
     def _batch(self, name: str) -> set[str]:
-        """Return a file and those behind it in the order of names, as many as may be here at once."""
+        """Return a file and those that will be read behind it, as many as may be here at once."""
         chosen = self._beside(name)
         size = sum(self._files[one].size for one in chosen)
-        place = self._places[name]
+        place = self._places.get(name, len(self._names))
         for following in self._names[place + 1 : place + MAX_FILES]:
             more = self._beside(following) - chosen
             size += sum(self._files[one].size for one in more)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import datetime
 import uuid
 from collections.abc import Mapping
 from dataclasses import replace
@@ -120,6 +121,28 @@ def test_side_cars_of_folders_stay_until_the_end(
     assert seen(items) == seen(list(open_source(spec_of(str(folder)))))
     assert all(isinstance(item, Block) for item in items)
     assert gets.count("spallwatch.json") == 1 + several
+
+
+def test_files_that_are_read_by_date_are_fetched_once(
+    tmp_path: Path, gets: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(remote_folder, "MAX_FILES", 4)
+    rng = np.random.default_rng(1)
+    days = [datetime.date(2024, 1, 1) + datetime.timedelta(days=3 * number) for number in range(30)]
+    names = [f"vib_{day:%d-%m-%Y}_12-00-00.npy" for day in days]
+    folder = written(tmp_path / "local" / "press", {name: rng.standard_normal(100) for name in names})
+    (folder / "spallwatch.json").write_text('{"rate_hz": 100, "unit": "g"}')
+    for name in names[::3]:
+        (folder / f"{name}.json").write_text('{"rate_hz": 100, "unit": "g", "scale": 2.0}')
+    with opened_remote(stored(folder), tmp_path / "scratch") as found:
+        source = open_source(replace(spec_of(found.url), start=None), files=found.files)
+        gets.clear()
+        items = list(iter(source))
+    local = open_source(replace(spec_of(str(folder)), start=None))
+    assert seen(items) == seen(list(iter(local)))
+    assert len(gets) == len(set(gets))
+    # The first one was fetched to open the recording.
+    assert set(names[1:]) <= set(gets)
 
 
 def test_a_part_fetches_from_the_file_on_in_which_the_one_before_ended(
