@@ -112,8 +112,8 @@ def parse_file(data: FileBytes, begin: int, name: str, dialect: Dialect, width: 
         begin += len(lines)
         trimmed = lines if last else lines[:-1]
         count = trimmed.count(b"\n") + 1
-        # What follows the last line tells whether it is complete.
-        body = lines + data[end : end + 1] if last else lines
+        # The last byte of the file tells whether its last line is complete.
+        body = lines + data[max(end, len(data) - 1) :] if last else lines
         try:
             if dialect.separator and trimmed.count(dialect.separator.encode()) != count * (width - 1):
                 raise ValueError("the columns do not agree")

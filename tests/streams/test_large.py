@@ -186,15 +186,19 @@ def test_a_file_that_breaks_off_is_refused_in_the_same_words(
         (500, b"0.5,1.5 "),
         (900, b"nan,inf"),
         (1013, b"0.5"),
+        (1013, b"0.5 "),
+        (1013, b"0.5,x  "),
+        (1013, b"0.5,x \n  \r"),
     ],
 )
 @pytest.mark.parametrize("separator", [b",", b" ", b";"])
+@pytest.mark.parametrize("end", [b"\n", b"", b" "])
 def test_a_wrong_line_of_a_text_is_named(
-    line: int, text: bytes, separator: bytes, tmp_path: Path, small_limits: None
+    line: int, text: bytes, separator: bytes, end: bytes, tmp_path: Path, small_limits: None
 ) -> None:
-    lines = text_bytes("", ",", ".").split(b"\n")
+    lines = text_bytes("", ",", ".").split(b"\n")[:-1]
     lines[line - 1] = text
-    data = b"\n".join(lines).replace(b",", separator)
+    data = b"\n".join(lines).replace(b",", separator) + end
     assert verdict(read_layout, on_disk(tmp_path / "a", data), "a") == verdict(read_layout, data, "a")
 
 
