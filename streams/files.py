@@ -207,11 +207,11 @@ def read_regular(root: Path, path: str) -> Data:
         return read_guarded(root, path)
     real, handle = _opened(root, path)
     try:
-        size = _checked(handle, path, MAX_BYTES).st_size
+        status = _checked(handle, path, MAX_BYTES)
     except ReaderError:
         os.close(handle)
         raise
-    return FileBytes(handle, size, shared_path(handle, real))
+    return FileBytes(handle, status, shared_path(handle, real))
 
 
 def _opened(root: Path, path: str) -> tuple[str, int]:

@@ -35,16 +35,17 @@ PIECE_BYTES = 8 << 20
 class FileBytes:
     """The bytes of an open regular file, read as they are needed; as far as readers need it, it acts like ``bytes``."""
 
-    def __init__(self, handle: int, size: int, path: str, disk: DiskFile | None = None) -> None:
+    def __init__(self, handle: int, status: os.stat_result, path: str, disk: DiskFile | None = None) -> None:
         """Own a file descriptor, which is closed with this object.
 
         Args:
-            size: of the file in bytes.
+            handle: the descriptor.
+            status: of the file, from which on it must not change; it has the size.
             path: by which this process and a child open the same file again.
             disk: owner of the descriptor in place of this object.
         """
-        self._handle, self._size, self.path = handle, size, path
-        self._stated = _state(handle)
+        self._handle, self._size, self.path = handle, status.st_size, path
+        self._stated = _state(status)
         if disk is None:
             weakref.finalize(self, os.close, handle)
         else:
@@ -54,7 +55,7 @@ class FileBytes:
     def opened(cls, path: str) -> FileBytes:
         """Open a file; OSError where that cannot be."""
         handle = os.open(path, os.O_RDONLY | BINARY)
-        return cls(handle, os.fstat(handle).st_size, path)
+        return cls(handle, os.fstat(handle), path)
 
     @classmethod
     def copied(cls, stream: Any, max_bytes: int, before: bytes = b"") -> FileBytes:
@@ -71,12 +72,12 @@ class FileBytes:
                 size += len(part)
                 part = stream.read(min(PIECE_BYTES, len(before) + max_bytes - size))
                 if not part:
-                    return cls(disk.handle, size, disk.path, disk)
+                    return cls(disk.handle, os.fstat(disk.handle), disk.path, disk)
 
     @property
     def is_changed(self) -> bool:
         """Whether the file is another one than when this was made."""
-        return _state(self._handle) != self._stated
+        return _state(os.fstat(self._handle)) != self._stated
 
     def __len__(self) -> int:
         """Return the size in bytes."""
@@ -149,9 +150,8 @@ def write_whole(handle: int, part: bytes | memoryview) -> None:
         view = view[os.write(handle, view) :]
 
 
-def _state(handle: int) -> tuple[int, int]:
-    found = os.fstat(handle)
-    return found.st_size, found.st_mtime_ns
+def _state(status: os.stat_result) -> tuple[int, int]:
+    return status.st_size, status.st_mtime_ns
 
 
 def array_on_disk(shape: Sequence[int], dtype: DTypeLike) -> NDArray[Any]:

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from streams import large, load, recording
+from streams import files, large, load, recording
 from streams.block import Block, Rejected
 from streams.open import open_source
 from streams.source import Source
@@ -72,6 +72,22 @@ def test_a_large_file_that_changes_meanwhile_is_rejected(
         return call(*arguments)
 
     monkeypatch.setattr(module, name, changed)
+    assert verdicts(source) == [("changed", CHANGED), ("read", "a2.npy")]
+
+
+@pytest.mark.parametrize("change", [cut_off, appended_to])
+def test_so_is_one_that_changes_once_its_size_was_looked_at(
+    change: Callable[[Path], None], folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    source, checked = opened(folder), files._checked
+
+    def changed(handle: int, path: str, allowed: int) -> os.stat_result:
+        status = checked(handle, path, allowed)
+        if path == "a1.npy":
+            change(folder / path)
+        return status
+
+    monkeypatch.setattr(files, "_checked", changed)
     assert verdicts(source) == [("changed", CHANGED), ("read", "a2.npy")]
 
 
