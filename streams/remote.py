@@ -97,7 +97,7 @@ def expand(url: str) -> list[str]:
         found = [path.as_uri() for path in Path(root.anchor).glob(str(relative))]
     else:
         files, path = filesystem(place)
-        with _foreseen(place, "listed"):
+        with foreseen(place, "listed"):
             paths: list[str] = repeated(lambda: files.glob(path)) or _nothing(files, path)
         found = [f"{scheme}://{name.strip('/')}" for name in paths]
     found = [name for name in found if not is_skipped(PurePosixPath(name).name)]
@@ -164,7 +164,7 @@ def remote_files(url: str) -> list[RemoteFile]:
         RemoteError: the storage refuses or cannot be reached.
     """
     files, path = filesystem(url)
-    with _foreseen(url, "listed"):
+    with foreseen(url, "listed"):
         entries: dict[str, dict[str, Any]] = repeated(lambda: files.find(path, detail=True))
     if list(entries) == [path]:
         return [_entry(PurePosixPath(path).name, path, entries[path])]
@@ -244,7 +244,7 @@ def _files_beside(url: str, file: RemoteFile, pulses: str | None) -> list[Remote
         return []
     files, folder = filesystem(url)[0], file.path.removesuffix(file.name)
     marks = pulse_file_of(pulses, file.name)
-    with _foreseen(url, "listed"):
+    with foreseen(url, "listed"):
         return [
             *_first_of(files, folder, sidecar_paths(file.name)),
             *_first_of(files, folder, () if marks is None else (marks,)),
@@ -268,9 +268,9 @@ def fetch_files(url: str, found: Sequence[RemoteFile], targets: Mapping[str, Pat
         SourceError, RemoteError: as :func:`fetched`.
     """
     files = filesystem(url)[0]
-    for folder in {target.parent for target in targets.values()}:
-        folder.mkdir(parents=True, exist_ok=True)
-    with _foreseen(url, "fetched"):
+    with foreseen(url, "fetched"):
+        for folder in {target.parent for target in targets.values()}:
+            folder.mkdir(parents=True, exist_ok=True)
         _get_all(files, targets)
     for file in found:
         _check(files, file, targets[file.path], url)
@@ -296,7 +296,7 @@ def _get(files: Any, path: str, target: Path) -> None:
 def _check(files: Any, file: RemoteFile, target: Path, url: str) -> None:
     """Compare a file with what the storage said of it beforehand, and give it its date."""
     where = f"{urlsplit(url).scheme}://{file.path.strip('/')}"
-    with _foreseen(where, "fetched"):
+    with foreseen(where, "fetched"):
         size = target.stat().st_size
         same = size == file.size and (_has_digest(target, file.etag) or _is_same(files, file))
     if not same:
@@ -333,8 +333,8 @@ def _set_time(target: Path, changed: float | None) -> None:
 
 
 @contextmanager
-def _foreseen(url: str, done: str) -> Iterator[None]:
-    """Raise SourceError or RemoteError for whatever a file system raises."""
+def foreseen(url: str, done: str) -> Iterator[None]:
+    """Raise SourceError or RemoteError for whatever a file system raises, of the storage or of this machine."""
     try:
         yield
     except SpallwatchError:

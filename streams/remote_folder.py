@@ -17,7 +17,7 @@ from streams.download import refuse_size
 from streams.files import Item, read_regular
 from streams.large import Data
 from streams.listing import shown
-from streams.remote import FETCHED, RemoteFile, fetch_files, fetched, remote_files, split_url, target_of
+from streams.remote import FETCHED, RemoteFile, fetch_files, fetched, foreseen, remote_files, split_url, target_of
 
 MAX_FILES = 16
 MAX_BATCH_BYTES = 64 << 20
@@ -62,7 +62,8 @@ def opened_remote(url: str, scratch: Path, pulses: str | None = None) -> Generat
         return
     with scratch_folder(FETCHED, scratch) as folder:
         root = folder / PurePosixPath(path).name
-        root.mkdir()
+        with foreseen(place, "fetched"):
+            root.mkdir()
         yield OpenedRemote(f"{kind}{root}", RemoteFolder(place, found, root, pulses))
 
 
@@ -130,7 +131,8 @@ class RemoteFolder:
         except BaseException:
             # What came of them is not taken for the files.
             for target in targets.values():
-                target.unlink(missing_ok=True)
+                with suppress(OSError):
+                    target.unlink()
             raise
         self.fetched_bytes += size
 

@@ -190,6 +190,28 @@ def test_a_file_that_changed_meanwhile_ends_the_pass(prefix: tuple[str, Path], t
             opened(found)
 
 
+@pytest.mark.parametrize("name", ["run-0.npy/run-1.npy", f"{'x' * 300}.npy", f"{'x' * 300}/run-1.npy"])
+def test_an_object_whose_name_no_folder_can_hold_is_said(name: str, tmp_path: Path) -> None:
+    store = ObjectStore(f"memory://{uuid.uuid4()}/plant")
+    store.write("press/run-0.npy", b"0" * 200)
+    objects, place = store._files.store, store.url.removeprefix("memory:/")
+    # A memory, unlike S3, does not write below an object.
+    objects[f"{place}/press/{name}"] = objects[f"{place}/press/run-0.npy"]
+    with opened_remote(f"{store.url}/press", tmp_path / "scratch") as found:
+        assert found.files is not None
+        items = list(found.files)
+        assert len(items) == 2
+        with pytest.raises(remote.RemoteError, match=r"plant/press cannot be fetched: \w+: "):
+            items[0].read()
+    assert not list((tmp_path / "scratch").iterdir())
+    store.write(f"{'x' * 300}/run-2.npy", b"0")
+    with (
+        pytest.raises(remote.RemoteError, match=r" cannot be fetched: OSError: File name too long"),
+        opened_remote(f"{store.url}/{'x' * 300}", tmp_path / "scratch"),
+    ):
+        pass
+
+
 def test_an_object_is_fetched_at_once(prefix: tuple[str, Path], tmp_path: Path) -> None:
     url, folder = prefix
     with opened_remote(f"{url}/run-1.npy", tmp_path / "scratch") as found:
