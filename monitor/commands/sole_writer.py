@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import glob
+import os
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -23,13 +24,14 @@ _POLL_S = 0.02
 def sole_writer(out: Path) -> Iterator[None]:
     """Hold the lock of an output file or folder, ``.NAME.lock`` beside it, while the block runs.
 
-    The system releases it when the process ends. Where the file system has no locks, none is held; nor for a folder in
-    one that may not be written, such as what is mounted at the root of a container.
+    Of a link the lock is that of what it leads to. The system releases it when the process ends. Where the file system
+    has no locks, none is held; nor for a folder in one that may not be written, such as what is mounted at the root of
+    a container.
 
     Raises:
         InputError: another process holds it, or nothing can be written there.
     """
-    place = out.absolute()
+    named, place = out.absolute(), Path(os.path.realpath(out))
     path = place.with_name(f".{place.name or 'root'}.lock")
     with output_errors("--out", out):
         place.parent.mkdir(parents=True, exist_ok=True)
@@ -41,7 +43,8 @@ def sole_writer(out: Path) -> Iterator[None]:
     if lock is None:
         raise InputError(f"--out {out}: another process is writing it")
     try:
-        for part in place.parent.glob(f".{glob.escape(place.name)}.*.part") if place.name else ():
+        # They are written beside the name that was given.
+        for part in named.parent.glob(f".{glob.escape(named.name)}.*.part") if named.name else ():
             part.unlink(missing_ok=True)
         yield
     finally:

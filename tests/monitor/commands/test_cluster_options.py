@@ -179,6 +179,22 @@ def test_a_folder_in_one_that_may_not_be_written_is_an_output(tmp_path, monkeypa
         assert [path.name for path in tmp_path.iterdir()] == ["out"]
 
 
+def test_an_output_and_a_link_to_it_have_one_writer(tmp_path):
+    real, link = tmp_path / "real" / "out", tmp_path / "links" / "out-2"
+    real.mkdir(parents=True)
+    link.parent.mkdir()
+    link.symlink_to(real)
+    for held, other in ((real, link), (link, real)):
+        part = other.with_name(f".{other.name}.x.part")
+        with Sharing(workers=1).open(held, quiet=True):
+            part.touch()
+            with pytest.raises(InputError, match=rf"--out {other}: another process"):
+                Sharing(workers=1).open(other, quiet=True).__enter__()
+        with Sharing(workers=1).open(other, quiet=True):
+            assert not part.exists()
+    assert [path.name for path in (*real.parent.iterdir(), *link.parent.iterdir())] == ["out", "out-2"]
+
+
 def test_an_output_has_one_writer_at_a_time(tmp_path):
     out, other = tmp_path / "a" / "map.nc", tmp_path / "a" / "map.nc2"
     with Sharing(workers=1).open(out, quiet=True), Sharing(workers=1).open(other, quiet=True):
