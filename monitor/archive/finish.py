@@ -11,18 +11,11 @@ from models.work.runner import Runner
 from models.work.stores import open_store
 from monitor.archive.fleet import fleet_page
 from monitor.archive.index import Index
-from monitor.archive.run import Plan, Results
+from monitor.archive.run import PAGE, STORE, Plan, Results
 
 REPORT_NAME = "fleet.html"
 _ROOT = "zarr.json"
 """Written last: with it a Zarr store is whole."""
-
-
-def is_finished(plan: Plan, index: Index) -> bool:
-    """Return whether an earlier run has finished a Zarr store: the files that it was made of are gone then."""
-    counts = index.counts()
-    whole = plan.records == "zarr" and counts.recordings == counts.done > 0
-    return whole and open_store(plan.zarr_url).read(_ROOT) is not None
 
 
 def zarr_writer() -> Any:
@@ -44,10 +37,9 @@ def finish(
     runner: Runner,
     *,
     report: bool,
-    finished: bool,
     confirm: Callable[[], None] = lambda: None,
 ) -> str | None:
-    """Write the one Zarr store, if the archive is one, and the page, unless it was ``finished`` before.
+    """Write the one Zarr store, if the archive is one, and the page, as far as an earlier run has not done so.
 
     Return the URL of the page, None where there is none. ``confirm`` is called before the metadata of the store and the
     page are written.
@@ -56,16 +48,45 @@ def finish(
         LeaseLostError: as ``confirm``.
         WrongInputError: the extra is not installed, or another Zarr store is in its place.
     """
-    if finished:
+    finished = _finished(plan, index)
+    if finished == PAGE:
         return report_of(plan)
     records = open_store(plan.records_url)
     with Results(index, records) as results:
-        if plan.records == "zarr":
+        if plan.records == "zarr" and finished != STORE:
             zarr_writer()(results, records, plan.zarr_url, runner, confirm)
+            _note_finished(plan, index, STORE)
         if not report:
             return None
         confirm()
-        return _write_report(plan, index, results)
+        page = _write_report(plan, index, results)
+    _note_finished(plan, index, PAGE)
+    return page
+
+
+def _finished(plan: Plan, index: Index) -> str:
+    """Return what earlier runs have made of the results of all recordings: ``STORE``, ``PAGE`` or nothing, "".
+
+    Of archives of daily files nothing: their results stay, and the page is made of them each time.
+    """
+    if not _is_complete(plan, index) or open_store(plan.zarr_url).read(_ROOT) is None:
+        return ""
+    noted = index.meta().get("finished")
+    if noted is None:
+        # An index of an earlier version: what the store is made of was deleted once it was whole.
+        return PAGE if next(iter(open_store(plan.records_url).names()), None) is None else ""
+    return noted
+
+
+def _note_finished(plan: Plan, index: Index, what: str) -> None:
+    """Keep in the index what was made of the results; they are made again where a recording will be tried again."""
+    if _is_complete(plan, index):
+        index.set_meta(finished=what)
+
+
+def _is_complete(plan: Plan, index: Index) -> bool:
+    counts = index.counts()
+    return plan.records == "zarr" and counts.recordings == counts.done > 0
 
 
 def report_of(plan: Plan) -> str | None:

@@ -23,7 +23,7 @@ from monitor.archive.manifest import WORK_NAME, ManifestError
 from monitor.archive.part import PART_BLOCKS, Shared, read_result
 from monitor.archive.plan import Planner, check_unchanged, signed_urls
 from monitor.archive.replaying import Replaying
-from monitor.archive.result import RecordingResult
+from monitor.archive.result import RESULT_NAME, RecordingResult
 from monitor.records.database import Closing
 
 Records = Literal["days", "zarr"]
@@ -32,6 +32,10 @@ _READERS = 16
 _MAX_RESULTS_BYTES = 8 << 20
 """Of results in memory; more are kept on the disk."""
 _OWN = re.compile(r"(inputs|states)/[0-9a-f]{40}|records/[^/]+/[^/]+/([^/]+\.nc|result\.json)")
+
+
+STORE, PAGE = "store", "page"
+"""What the index calls finished of a Zarr archive: its store, or its page too; only then are their sources deleted."""
 
 
 @dataclass(frozen=True)
@@ -136,7 +140,8 @@ def prepare(plan: Plan, index: Index) -> Shared:
             "or take another --out"
         )
     if not index.planned:
-        index.set_meta(archive=secrets.token_hex(8), records=plan.records, part_blocks=str(plan.part_blocks))
+        begun = {"archive": secrets.token_hex(8), "records": plan.records, "part_blocks": str(plan.part_blocks)}
+        index.set_meta(**begun, finished="")
         try:
             Planner(index, work).plan(plan.manifest)
         except BaseException:
@@ -181,6 +186,9 @@ def replay_waiting(plan: Plan, index: Index, runner: Runner, noted: Callable[[],
         ManifestError, ConfigError: as :func:`prepare`.
     """
     shared = prepare(plan, index)
+    if index.left():
+        # An older store or page in the place is of other results.
+        index.set_meta(finished="")
     noted()
     signed = signed_urls(plan.manifest) if index.meta()["signed"] == "yes" else {}
     Replaying(index, shared, runner, signed, noted).run()
@@ -190,12 +198,16 @@ def replay_waiting(plan: Plan, index: Index, runner: Runner, noted: Callable[[],
 def delete_work(plan: Plan, index: Index) -> None:
     """Delete what an archive needs no more once it is complete, and no other file.
 
-    The states at the ends of histories stay, since recordings that come later go on from them.
+    The states at the ends of histories stay, since recordings that come later go on from them; of a Zarr archive, which
+    cannot be extended, the results that its page can still be made of.
     """
     work = open_store(plan.work)
-    kept = {checkpoint.state for _, checkpoint in index.checkpoints()}
+    kept: set[str | None] = set()
+    if plan.records == "days":
+        kept |= {checkpoint.state for _, checkpoint in index.checkpoints()}
+    results = index.meta().get("finished") == STORE
     for name in [name for name in work.names() if _OWN.fullmatch(name)]:
-        if name not in kept:
+        if name not in kept and not (results and name.endswith(f"/{RESULT_NAME}")):
             work.delete(name)
     if isinstance(work, FolderStore):
         work.remove_if_empty()

@@ -60,7 +60,7 @@ def replay(
     With --resume, what is done stays and what failed is tried again. With --extend, recordings are added as well: new
     ones, and those that continue a history at its end. Exit code 1 where a recording failed: the others are done.
     """
-    from monitor.archive.finish import finish, is_finished, zarr_writer
+    from monitor.archive.finish import finish, zarr_writer
     from monitor.archive.index import Later
     from monitor.archive.part import PART_BLOCKS
     from monitor.archive.place import INDEX_NAME, open_index
@@ -79,11 +79,11 @@ def replay(
         index, confirm = opened.index, opened.confirm
         begun = index.planned
         added = extend_archive(plan, index) if extend and begun else Later()
-        before, finished = index.counts().done, is_finished(plan, index)
+        before = index.counts().done
         later = later_recordings(index, manifest) if sharing.resume and begun and not extend else Later()
         counts = replay_waiting(plan, index, shared.runner, opened.noted)
         written = plan.zarr_url if records == "zarr" else out
-        page = finish(plan, index, shared.runner, report=report, finished=finished, confirm=confirm)
+        page = finish(plan, index, shared.runner, report=report, confirm=confirm)
         if counts.done == counts.recordings:
             opened.keep()
             delete_work(plan, index)
