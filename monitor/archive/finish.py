@@ -12,10 +12,9 @@ from models.work.stores import open_store
 from monitor.archive.fleet import fleet_page
 from monitor.archive.index import Index
 from monitor.archive.run import PAGE, STORE, Plan, Results
+from monitor.archive.zarr_place import METADATA
 
 REPORT_NAME = "fleet.html"
-_ROOT = "zarr.json"
-"""Written last: with it a Zarr store is whole."""
 
 
 def zarr_writer() -> Any:
@@ -38,14 +37,16 @@ def finish(
     *,
     report: bool,
     confirm: Callable[[], None] = lambda: None,
+    keep: Callable[[], None] = lambda: None,
 ) -> str | None:
     """Write the one Zarr store, if the archive is one, and the page, as far as an earlier run has not done so.
 
     Return the URL of the page, None where there is none. ``confirm`` is called before the metadata of the store and the
-    page are written.
+    page are written, ``keep`` before the first file of the store: a later process must find in the index that it was
+    begun.
 
     Raises:
-        LeaseLostError: as ``confirm``.
+        LeaseLostError: as ``confirm`` and ``keep``.
         WrongInputError: the extra is not installed, or another Zarr store is in its place.
     """
     finished = _finished(plan, index)
@@ -54,6 +55,8 @@ def finish(
     records = open_store(plan.records_url)
     with Results(index, records) as results:
         if plan.records == "zarr" and finished != STORE:
+            index.set_meta(store_begun="yes")
+            keep()
             zarr_writer()(results, records, plan.zarr_url, runner, confirm)
             _note_finished(plan, index, STORE)
         if not report:
@@ -69,7 +72,7 @@ def _finished(plan: Plan, index: Index) -> str:
 
     Of archives of daily files nothing: their results stay, and the page is made of them each time.
     """
-    if not _is_complete(plan, index) or open_store(plan.zarr_url).read(_ROOT) is None:
+    if not _is_complete(plan, index) or open_store(plan.zarr_url).read(METADATA) is None:
         return ""
     noted = index.meta().get("finished")
     if noted is None:

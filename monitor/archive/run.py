@@ -24,6 +24,7 @@ from monitor.archive.part import PART_BLOCKS, Shared, read_result
 from monitor.archive.plan import Planner, check_unchanged, signed_urls
 from monitor.archive.replaying import Replaying
 from monitor.archive.result import RESULT_NAME, RecordingResult
+from monitor.archive.zarr_place import refuse_unknown
 from monitor.records.database import Closing
 
 Records = Literal["days", "zarr"]
@@ -130,10 +131,11 @@ def prepare(plan: Plan, index: Index) -> Shared:
 
     Raises:
         ManifestError: the manifest cannot be used or has changed; there is an archive already, and it is not resumed.
+        WrongInputError: something else is in the place of the Zarr store.
         ConfigError: a configuration cannot be used.
     """
     work = open_store(plan.work)
-    _check_records(plan, index)
+    _check_place(plan, index)
     if index.planned and not plan.resume:
         raise ManifestError(
             f"--out {plan.out}: holds an archive; --resume continues it, --extend also adds recordings, "
@@ -154,10 +156,12 @@ def prepare(plan: Plan, index: Index) -> Shared:
     return Shared(meta["archive"], open_store(plan.records_url).url, work.url, int(meta["part_blocks"]))
 
 
-def _check_records(plan: Plan, index: Index) -> None:
+def _check_place(plan: Plan, index: Index) -> None:
     records = index.meta()["records"] if index.planned else plan.records
     if records != plan.records:
         raise ManifestError(f"--out {plan.out}: was begun with --records {records}, got {plan.records}")
+    if records == "zarr" and index.meta().get("store_begun") != "yes":
+        refuse_unknown(open_store(plan.zarr_url))
 
 
 def extend_archive(plan: Plan, index: Index) -> Later:
@@ -166,7 +170,7 @@ def extend_archive(plan: Plan, index: Index) -> Later:
     Raises:
         ManifestError, ConfigError, RemoteError: as :func:`monitor.archive.growth.extend`.
     """
-    _check_records(plan, index)
+    _check_place(plan, index)
     counts = index.counts()
     complete = counts.done == counts.recordings
     if complete and plan.records == "zarr":

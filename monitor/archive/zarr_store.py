@@ -8,6 +8,7 @@ Nothing in it depends on when or by whom it was written.
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -20,12 +21,10 @@ from zarr.codecs import BloscCodec, ZstdCodec
 from zarr.core.buffer import Buffer, default_buffer_prototype
 from zarr.storage import MemoryStore
 
-from models.errors import WrongInputError
 from models.work.runner import SERIAL, Runner
 from models.work.stores import open_store
 from models.work.task import Store, Work
 from monitor.archive.arrays import (
-    ARCHIVE_VERSION,
     SEPARATOR,
     TEXT,
     UNDATED,
@@ -39,14 +38,16 @@ from monitor.archive.arrays import (
 )
 from monitor.archive.result import RecordingResult
 from monitor.archive.rows import RowRange, RowsError, row_ranges, values_of
+from monitor.archive.zarr_place import METADATA, refuse_foreign
 from monitor.health.schema import VARIABLES
 
-METADATA = "zarr.json"
 _WRITERS = 8
 """Files that a task writes at a time: object storage answers late."""
 _FILE_BYTES = 32 * 1024**2
 """Of the netCDF file that a task holds beside its rows."""
 _TIMES_OF_PUBLICATION = ("history", "date_created")
+_OF_ARRAY = re.compile(rf"c({re.escape(SEPARATOR)}\d+)*|{re.escape(METADATA)}")
+"""Files of an array, as this module names them."""
 
 
 @dataclass(frozen=True)
@@ -92,7 +93,7 @@ def write_archive(
         ChunksFailedError: tasks were set aside; the store does not open until they are done.
     """
     out = open_store(out_url)
-    _refuse_foreign(out)
+    refuse_foreign(out)
     extent = Extent.of(results)
     confirm()
     # From here on it is not whole.
@@ -225,7 +226,8 @@ def _complete(out: Store, arrays: list[Array], target: Target, ranges: Iterator[
             raise RowsError(f"{out.url}: {len(still)} files that were written are missing, {still[0]} the first")
     ours = {array.name for array in arrays} | set(VARIABLES) | {f"{name}{UNDATED}" for name in VARIABLES}
     for name in there - expected:
-        if name.partition("/")[0] in ours:
+        array, _, file = name.partition("/")
+        if array in ours and _OF_ARRAY.fullmatch(file):
             out.delete(name)
 
 
@@ -239,22 +241,6 @@ def root_of(metadata: Mapping[str, bytes], attributes: Mapping[str, Any]) -> byt
         "consolidated_metadata": {"kind": "inline", "must_understand": False, "metadata": arrays},
     }
     return json.dumps(root).encode()
-
-
-def _refuse_foreign(out: Store) -> None:
-    """Raise WrongInputError where a Zarr store of something else is at the place."""
-    data = out.read(METADATA)
-    if data is None:
-        return
-    try:
-        version = json.loads(data)["attributes"]["spallwatch_archive"]
-    except (ValueError, KeyError, TypeError):
-        version = None
-    if not isinstance(version, int) or version > ARCHIVE_VERSION:
-        raise WrongInputError(
-            f"{out.url}: is a Zarr store, but no archive of spallwatch up to version {ARCHIVE_VERSION}; it is left "
-            "as it is"
-        )
 
 
 def _write_all(out: Store, files: Mapping[str, bytes]) -> None:

@@ -76,14 +76,14 @@ def replay(
         say(f"spallwatch: {redact(text)}", quiet=quiet)
 
     with open_index(out, tell=tell) as opened, sharing.open(out, quiet=quiet, locked=False) as shared:
-        index, confirm = opened.index, opened.confirm
+        index = opened.index
         begun = index.planned
         added = extend_archive(plan, index) if extend and begun else Later()
         before = index.counts().done
         later = later_recordings(index, manifest) if sharing.resume and begun and not extend else Later()
         counts = replay_waiting(plan, index, shared.runner, opened.noted)
         written = plan.zarr_url if records == "zarr" else out
-        page = finish(plan, index, shared.runner, report=report, confirm=confirm)
+        page = finish(plan, index, shared.runner, report=report, confirm=opened.confirm, keep=opened.keep)
         if counts.done == counts.recordings:
             opened.keep()
             delete_work(plan, index)

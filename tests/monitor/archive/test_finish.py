@@ -106,3 +106,29 @@ def test_a_store_of_an_older_index_is_whole_where_its_records_are_gone(fleet, za
         index.run("DELETE FROM meta WHERE key = 'finished'")
     assert replay(fleet, "--resume")["report"] == "out/fleet.html"
     assert len(zarr.written) == 1 + records
+
+
+def content(folder: Path) -> dict[str, bytes]:
+    return {path.relative_to(folder).as_posix(): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+
+
+@pytest.mark.parametrize("name", [".zgroup", "time/c.0", "time/zarr.json", "zarr.json"])
+def test_a_zarr_store_of_something_else_is_refused_before_anything_is_replayed(fleet, zarr, name):
+    path = fleet / "out/records.zarr" / name
+    path.parent.mkdir(parents=True)
+    path.write_text('{"zarr_format": 3, "node_type": "group"}')
+    command = ("archive", "replay", "f.toml", "--out", "out", "--records", "zarr", "--workers", 1)
+    ended = run_command(*command, cwd=fleet)
+    assert ended.returncode == 2
+    assert f"{fleet / 'out/records.zarr'}: " in ended.stderr
+    assert content(fleet / "out").keys() == {f"records.zarr/{name}", "index.db.lock"}
+
+
+def test_a_store_that_this_archive_began_is_gone_on_with(fleet, zarr):
+    zarr.interrupted = True
+    replay(fleet, code=1)
+    (fleet / "out/records.zarr/time").mkdir(parents=True)
+    (fleet / "out/records.zarr/time/c.0").write_bytes(b"rows")
+    zarr.interrupted = False
+    assert replay(fleet, "--resume")["done"] == 2
+    assert zarr.written == [["a done", "b done"]]

@@ -193,12 +193,16 @@ def test_a_smaller_archive_leaves_nothing_of_a_larger_one(archive, read, tmp_pat
     (tmp_path / "a.zarr" / "notes.txt").write_text("mine")
     (tmp_path / "a.zarr" / "notes").mkdir()
     (tmp_path / "a.zarr" / "notes" / "more.txt").write_text("mine")
+    (tmp_path / "a.zarr" / "rms" / "0.0").write_text("mine")
+    (tmp_path / "a.zarr" / "time" / "notes").mkdir(parents=True)
+    (tmp_path / "a.zarr" / "time" / "notes" / "c.9").write_text("mine")
     before = content(tmp_path / "a.zarr")
     write((folder, results[3:]), tmp_path / "a.zarr")
     found = content(tmp_path / "a.zarr")
     assert {name for name in before if name.startswith("rms/c")} == {"rms/c.0.0", "rms/c.1.0", "rms/c.2.0"}
     assert {name for name in found if name.startswith("rms/c")} == {"rms/c.0.0"}
     assert found["notes.txt"] == found["notes/more.txt"] == b"mine"
+    assert found["rms/0.0"] == found["time/notes/c.9"] == b"mine"
     one = sw.open_archive(tmp_path / "a.zarr", machine="press", recording="two", variables=["rms"])
     xr.testing.assert_identical(
         one.drop_attrs(), sw.open_records(folder / "press" / "two", variables=["rms"]).drop_attrs()
