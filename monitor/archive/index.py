@@ -309,6 +309,13 @@ class Index(Closing):
             if (found := self.checkpoint(number)) is not None:
                 yield number, found
 
+    def begin_anew(self, row: Waiting) -> Waiting:
+        """Let a history begin at its first recording, as another attempt, and return its row."""
+        self.run("DELETE FROM checkpoints WHERE recording = ?", row.id)
+        # Chunks of the attempts before name states that may be gone.
+        self.run("UPDATE recordings SET attempt = attempt + 1 WHERE id = ?", row.id)
+        return row._replace(attempt=row.attempt + 1)
+
     def wait_again(self) -> int:
         """Let recordings that failed or were set aside wait again; return how many they are."""
         return self.run("UPDATE recordings SET status = 0, attempt = attempt + 1 WHERE status > 1").rowcount

@@ -206,7 +206,7 @@ class _Replayed:
         if part.state is not None:
             data = self._work.read(part.state)
             if data is None:
-                raise ArchiveError(f"{self._work.url}: {part.state} is missing; begin the archive again elsewhere")
+                raise ArchiveError(f"{self._work.url}: {part.state} is missing; --resume replays it from its beginning")
             self._reading = unpack_state(data, self._out / "state.db")
         if not part.is_history:
             with self._opened(machine, part.urls[0], self._reading, keep=True) as source:
@@ -323,7 +323,8 @@ class _Replayed:
 
     def _kept_state(self) -> str:
         data = packed_state(self._out / "state.db", self._reading)
-        name = f"states/{digest_of(data)}"
+        # Another recording of the same content deletes its own state alone.
+        name = f"states/{digest_of(b'%d %s' % (self._part.recording, data))}"
         self._work.write(name, data)
         return name
 

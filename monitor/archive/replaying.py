@@ -60,6 +60,7 @@ class Replaying:
     _alone: list[Waiting] = field(default_factory=list[Waiting])
     _outcomes: list[Outcome] = field(default_factory=list[Outcome])
     _passed: list[str] = field(default_factory=list[str])
+    _states: frozenset[str] | None = None
     _moved: bool = False
     _seconds: deque[float] = field(default_factory=lambda: deque[float](maxlen=_NOTED_TOGETHER))
     _ended: int = 0
@@ -116,8 +117,8 @@ class Replaying:
         """Yield the recordings that wait, short ones together; a history, and what failed before, is alone."""
         group: list[Part] = []
         for row in self.index.waiting():
-            part = self._first_part(row)
-            if part.is_history or part.state is not None or row.attempt:
+            part = self._first_part(self._with_state(row))
+            if part.is_history or part.state is not None or part.attempt:
                 yield self._task([part])
                 continue
             group.append(part)
@@ -135,6 +136,15 @@ class Replaying:
     def _task(self, parts: list[Part]) -> _Group:
         self._tasks.append(tuple(part.recording for part in parts))
         return tuple(parts)
+
+    def _with_state(self, row: Waiting) -> Waiting:
+        """Return a row of the index, begun anew where the state that it names is gone, as after a loss of power."""
+        checkpoint = self.index.checkpoint(row.id)
+        if checkpoint is None or checkpoint.state is None:
+            return row
+        if self._states is None:
+            self._states = frozenset(open_store(self.shared.work).names("states/"))
+        return row if checkpoint.state in self._states else self.index.begin_anew(row)
 
     def _first_part(self, row: Waiting) -> Part:
         position, state, before = self.index.checkpoint(row.id) or (Position(), None, None)

@@ -22,6 +22,23 @@ DATED = 'time_from = "name"\ntime_name = "%Y%m%d-%H%M%S"'
 DETECTION = "[detect]\nrun_in_blocks = 1\nlearn_blocks = 10\npersist_blocks = 2"
 CONFIG = small_machine(block_s='"file"', source=DATED, more=DETECTION)
 
+EACH = '[[machine]]\nname = "m"\nconfig = "m.toml"\nrecordings = {}\n'
+CONTINUED = EACH + 'history = "continued"\n'
+
+
+class Dying(SerialExecutor):
+    """Loses all chunks from a number on, as if workers died."""
+
+    def __init__(self, alive: int) -> None:
+        super().__init__()
+        self._alive = alive
+
+    def submit(self, call):
+        self._alive -= 1
+        if self._alive < 0:
+            raise KeyboardInterrupt
+        super().submit(call)
+
 
 def write_files(
     folder: Path, count: int = 22, *, seed: int = 1, grows_from: int = 16, begin: int = 0, hours: float = 2.0

@@ -26,10 +26,17 @@ from monitor.archive.run import Plan, Results, delete_work, replay_waiting
 from monitor.archive.setup import load_setup, send_setup
 from monitor.config.load import load_config
 from monitor.service.replay import replay
-from tests.monitor.archive.fleet_files import CONFIG, DATED, assert_same_records, make_archive, result_of, write_files
-
-EACH = '[[machine]]\nname = "m"\nconfig = "m.toml"\nrecordings = {}\n'
-CONTINUED = EACH + 'history = "continued"\n'
+from tests.monitor.archive.fleet_files import (
+    CONFIG,
+    CONTINUED,
+    DATED,
+    EACH,
+    Dying,
+    assert_same_records,
+    make_archive,
+    result_of,
+    write_files,
+)
 
 
 @pytest.fixture(scope="module")
@@ -121,20 +128,6 @@ def test_a_machine_that_begins_anew_learns_anew(tmp_path):
     first, second = (result_of(tmp_path / f"out/m/{name}").summary for name in ("history", "history-2"))
     assert [one["blocks"] for one in (first, second)] == [22, 22]
     assert [one["channels"]["de"]["t_fs_block"] is None for one in (first, second)] == [False, True]
-
-
-class Dying(SerialExecutor):
-    """Loses all chunks from a number on, as if workers died."""
-
-    def __init__(self, alive: int) -> None:
-        super().__init__()
-        self._alive = alive
-
-    def submit(self, call):
-        self._alive -= 1
-        if self._alive < 0:
-            raise KeyboardInterrupt
-        super().submit(call)
 
 
 def test_an_interrupted_history_goes_on_from_its_latest_part(replayed):
