@@ -17,9 +17,10 @@ from models.work.folder_store import FolderStore
 from models.work.redact import redact
 from models.work.stores import open_store
 from monitor.archive.arrays import ARCHIVE_VERSION, CHANNEL, PART, RECORDING, ROW, UNDATED
+from monitor.archive.result import RESULT_NAME, RecordingResult
 from monitor.health.schema import VARIABLES
 from monitor.records.dataset import LEDGER
-from spallwatch.records import BESIDE_VARIABLES, RecordsError, open_records, prepared
+from spallwatch.records import BESIDE_VARIABLES, RecordsError, joined_files, prepared
 
 if TYPE_CHECKING:
     from zarr.storage import StoreLike
@@ -66,8 +67,8 @@ def open_archive(
     if place is None:
         if machine is None or recording is None:
             raise RecordsError(f"{fspath(url)}: holds no {STORE}; of an archive of days, name machine and recording")
-        with _files_of(fspath(url), machine, recording) as folder:
-            return open_records(folder, variables=variables, channels=channels, dated=dated)
+        with _files_of(fspath(url), machine, recording) as files:
+            return joined_files(files, f"{redact(fspath(url))}/{machine}/{recording}", variables, channels, dated)
     if recording is not None and machine is not None:
         raw = _opened(place, lazily=False)
         return _one(raw, _row_of(raw, place, machine, recording), place, variables, channels, dated)
@@ -80,19 +81,30 @@ def open_archive(
 
 
 @contextmanager
-def _files_of(url: str, machine: str, recording: str) -> Iterator[Path]:
-    """Give the folder with the files of a recording, from object storage a copy of them."""
-    store = open_store(url)
+def _files_of(url: str, machine: str, recording: str) -> Iterator[list[Path]]:
+    """Give the files that the result of a recording names, from object storage copies of them.
+
+    Others may be beside them: of an attempt that failed, of a replay that was interrupted.
+    """
+    store, name = open_store(url), f"{machine}/{recording}"
+    try:
+        data = store.read(f"{name}/{RESULT_NAME}")
+        result = None if data is None else RecordingResult.from_json(data)
+    except (ValueError, KeyError, TypeError) as error:
+        raise RecordsError(f"{redact(url)}: {name}/{RESULT_NAME} cannot be read: {error}") from None
+    if result is None or not result.files:
+        reason = result.reason if result is not None else f"there is no {RESULT_NAME}"
+        raise RecordsError(f"{redact(url)}: holds no records of {name}{f': {reason}' if reason else ''}")
     if isinstance(store, FolderStore):
-        yield Path(store.url) / machine / recording
+        yield [Path(store.url) / file.name for file in result.files]
         return
     with tempfile.TemporaryDirectory(prefix="spallwatch-") as scratch:
-        for name in store.names(f"{machine}/{recording}/"):
-            if name.endswith(".nc") and (data := store.read(name)) is not None:
-                (Path(scratch) / name.rpartition("/")[2]).write_bytes(data)
-        if not any(Path(scratch).iterdir()):
-            raise RecordsError(f"{redact(url)}: holds no records of {machine}/{recording}")
-        yield Path(scratch)
+        copies = [Path(scratch) / file.name.rpartition("/")[2] for file in result.files]
+        for file, copy in zip(result.files, copies, strict=True):
+            if (data := store.read(file.name)) is None:
+                raise RecordsError(f"{redact(url)}: {file.name} is missing")
+            copy.write_bytes(data)
+        yield copies
 
 
 def _store_of(url: str) -> str | None:

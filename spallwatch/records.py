@@ -107,20 +107,31 @@ def open_records(
         RecordsError: there are no records, a file cannot be read, several machines, some blocks with dates and some
             without, or a variable or channel that does not exist.
     """
+    return joined_files(_files(Path(path)), fspath(path), variables, channels, dated)
+
+
+def joined_files(
+    files: Sequence[Path],
+    place: str,
+    variables: Sequence[str] | None,
+    channels: Sequence[str] | None,
+    dated: bool | None,
+) -> xr.Dataset:
+    """Return the records of files as :func:`open_records`; ``place`` is for errors."""
     unknown = sorted(set(variables or ()) - set(VARIABLES))
     if unknown:
         raise RecordsError(f"variables: {unknown[0]!r} is not a variable of records; expected {', '.join(VARIABLES)}")
-    days = [_read(file, variables) for file in _files(Path(path))]
+    days = [_read(file, variables) for file in files]
     days = [day for day in days if day.sizes["time"] and (dated is None or _is_dated(day) == dated)]
     if not days:
         kind = {None: "no records", True: "no records with dates", False: "no records without dates"}[dated]
-        raise RecordsError(f"{fspath(path)}: holds {kind}")
+        raise RecordsError(f"{place}: holds {kind}")
     machines = sorted({str(day.attrs.get("machine")) for day in days})
     if len(machines) > 1:
-        raise RecordsError(f"{fspath(path)}: holds records of several machines ({', '.join(machines)}); name the files")
+        raise RecordsError(f"{place}: holds records of several machines ({', '.join(machines)}); name the files")
     if len({_is_dated(day) for day in days}) > 1:
-        raise RecordsError(f"{fspath(path)}: some blocks have dates and some have none; choose by dated=True or False")
-    return prepared(_joined(sorted(days, key=lambda day: float(day["time"].values[0]))), fspath(path), channels)
+        raise RecordsError(f"{place}: some blocks have dates and some have none; choose by dated=True or False")
+    return prepared(_joined(sorted(days, key=lambda day: float(day["time"].values[0]))), place, channels)
 
 
 def prepared(joined: xr.Dataset, place: str, channels: Sequence[str] | None) -> xr.Dataset:

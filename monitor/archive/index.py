@@ -23,6 +23,7 @@ from monitor.records.database import Closing
 APPLICATION_ID = 0x53504C41
 """The bytes "SPLA" in the header of the database: it is ours."""
 VERSION = 1
+INDEX_NAME = "index.db"
 WAITING, DONE, FAILED, SET_ASIDE = range(4)
 _MAX_TAKEN = 100_000
 """Names of several recordings of which the largest number is known; of others it is sought."""

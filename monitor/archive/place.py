@@ -19,11 +19,10 @@ from models.work.folder_store import FolderStore
 from models.work.lease import Lease, LeaseLostError, leased
 from models.work.object_store import ObjectStore
 from models.work.stores import open_store
-from monitor.archive.index import Index
+from monitor.archive.index import INDEX_NAME, Index
 from monitor.archive.manifest import ManifestError
 from monitor.records.database import release_lock, take_lock
 
-INDEX_NAME = "index.db"
 _COPIED_EVERY_S = 60.0
 _MAX_GUARDED_BYTES = 64 << 20
 """Of an index that one conditional request writes; larger ones go in parts, after the lease was confirmed."""

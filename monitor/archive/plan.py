@@ -55,8 +55,8 @@ class Planner:
     _setups: dict[Path, str] = field(default_factory=dict[Path, str])
     _shown: Callable[[str], str] = field(default_factory=lambda: _bare_of_many())
 
-    def plan(self, manifest: Path) -> None:
-        """Write all recordings of a manifest into the index, in one transaction.
+    def plan(self, manifest: Path, check: Callable[[], None] = lambda: None) -> None:
+        """Write all recordings of a manifest into the index, in one transaction; ``check`` is called at its end.
 
         Raises:
             ManifestError: the manifest cannot be used; the index stays empty.
@@ -72,6 +72,7 @@ class Planner:
                 raise ManifestError(f"{manifest}: holds no recordings")
             if (twice := self.index.given_twice()) is not None:
                 raise ManifestError(f"{manifest}: recordings: {twice[1]} is given twice for machine {twice[0]}")
+            check()
             signed = "yes" if self.signed else "no"
             self.index.set_meta(manifest=digest.text(), configs=self._configs(), signed=signed)
             self.index.commit()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 import secrets
 import tempfile
 from collections.abc import Callable, Iterator
@@ -20,6 +19,7 @@ from models.work.task import Store
 from monitor.archive.growth import extend
 from monitor.archive.index import Counts, Index, Later
 from monitor.archive.manifest import WORK_NAME, ManifestError
+from monitor.archive.occupied import OWN, refuse_lost_results, refuse_lost_work
 from monitor.archive.part import PART_BLOCKS, Shared, read_result
 from monitor.archive.plan import Planner, check_unchanged, signed_urls
 from monitor.archive.replaying import Replaying
@@ -32,8 +32,6 @@ _READERS = 16
 """Results that are read at a time."""
 _MAX_RESULTS_BYTES = 8 << 20
 """Of results in memory; more are kept on the disk."""
-_OWN = re.compile(r"(inputs|states)/[0-9a-f]{40}|records/[^/]+/[^/]+/([^/]+\.nc|result\.json)")
-
 
 STORE, PAGE = "store", "page"
 """What the index calls finished of a Zarr archive: its store, or its page too; only then are their sources deleted."""
@@ -142,10 +140,11 @@ def prepare(plan: Plan, index: Index) -> Shared:
             "or take another --out"
         )
     if not index.planned:
+        refuse_lost_work(work)
         begun = {"archive": secrets.token_hex(8), "records": plan.records, "part_blocks": str(plan.part_blocks)}
         index.set_meta(**begun, finished="")
         try:
-            Planner(index, work).plan(plan.manifest)
+            Planner(index, work).plan(plan.manifest, partial(_refuse_results, plan, index))
         except BaseException:
             delete_work(plan, index)
             raise
@@ -154,6 +153,11 @@ def prepare(plan: Plan, index: Index) -> Shared:
         index.wait_again()
     meta = index.meta()
     return Shared(meta["archive"], open_store(plan.records_url).url, work.url, int(meta["part_blocks"]))
+
+
+def _refuse_results(plan: Plan, index: Index) -> None:
+    if plan.records == "days":
+        refuse_lost_results(index, open_store(plan.out))
 
 
 def _check_place(plan: Plan, index: Index) -> None:
@@ -210,7 +214,7 @@ def delete_work(plan: Plan, index: Index) -> None:
     if plan.records == "days":
         kept |= {checkpoint.state for _, checkpoint in index.checkpoints()}
     results = index.meta().get("finished") == STORE
-    for name in [name for name in work.names() if _OWN.fullmatch(name)]:
+    for name in [name for name in work.names() if OWN.fullmatch(name)]:
         if name not in kept and not (results and name.endswith(f"/{RESULT_NAME}")):
             work.delete(name)
     if isinstance(work, FolderStore):

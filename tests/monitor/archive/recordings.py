@@ -11,7 +11,7 @@ import netCDF4
 import numpy as np
 
 import spallwatch as sw
-from monitor.archive.result import RecordingResult, RecordsFile, Shape
+from monitor.archive.result import RESULT_NAME, RecordingResult, RecordsFile, Shape
 
 RATE = 2000.0
 BLOCK = 0.5
@@ -36,7 +36,9 @@ def replayed(folder: Path, name: str, blocks: int, channels: int = 1, **config: 
     samples = np.random.default_rng(blocks).standard_normal((channels, int(blocks * RATE * BLOCK)))
     np.save(path, samples.astype(np.float32))
     sw.replay(config=tables(path, channels, **config), out=folder / name)
-    return described(folder, machine, recording)
+    found = described(folder, machine, recording)
+    (folder / name / RESULT_NAME).write_bytes(found.to_json())
+    return found
 
 
 FEW = frozenset({"rms", "h_or", "envelope_snr", "bpfo_amplitude", "stage", "quality_flags", "fault", "t_fs", "v_th"})

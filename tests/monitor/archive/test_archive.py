@@ -363,6 +363,23 @@ def test_files_of_others_in_the_place_of_an_archive_stay(tmp_path):
     assert sorted(path.name for path in (tmp_path / "out/archive-work").iterdir()) == ["inputs", "notes"]
 
 
+@pytest.mark.parametrize("records", ["days", "zarr"])
+def test_an_archive_whose_index_is_gone_is_not_begun_again_over_its_results(tmp_path, records):
+    write_files(tmp_path / "in", 2)
+    make_archive(tmp_path, EACH.format('"in"'), records=records)
+    (tmp_path / "out/index.db").unlink()
+    if records == "days":
+        shutil.rmtree(tmp_path / "out/archive-work")
+    before = {path: path.read_bytes() for path in (tmp_path / "out").rglob("*") if path.is_file()}
+    left = "m/in/result.json" if records == "days" else "archive-work/records/m/in/"
+    with pytest.raises(ManifestError, match=f"holds {left}.* of an archive, and its index.db is gone"):
+        make_archive(tmp_path, EACH.format('"in"'), records=records)
+    with Index(tmp_path / "out/index.db") as index:
+        assert not index.planned
+    (tmp_path / "out/index.db").unlink()
+    assert {path: path.read_bytes() for path in (tmp_path / "out").rglob("*") if path.is_file()} == before
+
+
 @pytest.mark.parametrize("out", ["", " ", "/", "//", "/.", "/tmp/..", "file:///"])
 def test_an_archive_has_a_place_of_its_own(out):
     with pytest.raises(ManifestError, match="expected a folder or URL of the archive's own, got"):

@@ -100,7 +100,7 @@ def test_an_archive_without_a_page_gets_one_later(fleet, zarr):
 @pytest.mark.parametrize("records", [True, False])
 def test_a_store_of_an_older_index_is_whole_where_its_records_are_gone(fleet, zarr, records, monkeypatch):
     if records:
-        monkeypatch.setattr(run, "_OWN", re.compile("none"))
+        monkeypatch.setattr(run, "OWN", re.compile("none"))
     replay(fleet)
     with Index(fleet / "out/index.db") as index:
         index.run("DELETE FROM meta WHERE key = 'finished'")

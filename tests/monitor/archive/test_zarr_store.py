@@ -274,6 +274,22 @@ def test_a_recording_of_an_archive_of_days(archive):
     xr.testing.assert_identical(found, sw.open_records(archive[0] / "fan" / "one"))
 
 
+def test_a_recording_of_days_is_the_files_that_its_result_names(archive, tmp_path):
+    shutil.copytree(archive[0] / "fan", tmp_path / "fan")
+    folder = tmp_path / "fan/one/records"
+    of_files = sw.open_records(folder)
+    shutil.copy(next(folder.glob("*.nc")), folder / "fan-20000101.nc")
+    shutil.copy(next(folder.glob("*.nc")), tmp_path / "fan/one/fan-20000102.nc")
+    xr.testing.assert_identical(sw.open_archive(tmp_path, machine="fan", recording="one"), of_files)
+    failed = replace(FAILED, machine="fan", recording="one")
+    (tmp_path / "fan/one/result.json").write_bytes(failed.to_json())
+    with pytest.raises(sw.SpallwatchError, match="holds no records of fan/one: no such recording"):
+        sw.open_archive(tmp_path, machine="fan", recording="one")
+    (tmp_path / "fan/one/result.json").unlink()
+    with pytest.raises(sw.SpallwatchError, match=r"holds no records of fan/one: there is no result\.json"):
+        sw.open_archive(tmp_path, machine="fan", recording="one")
+
+
 @given(st.lists(st.lists(st.integers(0, 9), max_size=3), max_size=6), st.integers(1, 7))
 def test_each_row_is_written_once_and_in_order(recordings, chunk):
     results = [
@@ -338,7 +354,9 @@ def test_an_archive_in_object_storage(whole, storage, monkeypatch):
     np.testing.assert_array_equal(lazy.rms.values, of_files.rms.values)
     days = ObjectStore(storage.url("days"))
     for file in results[0].files:
-        days.write(f"fan/one/{Path(file.name).name}", (folder / file.name).read_bytes())
+        days.write(file.name, (folder / file.name).read_bytes())
+    days.write("fan/one/fan-20000101.nc", b"of a replay that was interrupted")
+    days.write("fan/one/result.json", results[0].to_json())
     one = sw.open_archive(days.url, machine="fan", recording="one", variables=["rms"])
     xr.testing.assert_identical(one, of_files)
     with pytest.raises(sw.SpallwatchError, match="holds no records of fan/two"):
