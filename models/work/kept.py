@@ -7,11 +7,17 @@ believe that they were alone.
 
 from __future__ import annotations
 
+import time
 from collections.abc import Mapping
 from dataclasses import dataclass
 from email.utils import parsedate_to_datetime
 from hashlib import blake2b
 from typing import Any, Protocol
+
+from models.work.storage_error import ObjectStorageError
+
+PAUSES_S = (0.1, 0.3, 1.0)
+"""Before a conditional request is repeated that S3 refused because of another one (409), s."""
 
 
 @dataclass(frozen=True)
@@ -44,7 +50,8 @@ class KeptStore(Protocol):
     def write_kept(self, name: str, data: bytes, tag: str | None) -> str | None:
         """Write an object where its tag is still this one (None: where there is none); return the new tag.
 
-        None where another one is there. ``data`` is unlike what any other process writes: what a lost answer leaves
+        None where another one is there, or where a server refused because of another request at the same moment; see
+        :func:`write_unchanged`. ``data`` is unlike what any other process writes: what a lost answer leaves
         unknown is found by reading the object again.
         """
         ...
@@ -52,6 +59,26 @@ class KeptStore(Protocol):
     def delete(self, name: str) -> None:
         """Delete an object if it is there."""
         ...
+
+
+def write_unchanged(store: KeptStore, name: str, data: bytes, tag: str | None) -> str | None:
+    """Write an object as ``write_kept``, again where it was refused although it is as it was; return the new tag.
+
+    None where another one is there.
+
+    Raises:
+        ObjectStorageError: a request fails, or each one is refused.
+    """
+    for pause in (*PAUSES_S, None):
+        written = store.write_kept(name, data, tag)
+        if written is not None:
+            return written
+        found = store.read_kept(name)
+        if (None if found is None else found.tag) != tag:
+            return None
+        if pause is not None:
+            time.sleep(pause)
+    raise ObjectStorageError(f"{store.url}/{name} cannot be written: refused each time, though it is as it was")
 
 
 def tag_of(data: bytes) -> str:

@@ -19,7 +19,7 @@ from datetime import UTC, datetime
 from typing import Never
 
 from models.errors import SpallwatchError, WrongInputError
-from models.work.kept import Kept, KeptStore
+from models.work.kept import Kept, KeptStore, write_unchanged
 from models.work.storage_error import ObjectStorageError
 
 LEASE_NAME = "lease.json"
@@ -121,7 +121,7 @@ class Lease:
             if found is None or Holder.of(found.data).token != self.token:
                 self._lose(found)
             self._holder = replace(self._holder, renewed=_now(), renewals=self._holder.renewals + 1)
-            if self._store.write_kept(LEASE_NAME, self._holder.to_json(), found.tag) is None:
+            if write_unchanged(self._store, LEASE_NAME, self._holder.to_json(), found.tag) is None:
                 self._lose(self._store.read_kept(LEASE_NAME))
 
     def close(self) -> None:

@@ -16,6 +16,7 @@ from pathlib import Path
 
 from models.process_signals import ended_as_interrupted
 from models.work.folder_store import FolderStore
+from models.work.kept import write_unchanged
 from models.work.lease import Lease, LeaseLostError, leased
 from models.work.object_store import ObjectStore
 from models.work.stores import open_store
@@ -159,7 +160,7 @@ class _Copier:
         self._index.settle()
         data = self._index.path.read_bytes()
         if len(data) <= _MAX_GUARDED_BYTES:
-            tag = self._store.write_kept(INDEX_NAME, data, self._tag)
+            tag = write_unchanged(self._store, INDEX_NAME, data, self._tag)
             if tag is None:
                 self._lease.confirm()
                 raise LeaseLostError(f"{self._store.url}: {INDEX_NAME} was written by another process; this one ends")

@@ -7,6 +7,7 @@ from datetime import UTC, datetime
 
 import pytest
 
+from models.work import kept
 from models.work.kept import age_of
 from models.work.lease import LEASE_NAME, Holder, LeaseHeldError, LeaseLostError, Times, leased
 from models.work.object_store import ObjectStore
@@ -99,6 +100,36 @@ def test_a_storage_that_fails_leaves_it_unknown_who_holds_it(monkeypatch):
             with pytest.raises(ObjectStorageError):
                 lease.confirm()
         lease.confirm()
+
+
+@pytest.mark.parametrize("refused", [2, 1000])
+def test_a_lease_is_lost_to_another_holder_alone(refused, monkeypatch):
+    """S3 refuses a conditional request also because of another one at the same moment (409)."""
+    monkeypatch.setattr(kept, "PAUSES_S", (0.0, 0.0, 0.0))
+    store = memory()
+    with leased(store, lambda _: None, QUIET) as lease:
+        with monkeypatch.context() as patch:
+            write, left = store.write_kept, iter(range(refused))
+            patch.setattr(store, "write_kept", lambda *given: write(*given) if next(left, None) is None else None)
+            if refused == 2:
+                lease.confirm()
+            else:
+                with pytest.raises(ObjectStorageError, match=r"lease\.json cannot be written: refused each time"):
+                    lease.confirm()
+        lease.confirm()
+    assert store.read(LEASE_NAME) is None
+
+
+@pytest.mark.cluster
+def test_a_lease_is_held_while_requests_are_refused_because_of_others(proxy, storage, monkeypatch):
+    monkeypatch.setattr(kept, "PAUSES_S", (0.0, 0.0, 0.0))
+    store = ObjectStore(storage.url(f"busy/{uuid.uuid4()}"))
+    refused = Fault("refuse", 409, "ConditionalRequestConflict")
+    with leased(store, lambda _: None, QUIET) as lease:
+        left = iter(range(2))
+        proxy.rule = lambda request: refused if request.method == "PUT" and next(left, None) is not None else None
+        lease.confirm()
+    assert proxy.faults["ConditionalRequestConflict"] == 2
 
 
 @pytest.mark.parametrize(("date", "age"), [("Tue, 24 Nov 2026 17:00:30 GMT", 30.0), (None, None), ("yesterday", None)])

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from models.work import kept
 from models.work.lease import LEASE_NAME, Holder, LeaseHeldError, LeaseLostError, Times, leased
 from models.work.object_store import ObjectStore
 from monitor.archive import place
@@ -97,6 +98,25 @@ def test_an_index_that_another_one_wrote_is_not_written_over(url):
         with pytest.raises(LeaseLostError, match="was written by another process"):
             stack.close()
     assert store.read(INDEX_NAME) == b"another"
+
+
+def test_an_index_that_is_refused_though_no_other_one_wrote_it_is_written_again(url, monkeypatch):
+    monkeypatch.setattr(kept, "PAUSES_S", (0.0, 0.0, 0.0))
+    with open_index(url) as opened:
+        opened.index.set_meta(one="1")
+        write, refused = ObjectStore.write_kept, [INDEX_NAME]
+
+        def conflicting(store, name, data, tag):
+            if name in refused:
+                refused.remove(name)
+                return None
+            return write(store, name, data, tag)
+
+        monkeypatch.setattr(ObjectStore, "write_kept", conflicting)
+        opened.keep()
+    assert refused == []
+    with open_index(url, read_only=True) as opened:
+        assert opened.index.meta()["one"] == "1"
 
 
 def test_a_command_that_was_overtaken_ends_with_one_line_and_deletes_nothing(url, fleet, monkeypatch):
