@@ -17,6 +17,7 @@ from pathlib import Path
 
 from models.work.task import Store
 from monitor.archive.index import DONE, Index, Later
+from monitor.archive.local import count_files
 from monitor.archive.manifest import ManifestError
 from monitor.archive.plan import HISTORY_NAME, Planner, name_of
 
@@ -80,6 +81,12 @@ def extend(index: Index, manifest: Path, store: Store) -> Later:
                 index.rollback()
                 raise
     return Later(count, first)
+
+
+def grown_folders(index: Index) -> Later:
+    """Count the recordings that are folders with more files than were read: files of a folder are not added later."""
+    found = [url for url, files in index.folders_read() if (count_files(url) or 0) > files]
+    return Later(len(found), found[0] if found else "")
 
 
 @contextmanager

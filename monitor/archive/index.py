@@ -46,6 +46,12 @@ CREATE TABLE links (
 ) WITHOUT ROWID;
 CREATE TABLE checkpoints (recording INTEGER PRIMARY KEY, body BLOB NOT NULL)
 """
+_FOLDERS = """
+CREATE TABLE IF NOT EXISTS folders (
+    recording INTEGER NOT NULL, url TEXT NOT NULL, files INTEGER NOT NULL, PRIMARY KEY (recording, url)
+) WITHOUT ROWID
+"""
+"""Also made in an index of an earlier version, which has none."""
 
 
 class ArchiveIndexError(SpallwatchError):
@@ -164,6 +170,8 @@ class Index(Closing):
         if found != [APPLICATION_ID, VERSION]:
             self._connection.close()
             raise ArchiveIndexError(f"{path}: is no index of an archive that this version reads")
+        if not read_only:
+            self.run(_FOLDERS)
 
     def close(self) -> None:
         """Close it, all outcomes in one file; closing twice does nothing."""
@@ -294,6 +302,15 @@ class Index(Closing):
         except BaseException:
             self.rollback()
             raise
+
+    def keep_folders(self, recording: int, folders: Iterable[tuple[str, int]]) -> None:
+        """Keep how many files were in folders that were read for a recording."""
+        for url, files in folders:
+            self.run("INSERT OR REPLACE INTO folders VALUES (?, ?, ?)", recording, url, files)
+
+    def folders_read(self) -> Iterator[tuple[str, int]]:
+        """Yield the folders that were read, with the number of files in them then."""
+        yield from self.run("SELECT url, files FROM folders ORDER BY recording, url")
 
     def keep_checkpoint(self, recording: int, value: Checkpoint) -> None:
         """Keep where a history stands."""

@@ -24,6 +24,7 @@ from models.work.redact import redact
 from models.work.stores import open_store
 from models.work.task import Store, Work
 from monitor.archive.history import HistorySource, Position, end_of, packed_state, unpack_state
+from monitor.archive.local import count_files
 from monitor.archive.result import RESULT_NAME, RecordingResult, RecordsFile, Shape
 from monitor.archive.setup import ArchiveError, Machine, load_setup
 from monitor.records.condense import condensed_on
@@ -113,12 +114,14 @@ class PartResult:
         following: where the next part begins, None where this was the last.
         end: after the last part, where recordings that come later would begin; None where they cannot go on.
         state: name of the store of records there.
+        folders: recordings that were opened and are folders of this machine, with the number of files in them.
     """
 
     result: RecordingResult
     following: Position | None = None
     state: str | None = None
     end: Position | None = None
+    folders: tuple[tuple[str, int], ...] = ()
 
 
 def replay_part(shared: Shared, part: Part) -> PartResult:
@@ -130,14 +133,15 @@ def replay_part(shared: Shared, part: Part) -> PartResult:
     began = time.perf_counter()
     records = open_store(shared.records)
     with scratch_folder(_SCRATCH) as folder:
+        replayed = _Replayed(shared, part, records, folder)
         try:
-            done = _Replayed(shared, part, records, folder).result()
+            done = replayed.result()
         except WrongInputError as error:
             done = PartResult(_failed(part, str(error)))
     result = replace(done.result, seconds=time.perf_counter() - began)
     if done.following is None and part.begin.part == 0:
         write_result(records, result, again=part.attempt > 0)
-    return replace(done, result=result)
+    return replace(done, result=result, folders=tuple(replayed.folders.items()))
 
 
 def replay_parts(shared: Shared, parts: tuple[Part, ...]) -> tuple[PartResult | None, ...]:
@@ -199,6 +203,7 @@ class _Replayed:
         self._work = open_store(shared.work)
         self._fetched_bytes = 0
         self._reading: ReadingState | None = None
+        self.folders: dict[str, int] = {}
 
     def result(self) -> PartResult:
         part = self._part
@@ -234,6 +239,9 @@ class _Replayed:
         section = machine.config.source[0]
         dating = kept_dating(self._out, section.name) if keep and self._part.state is not None else None
         if not is_remote(url):
+            # Before the files are listed: one that comes in between is counted as not read.
+            if (files := count_files(url)) is not None:
+                self.folders[url] = files
             yield open_configured(machine.config, section, url, dating, reading)
             return
         scratch = self._folder / "fetched"

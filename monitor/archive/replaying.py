@@ -196,6 +196,7 @@ class Replaying:
         under_way = self._under_way[row_id]
         row, before = under_way.row, under_way.before
         result = done.result if before is None else before.followed_by(done.result)
+        self.index.keep_folders(row_id, done.folders)
         if done.following is not None:
             self.index.keep_checkpoint(row_id, Checkpoint(done.following, done.state, result))
             self._under_way[row_id] = _UnderWay(row, done.state, result)

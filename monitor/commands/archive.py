@@ -61,6 +61,7 @@ def replay(
     ones, and those that continue a history at its end. Exit code 1 where a recording failed: the others are done.
     """
     from monitor.archive.finish import finish, zarr_writer
+    from monitor.archive.growth import grown_folders
     from monitor.archive.index import Later
     from monitor.archive.part import PART_BLOCKS
     from monitor.archive.place import INDEX_NAME, open_index
@@ -79,7 +80,7 @@ def replay(
         index = opened.index
         begun = index.planned
         added = extend_archive(plan, index) if extend and begun else Later()
-        before = index.counts().done
+        before, grown = index.counts().done, grown_folders(index) if extend and begun else Later()
         later = later_recordings(index, manifest) if sharing.resume and begun and not extend else Later()
         counts = replay_waiting(plan, index, shared.runner, opened.noted)
         written = plan.zarr_url if records == "zarr" else out
@@ -89,7 +90,7 @@ def replay(
             delete_work(plan, index)
         values = _values(index, counts, f"{out.rstrip('/')}/{INDEX_NAME}")
     values |= {"kept": before, "out": redact(out), "records": redact(written)}
-    for key, found in (("added", added), ("not_in_archive", later)):
+    for key, found in (("added", added), ("not_in_archive", later), ("grown", grown)):
         values[key] = {"recordings": found.recordings, "first": found.first or None}
     values |= {"report": None if page is None else redact(page), "cluster": shared.values()}
     emit(values, [*lines(values), *shared.lines()], as_json=as_json)
@@ -148,6 +149,11 @@ def lines(values: Mapping[str, Any]) -> Iterator[str]:
         yield (
             f"not in this archive: {later['recordings']} recordings that its patterns name since it was begun, "
             f"{later['first']} the first; --extend adds them"
+        )
+    if (grown := values.get("grown", {"recordings": 0}))["recordings"]:
+        yield (
+            f"not read: files that came since into {grown['recordings']} recordings, {grown['first']} the first; "
+            "name them as recordings of their own"
         )
     for one in islice(values["failed"], _MAX_NAMED):
         yield f"{one['recording']} {one['status'].replace('_', ' ')}: {one['reason']}"

@@ -11,7 +11,7 @@ from models.work.folder_store import FolderStore
 from models.work.runner import Runner
 from models.work.serial import SerialExecutor
 from models.work.stores import open_store
-from monitor.archive.growth import extend
+from monitor.archive.growth import extend, grown_folders
 from monitor.archive.index import DONE, Index, Later, Outcome
 from monitor.archive.manifest import ManifestError
 from monitor.archive.plan import Planner
@@ -77,6 +77,18 @@ def test_a_killed_extension_goes_on(tmp_path):
         assert (index.left(), index.last_link(1)) == (1, 2)
     assert make_archive(tmp_path, machine("a", "b", "c"), resume=True).rows == 30
     assert_same_records(tmp_path / "out/m/history", tmp_path / "whole/m/history")
+
+
+def test_files_that_come_into_a_recording_after_its_replay_are_told(tmp_path):
+    write_history(tmp_path)
+    make_archive(tmp_path, machine("a", "b"), part_blocks=8)
+    with Index(tmp_path / "out/index.db") as index:
+        assert dict(index.folders_read()) == {f"{tmp_path}/a": 22, f"{tmp_path}/b": 4}
+        assert grown_folders(index) == Later()
+        write_files(tmp_path / "b/late", 1, begin=40)
+        # What is gone by now was read.
+        next((tmp_path / "a").iterdir()).unlink()
+        assert grown_folders(index) == Later(1, f"{tmp_path}/b")
 
 
 class Killed(SerialExecutor):

@@ -77,8 +77,20 @@ def test_replay_says_what_failed_and_resume_tries_it_again(fleet):
     assert said["added"] == {"recordings": 1, "first": str(fleet / "bad-2")}
     assert f"added: 1 recordings that the manifest names since, {fleet}/bad-2 the first" in lines(said)
     assert (said["recordings"], said["done"], said["kept"], said["blocks"]) == (3, 3, 2, 6)
+    assert said["grown"] == {"recordings": 0, "first": None}
     assert "bad-2" in (fleet / said["report"]).read_text()
     assert {path.name for path in (fleet / "out").iterdir()} == {*LEFT, "press"}
+
+    # A recording that was replayed is not read again.
+    write_files(fleet / "good", 1, begin=2)
+    ended = run_command(*command, "--extend", cwd=fleet)
+    said = json.loads(ended.stdout)
+    assert said["grown"] == {"recordings": 1, "first": str(fleet / "good")}
+    assert said["blocks"] == 6
+    assert (
+        f"not read: files that came since into 1 recordings, {fleet}/good the first; "
+        "name them as recordings of their own"
+    ) in lines(said)
 
 
 @pytest.mark.cluster
