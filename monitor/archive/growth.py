@@ -19,6 +19,7 @@ from models.work.task import Store
 from monitor.archive.index import DONE, Index, Later
 from monitor.archive.local import count_files
 from monitor.archive.manifest import ManifestError
+from monitor.archive.occupied import Overlap
 from monitor.archive.plan import HISTORY_NAME, Planner, name_of
 
 _TABLES = ("known", "named", "known_links", "named_links")
@@ -47,13 +48,14 @@ WHERE old.place = 0 AND same.id IS NULL ORDER BY old.id, new.place
 """
 
 
-def extend(index: Index, manifest: Path, store: Store) -> Later:
+def extend(index: Index, manifest: Path, store: Store, overlap: Overlap | None = None) -> Later:
     """Add the recordings that a manifest names now to the index of an archive; they and longer histories wait then.
 
     Args:
         index: that holds a plan; it is left as it is where an error is raised.
         manifest: of the archive, as it is now.
         store: takes the configurations with their maps and libraries.
+        overlap: finds recordings in the place of the archive.
 
     Returns:
         How many recordings were added, and the first of them.
@@ -66,7 +68,7 @@ def extend(index: Index, manifest: Path, store: Store) -> Later:
     with tempfile.TemporaryDirectory(prefix="spallwatch-index-") as folder:
         path = Path(folder) / "planned.db"
         with Index(path) as planned:
-            Planner(planned, store).plan(manifest)
+            Planner(planned, store, overlap).plan(manifest)
             meta = planned.meta()
         with _compared(index, path):
             _Check(index, manifest).all()

@@ -22,7 +22,7 @@ HISTORIES: tuple[History, ...] = ("each", "continued")
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,63}")
 WORK_NAME = "archive-work"
 """Folder of the archive for what is needed until it is complete."""
-_TAKEN = (WORK_NAME, "index.db", "index.db.lock", "fleet.html", "records.zarr")
+TAKEN = (WORK_NAME, "index.db", "index.db.lock", "fleet.html", "records.zarr")
 """Names in the folder of an archive that are no machine's."""
 _COLUMNS = ("machine", "config", "recording")
 _FURTHER = ("history", "anew")
@@ -162,10 +162,10 @@ def _entry_of_row(row: Sequence[str], head: Sequence[str], where: str, folder: P
 
 
 def _machine_name(name: object, where: str) -> str:
-    if not isinstance(name, str) or not _NAME.fullmatch(name) or name in _TAKEN:
+    if not isinstance(name, str) or not _NAME.fullmatch(name) or name in TAKEN:
         raise ManifestError(
             f"{where}: name of the machine: expected letters, digits, '_', '.' or '-', at most 64, and none of "
-            f"{', '.join(_TAKEN)}; got {name!r}"
+            f"{', '.join(TAKEN)}; got {name!r}"
         )
     return name
 

@@ -16,6 +16,7 @@ from models.work.redact import redactor
 from models.work.task import Store
 from monitor.archive.index import Index, Later
 from monitor.archive.manifest import Entry, ManifestError, read_manifest
+from monitor.archive.occupied import Overlap
 from monitor.archive.setup import send_setup
 from monitor.config.load import ConfigError
 from streams.files import natural_key
@@ -45,11 +46,13 @@ class Planner:
 
     Attributes:
         store: takes the configurations with their maps and libraries.
+        overlap: finds recordings in the place of the archive, where that is known.
         signed: URLs with queries that must not be written, by the URL without them.
     """
 
     index: Index
     store: Store
+    overlap: Overlap | None = None
     signed: dict[str, str] = field(default_factory=dict[str, str])
     _machines: dict[str, _Planned] = field(default_factory=dict[str, _Planned])
     _setups: dict[Path, str] = field(default_factory=dict[Path, str])
@@ -72,6 +75,8 @@ class Planner:
                 raise ManifestError(f"{manifest}: holds no recordings")
             if (twice := self.index.given_twice()) is not None:
                 raise ManifestError(f"{manifest}: recordings: {twice[1]} is given twice for machine {twice[0]}")
+            if self.overlap is not None:
+                self.overlap.check(self._machines)
             check()
             signed = "yes" if self.signed else "no"
             self.index.set_meta(manifest=digest.text(), configs=self._configs(), signed=signed)
@@ -94,6 +99,8 @@ class Planner:
             if shown in seen:
                 raise ManifestError(f"{entry.where}: recordings: {shown} is given twice")
             seen.add(shown)
+            if self.overlap is not None:
+                self.overlap.add(entry.where, shown)
             if shown != url:
                 self.signed[shown] = url
             if entry.history == "each" or machine.recording is None or shown in anew:

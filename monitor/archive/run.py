@@ -19,7 +19,7 @@ from models.work.task import Store
 from monitor.archive.growth import extend
 from monitor.archive.index import Counts, Index, Later
 from monitor.archive.manifest import WORK_NAME, ManifestError
-from monitor.archive.occupied import OWN, refuse_lost_results, refuse_lost_work
+from monitor.archive.occupied import OWN, Overlap, refuse_lost_results, refuse_lost_work
 from monitor.archive.part import PART_BLOCKS, Shared, read_result
 from monitor.archive.plan import Planner, check_unchanged, signed_urls
 from monitor.archive.replaying import Replaying
@@ -144,7 +144,7 @@ def prepare(plan: Plan, index: Index) -> Shared:
         begun = {"archive": secrets.token_hex(8), "records": plan.records, "part_blocks": str(plan.part_blocks)}
         index.set_meta(**begun, finished="")
         try:
-            Planner(index, work).plan(plan.manifest, partial(_refuse_results, plan, index))
+            Planner(index, work, _overlap(plan)).plan(plan.manifest, partial(_refuse_results, plan, index))
         except BaseException:
             delete_work(plan, index)
             raise
@@ -153,6 +153,10 @@ def prepare(plan: Plan, index: Index) -> Shared:
         index.wait_again()
     meta = index.meta()
     return Shared(meta["archive"], open_store(plan.records_url).url, work.url, int(meta["part_blocks"]))
+
+
+def _overlap(plan: Plan) -> Overlap:
+    return Overlap(open_store(plan.out).url, machines=plan.records == "days")
 
 
 def _refuse_results(plan: Plan, index: Index) -> None:
@@ -180,7 +184,7 @@ def extend_archive(plan: Plan, index: Index) -> Later:
     if complete and plan.records == "zarr":
         raise ManifestError(f"--out {plan.out}: --extend: a complete archive with --records zarr cannot be extended")
     try:
-        return extend(index, plan.manifest, open_store(plan.work))
+        return extend(index, plan.manifest, open_store(plan.work), _overlap(plan))
     except BaseException:
         if complete:
             delete_work(plan, index)
