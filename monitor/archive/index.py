@@ -14,48 +14,16 @@ from dataclasses import astuple
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from models.errors import SpallwatchError
 from models.work.codec import decode, encode
 from monitor.archive.history import Position
+from monitor.archive.index_file import ArchiveIndexError, open_database
 from monitor.archive.result import RecordingResult
 from monitor.records.database import Closing
 
-APPLICATION_ID = 0x53504C41
-"""The bytes "SPLA" in the header of the database: it is ours."""
-VERSION = 1
-INDEX_NAME = "index.db"
 WAITING, DONE, FAILED, SET_ASIDE = range(4)
 _MAX_TAKEN = 100_000
 """Names of several recordings of which the largest number is known; of others it is sought."""
 STATUS_WORDS = ("waiting", "done", "failed", "set_aside")
-
-_SCHEMA = f"""
-PRAGMA application_id = {APPLICATION_ID};
-PRAGMA user_version = {VERSION};
-CREATE TABLE meta (key TEXT PRIMARY KEY, value TEXT NOT NULL) WITHOUT ROWID;
-CREATE TABLE machines (id INTEGER PRIMARY KEY, name TEXT NOT NULL UNIQUE, setup TEXT NOT NULL, history TEXT NOT NULL);
-CREATE TABLE recordings (
-    id INTEGER PRIMARY KEY, machine INTEGER NOT NULL REFERENCES machines (id), name TEXT NOT NULL, url TEXT NOT NULL,
-    status INTEGER NOT NULL DEFAULT 0, attempt INTEGER NOT NULL DEFAULT 0,
-    rows INTEGER, first REAL, last REAL, seconds REAL, chunk TEXT, reason TEXT, log TEXT, UNIQUE (machine, name)
-);
-CREATE INDEX recordings_waiting ON recordings (id) WHERE status = 0;
-CREATE INDEX recordings_wrong ON recordings (status) WHERE status > 1;
-CREATE TABLE links (
-    recording INTEGER NOT NULL, place INTEGER NOT NULL, url TEXT NOT NULL, PRIMARY KEY (recording, place)
-) WITHOUT ROWID;
-CREATE TABLE checkpoints (recording INTEGER PRIMARY KEY, body BLOB NOT NULL)
-"""
-_FOLDERS = """
-CREATE TABLE IF NOT EXISTS folders (
-    recording INTEGER NOT NULL, url TEXT NOT NULL, files INTEGER NOT NULL, PRIMARY KEY (recording, url)
-) WITHOUT ROWID
-"""
-"""Also made in an index of an earlier version, which has none."""
-
-
-class ArchiveIndexError(SpallwatchError):
-    """The index cannot be read or written; the message names the file and the cause."""
 
 
 class Waiting(NamedTuple):
@@ -146,32 +114,14 @@ class Index(Closing):
     """The index, open in one process; :class:`ArchiveIndexError` where the file cannot be read or written."""
 
     def __init__(self, path: Path, *, read_only: bool = False) -> None:
-        """Open the index at ``path``, or make it where there is none and it is not ``read_only``."""
+        """Open the index at ``path``, or make it where there is none and it is not ``read_only``.
+
+        Raises:
+            ForeignIndexError: something else is there; it is left as it is.
+        """
         self.path = path
         self._taken: dict[tuple[int, str], int] = {}
-        new = not path.exists()
-        if new and read_only:
-            raise ArchiveIndexError(f"{path}: there is no index of an archive")
-        try:
-            path.parent.mkdir(parents=True, exist_ok=True)
-            uri = f"{path.absolute().as_uri()}?mode={'ro' if read_only else 'rwc'}"
-            self._connection = sqlite3.connect(uri, uri=True, isolation_level=None)
-            if not read_only:
-                self._connection.execute("PRAGMA journal_mode = WAL")
-                # A power cut may take the latest outcomes; they are found again in the store of the chunks.
-                self._connection.execute("PRAGMA synchronous = NORMAL")
-            if new:
-                self._connection.executescript(f"BEGIN;{_SCHEMA};COMMIT")
-            found = [
-                self._connection.execute(f"PRAGMA {key}").fetchone()[0] for key in ("application_id", "user_version")
-            ]
-        except (sqlite3.Error, OSError) as error:
-            raise ArchiveIndexError(f"{path}: {error}") from error
-        if found != [APPLICATION_ID, VERSION]:
-            self._connection.close()
-            raise ArchiveIndexError(f"{path}: is no index of an archive that this version reads")
-        if not read_only:
-            self.run(_FOLDERS)
+        self._connection = open_database(path, read_only=read_only)
 
     def close(self) -> None:
         """Close it, all outcomes in one file; closing twice does nothing."""

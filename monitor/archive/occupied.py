@@ -11,7 +11,8 @@ from pathlib import Path
 from urllib.parse import unquote, urlsplit
 
 from models.work.task import Store
-from monitor.archive.index import INDEX_NAME, Index
+from monitor.archive.index import Index
+from monitor.archive.index_file import INDEX_NAME
 from monitor.archive.local import local_path
 from monitor.archive.manifest import TAKEN, WORK_NAME, ManifestError
 from monitor.archive.result import RESULT_NAME, RecordingResult

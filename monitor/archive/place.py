@@ -20,7 +20,9 @@ from models.work.kept import write_unchanged
 from models.work.lease import Lease, LeaseLostError, leased
 from models.work.object_store import ObjectStore
 from models.work.stores import open_store
-from monitor.archive.index import INDEX_NAME, Index
+from models.work.task import Store
+from monitor.archive.index import Index
+from monitor.archive.index_file import INDEX_NAME, ForeignIndexError
 from monitor.archive.manifest import ManifestError
 from monitor.records.database import release_lock, take_lock
 
@@ -58,10 +60,23 @@ def open_index(
     called with a line for people before a lease is waited for.
 
     Raises:
-        ManifestError, LeaseHeldError: there is none to be read, or another process replays this archive.
+        ManifestError, LeaseHeldError: there is none to be read, or another file; another process replays this archive.
         LeaseLostError: another process has taken over.
     """
     store = open_store(out)
+    try:
+        with _opened(store, read_only=read_only, tell=tell) as opened:
+            yield opened
+    except ForeignIndexError:
+        # Its own message may name a copy.
+        raise ManifestError(
+            f"{'' if read_only else '--out '}{store.url}: its {INDEX_NAME} is no index of an archive that this version "
+            "reads; it is left as it is"
+        ) from None
+
+
+@contextmanager
+def _opened(store: Store, *, read_only: bool, tell: Callable[[str], None]) -> Iterator[Opened]:
     if isinstance(store, FolderStore):
         with _local_index(Path(store.url) / INDEX_NAME, read_only=read_only) as index:
             yield Opened(index, lambda: True, lambda: None)

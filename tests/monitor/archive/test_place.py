@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import sqlite3
 import uuid
-from contextlib import ExitStack
+from contextlib import ExitStack, closing
 from functools import partial
 from pathlib import Path
 
@@ -59,6 +60,42 @@ def test_nothing_is_left_of_an_archive_that_was_not_planned(url):
     assert list(ObjectStore(f"{url}-2").names()) == []
     with pytest.raises(ManifestError, match="holds no archive"), open_index(f"{url}-2", read_only=True):
         pass
+
+
+def foreign(path: Path, kind: str) -> bytes:
+    """Write a file that is no index, and return it."""
+    if kind == "text":
+        path.write_bytes(b"no database, but as long as the header of one, which is " + b"x" * 100)
+    else:
+        with closing(sqlite3.connect(path)) as connection:
+            connection.executescript("CREATE TABLE x (a); INSERT INTO x VALUES (1)")
+    return path.read_bytes()
+
+
+@pytest.mark.parametrize("read_only", [False, True])
+@pytest.mark.parametrize("kind", ["text", "database"])
+def test_another_file_in_the_place_of_the_index_is_refused_and_left_as_it_is(tmp_path, kind, read_only):
+    data = foreign(tmp_path / INDEX_NAME, kind)
+    said = f"{tmp_path}: its {INDEX_NAME} is no index of an archive that this version reads"
+    with pytest.raises(ManifestError, match=said), open_index(str(tmp_path), read_only=read_only):
+        pass
+    assert (tmp_path / INDEX_NAME).read_bytes() == data
+    assert {path.name for path in tmp_path.iterdir()} <= {INDEX_NAME, f"{INDEX_NAME}.lock"}
+    # A copy of it has another name.
+    url = f"memory://{uuid.uuid4()}/out"
+    ObjectStore(url).write(INDEX_NAME, data)
+    with pytest.raises(ManifestError, match=f"{url}: its {INDEX_NAME}"), open_index(url, read_only=read_only):
+        pass
+    assert ObjectStore(url).read(INDEX_NAME) == data
+
+
+def test_an_index_that_a_killed_process_had_not_made_yet_is_made(tmp_path):
+    with closing(sqlite3.connect(tmp_path / INDEX_NAME)) as connection:
+        connection.execute("PRAGMA journal_mode = WAL")
+    with open_index(str(tmp_path)) as opened:
+        opened.index.set_meta(manifest="m")
+    with open_index(str(tmp_path), read_only=True) as opened:
+        assert opened.index.planned
 
 
 def test_a_second_process_is_refused(url, fleet):
