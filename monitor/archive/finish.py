@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import secrets
 from collections.abc import Callable
 from typing import Any
 
@@ -43,7 +44,7 @@ def finish(
 
     Return the URL of the page, None where there is none. ``confirm`` is called before the metadata of the store and the
     page are written, ``keep`` before the first file of the store: a later process must find in the index that it was
-    begun.
+    begun, and by which writing.
 
     Raises:
         LeaseLostError: as ``confirm`` and ``keep``.
@@ -55,9 +56,11 @@ def finish(
     records = open_store(plan.records_url)
     with Results(index, records) as results:
         if plan.records == "zarr" and finished != STORE:
-            index.set_meta(store_begun="yes")
+            writing = index.meta().get("writing") or secrets.token_hex(8)
+            index.set_meta(store_begun="yes", writing=writing)
             keep()
-            zarr_writer()(results, records, plan.zarr_url, runner, confirm)
+            zarr_writer()(results, records, plan.zarr_url, runner, confirm, writing)
+            index.set_meta(writing="")
             _note_finished(plan, index, STORE)
         if not report:
             return None

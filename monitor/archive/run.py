@@ -199,8 +199,8 @@ def replay_waiting(plan: Plan, index: Index, runner: Runner, noted: Callable[[],
     """
     shared = prepare(plan, index)
     if index.left():
-        # An older store or page in the place is of other results.
-        index.set_meta(finished="")
+        # An older store or page in the place, whole or not, is of other results.
+        index.set_meta(finished="", writing="")
     noted()
     signed = signed_urls(plan.manifest) if index.meta()["signed"] == "yes" else {}
     Replaying(index, shared, runner, signed, noted).run()

@@ -62,10 +62,15 @@ class Written:
 
 @dataclass(frozen=True)
 class Target:
-    """What all tasks share: where records are read, where the archive is written, its arrays and their metadata."""
+    """What all tasks share: where records are read, where the archive is written, its arrays and their metadata.
+
+    ``writing``: identity of this writing of the store, without which a chunk of an earlier one would count as written
+    though another one has replaced its files.
+    """
 
     records: str
     out: str
+    writing: str
     arrays: tuple[Array, ...]
     metadata: dict[str, bytes]
 
@@ -76,6 +81,7 @@ def write_archive(
     out_url: str,
     runner: Runner = SERIAL,
     confirm: Callable[[], None] = lambda: None,
+    writing: str = "",
 ) -> Written:
     """Write the records of recordings into one Zarr store, in their order; a store that is there is replaced.
 
@@ -85,6 +91,7 @@ def write_archive(
         out_url: folder or URL of the Zarr store.
         runner: runs the tasks.
         confirm: called before the metadata of the whole are deleted, and before they are written.
+        writing: identity of this writing; what was written with the same one and the same records is not written again.
 
     Raises:
         LeaseLostError: as ``confirm``.
@@ -101,7 +108,8 @@ def write_archive(
     arrays, table = arrays_of_rows(extent), arrays_of_table(extent)
     labels = coordinates()
     metadata = {array.name: metadata_of(array) for array in (*arrays, *table, *(array for array, _ in labels))}
-    target = Target(records.url, out.url, tuple(arrays), {array.name: metadata[array.name] for array in arrays})
+    of_rows = {array.name: metadata[array.name] for array in arrays}
+    target = Target(records.url, out.url, writing, tuple(arrays), of_rows)
     chunk = arrays[0].chunks[0]
     total = -(-extent.rows // chunk)
     work = Work("rows of the archive", write_rows, memory=3 * chunk * row_bytes(arrays) + _FILE_BYTES)

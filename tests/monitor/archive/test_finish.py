@@ -20,9 +20,11 @@ class Zarr:
 
     def __init__(self) -> None:
         self.written: list[list[str]] = []
+        self.writings: list[str] = []
         self.interrupted = False
 
-    def __call__(self, results: Any, records: Any, url: str, *_: Any, **_more: Any) -> None:
+    def __call__(self, results: Any, records: Any, url: str, *others: Any) -> None:
+        self.writings.append(others[-1])
         if self.interrupted:
             raise KeyboardInterrupt
         self.written.append([f"{result.recording} {result.status}" for result in results])
@@ -68,11 +70,16 @@ def test_an_older_store_in_the_place_is_not_taken_for_that_of_recordings_tried_a
         path.write_bytes(data)
     zarr.interrupted = True
     replay(fleet, "--resume", code=1)
+    replay(fleet, "--resume", code=1)
     zarr.interrupted = False
     # All are done, and the store is that of the run before.
     assert replay(fleet, "--resume")["done"] == 2
     assert zarr.written == [["a done", "b failed"], ["a done", "b done"]]
     assert work_of(fleet) == []
+    # Chunks of the first writing are not those of the second one, which goes on twice.
+    first, second, *again = zarr.writings
+    assert first != second
+    assert again == [second, second]
     replay(fleet, "--resume")
     assert len(zarr.written) == 2
 

@@ -180,6 +180,16 @@ def test_the_bytes_are_the_same_through_a_store_of_chunks_and_again(archive, rea
     assert content(tmp_path / "a.zarr") == first
 
 
+def test_chunks_of_an_earlier_writing_do_not_count_where_another_one_came_between(archive, tmp_path, small_chunks):
+    folder, results = archive
+    for writing, listed in (("1", results), ("2", [results[3], *results[:3]]), ("3", results)):
+        with Runner(SerialExecutor(), FolderStore(tmp_path / "chunks"), resume=True) as runner:
+            write_archive(listed, FolderStore(folder), str(tmp_path / "a.zarr"), runner, writing=writing)
+            assert runner.tally.kept == 0
+    write(archive, tmp_path / "b.zarr")
+    assert content(tmp_path / "a.zarr") == content(tmp_path / "b.zarr")
+
+
 @pytest.mark.parametrize(("dtype", "fill"), [("float64", np.nan), ("int32", -1), (arrays.TEXT, "")])
 def test_chunks_without_any_value_are_written_too(dtype, fill):
     array = arrays.Array("x", ("row", "channel"), (5, 2), (4, 2), dtype, fill)
