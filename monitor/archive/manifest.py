@@ -22,8 +22,8 @@ HISTORIES: tuple[History, ...] = ("each", "continued")
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,63}")
 WORK_NAME = "archive-work"
 """Folder of the archive for what is needed until it is complete."""
-TAKEN = (WORK_NAME, "index.db", "index.db.lock", "fleet.html", "records.zarr")
-"""Names in the folder of an archive that are no machine's."""
+TAKEN = (WORK_NAME, "index.db", "index.db.lock", "lease.json", "fleet.html", "records.zarr")
+"""Names in the folder of an archive that are no machine's; nor are those that begin as SQLite's files of the index."""
 _COLUMNS = ("machine", "config", "recording")
 _FURTHER = ("history", "anew")
 _KEYS = ("name", "config", "recordings", "history", "anew")
@@ -104,9 +104,9 @@ def _entry_of(table: Mapping[str, Any], where: str, folder: Path) -> Entry:
         where,
         _machine_name(table.get("name"), where),
         _config_path(table.get("config"), where, folder),
-        tuple(_from_folder(str(item).strip(), folder) for item in listed),
+        tuple(_from_folder(str(item).strip(), folder, f"{where}: recordings") for item in listed),
         _history(table.get("history", "each"), where),
-        tuple(_from_folder(item, folder) for item in _anew(table.get("anew", ()), where)),
+        tuple(_from_folder(item, folder, f"{where}: anew") for item in _anew(table.get("anew", ()), where)),
     )
 
 
@@ -150,7 +150,7 @@ def _entry_of_row(row: Sequence[str], head: Sequence[str], where: str, folder: P
     anew = values.get("anew", "")
     if anew not in ("", "yes", "no"):
         raise ManifestError(f"{where}: anew: expected yes, no or nothing, got {anew!r}")
-    recording = _from_folder(values["recording"], folder)
+    recording = _from_folder(values["recording"], folder, f"{where}: recording")
     return Entry(
         where,
         _machine_name(values["machine"], where),
@@ -162,7 +162,7 @@ def _entry_of_row(row: Sequence[str], head: Sequence[str], where: str, folder: P
 
 
 def _machine_name(name: object, where: str) -> str:
-    if not isinstance(name, str) or not _NAME.fullmatch(name) or name in TAKEN:
+    if not isinstance(name, str) or not _NAME.fullmatch(name) or _is_taken(name.lower()):
         raise ManifestError(
             f"{where}: name of the machine: expected letters, digits, '_', '.' or '-', at most 64, and none of "
             f"{', '.join(TAKEN)}; got {name!r}"
@@ -170,14 +170,20 @@ def _machine_name(name: object, where: str) -> str:
     return name
 
 
+def _is_taken(name: str) -> bool:
+    return name in TAKEN or name.startswith("index.db")
+
+
 def _config_path(config: object, where: str, folder: Path) -> Path:
     if not isinstance(config, str) or not config:
         raise ManifestError(f"{where}: config: expected the path of a configuration, got {config!r}")
-    found = folder / Path(config).expanduser()
+    found = _below(folder, config, f"{where}: config")
     try:
         _look_up(found)
     except FileNotFoundError:
         raise ManifestError(f"{where}: config: there is no file {str(found)!r}") from None
+    except OSError as error:
+        raise ManifestError(f"{where}: config: {str(found)!r}: {error.strerror}") from None
     return found
 
 
@@ -194,14 +200,22 @@ def _history(history: object, where: str) -> History:
     return cast("History", history)
 
 
-def _from_folder(recording: str, folder: Path) -> str:
-    """Return a recording whose path, if it is relative, is taken from a folder."""
+def _from_folder(recording: str, folder: Path, where: str) -> str:
+    """Return a recording whose path, if it is relative, is taken from a folder; ``where`` is for the error."""
     if "://" in recording or recording.startswith("rig:"):
         return recording
     kind, colon, rest = recording.partition(":")
     if colon and kind == "folder":
-        return f"folder:{folder / Path(rest).expanduser()}"
+        return f"folder:{_below(folder, rest, where)}"
     if colon and kind == "dataset":
         name, _, place = rest.partition(":")
-        return f"dataset:{name}:{folder / Path(place).expanduser()}"
-    return str(folder / Path(recording).expanduser())
+        return f"dataset:{name}:{_below(folder, place, where)}"
+    return str(_below(folder, recording, where))
+
+
+def _below(folder: Path, path: str, where: str) -> Path:
+    """Return a path, from a folder where it is relative; ManifestError where its ``~USER`` is unknown."""
+    try:
+        return folder / Path(path).expanduser()
+    except RuntimeError:
+        raise ManifestError(f"{where}: {path!r} is of a user who has no home folder here") from None

@@ -12,6 +12,7 @@ from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from pathlib import Path
 
+from models.errors import WrongInputError
 from models.work.redact import redactor
 from models.work.task import Store
 from monitor.archive.index import Index, Later
@@ -21,7 +22,6 @@ from monitor.archive.setup import send_setup
 from monitor.config.load import ConfigError
 from streams.files import natural_key
 from streams.remote import bare, expand, is_remote
-from streams.spec import SourceError
 
 _NOT_IN_NAMES = re.compile(r"[^A-Za-z0-9_.+-]+")
 _MAX_NAME = 80
@@ -199,9 +199,10 @@ def later_recordings(index: Index, manifest: Path) -> Later:
     def named() -> Iterator[tuple[str, str]]:
         for entry in read_manifest(manifest):
             patterns = tuple(url for url in entry.recordings if _MAGIC.search(url) and not url.startswith("rig:"))
-            # What a pattern named then may all be gone.
-            with suppress(ManifestError):
-                yield from ((entry.machine, shown(url)) for url in expanded(replace(entry, recordings=patterns)))
+            for pattern in patterns:
+                # What it named then may all be gone.
+                with suppress(ManifestError):
+                    yield from ((entry.machine, shown(url)) for url in expanded(replace(entry, recordings=(pattern,))))
 
     return index.not_in_it(named())
 
@@ -210,26 +211,30 @@ def expanded(entry: Entry) -> Iterator[str]:
     """Yield the recordings of an entry, those of a glob in natural order.
 
     Raises:
-        ManifestError: there is nothing of that name.
+        ManifestError: there is nothing of that name, or it cannot be looked up.
         RemoteError: an object storage cannot be listed.
     """
     for url in entry.recordings:
-        if url.startswith("rig:"):
-            yield url
-        elif is_remote(url):
-            try:
-                yield from expand(url)
-            except SourceError as error:
-                raise ManifestError(f"{entry.where}: recordings: {error}") from None
-        elif url.startswith(("dataset:", "folder:")) or Path(url).exists():
-            yield url
-        elif _MAGIC.search(url):
-            found = sorted(glob.glob(url, recursive=True), key=natural_key)  # noqa: PTH207 - absolute patterns
-            if not found:
-                raise ManifestError(f"{entry.where}: recordings: nothing is named {url!r}")
-            yield from found
-        else:
-            raise ManifestError(f"{entry.where}: recordings: there is no {url!r}")
+        try:
+            found = _named(url)
+        except WrongInputError as error:
+            raise ManifestError(f"{entry.where}: recordings: {error}") from None
+        except OSError as error:
+            raise ManifestError(f"{entry.where}: recordings: {url!r}: {error.strerror or error}") from None
+        yield from found
+
+
+def _named(url: str) -> list[str]:
+    if is_remote(url):
+        return expand(url)
+    if url.startswith(("rig:", "dataset:", "folder:")) or Path(url).exists():
+        return [url]
+    if not _MAGIC.search(url):
+        raise WrongInputError(f"there is no {url!r}")
+    found = sorted(glob.glob(url, recursive=True), key=natural_key)  # noqa: PTH207 - absolute patterns
+    if not found:
+        raise WrongInputError(f"nothing is named {url!r}")
+    return found
 
 
 def name_of(url: str) -> str:

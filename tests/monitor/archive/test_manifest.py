@@ -75,6 +75,15 @@ def test_what_a_pattern_names_since_an_archive_was_planned_is_counted(folder):
         assert later_recordings(index, manifest) == Later(1, f"{folder}/a2")
 
 
+def test_a_pattern_that_names_nothing_any_more_hides_no_other_one(folder):
+    manifest = write(folder, TABLE + 'recordings = ["a*", "b*"]\n')
+    planned(folder, manifest)
+    (folder / "a").rmdir()
+    (folder / "b11").mkdir()
+    with Index(folder / "index.db") as index:
+        assert later_recordings(index, manifest) == Later(1, f"{folder}/b11")
+
+
 def test_recordings_of_one_name_are_numbered_each_by_one_statement(folder):
     with Index(folder / "index.db") as index:
         machine = index.add_machine("press", "setup", "each")
@@ -119,7 +128,15 @@ def test_a_signature_is_neither_kept_nor_a_change(folder):
         (TABLE + 'recordings = ["a"]\nhistory = "continued"\nanew = [{at = "b9"}]', 1, "is none of the recordings"),
         (TABLE.replace("press", "../press") + 'recordings = "a"', 1, "name of the machine: expected letters"),
         (TABLE.replace("press", "archive-work") + 'recordings = "a"', 1, "none of archive-work, index.db"),
+        (TABLE.replace("press", "index.db-wal") + 'recordings = "a"', 1, "got 'index.db-wal'"),
+        (TABLE.replace("press", "Lease.json") + 'recordings = "a"', 1, "got 'Lease.json'"),
         (TABLE.replace("m.toml", "n.toml") + 'recordings = "a"', 1, "config: there is no file"),
+        (TABLE.replace("m.toml", "~nobody-/m.toml") + 'recordings = "a"', 1, "config: '~nobody-/m.toml' is of a user"),
+        (TABLE.replace("m.toml", "n" * 400) + 'recordings = "a"', 1, "File name too long"),
+        (TABLE + 'recordings = "~nobody-/x"', 1, "recordings: '~nobody-/x' is of a user who has no home folder here"),
+        (TABLE + 'recordings = "folder:~nobody-/x"', 1, "recordings: '~nobody-/x' is of a user"),
+        (TABLE + f'recordings = "{"x" * 400}"', 1, "File name too long"),
+        (TABLE + 'recordings = "nosuch://store/*"', 1, "recordings: nosuch://store/*: nosuch:// is not a kind"),
         (
             TABLE + 'recordings = "a"\n' + TABLE + 'recordings = "b*"\nhistory = "continued"',
             5,
