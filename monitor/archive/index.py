@@ -88,7 +88,7 @@ class Outcome(NamedTuple):
 
 
 class Counts(NamedTuple):
-    """Recordings by status, and the sums over those that are done."""
+    """Recordings by status; rows of records and seconds of work of all that were replayed, failed ones included."""
 
     waiting: int = 0
     done: int = 0

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
+from urllib.parse import unquote, urlsplit
 
 from streams.remote import is_remote
 
@@ -18,6 +19,13 @@ def local_path(url: str) -> Path | None:
     if colon and kind == "dataset":
         return Path(rest.partition(":")[2])
     return Path(url)
+
+
+def without_file_scheme(url: str) -> str:
+    """Return a ``file://`` URL as a path, so that a recording has one name however it is given; others as they are."""
+    scheme, found, _ = url.partition("://")
+    split = urlsplit(url) if found and scheme.lower() == "file" else None
+    return url if split is None or split.netloc not in ("", "localhost") or not split.path else unquote(split.path)
 
 
 def count_files(url: str) -> int | None:

@@ -8,12 +8,11 @@ from collections.abc import Iterable
 from concurrent.futures import ThreadPoolExecutor
 from functools import lru_cache
 from pathlib import Path
-from urllib.parse import unquote, urlsplit
 
 from models.work.task import Store
 from monitor.archive.index import Index
 from monitor.archive.index_file import INDEX_NAME
-from monitor.archive.local import local_path
+from monitor.archive.local import local_path, without_file_scheme
 from monitor.archive.manifest import TAKEN, WORK_NAME, ManifestError
 from monitor.archive.result import RESULT_NAME, RecordingResult
 
@@ -64,9 +63,8 @@ class Overlap:
 
 def _place_of(url: str) -> str | None:
     """Return the place of a recording or archive, to be compared; None where it is in no folder and no bucket."""
+    url = without_file_scheme(url)
     scheme, found, rest = url.partition("://")
-    if found and scheme.lower() == "file":
-        return _real(Path(unquote(urlsplit(url).path)))
     if found:
         return f"{scheme.lower().replace('s3a', 's3')}://{rest.rstrip('/')}"
     path = local_path(url)

@@ -16,6 +16,7 @@ from models.errors import WrongInputError
 from models.work.redact import redactor
 from models.work.task import Store
 from monitor.archive.index import Index, Later
+from monitor.archive.local import without_file_scheme
 from monitor.archive.manifest import Entry, ManifestError, read_manifest
 from monitor.archive.occupied import Overlap
 from monitor.archive.setup import send_setup
@@ -90,7 +91,7 @@ class Planner:
 
     def _add(self, entry: Entry) -> None:
         machine = self._machine(entry)
-        anew = {self._shown(url) for url in entry.anew}
+        anew = {self._shown(without_file_scheme(url)) for url in entry.anew}
         if anew and entry.history == "each":
             raise ManifestError(f'{entry.where}: anew: every recording is anew with history = "each"')
         seen: set[str] = set()
@@ -226,7 +227,7 @@ def expanded(entry: Entry) -> Iterator[str]:
 
 def _named(url: str) -> list[str]:
     if is_remote(url):
-        return expand(url)
+        return [without_file_scheme(one) for one in expand(url)]
     if url.startswith(("rig:", "dataset:", "folder:")) or Path(url).exists():
         return [url]
     if not _MAGIC.search(url):

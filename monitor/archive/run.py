@@ -45,14 +45,15 @@ class Plan:
         manifest: file of the manifest.
         out: folder or URL of the archive, which all workers reach.
         records: "days": a netCDF file a UTC day; "zarr": one store.
-        part_blocks: blocks of a history after which its state is kept.
+        part_blocks: blocks of a history after which its state is kept; None: as the archive was begun, or
+            ``PART_BLOCKS``.
         resume: whether an archive that was begun is continued.
     """
 
     manifest: Path
     out: str
     records: Records = "days"
-    part_blocks: int = PART_BLOCKS
+    part_blocks: int | None = None
     resume: bool = False
 
     def __post_init__(self) -> None:
@@ -141,7 +142,8 @@ def prepare(plan: Plan, index: Index) -> Shared:
         )
     if not index.planned:
         refuse_lost_work(work)
-        begun = {"archive": secrets.token_hex(8), "records": plan.records, "part_blocks": str(plan.part_blocks)}
+        part_blocks = PART_BLOCKS if plan.part_blocks is None else plan.part_blocks
+        begun = {"archive": secrets.token_hex(8), "records": plan.records, "part_blocks": str(part_blocks)}
         index.set_meta(**begun, finished="")
         try:
             Planner(index, work, _overlap(plan)).plan(plan.manifest, partial(_refuse_results, plan, index))
@@ -165,10 +167,14 @@ def _refuse_results(plan: Plan, index: Index) -> None:
 
 
 def _check_place(plan: Plan, index: Index) -> None:
-    records = index.meta()["records"] if index.planned else plan.records
-    if records != plan.records:
-        raise ManifestError(f"--out {plan.out}: was begun with --records {records}, got {plan.records}")
-    if records == "zarr" and index.meta().get("store_begun") != "yes":
+    meta = index.meta()
+    if index.planned:
+        stated = {"records": plan.records, "part_blocks": plan.part_blocks}
+        for key, value in stated.items():
+            if value is not None and meta[key] != str(value):
+                option = f"--{key.replace('_', '-')}"
+                raise ManifestError(f"--out {plan.out}: was begun with {option} {meta[key]}, got {value}")
+    if plan.records == "zarr" and meta.get("store_begun") != "yes":
         refuse_unknown(open_store(plan.zarr_url))
 
 

@@ -86,7 +86,7 @@ def write_archive(
     """Write the records of recordings into one Zarr store, in their order; a store that is there is replaced.
 
     Args:
-        results: iterated twice, with the same outcome; those that failed are in the table alone.
+        results: iterated twice, with the same outcome; those that failed are in the table, with such rows as they have.
         records: has their files.
         out_url: folder or URL of the Zarr store.
         runner: runs the tasks.

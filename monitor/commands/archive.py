@@ -63,7 +63,6 @@ def replay(
     from monitor.archive.finish import finish, zarr_writer
     from monitor.archive.growth import grown_folders
     from monitor.archive.index import Later
-    from monitor.archive.part import PART_BLOCKS
     from monitor.archive.place import INDEX_NAME, open_index
     from monitor.archive.plan import later_recordings
     from monitor.archive.run import Plan, delete_work, extend_archive, replay_waiting
@@ -71,7 +70,7 @@ def replay(
     if records == "zarr":
         # Not after all has been replayed.
         zarr_writer()
-    plan = Plan(manifest, out, records, part_blocks=part_blocks or PART_BLOCKS, resume=sharing.resume or extend)
+    plan = Plan(manifest, out, records, part_blocks=part_blocks, resume=sharing.resume or extend)
 
     def tell(text: str) -> None:
         say(f"spallwatch: {redact(text)}", quiet=quiet)

@@ -46,6 +46,16 @@ def test_a_glob_is_expanded_in_natural_order_and_names_are_unique(folder):
     ]
 
 
+def test_a_file_url_is_the_path_that_it_names(folder):
+    (folder / "a b").mkdir()
+    listed = TABLE + f'recordings = ["b9", "file://{folder}/a%20b"]\nhistory = "continued"\n'
+    anew = f'[[machine.anew]]\nat = "file://{folder}/a%20b"\n'
+    assert planned(folder, write(folder, listed + anew)) == [
+        ("press", "history", f"{folder}/b9"),
+        ("press", "history-2", f"{folder}/a b"),
+    ]
+
+
 def test_a_csv_says_what_a_toml_says(folder):
     toml = TABLE + 'recordings = ["b*", "a"]\nhistory = "continued"\n[[machine.anew]]\nat = "a"\n'
     head = "machine,config,recording,history,anew\n"
@@ -122,6 +132,12 @@ def test_a_signature_is_neither_kept_nor_a_change(folder):
         (TABLE + 'recordings = "c*"', 1, "nothing is named"),
         (TABLE + 'recordings = ["a", "a"]', 1, "is given twice"),
         (TABLE + 'recordings = "a"\n' + TABLE + 'recordings = "a"', None, "/a is given twice for machine press"),
+        (TABLE + 'recordings = ["a", "file://FOLDER/a"]', 1, "/a is given twice"),
+        (
+            TABLE + 'recordings = "a"\n' + TABLE + 'recordings = "file://FOLDER/[a]"',
+            None,
+            "/a is given twice for machine",
+        ),
         (TABLE + 'recordings = "a"\nhistory = "some"', 1, "history: expected each or continued, got 'some'"),
         (TABLE + 'recordings = "a"\nanew = [{at = "a"}]', 1, 'with history = "each"'),
         (TABLE + 'recordings = "a"\nanew = [{since = 3}]', 1, "expected at = RECORDING"),
@@ -145,7 +161,7 @@ def test_a_signature_is_neither_kept_nor_a_change(folder):
     ],
 )
 def test_a_refusal_of_toml_names_file_and_line(folder, text, line, words):
-    manifest = write(folder, text)
+    manifest = write(folder, text.replace("FOLDER", str(folder)))
     with pytest.raises(ManifestError) as refused:
         planned(folder, manifest)
     assert str(refused.value).startswith(f"{manifest}:" if line is None else f"{manifest}:{line}: ")

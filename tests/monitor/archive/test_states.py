@@ -10,6 +10,9 @@ from models.work.runner import Runner
 from models.work.serial import SerialExecutor
 from models.work.stores import open_store
 from monitor.archive import part
+from monitor.archive.index import Index
+from monitor.archive.manifest import ManifestError
+from monitor.archive.run import Plan, delete_work
 from tests.monitor.archive.fleet_files import (
     CONTINUED,
     EACH,
@@ -49,3 +52,25 @@ def test_a_history_whose_state_is_gone_begins_anew(tmp_path):
     counts = make_archive(tmp_path, manifest, part_blocks=8, resume=True, runner=runner)
     assert (counts.done, counts.set_aside, runner.tally.kept) == (1, 0, 0)
     assert_same_records(tmp_path / "out/m/history", tmp_path / "whole/m/history")
+
+
+@pytest.mark.parametrize("extend", [False, True])
+def test_the_blocks_of_a_part_are_those_with_which_an_archive_was_begun(tmp_path, extend):
+    write_files(tmp_path / "a", 2)
+    make_archive(tmp_path, EACH.format('"a"'), part_blocks=200)
+    with pytest.raises(ManifestError, match="was begun with --part-blocks 200, got 300"):
+        make_archive(tmp_path, EACH.format('"a"'), part_blocks=300, resume=True, extend=extend)
+    assert make_archive(tmp_path, EACH.format('"a"'), part_blocks=200, resume=True, extend=extend).done == 1
+    assert make_archive(tmp_path, EACH.format('"a"'), resume=True, extend=extend).done == 1
+
+
+@pytest.mark.parametrize(("records", "left"), [("days", 1), ("zarr", 0)])
+def test_the_state_at_the_end_of_a_history_stays_where_it_can_be_extended(tmp_path, records, left):
+    write_files(tmp_path / "in")
+    manifest = CONTINUED.format('"in"')
+    make_archive(tmp_path, manifest, records=records)
+    states = tmp_path / "out/archive-work/states"
+    assert len(list(states.glob("*"))) == 1
+    with Index(tmp_path / "out/index.db") as index:
+        delete_work(Plan(tmp_path / "manifest.toml", str(tmp_path / "out"), records), index)
+    assert len(list(states.glob("*"))) == left
