@@ -56,8 +56,8 @@ class KeptStore(Protocol):
         """
         ...
 
-    def delete(self, name: str) -> None:
-        """Delete an object if it is there."""
+    def delete_kept(self, name: str, tag: str) -> None:
+        """Delete an object where its tag is still this one; where a server lacks that condition, any that is there."""
         ...
 
 

@@ -133,7 +133,7 @@ class Lease:
         with suppress(ObjectStorageError):
             found = self._store.read_kept(LEASE_NAME)
             if found is not None and Holder.of(found.data).token == self.token:
-                self._store.delete(LEASE_NAME)
+                self._store.delete_kept(LEASE_NAME, found.tag)
 
     def _lose(self, found: Kept | None) -> Never:
         by = "was deleted" if found is None else f"is held by {Holder.of(found.data)}"

@@ -22,6 +22,9 @@ SCHEMES = ("s3", "s3a", "gs", "gcs", "az", "abfs", "abfss", "memory")
 _CHANGED = ("PreconditionFailed", "412", "ConditionalRequestConflict", "409", "NoSuchKey", "404")
 """Codes of S3 for a conditional request that found another object, or one that is being written or gone."""
 
+_WITHOUT_CONDITION = ("NotImplemented", "InvalidArgument", "InvalidRequest")
+"""Codes of servers that delete, but know no condition of it."""
+
 
 class ObjectStore:
     """Objects below a prefix of a bucket.
@@ -162,6 +165,26 @@ class ObjectStore:
         # An earlier attempt may have written it whose answer was lost.
         now = self.read_kept(name)
         return now.tag if now is not None and now.data == data else None
+
+    def delete_kept(self, name: str, tag: str) -> None:
+        """Delete an object that is written in turn, as ``models.work.kept``; ObjectStorageError where that fails."""
+        if not self._is_s3:
+            if self._has_tag(name, tag):
+                self.delete(name)
+            return
+        bucket, _, key = self._path(name).partition("/")
+        with self._foreseen(name, "deleted"):
+            try:
+                repeated(partial(self._files.call_s3, "delete_object", Bucket=bucket, Key=key, IfMatch=tag))
+                return
+            except Exception as error:
+                code = error_code(error)
+                if code in _CHANGED:
+                    return
+                if code not in _WITHOUT_CONDITION:
+                    raise
+        if self._has_tag(name, tag):
+            self.delete(name)
 
     def _put_if(self, name: str, data: bytes, tag: str | None) -> str | None:
         """Ask S3 to write an object where it has not changed; return its tag, None where another one was found."""

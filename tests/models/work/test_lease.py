@@ -102,6 +102,36 @@ def test_a_storage_that_fails_leaves_it_unknown_who_holds_it(monkeypatch):
         lease.confirm()
 
 
+def test_a_holder_that_ends_does_not_delete_the_lease_of_another(monkeypatch):
+    """Even where it stands still between its question and the deletion."""
+    store = memory()
+    read = store.read_kept
+
+    def overtaken(name):
+        found = read(name)
+        monkeypatch.setattr(store, "read_kept", read)
+        store.write(LEASE_NAME, OTHER.to_json())
+        return found
+
+    with leased(store, lambda _: None, QUIET):
+        monkeypatch.setattr(store, "read_kept", overtaken)
+    assert read_holder(store) == OTHER
+
+
+@pytest.mark.cluster
+@pytest.mark.parametrize("code", [None, "NotImplemented", "PreconditionFailed"])
+def test_an_object_is_deleted_where_it_is_as_it_was_read(code, proxy, storage):
+    store = ObjectStore(storage.url(f"deleted/{uuid.uuid4()}"))
+    tag = store.write_kept("a", b"1", None)
+    assert tag is not None
+    if code is not None:
+        refused = Fault("refuse", 412 if code == "PreconditionFailed" else 501, code)
+        proxy.rule = lambda request: refused if request.method == "DELETE" and request.times == 1 else None
+    store.delete_kept("a", tag)
+    assert store.read("a") == (b"1" if code == "PreconditionFailed" else None)
+    store.delete_kept("a", tag)
+
+
 @pytest.mark.parametrize("refused", [2, 1000])
 def test_a_lease_is_lost_to_another_holder_alone(refused, monkeypatch):
     """S3 refuses a conditional request also because of another one at the same moment (409)."""
