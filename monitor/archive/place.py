@@ -40,8 +40,8 @@ class Opened:
         noted: called after outcomes were noted; returns whether a later process will find them.
         confirm: called before what readers take for whole is written; raises LeaseLostError where another process
             replays the archive by now.
-        keep: brings outcomes to where a later process finds them, before what the index named earlier is deleted;
-            raises as ``confirm``.
+        keep: brings outcomes to where a later process finds them, also after a loss of power, before what the index
+            named earlier is deleted; raises as ``confirm``.
     """
 
     index: Index
@@ -79,7 +79,7 @@ def open_index(
 def _opened(store: Store, *, read_only: bool, tell: Callable[[str], None]) -> Iterator[Opened]:
     if isinstance(store, FolderStore):
         with _local_index(Path(store.url) / INDEX_NAME, read_only=read_only) as index:
-            yield Opened(index, lambda: True, lambda: None)
+            yield Opened(index, lambda: True, lambda: None, lambda: None if read_only else index.settle())
         return
     assert isinstance(store, ObjectStore)
     with tempfile.TemporaryDirectory(prefix="spallwatch-index-") as folder:

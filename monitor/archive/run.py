@@ -150,6 +150,8 @@ def prepare(plan: Plan, index: Index) -> Shared:
         except BaseException:
             delete_work(plan, index)
             raise
+        # On the disk before any record: without its index an archive does not go on.
+        index.settle()
     else:
         check_unchanged(index, plan.manifest, work)
         index.wait_again()

@@ -89,6 +89,14 @@ def test_another_file_in_the_place_of_the_index_is_refused_and_left_as_it_is(tmp
     assert ObjectStore(url).read(INDEX_NAME) == data
 
 
+def test_what_is_kept_of_a_local_index_is_in_its_file(tmp_path):
+    with open_index(str(tmp_path)) as opened:
+        opened.index.set_meta(manifest="m")
+        opened.keep()
+        with closing(sqlite3.connect(f"{(tmp_path / INDEX_NAME).as_uri()}?mode=ro&immutable=1", uri=True)) as file:
+            assert file.execute("SELECT value FROM meta").fetchall() == [("m",)]
+
+
 def test_an_index_that_a_killed_process_had_not_made_yet_is_made(tmp_path):
     with closing(sqlite3.connect(tmp_path / INDEX_NAME)) as connection:
         connection.execute("PRAGMA journal_mode = WAL")
