@@ -7,7 +7,6 @@ credentials. What is left to do is found by an index over the rows that wait, so
 from __future__ import annotations
 
 import sqlite3
-import time
 from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from dataclasses import astuple
@@ -333,8 +332,3 @@ class Index(Closing):
             return self._connection.execute(statement, values)
         except sqlite3.Error as error:
             raise ArchiveIndexError(f"{self.path}: {error}") from error
-
-
-def now_utc() -> str:
-    """Return the time of day as text, to the second."""
-    return time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime())
