@@ -80,6 +80,8 @@ class Proxy:
         with contextlib.suppress(OSError):
             self._server.shutdown(socket.SHUT_RDWR)
         self._server.close()
+        # What it accepts at this moment is cut, too.
+        join(self._threads[0])
         self.cut()
-        for thread in self._threads:
+        for thread in self._threads[1:]:
             join(thread)

@@ -166,7 +166,7 @@ def test_no_signature_is_kept_in_a_chunk(fleet: Path, monkeypatch: pytest.Monkey
     signed = "https://plant.example/c.npy?X-Amz-Signature=planted"
 
     @contextmanager
-    def fetched(_url: str, _scratch: Path) -> Iterator[str]:
+    def fetched(_url: str, _scratch: Path, _pulses: str | None) -> Iterator[str]:
         yield str(fleet / "c")
 
     monkeypatch.setattr(replay_many_module, "local_source", fetched)

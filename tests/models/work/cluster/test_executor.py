@@ -84,6 +84,7 @@ def test_ports_of_a_local_cluster_ask_for_the_certificate_of_its_run(cluster):
 
     client = cluster.connect()
     try:
+        client.wait_for_workers(2)
         workers = client.scheduler_info()["workers"]
         pages = [found["services"]["dashboard"] for found in (client.scheduler_info(), *workers.values())]
     finally:
@@ -101,8 +102,9 @@ def test_ports_of_a_local_cluster_ask_for_the_certificate_of_its_run(cluster):
         ):
             held.recv(1)
     for port in pages:
-        with pytest.raises(urllib.error.HTTPError, match="404"):
+        with pytest.raises(urllib.error.HTTPError, match="404") as refused:
             urllib.request.urlopen(f"http://127.0.0.1:{port}/info/main/workers.html", timeout=5)
+        refused.value.close()
 
 
 def test_libraries_within_chunks_do_not_ask_the_scheduler(cluster, executor, store):
