@@ -14,7 +14,7 @@ from __future__ import annotations
 import statistics
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -59,6 +59,9 @@ class NoFiles:
     def __iter__(self):
         """Iterate over nothing."""
         return iter(())
+
+    def expect(self, paths: Sequence[str]) -> None:
+        """Ignore the order of what will be read."""
 
 
 def write(path: Path, seed: int) -> None:
