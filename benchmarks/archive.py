@@ -1,4 +1,4 @@
-"""Archives: a history in parts against one replay, memory of a replay, and an index of ten million recordings.
+"""Archives: a history in parts against one replay, and an index of ten million recordings.
 
 Run: python -m benchmarks.archive [--quick] [--json FILE]
 
@@ -9,13 +9,11 @@ from __future__ import annotations
 
 import csv
 import datetime
-import multiprocessing
 import os
-import resource
 import tempfile
 import time
 import tracemalloc
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -135,38 +133,6 @@ def measure_parts(folder: Path, count: int) -> list[dict[str, Any]]:
     return rows
 
 
-def replay_alone(folder: str) -> float:
-    """Replay the recording in a folder; return the greatest resident memory of this process beyond that before, MB."""
-    root = Path(folder)
-    before = resident_mb()
-    with Index(root / "out/index.db") as index, Runner(SerialExecutor()) as runner:
-        replay_waiting(Plan(root / "manifest.toml", str(root / "out")), index, runner)
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e3 - before
-
-
-def resident_mb() -> float:
-    """Return the resident memory of this process, MB."""
-    lines = Path("/proc/self/status").read_text(encoding="ascii").splitlines()
-    return int(next(line for line in lines if line.startswith("VmRSS")).split()[1]) / 1e3
-
-
-def measure_memory(folder: Path, minutes: Sequence[float]) -> list[dict[str, Any]]:
-    """Replay recordings of one file each in fresh processes, blocks of 5 s; say what they need."""
-    rows: list[dict[str, Any]] = []
-    for length in minutes:
-        root = folder / f"{length:g}"
-        (root / "in").mkdir(parents=True)
-        (root / "m.toml").write_text(CONFIG.replace('block_s = "file"', "block_s = 5"))
-        (root / "manifest.toml").write_text('[[machine]]\nname = "rig"\nconfig = "m.toml"\nrecordings = "in"\n')
-        samples = np.random.default_rng(0).standard_normal((int(length * 60 * 25600), 2), dtype=np.float32)
-        np.save(root / "in/20240301-000000.npy", samples)
-        size = samples.nbytes / 1e6
-        del samples
-        with multiprocessing.get_context("spawn").Pool(1) as pool:
-            rows.append({"file_mb": size, "memory_mb": pool.apply(replay_alone, (str(root),))})
-    return rows
-
-
 def urls(count: int) -> Iterator[str]:
     """Yield URLs as an archive of a fleet has them."""
     for number in range(count):
@@ -244,13 +210,11 @@ def main() -> None:
         folder = Path(name)
         parts = measure_parts(folder, 120 if options.quick else 10**6)
         print_table("a history in parts", parts)
-        memory = measure_memory(folder / "memory", (0.1, 1.0) if options.quick else (0.1, 10.0, 20.0))
-        print_table("memory of a replay", memory)
         plan = measure_plan(folder, PLANNED // 10 if options.quick else PLANNED)
         print_table("planning", [plan])
         index = measure_index(folder / "index.db", RECORDINGS // 100 if options.quick else RECORDINGS)
         print_table("index", [index])
-    write_json(options.json, {"parts": parts, "memory": memory, "plan": plan, "index": index})
+    write_json(options.json, {"parts": parts, "plan": plan, "index": index})
 
 
 if __name__ == "__main__":
