@@ -19,7 +19,7 @@ from models.work.errors import error_of
 from models.work.task import Failure
 from monitor.commands.common import InputError
 from monitor.config.files import files_of
-from monitor.config.load import Config
+from monitor.config.load import Config, ConfigError
 
 _NOT_A_NAME = re.compile(r"[^\w.+-]+")
 _MARK = ".spallwatch-"
@@ -86,8 +86,15 @@ def input_digest(settings: tuple[object, ...], read: Iterable[Path | None], list
 
 
 def config_digest(path: Path, config: Config) -> str:
-    """Return a digest of a configuration and of the files that it names; ``config`` is what was loaded of ``path``."""
-    return input_digest((), [path, *files_of(config)], [])
+    """Return a digest of a configuration and of the files that it names; ``config`` is what was loaded of ``path``.
+
+    Raises:
+        ConfigError: one of them cannot be read.
+    """
+    try:
+        return input_digest((), [path, *files_of(config)], [])
+    except OSError as error:
+        raise ConfigError(f"{path}: names {error.filename}, which cannot be read: {error.strerror}") from None
 
 
 def check_config(path: Path, config: Config, expected: str) -> None:

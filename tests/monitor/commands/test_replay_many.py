@@ -20,6 +20,7 @@ from monitor.commands.common import InputError
 from monitor.commands.replay import command
 from monitor.commands.replay_many import Recording, Replays, find_recordings, replay_many
 from monitor.commands.shared_folders import SharedFolderError, remove_leftovers, replaced
+from monitor.config.load import ConfigError
 from monitor.records.store import Store
 from tests.small_machine import small_machine
 
@@ -160,6 +161,15 @@ def test_a_configuration_that_changes_meanwhile_ends_the_command(fleet: Path) ->
     replays = Replays(fleet / "m.toml", fleet / "out", report=False)
     with pytest.raises(SharedFolderError, match=r"m\.toml: worker .* sees another configuration"):
         replay_many(find_recordings(["c"]), replays, Changed(SerialExecutor()))
+
+
+def test_a_map_that_is_missing_is_named_before_anything_is_replayed(
+    fleet: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("monitor.commands.shared_folders.files_of", lambda config: [fleet / "no.nc"])
+    with pytest.raises(ConfigError, match=r"m\.toml: names .*no\.nc, which cannot be read: No such file"):
+        replay("a/run", "c", "--out", "all")
+    assert not (fleet / "all" / "c").exists()
 
 
 def test_no_signature_is_kept_in_a_chunk(fleet: Path, monkeypatch: pytest.MonkeyPatch) -> None:
