@@ -9,13 +9,15 @@ from models.work.program import program, versions
 
 _TRANSPORT = ("dask", "distributed", "cloudpickle", "msgpack")
 """Distributions whose versions both ends of a connection must share."""
+_FILES = ("netcdf4", "xarray", "zarr")
+"""Distributions that write results: their files are compared with those of one process."""
 _SHOWN_DIGITS = 12
 
 
 def facts() -> dict[str, str]:
     """Return what must be equal in all processes of a run: versions, and the digest of the program."""
     found = dict(versions())
-    for name in _TRANSPORT:
+    for name in (*_TRANSPORT, *_FILES):
         try:
             found[name] = importlib.metadata.version(name)
         except importlib.metadata.PackageNotFoundError:

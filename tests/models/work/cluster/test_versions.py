@@ -18,6 +18,7 @@ def test_facts_name_the_program_and_what_both_ends_share():
     found = facts()
     assert found["program"] == program()
     assert {"python", "numpy", "scipy", "numba", "pyfftw", "dask", "distributed", "cloudpickle"} <= set(found)
+    assert {"netcdf4", "xarray", "zarr"} <= set(found)
     assert differences(found, facts()) == ""
 
 
