@@ -117,7 +117,7 @@ class Replaying:
         """Yield the recordings that wait, short ones together; a history, and what failed before, is alone."""
         group: list[Part] = []
         for row in self.index.waiting():
-            part = self._first_part(self._with_state(row))
+            part = self._first_part(row)
             if part.is_history or part.state is not None or part.attempt:
                 yield self._task([part])
                 continue
@@ -137,17 +137,16 @@ class Replaying:
         self._tasks.append(tuple(part.recording for part in parts))
         return tuple(parts)
 
-    def _with_state(self, row: Waiting) -> Waiting:
-        """Return a row of the index, begun anew where the state that it names is gone, as after a loss of power."""
-        checkpoint = self.index.checkpoint(row.id)
-        if checkpoint is None or checkpoint.state is None:
-            return row
+    def _is_kept(self, state: str) -> bool:
         if self._states is None:
             self._states = frozenset(open_store(self.shared.work).names("states/"))
-        return row if checkpoint.state in self._states else self.index.begin_anew(row)
+        return state in self._states
 
     def _first_part(self, row: Waiting) -> Part:
+        """Return where a recording goes on, its beginning where the state is gone, as after a loss of power."""
         position, state, before = self.index.checkpoint(row.id) or (Position(), None, None)
+        if state is not None and not self._is_kept(state):
+            row, position, state, before = self.index.begin_anew(row), Position(), None, None
         self._under_way[row.id] = _UnderWay(row, state, before)
         return self._part(row, position, state)
 

@@ -64,7 +64,7 @@ def join(url: str, token: str, expected: Mapping[str, str], resource: str) -> Me
 def turn_name(resource: str) -> str:
     """Return the name of the resource of which a worker has one, whatever its threads.
 
-    Chunks that need a process take it: what reads and writes their files bears no second thread.
+    Chunks that need a process take it: netCDF is not safe in two threads of a process.
     """
     return f"{resource}-process"
 

@@ -165,11 +165,8 @@ class Roster:
                 del self.members[address]
         stuck = self._stuck(known)
         for address in set(known).intersection(self.members).difference(present - stuck):
-            how = (
-                f"is paused for {PAUSED_S:.0f} s, its memory is full"
-                if address in stuck
-                else (f"is silent for {SILENT_S:.0f} s")
-            )
+            paused = f"is paused for {PAUSED_S:.0f} s, its memory is full"
+            how = paused if address in stuck else f"is silent for {SILENT_S:.0f} s"
             self._tell(f"worker {self.members[address].name} {how}: others get its chunks")
         return present - stuck
 
