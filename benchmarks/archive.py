@@ -32,7 +32,7 @@ from monitor.config.load import load_config
 from monitor.service.replay import replay
 from monitor.service.setup import open_configured
 from streams.block import Block
-from tests.recordings import EXAMPLES, RUNS
+from tests.support.recordings import EXAMPLES, RUNS
 
 RECORDINGS = 10_000_000
 PLANNED = 200_000

@@ -47,8 +47,8 @@ from monitor.health.spectrum.kurtogram import Kurtogram, kurtogram
 from monitor.health.spectrum.transform import Band
 from streams.block import Block
 from tests.conftest import recordings_folder
-from tests.recordings import CASES, OTHER_ENDS, judge, watch
-from tests.signals import bearing_lines
+from tests.support.recordings import CASES, OTHER_ENDS, judge, watch
+from tests.support.signals import bearing_lines
 
 FIRST_SEED = 2000
 MESH = Interference(orders=(23.0,))

@@ -21,7 +21,7 @@ import numpy as np
 
 from benchmarks.common import Row, arguments, print_table, write_json
 from benchmarks.reports import make_store
-from tests.small_machine import small_machine
+from tests.support.small_machine import small_machine
 
 RATE = 25_600
 

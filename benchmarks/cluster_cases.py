@@ -17,7 +17,7 @@ import numpy as np
 from netCDF4 import Dataset
 
 from models.work.codec import decode
-from tests.small_machine import small_machine
+from tests.support.small_machine import small_machine
 
 _DATED = frozenset({"created"})
 """Attributes of a map that differ from run to run."""

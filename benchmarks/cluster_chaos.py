@@ -20,9 +20,9 @@ from typing import Any
 
 from benchmarks.cluster_cases import Case, chosen_cases, chunk_files, command
 from benchmarks.common import print_table, write_json
-from tests.cluster_processes import ClusterProcesses, cluster_processes
-from tests.cluster_tasks import exhaust
-from tests.waiting import wait_until
+from tests.support.cluster_processes import ClusterProcesses, cluster_processes
+from tests.support.cluster_tasks import exhaust
+from tests.support.waiting import wait_until
 
 WORKERS = ("w1", "w2", "w3")
 

@@ -25,7 +25,7 @@ from typing import Any
 
 from benchmarks.common import print_table, write_json
 from benchmarks.work_cases import CASES, WorkCase
-from tests.cluster_processes import ClusterProcesses, cluster_processes, computing_child, tls_variables
+from tests.support.cluster_processes import ClusterProcesses, cluster_processes, computing_child, tls_variables
 
 WORKERS = ("w1", "w2", "w3")
 _POLL_S = 0.002

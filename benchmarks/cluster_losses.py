@@ -18,7 +18,7 @@ import numpy as np
 from distributed import Client
 
 from benchmarks.common import print_table, write_json
-from tests.cluster_processes import ClusterProcesses, cluster_processes
+from tests.support.cluster_processes import ClusterProcesses, cluster_processes
 
 _WORKERS = ("w1", "w2")
 _MEMORY = "1GiB"

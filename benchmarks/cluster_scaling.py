@@ -26,9 +26,9 @@ from models.work.choose import open_runner
 from models.work.cluster.roster import Roster
 from models.work.codec import decode
 from models.work.task import CHUNK_SECONDS, Work
-from tests.cluster_processes import ClusterProcesses, cluster_processes, computing_child
-from tests.cluster_tasks import bytes_of, sleep
-from tests.waiting import wait_until
+from tests.support.cluster_processes import ClusterProcesses, cluster_processes, computing_child
+from tests.support.cluster_tasks import bytes_of, sleep
+from tests.support.waiting import wait_until
 
 WORKERS = 100
 MAX_LOST = 0.05

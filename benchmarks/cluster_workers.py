@@ -26,7 +26,7 @@ from models.work.cluster.member import PROGRAM_BYTES
 from models.work.folder_store import FolderStore
 from models.work.runner import Runner
 from models.work.task import Work
-from tests.cluster_tasks import bytes_of
+from tests.support.cluster_tasks import bytes_of
 
 _REPEATS = 3
 _WORKERS = (1, 2, 4)

@@ -32,7 +32,7 @@ from monitor.health.step import step
 from monitor.health.voice import parts_of
 from monitor.health.waterfall import WaterfallSettings
 from streams.block import Block
-from tests.signals import RESONANCE, HealthyMachine, bearing_lines, impacts
+from tests.support.signals import RESONANCE, HealthyMachine, bearing_lines, impacts
 
 HELD_OUT_SEED, TRIED_SEED = 20261124, 1
 MACHINES = 40

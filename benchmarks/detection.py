@@ -34,8 +34,8 @@ from monitor.health.quality import check_samples
 from monitor.health.spectrum.features import FeatureSettings, block_features, fundamentals
 from monitor.health.state import ChannelSettings, ChannelState
 from tests.conftest import recordings_folder
-from tests.recordings import RUNS, History, Run, histories
-from tests.signals import HealthyMachine, bearing_lines, impacts
+from tests.support.recordings import RUNS, History, Run, histories
+from tests.support.signals import HealthyMachine, bearing_lines, impacts
 
 Marks = tuple[int, int] | None
 DEFAULTS = detect.DetectSettings()

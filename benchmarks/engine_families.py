@@ -22,7 +22,7 @@ from models.contact_estimates import element_mass, estimate_stiffness
 from models.rigs.six_dof import Rig
 from models.scene import Defect, Scene
 from models.simulate import simulate
-from tests.periods import solve_scene
+from tests.support.periods import solve_scene
 
 SEED = 12
 REFERENCE_ACCURACY = 1e-5

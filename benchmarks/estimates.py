@@ -26,7 +26,7 @@ from models.registry import Request, solvers
 from models.response import Response
 from models.rigs.six_dof import Rig
 from models.scene import Defect, Floor, Part, Scene, Slip
-from tests.periods import solve_scene
+from tests.support.periods import solve_scene
 
 ACCURACIES = (1e-2, 1e-3, 1e-4)
 FINER = 300.0

@@ -25,7 +25,7 @@ from streams.digest import content_hash
 from streams.folder.source import FolderSource
 from streams.recognise import data_set_of
 from streams.spec import ChannelSpec, SourceSpec
-from tests.memory_ledger import MemoryLedger
+from tests.support.memory_ledger import MemoryLedger
 
 SAMPLES = 128_000
 RATE = 25_600.0

@@ -28,7 +28,7 @@ from monitor.health.damage.thesis import edv, forecast
 from monitor.health.damage.thesis.level_set import LevelMap
 from monitor.report.score import baselines
 from monitor.report.score.metrics import crps_from_quantiles, mean_over_runs
-from tests.followed_lives import block_of
+from tests.support.followed_lives import block_of
 
 Answer = tuple[float, float, float, Sequence[float]]
 """V_eq and its lower and upper end, m2; quantiles of the time to threshold at ``LEVELS``, or one number, s; NaN or ()

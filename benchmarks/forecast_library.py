@@ -13,7 +13,7 @@ from monitor.health.damage.library.fit import fit_library
 from monitor.health.damage.library.forecaster import Conditions, LibrarySettings, LibraryState, step
 from monitor.health.damage.library.model import Library, levels_of
 from monitor.health.damage.library.summaries import LevelHistory
-from tests.followed_lives import block_of
+from tests.support.followed_lives import block_of
 
 
 def fitted(lives: Sequence[LifeHistory]) -> Library:

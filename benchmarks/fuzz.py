@@ -40,9 +40,9 @@ from streams.link.wire import WireError, decode_frame
 from streams.open import open_source
 from streams.readers.child import shared_process
 from streams.spec import ChannelSpec, SourceSpec
-from tests.faults.attacks import ATTACKS
 from tests.faults.test_fuzz import BINARY, COLUMN_OF, mutate, mutated_frames
 from tests.streams.format_makers import MAKERS, RATE, signal
+from tests.support.attacks import ATTACKS
 
 SEED = 1000
 NAMES = [*BINARY, "x.csv"]
@@ -63,7 +63,7 @@ _DAMAGED = ("x.csv", "x.npy", "x.mat", "x.h5", "x.wav")
 _WRITE = """
 import sys
 from pathlib import Path
-from tests.faults.attacks import ATTACKS
+from tests.support.attacks import ATTACKS
 path = Path(sys.argv[1])
 path.write_bytes(ATTACKS[path.name][1](float(sys.argv[2])))
 """

@@ -45,8 +45,8 @@ from monitor.health.gears.interference import gear_interference
 from monitor.health.gears.settings import GearPairing, GearSettings, GearWheel
 from monitor.health.spectrum.shaft import ACCEPTED
 from monitor.health.state import SourceSettings
-from tests.recordings import judge
-from tests.steps import Steps
+from tests.support.recordings import judge
+from tests.support.steps import Steps
 
 WAYS = ("nothing", "[gear]", "no gears")
 BELOW = tuple(range(0, -45, -5))

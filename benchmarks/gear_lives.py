@@ -28,7 +28,7 @@ from monitor.health.gears.settings import GearPairing, GearSettings, GearWheel
 from monitor.health.state import SourceSettings
 from monitor.service.setup import source_settings
 from streams.rig import open_rig
-from tests.steps import Steps
+from tests.support.steps import Steps
 
 CHANNEL = "test_bearing"
 BAND = (1000.0, 11_000.0)

@@ -34,7 +34,7 @@ from monitor.health.detect.dependence import condition_of, learn_dependence
 from monitor.health.quality import Verdict
 from monitor.health.rotation.rotation import Rotation
 from monitor.health.spectrum.features import FeatureSettings, block_features, fundamentals
-from tests.signals import record_of
+from tests.support.signals import record_of
 
 HELD_OUT_SEED = 20261125
 """Judged once. The constants were set with seed 1 in view; 20261124, judged before, showed one false alarm, after which

@@ -20,7 +20,7 @@ from monitor.health.damage import TtStatus
 from monitor.health.damage.library.fit import stands_still
 from monitor.health.damage.library.forecaster import LibrarySettings, LibraryState, step
 from monitor.health.damage.library.model import Library
-from tests.followed_lives import block_of
+from tests.support.followed_lives import block_of
 
 STANDSTILL = "standstill"
 FEATURES = ("rms", "rms+harmonics", "v_eq")

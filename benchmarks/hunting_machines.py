@@ -8,7 +8,7 @@ RMS^2 of a block is the mean over nine moments of
 with ``s`` the speed over its mean, ``f`` the load over the full one, ``x`` the frequency over that of a mode. Lines are
 three of the shaft and twenty of BPFO with a cage that slips anew in each block; six modes between 100 Hz and 6 kHz have
 1 to 5 % of critical damping, and lines cross them as the speed changes. Around that level drift, scatter, run-in and
-knocks are those of ``tests.signals.HealthyMachine``. The lines of a part over the floor scatter, and follow the
+knocks are those of ``tests.support.signals.HealthyMachine``. The lines of a part over the floor scatter, and follow the
 resonances that the lines of BPFO cross by a share.
 
 All constants are stated here; ``benchmarks.healthy_hunting`` compares them with blocks of the model six_dof.
@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from monitor.health.detect import LINES, DetectInput
-from tests.signals import HealthyMachine
+from tests.support.signals import HealthyMachine
 
 Array = NDArray[np.float64]
 MOMENTS = 9

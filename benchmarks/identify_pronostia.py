@@ -39,7 +39,7 @@ from models.identify.volume import OperatingPoint, objections, volume_spread
 from monitor.commands.rig_table import key_of
 from monitor.service.setup import open_configured
 from streams.block import STANDARD_GRAVITY, Block
-from tests.recordings import EXAMPLES, RUNS, Run
+from tests.support.recordings import EXAMPLES, RUNS, Run
 
 Signals = list[NDArray[np.float64]]
 

@@ -31,7 +31,7 @@ from benchmarks.work_precision import (
     run_scipy,
 )
 from models.simulate import simulate
-from tests.periods import solve_scene
+from tests.support.periods import solve_scene
 
 Attempt = tuple[str, str, Callable[[], Run], int]
 

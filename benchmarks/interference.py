@@ -39,8 +39,8 @@ from monitor.health.spectrum.interference import Comb, Interference
 from monitor.health.spectrum.transform import Band
 from streams.block import Block
 from tests.conftest import recordings_folder
-from tests.recordings import CASES, judge, watch
-from tests.signals import HealthyMachine, bearing_lines, impacts
+from tests.support.recordings import CASES, judge, watch
+from tests.support.signals import HealthyMachine, bearing_lines, impacts
 
 Samples = NDArray[np.float64]
 TEETH, STATED_WRONG, WANDER = 23, 0.002, 2e-4

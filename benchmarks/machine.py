@@ -26,7 +26,7 @@ from benchmarks.common import Row, arguments, print_table, write_json
 from monitor.health.machine import BearingVerdict, MachineState, step
 from monitor.health.voice import Heard, heard_in
 from tests.conftest import recordings_folder
-from tests.recordings import RUNS, Run, watch
+from tests.support.recordings import RUNS, Run, watch
 
 SHORT = ("Bearing3_1", "Bearing2_7")
 BLOCKS = 2300

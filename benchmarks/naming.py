@@ -40,8 +40,8 @@ from monitor.health.spectrum.lines import SEARCH
 from monitor.health.spectrum.transform import Band
 from streams.block import Block
 from tests.conftest import recordings_folder
-from tests.recordings import CASES, Case, watch
-from tests.signals import HealthyMachine, bearing_lines, impacts, pulses
+from tests.support.recordings import CASES, Case, watch
+from tests.support.signals import HealthyMachine, bearing_lines, impacts, pulses
 
 SPEED_ERRORS = (0.0, -0.04, 0.04)
 

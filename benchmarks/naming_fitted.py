@@ -31,8 +31,8 @@ from benchmarks.seeded_faults import TRAINING, kept
 from monitor.health import channel as channel_module
 from streams.block import Block
 from tests.conftest import recordings_folder
-from tests.recordings import CASES, OTHER_ENDS, judge, watch
-from tests.steps import Steps
+from tests.support.recordings import CASES, OTHER_ENDS, judge, watch
+from tests.support.steps import Steps
 
 _NAMING, _SHAFT, _FEATURES = (f"monitor.health.{name}" for name in ("naming", "spectrum.shaft", "spectrum.features"))
 Key = tuple[tuple[str, ...], str]

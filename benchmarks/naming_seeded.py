@@ -32,8 +32,8 @@ from monitor.config.load import Config
 from monitor.health.state import SourceSettings
 from monitor.service.setup import source_settings
 from streams.block import Block
-from tests.recordings import judge
-from tests.steps import Steps
+from tests.support.recordings import judge
+from tests.support.steps import Steps
 
 VERDICTS = ("right", "joined", "silent", "wrong", "healthy named", "quiet")
 _SLIPS = (0.96, 1.0)

@@ -19,7 +19,7 @@ import numpy as np
 from benchmarks.common import Row, arguments, print_table, write_json
 from benchmarks.naming_seeded import block_of, settings_of
 from benchmarks.seeded_faults import Gear, Plan, Seeded, draw, realise
-from tests.steps import Steps
+from tests.support.steps import Steps
 
 FIRST_SEED = 200_000
 """Seeds from 100,000 on showed that lines closer than eight bins must not be named; these came after it."""

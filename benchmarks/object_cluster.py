@@ -23,9 +23,9 @@ from typing import Any
 from benchmarks.cluster_cases import Case, chosen_cases, command
 from benchmarks.common import print_table, write_json
 from models.work.object_store import ObjectStore
-from tests.cluster_processes import ClusterProcesses, cluster_processes
-from tests.object_storage import ObjectStorage, object_storage
-from tests.waiting import wait_until
+from tests.support.cluster_processes import ClusterProcesses, cluster_processes
+from tests.support.object_storage import ObjectStorage, object_storage
+from tests.support.waiting import wait_until
 
 _SIGNED_EVERY = 5
 _KILLED_AT, _ADDED_AT, _ENDED_AT = 0.2, 0.35, 0.6

@@ -30,7 +30,7 @@ from models.work.object_store import ObjectStore
 from models.work.storage_error import ObjectStorageError
 from streams.remote import RemoteError, expand, fetched
 from tests.models.work.store_files import check_files
-from tests.object_storage import ObjectStorage
+from tests.support.object_storage import ObjectStorage
 
 _NAMES = 1203
 """More than one answer holds."""

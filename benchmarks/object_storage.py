@@ -24,7 +24,7 @@ from models.work.object_store import ObjectStore
 from models.work.runner import Runner
 from models.work.serial import SerialExecutor
 from models.work.task import Store, Work
-from tests.object_storage import ObjectStorage, object_storage
+from tests.support.object_storage import ObjectStorage, object_storage
 
 _CHUNK_BYTES = 20_000
 _LARGE_BYTES = 200_000_000

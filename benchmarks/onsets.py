@@ -37,7 +37,7 @@ from monitor.health.detect.threshold import one_of, threshold_for
 from monitor.health.quality import Verdict
 from monitor.health.spectrum.features import FeatureSettings, block_features, fundamentals
 from tests.conftest import recordings_folder
-from tests.signals import HealthyMachine, bearing_lines, impacts
+from tests.support.signals import HealthyMachine, bearing_lines, impacts
 
 ALL = detect.DetectSettings()
 THESIS = replace(ALL, features=("rms", "h_or"))

@@ -42,7 +42,7 @@ from monitor.health.spectrum.features import FAULTS, FeatureSettings, block_feat
 from monitor.health.spectrum.interference import Interference, all_combs
 from monitor.health.spectrum.orders import SAMPLING_RATIO, Warp, order_amplitude, order_spectrum, warp_of
 from monitor.health.spectrum.transform import BlockTransform
-from tests.signals import bearing_lines, impacts
+from tests.support.signals import bearing_lines, impacts
 
 DURATION, SPEED = 5.0, 25.0
 RATE, LIMIT = 8000.0, 1200.0

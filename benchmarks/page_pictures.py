@@ -33,7 +33,7 @@ from models.rigs.six_dof import Rig
 from monitor.commands.demo import _demo_library, _demo_map, demo_config
 from monitor.records.library_file import save_library
 from streams.rig import INTERVAL, RATE, SimulatedRig
-from tests.signals import HealthyMachine, bearing_lines, impacts
+from tests.support.signals import HealthyMachine, bearing_lines, impacts
 
 HEALTHY, BLOCKS, LEARN = 130, 222, 80
 WORN_SEED = 1

@@ -30,7 +30,7 @@ from monitor.config.load import validate
 from monitor.health import detect
 from monitor.records.store import Store
 from streams.recording import Recording
-from tests.signals import HealthyMachine, bearing_lines, impacts
+from tests.support.signals import HealthyMachine, bearing_lines, impacts
 
 SAMPLES, RATE, SPEED = 128_000, 25_600.0, 30.0
 TARGET_MS = 5.0

@@ -50,8 +50,8 @@ from monitor.report.score.scoring import End, mean_of_runs, score_run
 from monitor.service.libraries import prior_words
 from monitor.service.setup import open_configured, source_settings
 from streams.block import Block, Rejected
-from tests.recordings import EXAMPLES, RUNS, Run
-from tests.steps import Steps
+from tests.support.recordings import EXAMPLES, RUNS, Run
+from tests.support.steps import Steps
 
 Floats = NDArray[np.float64]
 

@@ -42,7 +42,7 @@ from models.simulate import simulate
 from models.work.choose import local_runner
 from models.work.runner import SERIAL
 from tests.oracles.six_dof_oracle import Case, simulate_oracle
-from tests.periods import Solved, period_of, run, simulate_plainly, solve_scene
+from tests.support.periods import Solved, period_of, run, simulate_plainly, solve_scene
 
 SEED = 11
 ACCURACIES = (2e-3, 1e-3, 2e-4)

@@ -28,8 +28,9 @@ from benchmarks.common import arguments, print_table, write_json
 from models.work.object_store import ObjectStore
 from monitor.archive import part
 from monitor.archive.part import described
-from tests.commands import run_command
-from tests.faulty_storage import (
+from tests.monitor.archive.fleet_files import CONFIG, write_files
+from tests.support.commands import run_command
+from tests.support.faulty_storage import (
     Fault,
     FaultyStorage,
     Request,
@@ -39,8 +40,7 @@ from tests.faulty_storage import (
     no_fault,
     without_pauses,
 )
-from tests.monitor.archive.fleet_files import CONFIG, write_files
-from tests.object_storage import ObjectStorage, object_storage, use_account
+from tests.support.object_storage import ObjectStorage, object_storage, use_account
 
 _ROUNDS, _QUICK_ROUNDS = 20, 5
 _SEED = 20261124

@@ -42,8 +42,8 @@ from streams.link.wire import Frame, encode_frame
 from streams.reblock import samples_hash
 from streams.samples import Samples
 from streams.spec import Address, SourceSpec
-from tests.memory_ledger import MemoryLedger
-from tests.steps import Steps
+from tests.support.memory_ledger import MemoryLedger
+from tests.support.steps import Steps
 
 STREAMS, CHANNELS, RATE, SECONDS = 8, 8, 25600.0, 5.0
 _SAMPLES = round(RATE * SECONDS)

@@ -25,7 +25,7 @@ from monitor.health.damage.tracker import DamageGate, DamageSettings, DamageStat
 from monitor.records.library_file import load_library
 from monitor.service.libraries import cached_library
 from monitor.service.setup import part_map
-from tests.followed_lives import block_of
+from tests.support.followed_lives import block_of
 
 FRACTIONS = (0.25, 0.5, 0.75)
 """Shares of the time from the onset to the threshold at which methods are asked."""

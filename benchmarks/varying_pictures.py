@@ -26,7 +26,7 @@ from playwright.sync_api import Browser, FloatRect, sync_playwright
 from benchmarks.page_pictures import free_port, running, taken
 from benchmarks.regression.trees import ROOT
 from monitor.report.report import build_report
-from tests.signals import bearing_lines
+from tests.support.signals import bearing_lines
 
 RATE, SECONDS, BLOCKS = 12_800, 4.0, 150
 FIRST_BAD, DISTURBED = 95, range(60, 63)

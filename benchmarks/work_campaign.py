@@ -28,7 +28,7 @@ from typing import Any
 
 from benchmarks.common import print_table, write_json
 from benchmarks.work_cases import CASES, WorkCase
-from tests.waiting import wait_until
+from tests.support.waiting import wait_until
 
 ROUNDS = 6
 """Of each command."""

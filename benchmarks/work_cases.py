@@ -17,7 +17,7 @@ from monitor.records.store import Store
 from streams.block import STANDARD_GRAVITY
 from tests.models.identify.cases import CONDITIONS, simulated_trials
 from tests.oracles.lives import life
-from tests.small_machine import BLOCK, small_machine
+from tests.support.small_machine import BLOCK, small_machine
 
 _RUNS = 9
 """Runs of a score or a batch: below eight, a score stays in one process."""

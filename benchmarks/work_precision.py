@@ -28,7 +28,7 @@ from models.kernels.step import P_OMEGA, P_PITCH
 from models.path.defect import RaceProfile, ball_path
 from models.scene import Defect, Floor, Scene
 from tests.oracles import six_dof_oracle as oracle
-from tests.periods import period_of, run
+from tests.support.periods import period_of, run
 
 WARM, KEPT = 4, 7
 DT0 = 1.0 / 51200.0

@@ -19,12 +19,12 @@ import pytest
 from hypothesis import HealthCheck, settings
 from numpy.typing import NDArray
 
-from tests.broker import broker_program
-from tests.effort import effort_count
-from tests.once import share_in
+from tests.support.broker import broker_program
+from tests.support.effort import effort_count
+from tests.support.once import share_in
 
 if TYPE_CHECKING:
-    from tests.object_storage import ObjectStorage
+    from tests.support.object_storage import ObjectStorage
 
 _REPOSITORY = Path(__file__).resolve().parents[1]
 
@@ -215,7 +215,7 @@ def folder_of_the_run(tmp_path_factory: pytest.TempPathFactory) -> None:
 @pytest.fixture(autouse=True, scope="session")
 def kept_readers() -> Iterator[None]:
     """Quick effort hands the child process of a folder that is closed to the next one."""
-    from tests.kept_reader import KeptReader
+    from tests.support.kept_reader import KeptReader
 
     with pytest.MonkeyPatch.context() as patch:
         if effort_count(quick=1, full=0):
@@ -226,8 +226,8 @@ def kept_readers() -> Iterator[None]:
 
 @pytest.fixture(autouse=True, scope="session")
 def quick_pace() -> Iterator[None]:
-    """Quick effort shortens the intervals of daemons and pages in this process; those of forks: tests.forks."""
-    from tests.pace import quicken
+    """Quick effort shortens the intervals of daemons and pages in this process; those of forks: tests.support.forks."""
+    from tests.support.pace import quicken
 
     with pytest.MonkeyPatch.context() as patch:
         quicken(patch.setattr)
@@ -236,10 +236,10 @@ def quick_pace() -> Iterator[None]:
 
 @pytest.fixture(autouse=True, scope="session")
 def forked_children() -> Iterator[None]:
-    """Quick effort forks publisher and page of a daemon in this process; those of a forked daemon: tests.forks."""
+    """Quick effort forks publisher and page of a daemon in this process; those of a forked daemon: tests.support.forks."""
     with pytest.MonkeyPatch.context() as patch:
         if effort_count(quick=1, full=0) and hasattr(os, "fork"):
-            from tests.forked_children import SUBPROCESS
+            from tests.support.forked_children import SUBPROCESS
 
             patch.setattr("monitor.service.child_process.subprocess", SUBPROCESS)
         yield
@@ -284,7 +284,7 @@ def kept_band_choices() -> Iterator[None]:
 @pytest.fixture(scope="session")
 def storage() -> Iterator[ObjectStorage]:
     """An object storage that speaks S3, for tests marked ``cluster``; each uses a prefix of its own."""
-    from tests.object_storage import object_storage
+    from tests.support.object_storage import object_storage
 
     with object_storage() as found:
         yield found

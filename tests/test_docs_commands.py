@@ -22,15 +22,15 @@ import pytest
 import spallwatch as sw
 from monitor.health.record import Record
 from streams.block import STANDARD_GRAVITY
-from tests.commands import run_command
-from tests.committing import committing
-from tests.effort import effort_count
-from tests.memory_ledger import MemoryLedger
 from tests.monitor.commands.test_library_learn import features
 from tests.monitor.report.test_score import DAY, record, run, stored
-from tests.pages import page_of
-from tests.signals import bearing_lines, impacts
 from tests.streams.tcp_peers import receiving
+from tests.support.commands import run_command
+from tests.support.committing import committing
+from tests.support.effort import effort_count
+from tests.support.memory_ledger import MemoryLedger
+from tests.support.pages import page_of
+from tests.support.signals import bearing_lines, impacts
 from tests.test_docs import DOCS, read
 
 TOLERANCE = 0.02

@@ -12,12 +12,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tests.commands import run_command
-from tests.faults.daemons import ROOT, free_port
-from tests.fleet import add_machine
 from tests.monitor.commands.test_page import ask, machines
 from tests.streams.folders import csv_bytes, noise
-from tests.waiting import stop, wait_until
+from tests.support.commands import run_command
+from tests.support.daemons import ROOT, free_port
+from tests.support.fleet import add_machine
+from tests.support.waiting import stop, wait_until
 
 pytestmark = pytest.mark.process
 

@@ -13,7 +13,7 @@ from playwright.sync_api import Browser, Page, expect, sync_playwright
 
 from tests.browser.machine import Served
 from tests.conftest import chromium_program
-from tests.waiting import PATIENCE_S, wait_until
+from tests.support.waiting import PATIENCE_S, wait_until
 
 ALLOWED = ("data:", "blob:", "about:")
 PATIENCE_MS = 1e3 * PATIENCE_S

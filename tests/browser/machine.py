@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tests.faults.daemons import start
-from tests.forks import ForkedProgram
-from tests.waiting import stop, wait_until
+from tests.support.daemons import start
+from tests.support.forks import ForkedProgram
+from tests.support.waiting import stop, wait_until
 
 RATE = 2560
 SECONDS = 0.5

@@ -17,8 +17,8 @@ from monitor.records.events import EventLog
 from monitor.web.users import User, changed_users, hash_password, invite
 from tests.browser.conftest import Visitor
 from tests.browser.machine import Served, channel_name
-from tests.effort import effort_count
-from tests.faults.daemons import ROOT
+from tests.support.daemons import ROOT
+from tests.support.effort import effort_count
 
 _CLI = "from monitor.cli import main; main()"
 

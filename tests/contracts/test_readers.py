@@ -19,8 +19,8 @@ from hypothesis import strategies as st
 import streams.readers
 from streams.readers.child import isolated
 from streams.samples import ReaderError, Samples
-from tests.effort import effort_count
 from tests.streams.format_makers import MAKERS, signal
+from tests.support.effort import effort_count
 
 Reader = Callable[[bytes, str], Samples]
 

@@ -24,9 +24,9 @@ from deploy.runtime_lock import CLUSTER_LOCK, LOCK, LOCKS, closure, declared, lo
 from models.errors import WrongInputError
 from models.work.choose import open_runner
 from models.work.task import Work
-from tests.cluster_processes import LOOPBACK, free_port
 from tests.models.work.tasks import Shared, scaled
-from tests.waiting import PATIENCE_S, wait_until
+from tests.support.cluster_processes import LOOPBACK, free_port
+from tests.support.waiting import PATIENCE_S, wait_until
 
 pytestmark = pytest.mark.cluster
 ROOT = Path(__file__).resolve().parents[2]

@@ -9,7 +9,7 @@ import re
 import tomllib
 from pathlib import Path
 
-from tests.commands import run_command
+from tests.support.commands import run_command
 
 ROOT = Path(__file__).resolve().parents[2]
 TEXT = (ROOT / "deploy" / "Containerfile").read_text(encoding="utf-8").replace("\\\n", " ")

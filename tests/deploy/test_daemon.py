@@ -16,9 +16,9 @@ import pytest
 import xarray as xr
 
 from monitor.records.store import Store
-from tests.faults.daemons import make_machine, start_program, status
 from tests.streams.folders import csv_bytes, noise
-from tests.waiting import stop, wait_until
+from tests.support.daemons import make_machine, start_program, status
+from tests.support.waiting import stop, wait_until
 
 pytestmark = pytest.mark.process
 

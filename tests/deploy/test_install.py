@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from tests.deploy.installing import BACKUP, COMMON, INSTALLER, ROOT, SYSTEMD, TIMER, UNITS, directives, install
-from tests.effort import effort_count
+from tests.support.effort import effort_count
+from tests.support.installing import BACKUP, COMMON, INSTALLER, ROOT, SYSTEMD, TIMER, UNITS, directives, install
 
 pytestmark = pytest.mark.process
 

@@ -15,7 +15,7 @@ from deploy.runtime_lock import LOCK, RUNTIME_LOCK, closure, declared, locked
 from monitor.commands.backup import command as backup_command
 from monitor.config.fleet import load_fleet
 from monitor.config.load import load_config
-from tests.deploy.installing import BACKUP, COMMON, ROOT, SYSTEMD, TIMER, UNITS, directives, install
+from tests.support.installing import BACKUP, COMMON, ROOT, SYSTEMD, TIMER, UNITS, directives, install
 
 GUIDE = ROOT / "docs" / "evidence" / "robustness.md"
 ANALYZE = shutil.which("systemd-analyze")

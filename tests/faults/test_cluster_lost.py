@@ -10,9 +10,9 @@ import pytest
 
 from models.work.choose import open_runner
 from models.work.task import DIED, Failure, Progress, Work
-from tests.cluster_processes import ClusterProcesses, cluster_processes
-from tests.cluster_tasks import LETHAL, exhaust, row
-from tests.effort import effort_count
+from tests.support.cluster_processes import ClusterProcesses, cluster_processes
+from tests.support.cluster_tasks import LETHAL, exhaust, row
+from tests.support.effort import effort_count
 
 pytestmark = pytest.mark.cluster
 

@@ -19,11 +19,11 @@ from monitor.health.record import Record
 from monitor.records.ledger import StoreLedger
 from monitor.records.store import Store
 from monitor.service.ingest import Ingest
-from tests.effort import effort_count
-from tests.faults.daemons import ROOT, call, make_machine, start, start_program, status
 from tests.faults.test_folder_kill import write
 from tests.streams.folders import csv_bytes, noise
-from tests.waiting import Stall, at_most, slowness, stop, wait_until
+from tests.support.daemons import ROOT, call, make_machine, start, start_program, status
+from tests.support.effort import effort_count
+from tests.support.waiting import Stall, at_most, slowness, stop, wait_until
 
 pytestmark = pytest.mark.process
 

@@ -20,11 +20,11 @@ from monitor.records.store import Store
 from streams.link.sender import LinkError, TcpLink
 from streams.link.wire import block_frame, encode_frame
 from streams.spec import parse_address
-from tests.effort import effort_count
-from tests.faults.daemons import call, free_port, start, tcp_machine_text
 from tests.faults.test_daemon_kill import published_blocks
 from tests.faults.test_network_kill import block
-from tests.waiting import stop, wait_until
+from tests.support.daemons import call, free_port, start, tcp_machine_text
+from tests.support.effort import effort_count
+from tests.support.waiting import stop, wait_until
 
 pytestmark = pytest.mark.process
 

@@ -19,10 +19,10 @@ from streams.listing import file_system_type
 from streams.open import open_live
 from streams.source import LiveSource
 from streams.spec import SourceError, SourceSpec
-from tests.effort import effort_count
-from tests.memory_ledger import MemoryLedger
 from tests.streams.folders import CHANNELS, RATE, csv_bytes, noise
-from tests.waiting import Stall, at_most
+from tests.support.effort import effort_count
+from tests.support.memory_ledger import MemoryLedger
+from tests.support.waiting import Stall, at_most
 
 SETTLE = 1.0
 SHORT_SETTLE = 0.2

@@ -12,8 +12,8 @@ import pytest
 
 from streams.block import Block
 from streams.digest import content_hash
-from tests.effort import effort_count
 from tests.streams.folders import Rig, csv_bytes, noise
+from tests.support.effort import effort_count
 
 
 class Hands:

@@ -15,10 +15,10 @@ from monitor.config.load import Config, validate
 from monitor.records.ledger import StoreLedger
 from monitor.records.store import Store
 from monitor.service.ingest import Ingest
-from tests.effort import effort_count
-from tests.forks import Fork, Messages
 from tests.streams.folders import csv_bytes, noise
-from tests.waiting import Stall
+from tests.support.effort import effort_count
+from tests.support.forks import Fork, Messages
+from tests.support.waiting import Stall
 
 pytestmark = pytest.mark.process
 

@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 
 from streams.block import Block, Rejected
-from tests.effort import effort_count
 from tests.streams.folders import Rig
+from tests.support.effort import effort_count
 
 COUNT = effort_count(quick=300, full=30_000)
 

@@ -12,9 +12,9 @@ from pathlib import Path
 import pytest
 
 from streams.listing import list_files
-from tests.faults.daemons import ROOT, call, make_machine, start_program, status
 from tests.streams.folders import csv_bytes, noise
-from tests.waiting import finish, stop, wait_until
+from tests.support.daemons import ROOT, call, make_machine, start_program, status
+from tests.support.waiting import finish, stop, wait_until
 
 # Permissions bind the superuser, too, once these are taken away.
 
@@ -37,7 +37,7 @@ def folder(tmp_path: Path) -> Iterator[Path]:
 _COMMANDS_BY_MODE = """
 import json, sys
 from pathlib import Path
-from tests.commands import run_command
+from tests.support.commands import run_command
 
 folder, commands = Path(sys.argv[1]), json.loads(sys.argv[2])
 for mode in (0o000, 0o300, 0o600):  # nothing, no list, no look

@@ -24,7 +24,6 @@ from monitor.records.store import Store
 from monitor.service.ingest import Ingest
 from monitor.service.replay import replay
 from streams.listing import unshown
-from tests.effort import effort_count
 from tests.streams.format_makers import (
     MAKERS,
     RATE,
@@ -39,7 +38,8 @@ from tests.streams.format_makers import (
     tdms_bytes,
     uff_bytes,
 )
-from tests.waiting import Stall
+from tests.support.effort import effort_count
+from tests.support.waiting import Stall
 
 LENGTH = 4096
 SOUND = {"x.wav", "x.flac"}

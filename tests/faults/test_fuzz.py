@@ -16,8 +16,8 @@ from streams.link.wire import WireError, block_frame, decode_frame, encode_frame
 from streams.open import open_source
 from streams.readers.child import shared_process
 from streams.spec import ChannelSpec, SourceSpec
-from tests.effort import effort_count
 from tests.streams.format_makers import MAKERS, RATE, signal
+from tests.support.effort import effort_count
 
 BINARY = [name for name in MAKERS if name != "x.csv"]
 COLUMN_OF: dict[str, int | str] = dict.fromkeys(("x.npy", "x.wav", "x.flac"), 2)

@@ -31,14 +31,14 @@ from monitor.records.store import Store
 from monitor.service.resume import resumed_state
 from streams.block import Block, Rejected
 from streams.source import FileProgress
-from tests.effort import effort_count
-from tests.faults.daemons import make_machine, start, status
-from tests.faults.victims import salvage
-from tests.forks import Fork
 from tests.monitor.service.test_ingest import settings_of
-from tests.steps import Steps
 from tests.streams.folders import csv_bytes, noise
-from tests.waiting import stop, wait_until
+from tests.support.daemons import make_machine, start, status
+from tests.support.effort import effort_count
+from tests.support.forks import Fork
+from tests.support.steps import Steps
+from tests.support.victims import salvage
+from tests.support.waiting import stop, wait_until
 
 pytestmark = pytest.mark.process
 

@@ -21,11 +21,11 @@ from streams.link.mqtt import MqttLink
 from streams.link.sender import Link, Sender, TcpLink
 from streams.reblock import samples_hash
 from streams.spec import parse_address
-from tests.broker import Broker
-from tests.effort import effort_count
-from tests.forks import Fork, Messages
-from tests.proxy import Proxy
-from tests.waiting import wait_until
+from tests.support.broker import Broker
+from tests.support.effort import effort_count
+from tests.support.forks import Fork, Messages
+from tests.support.proxy import Proxy
+from tests.support.waiting import wait_until
 
 pytestmark = pytest.mark.process
 

@@ -11,12 +11,12 @@ import pytest
 
 from monitor.records.events import EventLog
 from monitor.records.store import Store
-from tests.broker import Broker
-from tests.effort import effort_count
-from tests.faults.daemons import free_port, make_machine, start, status
-from tests.receivers import Certificate, Hook, Mail, make_certificate, subscribed
 from tests.streams.folders import csv_bytes, noise
-from tests.waiting import Running, stop, wait_until
+from tests.support.broker import Broker
+from tests.support.daemons import free_port, make_machine, start, status
+from tests.support.effort import effort_count
+from tests.support.receivers import Certificate, Hook, Mail, make_certificate, subscribed
+from tests.support.waiting import Running, stop, wait_until
 
 pytestmark = pytest.mark.process
 

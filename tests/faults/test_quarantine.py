@@ -9,12 +9,12 @@ import pytest
 
 from monitor.records.events import EventLog
 from monitor.records.store import Store
-from tests.faults.attacks import wide_text
-from tests.faults.daemons import call, make_machine, start, status
-from tests.faults.victims import analyse_first
-from tests.forks import Fork
 from tests.streams.folders import csv_bytes, noise
-from tests.waiting import stop, wait_until
+from tests.support.attacks import wide_text
+from tests.support.daemons import call, make_machine, start, status
+from tests.support.forks import Fork
+from tests.support.victims import analyse_first
+from tests.support.waiting import stop, wait_until
 
 pytestmark = pytest.mark.process
 

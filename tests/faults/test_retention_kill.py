@@ -11,14 +11,14 @@ import pytest
 from monitor.records import rollup
 from monitor.records.ledger import StoreLedger
 from monitor.records.store import Store
-from tests.effort import effort_count
-from tests.faults.daemons import make_machine, start, status
 from tests.faults.test_daemon_kill import published_blocks
 from tests.faults.test_folder_kill import write
 from tests.faults.test_store_kill import block
-from tests.faults.victims import commit_and_condense
-from tests.forks import Fork
-from tests.waiting import stop, wait_until
+from tests.support.daemons import make_machine, start, status
+from tests.support.effort import effort_count
+from tests.support.forks import Fork
+from tests.support.victims import commit_and_condense
+from tests.support.waiting import stop, wait_until
 
 pytestmark = pytest.mark.process
 

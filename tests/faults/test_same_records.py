@@ -13,10 +13,10 @@ import pytest
 
 from monitor.health.record import Record
 from monitor.records.store import Store
-from tests.effort import effort_count
-from tests.faults.daemons import RATE, call, make_machine, start, status
 from tests.streams.folders import csv_bytes, noise
-from tests.waiting import finish, stop, wait_until
+from tests.support.daemons import RATE, call, make_machine, start, status
+from tests.support.effort import effort_count
+from tests.support.waiting import finish, stop, wait_until
 
 pytestmark = pytest.mark.process
 

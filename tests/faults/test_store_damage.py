@@ -22,7 +22,7 @@ from monitor.records.recover.report import SalvageReport
 from monitor.records.recover.salvage import open_or_salvage
 from monitor.records.store import Store
 from streams.source import FileProgress
-from tests.effort import effort_count
+from tests.support.effort import effort_count
 
 pytestmark = pytest.mark.process
 

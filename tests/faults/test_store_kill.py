@@ -10,8 +10,8 @@ import pytest
 
 from monitor.health.record import Record
 from monitor.records.store import Store
-from tests.effort import effort_count
-from tests.forks import Fork, Messages
+from tests.support.effort import effort_count
+from tests.support.forks import Fork, Messages
 
 pytestmark = pytest.mark.process
 

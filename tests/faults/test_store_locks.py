@@ -19,9 +19,9 @@ from monitor.records.database import StoreError, release_lock, take_lock
 from monitor.records.recover.published import gather
 from monitor.records.store import Store
 from monitor.web.reading import StoreReader
-from tests.faults.daemons import ROOT
-from tests.forks import Fork, Messages
-from tests.waiting import wait_until
+from tests.support.daemons import ROOT
+from tests.support.forks import Fork, Messages
+from tests.support.waiting import wait_until
 
 _COUNT = "SELECT count(*) FROM blocks"
 _ACKNOWLEDGE = """

@@ -29,11 +29,11 @@ from monitor.records.store import Store
 from streams.block import Block
 from streams.link.sender import Sender, TcpLink
 from streams.spec import parse_address
-from tests.effort import effort_count
-from tests.faults.daemons import free_port, start, start_program, status, tcp_machine_text
 from tests.faults.test_daemon_kill import published_blocks
 from tests.faults.test_network_kill import block
-from tests.waiting import Stall, stop, wait_until
+from tests.support.daemons import free_port, start, start_program, status, tcp_machine_text
+from tests.support.effort import effort_count
+from tests.support.waiting import Stall, stop, wait_until
 
 pytestmark = pytest.mark.process
 

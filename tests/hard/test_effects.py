@@ -11,7 +11,7 @@ import pytest
 from models.bearing import kinematics
 from models.dynamics.time_domain import simulate_time
 from models.scene import Defect, Floor, Part, Scene, Waviness
-from tests.signals import record_of, recorded
+from tests.support.signals import record_of, recorded
 
 RATE = 25600.0
 SCENE = Scene(40.0, 4000.0)

@@ -10,8 +10,8 @@ from typing import Any
 import pytest
 
 from benchmarks.engine_judge import DEFAULT_ACCURACY, answer, verdict
-from tests.effort import effort_count
 from tests.oracles.periodic.rig import from_dict
+from tests.support.effort import effort_count
 
 STORED = {
     entry["key"]: entry for entry in json.loads((Path(__file__).parents[1] / "data" / "engine_oracle.json").read_text())

@@ -6,8 +6,8 @@ import numpy as np
 
 from benchmarks.detection import HEALTHY, healthy_features, healthy_samples
 from monitor.health.detect import LINES, DetectSettings, exceedance_rate, threshold_for
-from tests.effort import effort_count
-from tests.signals import HealthyMachine
+from tests.support.effort import effort_count
+from tests.support.signals import HealthyMachine
 
 LIMIT = 1e-3
 

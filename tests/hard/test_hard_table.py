@@ -17,8 +17,8 @@ from models.path.defect import ball_path
 from models.rigs.six_dof import Rig
 from models.scene import Defect, Floor, Scene, Slip
 from models.simulate import simulate
-from tests.effort import effort_count
-from tests.periods import period_of, run
+from tests.support.effort import effort_count
+from tests.support.periods import period_of, run
 
 G = 9.80665
 DEG = math.pi / 180.0

@@ -9,7 +9,7 @@ import pytest
 
 from models.scene import Defect, Floor, Scene
 from models.simulate import simulate
-from tests.periods import period_of
+from tests.support.periods import period_of
 
 G = 9.80665
 DEG = math.pi / 180.0

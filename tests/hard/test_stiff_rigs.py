@@ -22,7 +22,7 @@ from models.response import Response
 from models.rigs.six_dof import Rig, natural_frequencies
 from models.scene import Defect, Floor, Scene
 from models.simulate import simulate
-from tests.effort import effort_count
+from tests.support.effort import effort_count
 
 DEG = math.pi / 180.0
 SPALL = Defect(20.0 * DEG, 20e-6)

@@ -28,8 +28,8 @@ from monitor.health.damage.tracker import (
     step,
 )
 from monitor.health.schema import EDV_STATUSES, TT_STATUSES
-from tests.effort import effort_count
 from tests.oracles.toy_lives import INTERVAL, RADIUS, THRESHOLD, toy_lives
+from tests.support.effort import effort_count
 
 Array = NDArray[np.float64]
 LOAD, SPEED = 4000.0, 40.0

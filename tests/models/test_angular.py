@@ -33,8 +33,8 @@ from models.scene import Defect, Scene
 from models.shaft_beam import torsion_frequencies
 from models.spall_contact import Spall, force_over_spall
 from models.speed_profile import constant, hunt, ramp
-from tests.effort import effort_count
-from tests.signals import record_of
+from tests.support.effort import effort_count
+from tests.support.signals import record_of
 
 LEFT_BEARING, RIGHT_BEARING = (Bearing("", balls, 12.7e-3, 80e-3) for balls in (11, 10))
 SPALL = Defect(math.radians(7.0), 100e-6, width=math.radians(30.0))

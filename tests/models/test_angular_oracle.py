@@ -15,9 +15,9 @@ from models.dynamics.angular_plan import assemble
 from models.rigs.angular import AngularRig
 from models.scene import Defect, Part, Scene
 from models.speed_profile import SpeedProfile
-from tests.effort import effort_count
 from tests.oracles import angular_oracle
 from tests.oracles.angular_oracle import DM, Case, D, Pit
+from tests.support.effort import effort_count
 
 # All modes as they are, as of the oracle.
 RIG = AngularRig(mode_limit=100e3)

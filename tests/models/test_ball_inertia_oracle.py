@@ -12,9 +12,9 @@ from models.bearing import from_catalogue
 from models.dynamics.ball_inertia import at_rest, trace
 from models.rigs.ball_inertia import BallInertiaRig
 from models.scene import Defect, Part, Scene
-from tests.effort import effort_count
 from tests.oracles import ball_inertia_oracle
 from tests.oracles.ball_inertia_oracle import R_0, Case, Spot
+from tests.support.effort import effort_count
 
 BEARING = replace(from_catalogue("6206"), element_diameter=9.5e-3)
 CASES = {

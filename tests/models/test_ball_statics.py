@@ -12,8 +12,8 @@ import pytest
 from models.ball_statics import COORDINATES, BallStatics, RingState, equilibrium, ring_state
 from models.bearing import Bearing, from_catalogue
 from models.kernels.ball_statics import COLUMNS, N_I, N_O, SETTLED, U_R, U_Z, settle_balls
-from tests.effort import effort_count
 from tests.oracles import ball_statics_oracle as oracle
+from tests.support.effort import effort_count
 
 BALL, PITCH = 12.7e-3, 80e-3
 SEED = 2026

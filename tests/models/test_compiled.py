@@ -26,9 +26,9 @@ from models.path.defect import BallPath, ball_path
 from models.rigs.six_dof import Rig
 from models.scene import Defect, Floor, Scene, Waviness
 from models.simulate import simulate
-from tests.effort import effort_count
 from tests.oracles import orbit_oracle
-from tests.periods import period_of, solve_scene
+from tests.support.effort import effort_count
+from tests.support.periods import period_of, solve_scene
 
 BEARING = from_catalogue("1205 ETN9")
 SCENE = Scene(40.0, 4000.0, defect=Defect(math.radians(20.0), 20e-6))

@@ -22,9 +22,9 @@ from models.scene import Defect, Part, Scene, Slip, Waviness
 from monitor.health.naming import name_fault
 from monitor.health.spectrum.features import BlockFeatures, FeatureSettings, block_features, fundamentals
 from monitor.health.spectrum.transform import EnvelopeSpectrum
-from tests.effort import effort_count
 from tests.oracles.time_domain_oracle import Case, Oracle, edge_depth
-from tests.signals import record_of, recorded
+from tests.support.effort import effort_count
+from tests.support.signals import record_of, recorded
 
 BASE = Scene(40.0, 4000.0)
 RATE = 25600.0

@@ -33,7 +33,7 @@ from models.scene import Scene, Slip
 from models.simulate import simulate
 from models.work.choose import local_runner
 from monitor.health.spectrum.features import FeatureSettings, block_features, fundamentals
-from tests.effort import effort_count
+from tests.support.effort import effort_count
 
 THRESHOLD = 0.05e-6
 RATE = 25600.0

@@ -26,7 +26,7 @@ from models.load_distribution import (
     stiffness_over_passage,
 )
 from models.scene import Defect
-from tests.effort import effort_count
+from tests.support.effort import effort_count
 
 BEARING = from_catalogue("1205 ETN9")
 ROLLER = from_catalogue("NU 202 ECP")

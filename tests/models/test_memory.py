@@ -7,7 +7,7 @@ import pytest
 from models import memory
 from models.errors import WrongInputError
 from models.memory import check_address_space, group_memory, machine_memory
-from tests.commands import run_command
+from tests.support.commands import run_command
 
 
 def test_memory_of_the_machine(tmp_path: Path) -> None:

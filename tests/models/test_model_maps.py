@@ -26,7 +26,7 @@ from models.rigs.rotor import RotorRig
 from models.scene import Defect, Floor, Scene
 from models.simulate import simulate
 from models.work.choose import local_runner
-from tests.effort import effort_count
+from tests.support.effort import effort_count
 
 ENTRY = catalogue_entry("6205")
 EXTENTS = tuple(math.radians(x) for x in (0.0, 2.0, 8.0, 14.0))

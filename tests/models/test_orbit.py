@@ -28,9 +28,9 @@ from models.kernels.orbit import (
 from models.kernels.period import blank_trace, mean_square
 from models.scene import Defect, Scene
 from models.simulate import simulate
-from tests.effort import effort_count
 from tests.oracles import orbit_oracle
-from tests.periods import period_of, run, simulate_plainly
+from tests.support.effort import effort_count
+from tests.support.periods import period_of, run, simulate_plainly
 
 SCALE = np.tile(STATE_SCALE, 2)
 SCENE = Scene(40.0, 4000.0, defect=Defect(math.radians(20.0), 20e-6))

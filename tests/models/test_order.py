@@ -25,7 +25,7 @@ from models.rigs.angular import AngularRig
 from models.rigs.six_dof import Rig
 from models.scene import Defect, Scene, Waviness
 from models.simulate import simulate
-from tests.periods import period_of, run
+from tests.support.periods import period_of, run
 
 HEALTHY = Scene(40.0, 4000.0)
 WAVY = {

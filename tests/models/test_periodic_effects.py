@@ -17,7 +17,7 @@ from models.dynamics.time_domain import simulate_time
 from models.rigs.six_dof import Rig
 from models.scene import Defect, Floor, Scene, Waviness
 from models.simulate import simulate
-from tests.effort import effort_count
+from tests.support.effort import effort_count
 
 SPALL = Defect(math.radians(20.0), 20e-6)
 SCENE = Scene(40.0, 4000.0, defect=SPALL)

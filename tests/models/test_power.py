@@ -26,7 +26,7 @@ from models.kernels.period import Period, blank_trace
 from models.rigs.six_dof import Rig
 from models.scene import Defect, Scene, Waviness
 from tests.oracles import six_dof_oracle as oracle
-from tests.periods import orbit_of, run
+from tests.support.periods import orbit_of, run
 
 # The oracle's geometry, with rollers instead of its balls.
 BARREL = replace(from_catalogue("1205 ETN9"), designation="barrel", element="roller", effective_length=8e-3)

@@ -10,7 +10,7 @@ from types import SimpleNamespace
 import pytest
 
 from models.process_signals import ended_as_interrupted, ended_by_parent, interrupt_held, interrupts_kept
-from tests.waiting import wait_until
+from tests.support.waiting import wait_until
 
 
 @pytest.fixture

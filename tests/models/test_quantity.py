@@ -15,7 +15,7 @@ from models.rigs.angular import AngularRig
 from models.scene import Defect, Scene
 from models.simulate import simulate, volume_slope
 from tests.contracts.test_models import BALLS, REQUEST, ROTOR, SCENE, SHORT, base
-from tests.effort import effort_count
+from tests.support.effort import effort_count
 
 SOLVERS = {f"{s.model}-{s.name}": s for s in solvers()}
 FOUND: tuple[Quantity, ...] = ("waveform", "rms", "lines")

@@ -18,7 +18,7 @@ from models.maps.nodes import drawn_rig, rig_rows, simulate_node_row
 from models.maps.plan import MapPlan
 from models.rigs.draws import PosteriorError, RigDraws, RigPosterior, read_posterior
 from models.rigs.six_dof import Rig
-from tests.rigs import six_dof
+from tests.support.rigs import six_dof
 
 ROWS = ((2.9, 2e-6), (3.1, 5e-6), (3.3, 0.0))
 POSTERIOR = RigPosterior(

@@ -21,7 +21,7 @@ from models.maps.plan import MapError, MapPlan
 from models.response import HARMONICS, STATUSES
 from models.scene import Floor, Slip
 from models.simulate import simulate
-from tests.rigs import six_dof
+from tests.support.rigs import six_dof
 
 PLAN = MapPlan(
     load=(3000.0, 5000.0),

@@ -18,9 +18,9 @@ from models.kernels.step import P_U_1, P_U_2
 from models.rigs.six_dof import Rig
 from models.scene import Defect, Part, Scene
 from models.simulate import simulate
-from tests.effort import effort_count
 from tests.oracles import six_dof_oracle as oracle
-from tests.signals import recorded
+from tests.support.effort import effort_count
+from tests.support.signals import recorded
 
 EXPONENT = 10.0 / 9.0
 K_C = 1.2e9

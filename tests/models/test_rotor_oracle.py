@@ -12,9 +12,9 @@ from models.dynamics.rotor import trace
 from models.dynamics.rotor_elastic import trace_elastic
 from models.rigs.rotor import RotorRig
 from models.scene import Defect, Part, Scene
-from tests.effort import effort_count
 from tests.oracles import rotor_oracle
 from tests.oracles.rotor_oracle import Case
+from tests.support.effort import effort_count
 
 CASES = {
     "healthy": Case(),

@@ -21,9 +21,9 @@ from models.path.defect import ball_path, race_profile
 from models.rigs.six_dof import Rig
 from models.scene import Defect, Floor, Scene
 from models.simulate import simulate
-from tests.effort import effort_count
 from tests.oracles.six_dof_oracle import R_O, Case, OracleResponse, simulate_oracle
-from tests.periods import period_of, run
+from tests.support.effort import effort_count
+from tests.support.periods import period_of, run
 
 SCENE = Scene(40.0, 4000.0, defect=Defect(math.radians(20.0), 20e-6))
 SEED = 5

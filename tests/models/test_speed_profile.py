@@ -20,8 +20,8 @@ from models.kernels import time_domain as kernels
 from models.kernels.step import P_DIRECTION_1, P_DIRECTION_2, STATUS_OK
 from models.scene import Defect, Part, Scene, Slip, Waviness
 from models.speed_profile import PHASE_ERROR, SpeedProfile, coast_down, constant, hunt, ramp, table
-from tests.effort import effort_count
 from tests.oracles.time_domain_oracle import Case, Oracle, Turning
+from tests.support.effort import effort_count
 
 BASE = Scene(40.0, 4000.0)
 PIT = Defect(0.1, 5e-4)

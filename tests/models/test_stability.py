@@ -17,8 +17,8 @@ from models.registry import Request
 from models.response import Response
 from models.scene import Defect, Floor, Scene, Waviness
 from models.simulate import simulate
-from tests.effort import effort_count
-from tests.periods import orbit_of, period_of, run, simulate_plainly, solve_scene
+from tests.support.effort import effort_count
+from tests.support.periods import orbit_of, period_of, run, simulate_plainly, solve_scene
 
 SPALL = Defect(math.radians(20.0), 20e-6)
 SCENE = Scene(40.0, 4000.0, defect=SPALL)

@@ -14,8 +14,8 @@ from models.dynamics.stationary_record import line_frequency, steps_in_turn, tak
 from models.dynamics.time_domain import simulate_time
 from models.rigs.six_dof import Rig
 from models.scene import Defect, Floor, Part, Scene, Slip, Waviness
-from tests.effort import effort_count
-from tests.signals import record_of
+from tests.support.effort import effort_count
+from tests.support.signals import record_of
 
 ACCURACY = 2e-3
 LONG_S = effort_count(quick=3, full=10)

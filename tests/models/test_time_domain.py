@@ -23,8 +23,8 @@ from models.registry import Request
 from models.rigs.six_dof import Rig
 from models.scene import Defect, Floor, Part, Scene, Slip, Waviness
 from models.simulate import simulate
-from tests.effort import effort_count
-from tests.signals import record_of, recorded
+from tests.support.effort import effort_count
+from tests.support.signals import record_of, recorded
 
 SPALL = Defect(math.radians(20.0), 20e-6)
 PIT = Defect(math.radians(4.0), 500e-6)

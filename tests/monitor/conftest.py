@@ -8,7 +8,7 @@ import pytest
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 
-from tests.effort import effort_count
+from tests.support.effort import effort_count
 
 ARRANGE = ConstrainedLayoutEngine.execute
 

@@ -21,7 +21,7 @@ from benchmarks.regression.observe import of_store
 from models.maps.file import load_map, save_map
 from models.rigs.six_dof import Calibration
 from monitor.records.store import Store
-from tests.faults.daemons import call
+from tests.support.daemons import call
 
 KEPT = Path(__file__).parents[1] / "data" / "store_baseline"
 EXACT = ("sequence", "elapsed", "x.t_fs", "x.stage", "x.edv_status", "x.tt_status", "x.quality_flags")

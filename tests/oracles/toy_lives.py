@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from monitor.health.damage.library.fit import FitSettings, fit_library
 from monitor.health.damage.library.model import Library
-from tests.effort import effort_count
-from tests.once import made_once
+from tests.support.effort import effort_count
+from tests.support.once import made_once
 
 THRESHOLD = 5e-8
 RADIUS = 22.91e-3

@@ -38,7 +38,7 @@ from models.response import Response, Sensor
 from models.rigs.rotor import RotorRig
 from models.scene import Part, Scene
 from monitor.health.spectrum.features import BlockFeatures, FeatureSettings, block_features, fundamentals
-from tests.published.accepted import rows_of
+from tests.support.accepted import rows_of
 
 PER_MILLIMETRE = 1e3**1.5
 MODULUS = 200.0 / 210.0

@@ -37,7 +37,7 @@ from models.published.figure import Figure, worst
 from models.published.thesis import inner_taken_as_concave, published_figures
 from models.published.uncomputed import uncomputed_figures
 from models.rigs.six_dof import Rig, contact_damping, natural_frequencies, stiffness_damping
-from tests.published.accepted import rows_of
+from tests.support.accepted import rows_of
 
 BEYOND = {
     ("Table 14", "k_c, exact elliptic Hertz"),

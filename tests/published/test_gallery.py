@@ -17,8 +17,8 @@ from benchmarks.gallery_plate import MOST_BYTES, Plate, number, plain, save_plat
 from benchmarks.gallery_seeded import likeness
 from models.bearing import from_catalogue
 from models.path.defect import race_radius
-from tests.effort import effort_count
-from tests.published.gallery_data import check_links, same
+from tests.support.effort import effort_count
+from tests.support.gallery_data import check_links, same
 
 CHEAP = ("36", "38", "40", "43", "53", "45", "46", "47", "48", "51")
 

@@ -18,8 +18,8 @@ from benchmarks.gallery_plate import MOST_BYTES, Plate, plain, words
 from benchmarks.gallery_spectra import Lines, envelope_spectrum, is_multiple, kept_lines, spectrum
 from models.published.ceruti import SPEED
 from monitor.commands.simulate.command import command
-from tests.effort import effort_count
-from tests.published.gallery_data import check_links, same
+from tests.support.effort import effort_count
+from tests.support.gallery_data import check_links, same
 
 CHEAP = (
     ("ceruti", "2.7"),

@@ -11,7 +11,7 @@ from scipy.linalg import eigh
 
 from models.gears.linear import natural_frequencies
 from models.published import gearbox
-from tests.published.accepted import rows_of
+from tests.support.accepted import rows_of
 
 Array = NDArray[np.float64]
 

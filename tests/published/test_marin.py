@@ -16,7 +16,7 @@ from models.published.acceptance import AcceptanceRow
 from models.published.marin import INNER, SPEED, bearing_of, level, scene_of
 from models.registry import Request
 from monitor.health.spectrum.features import FeatureSettings, block_features, fundamentals
-from tests.published.accepted import rows_of
+from tests.support.accepted import rows_of
 
 RATE, DURATION = 25600.0, 4.0
 # Lines closer than this are one, Hz; so far may one be from its place.

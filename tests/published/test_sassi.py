@@ -26,8 +26,8 @@ from models.rigs.ring_impact import RingImpactRig
 from models.scene import Defect, Part, Scene
 from monitor.health.spectrum.features import BlockFeatures, FeatureSettings, block_features, fundamentals
 from streams.block import STANDARD_GRAVITY
-from tests.once import made_once
-from tests.published.accepted import rows_of
+from tests.support.accepted import rows_of
+from tests.support.once import made_once
 
 RATE, DURATION = 12_000.0, 5.0
 BEARING = from_catalogue("6205")

@@ -8,7 +8,7 @@ from benchmarks.common import Row
 from benchmarks.stationary import BAND, LOADS, SPEEDS, Condition, conditions, resonance_rows, scene, statement_rows
 from benchmarks.stationary_slip import slip_levels, slip_spectra, slip_spectrum_rows, slip_statements
 from models.published.thesis import EXTENTS_DEG
-from tests.effort import effort_count
+from tests.support.effort import effort_count
 
 
 @pytest.fixture(scope="module")

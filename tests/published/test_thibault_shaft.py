@@ -26,7 +26,7 @@ from models.published.thibault_shaft import (
     passage,
     turning,
 )
-from tests.published.accepted import rows_of
+from tests.support.accepted import rows_of
 
 DAMAGED = replace(REFERENCE, defect=SPALL)
 RIGHT_DAMAGED = replace(REFERENCE, defect=replace(SPALL, support="b"))

@@ -18,7 +18,7 @@ from models.bearing import Bearing, kinematics
 from monitor.health.spectrum.bands import candidate_bands, find_band
 from monitor.health.spectrum.features import BlockFeatures, FeatureSettings, block_features, fundamentals
 from streams.block import STANDARD_GRAVITY
-from tests.effort import effort_count
+from tests.support.effort import effort_count
 
 pytestmark = pytest.mark.real
 

@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 from streams.block import Block
-from tests.effort import effort_count
-from tests.recordings import CASES, Case, watch
+from tests.support.effort import effort_count
+from tests.support.recordings import CASES, Case, watch
 
 pytestmark = pytest.mark.real
 

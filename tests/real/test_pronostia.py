@@ -23,9 +23,9 @@ from monitor.service.replay import replay
 from monitor.service.setup import open_configured, source_settings
 from streams.block import Block, Rejected
 from tests.conftest import recordings_folder
-from tests.effort import effort_count
-from tests.recordings import RUNS, Run, example
-from tests.steps import Steps
+from tests.support.effort import effort_count
+from tests.support.recordings import RUNS, Run, example
+from tests.support.steps import Steps
 
 pytestmark = [pytest.mark.real, pytest.mark.usefixtures("kept_band_choices")]
 

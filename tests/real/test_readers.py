@@ -16,8 +16,8 @@ from numpy.testing import assert_array_equal
 from streams.block import Block
 from streams.open import open_source
 from streams.spec import ChannelSpec, SourceSpec
-from tests.effort import effort_count
 from tests.oracles.text_oracle import parse_slowly
+from tests.support.effort import effort_count
 
 pytestmark = pytest.mark.real
 

@@ -12,7 +12,7 @@ from benchmarks.score_real import METHODS, configuration, map_of
 from monitor.commands.score import command
 from monitor.records.store import Store
 from monitor.service.replay import replay
-from tests.recordings import RUNS
+from tests.support.recordings import RUNS
 
 pytestmark = pytest.mark.real
 

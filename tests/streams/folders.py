@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from streams.block import Block, Rejected
 from streams.folder.source import Clock, FolderSource
 from streams.spec import ChannelSpec, SourceSpec
-from tests.memory_ledger import MemoryLedger
+from tests.support.memory_ledger import MemoryLedger
 
 RATE = 1000.0
 CHANNELS = (ChannelSpec("x", column=1, unit="g"),)

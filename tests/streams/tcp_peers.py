@@ -14,8 +14,8 @@ from streams.link.sender import TcpLink
 from streams.link.tcp import TcpReceiver
 from streams.link.wire import block_frame, encode_frame, hello
 from streams.spec import NetworkSpec, SourceSpec, parse_address
-from tests.memory_ledger import MemoryLedger
-from tests.waiting import PATIENCE_S
+from tests.support.memory_ledger import MemoryLedger
+from tests.support.waiting import PATIENCE_S
 
 URL = "tcp://127.0.0.1:0"
 

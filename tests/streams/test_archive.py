@@ -11,8 +11,8 @@ from numpy.testing import assert_array_equal
 from streams.block import Block, Rejected
 from streams.open import open_source
 from streams.spec import SourceError, SourceSpec
-from tests.effort import effort_count
 from tests.streams.makers import ims_text, pronostia_csv, tar_file
+from tests.support.effort import effort_count
 
 
 def members(numbers: list[int], folder: str = "Bearing1_9") -> list[tuple[str, bytes | tarfile.TarInfo]]:

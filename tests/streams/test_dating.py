@@ -15,9 +15,9 @@ from streams.block import Block, Rejected
 from streams.open import open_source
 from streams.spec import SourceError, SourceSpec
 from streams.stamps import utc_text
-from tests.effort import effort_count
 from tests.streams.dated import START, elapsed, live, replayed, rows, spec_of, starts, write
 from tests.streams.folders import CHANNELS, RATE, Rig
+from tests.support.effort import effort_count
 
 COUNT = effort_count(quick=24, full=10_000)
 FORMATS = ("npy", "wav", "csv")

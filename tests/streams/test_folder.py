@@ -14,7 +14,7 @@ from streams.folder.source import FolderSource
 from streams.listing import is_skipped, shown, unshown
 from streams.spec import SourceError, SourceSpec
 from tests.streams.folders import Rig, SetClock, csv_bytes, noise, verdicts
-from tests.waiting import PATIENCE_S
+from tests.support.waiting import PATIENCE_S
 
 
 @pytest.fixture

@@ -15,10 +15,10 @@ from streams.folder.intake import Intake
 from streams.folder.source import FolderSource
 from streams.readers.child import isolated
 from streams.spec import ChannelSpec, SourceSpec
-from tests.memory_ledger import MemoryLedger
 from tests.streams import misbehave
 from tests.streams.folders import CHANNELS, RATE, Rig, csv_bytes, noise, verdicts
-from tests.waiting import Stall, wait_until
+from tests.support.memory_ledger import MemoryLedger
+from tests.support.waiting import Stall, wait_until
 
 pytestmark = pytest.mark.process
 

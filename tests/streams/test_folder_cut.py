@@ -18,8 +18,8 @@ from streams.open import open_source
 from streams.readers.complete import declared_size, whole_part
 from streams.readers.npy_wav import read_npy
 from streams.reblock import samples_hash
-from tests.effort import effort_count
 from tests.streams.folders import RATE, Rig, csv_bytes, noise
+from tests.support.effort import effort_count
 
 LENGTH = 100
 BLOCK_S = LENGTH / RATE

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from models.transfer.frf import FrequencyResponses
 from streams.readers.frf import FrfError, frf_to_csv, frf_to_uff, read_frf
-from tests.effort import effort_count
+from tests.support.effort import effort_count
 
 pyuff = pytest.importorskip("pyuff")
 HEAD = "frequency_hz,output,input,real_m_per_s2_per_newton,imag_m_per_s2_per_newton\n"

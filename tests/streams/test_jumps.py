@@ -16,9 +16,9 @@ from streams.link.sender import Link, Sender, SendError
 from streams.link.wire import MAX_SEQUENCE, block_frame, encode_frame
 from streams.source import StreamCount
 from streams.spec import SourceError, SourceSpec
-from tests.committing import committing
-from tests.memory_ledger import MemoryLedger
 from tests.streams.tcp_peers import URL, Recorded, answer, block, commit, frame, gone, link, raw, receiving
+from tests.support.committing import committing
+from tests.support.memory_ledger import MemoryLedger
 
 
 def far(number: int) -> bytes:

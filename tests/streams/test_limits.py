@@ -20,9 +20,9 @@ from streams.readers import hdf5, netcdf, npy_wav, numbers, worker
 from streams.readers.text import read_layout
 from streams.samples import ReaderError
 from streams.spec import ChannelSpec, SourceSpec
-from tests.effort import effort_count
-from tests.faults.attacks import ATTACKS, hdf5_of, row_text, wide_text
 from tests.streams.format_makers import MAKERS, RATE, signal
+from tests.support.attacks import ATTACKS, hdf5_of, row_text, wide_text
+from tests.support.effort import effort_count
 
 SHARE = effort_count(quick=7, full=100) / 100
 NUMBERS = re.compile(r"\d{3,}.*\d{2,}")

@@ -25,12 +25,12 @@ from streams.link.sender import Sender, SendError
 from streams.link.wire import ACK, block_frame, encode_frame
 from streams.source import LiveSource
 from streams.spec import Address, NetworkSpec, SourceError, SourceSpec, parse_address
-from tests.broker import Broker
-from tests.committing import committing
-from tests.memory_ledger import MemoryLedger
 from tests.streams.tcp_peers import Recorded, block
 from tests.streams.test_pulse_frames import turning
-from tests.waiting import PATIENCE_S, wait_until
+from tests.support.broker import Broker
+from tests.support.committing import committing
+from tests.support.memory_ledger import MemoryLedger
+from tests.support.waiting import PATIENCE_S, wait_until
 
 TOPIC = "plant/press 4"
 

@@ -22,10 +22,10 @@ from streams.pulses import Pulses
 from streams.reblock import samples_hash
 from streams.source import Delivery, StreamCount
 from streams.spec import MAX_FRAME, SourceSpec
-from tests.committing import committing
-from tests.effort import effort_count
-from tests.memory_ledger import MemoryLedger
 from tests.streams.tcp_peers import URL, answer, block, commit, gone, link, raw, receiving
+from tests.support.committing import committing
+from tests.support.effort import effort_count
+from tests.support.memory_ledger import MemoryLedger
 
 FEW = effort_count(quick=30, full=3000)
 

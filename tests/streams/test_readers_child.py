@@ -25,7 +25,7 @@ from streams.readers.mat import mat_variables, read_mat
 from streams.samples import ReaderError, Samples
 from tests.streams import misbehave
 from tests.streams.format_makers import mat_bytes, signal
-from tests.waiting import at_most, join, wait_until
+from tests.support.waiting import at_most, join, wait_until
 
 pytestmark = pytest.mark.process
 

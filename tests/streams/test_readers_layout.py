@@ -18,8 +18,8 @@ from streams.readers.stated import known_unit, number_of, rate_of_times, seconds
 from streams.readers.text import read_layout
 from streams.samples import ReaderError
 from streams.spec import ChannelSpec, SourceError, SourceSpec
-from tests.effort import effort_count
 from tests.streams.format_makers import RATE, npy_bytes, signal
+from tests.support.effort import effort_count
 
 NOON = 1714564800.0
 

@@ -17,7 +17,7 @@ from streams import download as http
 from streams.download import RemoteError
 from streams.remote import bare, expand, fetched, is_remote, remote_files
 from streams.spec import SourceError
-from tests.object_storage import use_account
+from tests.support.object_storage import use_account
 
 pytest.importorskip("fsspec", reason="needs the extra cluster")
 

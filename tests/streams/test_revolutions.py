@@ -22,9 +22,9 @@ from streams.reblock import Reblocker
 from streams.revolutions import BlockRevolutions
 from streams.samples import Samples
 from streams.spec import ChannelSpec, SourceError, SourceSpec
-from tests.effort import effort_count
 from tests.streams.folders import Rig
 from tests.streams.test_reblock import cut_up, flushed
+from tests.support.effort import effort_count
 
 RATE = 1000.0
 LONGEST = 2.0

@@ -17,7 +17,7 @@ from streams.open import open_source
 from streams.rig import CHANNELS, INTERVAL, RATE, SimulatedRig, draw_life, machine_of, open_rig, perturbed
 from streams.source import Source
 from streams.spec import SourceError, SourceSpec
-from tests.effort import effort_count
+from tests.support.effort import effort_count
 
 
 @pytest.fixture(scope="module")

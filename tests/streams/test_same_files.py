@@ -21,8 +21,8 @@ from streams.block import Block, Rejected
 from streams.open import open_source
 from streams.recording import Recording
 from streams.source import MAX_IGNORED_NAMES, Backlog
-from tests.effort import effort_count
 from tests.streams.folders import RATE, Rig, csv_bytes, noise
+from tests.support.effort import effort_count
 
 COUNT = 200
 """Samples of a file: a block, where files are cut."""

@@ -18,11 +18,11 @@ from streams.link.sender import Sender, SendError, TcpLink
 from streams.link.tcp import TcpReceiver
 from streams.link.wire import HELLO, block_frame, encode_frame, hello
 from streams.spec import NetworkSpec, SourceError, SourceSpec, parse_address
-from tests.committing import committing
-from tests.memory_ledger import MemoryLedger
-from tests.receivers import Certificate, make_certificate
 from tests.streams.tcp_peers import URL, Recorded, answer, block, commit, frame, gone, link, raw, receiving
-from tests.waiting import PATIENCE_S, wait_until
+from tests.support.committing import committing
+from tests.support.memory_ledger import MemoryLedger
+from tests.support.receivers import Certificate, make_certificate
+from tests.support.waiting import PATIENCE_S, wait_until
 
 SECRET = "correct horse battery staple"
 

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from streams.tacho import directions, edge_times
-from tests.effort import effort_count
+from tests.support.effort import effort_count
 
 RATE, SECONDS, SPEED = 8000.0, 4.0, 21.7
 TIME: NDArray[np.float64] = np.arange(round(RATE * SECONDS)) / RATE

@@ -16,10 +16,10 @@ from streams.link.wire import Frame, block_frame, encode_frame
 from streams.samples import Samples
 from streams.source import Delivery, LiveSource
 from streams.spec import ChannelSpec, SourceSpec, parse_address
-from tests.committing import committing
-from tests.memory_ledger import MemoryLedger
 from tests.streams.tcp_peers import URL, Recorded, answer, block, commit, frame, gone, link, raw, receiving
-from tests.waiting import PATIENCE_S, join
+from tests.support.committing import committing
+from tests.support.memory_ledger import MemoryLedger
+from tests.support.waiting import PATIENCE_S, join
 
 
 def test_receiver_is_a_live_source() -> None:

@@ -13,10 +13,10 @@ from streams.link.sender import Sender
 from streams.link.tcp import TcpReceiver
 from streams.link.wire import HEAD, block_frame, encode_frame, hello
 from streams.spec import NetworkSpec, SourceError, SourceSpec, parse_address
-from tests.committing import committing
-from tests.memory_ledger import MemoryLedger
 from tests.streams.tcp_peers import Recorded, answer, block, commit, frame, gone, link, raw, receiving
-from tests.waiting import PATIENCE_S, join, wait_until
+from tests.support.committing import committing
+from tests.support.memory_ledger import MemoryLedger
+from tests.support.waiting import PATIENCE_S, join, wait_until
 
 
 @pytest.mark.parametrize(

@@ -29,8 +29,8 @@ from streams.link.wire import (
 )
 from streams.samples import Samples
 from streams.spec import MAX_FRAME
-from tests.effort import effort_count
 from tests.oracles.crc32c_oracle import crc32c_bitwise
+from tests.support.effort import effort_count
 
 KINDS = ("<i2", "<i4", "<f4", "<f8")
 

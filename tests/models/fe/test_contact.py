@@ -11,8 +11,8 @@ from scipy.optimize import nnls
 from models.fe.solid.condense import ContactCells, compliance
 from models.fe.solid.contact import FORCE_TOLERANCE, TOLERANCE, ContactState, press, press_to_force
 from models.fe.solid.elastic import FeError
-from tests.effort import effort_count
 from tests.models.fe.bodies import MODULUS, POISSON, block_mesh, cut_free, unit_mesh
+from tests.support.effort import effort_count
 
 Problem = tuple[np.ndarray, np.ndarray, np.ndarray]
 

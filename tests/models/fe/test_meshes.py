@@ -19,7 +19,7 @@ from models.fe.meshes.grid import Block, FeMeshError, build, extrude, lattice, m
 from models.fe.meshes.ring_mesh import race_rise, ring_mesh
 from models.fe.meshes.roller_mesh import roller_mesh
 from models.fe.meshes.sizing import ContactGrid, MeshRule, chapter_rule, contact_grid, uniform_rule
-from tests.effort import effort_count
+from tests.support.effort import effort_count
 
 pytestmark = pytest.mark.skipif(not has_extra(), reason="scikit-fem (extra fe) is not installed")
 

@@ -15,7 +15,7 @@ from models.gears.faults import Eccentricity, PitchError, Pitting, ProfileError,
 from models.gears.geometry import GearPair, TipRelief, ToothedWheel
 from models.gears.stiffness import loaded_mesh, mesh_stiffness
 from models.gears.tooth import StiffnessMethod
-from tests.effort import effort_count
+from tests.support.effort import effort_count
 
 FORCE = 4000.0
 WHEELS = ToothedWheel(20, 20e-3, 10e-3), ToothedWheel(31, 20e-3, 15e-3)

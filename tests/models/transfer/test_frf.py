@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from models.transfer.frf import FrequencyResponses, joined
-from tests.effort import effort_count
+from tests.support.effort import effort_count
 
 RATE = 2048.0
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from models.transfer.mode_sets import ModeSet, assurance, paired
 from streams.readers.frf import FrfError
 from streams.readers.mode_sets import read_mode_set
-from tests.effort import effort_count
+from tests.support.effort import effort_count
 
 HEAD = "frequency_hz,damping_percent,name,real,imag\n"
 UNKNOWN = np.array([np.nan, np.nan])

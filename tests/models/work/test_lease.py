@@ -12,8 +12,8 @@ from models.work.kept import age_of
 from models.work.lease import LEASE_NAME, Holder, LeaseHeldError, LeaseLostError, Times, leased
 from models.work.object_store import ObjectStore
 from models.work.storage_error import ObjectStorageError
-from tests.faulty_storage import Fault, faulty_storage, without_pauses
-from tests.object_storage import use_account
+from tests.support.faulty_storage import Fault, faulty_storage, without_pauses
+from tests.support.object_storage import use_account
 
 pytest.importorskip("fsspec", reason="needs the extra cluster")
 

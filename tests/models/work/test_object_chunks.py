@@ -13,7 +13,7 @@ from models.work.object_store import ObjectStore
 from models.work.runner import Runner
 from models.work.serial import SerialExecutor
 from tests.models.work.tasks import Shared, leaks, scaled, work
-from tests.object_storage import use_account
+from tests.support.object_storage import use_account
 
 pytestmark = pytest.mark.cluster
 

@@ -18,8 +18,8 @@ from models.work.object_store import ObjectStore
 from models.work.storage_error import ObjectStorageError
 from models.work.stores import open_store
 from tests.models.work.store_files import check_files
-from tests.object_storage import BUCKET, use_account
-from tests.proxy import Proxy
+from tests.support.object_storage import BUCKET, use_account
+from tests.support.proxy import Proxy
 
 pytest.importorskip("fsspec", reason="needs the extra cluster")
 

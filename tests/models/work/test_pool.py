@@ -19,7 +19,7 @@ from models.work.pool import PoolExecutor
 from models.work.runner import SERIAL, Runner
 from models.work.task import Failure, Work
 from tests.models.work.tasks import Shared, cleans_up, dies_once, fails_on_odd, process, refuses_from, scaled, work
-from tests.waiting import wait_until
+from tests.support.waiting import wait_until
 
 TASKS = [float(i) for i in range(7)]
 

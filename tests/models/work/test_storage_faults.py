@@ -11,10 +11,10 @@ from models.work.serial import SerialExecutor
 from models.work.storage_error import ObjectStorageError
 from streams.remote import RemoteError, expand, fetched
 from streams.spec import SourceError
-from tests.effort import effort_count
-from tests.faulty_storage import TRANSIENT, Fault, at_random, faulty_storage, no_fault, without_pauses
 from tests.models.work.tasks import Shared, scaled, work
-from tests.object_storage import use_account
+from tests.support.effort import effort_count
+from tests.support.faulty_storage import TRANSIENT, Fault, at_random, faulty_storage, no_fault, without_pauses
+from tests.support.object_storage import use_account
 
 pytestmark = pytest.mark.cluster
 

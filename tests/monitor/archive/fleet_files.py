@@ -14,7 +14,7 @@ from models.work.serial import SerialExecutor
 from monitor.archive.index import Counts, Index
 from monitor.archive.result import RESULT_NAME, RecordingResult
 from monitor.archive.run import Plan, extend_archive, replay_waiting
-from tests.small_machine import BLOCK, small_machine
+from tests.support.small_machine import BLOCK, small_machine
 
 BEGIN = datetime.datetime(2024, 3, 1, 20, tzinfo=datetime.UTC)
 

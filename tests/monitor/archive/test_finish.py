@@ -11,8 +11,8 @@ import pytest
 
 from monitor.archive import finish, run
 from monitor.archive.index import Index
-from tests.commands import run_command
 from tests.monitor.archive.fleet_files import CONFIG, write_files
+from tests.support.commands import run_command
 
 
 class Zarr:

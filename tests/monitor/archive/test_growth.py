@@ -16,7 +16,7 @@ from monitor.archive.index import DONE, Index, Later, Outcome
 from monitor.archive.manifest import ManifestError
 from monitor.archive.plan import Planner
 from tests.monitor.archive.fleet_files import CONFIG, assert_same_records, make_archive, result_of, write_files
-from tests.small_machine import BAND
+from tests.support.small_machine import BAND
 
 AUTO = CONFIG.replace(BAND, 'band_hz = "auto"').replace("speed_hz = 30", "speed_hz = 10")
 """At a speed at which the rate suffices to choose a band."""

@@ -16,8 +16,8 @@ from models.work.object_store import ObjectStore
 from monitor.archive import place
 from monitor.archive.manifest import ManifestError
 from monitor.archive.place import INDEX_NAME, open_index
-from tests.commands import run_command
 from tests.monitor.archive.fleet_files import CONFIG, write_files
+from tests.support.commands import run_command
 
 pytest.importorskip("fsspec", reason="needs the extra cluster")
 

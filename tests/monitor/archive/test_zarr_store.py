@@ -26,7 +26,7 @@ from monitor.archive.result import RecordingResult, RecordsFile, Shape
 from monitor.archive.rows import RowsError, row_ranges
 from monitor.archive.setup import ArchiveError
 from tests.monitor.archive.recordings import FEW, replayed, trimmed
-from tests.object_storage import use_account
+from tests.support.object_storage import use_account
 
 zarr_store = pytest.importorskip("monitor.archive.zarr_store")
 write_archive = zarr_store.write_archive

@@ -9,8 +9,8 @@ import pytest
 
 from monitor.archive.place import open_index
 from monitor.commands.archive import lines
-from tests.commands import run_command
 from tests.monitor.archive.fleet_files import CONFIG, write_files
+from tests.support.commands import run_command
 
 LEFT = ("index.db", "index.db.lock", "fleet.html")
 

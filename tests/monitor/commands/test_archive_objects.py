@@ -11,10 +11,10 @@ import pytest
 import spallwatch as sw
 from models.work.object_store import ObjectStore
 from streams.block import STANDARD_GRAVITY
-from tests.commands import run_command
-from tests.effort import effort_count
 from tests.monitor.archive.fleet_files import CONFIG, write_files
-from tests.object_storage import use_account
+from tests.support.commands import run_command
+from tests.support.effort import effort_count
+from tests.support.object_storage import use_account
 
 pytestmark = pytest.mark.cluster
 

@@ -10,10 +10,10 @@ import pytest
 
 from monitor.records.store import Store
 from monitor.service.status_file import StatusFile
-from tests.commands import run_command
-from tests.faults.daemons import make_machine
 from tests.monitor.service.test_daemon import last, put, running
-from tests.waiting import wait_until
+from tests.support.commands import run_command
+from tests.support.daemons import make_machine
+from tests.support.waiting import wait_until
 
 
 def backed_up(config: Path, *options: object) -> dict[str, object]:

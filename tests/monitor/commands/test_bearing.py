@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from models.line_contact import LINE_CONTACTS
-from tests.commands import run_command
+from tests.support.commands import run_command
 
 
 @cache

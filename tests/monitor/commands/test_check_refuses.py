@@ -17,10 +17,10 @@ import pytest
 from monitor.records.ledger import StoreLedger, keep_dating
 from monitor.records.store import Store
 from streams.dating import Dating
-from tests.commands import run_command
-from tests.faults.daemons import RATE, ROOT, free_port
 from tests.faults.test_folder_permissions import BOUND
 from tests.faults.test_store_kill import block
+from tests.support.commands import run_command
+from tests.support.daemons import RATE, ROOT, free_port
 
 _PLACES = 'state_dir = "state"\nrecords_dir = "records"\n'
 _SOURCE = 'url = "folder:in"\nformat = "csv"\n'
@@ -240,7 +240,7 @@ def test_a_missing_folder_and_a_damaged_store_are_no_refusals(tmp_path: Path) ->
 _AS_USER = """
 import json, sys
 from pathlib import Path
-from tests.commands import run_command
+from tests.support.commands import run_command
 
 for command in ("check", "run"):
     done = run_command(command, "--config", sys.argv[1])

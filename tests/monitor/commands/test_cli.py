@@ -12,7 +12,7 @@ import pytest
 from click.shell_completion import BashComplete, get_completion_class
 
 from monitor import cli
-from tests.commands import run_command
+from tests.support.commands import run_command
 
 ROOT = Path(__file__).resolve().parents[3]
 

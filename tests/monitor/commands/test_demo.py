@@ -17,7 +17,7 @@ from monitor.commands.demo_prior import QUADRATIC, forecast_quadratic
 from monitor.commands.sole_writer import sole_writer
 from monitor.records.store import Store
 from monitor.service.libraries import shipped_library
-from tests.commands import run_command
+from tests.support.commands import run_command
 
 
 def test_the_bench_is_that_of_the_thesis() -> None:

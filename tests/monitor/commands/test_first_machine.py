@@ -8,7 +8,7 @@ import pytest
 
 from benchmarks.first_machine import ANSWERS, MACHINES, PAGE, follow, table
 from benchmarks.loggers import LOGGERS
-from tests.effort import effort_count
+from tests.support.effort import effort_count
 
 KINDS = ("wav", "hdf5", "tdms", "csv", "mat")
 """From the quickest on."""

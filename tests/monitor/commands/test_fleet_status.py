@@ -10,8 +10,8 @@ import pytest
 
 from monitor.commands.run import _channel, present_state
 from monitor.service.status_file import StatusFile
-from tests.faults.daemons import call
-from tests.fleet import add_machine
+from tests.support.daemons import call
+from tests.support.fleet import add_machine
 
 pytestmark = pytest.mark.process
 

@@ -11,8 +11,8 @@ from typing import Any
 import pytest
 
 from monitor.commands.gear.kinematics import gear_lines
-from tests.commands import run_command
 from tests.monitor.config.test_config import MINIMAL, validate
+from tests.support.commands import run_command
 
 GEARS = """
 [gear]

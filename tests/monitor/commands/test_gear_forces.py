@@ -17,9 +17,9 @@ from monitor.commands.gear.kinematics import GearInput
 from monitor.commands.gear.picture import draw_gears, gear_picture, shaft_centres
 from monitor.commands.simulate import gears as simulate_gears
 from monitor.config.load import validate
-from tests.commands import run_command
 from tests.monitor.config.test_config import MINIMAL
 from tests.monitor.config.test_gear_train import APPENDIX, changed
+from tests.support.commands import run_command
 
 RATE = 20480.0
 

@@ -24,8 +24,8 @@ from monitor.commands.trial_files import Measuring, read_trials, tracked_channel
 from monitor.config.bearing import RigSection
 from monitor.config.load import Config, ConfigError, load_config, validate
 from streams.block import STANDARD_GRAVITY
-from tests.commands import run_command
 from tests.models.identify.cases import CONDITIONS, TRUTH, simulated_trials
+from tests.support.commands import run_command
 
 MACHINE = """
 [[bearing]]

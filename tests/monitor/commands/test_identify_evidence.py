@@ -18,10 +18,10 @@ from monitor.commands.evidence_files import read_accelerance, read_peaks
 from monitor.commands.identify_verdict import verdict_lines
 from monitor.commands.trial_files import Measuring, read_trials, tracked_channel
 from monitor.config.load import load_config
-from tests.commands import run_command
 from tests.models.identify.cases import BEARING
 from tests.models.identify.test_evidence import LIGHT, peaks_of
 from tests.monitor.commands.test_identify import MACHINE, RATE
+from tests.support.commands import run_command
 
 LOAD = 2000.0
 HELD = f"""

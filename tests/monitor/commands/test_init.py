@@ -23,7 +23,7 @@ from monitor.commands.init.text import _pair
 from monitor.config.load import Config, load_config
 from monitor.service.setup import open_configured
 from streams.block import STANDARD_GRAVITY, Block, to_si
-from tests.commands import run_command
+from tests.support.commands import run_command
 
 ANSWERS = {
     "csv": ["6205-2RS", "1488 rpm"],

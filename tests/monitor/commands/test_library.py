@@ -23,7 +23,7 @@ from monitor.records.library_file import load_library
 from monitor.service.calibration import is_calibrated, rig_of_library
 from monitor.service.libraries import build_library, prior_words
 from monitor.service.setup import source_settings
-from tests.effort import effort_count
+from tests.support.effort import effort_count
 
 
 def build(*arguments: str) -> dict[str, Any]:

@@ -7,7 +7,7 @@ import json
 import numpy as np
 import pytest
 
-from tests.commands import run_command
+from tests.support.commands import run_command
 
 RATE, N = 8000, 16_000
 TURNS = 20.0 * np.arange(N) / RATE + 2.0 * (np.arange(N) / RATE) ** 2

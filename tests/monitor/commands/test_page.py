@@ -16,11 +16,11 @@ from typing import Any
 
 import pytest
 
-from tests.faults.daemons import ROOT, call, start
-from tests.fleet import add_machine
-from tests.forks import ForkedProgram
 from tests.streams.folders import csv_bytes, noise
-from tests.waiting import PATIENCE_S, finish, stop, wait_until
+from tests.support.daemons import ROOT, call, start
+from tests.support.fleet import add_machine
+from tests.support.forks import ForkedProgram
+from tests.support.waiting import PATIENCE_S, finish, stop, wait_until
 
 pytestmark = pytest.mark.process
 

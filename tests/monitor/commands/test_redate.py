@@ -20,9 +20,9 @@ from monitor.service.ingest import Ingest
 from monitor.web.api import is_dated
 from streams.dating import Dating
 from streams.stamps import utc_text
-from tests.commands import run_command
 from tests.streams.folders import RATE, noise
-from tests.waiting import wait_until
+from tests.support.commands import run_command
+from tests.support.waiting import wait_until
 
 CONFIG = """
 [machine]

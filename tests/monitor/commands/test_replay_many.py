@@ -22,7 +22,7 @@ from monitor.commands.replay_many import Recording, Replays, find_recordings, re
 from monitor.commands.shared_folders import SharedFolderError, remove_leftovers, replaced
 from monitor.config.load import ConfigError
 from monitor.records.store import Store
-from tests.small_machine import small_machine
+from tests.support.small_machine import small_machine
 
 CONFIG = small_machine()
 

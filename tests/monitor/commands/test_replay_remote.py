@@ -11,9 +11,9 @@ import pytest
 from models.work.object_store import ObjectStore
 from monitor.health.record import Record
 from monitor.records.store import Store
-from tests.commands import run_command
-from tests.object_storage import BUCKET, use_account
-from tests.small_machine import small_machine
+from tests.support.commands import run_command
+from tests.support.object_storage import BUCKET, use_account
+from tests.support.small_machine import small_machine
 
 pytest.importorskip("fsspec", reason="needs the extra cluster")
 

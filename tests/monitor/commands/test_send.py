@@ -16,9 +16,9 @@ from streams.block import Block
 from streams.link.sender import SendError
 from streams.link.tcp import TcpReceiver
 from streams.spec import NetworkSpec, SourceError, SourceSpec
-from tests.committing import committing
-from tests.memory_ledger import MemoryLedger
 from tests.streams.tcp_peers import receiving
+from tests.support.committing import committing
+from tests.support.memory_ledger import MemoryLedger
 
 CONFIG = """
 [[bearing]]

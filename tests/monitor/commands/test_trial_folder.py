@@ -21,9 +21,9 @@ from monitor.commands.trial_folder import compile_names, read_tests
 from monitor.config.load import load_config
 from streams.block import STANDARD_GRAVITY
 from streams.datasets import ferrara_name
-from tests.commands import run_command
 from tests.models.identify.cases import BAND, BEARING, CONDITIONS, TRUTH, space_of
-from tests.once import made_once
+from tests.support.commands import run_command
+from tests.support.once import made_once
 
 MACHINE = """
 [[bearing]]

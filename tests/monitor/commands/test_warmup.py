@@ -8,8 +8,8 @@ from click.testing import CliRunner
 
 from models.warmup import PARTS, compile_parts
 from monitor.commands.warmup import command
-from tests.effort import effort_count
 from tests.monitor.commands.test_cli import CONFIG
+from tests.support.effort import effort_count
 
 
 @pytest.mark.parametrize(("block", "transforms"), [("1", 1), ('"file"', 0)])

@@ -8,8 +8,8 @@ import pytest
 
 from monitor.config.fleet import load_fleet
 from monitor.config.load import ConfigError
-from tests.faults.daemons import call
-from tests.fleet import add_machine
+from tests.support.daemons import call
+from tests.support.fleet import add_machine
 
 pytestmark = pytest.mark.process
 

@@ -15,9 +15,9 @@ from monitor.config.load import Config
 from monitor.health.spectrum.interference import Interference
 from monitor.service.setup import source_settings
 from monitor.service.summary import run_attributes
-from tests.commands import run_command
 from tests.monitor.config.test_config import MINIMAL, message, validate
 from tests.monitor.health.test_interference import RATE, damaged, mesh
+from tests.support.commands import run_command
 
 MACHINE = """
 [[bearing]]

@@ -19,7 +19,7 @@ from models.rigs.rotor import RotorRig
 from models.rigs.six_dof import Rig
 from monitor.config.load import Config, ConfigError, load_config, validate
 from monitor.config.shaft import RIG_KEYS, SCENE_KEYS, ShaftSection
-from tests.commands import run_command
+from tests.support.commands import run_command
 
 SHAFT = {
     "length_mm": 800,

@@ -24,7 +24,7 @@ from monitor.health.alarms import (
     machine_state,
     step,
 )
-from tests.effort import effort_count
+from tests.support.effort import effort_count
 
 RULE = Rule("rms", "rms", alert=Level(10.0), danger=Level(20.0), hysteresis=0.1, on_delay=2, off_delay=3)
 EXAMPLES = effort_count(quick=20, full=2000)

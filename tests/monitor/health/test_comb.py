@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from monitor.health.spectrum.comb import line_spectrum
 from monitor.health.spectrum.lines import fault_lines, noise_threshold
-from tests.effort import effort_count
 from tests.oracles import features_oracle as oracle
+from tests.support.effort import effort_count
 
 CASES = effort_count(quick=25, full=500)
 

@@ -23,8 +23,8 @@ from monitor.service.setup import source_settings, source_spec
 from streams.block import Block
 from streams.open import open_source
 from streams.spec import ChannelSpec, SourceSpec
-from tests.effort import effort_count
-from tests.steps import Steps
+from tests.support.effort import effort_count
+from tests.support.steps import Steps
 
 BEARING = from_catalogue("6205")
 RATE = 12000.0

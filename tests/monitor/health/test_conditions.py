@@ -25,8 +25,8 @@ from monitor.health.state import ChannelSettings, SourceSettings, SourceState
 from monitor.health.trend import TrendInput, TrendState, TtaStatus
 from monitor.health.trend import step as trend_step
 from streams.block import Block
-from tests.signals import bearing_lines
-from tests.steps import Steps
+from tests.support.signals import bearing_lines
+from tests.support.steps import Steps
 
 RATE, SAMPLES, COUNT = 25600.0, 4096, 90
 RELATIVE = Rule("relative", "rms", alert=Level(deviations=6.0), on_delay=2)

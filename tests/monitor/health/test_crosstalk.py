@@ -22,7 +22,7 @@ from monitor.health.step import step as source_step
 from monitor.health.voice import Heard, heard_in
 from streams.block import Block
 from streams.pulses import Pulses
-from tests.signals import bearing_lines, impacts
+from tests.support.signals import bearing_lines, impacts
 
 RATE, SECONDS, SPEED = 12800.0, 2.0, 30.0
 HEALTHY = Baseline(0.0, 0.1, dict.fromkeys(("h_or", "h_ir", "h_ball", "h_cage"), (0.3, 0.1)))

@@ -20,7 +20,7 @@ from monitor.health.detect.dependence import (
     varying,
     widens,
 )
-from tests.effort import effort_count
+from tests.support.effort import effort_count
 
 BY_SPEED = DetectSettings(levels_by="speed")
 NONE = DetectSettings(levels_by="none")

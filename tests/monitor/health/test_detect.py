@@ -23,7 +23,7 @@ from monitor.health.detect import (
 )
 from monitor.health.detect.dependence import UNKNOWN
 from monitor.health.detect.threshold import one_of
-from tests.effort import effort_count
+from tests.support.effort import effort_count
 
 SETTINGS = DetectSettings()
 THESIS = DetectSettings(features=("rms", "h_or"))

@@ -14,8 +14,8 @@ from monitor.health.damage import EdvStatus
 from monitor.health.damage.thesis import level_set
 from monitor.health.damage.thesis.edv import EdvSettings, EdvState, step
 from monitor.health.damage.thesis.level_set import LevelMap, least_volume, step_back
-from tests.effort import effort_count
 from tests.oracles.edv_oracle import scan_least_volume
+from tests.support.effort import effort_count
 
 RADIUS = 0.02291
 MICRON = 1e-6

@@ -20,7 +20,7 @@ from monitor.health.state import SourceSettings, SourceState
 from monitor.words.events import event_text
 from streams.block import Block
 from tests.monitor.health.test_pipeline import DETECT, RATE, SPEED, TRACKED, life
-from tests.steps import Steps
+from tests.support.steps import Steps
 
 # The volumes of this toy map are 0, so that a level below is reached.
 ALARMS = AlarmSettings(

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from models.bearing import Bearing, kinematics
 from monitor.health.spectrum.average import RecentSpectra
 from monitor.health.spectrum.features import FAULTS, BlockFeatures, FeatureSettings, block_features, fundamentals
-from tests.effort import effort_count
 from tests.oracles import features_oracle as oracle
+from tests.support.effort import effort_count
 
 RATE = 25_600.0
 FUNDAMENTALS = {"outer": 97.8, "inner": 142.2, "ball": 102.9, "cage": 8.15}

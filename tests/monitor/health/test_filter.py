@@ -31,8 +31,8 @@ from monitor.health.damage.filter.prior import ErrorModel, GrowthPrior, build_lo
 from monitor.health.damage.thesis.level_set import LevelMap
 from monitor.health.damage.tracker import DamageGate, DamageSettings, DamageState, PartMap, TrackMethod
 from monitor.health.damage.tracker import step as damage_step
-from tests.effort import effort_count
 from tests.oracles.filter_oracle import latest_b_and_z, posterior_of_one_block, strangeness
+from tests.support.effort import effort_count
 
 RADIUS = 0.02291
 MM2 = 1e-6

@@ -19,8 +19,8 @@ from monitor.health.damage.thesis.forecast import (
     RunningFit,
     step,
 )
-from tests.effort import effort_count
 from tests.oracles.quadratic_oracle import fit_quadratic
+from tests.support.effort import effort_count
 
 MM2 = 1e-6
 THRESHOLD = 0.05 * MM2

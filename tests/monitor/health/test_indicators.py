@@ -8,8 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from monitor.health.spectrum.indicators import TimeIndicators, time_indicators
-from tests.effort import effort_count
 from tests.oracles import features_oracle as oracle
+from tests.support.effort import effort_count
 
 CASES = effort_count(quick=15, full=300)
 RATIOS = ("kurtosis", "skewness", "crest_factor", "shape_factor", "impulse_factor", "clearance_factor")

@@ -15,7 +15,7 @@ from monitor.health.spectrum.bands import find_band
 from monitor.health.spectrum.features import BlockFeatures, FeatureSettings, block_features, fundamentals
 from monitor.health.spectrum.interference import Interference, all_combs, remove_lines
 from monitor.health.spectrum.interference_search import propose
-from tests.signals import RESONANCE, bearing_lines, impacts
+from tests.support.signals import RESONANCE, bearing_lines, impacts
 
 RATE, BAND, SPEED = 25600.0, (1000.0, 9000.0), 30.0
 _, LINES = bearing_lines("6205", SPEED)

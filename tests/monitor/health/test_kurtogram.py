@@ -16,7 +16,7 @@ from monitor.service.replay import replay
 from tests.monitor.health.test_pipeline import RATE, life
 from tests.monitor.records.test_spectra import machine
 from tests.oracles.kurtogram_oracle import band_kurtosis
-from tests.signals import RESONANCE, bearing_lines, impacts
+from tests.support.signals import RESONANCE, bearing_lines, impacts
 
 
 def noise(n: int, seed: int = 0) -> NDArray[np.float64]:

@@ -18,9 +18,9 @@ from monitor.health.damage.library.fit import FitSettings, fit_library, fit_regr
 from monitor.health.damage.library.forecaster import QUANTILES, LibrarySettings, LibraryState, step
 from monitor.health.damage.library.model import LINES, quantiles_of
 from monitor.health.damage.library.scores import SHARES, crps
-from tests.effort import effort_count
-from tests.followed_lives import Answer, blocks_of, follow
 from tests.oracles.toy_lives import INTERVAL, THRESHOLD, toy_library, toy_life, toy_lives
+from tests.support.effort import effort_count
+from tests.support.followed_lives import Answer, blocks_of, follow
 
 QUICK = FitSettings(columns=100, moments=12)
 

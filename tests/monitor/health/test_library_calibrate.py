@@ -14,8 +14,8 @@ from monitor.health.damage.library.forecaster import LibrarySettings, LibrarySta
 from monitor.health.damage.library.model import Library
 from monitor.health.damage.library.scores import crps
 from monitor.records.library_file import load_library, save_library
-from tests.effort import effort_count
 from tests.oracles.toy_lives import THRESHOLD, toy_library, toy_life
+from tests.support.effort import effort_count
 
 AT = 2
 """Place of the threshold among the targets of a fit: V_eq, 0.03 mm2, 0.05 mm2."""

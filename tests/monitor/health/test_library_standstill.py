@@ -19,9 +19,9 @@ from monitor.health.damage.library.forecaster import (
     _forecast,
     step,
 )
-from tests.effort import effort_count
-from tests.followed_lives import blocks_of, follow
 from tests.oracles.toy_lives import INTERVAL, THRESHOLD, standing_library, standing_life, toy_library, toy_life
+from tests.support.effort import effort_count
+from tests.support.followed_lives import blocks_of, follow
 
 
 def test_a_standstill_is_said_and_its_v_eq_does_not_creep_on() -> None:

@@ -23,7 +23,7 @@ from monitor.health.schema import FAULTS
 from monitor.health.state import ChannelSettings, ChannelState, Named, SourceSettings, SourceState
 from monitor.health.voice import SILENCE, Heard, heard_in, parts_of
 from monitor.service.summary import bearing_summaries
-from tests.signals import bearing_lines
+from tests.support.signals import bearing_lines
 
 TEST_BEARING, _ = bearing_lines("PRONOSTIA", 30.0)
 NAMES = (*FAULTS, "inner|ball", "ball|cage")

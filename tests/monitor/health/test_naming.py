@@ -27,8 +27,8 @@ from monitor.health.spectrum.features import FAULTS, N_HARMONICS, FeatureSetting
 from monitor.health.spectrum.floor import noise_floor
 from monitor.health.spectrum.lines import SEARCH, fault_lines
 from monitor.health.spectrum.search import UNVERIFIED_SLIP
-from tests.effort import effort_count
-from tests.signals import HealthyMachine, bearing_lines, impacts, pulses
+from tests.support.effort import effort_count
+from tests.support.signals import HealthyMachine, bearing_lines, impacts, pulses
 
 RATE = 25600.0
 BAND = (1000.0, 9000.0)

@@ -31,8 +31,8 @@ from monitor.health.spectrum.transform import BlockTransform
 from monitor.health.state import ChannelSettings, SourceSettings
 from streams.block import Block
 from streams.pulses import Pulses
-from tests.effort import effort_count
-from tests.signals import bearing_lines
+from tests.support.effort import effort_count
+from tests.support.signals import bearing_lines
 
 RATE, N = 8000.0, 16_000
 DURATION = N / RATE

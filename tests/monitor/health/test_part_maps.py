@@ -20,7 +20,7 @@ from monitor.health.output import ChannelOutput, record_values
 from monitor.health.record import Record
 from monitor.health.retrace import retrace
 from monitor.health.state import ChannelSettings, ChannelState, SourceSettings, SourceState
-from tests.signals import HealthyMachine, bearing_lines, impacts
+from tests.support.signals import HealthyMachine, bearing_lines, impacts
 
 RATE, N, SPEED = 25600.0, 5120, 27.5
 BEARING, LINES = bearing_lines("PRONOSTIA", SPEED)

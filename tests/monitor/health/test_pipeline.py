@@ -27,8 +27,8 @@ from monitor.health.record import Record
 from monitor.health.spectrum.average import RecentSpectra
 from monitor.health.spectrum.bands import VOTES_NEEDED
 from monitor.health.state import ChannelSettings, ChannelState
-from tests.effort import effort_count
-from tests.signals import HealthyMachine, bearing_lines, impacts
+from tests.support.effort import effort_count
+from tests.support.signals import HealthyMachine, bearing_lines, impacts
 
 RATE, N, SPEED = 25600.0, 2560, 27.5
 BEARING, LINES = bearing_lines("PRONOSTIA", SPEED)

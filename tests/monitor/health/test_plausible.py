@@ -16,8 +16,8 @@ from hypothesis import strategies as st
 from monitor.health.damage import DamageInput
 from monitor.health.damage.library.forecaster import LibrarySettings, LibraryState, step
 from monitor.health.damage.library.plausible import LAGS, MAX_GAP, Limits, Watch, step_score
-from tests.effort import effort_count
 from tests.oracles.toy_lives import INTERVAL, THRESHOLD, toy_library, toy_life
+from tests.support.effort import effort_count
 
 LIVES = effort_count(quick=8, full=200)
 Change = Callable[[list[DamageInput], np.random.Generator], list[DamageInput]]

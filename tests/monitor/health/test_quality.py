@@ -18,7 +18,7 @@ from monitor.health.quality import (
     rejected,
     with_flags,
 )
-from tests.effort import effort_count
+from tests.support.effort import effort_count
 
 RNG = np.random.default_rng(0)
 NOISE = RNG.standard_normal(12800).astype(np.float32)

@@ -15,8 +15,8 @@ from monitor.health.schema import VARIABLES
 from monitor.health.spectrum import features
 from monitor.records.packing import pack, unpack
 from monitor.words.features import GABRIELLI
-from tests.effort import effort_count
 from tests.oracles.records_oracle import records
+from tests.support.effort import effort_count
 
 EXAMPLES = effort_count(quick=30, full=2000)
 

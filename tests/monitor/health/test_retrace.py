@@ -17,7 +17,7 @@ from monitor.health.state import ChannelSettings, SourceSettings, SourceState
 from monitor.health.waterfall import WaterfallSettings
 from streams.block import Block, Rejected
 from tests.monitor.health.test_pipeline import BANDS, RATE, SPEED, TRACKED, life
-from tests.steps import Steps
+from tests.support.steps import Steps
 
 COUNT = 80
 ALARMS = AlarmSettings(

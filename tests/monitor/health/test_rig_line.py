@@ -37,8 +37,8 @@ from monitor.service.libraries import build_library
 from monitor.service.replay import Replay, replay
 from streams.block import Block
 from streams.rig import CHANNELS, SimulatedRig, open_rig
-from tests.effort import effort_count
-from tests.once import made_once
+from tests.support.effort import effort_count
+from tests.support.once import made_once
 
 pytestmark = pytest.mark.usefixtures("kept_band_choices")
 

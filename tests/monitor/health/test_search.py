@@ -11,8 +11,8 @@ from monitor.health.naming import Naming, name_fault
 from monitor.health.spectrum.features import FeatureSettings, block_features, fundamentals
 from monitor.health.spectrum.lines import SEARCH
 from monitor.health.spectrum.search import FamilySearch, family_searches, overlapping, slip_searches, stated_searches
-from tests.effort import effort_count
-from tests.signals import Samples, impacts
+from tests.support.effort import effort_count
+from tests.support.signals import Samples, impacts
 
 RATE, BAND, SPEED = 25600.0, (1000.0, 9000.0), 30.0
 ENTRY = catalogue_entry("6207")

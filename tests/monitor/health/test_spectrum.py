@@ -16,8 +16,8 @@ from monitor.health.spectrum.transform import (
     fast_length,
     get_transform,
 )
-from tests.effort import effort_count
 from tests.oracles import features_oracle as oracle
+from tests.support.effort import effort_count
 
 RATE = 25_600.0
 CASES = effort_count(quick=15, full=300)

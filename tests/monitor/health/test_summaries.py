@@ -11,8 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from monitor.health.damage.library.summaries import FIRST, RECENT, WHOLE, LevelHistory, summarise, summary_names
-from tests.effort import effort_count
 from tests.oracles.summaries_oracle import summarise_slowly
+from tests.support.effort import effort_count
 
 INTERVAL = 300.0
 

@@ -17,7 +17,7 @@ from monitor.health.damage import tracker as damage
 from monitor.health.spectrum.features import FeatureSettings, block_features, fundamentals
 from monitor.service.setup import part_map
 from streams.rig import SimulatedRig, machine_of
-from tests.effort import effort_count
+from tests.support.effort import effort_count
 
 BAND = (0.0, 9500.0)
 HEALTHY = 1

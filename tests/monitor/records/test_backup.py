@@ -17,9 +17,9 @@ from monitor.records.recover import published as recover_published
 from monitor.records.recover.salvage import open_or_salvage
 from monitor.records.restore import Places
 from monitor.records.store import Store
-from tests.effort import effort_count
 from tests.faults.test_store_damage import CutOff, CutOffError
 from tests.faults.test_store_kill import block
+from tests.support.effort import effort_count
 
 UTC = 1795338000.0
 

@@ -16,8 +16,8 @@ from monitor.records.ledger import StoreLedger, write_progress
 from monitor.records.store import Store
 from streams.block import Block, Rejected
 from streams.source import FileProgress, Ledger
-from tests.effort import effort_count
-from tests.memory_ledger import MemoryLedger
+from tests.support.effort import effort_count
+from tests.support.memory_ledger import MemoryLedger
 
 PATHS = st.sampled_from(["a.csv", "b.csv", "sub/c\\u000a.csv"])
 PROGRESS = st.builds(

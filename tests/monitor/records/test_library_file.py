@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from monitor.records.library_file import LibraryError, load_library, save_library
-from tests.followed_lives import blocks_of, follow
 from tests.oracles.toy_lives import toy_library, toy_life
+from tests.support.followed_lives import blocks_of, follow
 
 
 def test_a_library_comes_back_from_its_file_as_it_was(tmp_path: Path) -> None:

@@ -20,8 +20,8 @@ from monitor.records.events import EventLog
 from monitor.records.publish import PublishError, file_name, publish
 from monitor.records.snapshot import read_snapshot, snapshot_path
 from monitor.records.store import Store
-from tests.effort import effort_count
 from tests.oracles.records_oracle import array_of, records
+from tests.support.effort import effort_count
 
 DAY = 86400.0
 NOON = 1_700_000_000.0 // DAY * DAY + DAY / 2

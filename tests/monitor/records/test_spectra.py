@@ -28,11 +28,11 @@ from monitor.service.ingest import Ingest
 from monitor.service.replay import replay
 from monitor.service.setup import source_settings
 from streams.block import Block, Rejected
-from tests.effort import effort_count
 from tests.monitor.health.test_pipeline import DETECT, FIRST_BAD, RATE, SPEED, life
 from tests.monitor.service.test_ingest import Queue
-from tests.signals import bearing_lines
-from tests.steps import Steps
+from tests.support.effort import effort_count
+from tests.support.signals import bearing_lines
+from tests.support.steps import Steps
 
 START = 1_700_000_000.0
 LINES = bearing_lines("PRONOSTIA", SPEED)[1]

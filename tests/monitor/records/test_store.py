@@ -16,8 +16,8 @@ from monitor.records.database import StoreError
 from monitor.records.store import Store
 from monitor.records.tables import STORE_VERSION
 from streams.listing import file_system_type
-from tests.effort import effort_count
 from tests.oracles.records_oracle import records
+from tests.support.effort import effort_count
 
 
 def block(sequence: int, content: str = "h", source: str = "s", **fields: Any) -> Record:

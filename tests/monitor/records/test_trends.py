@@ -23,9 +23,9 @@ from monitor.records.packing import columns_of, numbers_of, pack, places_of, unp
 from monitor.records.rollup import FEATURES, LEVELS_S, SeriesKey, rolled_up_to
 from monitor.records.store import Store
 from monitor.records.trends import TrendTable, read_trends
-from tests.effort import effort_count
 from tests.oracles.records_oracle import records
 from tests.oracles.trends_oracle import Said, extremes, said_of, stretches
+from tests.support.effort import effort_count
 
 DAY = 86400.0
 

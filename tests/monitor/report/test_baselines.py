@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 
 from monitor.health.damage.thesis import forecast
 from monitor.report.score import baselines
-from tests.effort import effort_count
 from tests.oracles.score_oracle import line_ahead
+from tests.support.effort import effort_count
 
 LIVES = (100.0, 200.0, 400.0)
 

@@ -44,10 +44,10 @@ from monitor.report.report import build_report
 from monitor.report.runs import ReportError, read_runs
 from monitor.report.summary import RunSummary
 from monitor.report.tables import Column, Table, write_tables
-from tests.effort import effort_count
 from tests.monitor.report.dying import dies
 from tests.oracles.lives import GRAVITY, life
 from tests.oracles.page import Page
+from tests.support.effort import effort_count
 
 pytestmark = pytest.mark.usefixtures("plain_layout")
 START = 1_700_000_000.0

@@ -35,7 +35,7 @@ from streams.block import STANDARD_GRAVITY
 from tests.models.identify.cases import BAND, space_of
 from tests.models.identify.test_identify import stand_in
 from tests.monitor.conftest import ARRANGE
-from tests.once import made_once
+from tests.support.once import made_once
 
 pytestmark = pytest.mark.usefixtures("plain_layout")
 

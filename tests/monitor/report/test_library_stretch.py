@@ -21,8 +21,8 @@ from benchmarks.library_stretch import (
 from monitor.health.damage.library.fit import FitSettings, fit_library
 from monitor.health.damage.library.model import SPREAD, FeatureFit
 from monitor.health.damage.library.scores import crps
-from tests.effort import effort_count
 from tests.oracles.toy_lives import INTERVAL, THRESHOLD, toy_lives
+from tests.support.effort import effort_count
 
 LIVES = effort_count(quick=70, full=600)
 NEIGHBOURS = effort_count(quick=60, full=300)

@@ -31,8 +31,8 @@ from monitor.report.figures.rms_map import cut_nodes, map_sheet, node_errors, no
 from monitor.report.figures.scene import SensorSignal, passages, resonances, scene_sheet, signal_of, ways
 from monitor.report.figures.sheet import write_sheet
 from streams.block import STANDARD_GRAVITY
-from tests.effort import effort_count
-from tests.periods import period_of
+from tests.support.effort import effort_count
+from tests.support.periods import period_of
 
 pytestmark = pytest.mark.usefixtures("plain_layout")
 

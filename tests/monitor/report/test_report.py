@@ -26,10 +26,10 @@ from monitor.report.runs import ReportError, read_runs
 from monitor.report.verdict import judge, named_fault
 from monitor.words.advice import ADVICE
 from monitor.words.statuses import EDV_REFUSALS, TT_REFUSALS
-from tests.effort import effort_count
 from tests.oracles.lives import life
 from tests.oracles.page import Page
 from tests.oracles.records_oracle import records
+from tests.support.effort import effort_count
 
 pytestmark = pytest.mark.usefixtures("plain_layout")
 START = 1_700_000_000.0

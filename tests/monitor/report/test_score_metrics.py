@@ -8,7 +8,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from monitor.report.score import metrics
-from tests.effort import effort_count
 from tests.oracles.crps import crps_from_sample
 from tests.oracles.score_oracle import (
     convergence_by_steps,
@@ -17,6 +16,7 @@ from tests.oracles.score_oracle import (
     distribution,
     horizon_by_looking,
 )
+from tests.support.effort import effort_count
 
 TIMES = st.floats(0.0, 1e4)
 LEVELS = (0.1, 0.25, 0.5, 0.75, 0.9)

@@ -21,8 +21,8 @@ from monitor.report.figures.zoom import Band, Line, Panel, zoom_data, zoom_json
 from monitor.report.options import Options
 from monitor.report.report import build_report
 from monitor.words.numbers import Clock
-from tests.effort import effort_count
 from tests.oracles.lives import life
+from tests.support.effort import effort_count
 
 START = 1_700_000_000.0
 

@@ -22,14 +22,14 @@ from monitor.service.ingest import Ingest
 from monitor.service.machine_status import channel_condition, shown_alarms
 from monitor.service.setup import source_settings
 from streams.block import Block, Rejected
-from tests.effort import effort_count
-from tests.faults.daemons import call, make_machine, start, status
 from tests.faults.test_folder_kill import config
 from tests.monitor.service.test_daemon import last, running
 from tests.monitor.service.test_ingest import Queue, steps
-from tests.steps import Steps
 from tests.streams.folders import csv_bytes, noise
-from tests.waiting import wait_until
+from tests.support.daemons import call, make_machine, start, status
+from tests.support.effort import effort_count
+from tests.support.steps import Steps
+from tests.support.waiting import wait_until
 
 RATE = 2560.0
 LEVEL = AlarmLevel(

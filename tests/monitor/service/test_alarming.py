@@ -17,7 +17,7 @@ from monitor.records.store import Store
 from monitor.service.setup import source_settings
 from streams.block import Block, Rejected
 from tests.faults.test_folder_kill import config
-from tests.steps import Steps
+from tests.support.steps import Steps
 
 RATE = 2560.0
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from monitor.service.child_process import Child
-from tests.waiting import wait_until
+from tests.support.waiting import wait_until
 
 
 def hang() -> None:

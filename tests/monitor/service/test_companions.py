@@ -13,9 +13,9 @@ import pytest
 from monitor.config.load import load_config
 from monitor.records.store import Store
 from monitor.service.companions import Companions
-from tests.faults.daemons import make_machine, start, status
 from tests.monitor.service.test_daemon import last, put, running
-from tests.waiting import PATIENCE_S, at_most, stop, wait_until
+from tests.support.daemons import make_machine, start, status
+from tests.support.waiting import PATIENCE_S, at_most, stop, wait_until
 
 pytestmark = pytest.mark.process
 

@@ -22,9 +22,9 @@ from monitor.service.daemon import Daemon, DiskGuard, free_bytes
 from monitor.service.machine_status import channel_state
 from monitor.service.status_file import StatusFile, read_status
 from monitor.service.systemd import ServiceManager
-from tests.faults.daemons import make_machine, status
 from tests.streams.folders import csv_bytes, noise
-from tests.waiting import PATIENCE_S, at_most, join, wait_until
+from tests.support.daemons import make_machine, status
+from tests.support.waiting import PATIENCE_S, at_most, join, wait_until
 
 
 @contextmanager

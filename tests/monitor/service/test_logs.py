@@ -11,8 +11,8 @@ from pathlib import Path
 import pytest
 
 from monitor.service.systemd import JournalFormatter, to_journal
-from tests.faults.daemons import ROOT, make_machine
-from tests.waiting import stop, wait_until
+from tests.support.daemons import ROOT, make_machine
+from tests.support.waiting import stop, wait_until
 
 pytestmark = pytest.mark.process
 

@@ -21,7 +21,7 @@ from monitor.records.store import Store
 from monitor.service.notify.channels import Message, NotifyError, configured_channels
 from monitor.service.notify.message import Sender
 from monitor.service.notify.notifier import Notifier
-from tests.waiting import PATIENCE_S, wait_until
+from tests.support.waiting import PATIENCE_S, wait_until
 
 PRESS = Sender("press")
 NOW = 1.79e9

@@ -17,7 +17,7 @@ from monitor.records.events import Delivered, Deliveries
 from monitor.service.notify.channels import Message
 from monitor.service.notify.notifier import Notifier
 from tests.monitor.service.test_notifier import NOW, PRESS, Log, Notifying, Recorder, positions
-from tests.waiting import wait_until
+from tests.support.waiting import wait_until
 
 
 @pytest.fixture

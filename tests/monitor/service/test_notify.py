@@ -21,9 +21,9 @@ from monitor.service.notify.channels import (
     WebhookChannel,
     read_secret,
 )
-from tests.broker import Broker
-from tests.receivers import Certificate, Hook, Mail, make_certificate, subscribed
-from tests.waiting import wait_until
+from tests.support.broker import Broker
+from tests.support.receivers import Certificate, Hook, Mail, make_certificate, subscribed
+from tests.support.waiting import wait_until
 
 MESSAGE = Message("press: Hörizontal: danger", "RMS is 3.21 g\nV_eq 0.01 mm³/mm\n", {"events": [{"kind": "x"}]})
 SECRET = "let me in"

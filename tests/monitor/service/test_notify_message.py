@@ -19,7 +19,7 @@ from monitor.service.notify.message import Item, Sender, clean, compose
 from monitor.words.events import badness, event_text, local_moment
 from monitor.words.statuses import fault_words
 from streams.block import STANDARD_GRAVITY
-from tests.receivers import Mail
+from tests.support.receivers import Mail
 
 UTC = 1795269845.0  # 2026-11-21 14:04:05 UTC
 ROME = Sender("press", "Europe/Rome", "http://127.0.0.1:8710/", {"horizontal": "drive"})

@@ -12,9 +12,9 @@ import pytest
 from monitor.config.load import load_config
 from monitor.records.backup import NOTE
 from monitor.service.status_file import StatusFile, present_status
-from tests.commands import run_command
-from tests.faults.daemons import make_machine
-from tests.fleet import add_machine
+from tests.support.commands import run_command
+from tests.support.daemons import make_machine
+from tests.support.fleet import add_machine
 
 _WRITTEN = {
     "status": "running",

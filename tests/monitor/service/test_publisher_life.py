@@ -12,7 +12,7 @@ from monitor.records.store import Store
 from monitor.service import publisher as publishing
 from monitor.service.publisher import Publisher
 from tests.faults.test_store_kill import block
-from tests.waiting import PATIENCE_S
+from tests.support.waiting import PATIENCE_S
 
 pytestmark = pytest.mark.process
 DAY = 86400.0

@@ -21,11 +21,11 @@ from monitor.records.store import Published, Store
 from monitor.service.record_message import StoredRecord, channel_message, state_message
 from monitor.service.record_mqtt import PLACE, RecordMqtt
 from streams.block import STANDARD_GRAVITY
-from tests.broker import Broker
-from tests.effort import effort_count
-from tests.proxy import Proxy
-from tests.receivers import subscribed
-from tests.waiting import join, wait_until
+from tests.support.broker import Broker
+from tests.support.effort import effort_count
+from tests.support.proxy import Proxy
+from tests.support.receivers import subscribed
+from tests.support.waiting import join, wait_until
 
 CHANNELS = {"s": ("x", "y")}
 

@@ -14,8 +14,8 @@ import pytest
 from monitor.commands import replay as replay_command
 from monitor.health.record import Record
 from monitor.records.store import Store
-from tests.commands import run_command
-from tests.small_machine import BLOCK, RATE, small_machine
+from tests.support.commands import run_command
+from tests.support.small_machine import BLOCK, RATE, small_machine
 
 CONFIG = small_machine()
 

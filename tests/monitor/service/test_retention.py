@@ -17,10 +17,10 @@ from monitor.records.store import Published, Store
 from monitor.service.daemon import DiskGuard
 from monitor.service.publisher import PublishedFiles
 from monitor.service.retention import Retention
-from tests.faults.daemons import make_machine, status
 from tests.monitor.records.test_condense import BEGIN, DAY, EVENT_EVERY, PER_DAY, fill, present
 from tests.monitor.service.test_daemon import last, put, running
-from tests.waiting import wait_until
+from tests.support.daemons import make_machine, status
+from tests.support.waiting import wait_until
 
 ALL_THERE = PublishedFiles(complete=True)
 

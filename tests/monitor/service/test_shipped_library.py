@@ -18,7 +18,7 @@ from monitor.commands.common import InputError
 from monitor.health.damage import DamageInput
 from monitor.health.damage.library.forecaster import LibrarySettings, LibraryState, step
 from monitor.service.libraries import SHIPPED, shipped_library
-from tests.effort import effort_count
+from tests.support.effort import effort_count
 
 HASH = "a9ff1c91423a2fc001c9602bf4d664ceaeb78a1a01e09f845c776628d1292617"
 MAX_BYTES = 300_000

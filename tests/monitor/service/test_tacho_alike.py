@@ -23,7 +23,7 @@ from streams.link.pulse_frame import block_frames
 from streams.link.sender import TcpLink
 from streams.link.tcp import TcpReceiver
 from streams.spec import parse_address
-from tests.waiting import PATIENCE_S
+from tests.support.waiting import PATIENCE_S
 
 RATE = 2048
 COUNT = 1088

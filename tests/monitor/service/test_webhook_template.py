@@ -14,7 +14,7 @@ from pydantic import ValidationError
 from monitor.config.outputs import WebhookSection
 from monitor.config.webhook import READY, TEXTS, WebhookTemplate
 from monitor.service.notify.channels import Message, NotifyError, WebhookChannel
-from tests.receivers import Hook
+from tests.support.receivers import Hook
 
 EVENT = {"kind": "alarm_raised", "severity": "alert", "channel": "x", "text": 'RMS is "3.2" g'}
 MESSAGE = Message(

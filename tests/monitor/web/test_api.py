@@ -20,12 +20,12 @@ from monitor.records.spectra import read_block_view, read_spectra
 from monitor.records.store import Store
 from monitor.web.machines import Machine, Status
 from monitor.web.map_view import map_of
-from tests.faults.daemons import status
-from tests.fleet import add_machine
 from tests.monitor.service.test_daemon import running
-from tests.pages import Page, Reply, alarmed_machine, page_of, put_blocks
 from tests.streams.folders import csv_bytes
-from tests.waiting import wait_until
+from tests.support.daemons import status
+from tests.support.fleet import add_machine
+from tests.support.pages import Page, Reply, alarmed_machine, page_of, put_blocks
+from tests.support.waiting import wait_until
 
 pytestmark = pytest.mark.process
 

@@ -10,11 +10,11 @@ import pytest
 from monitor.config.load import load_config
 from monitor.records.events import EventLog
 from monitor.records.store import Store
-from tests.faults.daemons import status
-from tests.fleet import add_machine
 from tests.monitor.service.test_daemon import running
-from tests.pages import alarmed_machine, page_of, put_blocks
-from tests.waiting import wait_until
+from tests.support.daemons import status
+from tests.support.fleet import add_machine
+from tests.support.pages import alarmed_machine, page_of, put_blocks
+from tests.support.waiting import wait_until
 
 pytestmark = pytest.mark.process
 

@@ -18,10 +18,10 @@ from monitor.web.app import Site, _stream
 from monitor.web.auth import Doorkeeper
 from monitor.web.machines import Machines
 from monitor.web.security import Doors
-from tests.faults.daemons import make_machine
 from tests.monitor.web.test_security import machine_with_event
-from tests.pages import Page, page_of
-from tests.waiting import wait_until
+from tests.support.daemons import make_machine
+from tests.support.pages import Page, page_of
+from tests.support.waiting import wait_until
 
 
 def is_healthy(page: Page) -> bool:

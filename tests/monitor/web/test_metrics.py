@@ -16,10 +16,10 @@ from monitor.records.store import Store
 from monitor.service.status_file import StatusFile
 from monitor.web.metrics import address_of
 from monitor.words.statuses import STATES
-from tests.faults.daemons import ROOT, status
 from tests.monitor.service.test_daemon import running
-from tests.pages import Page, alarmed_machine, page_of, put_blocks
-from tests.waiting import wait_until
+from tests.support.daemons import ROOT, status
+from tests.support.pages import Page, alarmed_machine, page_of, put_blocks
+from tests.support.waiting import wait_until
 
 pytestmark = pytest.mark.process
 

@@ -20,8 +20,8 @@ import pytest
 from monitor.config.load import load_config
 from monitor.config.outputs import WebSection
 from monitor.service.page import PageProcess
-from tests.faults.daemons import ROOT, free_port, make_machine
-from tests.waiting import PATIENCE_S, wait_until
+from tests.support.daemons import ROOT, free_port, make_machine
+from tests.support.waiting import PATIENCE_S, wait_until
 
 pytestmark = pytest.mark.process
 

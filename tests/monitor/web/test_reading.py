@@ -22,10 +22,10 @@ from monitor.service.status_file import StatusFile
 from monitor.web import api
 from monitor.web.answers import numbers, without_folders
 from monitor.web.reading import LedgerTally, StoreReader
-from tests.effort import effort_count
-from tests.faults.daemons import make_machine
-from tests.pages import Page, page_of
-from tests.waiting import PATIENCE_S, wait_until
+from tests.support.daemons import make_machine
+from tests.support.effort import effort_count
+from tests.support.pages import Page, page_of
+from tests.support.waiting import PATIENCE_S, wait_until
 
 
 def fill(path: Path, statuses: list[str], first: int = 1) -> None:

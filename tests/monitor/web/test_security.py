@@ -19,9 +19,9 @@ from monitor.records.store import Store
 from monitor.web.auth import Doorkeeper, TokenError, load_token
 from monitor.web.security import Doors
 from monitor.web.server import LimitedProtocol
-from tests.faults.daemons import make_machine
-from tests.pages import Page, page_of
-from tests.waiting import wait_until
+from tests.support.daemons import make_machine
+from tests.support.pages import Page, page_of
+from tests.support.waiting import wait_until
 
 STRANGER = {
     "authorized": False,

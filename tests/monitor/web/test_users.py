@@ -24,7 +24,7 @@ from monitor.records.events import EventLog
 from monitor.web.auth import LOCKED_S, MAX_WRONG_PASSWORDS, Doorkeeper, SignInError, Visitor, WrongPasswords
 from monitor.web.users import User, Users, UsersError, changed_users, hash_password, invite, is_password, read_users
 from tests.monitor.web.test_security import machine_with_event
-from tests.pages import Page, Reply, page_of
+from tests.support.pages import Page, Reply, page_of
 
 PASSWORD = "correct horse battery"
 HASH = hash_password(PASSWORD)

@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from tests.effort import effort_count
 from tests.oracles import six_dof_oracle
 from tests.oracles.periodic import kernel, tableau
 from tests.oracles.periodic.path import cutoff_of, pieces_of
@@ -26,6 +25,7 @@ from tests.oracles.periodic.scenes import (
     scenes,
 )
 from tests.oracles.periodic.settle import Caps, History, Problem, is_averaged, other_levels, simulate_oracle
+from tests.support.effort import effort_count
 
 STORED = json.loads((Path(__file__).parents[2] / "data" / "engine_oracle.json").read_text())
 ROUGH = Rough(1e-6, 2e-3, cutoff_of(THESIS_BEARING.element_radius), 3)

@@ -21,9 +21,9 @@ from models.work.errors import ChunksFailedError, MemoryNeedError
 from models.work.folder_store import FolderStore
 from models.work.runner import SERIAL, Runner
 from models.work.task import Work
-from tests.effort import effort_count
 from tests.models.work import tasks
 from tests.models.work.cluster import jobs
+from tests.support.effort import effort_count
 
 pytestmark = pytest.mark.cluster
 

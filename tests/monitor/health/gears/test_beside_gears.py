@@ -25,7 +25,7 @@ from monitor.health.spectrum.interference import (
     remove_lines,
     wheel_turns,
 )
-from tests.signals import bearing_lines, impacts
+from tests.support.signals import bearing_lines, impacts
 
 RATE, BAND, SPEED = 25600.0, (1000.0, 9000.0), 30.0
 BEARING, LINES = bearing_lines("6205", SPEED)

@@ -22,8 +22,8 @@ from monitor.health.gears.naming import (
     step,
 )
 from monitor.health.gears.settings import GearSettings
-from tests.effort import effort_count
 from tests.monitor.health.gears.signals import pair
+from tests.support.effort import effort_count
 
 PAIR = pair()
 RULES = GearNamingSettings(persist_blocks=3, close_blocks=10)

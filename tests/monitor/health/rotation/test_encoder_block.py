@@ -19,7 +19,7 @@ from monitor.service.setup import source_settings
 from streams.block import Block
 from streams.pulses import Pulses
 from tests.monitor.health.rotation.wheels import eccentric, wheel
-from tests.steps import Steps
+from tests.support.steps import Steps
 
 MARKS, SPEED, TURNS, BLOCKS = 64, 100.0, 201, 8
 RATE, SECONDS = 2000.0, 2.0

@@ -11,8 +11,8 @@ from monitor.health.rotation.fit import rotation_of
 from monitor.health.rotation.profile import GAIN_SD, rotation_of_speed
 from monitor.health.rotation.repair import repaired
 from monitor.health.rotation.rotation import Rotation
-from tests.effort import effort_count
 from tests.monitor.health.rotation.shafts import Angle, even, hunting, marks, run_up, with_faults
+from tests.support.effort import effort_count
 
 SECONDS = 5.0
 TIME = np.linspace(0.0, SECONDS, 5001)

@@ -19,7 +19,7 @@ from streams.pulses import Pulses
 from tests.monitor.health.rotation.shafts import even, hunting, marks, run_up
 from tests.monitor.health.rotation.test_ridge import BEARING, shaken, turning
 from tests.monitor.health.rotation.test_ridge import RATE as RIDGE_RATE
-from tests.steps import Steps
+from tests.support.steps import Steps
 
 RATE, SECONDS = 8000.0, 4.0
 TIME = np.arange(round(RATE * SECONDS)) / RATE

@@ -15,7 +15,7 @@ from monitor.service.setup import source_settings
 from streams.block import Block
 from streams.pulses import Pulses
 from tests.monitor.health.rotation.wheels import MARKS, wheel
-from tests.steps import Steps
+from tests.support.steps import Steps
 
 RATE, SECONDS = 8000.0, 2.0
 TRAIN = wheel(80, lines=[(4.5, 1e-3, 0.0)], jitter=1e-7)

@@ -8,8 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from monitor.health.rotation.repair import Repaired, repaired
-from tests.effort import effort_count
 from tests.monitor.health.rotation.shafts import Angle, Marks, even, hunting, marks, run_up, with_faults
+from tests.support.effort import effort_count
 
 SECONDS = 4.0
 SHAFTS: dict[str, Angle] = {

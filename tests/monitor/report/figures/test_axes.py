@@ -23,9 +23,9 @@ from monitor.report.figures.drawing import (
 )
 from monitor.report.runs import Run
 from monitor.words.numbers import Clock, figure, time_zone
-from tests.effort import effort_count
 from tests.monitor.report.figures.drawing import CLOCK, START, drawn, numbers
 from tests.oracles.lives import INTERVAL
+from tests.support.effort import effort_count
 
 
 def test_the_ledger_and_the_gaps_add_up(run: Run) -> None:

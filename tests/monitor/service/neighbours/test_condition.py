@@ -28,9 +28,9 @@ from monitor.service.neighbours.opcua_client import follow
 from monitor.service.neighbours.opcua_server import OpcUaError
 from monitor.service.replay import replay
 from streams.block import Block
-from tests.effort import effort_count
-from tests.faults.daemons import free_port
-from tests.waiting import PATIENCE_S, wait_until
+from tests.support.daemons import free_port
+from tests.support.effort import effort_count
+from tests.support.waiting import PATIENCE_S, wait_until
 
 START = datetime(2026, 9, 21, 14, 0, 0, tzinfo=UTC)
 

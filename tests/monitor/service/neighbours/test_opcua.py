@@ -32,10 +32,10 @@ from monitor.config.opcua import OpcUaCondition
 from monitor.service.companions import Companions
 from monitor.service.neighbours.opcua_client import follow
 from monitor.service.neighbours.opcua_server import MachineServer, OpcUaError
-from tests.effort import effort_count
-from tests.faults.daemons import free_port
 from tests.monitor.service.neighbours.machines import Machine
-from tests.waiting import PATIENCE_S, wait_until
+from tests.support.daemons import free_port
+from tests.support.effort import effort_count
+from tests.support.waiting import PATIENCE_S, wait_until
 
 
 def make_rsa_certificate(folder: Path, name: str) -> tuple[Path, Path]:

@@ -19,11 +19,11 @@ from monitor.service.broker import BrokerLink
 from monitor.service.neighbours.points import Snapshot, channels_of
 from monitor.service.neighbours.sparkplug import Sparkplug, _Node
 from monitor.service.neighbours.sparkplug_payload import Metric, Payloads
-from tests.broker import Broker
 from tests.monitor.service.neighbours.machines import STATUS, Machine
-from tests.proxy import Proxy
-from tests.sparkplug_decoder import BAD, GOOD, STALE, Payload, decode, rebirth_command
-from tests.waiting import PATIENCE_S, wait_until
+from tests.support.broker import Broker
+from tests.support.proxy import Proxy
+from tests.support.sparkplug_decoder import BAD, GOOD, STALE, Payload, decode, rebirth_command
+from tests.support.waiting import PATIENCE_S, wait_until
 
 Heard = list[tuple[str, str | None, Payload]]
 

@@ -15,7 +15,7 @@ from multiprocessing import process, reduction
 from types import SimpleNamespace
 from typing import Any, cast
 
-from tests.pace import quicken
+from tests.support.pace import quicken
 
 PRELOADED = [
     *("monitor.service.publisher", "monitor.records.publish", "monitor.records.moved_days", "netCDF4", "dask.array"),

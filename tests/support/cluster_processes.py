@@ -18,7 +18,7 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from tests.waiting import wait_until
+from tests.support.waiting import wait_until
 
 RESTART_S = 0.1
 LOOPBACK = "127.0.0.1"
@@ -211,7 +211,7 @@ def _listens(port: int) -> bool:
 
 def tls_variables(folder: Path) -> dict[str, str]:
     """Make certificates by the script of ``deploy/cluster``; return what names them in the environment."""
-    script = Path(__file__).resolve().parents[1] / "deploy" / "cluster" / "certificates.sh"
+    script = Path(__file__).resolve().parents[2] / "deploy" / "cluster" / "certificates.sh"
     subprocess.run(["sh", str(script), str(folder), "2"], check=True)
     found = {"CA_FILE": folder / "ca.pem"}
     for role in ("scheduler", "worker", "client"):
@@ -240,7 +240,7 @@ def cluster_processes(
         The processes. The scheduler listens; the workers may not have joined.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    repository = str(Path(__file__).resolve().parents[1])
+    repository = str(Path(__file__).resolve().parents[2])
     single = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
     environment = {**os.environ, "PYTHONPATH": repository, "PYTHONUNBUFFERED": "1", **single, **(variables or {})}
     environment |= {"DASK_TEMPORARY_DIRECTORY": str(folder)}

@@ -19,9 +19,9 @@ from monitor.config.load import load_config
 from monitor.config.outputs import WebSection
 from monitor.web.machines import Machines
 from monitor.web.server import serve
-from tests.faults.daemons import make_machine
 from tests.streams.folders import csv_bytes, noise
-from tests.waiting import PATIENCE_S, join, wait_until
+from tests.support.daemons import make_machine
+from tests.support.waiting import PATIENCE_S, join, wait_until
 
 LEVELS = (
     '[[alarms.level]]\nfeature = "rms"\nalert_g = 0.001\non_delay_blocks = 1\nlatch = true\n'

@@ -9,7 +9,7 @@ import threading
 from types import TracebackType
 from typing import Self
 
-from tests.waiting import join
+from tests.support.waiting import join
 
 
 class Proxy:

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from importlib import import_module
 from typing import Any
 
-from tests.effort import effort_count
+from tests.support.effort import effort_count
 
 _QUICK = effort_count(quick=1, full=0) == 1
 _INTERVALS: dict[str, dict[str, float]] = {

@@ -8,7 +8,7 @@ from contextlib import contextmanager
 
 from streams.block import Block, Rejected
 from streams.source import LiveSource
-from tests.memory_ledger import MemoryLedger
+from tests.support.memory_ledger import MemoryLedger
 
 
 @contextmanager

@@ -5,7 +5,7 @@ from __future__ import annotations
 from importlib import import_module
 
 from models.published.acceptance import AcceptanceRow
-from tests.once import shared_by_workers
+from tests.support.once import shared_by_workers
 
 
 @shared_by_workers

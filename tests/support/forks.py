@@ -15,16 +15,16 @@ from pathlib import Path
 from signal import SIGKILL, Signals
 from typing import Any
 
-from tests.effort import effort_count
-from tests.forked_children import PRELOADED, ForkedProcess, address_of_forks, fork_children_too
-from tests.pace import quicken
-from tests.waiting import wait_until
+from tests.support.effort import effort_count
+from tests.support.forked_children import PRELOADED, ForkedProcess, address_of_forks, fork_children_too
+from tests.support.pace import quicken
+from tests.support.waiting import wait_until
 
 _CONTEXT = multiprocessing.get_context("forkserver")
 _CONTEXT.set_forkserver_preload(
     [
         *("pytest", "monitor.cli", "monitor.commands.run", "monitor.service.daemon"),
-        *(*PRELOADED, "tests.forked_children", "tests.pace"),
+        *(*PRELOADED, "tests.support.forked_children", "tests.support.pace"),
     ]
 )
 # Full effort starts the children of daemons as programs.

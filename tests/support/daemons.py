@@ -10,8 +10,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from tests.commands import run_command
-from tests.forks import ForkedProgram
+from tests.support.commands import run_command
+from tests.support.forks import ForkedProgram
 
 ROOT = Path(__file__).parents[2]
 RATE = 2560

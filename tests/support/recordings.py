@@ -21,9 +21,9 @@ from monitor.health.spectrum.features import FAULTS
 from monitor.health.state import ChannelSettings
 from monitor.service.setup import open_configured, source_settings
 from streams.block import Block, Rejected
-from tests.steps import Steps
+from tests.support.steps import Steps
 
-EXAMPLES = Path(__file__).resolve().parents[1] / "examples"
+EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 
 
 @dataclass(frozen=True)

@@ -10,8 +10,8 @@ from contextlib import suppress
 import numpy as np
 from numpy.typing import NDArray
 
-from tests.cluster_processes import ClusterProcesses
-from tests.waiting import wait_until
+from tests.support.cluster_processes import ClusterProcesses
+from tests.support.waiting import wait_until
 
 ROW_S = 0.1
 LETHAL = -1

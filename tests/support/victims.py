@@ -20,7 +20,7 @@ from monitor.records.recover.salvage import open_or_salvage
 from monitor.records.store import Published, Store
 from monitor.service.ingest import Ingest
 from tests.faults.test_store_kill import block
-from tests.forks import Messages
+from tests.support.forks import Messages
 
 
 def commit_and_condense(messages: Messages, path: Path) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from tests.faults.daemons import machine_text
+from tests.support.daemons import machine_text
 
 
 def add_machine(folder: Path, name: str, web: str | None = "enabled = false") -> Path:

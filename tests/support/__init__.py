@@ -1,0 +1,1 @@
+"""What tests share: machines, daemons, brokers, recordings, and how to wait for them."""
