@@ -25,8 +25,8 @@ from models.acoustics.shapes import box, sphere
 from models.acoustics.third_octave import Bands, bands_of_record
 from models.acoustics.transfer_vectors import TransferVectors
 from models.acoustics.weighting import weighting_db
-from tests.models.acoustics.test_levels import A_TABLE
 from tests.oracles.sphere_over_plane import MOTIONS, SphereOverPlane, exact_pressure
+from tests.support.levels import A_TABLE
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -16,7 +16,7 @@ from models.dynamics.angular import solve
 from models.registry import Request
 from models.response import Response, Sensor
 from models.rigs.angular import AngularRig
-from tests.contracts.test_models import SHAFT
+from tests.support.models import SHAFT
 
 COUPLINGS = tuple(float(round(c)) for c in np.geomspace(500.0, 20_000.0, 14))
 RATE, STEPS, FINE = 25_600.0, (110, 220), 880

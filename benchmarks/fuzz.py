@@ -40,9 +40,9 @@ from streams.link.wire import WireError, decode_frame
 from streams.open import open_source
 from streams.readers.child import shared_process
 from streams.spec import ChannelSpec, SourceSpec
-from tests.faults.test_fuzz import BINARY, COLUMN_OF, mutate, mutated_frames
 from tests.streams.format_makers import MAKERS, RATE, signal
 from tests.support.attacks import ATTACKS
+from tests.support.fuzz import BINARY, COLUMN_OF, mutate, mutated_frames
 
 SEED = 1000
 NAMES = [*BINARY, "x.csv"]

@@ -30,10 +30,10 @@ from models.gears.linear import matrices, natural_frequencies
 from models.gears.mesh import MeshStiffness
 from models.gears.train import Body, GearTrain, Mesh, Support, Wheel, alike, line_of_action
 from models.scene import Part
-from tests.models.test_gear_rolling import rotor_and_body
-from tests.models.test_gear_train import chain, pair
-from tests.models.test_gear_train_oracle import coarse, faulty, moving, placed
 from tests.oracles.gear_train_oracle import Oracle
+from tests.support.gear_rolling import rotor_and_body
+from tests.support.gear_train import chain, pair
+from tests.support.gear_train_oracle import coarse, faulty, moving, placed
 
 POWER, SPEED = 50e3, 506.4 / 60.0
 SCIPY = ("DOP853", "LSODA", "Radau")

@@ -1,7 +1,7 @@
 """A census of names: each recording at its stated speed and at speeds that are stated wrongly.
 
 Run as ``python -m benchmarks.naming_census [--json FILE] [--quick] [--baseline]``. Every recording of
-``tests/support/recordings.py`` goes through the program as its example configuration says; the name is the one of its record.
+``tests.support.recordings`` goes through the program as configured by its example; the name is the one of its record.
 Tables:
 
 1. by error of the stated speed: faults named right, joined with another part (``inner|ball``), silent, wrong; healthy
@@ -11,7 +11,7 @@ Tables:
 3. what was wrong, and what was silent although findable.
 
 ``--baseline`` keeps the figures as those to compare with; they stay in the file until the next ``--baseline``. The
-baseline of the results is commit 83a1ef3, whose tree got this file, ``naming_truth.py``, ``tests/support/recordings.py``,
+baseline of the results is commit 83a1ef3, whose tree got this file, ``naming_truth.py``, the truth in ``tests``,
 ``streams/datasets.py`` and ``examples/uestc.toml`` of today.
 """
 

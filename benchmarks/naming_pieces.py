@@ -1,6 +1,6 @@
 """Names of records of one second: each recording cut into pieces, at its stated speed and at wrong ones.
 
-Run as ``python -m benchmarks.naming_pieces [--json FILE] [--quick]``. Every recording of ``tests/support/recordings.py`` goes
+Run as ``python -m benchmarks.naming_pieces [--json FILE] [--quick]``. Every recording of ``tests.support.recordings``
 through the program as its example configuration says, in blocks of ``PIECE_S``; the name is the one of a piece's
 record. The pieces hold 13 to 30 turns of the shaft. Left out is IMS, whose recording is a second long already.
 """

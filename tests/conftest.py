@@ -236,7 +236,7 @@ def quick_pace() -> Iterator[None]:
 
 @pytest.fixture(autouse=True, scope="session")
 def forked_children() -> Iterator[None]:
-    """Quick effort forks publisher and page of a daemon in this process; those of a forked daemon: tests.support.forks."""
+    """Quick effort forks publisher and page of a daemon in this process; of forked daemons: tests.support.forks."""
     with pytest.MonkeyPatch.context() as patch:
         if effort_count(quick=1, full=0) and hasattr(os, "fork"):
             from tests.support.forked_children import SUBPROCESS

@@ -11,16 +11,10 @@ import pytest
 
 from monitor.cli import spallwatch
 from monitor.config.load import Config
+from tests.support.docs import DOCS, FOR_USERS, ROOT, read
 
-ROOT = Path(__file__).resolve().parents[1]
-DOCS = ROOT / "docs"
 MAX_WORDS_FOR_USERS = 32_250
-FOR_USERS = ("tutorials", "how-to", "reference", "explanation")
 PAGES = sorted([*DOCS.rglob("*.md"), ROOT / "README.md", ROOT / "CONTRIBUTING.md"])
-
-
-def read(page: Path) -> str:
-    return page.read_text(encoding="utf-8")
 
 
 def anchors(page: Path) -> set[str]:

@@ -22,18 +22,18 @@ import pytest
 import spallwatch as sw
 from monitor.health.record import Record
 from streams.block import STANDARD_GRAVITY
-from tests.monitor.commands.test_library_learn import features
-from tests.monitor.report.test_score import DAY, record, run, stored
 from tests.streams.tcp_peers import receiving
 from tests.support.commands import run_command
 from tests.support.committing import committing
+from tests.support.docs import DOCS, read
+from tests.support.docs_commands import same
 from tests.support.effort import effort_count
+from tests.support.library_learn import features
 from tests.support.memory_ledger import MemoryLedger
 from tests.support.pages import page_of
+from tests.support.score import DAY, record, run, stored
 from tests.support.signals import bearing_lines, impacts
-from tests.test_docs import DOCS, read
 
-TOLERANCE = 0.02
 PRESS = """
 [machine]
 name = "press"
@@ -204,13 +204,6 @@ def agree(shown: list[str], printed: list[str]) -> bool:
         length = shown.index("...")
         shown, printed = shown[:length], printed[:length]
     return len(shown) == len(printed) and all(map(same, shown, printed))
-
-
-def same(shown: str, printed: str) -> bool:
-    try:
-        return float(shown) == pytest.approx(float(printed), rel=TOLERANCE)
-    except ValueError:
-        return shown == printed
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from benchmarks.notebooks import FOLDER, read_notebook, run_cells
-from tests.test_docs_commands import same
+from tests.support.docs_commands import same
 
 NOTEBOOKS = sorted(FOLDER.glob("*.ipynb"))
 

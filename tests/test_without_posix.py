@@ -12,11 +12,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tests.monitor.commands.test_page import ask, machines
 from tests.streams.folders import csv_bytes, noise
 from tests.support.commands import run_command
 from tests.support.daemons import ROOT, free_port
 from tests.support.fleet import add_machine
+from tests.support.page import ask, machines
 from tests.support.waiting import stop, wait_until
 
 pytestmark = pytest.mark.process

@@ -11,8 +11,8 @@ from playwright.sync_api import Route, expect
 
 from tests.browser.conftest import Visitor
 from tests.browser.machine import Served
-from tests.browser.test_spectra import RAW, SPECTRUM_ADDRESS
-from tests.browser.test_views import BAD
+from tests.support.spectra import RAW, SPECTRUM_ADDRESS
+from tests.support.views import BAD
 
 pytestmark = pytest.mark.browser
 

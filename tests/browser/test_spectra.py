@@ -10,14 +10,13 @@ from playwright.sync_api import Locator, Page, Route, expect
 
 from tests.browser.conftest import Visitor
 from tests.browser.machine import Served
-from tests.browser.test_views import BAD, drawn
+from tests.support.spectra import RAW, SPECTRUM_ADDRESS
+from tests.support.views import BAD, drawn
 from tests.support.waiting import wait_until
 
 pytestmark = pytest.mark.browser
 
-RAW = "Acceleration, velocity, waveform"
 RAW_ADDRESS = re.compile(r"/raw(\?|$)")
-SPECTRUM_ADDRESS = re.compile(r"/spectrum(\?|$)")
 
 
 def saved(page: Page, box: Locator, kind: str) -> bytes:

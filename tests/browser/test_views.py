@@ -5,23 +5,14 @@ from __future__ import annotations
 import re
 
 import pytest
-from playwright.sync_api import Page, expect
+from playwright.sync_api import expect
 
 from tests.browser.conftest import TRAP, Visitor
 from tests.browser.machine import Served
+from tests.support.views import BAD, WELL, drawn
 from tests.support.waiting import wait_until
 
 pytestmark = pytest.mark.browser
-
-BAD, WELL = "#/channel/pump/x0", "#/channel/pump/x1"
-
-
-def drawn(page: Page, selector: str) -> int:
-    """Return how many different colours a canvas shows: a picture that is not drawn has one."""
-    return page.locator(selector).first.evaluate(
-        "canvas => new Set(new Uint32Array(canvas.getContext('2d')"
-        ".getImageData(0, 0, canvas.width, canvas.height).data.buffer)).size"
-    )
 
 
 def test_the_overview_shows_the_worst_first_in_words_and_symbols(pump: Served, visitor: Visitor) -> None:

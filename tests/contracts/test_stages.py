@@ -28,12 +28,12 @@ from monitor.health.damage.library import forecaster
 from monitor.health.damage.thesis import edv, forecast
 from monitor.health.gears import naming as gears
 from monitor.health.trend import stage as trend
-from tests.hard.test_tracking import LOAD, METHODS, SPEED, growing, plain_map, settings_of
-from tests.monitor.health.gears.test_naming import PAIR, RULES, blocks
-from tests.monitor.health.test_alarms import RULE, block
-from tests.monitor.health.test_pipeline import base, checked, life
 from tests.oracles.toy_lives import RADIUS, THRESHOLD, toy_library
+from tests.support.alarms import RULE, block
 from tests.support.effort import effort_count
+from tests.support.naming import PAIR, RULES, blocks
+from tests.support.pipeline import base, checked, life
+from tests.support.tracking import LOAD, METHODS, SPEED, growing, plain_map, settings_of
 
 COUNT = 36
 MIDDLE = 25

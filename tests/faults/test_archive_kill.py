@@ -15,9 +15,9 @@ import xarray as xr
 from monitor.records.moved_days import days_before, move_day, moved_days
 from monitor.records.publish import publish
 from monitor.records.store import Store
-from tests.faults.test_store_kill import block
 from tests.support.effort import effort_count
 from tests.support.forks import Fork
+from tests.support.store_kill import block
 from tests.support.victims import move_days
 
 pytestmark = pytest.mark.process

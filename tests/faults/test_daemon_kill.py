@@ -12,41 +12,23 @@ import time
 from pathlib import Path
 
 import pytest
-import xarray as xr
 
 from monitor.config.load import load_config
 from monitor.health.record import Record
 from monitor.records.ledger import StoreLedger
 from monitor.records.store import Store
 from monitor.service.ingest import Ingest
-from tests.faults.test_folder_kill import write
 from tests.streams.folders import csv_bytes, noise
+from tests.support.daemon_kill import published_blocks
 from tests.support.daemons import ROOT, call, make_machine, start, start_program, status
 from tests.support.effort import effort_count
+from tests.support.folder_kill import write
 from tests.support.waiting import Stall, at_most, slowness, stop, wait_until
 
 pytestmark = pytest.mark.process
 
 KILLS = effort_count(quick=2, full=200)
 FILES_A_KILL = 10
-_READ: dict[tuple[Path, int, int, int], int] = {}
-
-
-def published_blocks(config: Path) -> int:
-    """Open every published file, read all of it, and return how many blocks they hold."""
-    return sum(map(_blocks_of, sorted((config.parent / "records").glob("m-*.nc"))))
-
-
-def _blocks_of(path: Path) -> int:
-    """Return the blocks of a published file; one that was read as it is now is not read again."""
-    found = path.stat()
-    key = (path, found.st_ino, found.st_mtime_ns, found.st_size)
-    if key not in _READ:
-        with xr.open_dataset(path) as dataset:
-            dataset.load()
-            assert list(dataset.sequence.values) == sorted(set(dataset.sequence.values))
-            _READ[key] = dataset.sizes["time"]
-    return _READ[key]
 
 
 def undisturbed(folder: Path, inputs: Path, names: list[str]) -> list[Record]:

@@ -20,10 +20,10 @@ from monitor.records.store import Store
 from streams.link.sender import LinkError, TcpLink
 from streams.link.wire import block_frame, encode_frame
 from streams.spec import parse_address
-from tests.faults.test_daemon_kill import published_blocks
-from tests.faults.test_network_kill import block
+from tests.support.daemon_kill import published_blocks
 from tests.support.daemons import call, free_port, start, tcp_machine_text
 from tests.support.effort import effort_count
+from tests.support.network_kill import block
 from tests.support.waiting import stop, wait_until
 
 pytestmark = pytest.mark.process

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -14,13 +13,12 @@ import pytest
 from streams.listing import list_files
 from tests.streams.folders import csv_bytes, noise
 from tests.support.daemons import ROOT, call, make_machine, start_program, status
+from tests.support.folder_permissions import BOUND
 from tests.support.waiting import finish, stop, wait_until
 
 # Permissions bind the superuser, too, once these are taken away.
 
 pytestmark = pytest.mark.process
-
-BOUND = ("setpriv", "--bounding-set=-dac_override,-dac_read_search") if os.geteuid() == 0 else ()
 
 
 @pytest.fixture

@@ -19,8 +19,8 @@ from streams.link.sender import Sender, TcpLink
 from streams.link.tcp import TcpReceiver
 from streams.link.wire import HEAD, HELLO, block_frame, encode_frame, hello
 from streams.spec import parse_address
-from tests.faults.test_network_kill import Made, block, config
 from tests.support.effort import effort_count
+from tests.support.network_kill import Made, block, config
 from tests.support.waiting import PATIENCE_S, wait_until
 
 FRAMES = effort_count(quick=120, full=2000)

@@ -31,11 +31,12 @@ from monitor.records.store import Store
 from monitor.service.resume import resumed_state
 from streams.block import Block, Rejected
 from streams.source import FileProgress
-from tests.monitor.service.test_ingest import settings_of
 from tests.streams.folders import csv_bytes, noise
 from tests.support.daemons import make_machine, start, status
 from tests.support.effort import effort_count
 from tests.support.forks import Fork
+from tests.support.ingest import settings_of
+from tests.support.lost_store import blocks_of
 from tests.support.steps import Steps
 from tests.support.victims import salvage
 from tests.support.waiting import stop, wait_until
@@ -178,14 +179,6 @@ def damage_snapshot_too(path: Path) -> None:
 
 def opened(path: Path) -> tuple[Store, SalvageReport | None]:
     return open_or_salvage(path, machine="m", records_dir=path.parents[1] / "records")
-
-
-def blocks_of(records_dir: Path) -> int:
-    found = 0
-    for path in records_dir.glob("m-*.nc"):
-        with xr.open_dataset(path) as dataset:
-            found += dataset.sizes["time"]
-    return found
 
 
 LOSSES = (

@@ -10,13 +10,10 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-import numpy as np
 import pytest
 
-from monitor.config.load import Config, validate
 from monitor.records.store import Store
 from monitor.service.ingest import Ingest
-from streams.block import Block
 from streams.link.mqtt import MqttLink
 from streams.link.sender import Link, Sender, TcpLink
 from streams.reblock import samples_hash
@@ -24,6 +21,7 @@ from streams.spec import parse_address
 from tests.support.broker import Broker
 from tests.support.effort import effort_count
 from tests.support.forks import Fork, Messages
+from tests.support.network_kill import Made, block, config
 from tests.support.proxy import Proxy
 from tests.support.waiting import wait_until
 
@@ -31,44 +29,11 @@ pytestmark = pytest.mark.process
 
 KILLS = effort_count(quick=2, full=50)
 """Of each kind."""
-_RATE, _SAMPLES = 2560.0, 256
-_LAST = 10**6
-
-
-class Made:
-    """A recording that never ends; every block is another one."""
-
-    name = "s"
-
-    def __len__(self) -> int:
-        return _LAST
-
-    def __iter__(self) -> Iterator[Block]:
-        for number in range(1, _LAST + 1):
-            yield block(number)
-
-
-def block(number: int) -> Block:
-    samples = np.random.default_rng(number).standard_normal((1, _SAMPLES)).astype(np.float32)
-    return Block(samples, _RATE, ("x",), ("g",), "s", number, str(number), start=1.7e9 + 0.1 * number)
 
 
 def link(url: str) -> Link:
     address = parse_address(url, "test")
     return TcpLink(address, "s", 5.0) if address.scheme == "tcp" else MqttLink(address, timeout=5.0)
-
-
-def config(url: str) -> Config:
-    return validate(
-        {
-            "machine": {"name": "m"},
-            "bearing": [{"name": "b", "designation": "1205 ETN9"}],
-            "operating": {"speed_hz": 40.0},
-            "source": [{"name": "s", "url": url}],
-            "channel": [{"name": "x", "source": "s", "unit": "g", "bearing": "b", "band_hz": [[300, 1200]]}],
-        },
-        Path("machine.toml"),
-    )
 
 
 def receive(messages: Messages, url: str, database: Path) -> None:

@@ -15,7 +15,7 @@ import pytest
 from monitor.records.backup import back_up, find_backup
 from monitor.records.recover.salvage import open_or_salvage
 from monitor.records.restore import restore
-from tests.monitor.records.test_backup import UTC, blocks_in, contents_of, fill, places_in, publish
+from tests.support.backup import UTC, blocks_in, contents_of, fill, places_in, publish
 from tests.support.effort import effort_count
 
 pytestmark = pytest.mark.process

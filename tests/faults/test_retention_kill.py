@@ -11,12 +11,12 @@ import pytest
 from monitor.records import rollup
 from monitor.records.ledger import StoreLedger
 from monitor.records.store import Store
-from tests.faults.test_daemon_kill import published_blocks
-from tests.faults.test_folder_kill import write
-from tests.faults.test_store_kill import block
+from tests.support.daemon_kill import published_blocks
 from tests.support.daemons import make_machine, start, status
 from tests.support.effort import effort_count
+from tests.support.folder_kill import write
 from tests.support.forks import Fork
+from tests.support.store_kill import block
 from tests.support.victims import commit_and_condense
 from tests.support.waiting import stop, wait_until
 

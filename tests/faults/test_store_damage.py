@@ -23,12 +23,12 @@ from monitor.records.recover.salvage import open_or_salvage
 from monitor.records.store import Store
 from streams.source import FileProgress
 from tests.support.effort import effort_count
+from tests.support.store_damage import PAGE, CutOff, CutOffError, zero
 
 pytestmark = pytest.mark.process
 
 SOURCES = ("s", "t")
 BLOCKS = 260
-PAGE = 4096
 
 
 def record(source: str, sequence: int) -> Record:
@@ -137,11 +137,6 @@ def flip(data: bytearray, place: int, bits: int) -> None:
     data[place % len(data)] ^= bits
 
 
-def zero(data: bytearray, place: int, _: int) -> None:
-    start = place % len(data) // PAGE * PAGE
-    data[start : start + PAGE] = bytes(len(data[start : start + PAGE]))
-
-
 def garble(data: bytearray, place: int, bits: int) -> None:
     start = place % len(data) // PAGE * PAGE
     data[start : start + PAGE] = bytes((byte ^ bits) for byte in data[start : start + PAGE])
@@ -224,26 +219,6 @@ def damaged(stores: dict[bool, Path], folder: Path) -> Path:
         zero(data, place, 0)
     path.write_bytes(data)
     return path
-
-
-class CutOffError(BaseException):
-    """Stands for a process that ends here."""
-
-
-class CutOff:
-    """Ends a process at the n-th call of what is counted."""
-
-    def __init__(self, n: int) -> None:
-        self._left = n
-
-    def counted(self, function: Callable[..., object]) -> Callable[..., object]:
-        def wrapped(*arguments: object, **more: object) -> object:
-            self._left -= 1
-            if self._left == 0:
-                raise CutOffError
-            return function(*arguments, **more)
-
-        return wrapped
 
 
 def test_a_salvage_that_is_cut_off_anywhere_is_done_at_the_next_start(

@@ -9,9 +9,9 @@ import pytest
 from monitor.records.ledger import StoreLedger
 from monitor.records.recover.salvage import open_or_salvage
 from monitor.records.store import Store
-from tests.faults.test_folder_kill import drain
-from tests.faults.test_store_damage import zero
 from tests.streams.folders import csv_bytes, noise
+from tests.support.folder_kill import drain
+from tests.support.store_damage import zero
 
 pytestmark = pytest.mark.process
 

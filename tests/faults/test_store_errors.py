@@ -25,9 +25,9 @@ from monitor.records.database import StoreError
 from monitor.records.ledger import StoreLedger, write_progress
 from monitor.records.store import Store
 from streams.source import FileProgress
-from tests.faults.test_store_kill import block
 from tests.support.effort import effort_count
 from tests.support.forks import Fork, Messages
+from tests.support.store_kill import block
 from tests.support.waiting import finish, wait_until
 
 BEFORE = 3

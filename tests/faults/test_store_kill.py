@@ -8,10 +8,10 @@ from pathlib import Path
 
 import pytest
 
-from monitor.health.record import Record
 from monitor.records.store import Store
 from tests.support.effort import effort_count
 from tests.support.forks import Fork, Messages
+from tests.support.store_kill import block
 
 pytestmark = pytest.mark.process
 
@@ -27,20 +27,6 @@ def commit_for_ever(messages: Messages, path: Path) -> None:
             sequence += 1
             if store.commit(block(sequence), {"detect:x": {"seen": sequence}}) == "committed":
                 messages.send(sequence)
-
-
-def block(sequence: int) -> Record:
-    values = {"rms": sequence / 7.0, "stage": "healthy", "bpfo_amplitude": [sequence / k for k in range(1, 7)]}
-    return Record(
-        source="s",
-        sequence=sequence,
-        name=f"block {sequence}",
-        content_hash=f"{sequence:08x}",
-        time=1.7e9 + 5.0 * sequence,
-        channels={"x": values, "y": values},
-        forecasts=({"tt": float(sequence)},),
-        events=({"kind": "tick", "n": sequence},) if sequence % 3 == 0 else (),
-    )
 
 
 def test_every_acknowledged_block_survives_sigkill(tmp_path: Path) -> None:

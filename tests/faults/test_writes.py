@@ -29,10 +29,10 @@ from monitor.records.store import Store
 from streams.block import Block
 from streams.link.sender import Sender, TcpLink
 from streams.spec import parse_address
-from tests.faults.test_daemon_kill import published_blocks
-from tests.faults.test_network_kill import block
+from tests.support.daemon_kill import published_blocks
 from tests.support.daemons import free_port, start, start_program, status, tcp_machine_text
 from tests.support.effort import effort_count
+from tests.support.network_kill import block
 from tests.support.waiting import Stall, stop, wait_until
 
 pytestmark = pytest.mark.process

@@ -24,9 +24,9 @@ from models.scene import Defect, Floor, Scene, Slip
 from models.simulate import simulate
 from tests.oracles.lanes_oracle import SlipOracle
 from tests.oracles.periodic.settle import simulate_oracle
-from tests.oracles.periodic.test_periodic_oracle import thesis_scene
 from tests.oracles.six_dof_oracle import Case
 from tests.support.effort import effort_count
+from tests.support.periodic_oracle import thesis_scene
 
 SEED = 17
 SCENE = Scene(40.0, 4000.0, defect=Defect(math.radians(20.0), 20e-6))

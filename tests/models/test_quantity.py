@@ -14,8 +14,8 @@ from models.response import QUANTITIES, Quantity, Response, judged
 from models.rigs.angular import AngularRig
 from models.scene import Defect, Scene
 from models.simulate import simulate, volume_slope
-from tests.contracts.test_models import BALLS, REQUEST, ROTOR, SCENE, SHORT, base
 from tests.support.effort import effort_count
+from tests.support.models import BALLS, REQUEST, ROTOR, SCENE, SHORT, base
 
 SOLVERS = {f"{s.model}-{s.name}": s for s in solvers()}
 FOUND: tuple[Quantity, ...] = ("waveform", "rms", "lines")

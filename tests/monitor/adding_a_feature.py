@@ -37,7 +37,7 @@ def appearances(folder: Path) -> dict[str, Any]:
     from monitor.web.api import columns
     from monitor.words.events import event_text
     from monitor.words.statuses import page_words
-    from tests.monitor.health.test_pipeline import base, life, record_of, run
+    from tests.support.pipeline import base, life, record_of, run
 
     FUNCTIONS["margin"] = lambda x, found: float(np.max(x)) - found.indicators.mean
     blocks = life(3)

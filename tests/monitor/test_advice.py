@@ -17,7 +17,7 @@ from monitor.health.schema import TT_STATUSES, TTA_STATUSES
 from monitor.words.advice import ADVICE, Statement, advice_key, check_advice, state_of, status_line
 from monitor.words.situation import Forecast, Situation
 from monitor.words.statuses import STATES
-from tests.monitor.config.test_config import MINIMAL
+from tests.support.config import MINIMAL
 
 DAY = 86400.0
 HEALTHY = Situation("x", "drive", stage="healthy")

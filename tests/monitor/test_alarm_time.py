@@ -20,7 +20,7 @@ from monitor.health.trend.stage import step
 from monitor.service.record_message import StoredRecord, channel_message
 from monitor.words.statuses import TTA_REFUSALS
 from streams.block import STANDARD_GRAVITY
-from tests.monitor.report.test_report import one, page_of_records
+from tests.support.report import one, page_of_records
 
 FOUND = TimeToAlarm(TtaStatus.OK, 7200.0, 3600.0, 14400.0, 2.0 * STANDARD_GRAVITY, "alert", 0.01)
 

@@ -17,7 +17,7 @@ from monitor.words.advice import state_of
 from monitor.words.events import badness, event_text
 from monitor.words.situation import Situation
 from monitor.words.statuses import fault_words, page_words
-from tests.monitor.health.gears.test_stage import CHANNEL, life
+from tests.support.stage import CHANNEL, life
 
 
 def summary(**changes: Any) -> dict[str, Any]:

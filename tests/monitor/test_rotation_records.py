@@ -35,7 +35,7 @@ from monitor.service.replay import replay
 from monitor.words.rotation import DOMAINS as DOMAIN_WORDS
 from monitor.words.rotation import ROTATION_REFUSALS, speed_words
 from streams.block import Block
-from tests.monitor.health.test_pipeline import base
+from tests.support.pipeline import base
 
 NEW = (
     *("speed_min", "speed_max", "acceleration", "revolutions", "rotation_status"),

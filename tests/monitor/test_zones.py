@@ -18,7 +18,7 @@ from monitor.health.quality import Verdict
 from monitor.health.state import ChannelState
 from monitor.report.velocity import velocity_findings
 from monitor.words.zones import MACHINE_CLASSES, machine_class
-from tests.monitor.health.test_pipeline import base
+from tests.support.pipeline import base
 
 TABLE = {
     "20816-3:1:rigid": (2.3, 4.5, 7.1),

@@ -8,8 +8,8 @@ from typing import Any
 import pytest
 
 import spallwatch as sw
-from tests.monitor.commands.test_gear_forces import VARIED, toml
-from tests.monitor.config.test_gear_train import changed
+from tests.support.config_gear_train import changed
+from tests.support.gear_forces import VARIED, toml
 
 
 def test_mesh_frequencies_of_stages_files_and_tables(tmp_path: Path) -> None:

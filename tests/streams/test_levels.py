@@ -13,41 +13,13 @@ import netCDF4
 import numpy as np
 import pytest
 import scipy.io
-import soundfile
 from nptdms import ChannelObject, TdmsWriter
 from numpy.typing import NDArray
 
 from streams.block import STANDARD_GRAVITY, Block, Rejected, to_si
 from streams.open import open_source
 from streams.spec import ChannelSpec, SourceSpec
-
-RATE = 1000.0
-FULL = 1 << 15
-COUNTS = np.round(np.random.default_rng(1).uniform(-0.9, 0.9, 1000) * FULL).astype(np.int16)
-
-Integers = NDArray[np.int16]
-
-
-def npy(counts: NDArray[Any]) -> bytes:
-    stream = io.BytesIO()
-    np.save(stream, counts)
-    return stream.getvalue()
-
-
-def sound(kind: str) -> Callable[[Integers], bytes]:
-    def make(counts: Integers) -> bytes:
-        stream = io.BytesIO()
-        soundfile.write(stream, counts, int(RATE), format=kind, subtype="PCM_16")
-        return stream.getvalue()
-
-    return make
-
-
-def hdf5(counts: NDArray[Any], **stated: Any) -> bytes:
-    stream = io.BytesIO()
-    with h5py.File(stream, "w") as file:
-        file.create_dataset("x", data=counts).attrs.update(stated)
-    return stream.getvalue()
+from tests.support.streams_levels import COUNTS, FULL, RATE, Integers, hdf5, npy, sound
 
 
 def mat73(counts: Integers) -> bytes:

@@ -26,10 +26,10 @@ from streams.link.wire import ACK, block_frame, encode_frame
 from streams.source import LiveSource
 from streams.spec import Address, NetworkSpec, SourceError, SourceSpec, parse_address
 from tests.streams.tcp_peers import Recorded, block
-from tests.streams.test_pulse_frames import turning
 from tests.support.broker import Broker
 from tests.support.committing import committing
 from tests.support.memory_ledger import MemoryLedger
+from tests.support.pulse_frames import turning
 from tests.support.waiting import PATIENCE_S, wait_until
 
 TOPIC = "plant/press 4"

@@ -26,14 +26,9 @@ from tests.streams.tcp_peers import URL, answer, block, commit, gone, link, raw,
 from tests.support.committing import committing
 from tests.support.effort import effort_count
 from tests.support.memory_ledger import MemoryLedger
+from tests.support.pulse_frames import turning
 
 FEW = effort_count(quick=30, full=3000)
-
-
-def turning(sequence: int, count: int = 8, per_revolution: int | None = 4) -> Block:
-    """A block whose shaft has passed so many marks."""
-    times = np.sort(np.random.default_rng(sequence).uniform(0.0, 0.64, count))
-    return replace(block(sequence), pulses=Pulses(times, per_revolution))
 
 
 def frames(sequence: int, **how: Any) -> tuple[bytes, bytes]:

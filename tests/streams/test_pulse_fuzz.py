@@ -17,8 +17,8 @@ from streams.readers.netcdf import read_netcdf
 from streams.readers.pulse_text import pulse_column
 from streams.readers.tdms import read_tdms
 from streams.samples import ReaderError, Samples
-from tests.streams.test_pulse_readers import FORMATS, TIMES
 from tests.support.effort import effort_count
+from tests.support.pulse_readers import FORMATS, TIMES
 
 READERS = {"x.tdms": read_tdms, "x.h5": read_hdf5, "x.nc": read_netcdf, "x.mat": read_mat}
 GOOD = {name: make(TIMES, "s", pulses_per_revolution=4) for name, (make, _) in FORMATS.items()}

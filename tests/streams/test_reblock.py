@@ -10,9 +10,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from streams.reblock import Cut, Reblocker, samples_hash
+from streams.reblock import Reblocker, samples_hash
 from streams.samples import Samples
 from tests.oracles.reblock_oracle import blocks_of_runs
+from tests.support.reblock import cut_up, flushed
 
 RATE = 64.0
 LENGTH = 16
@@ -24,21 +25,6 @@ def chunk(values: NDArray[np.floating], start: float | None, origin: object, **m
     rows = ("x", "y")[: values.shape[0]]
     base = Samples(values, rows, units=("g",) * len(rows), rate=RATE, start=start, origin=str(origin))
     return replace(base, **more)
-
-
-def cut_up(run: NDArray[np.float64], sizes: list[int]) -> list[tuple[int, NDArray[np.float64]]]:
-    """Cut a run into pieces of the given sizes, the last one taking what is left."""
-    pieces, begin = [], 0
-    for size in sizes:
-        if begin + size >= run.shape[1]:
-            break
-        pieces.append((begin, run[:, begin : begin + size]))
-        begin += size
-    return [*pieces, (begin, run[:, begin:])]
-
-
-def flushed(cutter: Reblocker, chunks: list[Samples]) -> list[Cut]:
-    return [cut for item in chunks for cut in cutter.feed(item)] + list(cutter.flush())
 
 
 RUNS = st.lists(st.integers(1, 70), min_size=1, max_size=4)

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from streams.pulses import Pulses
 from streams.reblock import Numbering, Reblocker, samples_hash
 from streams.samples import Samples
-from tests.streams.test_reblock import cut_up, flushed
+from tests.support.reblock import cut_up, flushed
 
 RATE = 1000.0 / 3.0
 LENGTH = 16

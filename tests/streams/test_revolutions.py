@@ -23,8 +23,8 @@ from streams.revolutions import BlockRevolutions
 from streams.samples import Samples
 from streams.spec import ChannelSpec, SourceError, SourceSpec
 from tests.streams.folders import Rig
-from tests.streams.test_reblock import cut_up, flushed
 from tests.support.effort import effort_count
+from tests.support.reblock import cut_up, flushed
 
 RATE = 1000.0
 LONGEST = 2.0

@@ -23,7 +23,7 @@ from streams.readers.npy_wav import read_npy
 from streams.samples import ReaderError
 from streams.spec import ChannelSpec, SourceSpec
 from tests.streams.format_makers import signal
-from tests.streams.test_large import FILES, LENGTH, npy_bytes, on_disk
+from tests.support.large import FILES, LENGTH, npy_bytes, on_disk
 
 ON_DISK = [kind for kind in FILES if kind not in ("npy, float32", "npy, one row")]
 needs_proc = pytest.mark.skipif(not Path("/proc/self/fd").is_dir(), reason="needs /proc")

@@ -19,8 +19,8 @@ from monitor.records.moved_days import days_before, move_day
 from monitor.records.recover.salvage import open_or_salvage
 from monitor.records.store import Published, Store
 from monitor.service.ingest import Ingest
-from tests.faults.test_store_kill import block
 from tests.support.forks import Messages
+from tests.support.store_kill import block
 
 
 def commit_and_condense(messages: Messages, path: Path) -> None:

@@ -19,9 +19,9 @@ from models.acoustics.third_octave import (
     power_gain,
 )
 from models.acoustics.weighting import POLES, weigh_record, weighting_db
+from tests.support.levels import A_TABLE
 
 RATE = 12_800.0
-A_TABLE = (-70.4, -63.4, -56.7, -50.5, -44.7, -39.4, -34.6, -30.2, -26.2, -22.5, -19.1, -16.1, -13.4, -10.9, -8.6, -6.6)
 A_TABLE += (-4.8, -3.2, -1.9, -0.8, 0.0, 0.6, 1.0, 1.2, 1.3, 1.2, 1.0, 0.5, -0.1, -1.1, -2.5, -4.3, -6.6, -9.3)
 """IEC 61672-1, table 3: A from 10 Hz to 20 kHz."""
 CLASS_1 = {0.0: (-0.3, 0.3), 0.125: (-0.3, 0.4), 0.25: (-0.3, 0.6), 0.375: (-0.3, 1.3), 0.5: (2.0, 5.0)}

@@ -11,36 +11,18 @@ import pytest
 from models.bearing import catalogue_entry
 from models.errors import WrongInputError
 from models.identify.evaluate import Evaluator
-from models.identify.evidence import DIRECTIONS, Direction, Evidence, Peak, Prior
+from models.identify.evidence import Evidence, Prior
 from models.identify.geometry import geometry_priors
 from models.identify.leaning import leaning
 from models.identify.limits import wide_limits
-from models.identify.modes import accelerance, modes
 from models.identify.problem import Problem
 from models.identify.run import Identification, IdentifyOptions, identify
-from models.identify.space import Space, bearing_directions
+from models.identify.space import Space
 from models.identify.trials import Condition, Trial, gather, no_trials
 from models.identify.volume import OperatingPoint, VolumeSpread, objections, small_map, volume_spread
 from models.rigs.six_dof import Rig
 from tests.models.identify.cases import BAND, BEARING, CONDITIONS, simulated_trials, space_of
-
-LIGHT = replace(Rig(), m_i=0.4, m_o=0.6, m_r=0.3, k_i=2e7, k_r=3.4e8, c_i=300.0, c_r=30.0, beta_c=1e-5)
-LOADS = (1000.0, 2000.0)
-
-
-def peaks_of(rig: Rig, *, absolute: bool = False, directions: tuple[Direction, ...] = DIRECTIONS) -> list[Peak]:
-    """Return the resonances of a rig at both loads, without error, with 0.5 % and 10 % of uncertainty."""
-    found: list[Peak] = []
-    for load in LOADS:
-        across, along = bearing_directions(BEARING, load, rig.k_c, 0.0)
-        for direction in directions:
-            k_b = along if direction == "along" else across
-            own = modes(rig, BEARING, np.array([k_b]))
-            levels = np.abs(accelerance(rig, BEARING, np.array([k_b]), own.frequency))
-            for f, z, a in zip(own.frequency[0].tolist(), own.damping[0].tolist(), levels[0].tolist(), strict=True):
-                peak = Peak(load, direction, f, 0.005 * f, z, 0.1 * z)
-                found.append(replace(peak, accelerance=a, accelerance_sd=0.1 * a) if absolute else peak)
-    return found
+from tests.support.evidence import LIGHT, LOADS, peaks_of
 
 
 def _space(*free: str, rig: Rig = LIGHT) -> Space:

@@ -25,7 +25,8 @@ from models.rigs.six_dof import Rig
 from models.scene import Scene
 from models.work.choose import local_runner
 from tests.models.identify.cases import BAND, CONDITIONS, TRUTH, simulated_trials, space_of
-from tests.models.identify.test_space import broken
+from tests.support.identify import stand_in
+from tests.support.space import broken
 
 OPTIONS = IdentifyOptions(band=BAND)
 MANY = tuple(Condition(load, 40.0, 0.02 * n, 5e-4) for load in (1000.0, 2000.0) for n in range(1, 6))
@@ -59,14 +60,6 @@ def test_what_the_tests_do_not_tell_is_said() -> None:
     low, best, high = of(found, "m_r")
     assert low < TRUTH.m_r < high
     assert best == pytest.approx(TRUTH.m_r, rel=0.02)
-
-
-def stand_in(rig: Any, clearance: float, extents: np.ndarray) -> np.ndarray:
-    """Return features that depend smoothly on all parameters but alpha_c, and on f_r with many minima."""
-    f_r = math.sqrt(rig.k_r * (1.0 / rig.m_r + 1.0 / rig.m_o)) / (2.0 * math.pi)
-    rms = 5.0 + 0.3 * np.sin(f_r / 150.0 * (1.0 + 20.0 * extents)) + 1e-3 * math.log(rig.c_r) + 1e5 * clearance
-    a_star = (extents * 30.0) ** 0.5 * rig.m_r**0.3 * (rig.c_i / 2000.0) ** (0.1 + 5.0 * extents)
-    return np.column_stack([rms * (rig.beta_c / 2e-5) ** (-5.0 * extents), a_star])
 
 
 @pytest.fixture

@@ -10,7 +10,7 @@ import pytest
 from models.identify.intervals import threshold
 from models.identify.valleys import ONE_VALLEY, ValleyChoice, valley_choice
 from models.numerics import f_quantile
-from tests.models.identify.test_posterior import COUNT, NOISE, fitted, toy
+from tests.support.posterior import COUNT, NOISE, fitted, toy
 
 WAVES, TRUTH = 12, 0.52
 _BASIS = np.linalg.qr(np.random.default_rng(8).standard_normal((2 * COUNT, 3)))[0].T

@@ -16,7 +16,7 @@ from monitor.records import moved_days
 from monitor.records.moved_days import MovedDaysError
 from monitor.records.publish import publish
 from monitor.records.store import Store
-from tests.faults.test_store_kill import block
+from tests.support.store_kill import block
 
 CONFIG = """
 [[bearing]]

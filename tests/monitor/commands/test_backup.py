@@ -10,8 +10,8 @@ import pytest
 
 from monitor.records.store import Store
 from monitor.service.status_file import StatusFile
-from tests.monitor.service.test_daemon import last, put, running
 from tests.support.commands import run_command
+from tests.support.daemon import last, put, running
 from tests.support.daemons import make_machine
 from tests.support.waiting import wait_until
 

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tests.streams.test_levels import COUNTS, FULL, hdf5, npy, sound
 from tests.support.commands import run_command
+from tests.support.streams_levels import COUNTS, FULL, hdf5, npy, sound
 
 CONFIG = """
 [machine]

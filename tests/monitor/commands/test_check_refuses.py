@@ -17,10 +17,10 @@ import pytest
 from monitor.records.ledger import StoreLedger, keep_dating
 from monitor.records.store import Store
 from streams.dating import Dating
-from tests.faults.test_folder_permissions import BOUND
-from tests.faults.test_store_kill import block
 from tests.support.commands import run_command
 from tests.support.daemons import RATE, ROOT, free_port
+from tests.support.folder_permissions import BOUND
+from tests.support.store_kill import block
 
 _PLACES = 'state_dir = "state"\nrecords_dir = "records"\n'
 _SOURCE = 'url = "folder:in"\nformat = "csv"\n'

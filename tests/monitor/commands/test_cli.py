@@ -12,28 +12,10 @@ import pytest
 from click.shell_completion import BashComplete, get_completion_class
 
 from monitor import cli
+from tests.support.cli import CONFIG
 from tests.support.commands import run_command
 
 ROOT = Path(__file__).resolve().parents[3]
-
-CONFIG = """
-[[bearing]]
-name = "test"
-designation = "6205"
-[operating]
-speed_hz = 30
-[[source]]
-name = "recording"
-rate_hz = 12800
-block_s = 1
-[[channel]]
-name = "de"
-source = "recording"
-column = 1
-unit = "g"
-bearing = "test"
-band_hz = [[2000, 6000]]
-"""
 
 
 def run(*arguments, cwd=None):

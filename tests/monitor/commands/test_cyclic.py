@@ -12,7 +12,7 @@ from click.testing import CliRunner
 import spallwatch as sw
 from models.errors import WrongInputError
 from monitor.commands.cyclic import command
-from tests.monitor.health.test_cyclic import RATE, hunting, modulated
+from tests.support.cyclic import RATE, hunting, modulated
 
 
 @pytest.fixture(scope="module")

@@ -12,7 +12,7 @@ from click.testing import CliRunner
 
 from monitor.cli import spallwatch
 from monitor.commands.common import InputError
-from tests.monitor.commands.test_library_learn import features, learned
+from tests.support.library_learn import features, learned
 
 
 def forecast(*arguments: object) -> dict[str, Any]:

@@ -11,8 +11,9 @@ from typing import Any
 import pytest
 
 from monitor.commands.gear.kinematics import gear_lines
-from tests.monitor.config.test_config import MINIMAL, validate
+from monitor.config.load import validate
 from tests.support.commands import run_command
+from tests.support.config import MINIMAL
 
 GEARS = """
 [gear]

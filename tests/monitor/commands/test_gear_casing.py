@@ -18,9 +18,9 @@ from monitor.commands.gear.transfer import felt, motion_values, pressure_values
 from monitor.config.casing import CasingFile, read_casing
 from monitor.config.gears.section import GearSection
 from monitor.config.load import ConfigError
-from tests.monitor.commands.test_gear_forces import VARIED, run_of, toml
 from tests.support.commands import run_command
-from tests.test_docs import ROOT
+from tests.support.docs import ROOT
+from tests.support.gear_forces import VARIED, run_of, toml
 
 pytestmark = pytest.mark.skipif(not has_extra(), reason="needs the extra fe (scikit-fem)")
 

@@ -13,31 +13,11 @@ import pytest
 
 from monitor.commands.common import InputError
 from monitor.commands.gear.forces import GearRun, amplitudes, build_train, force_lines, force_values, run_train
-from monitor.commands.gear.kinematics import GearInput
 from monitor.commands.gear.picture import draw_gears, gear_picture, shaft_centres
 from monitor.commands.simulate import gears as simulate_gears
-from monitor.config.load import validate
-from tests.monitor.config.test_config import MINIMAL
-from tests.monitor.config.test_gear_train import APPENDIX, changed
 from tests.support.commands import run_command
-
-RATE = 20480.0
-
-
-def given(tables: dict[str, Any]) -> GearInput:
-    config = validate({**MINIMAL, "gear": tables}, Path("machine.toml"))
-    assert config.gear is not None
-    return GearInput(config, config.gear, "machine.toml")
-
-
-def run_of(tables: dict[str, Any], speed: float = 8.44, duration: float = 0.1) -> GearRun:
-    return run_train(build_train(given(tables), speed), duration, RATE)
-
-
-VARIED = {
-    **APPENDIX,
-    "pair": [{**pair, "stiffness_variation": 0.3, "contact_ratio": 1.65} for pair in APPENDIX["pair"]],
-}
+from tests.support.config_gear_train import APPENDIX, changed
+from tests.support.gear_forces import RATE, VARIED, given, run_of, toml
 
 
 @pytest.fixture(scope="module")
@@ -104,16 +84,6 @@ def test_amplitudes_are_peaks_whatever_the_mean(phase: float) -> None:
     found = amplitudes(signal[:, None], RATE, np.array([312.28, 624.56]))[:, 0]
     assert abs(found[0] - 3.0 * np.exp(1j * phase)) < 2e-3
     assert abs(found[1]) < 2e-3
-
-
-def toml(tables: dict[str, Any]) -> str:
-    """Return ``[gear]`` as text, one key a line."""
-    lines = ["[operating]", "speed_hz = 8.44", "[gear]"]
-    lines += [f"{key} = {json.dumps(value)}" for key, value in tables.items() if not isinstance(value, list)]
-    for key, entries in tables.items():
-        for entry in entries if isinstance(entries, list) else []:
-            lines += [f"[[gear.{key}]]", *(f"{name} = {json.dumps(value)}" for name, value in entry.items())]
-    return "\n".join(lines)
 
 
 def test_the_command_prints_and_writes(tmp_path: Path) -> None:

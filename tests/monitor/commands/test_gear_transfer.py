@@ -29,8 +29,8 @@ from monitor.commands.gear.transfer import (
 from monitor.config.gears.section import GearSection
 from streams.block import STANDARD_GRAVITY
 from streams.readers.frf import frf_to_csv
-from tests.monitor.commands.test_gear_forces import RATE, VARIED, run_of, toml
 from tests.support.commands import run_command
+from tests.support.gear_forces import RATE, VARIED, run_of, toml
 
 GEAR = GearSection.model_validate(VARIED)
 INPUTS = tuple(f"b{n}.{axis}" for n in range(3) for axis in "xy")

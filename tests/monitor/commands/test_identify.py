@@ -26,25 +26,7 @@ from monitor.config.load import Config, ConfigError, load_config, validate
 from streams.block import STANDARD_GRAVITY
 from tests.models.identify.cases import CONDITIONS, TRUTH, simulated_trials
 from tests.support.commands import run_command
-
-MACHINE = """
-[[bearing]]
-name = "test"
-designation = "1205 ETN9"
-[[source]]
-name = "logger"
-block_s = 1
-rate_hz = 25600
-[[channel]]
-name = "casing"
-source = "logger"
-column = 1
-unit = "g"
-bearing = "test"
-rms_band_hz = [0, 9500]
-track = true
-"""
-RATE = 25600.0
+from tests.support.commands_identify import MACHINE, RATE
 
 
 @pytest.fixture

@@ -19,9 +19,9 @@ from monitor.commands.identify_verdict import verdict_lines
 from monitor.commands.trial_files import Measuring, read_trials, tracked_channel
 from monitor.config.load import load_config
 from tests.models.identify.cases import BEARING
-from tests.models.identify.test_evidence import LIGHT, peaks_of
-from tests.monitor.commands.test_identify import MACHINE, RATE
 from tests.support.commands import run_command
+from tests.support.commands_identify import MACHINE, RATE
+from tests.support.evidence import LIGHT, peaks_of
 
 LOAD = 2000.0
 HELD = f"""

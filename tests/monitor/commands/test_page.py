@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import json
 import os
 import signal
 import socket
 import subprocess
 import sys
-import urllib.request
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
@@ -20,6 +18,7 @@ from tests.streams.folders import csv_bytes, noise
 from tests.support.daemons import ROOT, call, start
 from tests.support.fleet import add_machine
 from tests.support.forks import ForkedProgram
+from tests.support.page import ask, machines
 from tests.support.waiting import PATIENCE_S, finish, stop, wait_until
 
 pytestmark = pytest.mark.process
@@ -48,17 +47,6 @@ def daemon_of(config: Path) -> Iterator[ForkedProgram]:
     finally:
         process.kill()
         process.communicate()
-
-
-def ask(url: str, path: str, body: dict[str, Any] | None = None, token: str = "") -> dict[str, Any]:
-    data = None if body is None else json.dumps(body).encode()
-    headers = {"content-type": "application/json"} | ({"authorization": f"Bearer {token}"} if token else {})
-    with urllib.request.urlopen(urllib.request.Request(f"{url}{path}", data, headers), timeout=PATIENCE_S) as answer:
-        return json.loads(answer.read())
-
-
-def machines(url: str) -> dict[str, dict[str, Any]]:
-    return {machine["name"]: machine for machine in ask(url, "api/machines")["machines"]}
 
 
 def test_one_page_follows_the_daemons_of_all_machines(tmp_path: Path) -> None:

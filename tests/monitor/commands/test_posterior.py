@@ -16,7 +16,7 @@ from models.rigs.six_dof import Rig
 from monitor.cli import spallwatch
 from monitor.commands import library as library_commands
 from monitor.config.load import ConfigError, load_config
-from tests.monitor.commands.test_identify import MACHINE
+from tests.support.commands_identify import MACHINE
 from tests.support.rigs import six_dof
 
 PARAMETERS = ("m_i", "m_o", "k_i", "k_c", "m_b", "m_r", "k_r", "beta_c", "alpha_c", "c_i", "c_r")

@@ -25,11 +25,11 @@ from streams.link.sender import Sender, SendError, TcpLink
 from streams.link.tcp import TcpReceiver
 from streams.link.wire import block_frame, encode_frame, hello
 from streams.spec import parse_address
-from tests.faults.test_lost_store import blocks_of
-from tests.faults.test_network_kill import block
-from tests.monitor.service.test_daemon import running
 from tests.support.commands import run_command
+from tests.support.daemon import running
 from tests.support.daemons import free_port, status, tcp_machine_text
+from tests.support.lost_store import blocks_of
+from tests.support.network_kill import block
 from tests.support.waiting import PATIENCE_S, wait_until
 
 

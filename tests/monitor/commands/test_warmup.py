@@ -8,7 +8,7 @@ from click.testing import CliRunner
 
 from models.warmup import PARTS, compile_parts
 from monitor.commands.warmup import command
-from tests.monitor.commands.test_cli import CONFIG
+from tests.support.cli import CONFIG
 from tests.support.effort import effort_count
 
 

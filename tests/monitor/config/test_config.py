@@ -8,16 +8,10 @@ from pathlib import Path
 import pytest
 
 from monitor.config.load import Config, ConfigError, load_config, validate
+from tests.support.config import MINIMAL, message
 
 ROOT = Path(__file__).resolve().parents[3]
 EXAMPLES = sorted((ROOT / "examples").glob("*.toml"))
-
-MINIMAL = {
-    "bearing": [{"name": "test", "designation": "6205"}],
-    "operating": {"speed_hz": 30.0},
-    "source": [{"name": "logger", "url": "folder:data", "rate_hz": 25600}],
-    "channel": [{"name": "de", "source": "logger", "unit": "g", "bearing": "test"}],
-}
 
 
 def changed(section, **keys):
@@ -27,12 +21,6 @@ def changed(section, **keys):
     target = values.setdefault(section, {})
     (target[0] if isinstance(target, list) else target).update(keys)
     return values
-
-
-def message(values):
-    with pytest.raises(ConfigError) as caught:
-        validate(values, Path("machine.toml"))
-    return str(caught.value)
 
 
 def test_the_minimal_configuration_has_the_documented_defaults():

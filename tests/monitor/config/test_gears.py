@@ -8,8 +8,8 @@ from typing import Any
 import pytest
 
 from monitor.config.gears.section import GearSection
-from monitor.config.load import Config, ConfigError
-from tests.monitor.config.test_config import MINIMAL, validate
+from monitor.config.load import Config, ConfigError, validate
+from tests.support.config import MINIMAL
 
 TWO_STAGES: dict[str, Any] = {
     "bearing_shaft": "middle",

@@ -11,13 +11,13 @@ import pytest
 
 from models.bearing import kinematics
 from monitor.commands.check_interference import interference_lines, taken_families
-from monitor.config.load import Config
+from monitor.config.load import Config, validate
 from monitor.health.spectrum.interference import Interference
 from monitor.service.setup import source_settings
 from monitor.service.summary import run_attributes
-from tests.monitor.config.test_config import MINIMAL, message, validate
-from tests.monitor.health.test_interference import RATE, damaged, mesh
 from tests.support.commands import run_command
+from tests.support.config import MINIMAL, message
+from tests.support.interference import RATE, damaged, mesh
 
 MACHINE = """
 [[bearing]]

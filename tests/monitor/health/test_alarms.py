@@ -13,7 +13,6 @@ from hypothesis import strategies as st
 
 from monitor.config.alarms import AlarmLevel, AlarmsSection
 from monitor.health.alarms import (
-    AlarmInput,
     AlarmOutput,
     AlarmSettings,
     AlarmState,
@@ -24,15 +23,10 @@ from monitor.health.alarms import (
     machine_state,
     step,
 )
+from tests.support.alarms import RULE, block
 from tests.support.effort import effort_count
 
-RULE = Rule("rms", "rms", alert=Level(10.0), danger=Level(20.0), hysteresis=0.1, on_delay=2, off_delay=3)
 EXAMPLES = effort_count(quick=20, full=2000)
-
-
-def block(sequence: int, value: Any, *, usable: bool = True, bad: bool = False, **fields: Any) -> AlarmInput:
-    given = {name: fields.pop(name) for name in ("stage", "baselines") if name in fields}
-    return AlarmInput(sequence, usable, bad, values={"rms": value, **fields}, **given)
 
 
 def run(

@@ -19,7 +19,7 @@ from monitor.health.retrace import retrace
 from monitor.health.state import SourceSettings, SourceState
 from monitor.words.events import event_text
 from streams.block import Block
-from tests.monitor.health.test_pipeline import DETECT, RATE, SPEED, TRACKED, life
+from tests.support.pipeline import DETECT, RATE, SPEED, TRACKED, life
 from tests.support.steps import Steps
 
 # The volumes of this toy map are 0, so that a level below is reached.

@@ -10,7 +10,7 @@ import pytest
 
 from monitor.health.damage import Damage, DamageInput
 from monitor.health.damage.filter.prior import ErrorModel, build_lookup
-from tests.monitor.health.test_filter import SETTINGS, TOY, follow, toy_life, toy_map
+from tests.support.filter import SETTINGS, TOY, follow, toy_life, toy_map
 
 ERRORS = ErrorModel()
 

@@ -13,8 +13,8 @@ from monitor.health.damage import DamageInput
 from monitor.health.damage.filter.particle_filter import FilterState, step
 from monitor.health.damage.filter.particles import LN_V, STILL, Particles, grow
 from monitor.health.damage.filter.prior import GrowthPrior
-from tests.monitor.health.test_filter import MICRON, MM2, RADIUS, SETTINGS, TOY, follow, toy_life
 from tests.support.effort import effort_count
+from tests.support.filter import MICRON, MM2, RADIUS, SETTINGS, TOY, follow, toy_life
 
 
 def held_life(v_eq: float, blocks: int, seed: int) -> list[DamageInput]:

@@ -15,31 +15,16 @@ from monitor.health.spectrum.bands import find_band
 from monitor.health.spectrum.features import BlockFeatures, FeatureSettings, block_features, fundamentals
 from monitor.health.spectrum.interference import Interference, all_combs, remove_lines
 from monitor.health.spectrum.interference_search import propose
-from tests.support.signals import RESONANCE, bearing_lines, impacts
+from tests.support.interference import BAND, LINES, RATE, SPEED, damaged, mesh
+from tests.support.signals import RESONANCE
 
-RATE, BAND, SPEED = 25600.0, (1000.0, 9000.0), 30.0
-_, LINES = bearing_lines("6205", SPEED)
 GEAR = Interference(orders=(23.0,), sidebands=3)
-
-
-def mesh(n: int, level: float, speed: float = SPEED * 1.001) -> NDArray[np.float64]:
-    """Return harmonics of 23 turns with sidebands, shape (n,)."""
-    t = np.arange(n) / RATE
-    return sum(
-        level * 0.4 ** abs(side) * np.cos(2.0 * np.pi * (23 * k + side) * speed * t + k * k + side)
-        for k in range(1, 15)
-        for side in range(-2, 3)
-    ) + np.zeros(n)
 
 
 def features(x: NDArray[np.float64], *interference: Interference) -> BlockFeatures:
     settings = FeatureSettings(RATE, (BAND,), fundamentals(LINES), speed=SPEED, rms_band=(10.0, 10_000.0))
     combs = all_combs(interference, SPEED)
     return block_features(x.astype(np.float32), RATE, replace(settings, interference=combs))
-
-
-def damaged(seed: int = 0, fault: str = "outer", duration: float = 2.0) -> NDArray[np.float64]:
-    return impacts(np.random.default_rng(seed), fault, LINES, duration=duration)
 
 
 def named(found: BlockFeatures) -> str | None:

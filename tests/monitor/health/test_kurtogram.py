@@ -13,9 +13,9 @@ from monitor.health.spectrum.interference import Interference
 from monitor.health.spectrum.kurtogram import MAX_SAMPLES, PARTS, Kurtogram, kurtogram
 from monitor.records.spectra import read_spectra
 from monitor.service.replay import replay
-from tests.monitor.health.test_pipeline import RATE, life
-from tests.monitor.records.test_spectra import machine
 from tests.oracles.kurtogram_oracle import band_kurtosis
+from tests.support.pipeline import RATE, life
+from tests.support.records_spectra import machine
 from tests.support.signals import RESONANCE, bearing_lines, impacts
 
 

@@ -14,23 +14,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from monitor.health.damage import DamageInput, Remaining, TtStatus
-from monitor.health.damage.learned.fit import LearnedRun, fit_runs, moments_of
+from monitor.health.damage.learned.fit import fit_runs, moments_of
 from monitor.health.damage.learned.forecaster import LearnedSettings, LearnedState, step
 from monitor.health.damage.learned.history import MAX_BINS, StageHistory
 from monitor.health.damage.learned.model import Distribution, EndLevels, LearnedModel, student
 from monitor.health.damage.learned.scores import covers, crps, scores_out_of_run
-
-
-def run(life: float, end: float = 1.5, seed: int = 0, blocks: int = 60) -> LearnedRun:
-    """Return a run whose level rises to ``end`` faster and faster, with some noise."""
-    t = np.linspace(0.0, life, blocks + 1)
-    noise = 0.03 * np.random.default_rng(seed).standard_normal(t.size)
-    return LearnedRun(f"run {seed}", t, 0.2 + (end - 0.2) * (t / life) ** 2 + noise, 0.0, life)
-
-
-def family(count: int, spread: float = 0.3) -> list[LearnedRun]:
-    rng = np.random.default_rng(count)
-    return [run(3600.0 * math.exp(spread * rng.standard_normal()), seed=i) for i in range(count)]
+from tests.support.learned import family, run
 
 
 def taken(

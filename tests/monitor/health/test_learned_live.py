@@ -24,10 +24,10 @@ from monitor.health.damage.tracker import DamageGate, DamageSettings, DamageStat
 from monitor.records.learned_file import save_learned
 from monitor.service.setup import source_settings
 from monitor.service.summary import run_attributes
-from tests.hard.test_tracking import INTERVAL, LOAD, SPEED, THRESHOLD, growing
-from tests.monitor.health.test_learned import family
-from tests.monitor.health.test_pipeline import FIRST_BAD, base, life, record_of, run
-from tests.oracles.toy_lives import toy_library
+from tests.oracles.toy_lives import INTERVAL, THRESHOLD, toy_library
+from tests.support.learned import family
+from tests.support.pipeline import FIRST_BAD, base, life, record_of, run
+from tests.support.tracking import LOAD, SPEED, growing
 
 ALONE = DamageSettings(forecast_method="learned", learned=fit_runs(family(4)))
 TIMES, RMS, LINES = growing(40)

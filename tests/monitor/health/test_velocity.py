@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 
 from benchmarks.velocity import SECONDS, coloured, signals, tone, velocity
 from monitor.health.spectrum.velocity import velocity_of
-from tests.monitor.health.test_pipeline import base, life, record_of, run
 from tests.support.effort import effort_count
+from tests.support.pipeline import base, life, record_of, run
 
 
 @pytest.mark.parametrize("seconds", SECONDS)

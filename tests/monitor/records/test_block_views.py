@@ -14,9 +14,9 @@ from monitor.health.spectrum.block_view import BlockView, RawSpectra, raw_spectr
 from monitor.health.spectrum.transform import BlockTransform
 from monitor.records.spectra import kept_blocks, pack_view, read_block_view, read_spectra, unpack_view, viewed_blocks
 from monitor.records.store import Store
-from tests.monitor.health.test_pipeline import RATE
-from tests.monitor.records.test_spectra import blocks, machine, steps_of, take
 from tests.support.effort import effort_count
+from tests.support.pipeline import RATE
+from tests.support.records_spectra import blocks, machine, steps_of, take
 
 CHANNEL = "x"
 

@@ -22,9 +22,9 @@ from monitor.records import rollup, trends
 from monitor.records.recover.salvage import open_or_salvage
 from monitor.records.rollup import FEATURES, Buckets, Points, joined
 from monitor.records.store import Store
-from tests.monitor.records.test_trends import MOMENTS, assert_is, block, filled, query, rolled_up
 from tests.oracles.trends_oracle import said_of
 from tests.support.effort import effort_count
+from tests.support.trends import MOMENTS, assert_is, block, filled, query, rolled_up
 
 ROOT = Path(__file__).parents[3]
 

@@ -16,8 +16,8 @@ from monitor.report.bearings import bearing_parts, bearings_of
 from monitor.report.options import Options
 from monitor.report.report import build_report
 from monitor.report.runs import Run, read_runs
-from tests.monitor.health.test_retrace import lived, settings_of
 from tests.oracles.page import Page
+from tests.support.retrace import lived, settings_of
 
 
 def run_of(folder: Path, records: list[Record], bearing: str = "one: drive; two: drive") -> Run:

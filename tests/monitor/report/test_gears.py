@@ -7,13 +7,14 @@ from pathlib import Path
 
 import pytest
 
+from monitor.health.gears.naming import MIN_LEARNED
 from monitor.health.record import Record
 from monitor.records.store import Store
 from monitor.report.advice import said_of
 from monitor.report.gears import gear_findings, gears_table
 from monitor.report.runs import Run, read_runs
 from monitor.report.verdict import judge
-from tests.monitor.health.gears.test_stage import FIRST_BAD, MIN_LEARNED, life
+from tests.support.stage import FIRST_BAD, life
 
 
 def run_of(tmp_path: Path, records: tuple[Record, ...], names: str = "pinion, wheel") -> Run:

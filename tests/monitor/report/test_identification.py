@@ -33,8 +33,8 @@ from monitor.report.identification.subject import Extent, Subject
 from monitor.report.page import lay_out
 from streams.block import STANDARD_GRAVITY
 from tests.models.identify.cases import BAND, space_of
-from tests.models.identify.test_identify import stand_in
 from tests.monitor.conftest import ARRANGE
+from tests.support.identify import stand_in
 from tests.support.once import made_once
 
 pytestmark = pytest.mark.usefixtures("plain_layout")

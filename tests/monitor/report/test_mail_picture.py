@@ -21,7 +21,7 @@ from monitor.records.store import Store
 from monitor.report.mail_picture import Wanted, _draw_spectrum, draw
 from monitor.service.notify.picture import draw_picture, picture_request
 from streams.block import STANDARD_GRAVITY
-from tests.monitor.records.test_trends import block
+from tests.support.trends import block
 
 START = 1.7e9
 

@@ -30,6 +30,7 @@ from tests.oracles.lives import life
 from tests.oracles.page import Page
 from tests.oracles.records_oracle import records
 from tests.support.effort import effort_count
+from tests.support.report import one, page_of, page_of_records
 
 pytestmark = pytest.mark.usefixtures("plain_layout")
 START = 1_700_000_000.0
@@ -44,20 +45,6 @@ def stored(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Store]:
         yield store
 
 
-def page_of(tmp_path: Path, source: Any, **options: Any) -> Page:
-    text = build_report(source, tmp_path / "report.html", **options).read_text(encoding="utf-8")
-    page = Page(text)
-    assert page.open == []
-    return page
-
-
-def page_of_records(tmp_path: Path, made: list[Record], calibrated: str = "yes", **options: Any) -> Page:
-    with Store.open(tmp_path / "state.db", machine="m") as store:
-        store.describe({"calibrated": calibrated})
-        store.commit_many([(record, {}) for record in made])
-        return page_of(tmp_path, store, **options)
-
-
 @pytest.fixture(scope="module")
 def told(stored: Store, tmp_path_factory: pytest.TempPathFactory) -> tuple[Page, Path]:
     """The report of the life with a spectrum, and its file."""
@@ -67,13 +54,6 @@ def told(stored: Store, tmp_path_factory: pytest.TempPathFactory) -> tuple[Page,
     folder = tmp_path_factory.mktemp("told")
     page = page_of(folder, stored, spectra={"horizontal": spectrum}, pending=3, title="Press 4")
     return page, folder / "report.html"
-
-
-def one(values: dict[str, Any], **fields: Any) -> Record:
-    return Record(
-        **{"source": "s", "sequence": 1, "name": "a", "content_hash": "h", "elapsed": 0.0, "channels": {"x": values}}
-        | fields
-    )
 
 
 def test_a_life_is_told_in_words_and_numbers(told: tuple[Page, Path]) -> None:

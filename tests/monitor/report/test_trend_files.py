@@ -13,7 +13,7 @@ from monitor.report.report import build_report
 from monitor.report.runs import ReportError, read_runs
 from monitor.report.trend_files import write_trends
 from streams.block import STANDARD_GRAVITY
-from tests.monitor.report.test_score import DAY, record, stored
+from tests.support.score import DAY, record, stored
 
 
 def made(folder: Path, *, start: float | None = None, level: str = "yes", machine: str = "m") -> Path:

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from monitor.words.statuses import TT_REFUSALS
-from tests.monitor.report.test_report import one, page_of_records
+from tests.support.report import one, page_of_records
 
 pytestmark = pytest.mark.usefixtures("plain_layout")
 

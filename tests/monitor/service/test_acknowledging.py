@@ -22,12 +22,12 @@ from monitor.service.ingest import Ingest
 from monitor.service.machine_status import channel_condition, shown_alarms
 from monitor.service.setup import source_settings
 from streams.block import Block, Rejected
-from tests.faults.test_folder_kill import config
-from tests.monitor.service.test_daemon import last, running
-from tests.monitor.service.test_ingest import Queue, steps
 from tests.streams.folders import csv_bytes, noise
+from tests.support.daemon import last, running
 from tests.support.daemons import call, make_machine, start, status
 from tests.support.effort import effort_count
+from tests.support.folder_kill import config
+from tests.support.ingest import Queue, steps
 from tests.support.steps import Steps
 from tests.support.waiting import wait_until
 

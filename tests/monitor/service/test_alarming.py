@@ -16,7 +16,7 @@ from monitor.health.state import SourceSettings
 from monitor.records.store import Store
 from monitor.service.setup import source_settings
 from streams.block import Block, Rejected
-from tests.faults.test_folder_kill import config
+from tests.support.folder_kill import config
 from tests.support.steps import Steps
 
 RATE = 2560.0

@@ -13,7 +13,7 @@ import pytest
 from monitor.config.load import load_config
 from monitor.records.store import Store
 from monitor.service.companions import Companions
-from tests.monitor.service.test_daemon import last, put, running
+from tests.support.daemon import last, put, running
 from tests.support.daemons import make_machine, start, status
 from tests.support.waiting import PATIENCE_S, at_most, stop, wait_until
 

@@ -13,10 +13,10 @@ import pytest
 from monitor.records.store import Store
 from monitor.service.systemd import ServiceManager
 from streams.source import Delivery
-from tests.monitor.service.test_daemon import last, put, running
-from tests.monitor.service.test_ingest import Queue, block, ingest_of, steps
+from tests.support.daemon import last, put, running
 from tests.support.daemons import make_machine, status
 from tests.support.effort import effort_count
+from tests.support.ingest import Queue, block, ingest_of, steps
 from tests.support.waiting import wait_until
 
 pytestmark = pytest.mark.process

@@ -19,11 +19,11 @@ from monitor.records.ledger import StoreLedger
 from monitor.records.store import Store
 from monitor.service.ingest import Ingest
 from monitor.service.summary import channel_summary
-from tests.monitor.service.test_daemon import last, put, running
-from tests.monitor.service.test_ingest import Queue, block, ingest_of, settings_of, steps
 from tests.streams.makers import ims_text
+from tests.support.daemon import last, put, running
 from tests.support.daemons import make_machine, status
 from tests.support.effort import effort_count
+from tests.support.ingest import Queue, block, ingest_of, settings_of, steps
 from tests.support.waiting import wait_until
 
 NOW = 1.7e9

@@ -17,7 +17,7 @@ from monitor.records.store import Store
 from monitor.service.daemon import Daemon
 from monitor.service.ingest import Ingest
 from monitor.service.notify.heartbeat import Heartbeat
-from tests.monitor.service.test_daemon import last, put, running
+from tests.support.daemon import last, put, running
 from tests.support.daemons import free_port, make_machine, status
 from tests.support.receivers import Pulse
 from tests.support.waiting import wait_until

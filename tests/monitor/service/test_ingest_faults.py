@@ -20,10 +20,10 @@ from monitor.service.ingest import Ingest
 from monitor.service.setup import source_settings
 from streams.block import Block, Rejected
 from streams.source import Delivery
-from tests.faults.test_folder_kill import config
-from tests.monitor.service.test_daemon import last, put, running
-from tests.monitor.service.test_ingest import Queue, block, ingest_of, steps
+from tests.support.daemon import last, put, running
 from tests.support.daemons import make_machine, status
+from tests.support.folder_kill import config
+from tests.support.ingest import Queue, block, ingest_of, steps
 from tests.support.waiting import wait_until
 
 STEP, ALARMS = stages.conclude, stages.alarm_step

@@ -4,27 +4,26 @@ from __future__ import annotations
 
 import logging
 import random
-import threading
 import time
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from monitor.config.outputs import MqttSection, NotifySection, SmtpSection, WebhookSection
-from monitor.health.record import Record
-from monitor.records.events import Delivered, Deliveries, EventLog
-from monitor.records.store import Store
-from monitor.service.notify.channels import Message, NotifyError, configured_channels
-from monitor.service.notify.message import Sender
-from monitor.service.notify.notifier import Notifier
-from tests.support.waiting import PATIENCE_S, wait_until
+from monitor.records.events import Delivered, Deliveries
+from monitor.service.notify.channels import configured_channels
+from tests.support.notifier import NOW, Log, Notifying, Recorder, positions
+from tests.support.waiting import wait_until
 
-PRESS = Sender("press")
-NOW = 1.79e9
+
+@pytest.fixture
+def log(tmp_path: Path) -> Iterator[Log]:
+    log = Log(tmp_path)
+    yield log
+    log.close()
 
 
 def test_each_section_has_its_channel() -> None:
@@ -35,90 +34,6 @@ def test_each_section_has_its_channel() -> None:
     )
     assert [channel.name for channel in configured_channels(sections)] == ["smtp", "webhook", "mqtt"]
     assert configured_channels(NotifySection()) == []
-
-
-class Recorder:
-    """A channel that keeps its messages; it fails while ``failing``, and waits while ``go`` is clear."""
-
-    def __init__(self, name: str = "channel") -> None:
-        self.name = name
-        self.pictures = False
-        self.messages: list[Message] = []
-        self.attempts = 0
-        self.failing = False
-        self.missing: str | None = None
-        self.complaint: str | None = None
-        self.go = threading.Event()
-        self.go.set()
-
-    def check(self) -> None:
-        if self.missing is not None:
-            raise NotifyError(self.missing)
-
-    def send(self, message: Message) -> str | None:
-        self.attempts += 1
-        self.go.wait(PATIENCE_S)
-        if self.failing:
-            raise NotifyError("no answer")
-        self.messages.append(message)
-        return self.complaint
-
-    @property
-    def numbers(self) -> list[int]:
-        """The numbers of the delivered events and notices, in order."""
-        return [event["n"] for message in self.messages for event in message.values["events"]]
-
-
-class Log:
-    """A store with events numbered as they come."""
-
-    def __init__(self, folder: Path) -> None:
-        self.path = folder / "state.db"
-        self.store = Store.open(self.path, machine="press")
-        self.log = EventLog(self.path)
-        self.sequence = self.last = 0
-
-    def add(self, *kinds: str, time: float | None = NOW, **more: Any) -> None:
-        """Commit a block with events."""
-        self.sequence += 1
-        events = []
-        for kind in kinds:
-            self.last += 1
-            events.append({"kind": kind, "channel": "x", "n": self.last, **more})
-        record = Record("s", self.sequence, "b", str(self.sequence), time=time, events=tuple(events))
-        assert self.store.commit(record, {}) == "committed"
-
-    def notice(self, kind: str = "no_data", utc: float = NOW) -> None:
-        """Log an event without a block."""
-        self.last += 1
-        self.log.notice(utc, {"kind": kind, "n": self.last})
-
-    def close(self) -> None:
-        self.log.close()
-        self.store.close()
-
-
-@pytest.fixture
-def log(tmp_path: Path) -> Iterator[Log]:
-    log = Log(tmp_path)
-    yield log
-    log.close()
-
-
-class Notifying:
-    """A notifier that is closed at the end of the block."""
-
-    def __init__(self, log: Log, *channels: Recorder, **more: Any) -> None:
-        section = NotifySection(**more.pop("limits", {}))
-        self.notifier = Notifier(
-            PRESS, channels, section, log.path, **{"first_pause": 0.05, "clock": lambda: NOW, **more}
-        )
-
-    def __enter__(self) -> Notifier:
-        return self.notifier
-
-    def __exit__(self, *rest: object) -> None:
-        self.notifier.close()
 
 
 def test_a_new_channel_begins_at_the_present_end(log: Log) -> None:
@@ -165,12 +80,6 @@ def test_a_message_sent_but_not_noted_is_sent_again(log: Log, monkeypatch: pytes
         wait_until(lambda: channel.numbers == [1])
     with Notifying(log, channel):
         wait_until(lambda: channel.numbers == [1, 1])
-
-
-def positions(log: Log, channel: str) -> list[tuple[int, int]]:
-    with Deliveries(log.path) as deliveries:
-        place = deliveries.progress(channel)
-    return [] if place is None else [(place.event, place.notice)]
 
 
 def test_each_channel_has_its_own_position_and_a_failing_one_delays_no_other(

@@ -16,7 +16,7 @@ from monitor.config.outputs import NotifySection
 from monitor.records.events import Delivered, Deliveries
 from monitor.service.notify.channels import Message
 from monitor.service.notify.notifier import Notifier
-from tests.monitor.service.test_notifier import NOW, PRESS, Log, Notifying, Recorder, positions
+from tests.support.notifier import NOW, PRESS, Log, Notifying, Recorder, positions
 from tests.support.waiting import wait_until
 
 

@@ -11,7 +11,7 @@ from monitor.health.record import Record
 from monitor.records.store import Store
 from monitor.service import publisher as publishing
 from monitor.service.publisher import Publisher
-from tests.faults.test_store_kill import block
+from tests.support.store_kill import block
 from tests.support.waiting import PATIENCE_S
 
 pytestmark = pytest.mark.process

@@ -17,8 +17,8 @@ from monitor.records.store import Published, Store
 from monitor.service.daemon import DiskGuard
 from monitor.service.publisher import PublishedFiles
 from monitor.service.retention import Retention
-from tests.monitor.records.test_condense import BEGIN, DAY, EVENT_EVERY, PER_DAY, fill, present
-from tests.monitor.service.test_daemon import last, put, running
+from tests.monitor.records.condensed import BEGIN, DAY, EVENT_EVERY, PER_DAY, fill, present
+from tests.support.daemon import last, put, running
 from tests.support.daemons import make_machine, status
 from tests.support.waiting import wait_until
 

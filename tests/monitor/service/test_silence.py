@@ -17,7 +17,7 @@ from monitor.records.database import StoreError
 from monitor.records.events import EventLog
 from monitor.records.store import Store
 from monitor.service.silence import DataFlow, LatestBlock, SilenceLog, silence_limit
-from tests.monitor.service.test_daemon import last, put, running
+from tests.support.daemon import last, put, running
 from tests.support.daemons import make_machine, status
 from tests.support.effort import effort_count
 from tests.support.waiting import wait_until

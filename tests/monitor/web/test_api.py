@@ -20,8 +20,8 @@ from monitor.records.spectra import read_block_view, read_spectra
 from monitor.records.store import Store
 from monitor.web.machines import Machine, Status
 from monitor.web.map_view import map_of
-from tests.monitor.service.test_daemon import running
 from tests.streams.folders import csv_bytes
+from tests.support.daemon import running
 from tests.support.daemons import status
 from tests.support.fleet import add_machine
 from tests.support.pages import Page, Reply, alarmed_machine, page_of, put_blocks

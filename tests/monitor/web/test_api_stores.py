@@ -10,7 +10,7 @@ import pytest
 from monitor.config.load import load_config
 from monitor.records.events import EventLog
 from monitor.records.store import Store
-from tests.monitor.service.test_daemon import running
+from tests.support.daemon import running
 from tests.support.daemons import status
 from tests.support.fleet import add_machine
 from tests.support.pages import alarmed_machine, page_of, put_blocks

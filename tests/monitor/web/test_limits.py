@@ -18,9 +18,9 @@ from monitor.web.app import Site, _stream
 from monitor.web.auth import Doorkeeper
 from monitor.web.machines import Machines
 from monitor.web.security import Doors
-from tests.monitor.web.test_security import machine_with_event
 from tests.support.daemons import make_machine
 from tests.support.pages import Page, page_of
+from tests.support.security import machine_with_event
 from tests.support.waiting import wait_until
 
 

@@ -16,7 +16,7 @@ from monitor.records.store import Store
 from monitor.service.status_file import StatusFile
 from monitor.web.metrics import address_of
 from monitor.words.statuses import STATES
-from tests.monitor.service.test_daemon import running
+from tests.support.daemon import running
 from tests.support.daemons import ROOT, status
 from tests.support.pages import Page, alarmed_machine, page_of, put_blocks
 from tests.support.waiting import wait_until

@@ -14,13 +14,12 @@ from hypothesis import strategies as st
 
 from monitor.config.load import ConfigError, load_config
 from monitor.config.outputs import WebSection
-from monitor.records.events import EventLog
-from monitor.records.store import Store
 from monitor.web.auth import Doorkeeper, TokenError, load_token
 from monitor.web.security import Doors
 from monitor.web.server import LimitedProtocol
 from tests.support.daemons import make_machine
 from tests.support.pages import Page, page_of
+from tests.support.security import EVIL, machine_with_event
 from tests.support.waiting import wait_until
 
 STRANGER = {
@@ -31,16 +30,6 @@ STRANGER = {
     "role": None,
     "users": False,
 }
-EVIL = "<img src=x onerror=alert(1)>\"'&"
-
-
-def machine_with_event(folder: Path) -> Path:
-    """Make a machine with a store that holds one notice, n1."""
-    config = make_machine(folder)
-    store = folder / "state" / "state.db"
-    with Store.open(store, machine="m"), EventLog(store) as log:
-        log.notice(1e9, {"kind": "test", "channel": EVIL, "text": EVIL})
-    return config
 
 
 @pytest.fixture(scope="module")

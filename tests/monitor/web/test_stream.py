@@ -14,7 +14,7 @@ from monitor.records.events import EventLog
 from monitor.records.store import Store
 from monitor.web.machines import Machines
 from monitor.web.stream import Hub
-from tests.monitor.service.test_daemon import running
+from tests.support.daemon import running
 from tests.support.daemons import make_machine, status
 from tests.support.pages import alarmed_machine, page_of, put_blocks
 from tests.support.waiting import PATIENCE_S, wait_until

@@ -23,8 +23,8 @@ from monitor.config.outputs import WebSection
 from monitor.records.events import EventLog
 from monitor.web.auth import LOCKED_S, MAX_WRONG_PASSWORDS, Doorkeeper, SignInError, Visitor, WrongPasswords
 from monitor.web.users import User, Users, UsersError, changed_users, hash_password, invite, is_password, read_users
-from tests.monitor.web.test_security import machine_with_event
 from tests.support.pages import Page, Reply, page_of
+from tests.support.security import machine_with_event
 
 PASSWORD = "correct horse battery"
 HASH = hash_password(PASSWORD)

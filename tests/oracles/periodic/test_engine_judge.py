@@ -12,7 +12,7 @@ from benchmarks.engine_oracle import solve, stored
 from models.bearing import kinematics
 from models.simulate import simulate
 from tests.oracles.periodic.scenes import DEVELOPMENT, scenes
-from tests.oracles.periodic.test_periodic_oracle import ROLLERS, SPALL
+from tests.support.periodic_oracle import ROLLERS, SPALL
 
 TRUTH = {
     "status": "settled",

@@ -13,41 +13,22 @@ from scipy.integrate import solve_ivp
 
 from tests.oracles import six_dof_oracle
 from tests.oracles.periodic import kernel, tableau
-from tests.oracles.periodic.path import cutoff_of, pieces_of
-from tests.oracles.periodic.rig import OracleScene, Rough, from_dict
+from tests.oracles.periodic.path import pieces_of
+from tests.oracles.periodic.rig import OracleScene, from_dict
 from tests.oracles.periodic.scenes import (
     DEVELOPMENT,
-    GEOMETRIES,
     HELD_OUT,
-    ROLLER_K_C,
-    THESIS_BEARING,
-    THESIS_RIG,
     scenes,
 )
 from tests.oracles.periodic.settle import Caps, History, Problem, is_averaged, other_levels, simulate_oracle
 from tests.support.effort import effort_count
+from tests.support.periodic_oracle import ROLLERS, ROUGH, SPALL, thesis_scene
 
 STORED = json.loads((Path(__file__).parents[2] / "data" / "engine_oracle.json").read_text())
-ROUGH = Rough(1e-6, 2e-3, cutoff_of(THESIS_BEARING.element_radius), 3)
 
 
-def thesis_scene(
-    speed: float,
-    load: float,
-    extent_deg: float = 0.0,
-    depth: float = 0.0,
-    *,
-    clearance: float = 0.0,
-    rough: Rough | None = None,
-) -> OracleScene:
-    rows = 1 if extent_deg else 0
-    return OracleScene(speed, load, clearance, math.radians(extent_deg), depth, rows, THESIS_BEARING, rough, THESIS_RIG)
-
-
-SPALL = thesis_scene(40.0, 4000.0, 20.0, 20e-6)
 PIT = thesis_scene(30.0, 2000.0, 1.3, 1e-3)
 BOUNCING = thesis_scene(24.3, 38.6, 34.0, 18.6e-6, clearance=11.8e-6, rough=replace(ROUGH, seed=0))
-ROLLERS = replace(SPALL, geometry=GEOMETRIES[-1], parameters=replace(THESIS_RIG, k_c=ROLLER_K_C), rows=2, rough=ROUGH)
 
 
 def test_the_coefficients_satisfy_the_conditions_of_order_8() -> None:

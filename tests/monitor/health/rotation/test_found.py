@@ -17,8 +17,8 @@ from monitor.service.setup import source_settings
 from streams.block import Block
 from streams.pulses import Pulses
 from tests.monitor.health.rotation.shafts import even, hunting, marks, run_up
-from tests.monitor.health.rotation.test_ridge import BEARING, shaken, turning
-from tests.monitor.health.rotation.test_ridge import RATE as RIDGE_RATE
+from tests.support.ridge import BEARING, shaken, turning
+from tests.support.ridge import RATE as RIDGE_RATE
 from tests.support.steps import Steps
 
 RATE, SECONDS = 8000.0, 4.0

@@ -2,29 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from models.bearing import from_catalogue, kinematics
+from models.bearing import kinematics
 from monitor.health.rotation.path import best_path
 from monitor.health.rotation.plane import Plane
 from monitor.health.rotation.ridge import angle_from_vibration
 from monitor.health.rotation.rotation import Rotation, constant
+from tests.support.ridge import BEARING, DURATION, RATE, shaken, turning
 
-RATE, DURATION = 8192.0, 5.0
 LIMITS = (9.0, 45.0)
-BEARING = from_catalogue("6205")
-ORDERS = (1, 2, 3, 4, 5)
-
-
-def turning(speed: NDArray[np.float64]) -> Rotation:
-    """Return the rotation of speeds at equal steps of time."""
-    time = np.linspace(0.0, DURATION, speed.size)
-    turns = np.concatenate(([0.0], np.cumsum(0.5 * (speed[1:] + speed[:-1]) * np.diff(time))))
-    return Rotation(time, turns, speed, DURATION)
 
 
 def ramp() -> Rotation:
@@ -34,18 +23,6 @@ def ramp() -> Rotation:
 def hunting(share: float) -> Rotation:
     time = np.linspace(0.0, DURATION, 1001)
     return turning(24.0 * (1.0 + share * np.sin(2.0 * np.pi * 0.4 * time + 0.3)))
-
-
-def shaken(
-    rotation: Rotation, orders: Sequence[float] = ORDERS, noise: float = 1.0, seed: int = 0
-) -> NDArray[np.float64]:
-    """Return a signal with lines of the shaft, of unit amplitude, in noise."""
-    rng = np.random.default_rng(seed)
-    turns = rotation.turns_at(np.arange(int(DURATION * RATE)) / RATE)
-    signal = noise * rng.standard_normal(turns.size)
-    for order in orders:
-        signal += np.cos(2.0 * np.pi * (order * turns + rng.uniform()))
-    return signal
 
 
 def found(signal: NDArray[np.float64], **options: object) -> tuple[Rotation | None, str]:

@@ -14,7 +14,7 @@ from monitor.report.figures.raw_block import raw_block
 from monitor.report.figures.shared_peaks import shared_words
 from monitor.report.runs import Channel, Run
 from tests.monitor.report.figures.drawing import START, context_of, drawn
-from tests.monitor.report.figures.test_spectra import KINEMATIC, row_of
+from tests.support.figures_spectra import KINEMATIC, row_of
 
 G = 9.80665
 

@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 
 from monitor.health.spectrum.kurtogram import Kurtogram
-from monitor.health.waterfall import SpectrumRow
 from monitor.report.figures.kurtogram import kurtograms
 from monitor.report.figures.spectrum import SpectrumView, spectra, views_of
 from monitor.report.figures.waterfall import waterfall
@@ -20,6 +19,7 @@ from monitor.report.verdict import judge
 from monitor.words.numbers import figure
 from tests.monitor.report.figures.drawing import START, context_of, drawn, numbers
 from tests.oracles.lives import GRAVITY
+from tests.support.figures_spectra import KINEMATIC, row_of
 
 
 def comb(lines: dict[float, float], resolution: float = 0.5, top: float = 900.0) -> tuple[Any, Any]:
@@ -28,9 +28,6 @@ def comb(lines: dict[float, float], resolution: float = 0.5, top: float = 900.0)
     for at, height in lines.items():
         amplitude[round(at / resolution)] = height
     return frequency, amplitude
-
-
-KINEMATIC = {"outer": 97.5, "inner": 142.0, "ball": 94.0, "cage": 8.0}
 
 
 def test_markers_of_a_spectrum_stand_on_its_lines() -> None:
@@ -61,12 +58,6 @@ def test_before_and_after_say_how_far_a_line_grew(grown: float, scale: str) -> N
     drawn(picture)
     assert picture is not None
     assert f"grows from 0.100 to {figure(0.1 * grown)} g. {scale}" in picture.caption
-
-
-def row_of(sequence: int, time: float | None, height: float = 1.0, bins: int = 900) -> SpectrumRow:
-    amplitude = np.full(bins, 0.01)
-    amplitude[97] = height
-    return SpectrumRow("s", "horizontal", sequence, time, 1.0, (5e3, 9e3), 30.0, 1.0, True, amplitude, KINEMATIC)
 
 
 def test_the_spectra_shown_are_one_before_and_one_after_the_onset(run: Run, channel: Channel) -> None:

@@ -1,0 +1,45 @@
+"""Makers and checks that tests of streams levels share."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Callable
+from typing import Any
+
+import h5py
+import numpy as np
+import soundfile
+from numpy.typing import NDArray
+
+RATE = 1000.0
+
+
+FULL = 1 << 15
+
+
+COUNTS = np.round(np.random.default_rng(1).uniform(-0.9, 0.9, 1000) * FULL).astype(np.int16)
+
+
+Integers = NDArray[np.int16]
+
+
+def npy(counts: NDArray[Any]) -> bytes:
+    stream = io.BytesIO()
+    np.save(stream, counts)
+    return stream.getvalue()
+
+
+def sound(kind: str) -> Callable[[Integers], bytes]:
+    def make(counts: Integers) -> bytes:
+        stream = io.BytesIO()
+        soundfile.write(stream, counts, int(RATE), format=kind, subtype="PCM_16")
+        return stream.getvalue()
+
+    return make
+
+
+def hdf5(counts: NDArray[Any], **stated: Any) -> bytes:
+    stream = io.BytesIO()
+    with h5py.File(stream, "w") as file:
+        file.create_dataset("x", data=counts).attrs.update(stated)
+    return stream.getvalue()
