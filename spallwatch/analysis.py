@@ -12,10 +12,9 @@ from models.bearing import Bearing
 from models.errors import WrongInputError
 from monitor.health.naming import Naming
 from monitor.health.record import Record
-from monitor.health.recording_bands import recording_bands
 from monitor.health.spectrum.transform import BlockTransform
-from monitor.health.state import SourceState
-from monitor.health.step import SourceOutput, step
+from monitor.health.step import SourceOutput
+from monitor.pipeline import Pipeline
 from monitor.records.dataset import to_dataset
 from monitor.records.filing import Filing, Stored
 from monitor.records.packing import pack
@@ -243,13 +242,12 @@ def _analysed(
         load=signal.attrs.get("load_newton") if load is None else None,
         pulses=pulses,
     )
-    state = SourceState.begin(settings)
+    pipeline = Pipeline({SOURCE: settings})
     try:
-        for name, found in recording_bands([block], settings).items():
-            state = state.with_band(name, found)
+        pipeline.fix_bands(SOURCE, [block])
     except ValueError as error:
         raise SignalError(f"{block.name}: {error}") from None
-    output = step(state, block, settings)[1]
+    output = pipeline.take(block)
     wrong = {name: channel.verdict for name, channel in output.channels.items() if not channel.verdict.accepted}
     if not output.record.accepted or wrong:
         reasons = "; ".join(f"{name}: {verdict.status}: {verdict.reason}" for name, verdict in wrong.items())

@@ -13,8 +13,6 @@ from monitor.config.removed import removed_lines
 from monitor.health.output import ChannelOutput
 from monitor.health.spectrum.interference import Interference, all_combs
 from monitor.health.spectrum.interference_search import Proposal, propose
-from monitor.health.state import SourceState
-from monitor.health.step import step
 from streams.block import Block
 
 _DEPTH = 0.1
@@ -47,20 +45,14 @@ def propose_interference(config: Config, recording: str) -> list[dict[str, Any]]
     Raises:
         ConfigError: the machine has several sources, the recording does not fit it, or has no accepted block.
     """
-    from monitor.service.setup import open_configured, source_settings
+    from monitor.service.replay import accepted_blocks
 
-    if len(config.source) != 1:
-        raise ConfigError(f"--recording takes a configuration with one [[source]], this one has {len(config.source)}")
-    settings = source_settings(config, config.source[0])
-    state = SourceState.begin(settings)
-    for block in open_configured(config, config.source[0], recording):
-        state, output = step(state, block, settings)
-        if isinstance(block, Block) and output.channels:
-            return [
-                {"channel": name, **_values(found)}
-                for name, channel in output.channels.items()
-                for found in _proposals(block, name, channel, settings.channels[name].interference)
-            ]
+    for block, outputs, settings in accepted_blocks(config, recording, "--recording"):
+        return [
+            {"channel": name, **_values(found)}
+            for name, channel in outputs.items()
+            for found in _proposals(block, name, channel, settings[name].interference)
+        ]
     raise ConfigError(f"{recording}: no block of it is accepted; replay says why")
 
 

@@ -17,8 +17,7 @@ from monitor.config.load import Config
 from monitor.health.output import ChannelOutput
 from monitor.health.spectrum.features import fundamentals
 from monitor.health.spectrum.orders import OrderSpectrum, order_spectrum
-from monitor.health.state import ChannelSettings, SourceState
-from monitor.health.step import step
+from monitor.health.state import ChannelSettings
 from streams.block import STANDARD_GRAVITY, Block, to_si
 
 MOST_LINES = 12
@@ -75,16 +74,11 @@ def _block(
     config: Config, recording: str, wanted: int | None
 ) -> tuple[Block, Mapping[str, ChannelOutput], Mapping[str, ChannelSettings]]:
     """Return the block of a number, or the first that is accepted, with what the stages make of it."""
-    from monitor.service.setup import open_configured, source_settings
+    from monitor.service.replay import accepted_blocks
 
-    if len(config.source) != 1:
-        raise InputError(f"orders takes a configuration with one [[source]], this one has {len(config.source)}")
-    settings = source_settings(config, config.source[0])
-    state = SourceState.begin(settings)
-    for block in open_configured(config, config.source[0], recording):
-        state, output = step(state, block, settings)
-        if isinstance(block, Block) and output.channels and (wanted is None or block.sequence == wanted):
-            return block, output.channels, settings.channels
+    for block, outputs, settings in accepted_blocks(config, recording, "orders"):
+        if wanted is None or block.sequence == wanted:
+            return block, outputs, settings
     which = "no block of it is" if wanted is None else f"block {wanted} is not"
     raise InputError(f"{recording}: {which} accepted; replay says why")
 

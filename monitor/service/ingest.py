@@ -1,30 +1,24 @@
-"""From live sources to the store: each block is analysed, committed, and only then acknowledged."""
+"""Live sources in turn: each gives the pipeline its next block, and one that keeps up is not delayed by the others."""
 
 from __future__ import annotations
 
 import logging
 import threading
 import time
+from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import replace
+from statistics import median_low
 from typing import Any, Self
 
 from monitor.config.load import Config, ConfigError
-from monitor.health.alarms import AlarmAcknowledgement, acknowledged
 from monitor.health.record import Record
-from monitor.health.spectrum.plans import load_fftw
-from monitor.health.state import SourceSettings, SourceState
-from monitor.health.step import SourceOutput, rejected_record, rejection_of, step
-from monitor.records.database import Closing, StoreError, UnstorableError
-from monitor.records.filing import MAX_BLOCK
-from monitor.records.ledger import StoreLedger, write_progress
+from monitor.health.state import SourceSettings
+from monitor.pipeline import ConditionOf, Pipeline, PipelineOptions
+from monitor.records.database import Closing
+from monitor.records.ledger import StoreLedger
 from monitor.records.store import Store
-from monitor.service.neighbours.condition import ConditionOf
-from monitor.service.resume import resumed_state
 from monitor.service.setup import source_settings, source_spec
-from monitor.service.turns import Turns
-from streams.block import Block, Rejected
 from streams.open import open_live
 from streams.source import Backlog, Delivery, LiveSource
 from streams.spec import SourceError
@@ -33,17 +27,22 @@ _LOG = logging.getLogger(__name__)
 _POLL_S = 0.2
 """Wait for a delivery, over all sources."""
 _RETRY_S = 1.0
+_PROMPT_S = 0.1
+"""A source whose waiting blocks take less time than this keeps up."""
+_LEVEL = 2.0
+"""Sources whose waiting blocks take up to this many times as long as the shortest of a level are of the same level."""
+_UNKNOWN_S = 0.01
+"""Time that a block of a source takes of which none was served yet."""
+_SHARE = 0.2
+"""Share of the time, at least, of the sources that are behind, while others are served before them."""
+_RECENT_BLOCKS = 5
+"""Blocks whose median is the time that a block of a source takes: the first one may load libraries."""
+_MAX_FACTOR = 4.0
+"""A block counts as at most this many times the median: one during which the disk was full says nothing of the next."""
 
-Result = tuple[SourceState, SourceOutput]
 
-
-class Ingest(Closing):
-    """Takes deliveries from sources in turn and commits them, in one thread.
-
-    A block whose number the ledger has already is counted as ``duplicate`` or ``changed`` and is not analysed. Where
-    the store cannot commit (a full disk, say), no delivery is acknowledged and the same block is tried again until it
-    can. A block on which the analysis raises is committed as ``unreadable``, with the states before it.
-    """
+class Ingest(Pipeline, Closing):
+    """Takes deliveries from sources in turn and commits them, in one thread."""
 
     def __init__(
         self,
@@ -58,22 +57,15 @@ class Ingest(Closing):
     ) -> None:
         """Continue with the states at which the store ends; own the ledger and the sources, opened with it.
 
-        ``settings`` are by the name of the source in blocks, ``clock`` gives UTC seconds since 1970, ``idle`` is called
-        after each failed attempt to use the store, which is open for writing in this thread. ``timer`` measures, in s,
-        what a block takes, by which the sources get their turns. ``condition`` gives blocks the speed and load that
-        they do not state themselves.
+        ``timer`` measures, in s, what a block takes, by which the sources get their turns. The others are those of
+        :class:`PipelineOptions`.
 
         Raises:
             StoreError: the store cannot be read, or its states are of another version.
         """
+        super().__init__(settings, store, PipelineOptions(clock, condition, idle=idle), ledger)
         self.sources = tuple(sources)
-        self.settings = dict(settings)
-        self._states = {name: stored_state(store, found) for name, found in self.settings.items()}
-        self._acknowledgements: dict[str, tuple[AlarmAcknowledgement, ...]] = {}
-        self._store, self._ledger, self._clock, self._idle = store, ledger, clock, idle
-        self._timer, self._condition = timer, condition
-        self._store_error: str | None = None
-        self._analysis_errors: dict[str, str] = {}
+        self._live_ledger, self._timer = ledger, timer
         self._source_errors: dict[str, str] = {}
         self._retry_at: dict[str, float] = {}
         self._turns = Turns(len(self.sources))
@@ -110,24 +102,11 @@ class Ingest(Closing):
             raise ConfigError(str(error)) from None
         return ingest
 
-    def state(self, source: str) -> SourceState:
-        """Return the state of a source as committed, with the latches released that were acknowledged since."""
-        state = self._states[source]
-        return replace(state, alarms=acknowledged(state.alarms, self._acknowledgements.get(source, ())))
-
     def interval(self, source: str) -> float | None:
         """Return the usual interval of the blocks of a source, s; None where it is unknown or only assumed."""
         if any(live.name == source and live.assumes_interval() for live in self.sources):
             return None
         return self._states[source].order.interval
-
-    def acknowledge(self, source: str, given: AlarmAcknowledgement) -> bool:
-        """Release a latched alarm with the next block; return whether there was one."""
-        before = self.state(source).alarms
-        if acknowledged(before, (given,)) == before:
-            return False
-        self._acknowledgements[source] = (*self._acknowledgements.get(source, ()), given)
-        return True
 
     def run(self, stop: threading.Event, seen: Callable[[Record], None] | None = None) -> None:
         """Take deliveries until ``stop`` is set, and call ``seen`` with each committed record."""
@@ -146,7 +125,7 @@ class Ingest(Closing):
                 if delivery is None:
                     self._turns.missed(number, max(0.0, self._timer() - began - timeout))
                     continue
-                record = self._take(source, delivery, stop)
+                record = self.deliver(source, delivery, stop)
                 self._turns.served(number, self._timer() - began)
                 return record
         return None
@@ -158,7 +137,7 @@ class Ingest(Closing):
         found: list[Delivery | None] = []
         try:
             # A source that reads the ledger meets the same full disk as a commit does.
-            self._retry(lambda: found.append(source.next(timeout)), stop)
+            self.retry(lambda: found.append(source.next(timeout)), stop)
         except Exception as error:  # A fault of one source must not stop the others.
             known = source.name in self._source_errors
             self._source_errors[source.name] = f"it fails: {type(error).__name__}: {error}"
@@ -167,122 +146,6 @@ class Ingest(Closing):
             return None
         self._source_errors.pop(source.name, None)
         return found[0] if found else None
-
-    def _take(self, source: LiveSource, delivery: Delivery, stop: threading.Event) -> Record | None:
-        item = self._unless_known(delivery.item)
-        record: Record | None = None
-        if isinstance(item, Rejected) and item.is_repetition:
-            refused = item
-            done = self._retry(lambda: self._ledger.refuse(refused, delivery.progress), stop)
-        else:
-            record = self._analyse(item, delivery, stop)
-            done = record is not None
-        if done:
-            self._retry(lambda: self._ledger.survive(source.name, delivery.progress), stop)
-            source.acknowledge(delivery)
-        return record
-
-    def _unless_known(self, item: Block | Rejected) -> Block | Rejected:
-        """Return the item, or the rejection of one whose number the ledger has."""
-        if isinstance(item, Rejected) and item.is_repetition:
-            return item
-        known = self._ledger.content_of(item.source, item.sequence)
-        if known is None:
-            # A file that a salvaged ledger has lost is read again, and its blocks get new numbers.
-            number = self._ledger.number_of(item.source, item.name, item.content_hash) if item.content_hash else None
-            if number is None:
-                return item
-            reason = f"is block {number} read once more"
-            return Rejected(item.source, number, item.name, "duplicate", reason, item.content_hash)
-        status = "duplicate" if known == item.content_hash else "changed"
-        reason = f"block {item.sequence} is there already"
-        return Rejected(item.source, item.sequence, item.name, status, reason, item.content_hash)
-
-    def _analyse(self, item: Block | Rejected, delivery: Delivery, stop: threading.Event) -> Record | None:
-        """Analyse and commit one block; return its record, or None where ``stop`` came before the commit."""
-        try:
-            if self._condition is not None and isinstance(item, Block):
-                item = self._condition(item)
-            files = [progress.path for progress in delivery.progress]
-            state, output = result = self._step(item, files)
-            done = self._commit(result, delivery, stop)
-            if output.record.accepted and self._analysis_errors.pop(item.source, None) is not None:
-                _LOG.warning("%s: blocks can be analysed again", item.source)
-        except Exception as error:  # A block on which the analysis raises must not stop the next ones.
-            state, output = result = self._failed(item, error)
-            done = self._commit(result, delivery, stop, final=True)
-        if not done:
-            return None
-        if state is not self._states[item.source]:
-            self._states[item.source] = state
-            self._acknowledgements.pop(item.source, None)
-        return output.record
-
-    def _step(self, item: Block | Rejected, files: Sequence[str] = ()) -> Result:
-        """Analyse a block; its files are noted meanwhile, should the process die of it."""
-        given = self._acknowledgements.get(item.source, ())
-        before, settings = self._states[item.source], self.settings[item.source]
-        if not files:
-            return step(before, item, settings, now=self._clock(), acknowledgements=given)
-        size = item.samples.nbytes if isinstance(item, Block) else 0
-        # A death while this loads is not that of the first file, which comes first after each start.
-        load_fftw()
-        self._ledger.analyse(item.source, files, size)
-        try:
-            return step(before, item, settings, now=self._clock(), acknowledgements=given)
-        finally:
-            self._ledger.analyse(item.source, ())
-
-    def _failed(self, item: Block | Rejected, error: Exception) -> Result:
-        """Return the result of a block that cannot be analysed or stored: that of a rejection in its place."""
-        reason = f"the analysis failed: {type(error).__name__}: {error}"
-        known = item.source in self._analysis_errors
-        _LOG.error("%s: block %d: %s", item.source, item.sequence, reason, exc_info=None if known else error)
-        rejection = rejection_of(item, "unreadable", reason)
-        self._analysis_errors[item.source] = f"block {item.sequence}: {rejection.reason}"
-        try:
-            return self._step(rejection)
-        except Exception:
-            # The stages raise even on a rejection: it is recorded, and they keep their states.
-            return self._states[item.source], SourceOutput(rejected_record(rejection))
-
-    def _commit(self, result: Result, delivery: Delivery, stop: threading.Event, *, final: bool = False) -> bool:
-        state, output = result
-        stored, record = state.to_stored(), output.record
-
-        def write() -> None:
-            self._store.commit(
-                record,
-                stored,
-                lambda connection: write_progress(connection, record.source, delivery.progress),
-                output.spectra,
-            )
-
-        return self._retry(write, stop, final=final)
-
-    def _retry(self, action: Callable[[], Any], stop: threading.Event, *, final: bool = True) -> bool:
-        """Repeat an action until the database allows it; return False where ``stop`` is set first.
-
-        Raises:
-            UnstorableError: no attempt can succeed, and it is not ``final``: something else can be stored instead.
-        """
-        while True:
-            try:
-                action()
-            except StoreError as error:
-                if isinstance(error, UnstorableError) and not final:
-                    raise
-                if self._store_error is None:
-                    _LOG.error("the store fails, nothing is committed: %s", error)
-                self._store_error = str(error)
-                self._idle()
-                if stop.wait(_RETRY_S):
-                    return False
-                continue
-            if self._store_error is not None:
-                _LOG.warning("the store works again")
-            self._store_error = None
-            return True
 
     def backlogs(self) -> dict[str, Backlog]:
         """Return the progress of each source, by name."""
@@ -299,14 +162,14 @@ class Ingest(Closing):
 
     def poisoned(self) -> list[tuple[str, str]]:
         """Return source and path of the files that are set aside; StoreError where the ledger cannot be read."""
-        return self._ledger.poisoned()
+        return self._live_ledger.poisoned()
 
     def problems(self) -> dict[str, str]:
         """Return the present problems, by the name of the source, and under "store" why no block can be committed."""
         found = {source.name: problem for source in self.sources if (problem := source.problem()) is not None}
-        for name, failure in (*self._source_errors.items(), *self._analysis_errors.items()):
+        for name, failure in (*self._source_errors.items(), *super().problems().items()):
             found[name] = f"{found[name]}; {failure}" if name in found else failure
-        return found | ({"store": self._store_error} if self._store_error is not None else {})
+        return found
 
     def notices(self) -> list[dict[str, Any]]:
         """Return what is new of the sources for the event log."""
@@ -316,16 +179,77 @@ class Ingest(Closing):
         """Close the sources and the ledger; the store stays open."""
         for source in self.sources:
             source.close()
-        self._ledger.close()
+        self._live_ledger.close()
 
 
-def stored_state(store: Store, settings: SourceSettings) -> SourceState:
-    """Return the state of a source at which a store ends; StoreError where it is of another version."""
-    try:
-        state = resumed_state(store, settings)
-        if state.order.sequence > MAX_BLOCK:
-            # All later blocks would be late.
-            state = replace(state, order=replace(state.order, sequence=store.last(settings.name)))
-        return state
-    except (KeyError, TypeError, ValueError) as error:
-        raise StoreError(f"{store.path}: a state in it is of another version ({error})") from error
+class Turns:
+    """The source whose waiting blocks take least time comes first; within a level, the one served least recently.
+
+    Sources with about as much waiting share the turns. Sources behind others have a fifth of the time at least. Shares
+    of turns would not do: a source that keeps up and needs more than an equal share of them, on a busy machine or with
+    a block every 50 ms, would fall behind, and be delayed by the others for as long as these take.
+    """
+
+    def __init__(self, count: int) -> None:
+        """Begin with ``count`` sources of which nothing is known."""
+        self._queue = list(range(count))
+        self._in_succession = [0] * count
+        self._recent: list[deque[float]] = [deque(maxlen=_RECENT_BLOCKS) for _ in range(count)]
+        self._block_s = [_UNKNOWN_S] * count
+        self._levels: list[int | None] = [None] * count
+        self._owed_s = 0.0
+
+    def order(self, waiting: Sequence[float | None]) -> list[int]:
+        """Return the numbers of all sources in the order in which to ask them.
+
+        ``waiting`` is about how many blocks of each source wait; where it is None, as many as came in succession.
+        """
+        work = {number: self._work(number, blocks) for number, blocks in enumerate(waiting)}
+        known = {number: seconds for number, seconds in work.items() if seconds is not None}
+        self._levels = [None] * len(self._levels)
+        level, limit = -1, -1.0
+        for number, seconds in sorted(known.items(), key=lambda item: item[1]):
+            if seconds > limit:
+                level, limit = level + 1, max(_LEVEL * seconds, _PROMPT_S)
+            self._levels[number] = level
+        ordered = sorted(self._queue, key=lambda number: self._levels[number] or 0)
+        behind = [number for number in self._queue if self._is_behind(number)]
+        if not behind or self._owed_s < self._block_s[behind[0]]:
+            return ordered
+        return [*behind, *(number for number in ordered if number not in behind)]
+
+    def missed(self, number: int, seconds: float) -> None:
+        """Note that a source had no block, and how long it took to ask it."""
+        if self._is_behind(number):
+            self._owed_s -= seconds
+        self._in_succession[number] = 0
+        self._levels[number] = None
+
+    def served(self, number: int, seconds: float) -> None:
+        """Note that a block of a source was served, and how long that took."""
+        recent = self._recent[number]
+        recent.append(seconds)
+        self._block_s[number] = median_low(recent)
+        seconds = min(seconds, _MAX_FACTOR * self._block_s[number])
+        self._levels[number] = self._levels[number] or 0
+        if self._is_behind(number):
+            self._owed_s -= seconds
+        elif any(map(self._is_behind, self._queue)):
+            self._owed_s += seconds * _SHARE / (1.0 - _SHARE)
+        else:
+            self._owed_s = 0.0
+        self._in_succession[number] += 1
+        self._queue.remove(number)
+        self._queue.append(number)
+
+    def _work(self, number: int, waiting: float | None) -> float | None:
+        """Return the time that the waiting blocks of a source take, s; None where it seems to have no block."""
+        blocks = self._in_succession[number] if waiting is None else waiting
+        if not blocks and not self._in_succession[number]:
+            return None
+        return blocks * self._block_s[number]
+
+    def _is_behind(self, number: int) -> bool:
+        """Return whether others that have blocks, as of the latest order, come before this source."""
+        level = self._levels[number]
+        return level is not None and level > min(other for other in self._levels if other is not None)

@@ -12,11 +12,11 @@ from models.portable import is_read_only, may_write
 from monitor.config.load import Config, ConfigError
 from monitor.config.source import SourceSection
 from monitor.health.state import SourceSettings
+from monitor.pipeline import resumed_state
 from monitor.records.database import StoreError, refuse_network_share, refuse_unsuitable
 from monitor.records.ledger import StoreLedger
 from monitor.records.recover.loss import damage_of
 from monitor.records.store import Store
-from monitor.service.ingest import stored_state
 from monitor.service.setup import source_settings, source_spec
 from streams.dating import kept_dating
 from streams.open import check_live
@@ -77,7 +77,7 @@ def store_refusals(config: Config, found: Inspection) -> Iterator[str]:
         refuse_unsuitable(path, create=False)
         with Store.open(path, machine=config.machine.name, create=False, read_only=True) as store:
             for settings in found.settings.values():
-                stored_state(store, settings)
+                resumed_state(store, settings)
             if not store.rows("SELECT 1 FROM sqlite_master WHERE name = 'files'"):
                 return
             with StoreLedger(store) as ledger:

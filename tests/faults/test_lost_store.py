@@ -20,6 +20,7 @@ import xarray as xr
 from monitor.health.detect import DetectSettings
 from monitor.health.record import Record
 from monitor.health.state import SourceSettings, Stored
+from monitor.pipeline import resumed_state
 from monitor.records.events import EventLog
 from monitor.records.ledger import StoreLedger, write_progress
 from monitor.records.publish import publish
@@ -28,7 +29,6 @@ from monitor.records.recover.report import SalvageReport
 from monitor.records.recover.salvage import open_or_salvage
 from monitor.records.snapshot import snapshot_path
 from monitor.records.store import Store
-from monitor.service.resume import resumed_state
 from streams.block import Block, Rejected
 from streams.source import FileProgress
 from tests.streams.folders import csv_bytes, noise

@@ -11,6 +11,7 @@ from tests.support.effort import effort_count
 _QUICK = effort_count(quick=1, full=0) == 1
 _INTERVALS: dict[str, dict[str, float]] = {
     "monitor.service.daemon": {"_MIN_STATUS_S": 0.1, "_POLL_LOG_S": 0.1, "_PAUSE_S": 0.1},
+    "monitor.pipeline": {"_RETRY_S": 0.1},
     "monitor.service.ingest": {"_RETRY_S": 0.1},
     "monitor.service.publisher": {"_CHECK_TURNS": 3, "_MIN_PAUSE_FACTOR": 0.5},
     "monitor.service.record_mqtt": {"_PLACE_S": 0.5, "_STATE_S": 0.1},

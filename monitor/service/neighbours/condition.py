@@ -11,7 +11,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 from monitor.config.opcua import OpcUaCondition
 from monitor.records.database import SharedConnection, replacing
@@ -31,14 +31,6 @@ _MAX_BYTES = 1_000_000
 
 Reading = tuple[float, float | None, float | None]
 """UTC s since 1970, Hz, N."""
-
-
-class ConditionOf(Protocol):
-    """Gives blocks the speed and load that they do not state themselves."""
-
-    def __call__(self, block: Block) -> Block:
-        """Return the block with what is known besides; the same block where nothing is."""
-        ...
 
 
 class Readings:

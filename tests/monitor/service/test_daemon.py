@@ -95,16 +95,16 @@ def test_without_room_on_the_disk_nothing_is_taken_until_there_is_room(
 
 @pytest.mark.process
 def test_a_store_that_cannot_commit_ends_nothing_and_is_shown(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("monitor.service.ingest._RETRY_S", 0.05)
+    monkeypatch.setattr("monitor.pipeline._RETRY_S", 0.05)
     config, full = make_machine(tmp_path), threading.Event()
-    commit = Store.commit
+    commit = Store.commit_many
 
     def fails(store: Store, *values: Any) -> object:
         if full.is_set():
             raise StoreError("state.db: database or disk is full")
         return commit(store, *values)
 
-    monkeypatch.setattr(Store, "commit", fails)
+    monkeypatch.setattr(Store, "commit_many", fails)
     full.set()
     put(config, 1)
     with running(config):
@@ -122,7 +122,7 @@ def test_it_stops_in_order_while_the_store_fails(tmp_path: Path, monkeypatch: py
     def fails(store: Store, *values: Any) -> object:
         raise StoreError("state.db: database or disk is full")
 
-    monkeypatch.setattr(Store, "commit", fails)
+    monkeypatch.setattr(Store, "commit_many", fails)
     config = make_machine(tmp_path)
     put(config, 1)
     with ExitStack() as ending, running(config):

@@ -30,14 +30,14 @@ class SlowDisk:
     def __init__(self, monkeypatch: pytest.MonkeyPatch, seconds: float) -> None:
         self.slow = threading.Event()
         self.slow.set()
-        commit = Store.commit
+        commit = Store.commit_many
 
         def wait(store: Store, *values: Any) -> object:
             if self.slow.is_set():
                 time.sleep(seconds)
             return commit(store, *values)
 
-        monkeypatch.setattr(Store, "commit", wait)
+        monkeypatch.setattr(Store, "commit_many", wait)
 
 
 def order(config: Path) -> list[str]:

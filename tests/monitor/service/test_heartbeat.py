@@ -146,7 +146,7 @@ def test_a_daemon_that_cannot_commit_is_silent(tmp_path: Path, pulse: Pulse, mon
     config = beating(tmp_path, pulse)
     with running(config, monotonic=hundredfold):
         with monkeypatch.context() as broken:
-            broken.setattr(Store, "commit", fails)
+            broken.setattr(Store, "commit_many", fails)
             put(config, 1)
             wait_until(lambda: "store" in status(config)["problems"])
             seen = len(pulse.received)

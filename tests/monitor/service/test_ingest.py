@@ -124,9 +124,9 @@ def test_a_block_that_does_not_fit_the_configuration_is_refused_and_the_next_one
 def test_a_store_that_fails_is_tried_again_and_nothing_is_acknowledged_meanwhile(
     store: Store, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("monitor.service.ingest._RETRY_S", 0.001)
+    monkeypatch.setattr("monitor.pipeline._RETRY_S", 0.001)
     source = Queue(store, [block(1), block(2)])
-    commit, failures = store.commit, []
+    commit, failures = store.commit_many, []
 
     def full(*values: Any) -> object:
         if len(failures) < 3:
@@ -134,7 +134,7 @@ def test_a_store_that_fails_is_tried_again_and_nothing_is_acknowledged_meanwhile
             raise StoreError("state.db: database or disk is full")
         return commit(*values)
 
-    monkeypatch.setattr(store, "commit", full)
+    monkeypatch.setattr(store, "commit_many", full)
     with ingest_of(store, source) as ingest:
         steps(ingest, 1)
         assert failures == [[], [], []]

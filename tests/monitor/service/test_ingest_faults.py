@@ -150,7 +150,7 @@ def test_what_can_be_stored_in_no_form_is_kept_and_shown(store: Store, monkeypat
     def never(*values: Any) -> object:
         raise UnstorableError("s, block 1: its record cannot be stored")
 
-    monkeypatch.setattr(store, "commit", never)
+    monkeypatch.setattr(store, "commit_many", never)
     stop = threading.Event()
     stop.set()
     source = Queue(store, [block(1)])

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from monitor.service.turns import Turns
+from monitor.service.ingest import Turns
 
 BLOCK_S = 0.01
 
