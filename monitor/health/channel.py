@@ -9,6 +9,7 @@ import statistics
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +18,7 @@ from models.bearing import Kinematics, kinematics
 from monitor.health import detect
 from monitor.health.after_onset import level_status, time_to_alarm, track
 from monitor.health.condition import Quantity, known_sd
+from monitor.health.damage import Damage, Remaining
 from monitor.health.gears.lines import Wheels
 from monitor.health.naming import Naming, name_fault
 from monitor.health.output import ChannelOutput
@@ -31,6 +33,7 @@ from monitor.health.spectrum.interference import MESH_SD, all_combs, wheel_turns
 from monitor.health.spectrum.search import family_searches, slip_searches
 from monitor.health.spectrum.transform import Band
 from monitor.health.state import ChannelSettings, ChannelState, Named
+from monitor.health.trend import TimeToAlarm
 
 PART_LINES: dict[str, str] = dict(zip(detect.LINES, FAULTS, strict=True))
 """The fault family of each sum of lines that the detector listens to."""
@@ -159,22 +162,17 @@ def conclude(
             pulses=block.pulses,
         )
     features, band_source = analysed.features, analysed.band_source
-    state = run_clock(state, block)
     naming: Naming | None = None
     leading = 0
     if verdict.for_baseline:
         state, naming, leading = _name(state, features, settings, analysed.settings)
     usable = is_for_detector(state, verdict, settings, band_source)
     given = detect_input(features, block, absolute=settings.absolute, usable=usable)
-    state, detection = _detect(state, given, settings)
+    harmonics = tuple(float(value) for value in features.bpfo_amplitude) if features.bpfo_resolved.all() else None
+    named = None if naming is None else _named(naming, block.sequence)
+    state, found = follow(state, block, settings, given, harmonics, named)
     if verdict.for_baseline and band_source == "provisional":
         state = _vote(state, block, analysed.settings)
-    resolved = bool(features.bpfo_resolved.all())
-    harmonics = tuple(float(value) for value in features.bpfo_amplitude) if resolved else None
-    if naming is not None:
-        state = latch_name(state, _named(naming, block.sequence))
-    state, found, forecasts = track(state, block, settings, features.rms, harmonics, detection)
-    state, to_alarm = time_to_alarm(state, block, settings, features.rms, detection)
     return state, ChannelOutput(
         verdict=verdict,
         stage=state.detect.stage,
@@ -186,17 +184,51 @@ def conclude(
         features=features,
         leading=leading,
         naming=naming,
-        detection=detection,
-        damage=found,
-        forecasts=forecasts,
-        to_alarm=to_alarm,
+        detection=found.detection,
+        damage=found.damage,
+        forecasts=found.forecasts,
+        to_alarm=found.to_alarm,
         machine_class=settings.machine_class,
         rotation=block.rotation,
         rotation_status=block.rotation_status,
         pulses=block.pulses,
-        level_rms=detection.level,
-        level_status=level_status(detection),
+        level_rms=found.detection.level,
+        level_status=level_status(found.detection),
     )
+
+
+class Followed(NamedTuple):
+    """What the stages from the detector on say of a block."""
+
+    detection: detect.DetectOutput
+    damage: Damage | None
+    forecasts: tuple[Remaining, ...]
+    to_alarm: TimeToAlarm
+
+
+def follow(
+    state: ChannelState,
+    block: ChannelBlock,
+    settings: ChannelSettings,
+    given: detect.DetectInput,
+    harmonics: tuple[float, ...] | None,
+    named: Named | None,
+) -> tuple[ChannelState, Followed]:
+    """Take an accepted block, of which the samples or a record are there, through the stages from the detector on.
+
+    Args:
+        given: for the detector; its RMS is that of the block, m/s2, or any unit where that is unknown.
+        harmonics: amplitudes of the first six BPFO lines, m/s2, or None where one is unresolved.
+        named: the part that the block names.
+    """
+    state = _run_clock(state, block)
+    detector, detection = detect.step(state.detect, given, settings.detect)
+    state = replace(state, detect=detector)
+    if block.verdict.for_baseline:
+        state = _latch_name(state, named)
+    state, damage, forecasts = track(state, block, settings, given.rms, harmonics, detection)
+    state, to_alarm = time_to_alarm(state, block, settings, given.rms, detection)
+    return state, Followed(detection, damage, forecasts, to_alarm)
 
 
 def _bands(
@@ -210,7 +242,7 @@ def _bands(
     return (candidate_bands(rate, max(lines.bpfo, lines.bpfi, 2.0 * lines.bsf))[0],), "provisional"
 
 
-def run_clock(state: ChannelState, block: ChannelBlock) -> ChannelState:
+def _run_clock(state: ChannelState, block: ChannelBlock) -> ChannelState:
     """Advance the damage time, which is the time that the machine ran; between two running blocks it runs."""
     flags = set(block.verdict.flags)
     if block.time is None or {"late", "out_of_order", "clock"} & flags:
@@ -315,13 +347,6 @@ def shallow_lines(
     return frozenset(name for name in detect.LINES[1:] if depth[name] < detect.MIN_DEPTH * envelope_mean)
 
 
-def _detect(
-    state: ChannelState, given: detect.DetectInput, settings: ChannelSettings
-) -> tuple[ChannelState, detect.DetectOutput]:
-    after, found = detect.step(state.detect, given, settings.detect)
-    return replace(state, detect=after), found
-
-
 def is_for_detector(state: ChannelState, verdict: Verdict, settings: ChannelSettings, band_source: str) -> bool:
     """Return whether a block moves the detector: until the band is settled, only those of the run-in are counted."""
     running_in = state.detect.seen < settings.detect.run_in_blocks
@@ -343,7 +368,7 @@ def _named(naming: Naming, sequence: int) -> Named | None:
     )
 
 
-def latch_name(state: ChannelState, named: Named | None) -> ChannelState:
+def _latch_name(state: ChannelState, named: Named | None) -> ChannelState:
     """Keep the name of the fault: the present one before the final stage, that of the highest score in it.
 
     A part that is decided takes the place of one that is not.

@@ -15,31 +15,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from monitor.health import detect
-from monitor.health.after_onset import time_to_alarm, track
 from monitor.health.alarms import AlarmAcknowledgement
-from monitor.health.channel import (
-    PART_LINES,
-    ChannelBlock,
-    is_for_detector,
-    latch_name,
-    run_clock,
-    shallow_lines,
-)
+from monitor.health.channel import PART_LINES, ChannelBlock, follow, is_for_detector, shallow_lines
 from monitor.health.condition import Quantity
 from monitor.health.detect import DetectInput, DetectOutput
 from monitor.health.gears.naming import GearsInput, GearsState
 from monitor.health.gears.naming import step as gears_step
 from monitor.health.gears.stage import rules_of
 from monitor.health.gears.values import recorded_readings
-from monitor.health.machine import step as machine_step
 from monitor.health.naming import score_threshold
 from monitor.health.quality import OrderState, Verdict, check_order
 from monitor.health.record import Record
 from monitor.health.spectrum.average import RecentSpectra
 from monitor.health.spectrum.transform import Band
 from monitor.health.state import ChannelSettings, ChannelState, Named, SourceSettings, SourceState
-from monitor.health.step import alarm_step
-from monitor.health.voice import heard_in
+from monitor.health.step import take_record
 from monitor.health.waterfall import step as waterfall_step
 
 AVERAGED_SPECTRA, BAND_VOTES = "averaged_spectra", "band_votes"
@@ -107,11 +97,8 @@ def _retrace_one(state: SourceState, record: Record, settings: SourceSettings, a
             )
     gears = {name: _gears(one, record, settings.channels[name]) for name, one in state.gears.items()}
     state = replace(state, channels=channels, waterfalls=waterfalls, gears=gears)
-    alarms, _ = alarm_step(state, record, verdicts, settings, _acknowledgements(record))
-    heard = heard_in(record.channels, record.time)
-    machine, _ = machine_step(state.machine, heard, settings.bearings, settings.persist_blocks)
-    latest = record if record.channels else state.latest
-    return replace(state, alarms=alarms, machine=machine, latest=latest)
+    state, _, _ = take_record(state, record, verdicts, settings, _acknowledgements(record))
+    return replace(state, latest=record if record.channels else state.latest)
 
 
 def _gears(state: GearsState, record: Record, settings: ChannelSettings) -> GearsState:
@@ -168,7 +155,6 @@ def _channel(
     if _chosen_since(state, values, settings):
         bands = _bands(values)
         state = replace(state, bands=bands, band_source=band_source, votes=None, spectra=RecentSpectra())
-    state = run_clock(state, block)
     if verdict.for_baseline and averaged == settings.average_blocks > 1:
         # The spectrum of this block is lost; the oldest leaves the mean when it would have.
         state = replace(state, spectra=state.spectra.without_oldest())
@@ -184,15 +170,11 @@ def _channel(
         speed_range=block.speed_range,
         load=values.get("load"),
     )
-    detector, found = detect.step(state.detect, given, settings.detect)
-    state = replace(state, detect=detector)
     lines = values.get("bpfo_amplitude")
     harmonics = None if lines is None or None in lines else tuple(lines)
-    if verdict.for_baseline:
-        state = latch_name(state, _named(values, record.sequence, averaged))
-    state, _, _ = track(state, block, settings, values["rms"], harmonics, found)
-    state, _ = time_to_alarm(state, block, settings, values["rms"], found)
-    return state, found
+    named = _named(values, record.sequence, averaged) if verdict.for_baseline else None
+    state, found = follow(state, block, settings, given, harmonics, named)
+    return state, found.detection
 
 
 def _chosen_since(state: ChannelState, values: Mapping[str, Any], settings: ChannelSettings) -> bool:

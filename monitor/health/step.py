@@ -114,16 +114,36 @@ def step(
         order, flags = check_order(state.order, item.sequence, _time_of(item), dated=item.start is not None, now=now)
         state, output = _analyse(replace(state, order=order), item, flags, settings, truth)
     verdicts = {name: channel.verdict for name, channel in output.channels.items()}
-    alarms, events = alarm_step(state, output.record, verdicts, settings, acknowledgements)
-    heard = heard_in(output.record.channels, output.record.time)
-    machine, bearings = machine_step(state.machine, heard, settings.bearings, settings.persist_blocks)
-    events += name_events(output.record.sequence, bearings)
+    state, events, bearings = take_record(state, output.record, verdicts, settings, acknowledgements)
     record = output.record
     if events:
         record = replace(record, events=(*record.events, *events))
-    latest = record if output.channels else state.latest
-    after = replace(state, alarms=alarms, machine=machine, latest=latest)
+    after = replace(state, latest=record if output.channels else state.latest)
     return after, replace(output, record=record, bearings=bearings)
+
+
+def take_record(
+    state: SourceState,
+    record: Record,
+    verdicts: Mapping[str, Verdict],
+    settings: SourceSettings,
+    acknowledgements: Sequence[AlarmAcknowledgement] = (),
+) -> tuple[SourceState, Events, Mapping[str, BearingVerdict]]:
+    """Take a record into the alarms and into what the channels of a bearing say together.
+
+    An acknowledgement takes effect before the block, whose record says so: the same blocks and the same
+    acknowledgements before them give the same records.
+
+    Args:
+        state: its channels as they are after the block.
+        record: without events of alarms and bearings.
+        verdicts: by channel, none where the block was rejected as a whole.
+    """
+    alarms, events = alarm_step(state, record, verdicts, settings, acknowledgements)
+    heard = heard_in(record.channels, record.time)
+    machine, bearings = machine_step(state.machine, heard, settings.bearings, settings.persist_blocks)
+    events += name_events(record.sequence, bearings)
+    return replace(state, alarms=alarms, machine=machine), events, bearings
 
 
 def _misfit(block: Block, settings: SourceSettings) -> Verdict | None:
@@ -346,18 +366,9 @@ def alarm_step(
     record: Record,
     verdicts: Mapping[str, Verdict],
     settings: SourceSettings,
-    acknowledgements: Sequence[AlarmAcknowledgement] = (),
+    acknowledgements: Sequence[AlarmAcknowledgement],
 ) -> tuple[dict[str, AlarmState], Events]:
-    """Take a record into the alarm states of all channels.
-
-    An acknowledgement takes effect before the block, whose record says so: the same blocks and the same
-    acknowledgements before them give the same records.
-
-    Args:
-        state: its channels as they are after the block.
-        record: without alarm events.
-        verdicts: by channel, none where the block was rejected as a whole.
-    """
+    """Take a record into the alarm states of all channels."""
     states, events = dict(state.alarms), Events()
     for given in acknowledgements:
         if given.channel in states:
