@@ -38,7 +38,8 @@ def write_recording(folder: Path, samples: int, channels: int, blocks: int) -> N
 
 def run(kind: str, folder: Path) -> dict[str, float]:
     """Run one task in this process; return its peak beside the program, MB, and its processor time, s."""
-    from monitor.commands import replay_many, report_batch, score_runs
+    from monitor.commands import replay_many, report_batch
+    from monitor.commands import score as score_runs
 
     for name in ("monitor.report.report", "monitor.service.replay", "monitor.report.tables"):
         importlib.import_module(name)

@@ -39,7 +39,7 @@ from models.rigs.rotor import RotorRig
 from models.scene import Scene
 from models.trajectories import Trajectories
 from monitor.report.figures.drawing import BLUE, GREEN, INK, VERMILION
-from monitor.report.figures.orbits import draw_orbit
+from monitor.report.figures.scene import draw_orbit
 
 ECCENTRICITIES = (0.0, 1e-5, 1e-4)
 """Of sections 6.5.1 and 6.5.2, m."""

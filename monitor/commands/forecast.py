@@ -13,8 +13,7 @@ import click
 
 from monitor.commands import option
 from monitor.commands.common import InputError, check_suffix, emit, finite, input_errors
-from monitor.commands.forecast_learned import METHODS, Asked, forecast_learned, learned_among
-from monitor.commands.forecast_shipped import forecast_shipped
+from monitor.commands.forecast_learned import METHODS, Asked, forecast_learned, forecast_shipped, learned_among
 from monitor.commands.history_files import (
     SUFFIXES,
     Volumes,

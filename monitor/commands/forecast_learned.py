@@ -5,19 +5,52 @@ from __future__ import annotations
 import csv
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import pairwise
 from pathlib import Path
+from statistics import median
 from typing import Any, NamedTuple
 
 from monitor.commands.common import InputError, input_errors
 from monitor.commands.feature_files import read_features
-from monitor.commands.history_files import is_records, library_settings, read_readings, read_volumes
+from monitor.commands.history_files import Volumes, is_records, library_settings, read_readings, read_volumes
 from monitor.health.damage import DamageInput, Remaining, TtStatus
 from monitor.health.damage import tracker as damage
 from monitor.health.damage.learned.forecaster import LearnedSettings, LearnedState, step
 from monitor.health.damage.learned.model import LearnedModel
+from monitor.health.damage.library.forecaster import LibrarySettings, LibraryState
+from monitor.health.damage.library.forecaster import step as library_step
 from monitor.records.learned_file import LearnedFileError, is_learned, load_learned
 from monitor.service.calibration import is_calibrated
+from monitor.service.libraries import shipped_library
+
+
+def forecast_shipped(
+    history: Volumes, thresholds: Sequence[float], settings: LibrarySettings
+) -> list[tuple[Remaining, ...]]:
+    """Return the forecasts at each point of a history, one per threshold (m2), from the points up to it.
+
+    Raises:
+        ValueError: a volume below zero, named by its row.
+    """
+    for row, v_eq in enumerate(history.v_eq, 1):
+        if v_eq < 0.0:
+            raise ValueError(f"row {row}: v_eq must be a volume, got {v_eq * 1e6:g} mm3/mm")
+    with input_errors("the library that ships"):
+        library = shipped_library()
+    gaps = [after - before for before, after in pairwise(history.running) if after > before]
+    library = library.at_interval(median(gaps)) if gaps else library
+    own = library.thresholds[0]
+    columns = []
+    for threshold in thresholds:
+        state, found = LibraryState(), []
+        for t, v_eq in zip(history.running, history.v_eq, strict=True):
+            block = DamageInput(t, v_eq=v_eq * own / threshold)
+            state, _, (one,) = library_step(state, block, library, settings, thresholds=(own,))
+            found.append(replace(one, threshold=threshold))
+        columns.append(found)
+    return list(zip(*columns, strict=True))
+
 
 METHODS = ("learned", "combined")
 

@@ -18,8 +18,7 @@ from models.work.chunk import default_worker
 from models.work.errors import error_of
 from models.work.task import Failure
 from monitor.commands.common import InputError
-from monitor.config.files import files_of
-from monitor.config.load import Config, ConfigError
+from monitor.config.load import Config, ConfigError, files_of
 
 _NOT_A_NAME = re.compile(r"[^\w.+-]+")
 _MARK = ".spallwatch-"

@@ -34,6 +34,18 @@ from monitor.config.source import ChannelSection, SourceSection
 from monitor.config.stages import DetectSection, ForecastSection, TrackSection
 from monitor.config.syntax import syntax_problems
 
+
+def files_of(config: Config) -> list[Path]:
+    """Return maps and libraries of tracked channels and the library of the forecast, each once."""
+    found: dict[Path, None] = {}
+    for channel in config.channel:
+        if channel.track:
+            found |= dict.fromkeys((*channel.maps, *([] if channel.library is None else [channel.library])))
+    if config.forecast.library is not None:
+        found[config.forecast.library] = None
+    return [*found]
+
+
 _CONNECTED: Any = {
     "bearing": {"__all__": {"name"}},
     "source": {"__all__": {"name"}},

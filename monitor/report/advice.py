@@ -12,7 +12,7 @@ import numpy as np
 from monitor.report.bearings import BearingPart
 from monitor.report.finding import Finding
 from monitor.report.gears import named_gear
-from monitor.report.part import named_fault
+from monitor.report.life_marks import named_fault
 from monitor.report.runs import Channel, Run
 from monitor.words.advice import ADVICE, Statement, check_advice, state_of
 from monitor.words.situation import Situation

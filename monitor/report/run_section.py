@@ -13,7 +13,7 @@ from monitor.report import data_quality as quality
 from monitor.report.advice import part_of, said_of, what_to_do
 from monitor.report.bearings import BearingPart, bearing_parts
 from monitor.report.calibration import is_calibrated
-from monitor.report.figures.coherence import block_coherence
+from monitor.report.figures.cyclic import block_coherence
 from monitor.report.figures.damage import damaged_volume, fitted_law, forecasts
 from monitor.report.figures.drawing import Picture, sparkline
 from monitor.report.figures.ias import ias_picture
@@ -21,23 +21,22 @@ from monitor.report.figures.kurtogram import kurtograms
 from monitor.report.figures.map_path import hash_of, kept_map, map_path, posterior
 from monitor.report.figures.raw_block import raw_block
 from monitor.report.figures.spectrum import SpectrumView, recorded_lines, spectra, views_of
-from monitor.report.figures.speed import speed_picture
+from monitor.report.figures.speed import rotation_table, speed_picture, speed_words
 from monitor.report.figures.trends import final_stage, trends
 from monitor.report.figures.waterfall import waterfall
+from monitor.report.finding import Finding
+from monitor.report.findings import findings
 from monitor.report.gears import gears_table
+from monitor.report.life_marks import named_fault
 from monitor.report.options import Options
 from monitor.report.runs import ABSENCE, Channel, Run
-from monitor.report.speed import rotation_table, speed_words
 from monitor.report.tables import Column, Table, time_column
 from monitor.report.verdict import (
     GRADES,
     ChannelContext,
     ChannelVerdict,
-    Finding,
-    findings,
     interval_name,
     judge,
-    named_fault,
 )
 from monitor.words.events import event_text
 from monitor.words.features import FEATURES

@@ -16,7 +16,7 @@ from monitor.health.condition import Quantity
 from monitor.health.output import record_values
 from monitor.health.quality import Verdict
 from monitor.health.state import ChannelState
-from monitor.report.velocity import velocity_findings
+from monitor.report.findings import velocity_findings
 from monitor.words.zones import MACHINE_CLASSES, machine_class
 from tests.support.pipeline import base
 

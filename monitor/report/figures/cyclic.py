@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 from matplotlib import colormaps
@@ -11,14 +12,35 @@ from matplotlib.colors import PowerNorm
 from matplotlib.figure import FigureBase
 from numpy.typing import NDArray
 
+from monitor.health.kept_coherence import kept_coherence
 from monitor.health.rotation.rotation import Rotation
 from monitor.health.spectrum.cyclic import FALSE_ALARM, CyclicCoherence
 from monitor.health.spectrum.cyclic_study import HARMONICS, lines_of
-from monitor.report.figures.drawing import GREY, INK, legend_above, places_kept
+from monitor.health.waterfall import SpectrumRow
+from monitor.report.figures.drawing import GREY, INK, Picture, legend_above, places_kept
 from monitor.report.figures.sheet import Part, Sheet
 from monitor.report.figures.spectrum import FAULT_MARKS
+from monitor.report.verdict import ChannelContext
 from monitor.words.numbers import figure
 from monitor.words.statuses import FAULT_NAMES
+
+
+def block_coherence(rows: Sequence[SpectrumRow], context: ChannelContext) -> Picture | None:
+    """Draw the coherence of the last of some blocks with a view, where its speed varied; None otherwise."""
+    shown = [row for row in rows if row.view is not None]
+    if not shown or shown[-1].view is None or shown[-1].domain != "order":
+        return None
+    row, view = shown[-1], shown[-1].view
+    try:
+        found = kept_coherence(row)
+    except ValueError:
+        return None
+    orders = {part: line / row.speed for part, line in row.lines.items()}
+    part = cyclic_sheet(found, orders, (), "").parts[0]
+    picture = part.picture(context.numbers)
+    text = f"{picture.caption} From the {figure(view.waveform.size / view.rate, 2)} s that are kept of the block."
+    return replace(picture, heading=f"Spectral coherence of block {row.sequence:,}", caption=text)
+
 
 _COLUMNS, _ROWS, _COLOURS = 480, 120, 40
 _POINTS = 1500

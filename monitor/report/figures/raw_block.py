@@ -28,8 +28,7 @@ from monitor.report.figures.drawing import (
     thin,
     to_svg,
 )
-from monitor.report.figures.shared_peaks import shared_words
-from monitor.report.figures.spectrum import FAULT_MARKS, ORDERS
+from monitor.report.figures.spectrum import FAULT_MARKS, ORDERS, shared_words
 from monitor.report.verdict import ChannelContext
 from monitor.words.numbers import figure
 from monitor.words.rotation import range_words

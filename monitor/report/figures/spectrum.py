@@ -13,6 +13,7 @@ from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
 from monitor.health.schema import FAULTS
+from monitor.health.spectrum.coincidence import shared_lines
 from monitor.health.waterfall import SpectrumRow
 from monitor.report.figures.drawing import (
     BLUE,
@@ -30,12 +31,22 @@ from monitor.report.figures.drawing import (
     thin,
     to_svg,
 )
-from monitor.report.figures.shared_peaks import shared_words
+from monitor.report.life_marks import named_fault
 from monitor.report.runs import Channel
-from monitor.report.verdict import ChannelContext, named_fault
+from monitor.report.verdict import ChannelContext
 from monitor.words.numbers import Clock, figure
 from monitor.words.rotation import range_words
-from monitor.words.statuses import FAULT_NAMES
+from monitor.words.statuses import FAULT_NAMES, LINE_NAMES
+
+
+def shared_words(lines: Mapping[str, float], resolution: float) -> str:
+    """Return which lines of the parts stand on one peak, "" for none."""
+    groups = [
+        " = ".join(f"{order} × {LINE_NAMES[family]}" for family, order in group)
+        for group in shared_lines(lines, resolution)
+    ]
+    return f"One peak each, which counts for neither part alone: {'; '.join(groups)}." if groups else ""
+
 
 FAULT_MARKS = {"outer": (VERMILION, "o"), "inner": (BLUE, "s"), "ball": (GREEN, "^"), "cage": (PURPLE, "D")}
 """Colour and marker of the lines of each part."""

@@ -9,8 +9,8 @@ from models.bearing import kinematics
 from models.identify.limits import INTERVALS
 from models.identify.space import ORDER
 from models.identify.trials import FEATURES
+from monitor.report.finding import Finding
 from monitor.report.identification.subject import ENDS, TITLES, Parameter, Subject
-from monitor.report.verdict import Finding
 from monitor.words.calibration import rig_words
 from monitor.words.numbers import count, duration, figure
 

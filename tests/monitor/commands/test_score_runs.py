@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from models.work.codec import encode
-from monitor.commands.score_runs import _task
+from monitor.commands.score import _task
 
 
 def test_a_task_changes_with_each_of_its_files_and_not_with_the_working_directory(

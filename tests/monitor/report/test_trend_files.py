@@ -9,9 +9,8 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from monitor.report.report import build_report
+from monitor.report.report import build_report, write_trends
 from monitor.report.runs import ReportError, read_runs
-from monitor.report.trend_files import write_trends
 from streams.block import STANDARD_GRAVITY
 from tests.support.score import DAY, record, stored
 

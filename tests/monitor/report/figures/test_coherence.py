@@ -13,7 +13,7 @@ from monitor.health.kept_coherence import kept_coherence, rotation_of_course
 from monitor.health.rotation_values import COURSE_POINTS
 from monitor.health.spectrum.block_view import WAVEFORM_SAMPLES, BlockView, RawSpectra
 from monitor.health.waterfall import SpectrumRow
-from monitor.report.figures.coherence import block_coherence
+from monitor.report.figures.cyclic import block_coherence
 from monitor.report.runs import Channel, Run
 from monitor.web import spectra_view
 from tests.monitor.report.figures.drawing import context_of

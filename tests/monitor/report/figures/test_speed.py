@@ -13,9 +13,8 @@ from monitor.health.spectrum.block_view import BlockView, RawSpectra
 from monitor.health.waterfall import SpectrumRow
 from monitor.report.comparison import speeds
 from monitor.report.figures.ias import ias_picture
-from monitor.report.figures.speed import speed_picture
+from monitor.report.figures.speed import rotation_table, speed_picture, speed_words
 from monitor.report.runs import Channel, Run
-from monitor.report.speed import rotation_table, speed_words
 from monitor.report.summary import speeds_of
 from monitor.words.rotation import ROTATION_REFUSALS
 from tests.monitor.report.figures.drawing import context_of, drawn, numbers

@@ -9,8 +9,8 @@ import pytest
 
 from monitor.health.record import Record
 from monitor.report.figures.trends import final_stage, trends
+from monitor.report.findings import findings
 from monitor.report.runs import Channel, Run
-from monitor.report.verdict import findings
 from tests.monitor.report.figures.drawing import START, context_of, drawn, run_of
 from tests.oracles.lives import GRAVITY, life
 
