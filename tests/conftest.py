@@ -241,7 +241,7 @@ def forked_children() -> Iterator[None]:
         if effort_count(quick=1, full=0) and hasattr(os, "fork"):
             from tests.support.forked_children import SUBPROCESS
 
-            patch.setattr("monitor.service.child_process.subprocess", SUBPROCESS)
+            patch.setattr("monitor.service.children.subprocess", SUBPROCESS)
         yield
 
 

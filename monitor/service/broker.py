@@ -1,8 +1,12 @@
-"""A connection to an MQTT broker: messages with and without confirmation, a will, and what was subscribed."""
+"""A connection to an MQTT broker, and the worker that publishes over one connection after the other.
+
+Messages go with and without confirmation; there may be a will, and what was subscribed.
+"""
 
 from __future__ import annotations
 
 import contextlib
+import logging
 import ssl
 import threading
 import time
@@ -12,16 +16,36 @@ from typing import Any
 
 from models.errors import SpallwatchError
 from monitor.config.outputs import BrokerSection
+from monitor.records.database import StoreError
 
+_LOG = logging.getLogger(__name__)
+_MIN_PAUSE_S, _MAX_PAUSE_S = 1.0, 60.0
 TIMEOUT_S = 10.0
 """Seconds that a connection may take."""
 _KEEPALIVE = 15
 _IN_FLIGHT = 100
 _MAX_MESSAGES = 100
+_MAX_SECRET_CHARACTERS = 4096
 
 
-class BrokerError(SpallwatchError):
+class NotifyError(SpallwatchError):
+    """A message could not be delivered, or a configured file cannot be used."""
+
+
+class BrokerError(NotifyError):
     """The broker cannot be reached, refuses, or is lost; no secret is in the text."""
+
+
+def read_secret(path: Path) -> str:
+    """Return the first line of a file, read for each message, as secrets change; NotifyError where there is none."""
+    try:
+        with path.open(encoding="utf-8") as file:
+            line = file.readline(_MAX_SECRET_CHARACTERS).strip()
+    except (OSError, UnicodeDecodeError) as error:
+        raise NotifyError(f"{path} cannot be read: {type(error).__name__}") from None
+    if not line:
+        raise NotifyError(f"the first line of {path} is empty")
+    return line
 
 
 class BrokerLink:
@@ -33,7 +57,6 @@ class BrokerLink:
     def __init__(
         self,
         section: BrokerSection,
-        read_secret: Callable[[Path], str],
         *,
         will: tuple[str, str | bytes] | None = None,
         keep_will: bool = True,
@@ -165,3 +188,80 @@ class BrokerLink:
             self._confirmed.add(number)
             self._state.notify_all()
         self._wake()
+
+
+class Sessions:
+    """Base of what publishes to a broker; a failure is a :attr:`problem`, never an exception.
+
+    A subclass gives ``_session``, one connection until its loss or the end, and calls :meth:`_start`.
+    """
+
+    _expected: tuple[type[Exception], ...] = (NotifyError, StoreError)
+    """What a session may raise; anything else is logged with its trace."""
+
+    def __init__(self, name: str, over: str, monotonic: Callable[[], float] = time.monotonic) -> None:
+        """Set up without a thread; ``name`` is that of the thread, ``over`` completes "publishing ..." in the log."""
+        self.problem: str | None = None
+        """Why nothing is published, or None."""
+        self._name, self._over_what, self._monotonic = name, over, monotonic
+        self._thread: threading.Thread | None = None
+        self._connected = False
+        self._wake = threading.Condition()
+        self._news, self._ending, self._until = True, False, float("inf")
+
+    def changed(self) -> None:
+        """Note that there is more to publish; returns at once."""
+        if self._thread is None:
+            return
+        with self._wake:
+            self._news = True
+            self._wake.notify()
+
+    def close(self, seconds: float = 0.5) -> None:
+        """Publish for at most so many seconds more, then end."""
+        if self._thread is None:
+            return
+        with self._wake:
+            self._ending, self._until = True, self._monotonic() + seconds
+            self._wake.notify()
+        self._thread.join(seconds)
+
+    def _start(self) -> None:
+        self._thread = threading.Thread(target=self._work, name=self._name, daemon=True)
+        self._thread.start()
+
+    def _session(self) -> None:
+        """Publish over one connection, until the end or its loss."""
+        raise NotImplementedError
+
+    def _over(self) -> bool:
+        """Return whether no further session begins."""
+        return self._ending
+
+    def _work(self) -> None:
+        pause = _MIN_PAUSE_S
+        while not self._over():
+            try:
+                self._session()
+            except self._expected as error:
+                self._fail(str(error))
+            except Exception as error:  # A fault must not end the thread unnoticed.
+                _LOG.exception("publishing %s fails", self._over_what)
+                self._fail(type(error).__name__)
+            else:
+                return
+            with self._wake:
+                if self._wake.wait_for(lambda: self._ending, pause):
+                    return
+            pause = _MIN_PAUSE_S if self._connected else min(2.0 * pause, _MAX_PAUSE_S)
+
+    def _fail(self, problem: str) -> None:
+        if self.problem is None and not self._ending:
+            _LOG.error("publishing %s fails, it is tried again: %s", self._over_what, problem)
+        self.problem = problem
+
+    def _works(self) -> None:
+        """Note that the connection is made."""
+        if self.problem is not None:
+            _LOG.warning("publishing %s works again", self._over_what)
+        self._connected, self.problem = True, None

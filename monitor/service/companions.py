@@ -12,13 +12,12 @@ from pathlib import Path
 
 from monitor.config.load import Config
 from monitor.records.store import Store
+from monitor.service.children import ServerProcess, page_server
 from monitor.service.neighbours.sparkplug import Sparkplug
-from monitor.service.notify.heartbeat import Heartbeat
+from monitor.service.notify.channels import Heartbeat
 from monitor.service.notify.notifier import Notifier
-from monitor.service.page import PageProcess
 from monitor.service.publisher import PublishedFiles, Publisher
 from monitor.service.record_mqtt import RecordMqtt
-from monitor.service.server_process import ServerProcess
 
 _LOG = logging.getLogger(__name__)
 _LAST_PUBLICATION_S = 3.0
@@ -60,9 +59,9 @@ class Companions:
             self._ending.append(partial(self._records.close, _LAST_MESSAGE_S))
             self._sparkplug = Sparkplug.open(config)
             self._ending.append(partial(self._sparkplug.close, _LAST_MESSAGE_S))
-            self._page: PageProcess | None = None
+            self._page: ServerProcess | None = None
             if path is not None and config.web.enabled:
-                self._page = PageProcess(path, config.web, machine.state_dir, monotonic)
+                self._page = page_server(path, config.web, machine.state_dir, monotonic)
                 self._ending.append(self._page.close)
             self._opcua: ServerProcess | None = None
             if path is not None and config.publish.opcua is not None:

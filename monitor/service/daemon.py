@@ -21,10 +21,9 @@ from monitor.records.store import Store
 from monitor.service.calibration import uncalibrated_lines
 from monitor.service.companions import Companions
 from monitor.service.ingest import Ingest
-from monitor.service.machine_status import MachineStatus
+from monitor.service.machine_status import MachineStatus, SilenceLog
 from monitor.service.neighbours.condition import ConditionProcess
 from monitor.service.retention import Retention
-from monitor.service.silence import SilenceLog
 from monitor.service.start import inspect
 from monitor.service.status_file import MIN_LOG_SHARE, StatusFile, full_disk, is_running
 from monitor.service.summary import run_attributes

@@ -19,7 +19,7 @@ from models.portable import lower_priority
 from monitor.records.database import StoreError, locked
 from monitor.records.events import EventLog
 from monitor.records.store import Published, Store
-from monitor.service.child_process import Child
+from monitor.service.children import Child
 
 _LOG = logging.getLogger(__name__)
 _ENTRY = "monitor.service.publisher:child"

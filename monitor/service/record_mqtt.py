@@ -21,10 +21,8 @@ from monitor.config.outputs import RecordMqttSection
 from monitor.records.condense import condensed_up_to, has_condensed, identity_of
 from monitor.records.database import SharedConnection, StoreError, replacing
 from monitor.records.packing import unpack
-from monitor.service.broker import BrokerError, BrokerLink
-from monitor.service.notify.channels import read_secret
-from monitor.service.record_message import StoredRecord, channel_message, state_message
-from monitor.service.sessions import Sessions
+from monitor.service.broker import BrokerError, BrokerLink, Sessions
+from monitor.service.neighbours.points import StoredRecord, channel_message, state_message
 
 _LOG = logging.getLogger(__name__)
 PLACE = "published-mqtt.json"
@@ -146,7 +144,7 @@ class RecordMqtt(Sessions):
         with SharedConnection(self._store) as store:
             if self._place is None:
                 self._place = self._begin(store)
-            link = BrokerLink(self._section, read_secret, will=will, wake=self.changed)
+            link = BrokerLink(self._section, will=will, wake=self.changed)
             try:
                 link.connect()
                 self._works()

@@ -23,7 +23,7 @@ from models.portable import lower_priority
 from models.process_signals import on_signals
 from monitor.config.load import Config, ConfigError, load_config
 from monitor.config.outputs import WebSection
-from monitor.service.child_process import end_with_parent, report_line
+from monitor.service.children import end_with_parent, report_line
 from monitor.service.systemd import ServiceManager
 from monitor.web.app import STREAM, Site, application
 from monitor.web.auth import Doorkeeper, TokenError, load_token

@@ -17,7 +17,7 @@ from monitor.health.quality import Verdict
 from monitor.health.state import ChannelState
 from monitor.health.trend import TimeToAlarm, TrendInput, TtaStatus
 from monitor.health.trend.stage import step
-from monitor.service.record_message import StoredRecord, channel_message
+from monitor.service.neighbours.points import StoredRecord, channel_message
 from monitor.words.statuses import TTA_REFUSALS
 from streams.block import STANDARD_GRAVITY
 from tests.support.report import one, page_of_records

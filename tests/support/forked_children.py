@@ -140,10 +140,10 @@ def address_of_forks() -> str:
 
 def fork_children_too(address: str) -> None:
     """Let the children of this forked process be forked where it was."""
-    import monitor.service.child_process
+    import monitor.service.children
     import streams.readers.child
 
     server = cast("Any", multiprocessing.forkserver)._forkserver
     server._forkserver_address, server.ensure_running = address, lambda: None
-    for user in (monitor.service.child_process, streams.readers.child):
+    for user in (monitor.service.children, streams.readers.child):
         vars(user)["subprocess"] = SUBPROCESS

@@ -10,7 +10,8 @@ from monitor.config.outputs import NotifySection
 from monitor.health.record import Record
 from monitor.records.events import Deliveries, EventLog
 from monitor.records.store import Store
-from monitor.service.notify.channels import Message, NotifyError
+from monitor.service.broker import NotifyError
+from monitor.service.notify.channels import Message
 from monitor.service.notify.message import Sender
 from monitor.service.notify.notifier import Notifier
 from tests.support.waiting import PATIENCE_S

@@ -16,13 +16,13 @@ _INTERVALS: dict[str, dict[str, float]] = {
     "monitor.service.publisher": {"_CHECK_TURNS": 3, "_MIN_PAUSE_FACTOR": 0.5},
     "monitor.service.record_mqtt": {"_PLACE_S": 0.5, "_STATE_S": 0.1},
     "monitor.service.retention": {"_MAX_PAUSE_S": 0.5},
-    "monitor.service.server_process": {"_MIN_PAUSE_S": 0.2},
-    "monitor.service.sessions": {"_MIN_PAUSE_S": 0.2},
+    "monitor.service.children": {"_MIN_PAUSE_S": 0.2},
+    "monitor.service.broker": {"_MIN_PAUSE_S": 0.2},
     "monitor.web.machines": {"_COUNT_S": 0.1, "_FRESH_S": 0.05},
     "monitor.web.stream": {"_POLL_S": 0.1},
 }
 """Seconds, turns, and a number of durations, by module."""
-_LIMITS: dict[str, dict[str, float]] = {"monitor.service.notify.picture": {"MAX_S": 300.0}}
+_LIMITS: dict[str, dict[str, float]] = {"monitor.service.notify.message": {"MAX_S": 300.0}}
 """Seconds after which the product goes on without something that a busy machine only brings later."""
 
 

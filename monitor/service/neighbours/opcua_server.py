@@ -18,11 +18,9 @@ from models.portable import lower_priority
 from monitor import __version__
 from monitor.config.load import Config, ConfigError, load_config
 from monitor.config.outputs import OpcUaSection
-from monitor.service.child_process import end_with_parent, report_line
-from monitor.service.neighbours.points import Kind, Point, channels_of, points_of
-from monitor.service.neighbours.points import Path as PointPath
-from monitor.service.neighbours.snapshots import Snapshots
-from monitor.service.notify.channels import NotifyError, read_secret
+from monitor.service.broker import NotifyError, read_secret
+from monitor.service.children import end_with_parent, report_line
+from monitor.service.neighbours.points import Kind, Point, PointPath, Snapshots, channels_of, points_of
 
 if TYPE_CHECKING:
     from asyncua.common.node import Node

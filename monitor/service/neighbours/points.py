@@ -1,21 +1,39 @@
-"""What a control system is given of a machine: named values with a type, a quality and a time.
+"""Records and status of a machine for other programs: JSON for MQTT, and points with type, quality and time.
 
-OPC UA and Sparkplug B publish the same points. The names are those of records over MQTT, docs/reference/wire.md.
+OPC UA and Sparkplug B publish the same points. docs/reference/wire.md has the keys, which are the names of the points.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+import json
+import sqlite3
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import Any, Literal
 
 from monitor.config.load import Config
-from monitor.service.record_message import StoredRecord, channel_values
+from monitor.records.database import SharedConnection, StoreError
+from monitor.records.packing import unpack
+from monitor.service.status_file import read_status
+from monitor.words.events import utc_text
+from monitor.words.features import FEATURES, TRENDS
+
+_WORDS = (
+    *("stage", "fault", "fault_basis", "edv_status", "tt_status", "p_no_growth"),
+    *("t_fs_block", "t_fs_known_block", "t_eol_block", "tta_status", "tta_level_source"),
+    *("velocity_status", "velocity_zone", "domain", "rotation_status", "pulses_missing", "pulses_extra"),
+    "level_status",
+)
+
+_ROTATION = ("acceleration", "revolutions", "encoder_error")
+"""Features without a trend that are published beside those with one."""
+
 
 Kind = Literal["float", "int", "text"]
 Quality = Literal["good", "uncertain", "old", "bad"]
 Value = float | int | str | None
-Path = tuple[str, ...]
+PointPath = tuple[str, ...]
 """``(name,)`` of the machine, ``(bearing, name)`` or ``(bearing, channel, name)``."""
 
 _IDENTITY = ("machine", "source", "channel")
@@ -45,7 +63,85 @@ _DEVICE_HEALTH = {
     "maintenance_required": 4,
 }
 """``DeviceHealthEnumeration`` of OPC 10000-100, which has the classes of NAMUR NE 107; without data it is a failure."""
+FIELDS = "source, sequence, status, flags, reason, time, elapsed, layouts.layout, row"
+"""Columns that :func:`stored_record` takes."""
+JOINED = "blocks JOIN records ON records.block = blocks.id JOIN layouts ON layouts.id = records.layout"
+_LATEST = f"SELECT {FIELDS} FROM {JOINED} WHERE source = ? ORDER BY sequence DESC LIMIT 1"
+
+
+@dataclass(frozen=True)
+class StoredRecord:
+    """A record as the store has it; ``flags`` are separated by blanks, times are s, values SI."""
+
+    machine: str
+    source: str
+    sequence: int
+    status: str
+    flags: str
+    reason: str
+    time: float | None
+    elapsed: float | None
+    channels: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+
+
 _NO_RECORD = StoredRecord("", "", 0, "", "", "", None, None)
+
+
+def channel_message(record: StoredRecord, channel: str) -> str:
+    """Return the values of a channel in a record as a JSON object; null is no value."""
+    return json.dumps(channel_values(record, channel), allow_nan=False, separators=(",", ":"))
+
+
+def channel_values(record: StoredRecord, channel: str) -> dict[str, Any]:
+    """Return the values of a channel in a record, units in their names; the same keys whatever the record holds."""
+    values = record.channels.get(channel, {})
+    absolute = values.get("absolute_level") != "no"
+    threshold, t_fs = first(values.get("v_th")), values.get("t_fs")
+    message: dict[str, Any] = {
+        "machine": record.machine,
+        "source": record.source,
+        "channel": channel,
+        "block": record.sequence,
+        "time_utc": utc_text(record.time),
+        "elapsed_s": record.elapsed,
+        "status": record.status,
+        "flags": record.flags.split(),
+        "reason": record.reason or None,
+        "quality": values.get("quality_status"),
+        "t_fs_utc": None if record.time is None else utc_text(t_fs),
+        **{name: first(values.get(name)) for name in _WORDS},
+        "threshold_mm2": None if threshold is None else threshold * 1e6,
+        "unit": "g" if absolute else "unknown",
+    }
+    for feature in (*TRENDS, *(FEATURES[name] for name in _ROTATION)):
+        value = first(values.get(feature.name))
+        message[feature.column] = None if value is None else value * feature.of_si(absolute=absolute)
+    message |= {f"{name}_s": values.get(name) for name in ("tta", "tta_lower", "tta_upper")}
+    level = values.get("tta_level")
+    message["tta_level_g"] = None if level is None else level * FEATURES["rms"].of_si(absolute=absolute)
+    return message
+
+
+def state_message(machine: str, status: Mapping[str, Any] | None) -> str:
+    """Return the status of a machine by its status file, or without one that it is unreachable."""
+    if status is None:
+        values: dict[str, Any] = {"machine": machine, "status": "unreachable", "state": "no_data", "channels": {}}
+    else:
+        channels = {name: channel.get("state") for name, channel in status.get("channels", {}).items()}
+        values = {
+            "machine": machine,
+            "status": status.get("status"),
+            "state": status.get("state"),
+            "problems": sorted(status.get("problems", {})),
+            "channels": channels,
+            "headlines": {name: channel.get("headline") for name, channel in status.get("channels", {}).items()},
+        }
+    return json.dumps(values, allow_nan=False, separators=(",", ":"))
+
+
+def first(value: Any) -> Any:
+    """Return the first of several values (bands, thresholds), or the only one."""
+    return (value[0] if value else None) if isinstance(value, list | tuple) else value
 
 
 @dataclass(frozen=True)
@@ -95,11 +191,11 @@ def channels_of(config: Config) -> tuple[Channel, ...]:
     return tuple(Channel(item.name, item.bearing, item.source) for item in config.channel)
 
 
-def points_of(channels: tuple[Channel, ...], snapshot: Snapshot) -> dict[Path, Point]:
+def points_of(channels: tuple[Channel, ...], snapshot: Snapshot) -> dict[PointPath, Point]:
     """Return all points of a machine; which there are depends on the channels alone."""
     status = snapshot.status
     running = bool(status.get("running"))
-    found: dict[Path, Point] = {
+    found: dict[PointPath, Point] = {
         ("state",): _text(status.get("state") if running else "no_data"),
         ("device_health",): Point(_health(status.get("state") if running else "no_data"), "int"),
         ("daemon",): _text(status.get("status")),
@@ -166,3 +262,48 @@ def _number(value: Any, kind: Kind) -> Point:
 
 def _health(state: Any) -> int:
     return _DEVICE_HEALTH.get(str(state), _DEVICE_HEALTH["no_data"])
+
+
+def stored_record(machine: str, row: tuple[Any, ...]) -> StoredRecord:
+    """Return the record of a row of :data:`FIELDS`."""
+    source, sequence, *rest, layout, values = row
+    return StoredRecord(machine, source, sequence, *rest, channels=unpack(layout, values))
+
+
+class Snapshots:
+    """The latest of one machine; from one thread."""
+
+    def __init__(self, machine: str, sources: Iterable[str], state_dir: Path) -> None:
+        """Keep names and folder; nothing is read yet."""
+        self._machine, self._sources = machine, tuple(dict.fromkeys(sources))
+        self._state_dir = state_dir
+        self._newest: tuple[Any, ...] | None = None
+        self._found = Snapshot()
+
+    def read(self) -> Snapshot:
+        """Return the present status and records; where the store cannot be read, the last known records."""
+        try:
+            # A store that was replaced meanwhile is found, too.
+            with SharedConnection(self._state_dir / "state.db") as store, store.use() as connection:
+                self._read_store(connection)
+        except StoreError:
+            self._newest = None
+        return replace(self._found, status=read_status(self._state_dir))
+
+    def _read_store(self, connection: sqlite3.Connection) -> None:
+        tables = {name for (name,) in connection.execute("SELECT name FROM sqlite_master WHERE type = 'table'")}
+        events = sum(
+            connection.execute(f"SELECT coalesce(max(id), 0) FROM {table}").fetchone()[0]
+            for table in ("events", "notices")
+            if table in tables
+        )
+        newest = connection.execute("SELECT max(id) FROM blocks").fetchone()
+        if newest == self._newest:
+            self._found = replace(self._found, events=events)
+            return
+        records = {}
+        for source in self._sources:
+            row = connection.execute(_LATEST, (source,)).fetchone()
+            if row is not None:
+                records[source] = stored_record(self._machine, row)
+        self._newest, self._found = newest, Snapshot(records=records, events=events)

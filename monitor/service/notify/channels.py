@@ -1,4 +1,4 @@
-"""Notification channels: e-mail (SMTP), webhook (HTTP) and MQTT, and the message that they deliver.
+"""Notification channels: e-mail (SMTP), webhook (HTTP) and MQTT, the message that they deliver, and the heartbeat.
 
 Each channel serves the section of its name in ``[notify]``. The text of no error holds a secret.
 """
@@ -8,9 +8,12 @@ from __future__ import annotations
 import html
 import http.client
 import json
+import logging
 import smtplib
 import ssl
-from collections.abc import Iterable, Mapping
+import threading
+import time
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from email.message import EmailMessage
 from email.utils import formatdate, make_msgid
@@ -18,17 +21,12 @@ from pathlib import Path
 from typing import Any, Protocol
 from urllib.parse import SplitResult, urlsplit
 
-from models.errors import SpallwatchError
-from monitor.config.outputs import MqttSection, NotifySection, SmtpSection, WebhookSection
+from monitor.config.outputs import NotifySection, SmtpSection, WebhookSection
 from monitor.config.webhook import TEXTS, WebhookTemplate
-from monitor.service.broker import BrokerError, BrokerLink
+from monitor.service.broker import BrokerLink, NotifyError, read_secret
 
+_LOG = logging.getLogger(__name__)
 _TIMEOUT_S = 10.0
-_MAX_SECRET_CHARACTERS = 4096
-
-
-class NotifyError(SpallwatchError):
-    """A message could not be delivered, or a configured file cannot be used."""
 
 
 @dataclass(frozen=True)
@@ -78,19 +76,33 @@ class NotificationChannel(Protocol):
         ...
 
 
-class SmtpChannel:
+class _SectionChannel:
+    """A channel as its section configures it."""
+
+    pictures = False
+    _secrets: tuple[str, ...] = ("username_file", "password_file")
+
+    def __init__(self, section: Any) -> None:
+        self._section = section
+
+    def check(self) -> None:
+        """Read the configured files, so that a missing one raises :class:`NotifyError` before the first alarm."""
+        for path in (getattr(self._section, name) for name in self._secrets):
+            if path is not None:
+                read_secret(path)
+        if self._section.ca_file is not None:
+            _tls_context(self._section.ca_file)
+
+
+class SmtpChannel(_SectionChannel):
     """Sends one e-mail a message."""
 
     name = "smtp"
 
     def __init__(self, section: SmtpSection) -> None:
         """Keep the configured section."""
-        self._section = section
+        super().__init__(section)
         self.pictures = section.picture
-
-    def check(self) -> None:
-        """Read the configured files; raise :class:`NotifyError` where one cannot be used."""
-        _check_files(self._section.ca_file, self._section.username_file, self._section.password_file)
 
     def send(self, message: Message) -> str | None:
         """Send a message, or raise :class:`NotifyError`; return the rejected recipients, if not all, or None."""
@@ -158,20 +170,20 @@ def _add_html(mail: EmailMessage, message: Message) -> None:
         page.add_related(message.picture, "image", "png", cid=name, filename="bearing.png", disposition="inline")
 
 
-class WebhookChannel:
+class WebhookChannel(_SectionChannel):
     """Posts one request a message; redirections are not followed, as they would send the token elsewhere."""
 
     name = "webhook"
-    pictures = False
+    _secrets = ("token_file",)
 
     def __init__(self, section: WebhookSection) -> None:
         """Keep the configured section."""
-        self._section = section
+        super().__init__(section)
         self._template = None if section.template is None else WebhookTemplate(section.template)
 
     def check(self) -> None:
         """Read the configured files; raise :class:`NotifyError` where one cannot be used."""
-        _check_files(self._section.ca_file, self._section.token_file)
+        super().check()
         self._url()
 
     def send(self, message: Message) -> str | None:
@@ -205,31 +217,19 @@ class WebhookChannel:
         return urlsplit(url)
 
 
-class MqttChannel:
+class MqttChannel(_SectionChannel):
     """Publishes with QoS 1, over one connection a message: alarms are too rare to stay connected."""
 
     name = "mqtt"
-    pictures = False
-
-    def __init__(self, section: MqttSection) -> None:
-        """Keep the configured section."""
-        self._section = section
-
-    def check(self) -> None:
-        """Read the configured files; raise :class:`NotifyError` where one cannot be used."""
-        _check_files(self._section.ca_file, self._section.username_file, self._section.password_file)
 
     def send(self, message: Message) -> None:
         """Publish a message; raise :class:`NotifyError` if the broker does not confirm it."""
+        link = BrokerLink(self._section)
         try:
-            link = BrokerLink(self._section, read_secret)
-            try:
-                link.connect()
-                link.wait_confirmed({link.publish(self._section.topic, message.to_json())}, _TIMEOUT_S)
-            finally:
-                link.close()
-        except BrokerError as error:
-            raise NotifyError(str(error)) from None
+            link.connect()
+            link.wait_confirmed({link.publish(self._section.topic, message.to_json())}, _TIMEOUT_S)
+        finally:
+            link.close()
 
 
 _CHANNELS = {"smtp": SmtpChannel, "webhook": WebhookChannel, "mqtt": MqttChannel}
@@ -284,22 +284,61 @@ def _tls_context(ca_file: Path | None) -> ssl.SSLContext:
         raise NotifyError(f"{ca_file} cannot be used: {error.strerror or type(error).__name__}") from None
 
 
-def _check_files(ca_file: Path | None, *secrets: Path | None) -> None:
-    """Read the files of a channel, so that a missing one raises NotifyError before the first alarm."""
-    for path in secrets:
-        if path is not None:
-            read_secret(path)
-    if ca_file is not None:
-        _tls_context(ca_file)
+class Heartbeat:
+    """Requests the configured address when the thread that commits calls, at most once in the interval.
 
+    The request itself is made by a thread of its own, so that a slow answer delays nothing.
+    """
 
-def read_secret(path: Path) -> str:
-    """Return the first line of a file, read for each message, as secrets change; NotifyError where there is none."""
-    try:
-        with path.open(encoding="utf-8") as file:
-            line = file.readline(_MAX_SECRET_CHARACTERS).strip()
-    except (OSError, UnicodeDecodeError) as error:
-        raise NotifyError(f"{path} cannot be read: {type(error).__name__}") from None
-    if not line:
-        raise NotifyError(f"the first line of {path} is empty")
-    return line
+    def __init__(self, settings: NotifySection, monotonic: Callable[[], float] = time.monotonic) -> None:
+        """Keep address and interval; without an address, nothing is ever requested."""
+        self._url = None if settings.heartbeat_url is None else urlsplit(settings.heartbeat_url)
+        self._interval, self._monotonic = settings.heartbeat_interval_s, monotonic
+        self._due = float("-inf")
+        self._wake = threading.Condition()
+        self._asked = self._ending = False
+        self.problem: str | None = None
+        """Why the last request failed, or None."""
+        if self._url is not None:
+            threading.Thread(target=self._work, name="heartbeat", daemon=True).start()
+
+    def beat(self, healthy: Callable[[], bool]) -> None:
+        """Have the address requested if that is due and ``healthy``; returns at once."""
+        now = self._monotonic()
+        if self._url is None or now < self._due or not healthy():
+            return
+        self._due = now + self._interval
+        with self._wake:
+            self._asked = True
+            self._wake.notify()
+
+    def close(self) -> None:
+        """Request nothing more; an answer that is waited for is left to its timeout."""
+        with self._wake:
+            self._ending = True
+            self._wake.notify()
+
+    def _work(self) -> None:
+        while True:
+            with self._wake:
+                self._wake.wait_for(lambda: self._asked or self._ending)
+                if self._ending:
+                    return
+            self._request()
+            with self._wake:
+                # What was asked for meanwhile is late: the thread that asked may hang by now.
+                self._asked = False
+
+    def _request(self) -> None:
+        assert self._url is not None
+        try:
+            request("heartbeat", "GET", self._url)
+        except NotifyError as error:
+            if self.problem is None:
+                _LOG.error("%s", error)
+            self.problem = str(error)
+        except Exception as error:  # A fault of one request must not end the signal.
+            self.problem = f"heartbeat: {type(error).__name__}"
+            _LOG.exception("the heartbeat fails")
+        else:
+            self.problem = None

@@ -17,9 +17,9 @@ from monitor.config.outputs import NotifySection
 from monitor.records.database import StoreError
 from monitor.records.events import Delivered, Deliveries, EventLog, LoggedEvent
 from monitor.records.store import Store
-from monitor.service.notify.channels import NotificationChannel, NotifyError, configured_channels
-from monitor.service.notify.message import MAX_LISTED, Item, Sender, compose, worst_of
-from monitor.service.notify.picture import draw_picture, picture_request
+from monitor.service.broker import NotifyError
+from monitor.service.notify.channels import NotificationChannel, configured_channels
+from monitor.service.notify.message import MAX_LISTED, Item, Sender, compose, draw_picture, picture_request, worst_of
 from monitor.service.status_file import read_status
 from monitor.words.events import badness
 from monitor.words.numbers import count

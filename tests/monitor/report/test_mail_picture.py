@@ -19,7 +19,7 @@ from monitor.health.waterfall import SpectrumChange, SpectrumRow
 from monitor.records.database import StoreError
 from monitor.records.store import Store
 from monitor.report.mail_picture import Wanted, _draw_spectrum, draw
-from monitor.service.notify.picture import draw_picture, picture_request
+from monitor.service.notify.message import draw_picture, picture_request
 from streams.block import STANDARD_GRAVITY
 from tests.support.trends import block
 

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from monitor.service.child_process import Child
+from monitor.service.children import Child
 from tests.support.waiting import wait_until
 
 

@@ -16,7 +16,7 @@ from monitor.records.database import StoreError
 from monitor.records.store import Store
 from monitor.service.daemon import Daemon
 from monitor.service.ingest import Ingest
-from monitor.service.notify.heartbeat import Heartbeat
+from monitor.service.notify.channels import Heartbeat
 from tests.support.daemon import last, put, running
 from tests.support.daemons import free_port, make_machine, status
 from tests.support.receivers import Pulse

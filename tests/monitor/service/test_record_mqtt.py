@@ -18,7 +18,7 @@ from monitor.config.outputs import RecordMqttSection
 from monitor.health.record import Record
 from monitor.records.condense import condense
 from monitor.records.store import Published, Store
-from monitor.service.record_message import StoredRecord, channel_message, state_message
+from monitor.service.neighbours.points import StoredRecord, channel_message, state_message
 from monitor.service.record_mqtt import PLACE, RecordMqtt
 from streams.block import STANDARD_GRAVITY
 from tests.support.broker import Broker
@@ -142,7 +142,7 @@ def test_where_records_left_the_store_before_they_were_sent_it_goes_on_with_the_
 def test_connections_cut_at_any_moment_and_a_killed_broker_leave_nothing_out(
     tmp_path: Path, commits: Commits, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("monitor.service.sessions._MIN_PAUSE_S", 0.05)
+    monkeypatch.setattr("monitor.service.broker._MIN_PAUSE_S", 0.05)
     generator = random.Random(20261121)
     broker, heard = Broker(tmp_path / "broker"), []
     with Proxy(broker.port) as proxy, publishing(commits, proxy.port, retain=False) as records:

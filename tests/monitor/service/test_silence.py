@@ -16,7 +16,7 @@ from monitor.health.record import Record
 from monitor.records.database import StoreError
 from monitor.records.events import EventLog
 from monitor.records.store import Store
-from monitor.service.silence import DataFlow, LatestBlock, SilenceLog, silence_limit
+from monitor.service.machine_status import DataFlow, LatestBlock, SilenceLog, silence_limit
 from tests.support.daemon import last, put, running
 from tests.support.daemons import make_machine, status
 from tests.support.effort import effort_count

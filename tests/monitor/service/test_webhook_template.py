@@ -13,7 +13,8 @@ from pydantic import ValidationError
 
 from monitor.config.outputs import WebhookSection
 from monitor.config.webhook import READY, TEXTS, WebhookTemplate
-from monitor.service.notify.channels import Message, NotifyError, WebhookChannel
+from monitor.service.broker import NotifyError
+from monitor.service.notify.channels import Message, WebhookChannel
 from tests.support.receivers import Hook
 
 EVENT = {"kind": "alarm_raised", "severity": "alert", "channel": "x", "text": 'RMS is "3.2" g'}

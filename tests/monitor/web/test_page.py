@@ -19,7 +19,7 @@ import pytest
 
 from monitor.config.load import load_config
 from monitor.config.outputs import WebSection
-from monitor.service.page import PageProcess
+from monitor.service.children import ServerProcess, page_server
 from tests.support.daemons import ROOT, free_port, make_machine
 from tests.support.waiting import PATIENCE_S, wait_until
 
@@ -28,9 +28,9 @@ pytestmark = pytest.mark.process
 _PARENT = """
 import sys, time
 from pathlib import Path
-from monitor.service.page import PageProcess
+from monitor.service.children import page_server
 from monitor.config.outputs import WebSection
-page = PageProcess(Path(sys.argv[1]), WebSection(port=0), Path(sys.argv[2]))
+page = page_server(Path(sys.argv[1]), WebSection(port=0), Path(sys.argv[2]))
 while page.url is None:
     page.tick()
     time.sleep(0.02)
@@ -40,26 +40,26 @@ time.sleep(60)
 
 
 @contextmanager
-def page_process(config: Path, **web: Any) -> Iterator[PageProcess]:
+def page_process(config: Path, **web: Any) -> Iterator[ServerProcess]:
     state_dir = load_config(config).machine.state_dir
-    page = PageProcess(config, WebSection(**{"port": 0, **web}), state_dir)
+    page = page_server(config, WebSection(**{"port": 0, **web}), state_dir)
     try:
         yield page
     finally:
         page.close()
 
 
-def reached(page: PageProcess) -> bool:
+def reached(page: ServerProcess) -> bool:
     page.tick()
     return page.url is not None
 
 
-def troubled(page: PageProcess) -> bool:
+def troubled(page: ServerProcess) -> bool:
     page.tick()
     return page.problem is not None
 
 
-def ask(page: PageProcess, path: str) -> dict[str, Any]:
+def ask(page: ServerProcess, path: str) -> dict[str, Any]:
     assert page.url is not None
     with urllib.request.urlopen(page.url + path, timeout=PATIENCE_S) as answer:
         return json.loads(answer.read())
@@ -104,7 +104,7 @@ def test_one_that_is_killed_is_started_again(tmp_path: Path) -> None:
 
 def test_one_that_hangs_is_replaced(tmp_path: Path) -> None:
     now = [0.0]
-    page = PageProcess(make_machine(tmp_path), WebSection(port=0), tmp_path / "state", lambda: now[0])
+    page = page_server(make_machine(tmp_path), WebSection(port=0), tmp_path / "state", lambda: now[0])
     try:
         wait_until(lambda: reached(page))
         pid = page.pid
@@ -208,6 +208,6 @@ def test_it_speaks_tls(tmp_path: Path) -> None:
 
 def test_the_daemon_that_starts_it_loads_nothing_of_it(tmp_path: Path) -> None:
     wanted = "{'starlette', 'uvicorn', 'prometheus_client'}"
-    program = f"import sys, monitor.service.page; print(sorted({wanted} & set(sys.modules)))"
+    program = f"import sys, monitor.service.children; print(sorted({wanted} & set(sys.modules)))"
     found = subprocess.run([sys.executable, "-c", program], cwd=ROOT, capture_output=True, text=True, check=True)
     assert found.stdout.strip() == "[]"

@@ -23,8 +23,7 @@ from monitor.config.load import Config, load_config
 from monitor.config.opcua import OpcUaCondition
 from monitor.records.store import Store
 from monitor.service.ingest import Ingest
-from monitor.service.neighbours.condition import ConditionProcess, Readings
-from monitor.service.neighbours.opcua_client import follow
+from monitor.service.neighbours.condition import ConditionProcess, Readings, follow
 from monitor.service.neighbours.opcua_server import OpcUaError
 from monitor.service.replay import replay
 from streams.block import Block

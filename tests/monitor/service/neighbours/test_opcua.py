@@ -30,7 +30,7 @@ from monitor.commands.check import find_problems
 from monitor.config.load import ConfigError
 from monitor.config.opcua import OpcUaCondition
 from monitor.service.companions import Companions
-from monitor.service.neighbours.opcua_client import follow
+from monitor.service.neighbours.condition import follow
 from monitor.service.neighbours.opcua_server import MachineServer, OpcUaError
 from tests.monitor.service.neighbours.machines import Machine
 from tests.support.daemons import free_port

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from monitor.service.neighbours.points import Snapshot, channels_of, points_of
-from monitor.service.neighbours.snapshots import Snapshots
-from monitor.service.record_message import _WORDS, StoredRecord
+from monitor.service.neighbours.points import _WORDS, Snapshot, Snapshots, StoredRecord, channels_of, points_of
 from tests.monitor.service.neighbours.machines import STATUS, Machine
 
 

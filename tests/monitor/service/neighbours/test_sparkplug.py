@@ -17,8 +17,7 @@ from monitor.config.load import ConfigError
 from monitor.config.outputs import SparkplugSection
 from monitor.service.broker import BrokerLink
 from monitor.service.neighbours.points import Snapshot, channels_of
-from monitor.service.neighbours.sparkplug import Sparkplug, _Node
-from monitor.service.neighbours.sparkplug_payload import Metric, Payloads
+from monitor.service.neighbours.sparkplug import Metric, Payloads, Sparkplug, _Node
 from tests.monitor.service.neighbours.machines import STATUS, Machine
 from tests.support.broker import Broker
 from tests.support.proxy import Proxy
