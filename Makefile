@@ -2,7 +2,7 @@
 PYTHON ?= $(shell command -v python3.11 || command -v python3)
 VENV := .venv
 # Tests of the kernels that are small enough to be interpreted.
-INTERPRETED := tests/contracts/test_models.py tests/models/test_response.py tests/models/test_orbit.py
+INTERPRETED := tests/contracts/test_models.py tests/models/solve/test_response.py tests/models/solve/six_dof/test_orbit.py
 BIN := $(VENV)/bin
 # Collecting the tests keeps their modules with rewritten assertions; what is wrong with them the tests say.
 REWRITE = env -u PYTHONDONTWRITEBYTECODE $(BIN)/python -m pytest --collect-only -qq >/dev/null 2>&1
@@ -55,7 +55,7 @@ PORTABLE := tests/monitor/commands/test_demo.py \
 without-posix: $(READY)
 	@# In processes from which tests/without_posix takes what only POSIX has.
 	PYTHONPATH=tests/without_posix:. $(BIN)/python -m pytest $(PORTABLE)
-	$(BIN)/python -m pytest tests/test_without_posix.py tests/models/test_portable.py tests/models/test_process_signals.py
+	$(BIN)/python -m pytest tests/test_without_posix.py tests/models/platform/test_portable.py tests/models/platform/test_process_signals.py
 	$(BIN)/basedpyright --pythonplatform Windows models streams monitor
 
 coverage: $(READY)

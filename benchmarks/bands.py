@@ -38,7 +38,7 @@ from numpy.typing import NDArray
 
 from benchmarks.common import Row, arguments, calibration_kernel, interleaved_ms, print_table, write_json
 from benchmarks.naming_of import namings_of
-from models.bearing import Kinematics, kinematics
+from models.machine.bearing import Kinematics, kinematics
 from monitor.health.naming import Naming
 from monitor.health.spectrum.bands import candidate_bands, find_band
 from monitor.health.spectrum.features import FeatureSettings, block_features, fundamentals

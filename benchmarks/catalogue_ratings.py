@@ -1,4 +1,4 @@
-"""Derive count and size of the elements of models/catalogue/*.csv from the published load ratings beside them.
+"""Derive count and size of the elements of models/machine/catalogue/*.csv from the published load ratings beside them.
 
 python -m benchmarks.catalogue_ratings rewrites the derived columns and prints the rules of design that follow from the
 even bore codes; without a change of the published columns it changes nothing. Of each candidate count the size follows
@@ -16,10 +16,10 @@ from collections import defaultdict
 from collections.abc import Callable
 from pathlib import Path
 
-from models.catalogue.ratings import Family, Internal, dynamic_rating, static_rating
-from models.catalogue.rules import Rule
-from models.catalogue.series import families, geometry, series_of
-from models.numerics import find_root
+from models.machine.catalogue.ratings import Family, Internal, dynamic_rating, static_rating
+from models.machine.catalogue.rules import Rule
+from models.machine.catalogue.series import families, geometry, series_of
+from models.words.numerics import find_root
 
 FOLDER = Path(__file__).resolve().parents[1] / "models" / "catalogue"
 Row = dict[str, str]

@@ -19,9 +19,9 @@ from benchmarks.common import Row, arguments, print_table, write_json
 from benchmarks.identify import BAND
 from models.lives.life import simulate_lives
 from models.lives.population import Population
+from models.machine.scene import Floor, Slip
 from models.maps.build import build_map
 from models.maps.plan import MapPlan
-from models.scene import Floor, Slip
 from models.work.codec import decode
 from models.work.folder_store import FolderStore
 from models.work.runner import Runner

@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.common import Row, arguments, interleaved_ms, print_table, write_json
-from models.bearing import Kinematics
+from models.machine.bearing import Kinematics
 from monitor.health import detect
 from monitor.health.condition import ConditionSettings
 from monitor.health.machine import BearingVerdict

@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.common import Row, arguments, calibration_kernel, interleaved_ms, print_table, write_json
-from models.bearing import kinematics
+from models.machine.bearing import kinematics
 from monitor.health import detect
 from monitor.health.channel import ChannelBlock, check_channel, detect_input, step
 from monitor.health.condition import Quantity

@@ -17,11 +17,11 @@ import numpy as np
 
 from benchmarks.common import Row, arguments, calibration_kernel, interleaved_ms, print_table, write_json
 from benchmarks.six_dof import ACCURACIES, random_scenes
-from models.bearing import catalogue_entry
-from models.contact_estimates import element_mass, estimate_stiffness
-from models.rigs.six_dof import Rig
-from models.scene import Defect, Scene
-from models.simulate import simulate
+from models.machine.bearing import catalogue_entry
+from models.machine.contact_estimates import element_mass, estimate_stiffness
+from models.machine.rig import Rig
+from models.machine.scene import Defect, Scene
+from models.solve.simulate import simulate
 from tests.support.periods import solve_scene
 
 SEED = 12

@@ -14,10 +14,10 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
 
-from models.bearing import Bearing
-from models.rigs.six_dof import Rig
-from models.scene import Defect, Floor, Scene
-from models.simulate import simulate
+from models.machine.bearing import Bearing
+from models.machine.rig import Rig
+from models.machine.scene import Defect, Floor, Scene
+from models.solve.simulate import simulate
 from tests.oracles.periodic.rig import OracleScene
 from tests.oracles.periodic.scenes import MAX_RESONANCE
 from tests.oracles.periodic.settle import Caps, other_levels

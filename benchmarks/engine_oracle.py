@@ -103,7 +103,7 @@ def main() -> None:
     parser.add_argument("--processes", type=int, choices=range(1, MOST_PROCESSES + 1), default=1)
     parser.add_argument("--steps", type=int, default=MOST_STEPS, help="cap of the steps of one run")
     parser.add_argument("--again", action="store_true", help="run those again that a cap left unresolved")
-    parser.add_argument("--judge", action="store_true", help="compare models.simulate with the stored results")
+    parser.add_argument("--judge", action="store_true", help="compare models.solve.simulate with the stored results")
     parser.add_argument("--accuracy", type=float, help="accuracy to ask the engine for; its own default without it")
     parser.add_argument("--seconds", type=float, default=60.0, help="time that the engine may take for one scene")
     parser.add_argument("--rows", type=Path, metavar="FILE", help="append each comparison, and go on from those in it")

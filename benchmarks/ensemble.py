@@ -19,12 +19,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.common import REFERENCE_MS, Row, arguments, calibration_kernel, interleaved_ms, print_table, write_json
-from models.dynamics.rows import simulate_row
+from models.machine.scene import Floor, Slip
 from models.maps.build import build_map
 from models.maps.ensemble import ensemble_nodes, ensemble_options, step_error
 from models.maps.nodes import MAP_ACCURACY, scene_at, simulate_node_row
 from models.maps.plan import MapPlan
-from models.scene import Floor, Slip
+from models.solve.six_dof.rows import simulate_row
 
 FLOORS = 100
 

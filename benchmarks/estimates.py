@@ -20,12 +20,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from benchmarks.common import Row, arguments, print_table, write_json
-from models.dynamics import periodic, time_domain
-from models.kernels.period import ball_period, blank_trace, mean_square
-from models.registry import Request, solvers
-from models.response import Response
-from models.rigs.six_dof import Rig
-from models.scene import Defect, Floor, Part, Scene, Slip
+from models.machine.rig import Rig
+from models.machine.scene import Defect, Floor, Part, Scene, Slip
+from models.solve.registry import Request, solvers
+from models.solve.response import Response
+from models.solve.six_dof import periodic, time_domain
+from models.solve.six_dof.kernels.period import ball_period, blank_trace, mean_square
 from tests.support.periods import solve_scene
 
 ACCURACIES = (1e-2, 1e-3, 1e-4)

@@ -18,14 +18,20 @@ import numpy as np
 
 from benchmarks.common import Row, arguments, print_table, write_json
 from benchmarks.fe_cut_ring import cut_stiffness
-from models.bearing import catalogue_entry
 from models.fe.bearings.assembled import AssembledBearing, FeState
 from models.fe.bearings.bearing import FeBearing, bore_extent, fe_bearing
 from models.fe.bearings.law import ElementLaw
 from models.fe.cache import FeCache
 from models.fe.meshes.geometry import fe_geometry
-from models.hertz import contact_exponent, contact_patches, contact_stiffness
-from models.load_distribution import elements_in_zone, largest_element_load, load_integral, load_zone, ring_approach
+from models.machine.bearing import catalogue_entry
+from models.machine.hertz import contact_exponent, contact_patches, contact_stiffness
+from models.machine.load_distribution import (
+    elements_in_zone,
+    largest_element_load,
+    load_integral,
+    load_zone,
+    ring_approach,
+)
 
 if TYPE_CHECKING:
     from models.fe.bearings.rings import Support

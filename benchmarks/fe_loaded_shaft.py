@@ -17,13 +17,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.common import Row, arguments, print_table, write_json
-from models.bearing import catalogue_entry
 from models.fe.bearings.assembled import AssembledBearing
 from models.fe.bearings.bearing import analytic_law, fe_bearing
 from models.fe.bearings.ring_bodies import INFLUENCE_RULE
 from models.fe.meshes.geometry import FeGeometry, fe_geometry
 from models.fe.meshes.shaft_mesh import ShaftMeshRule
 from models.fe.shafts.solid_shaft import FitRule, SolidShaft
+from models.machine.bearing import catalogue_entry
 
 BEARINGS = ("NU 202 ECP", "6210")
 LOADS = {"NU 202 ECP": (100.0, 10000.0), "6210": (5000.0,)}

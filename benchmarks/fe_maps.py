@@ -24,18 +24,18 @@ from numpy.typing import NDArray
 
 from benchmarks.common import Row, arguments, print_table, write_json
 from benchmarks.filter import FEATURES, follow, slices_of
-from models.bearing import catalogue_entry
 from models.fe.bearings.oblique import oblique_geometry
 from models.fe.bearings.rig import EffectiveStiffness, rig_stiffness
 from models.fe.bearings.self_aligning import self_aligning_bearing
 from models.fe.shafts.shaft import ShaftModel
-from models.hertz import contact_stiffness
 from models.lives.life import simulate_lives
 from models.lives.population import Population
+from models.machine.bearing import catalogue_entry
+from models.machine.hertz import contact_stiffness
+from models.machine.rig import Rig
 from models.maps.build import build_map
 from models.maps.data import RmsMap
 from models.maps.plan import MapPlan
-from models.rigs.six_dof import Rig
 from monitor.config.fe_shaft import read_shaft
 from monitor.health.damage.filter.particle_filter import FilterSettings
 

@@ -16,7 +16,6 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.common import Row, print_table, write_json
-from models.bearing import catalogue_entry
 from models.fe.bearings.element import surface_gap
 from models.fe.meshes.ball_mesh import ball_mesh
 from models.fe.meshes.common_surface import common_slopes
@@ -28,6 +27,7 @@ from models.fe.meshes.sizing import MeshRule, contact_grid
 from models.fe.solid.condense import ContactCells, compliance
 from models.fe.solid.contact import press_to_force
 from models.fe.solid.elastic import ElasticBody
+from models.machine.bearing import catalogue_entry
 
 RULES = {
     "default": MeshRule(),

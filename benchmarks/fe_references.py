@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from models.fe.solid.contact import press_to_force
-from models.hertz import point_contact_semi_axes, point_contact_stiffness
+from models.machine.hertz import point_contact_semi_axes, point_contact_stiffness
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -42,7 +42,7 @@ class Reference:
 def hertz_point(radius_x: float, radius_z: float, force: float) -> Reference:
     """Return Hertz's contact of a half space with a rigid body of two radii, radius_z at least radius_x, m."""
     modulus = PLANE_MODULUS
-    # E' of models.hertz is twice the modulus of contact; the rigid body leaves that of one half space.
+    # E' of models.machine.hertz is twice the modulus of contact; the rigid body leaves that of one half space.
     axes = point_contact_semi_axes(radius_x, radius_z, force, "elliptic", modulus=2.0 * modulus)
     stiffness = point_contact_stiffness(radius_x, radius_z, "elliptic", modulus=2.0 * modulus)
     peak = 1.5 * force / (math.pi * axes[0] * axes[1])

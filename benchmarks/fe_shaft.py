@@ -14,12 +14,12 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.common import Row, arguments, print_table, write_json
-from models.bearing import catalogue_entry
-from models.contact_estimates import STEEL_DENSITY, estimate_stiffness
 from models.fe.meshes.shaft_mesh import ShaftMeshRule, Step
 from models.fe.shafts.shaft import Seat, ShaftModel, SteppedShaft, Support, condense_shaft
 from models.fe.shafts.spring import RadialSpring, bearing_spring
-from models.shaft_beam import Shaft, element_matrices
+from models.machine.bearing import catalogue_entry
+from models.machine.contact_estimates import STEEL_DENSITY, estimate_stiffness
+from models.machine.shaft_beam import Shaft, element_matrices
 from monitor.config.fe_shaft import read_shaft
 
 FILE = Path(__file__).with_suffix(".toml")

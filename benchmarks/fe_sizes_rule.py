@@ -10,11 +10,11 @@ import time
 from dataclasses import replace
 
 from benchmarks.common import Row
-from models.bearing import catalogue_entry
 from models.fe.meshes.geometry import FeGeometry, fe_geometry
 from models.fe.meshes.sizing import MeshRule, contact_grid, uniform_rule
 from models.fe.solid.condense import ContactCells
 from models.fe.submodel.sector import SectorState, pressed, sector_cells, sector_contact
+from models.machine.bearing import catalogue_entry
 
 REFERENCE = MeshRule(patch=1.6, size=0.267, growth=1.45, along=7)
 # Groove radii of deep groove ball bearings that the catalogue does not have, by the ball's diameter.

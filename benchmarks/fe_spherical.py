@@ -18,12 +18,12 @@ from dataclasses import replace
 import numpy as np
 
 from benchmarks.common import Row, arguments, print_table, write_json
-from models.bearing import catalogue_entry
 from models.fe.bearings.law import ElementLaw, LawTable
 from models.fe.bearings.oblique import ObliqueBearing, ObliqueError, RowInfluence, oblique_geometry
 from models.fe.bearings.profiles import RULE, RollerOnRace, roller_on_race
 from models.fe.meshes.geometry import FeGeometry
 from models.fe.meshes.sizing import MeshRule
+from models.machine.bearing import catalogue_entry
 
 DESIGNATION = "22207"
 OSCULATIONS = (0.95, 0.96, 0.97, 0.98, 0.99)

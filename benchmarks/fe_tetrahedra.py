@@ -26,12 +26,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from benchmarks.common import Row, print_table, write_json
-from models.bearing import catalogue_entry
 from models.fe.meshes.geometry import FeGeometry, Race, fe_geometry
 from models.fe.meshes.sizing import half_sizes
 from models.fe.meshes.tetrahedra import Order, Patch, TetRule
 from models.fe.submodel.tet_sector import TetSector, tet_meshes, tet_sector
 from models.fe.submodel.two_contacts import BoreSpread
+from models.machine.bearing import catalogue_entry
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -23,8 +23,6 @@ from dataclasses import replace
 import numpy as np
 
 from benchmarks.common import Row, arguments, print_table, write_json
-from models import hertz
-from models.bearing import catalogue_entry
 from models.fe.bearings.balance import PowerLaw
 from models.fe.bearings.cage import (
     CageCoupling,
@@ -51,7 +49,9 @@ from models.fe.meshes.sizing import MeshRule
 from models.fe.solid.condense import ContactCells, ContactFrame, cell_loads
 from models.fe.solid.contact import ContactState, press, press_to_force
 from models.fe.solid.elastic import ElasticBody
-from models.numerics import find_root
+from models.machine import hertz
+from models.machine.bearing import catalogue_entry
+from models.words.numerics import find_root
 
 ROLLER, SELF_ALIGNING = "NU 202 ECP", "1205 ETN9"
 LOADS = (100.0, 500.0, 1000.0, 2500.0, 5000.0, 10000.0)

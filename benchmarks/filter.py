@@ -34,10 +34,10 @@ from benchmarks.forecast_lives import cached_lives
 from benchmarks.forecast_population import FRACTIONS, LIBRARY, THRESHOLD
 from benchmarks.forecast_thesis import map_plan
 from models.lives.life import LifeHistory
+from models.machine.scene import Floor
 from models.maps.data import MapSlice, RmsMap
 from models.maps.file import cached_map
 from models.maps.plan import MapPlan
-from models.scene import Floor
 from monitor.health.damage import DamageInput
 from monitor.health.damage.filter.particle_filter import FilterSettings, FilterState, step, step_score
 

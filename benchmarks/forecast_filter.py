@@ -14,9 +14,9 @@ import numpy as np
 from benchmarks.forecast_cases import LEVEL, Answers, Cases, only_volume
 from benchmarks.forecast_thesis import map_plan
 from models.lives.life import LifeHistory
+from models.machine.scene import Floor
 from models.maps.data import MapSlice, RmsMap
 from models.maps.file import cached_map
-from models.scene import Floor
 from monitor.health.damage import Damage, DamageInput
 from monitor.health.damage.filter.particle_filter import FilterSettings, FilterState, step
 

@@ -14,11 +14,11 @@ import numpy as np
 from benchmarks.forecast_cases import Answers, Cases, Floats, no_volume
 from benchmarks.forecast_population import THRESHOLD
 from models.lives.life import LifeHistory
+from models.machine.scene import Floor
 from models.maps.build import build_map
 from models.maps.data import RmsMap
 from models.maps.file import cached_map
 from models.maps.plan import MapPlan
-from models.scene import Floor
 from monitor.health.damage import Remaining, TtStatus
 from monitor.health.damage.thesis import edv, forecast
 from monitor.health.damage.thesis.edv import EdvState

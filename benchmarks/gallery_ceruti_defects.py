@@ -26,9 +26,9 @@ from benchmarks.gallery_ceruti_runs import (
 )
 from benchmarks.gallery_plate import Claim, Plate, number, words
 from benchmarks.gallery_spectra import is_multiple
+from models.machine.scene import Part, Scene
 from models.published.ceruti import SPEED, STEP
-from models.rigs.rotor import RotorRig
-from models.scene import Part, Scene
+from models.solve.rotor.rig import RotorRig
 
 _PRINTED: dict[Part, tuple[float, float, float]] = {
     "outer": (13360.0, 7020.1, 2093.7),

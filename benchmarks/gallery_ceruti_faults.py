@@ -12,11 +12,11 @@ from matplotlib.figure import FigureBase
 from benchmarks.gallery_ceruti_runs import LINES, LUMPED, RATE, SECONDS, SENSORS, lumped
 from benchmarks.gallery_plate import Claim, Plate, number, words
 from benchmarks.gallery_spectra import Lines, Values, kept_lines, mark, spectrum
-from models.dynamics.rotor_elastic import solve
+from models.machine.scene import Scene
 from models.published.ceruti import SPEED
-from models.registry import Request
-from models.response import Response, Sensor
-from models.scene import Scene
+from models.solve.registry import Request
+from models.solve.response import Response, Sensor
+from models.solve.rotor.elastic import solve
 from monitor.report.figures.drawing import AXIS, PURPLE
 
 HIGH = 110.0

@@ -25,15 +25,15 @@ from benchmarks.gallery_spectra import (
     named_panel,
     panels_of_lines,
 )
-from models.bearing import from_catalogue, kinematics
-from models.dynamics import rotor as rigid_rotor
-from models.dynamics import rotor_elastic
-from models.dynamics.rotor import Rigid, Trace, trace_of
+from models.machine.bearing import from_catalogue, kinematics
+from models.machine.scene import Part, Scene
 from models.published.ceruti import DURATION, HALF_PITCH, SPEED, STEP, damaged, peak_value, rotor, run
-from models.registry import Request
-from models.response import Sensor
-from models.rigs.rotor import RotorRig
-from models.scene import Part, Scene
+from models.solve.registry import Request
+from models.solve.response import Sensor
+from models.solve.rotor import elastic as rotor_elastic
+from models.solve.rotor import solver as rigid_rotor
+from models.solve.rotor.rig import RotorRig
+from models.solve.rotor.solver import Rigid, Trace, trace_of
 from monitor.report.figures.drawing import BLUE
 
 MM = 1e3

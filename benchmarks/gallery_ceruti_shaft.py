@@ -28,16 +28,16 @@ from benchmarks.gallery_ceruti_runs import (
 )
 from benchmarks.gallery_plate import Claim, Plate, letter, number, words
 from benchmarks.gallery_spectra import is_multiple, kept_lines, panels_of_lines
-from models.bearing import from_catalogue
-from models.dynamics import rotor as rigid_rotor
-from models.dynamics import rotor_elastic
-from models.hertz import element_angles, static_equilibrium
-from models.load_distribution import ring_approach
+from models.machine.bearing import from_catalogue
+from models.machine.hertz import element_angles, static_equilibrium
+from models.machine.load_distribution import ring_approach
+from models.machine.scene import Scene
 from models.published.ceruti import SPEED, damaged, rotor
-from models.registry import Request
-from models.rigs.rotor import RotorRig
-from models.scene import Scene
-from models.trajectories import Trajectories
+from models.solve.registry import Request
+from models.solve.rotor import elastic as rotor_elastic
+from models.solve.rotor import solver as rigid_rotor
+from models.solve.rotor.rig import RotorRig
+from models.solve.trajectories import Trajectories
 from monitor.report.figures.drawing import BLUE, GREEN, INK, VERMILION
 from monitor.report.figures.scene import draw_orbit
 

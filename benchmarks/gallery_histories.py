@@ -28,7 +28,7 @@ from benchmarks.gallery_lives import (
     twins,
 )
 from benchmarks.gallery_plate import Claim, Plate, letter, words
-from models.bearing import from_catalogue, kinematics
+from models.machine.bearing import from_catalogue, kinematics
 from models.maps.data import MapSlice, RmsMap
 from monitor.health.spectrum.features import BlockFeatures
 from monitor.report.figures.drawing import BLUE, GREY, INK, ORANGE, PURPLE, SHADE, VERMILION

@@ -17,13 +17,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from models.bearing import from_catalogue, kinematics
+from models.machine.bearing import from_catalogue, kinematics
+from models.machine.scene import Defect, Floor, Scene
 from models.maps.build import build_map
 from models.maps.data import RmsMap
 from models.maps.plan import MapPlan
 from models.path.defect import race_radius
-from models.scene import Defect, Floor, Scene
-from models.simulate import simulate
+from models.solve.simulate import simulate
 from monitor.health.damage import EdvStatus, Remaining
 from monitor.health.damage.thesis.edv import EdvSettings, EdvState
 from monitor.health.damage.thesis.edv import step as track

@@ -15,11 +15,11 @@ from matplotlib.figure import FigureBase
 
 from benchmarks.gallery_plate import Claim, Plate, letter, number, words
 from benchmarks.gallery_spectra import Lines, Values, envelope_spectrum, kept_lines, named_panel, panels_of_lines
-from models.bearing import kinematics
-from models.dynamics.ball_inertia import solve
+from models.machine.bearing import kinematics
+from models.machine.scene import Scene
 from models.published.marin import DROPPED, INNER, STEP, bearing_of, run, scene_of
-from models.registry import Request
-from models.scene import Scene
+from models.solve.ball_inertia.solver import solve
+from models.solve.registry import Request
 from monitor.report.figures.drawing import BLUE, VERMILION
 
 SPEEDS = (5.0, 10.0, 20.0, 30.0, 40.0)

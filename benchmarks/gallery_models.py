@@ -143,7 +143,7 @@ _NOTES = {
     ),
     "thibault": (
         "Tribology International, 2022. Groove radii, clearance, inertias, torque and damping are not printed: grooves "
-        "of 0.51 D and 35 µm here, the others as in `models/rigs/angular.py`. Levels are therefore not compared."
+        "of 0.51 D and 35 µm here, the others as in `models/solve/angular/rig.py`. Levels are therefore not compared."
     ),
 }
 _HEAD = """# Gallery: the figures of the other models' sources

@@ -11,13 +11,13 @@ import numpy as np
 from matplotlib.figure import FigureBase
 
 from benchmarks.gallery_plate import Claim, Plate, letter, number, words
-from models.bearing import from_catalogue
-from models.hertz import mean_bearing_stiffness
-from models.load_distribution import StiffnessPassage, stiffness_over_passage
+from models.machine.bearing import from_catalogue
+from models.machine.hertz import mean_bearing_stiffness
+from models.machine.load_distribution import StiffnessPassage, stiffness_over_passage
+from models.machine.rig import Rig, contact_damping, natural_frequencies
+from models.machine.scene import Defect, Floor
 from models.path.defect import ball_path
 from models.published.thesis import EXTENTS_DEG, SEEDED_DEPTH
-from models.rigs.six_dof import Rig, contact_damping, natural_frequencies
-from models.scene import Defect, Floor
 from monitor.report.figures.drawing import BLUE, GREY, INK, ORANGE, SHADE, VERMILION, legend_above
 
 BEARING = "1205 ETN9"

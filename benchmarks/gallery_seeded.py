@@ -25,10 +25,10 @@ from benchmarks.stationary_slip import (
     slip_spectrum_rows,
     slip_statements,
 )
-from models.bearing import kinematics
-from models.dynamics.time_domain import simulate_time
+from models.machine.bearing import kinematics
+from models.machine.scene import Slip
 from models.published.thesis import EXTENTS_DEG
-from models.scene import Slip
+from models.solve.six_dof.time_domain import simulate_time
 from monitor.report.figures.drawing import BLUE, GREEN, GREY, PURPLE, VERMILION
 from streams.block import STANDARD_GRAVITY
 

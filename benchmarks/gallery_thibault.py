@@ -16,10 +16,10 @@ from matplotlib.figure import FigureBase
 from benchmarks import gallery_thibault_ias
 from benchmarks.gallery_plate import Plate, letter, number, words
 from benchmarks.gallery_spectra import Values
-from models.ball_statics import RingState, equilibrium, ring_state
-from models.hertz import point_contact_semi_axes
+from models.machine.ball_statics import RingState, equilibrium, ring_state
+from models.machine.hertz import point_contact_semi_axes
+from models.machine.spall_contact import Spall, force_over_spall
 from models.published.thibault import FAST, LEFT, RIGHT, SLOW, interval, statics
-from models.spall_contact import Spall, force_over_spall
 from monitor.report.figures.drawing import BLUE, INK, VERMILION
 
 TILT = 3.5e-4

@@ -16,11 +16,11 @@ from matplotlib.figure import FigureBase
 
 from benchmarks.gallery_plate import Claim, Plate, letter, number, words
 from benchmarks.gallery_spectra import Lines, Values, kept_lines, mark
-from models.dynamics.angular_plan import assemble, ring_of
-from models.kernels.ball_ring import CARRIED, F_Z, carry
+from models.machine.scene import Scene
 from models.published.thibault import BALL, FAST, SLOW
 from models.published.thibault_shaft import BPFO_LEFT, REFERENCE, SPALL, bpfo, order_spectrum, turning
-from models.scene import Scene
+from models.solve.angular.kernels.ball_ring import CARRIED, F_Z, carry
+from models.solve.angular.plan import assemble, ring_of
 from monitor.report.figures.drawing import BLUE, PURPLE, VERMILION, legend_above
 
 LOADED = replace(REFERENCE, axial_load=-1000.0)

@@ -21,7 +21,7 @@ import numpy as np
 
 from benchmarks.common import Row, arguments, circumstances, print_table, write_json
 from benchmarks.seeded_gears import GEAR_LIVES
-from models.rigs.six_dof import Rig
+from models.machine.rig import Rig
 from monitor.commands.demo import _demo_map, demo_config
 from monitor.health.gears.interference import gear_interference
 from monitor.health.gears.settings import GearPairing, GearSettings, GearWheel

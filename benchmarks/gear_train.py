@@ -29,7 +29,7 @@ from models.gears.damping import with_rayleigh
 from models.gears.linear import matrices, natural_frequencies
 from models.gears.mesh import MeshStiffness
 from models.gears.train import Body, GearTrain, Mesh, Support, Wheel, alike, line_of_action
-from models.scene import Part
+from models.machine.scene import Part
 from tests.oracles.gear_train_oracle import Oracle
 from tests.support.gear_rolling import rotor_and_body
 from tests.support.gear_train import chain, pair

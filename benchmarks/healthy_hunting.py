@@ -23,10 +23,10 @@ import numpy as np
 
 from benchmarks.common import Row, arguments, print_table, write_json
 from benchmarks.hunting_machines import LOAD, MOMENTS, SPEED, Duty, HuntingMachine
-from models.bearing import kinematics
-from models.scene import Scene, Waviness
-from models.simulate import simulate
-from models.speed_profile import hunt
+from models.machine.bearing import kinematics
+from models.machine.scene import Scene, Waviness
+from models.machine.speed_profile import hunt
+from models.solve.simulate import simulate
 from monitor.health import detect
 from monitor.health.channel import ChannelBlock, detect_input
 from monitor.health.condition import Quantity

@@ -36,10 +36,10 @@ from benchmarks.common import (
     print_table,
     write_json,
 )
-from models.dynamics.angular import Trace, trace
+from models.machine.scene import Scene
 from models.published.thibault import FAST, SLOW
 from models.published.thibault_shaft import BPFO_LEFT, REFERENCE, SPALL, bpfo
-from models.scene import Scene
+from models.solve.angular.solver import Trace, trace
 from monitor.health.rotation.encoder import EncoderState, encoder_step
 from monitor.health.rotation.ias import IasSpectrum, beside_marks, ias_lines, ias_spectrum, ias_view
 from monitor.health.rotation.intervals import intervals

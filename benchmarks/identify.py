@@ -20,7 +20,6 @@ from typing import Any
 import numpy as np
 
 from benchmarks.common import Row, print_table, write_json
-from models.bearing import from_catalogue
 from models.identify.evaluate import Evaluator
 from models.identify.evidence import Evidence, Peak
 from models.identify.limits import Limits
@@ -28,8 +27,9 @@ from models.identify.run import Identification, IdentifyOptions, identify
 from models.identify.search import design_points
 from models.identify.space import DEFAULT_FREE, Space
 from models.identify.trials import Condition, Trial, gather
+from models.machine.bearing import from_catalogue
+from models.machine.rig import Rig
 from models.published.thesis import EXTENTS_DEG, SEEDED_DEPTH
-from models.rigs.six_dof import Rig
 from models.work.choose import local_runner
 
 NOISE = 0.03

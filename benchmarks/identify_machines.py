@@ -29,7 +29,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.common import Row, print_table, write_json
-from models.bearing import catalogue_entry, kinematics
 from models.identify.evaluate import Evaluator
 from models.identify.evidence import DIRECTIONS, SCALES, Direction, Evidence, Peak, Prior
 from models.identify.geometry import geometry_priors
@@ -40,8 +39,9 @@ from models.identify.run import Identification, IdentifyOptions, identify
 from models.identify.space import FREE_WITHOUT_TESTS, Space, bearing_directions
 from models.identify.trials import Condition, Trial, Trials, gather, no_trials
 from models.identify.volume import OperatingPoint, levels, objections, small_map, volume_spread
+from models.machine.bearing import catalogue_entry, kinematics
+from models.machine.rig import Rig
 from models.published.thesis import EXTENTS_DEG, SEEDED_DEPTH
-from models.rigs.six_dof import Rig
 
 Floats = NDArray[np.float64]
 

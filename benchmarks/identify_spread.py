@@ -25,18 +25,18 @@ from numpy.typing import NDArray
 
 from benchmarks.common import Row, arguments, print_table, write_json
 from benchmarks.filter import FEATURES, Tracked, follow, slices_of
-from models.bearing import from_catalogue
 from models.identify.evaluate import Evaluator
 from models.identify.run import Identification, IdentifyOptions, identify
 from models.identify.space import Space
 from models.identify.trials import Condition, Trial, gather
 from models.lives.life import LifeHistory, simulate_lives
 from models.lives.population import Population
+from models.machine.bearing import from_catalogue
+from models.machine.rig import Rig
 from models.maps.build import build_map
 from models.maps.data import RmsMap
 from models.maps.plan import MapPlan
 from models.published.thesis import EXTENTS_DEG, SEEDED_DEPTH
-from models.rigs.six_dof import Rig
 from models.work.choose import local_runner
 from monitor.health.damage.filter.particle_filter import FilterSettings
 

@@ -30,7 +30,7 @@ from benchmarks.work_precision import (
     run_rk4,
     run_scipy,
 )
-from models.simulate import simulate
+from models.solve.simulate import simulate
 from tests.support.periods import solve_scene
 
 Attempt = tuple[str, str, Callable[[], Run], int]

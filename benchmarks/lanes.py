@@ -26,10 +26,10 @@ from typing import Literal
 import numpy as np
 
 from benchmarks.common import REFERENCE_MS, Row, arguments, calibration_kernel, interleaved_ms, print_table, write_json
-from models.dynamics.lanes import LaneOptions, LaneRunner, simulate_lanes
-from models.kernels.lanes import LANES
-from models.scene import Defect, Floor, Scene, Slip
-from models.simulate import simulate
+from models.machine.scene import Defect, Floor, Scene, Slip
+from models.solve.simulate import simulate
+from models.solve.six_dof.kernels.lanes import LANES
+from models.solve.six_dof.lanes import LaneOptions, LaneRunner, simulate_lanes
 from tests.oracles.six_dof_oracle import Case, simulate_oracle
 
 SEED = 29

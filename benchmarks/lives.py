@@ -1,7 +1,7 @@
 """What a simulated life costs, with and without slip of the balls, and how far its figures are from longer simulations.
 
 Run as ``python -m benchmarks.lives [--quick] [--json FILE]``. Times are thread times, compilation aside. Without slip
-the error is that of the steps, against ``models.simulate`` asked for 1e-4; with slip it is that of the short
+the error is that of the steps, against ``models.solve.simulate`` asked for 1e-4; with slip it is that of the short
 record (four times seven ball periods), against records ten times as long. Blocks of damage at random places of lives,
 no noise.
 """
@@ -15,13 +15,13 @@ from dataclasses import replace
 import numpy as np
 
 from benchmarks.common import Row, arguments, print_table, write_json
-from models.dynamics.lanes import LaneOptions, LaneRunner
-from models.dynamics.rows import settled_levels
 from models.lives.life import LifePlan, draw_life, simulate_life
 from models.lives.population import Population
+from models.machine.scene import Scene, Slip
 from models.path.defect import race_radius
-from models.scene import Scene, Slip
-from models.simulate import simulate
+from models.solve.simulate import simulate
+from models.solve.six_dof.lanes import LaneOptions, LaneRunner
+from models.solve.six_dof.rows import settled_levels
 
 BAND = (0.0, 9500.0)
 SLIPS = (0.002, 0.005, 0.01)

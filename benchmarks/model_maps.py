@@ -1,11 +1,11 @@
 """V_eq on maps of each model, of simulated rigs of each model: what it costs to have the wrong one.
 
 Run as ``python -m benchmarks.model_maps [--quick] [--json FILE]``. The bearing is a 6205 at 4000 N and 40 Hz, which all
-models take that describe depth; the nominal parameters are those of ``models.nominal_rigs``, the maps of smooth floors.
-A life is one of ``rig:ferrara?model=NAME&bearing=6205``: its parameters are 2 to 5 % off, and its floor is rough where
-the model has that. As in ``benchmarks.tracking``, blocks are not sampled: RMS and lines are those that the model gives
-in the band of the map, at the speed and load which the rig has in that block, with the power of the rig's background
-added and 2 % of scatter. Tracking begins at the true onset, and ends at the threshold. Tables:
+models take that describe depth; the nominal parameters are those of ``models.solve.nominal_rigs``, the maps of smooth
+floors. A life is one of ``rig:ferrara?model=NAME&bearing=6205``: its parameters are 2 to 5 % off, and its floor is
+rough where the model has that. As in ``benchmarks.tracking``, blocks are not sampled: RMS and lines are those that the
+model gives in the band of the map, at the speed and load which the rig has in that block, with the power of the rig's
+background added and 2 % of scatter. Tracking begins at the true onset, and ends at the threshold. Tables:
 
 1. cost of a node of each model, and how the maps are: RMS at two places, and the share of the nodes at which it falls
    with extent or depth, so that a level does not tell one defect;
@@ -31,8 +31,8 @@ from models.maps.file import cached_map
 from models.maps.nodes import simulate_node_row
 from models.maps.plan import MapPlan
 from models.rigs import IGNORES_DEPTH, RIGS
-from models.rigs.angular import AngularRig
-from models.simulate import simulate
+from models.solve.angular.rig import AngularRig
+from models.solve.simulate import simulate
 from monitor.health.damage import tracker as damage
 from monitor.health.damage.tracker import TrackMethod
 from monitor.service.setup import part_map

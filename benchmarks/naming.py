@@ -31,7 +31,7 @@ from numpy.typing import NDArray
 
 from benchmarks.common import Row, arguments, print_table, write_json
 from benchmarks.naming_of import namings_of
-from models.bearing import Kinematics, catalogue, kinematics
+from models.machine.bearing import Kinematics, catalogue, kinematics
 from monitor.health.naming import MIN_DEPTH, SURE, Naming
 from monitor.health.spectrum.average import RecentSpectra
 from monitor.health.spectrum.bands import candidate_bands, find_band

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import asdict
 
-from models.bearing import Kinematics
+from models.machine.bearing import Kinematics
 from monitor.health.naming import Naming, name_fault
 from monitor.health.spectrum.features import BlockFeatures
 

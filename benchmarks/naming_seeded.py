@@ -27,7 +27,7 @@ from typing import Any
 from benchmarks.common import Row, circumstances, print_table, write_json
 from benchmarks.naming_truth import FINDABLE, comb_depth, envelope_spectrum
 from benchmarks.seeded_faults import HELD_OUT, TRAINING, VALIDATION, Plan, Seeded, kept
-from models.bearing import from_catalogue
+from models.machine.bearing import from_catalogue
 from monitor.config.load import Config
 from monitor.health.state import SourceSettings
 from monitor.service.setup import source_settings

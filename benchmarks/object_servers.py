@@ -25,7 +25,7 @@ from urllib.parse import urlsplit
 from benchmarks.cluster_cases import CASES
 from benchmarks.common import print_table, write_json
 from benchmarks.object_cluster import Place, Said, leaks
-from models.errors import SpallwatchError
+from models.words.errors import SpallwatchError
 from models.work.object_store import ObjectStore
 from models.work.storage_error import ObjectStorageError
 from streams.remote import RemoteError, expand, fetched

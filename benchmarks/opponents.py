@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from models.kernels.jit import kernel
+from models.platform.jit import kernel
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -36,7 +36,7 @@ from benchmarks.common import (
     print_table,
     write_json,
 )
-from models.bearing import kinematics
+from models.machine.bearing import kinematics
 from monitor.health.rotation.rotation import Rotation, constant
 from monitor.health.spectrum.features import FAULTS, FeatureSettings, block_features, fundamentals
 from monitor.health.spectrum.interference import Interference, all_combs

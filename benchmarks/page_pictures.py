@@ -28,8 +28,8 @@ from PIL import Image
 from playwright.sync_api import Browser, sync_playwright
 
 from benchmarks.regression.trees import ROOT, Tree
+from models.machine.rig import Rig
 from models.maps.file import save_map
-from models.rigs.six_dof import Rig
 from monitor.commands.demo import _demo_library, _demo_map, demo_config
 from monitor.records.library_file import save_library
 from streams.rig import INTERVAL, RATE, SimulatedRig

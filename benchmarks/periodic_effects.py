@@ -21,9 +21,9 @@ from benchmarks.common import (
     print_table,
     write_json,
 )
-from models.response import Response
-from models.scene import Defect, Scene, Waviness
-from models.simulate import simulate
+from models.machine.scene import Defect, Scene, Waviness
+from models.solve.response import Response
+from models.solve.simulate import simulate
 
 TARGET_MS = 1.5
 ACCURACIES = (2e-3, 1e-3)

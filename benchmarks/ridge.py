@@ -33,7 +33,7 @@ from benchmarks.ridge_signals import (
     plain,
     rotation_of,
 )
-from models.bearing import Bearing, from_catalogue, kinematics
+from models.machine.bearing import Bearing, from_catalogue, kinematics
 from monitor.health.rotation.ridge import angle_from_vibration
 from monitor.health.rotation.rotation import Rotation
 from monitor.health.spectrum.speed import SpeedStatus, estimate_speed

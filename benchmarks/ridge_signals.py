@@ -14,10 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 
-from models.bearing import from_catalogue, kinematics
-from models.dynamics.time_domain import simulate_time
-from models.scene import Defect, Scene
-from models.speed_profile import SpeedProfile
+from models.machine.bearing import from_catalogue, kinematics
+from models.machine.scene import Defect, Scene
+from models.machine.speed_profile import SpeedProfile
+from models.solve.six_dof.time_domain import simulate_time
 from monitor.health.rotation.rotation import Rotation
 
 RATE, SECONDS = 25_600.0, 5.0

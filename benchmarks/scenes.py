@@ -24,15 +24,15 @@ import numpy as np
 from benchmarks.common import Row, arguments, print_table, write_json
 from benchmarks.scenes_effects import effect_rows, effect_table
 from benchmarks.scenes_trial import timed, truth_of
-from models.bearing import from_catalogue
-from models.choice import select, stand_ins
-from models.dynamics.turning import passage_rate
-from models.registry import Request, choose
-from models.response import Response
-from models.rigs.ball_inertia import BallInertiaRig
-from models.rigs.rotor import RotorRig
-from models.scene import Defect, Scene
-from models.simulate import volume_slope
+from models.machine.bearing import from_catalogue
+from models.machine.scene import Defect, Scene
+from models.solve.ball_inertia.rig import BallInertiaRig
+from models.solve.choice import select, stand_ins
+from models.solve.engine.turning import passage_rate
+from models.solve.registry import Request, choose
+from models.solve.response import Response
+from models.solve.rotor.rig import RotorRig
+from models.solve.simulate import volume_slope
 
 QUICK = 3
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "explanation" / "scenes.md"

@@ -1,4 +1,4 @@
-"""Bounds of the errors of stand-ins: fitted to the true errors of random scenes, for ``models/mappings/table.py``.
+"""Bounds of the errors of stand-ins, fitted to true errors of random scenes, for ``models/solve/mappings/table.py``.
 
 Run as ``python -m benchmarks.scenes_fit [--quick] [--json FILE]``. Training seeds: 40,000 on for healthy balls,
 40,400 on for shafts, 42,000 on for unbalanced balls, 43,000 on for rotors; ``benchmarks.scenes_judged`` has others.
@@ -21,11 +21,11 @@ from numpy.typing import NDArray
 from benchmarks.common import Row, arguments, print_table, write_json
 from benchmarks.scenes_random import draw
 from benchmarks.scenes_trial import error_of
-from models.choice import stand_ins
-from models.mappings.errors import Groups, groups_of_balls, groups_of_shaft
-from models.registry import choose
-from models.response import Quantity
-from models.scene import Scene
+from models.machine.scene import Scene
+from models.solve.choice import stand_ins
+from models.solve.mappings.errors import Groups, groups_of_balls, groups_of_shaft
+from models.solve.registry import choose
+from models.solve.response import Quantity
 
 
 @dataclass(frozen=True)

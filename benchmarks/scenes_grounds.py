@@ -14,12 +14,13 @@ from dataclasses import replace
 from benchmarks.common import Row, arguments, print_table, write_json
 from benchmarks.scenes_random import draw
 from benchmarks.scenes_trial import timed, truth_of
-from models.bearing import from_catalogue
-from models.dynamics import ball_inertia, ball_period
-from models.rigs.ball_inertia import BallInertiaRig
-from models.rigs.ring_impact import RingImpactRig
-from models.scene import Defect, Scene
-from models.simulate import simulate
+from models.machine.bearing import from_catalogue
+from models.machine.scene import Defect, Scene
+from models.solve.ball_inertia import period as ball_period
+from models.solve.ball_inertia import solver as ball_inertia
+from models.solve.ball_inertia.rig import BallInertiaRig
+from models.solve.ring_impact.rig import RingImpactRig
+from models.solve.simulate import simulate
 
 SEEDS = {"balls": range(40_000, 40_012), "balls, defect": range(40_600, 40_612)}
 QUICK = 2

@@ -12,15 +12,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.scenes_random import Drawn
-from models.bearing import kinematics
-from models.choice import stand_ins
-from models.dynamics import ball_inertia, ball_period, periodic, rotor_elastic, time_domain
-from models.dynamics.rotor import Rigid
-from models.mappings.mapping import Mapping
-from models.registry import Request, Solver, choose
-from models.response import Response
-from models.scene import Scene
-from models.simulate import simulate, volume_slope
+from models.machine.bearing import kinematics
+from models.machine.scene import Scene
+from models.solve.ball_inertia import period as ball_period
+from models.solve.ball_inertia import solver as ball_inertia
+from models.solve.choice import stand_ins
+from models.solve.mappings.mapping import Mapping
+from models.solve.registry import Request, Solver, choose
+from models.solve.response import Response
+from models.solve.rotor import elastic as rotor_elastic
+from models.solve.rotor.solver import Rigid
+from models.solve.simulate import simulate, volume_slope
+from models.solve.six_dof import periodic, time_domain
 
 FINER = 8
 """Steps of the truth over those that the reference begins with."""

@@ -19,15 +19,15 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from models.bearing import Kinematics, catalogue_entry, from_catalogue, kinematics
-from models.nominal_rigs import nominal_rig
-from models.response import Response
+from models.machine.bearing import Kinematics, catalogue_entry, from_catalogue, kinematics
+from models.machine.rig import Rig
+from models.machine.scene import Defect, Part, Scene
 from models.rigs import AnyRig
-from models.rigs.ball_inertia import BallInertiaRig
-from models.rigs.rotor import RotorRig
-from models.rigs.six_dof import Rig
-from models.scene import Defect, Part, Scene
-from models.simulate import simulate
+from models.solve.ball_inertia.rig import BallInertiaRig
+from models.solve.nominal_rigs import nominal_rig
+from models.solve.response import Response
+from models.solve.rotor.rig import RotorRig
+from models.solve.simulate import simulate
 
 Samples = NDArray[np.float64]
 

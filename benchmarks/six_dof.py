@@ -28,17 +28,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.common import Row, arguments, calibration_kernel, interleaved_ms, print_table, write_json
-from models.kernels.period import Period, blank_trace, mean_square
-from models.kernels.settled import R_ERROR, R_RMS
+from models.machine.scene import Defect, Floor, Scene
 from models.maps.build import build_map
 from models.maps.check import check_map
 from models.maps.data import RmsMap
 from models.maps.nodes import scene_at
 from models.maps.plan import MapPlan
-from models.registry import Request
-from models.response import Response
-from models.scene import Defect, Floor, Scene
-from models.simulate import simulate
+from models.solve.registry import Request
+from models.solve.response import Response
+from models.solve.simulate import simulate
+from models.solve.six_dof.kernels.period import Period, blank_trace, mean_square
+from models.solve.six_dof.kernels.settled import R_ERROR, R_RMS
 from models.work.choose import local_runner
 from models.work.runner import SERIAL
 from tests.oracles.six_dof_oracle import Case, simulate_oracle

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.common import arguments, print_table, write_json
-from models.bearing import Bearing, from_catalogue
+from models.machine.bearing import Bearing, from_catalogue
 from monitor.health.spectrum.speed import SpeedStatus, estimate_speed
 from streams.block import Block
 from streams.open import open_source

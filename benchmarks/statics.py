@@ -18,15 +18,15 @@ import matplotlib as mpl
 import numpy as np
 
 from benchmarks.common import Row, calibration_kernel, interleaved_ms, print_table, write_json
-from models.bearing import from_catalogue
-from models.hertz import bearing_stiffness, contact_exponent, contact_stiffness, static_equilibrium
-from models.load_distribution import load_distribution, load_zone, stiffness_over_passage
+from models.machine.bearing import from_catalogue
+from models.machine.hertz import bearing_stiffness, contact_exponent, contact_stiffness, static_equilibrium
+from models.machine.load_distribution import load_distribution, load_zone, stiffness_over_passage
+from models.machine.rig import Rig
+from models.machine.scene import Defect
 from models.published.thesis import EXTENTS_DEG, SEEDED_DEPTH
-from models.rigs.six_dof import Rig
-from models.scene import Defect
 
 if TYPE_CHECKING:
-    from models.bearing import Bearing
+    from models.machine.bearing import Bearing
 
 mpl.use("Agg")
 

@@ -29,13 +29,13 @@ from benchmarks.stationary_slip import (
     slip_spectrum_rows,
     slip_statements,
 )
+from models.machine.scene import Defect, Scene
 from models.published.thesis import EXTENTS_DEG, SEEDED_DEPTH
-from models.scene import Defect, Scene
-from models.simulate import simulate
+from models.solve.simulate import simulate
 from streams.block import STANDARD_GRAVITY
 
 if TYPE_CHECKING:
-    from models.response import Response
+    from models.solve.response import Response
 
 mpl.use("Agg")
 

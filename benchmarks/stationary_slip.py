@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from models.dynamics.lanes import LaneOptions, simulate_lanes
-from models.dynamics.time_domain import simulate_time
-from models.scene import Scene, Slip
+from models.machine.scene import Scene, Slip
+from models.solve.six_dof.lanes import LaneOptions, simulate_lanes
+from models.solve.six_dof.time_domain import simulate_time
 from streams.block import STANDARD_GRAVITY
 
 if TYPE_CHECKING:

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.common import Row, arguments, interleaved_ms, print_table, write_json
-from models.speed_profile import SpeedProfile, hunt, ramp
+from models.machine.speed_profile import SpeedProfile, hunt, ramp
 from monitor.health.condition import ConditionSettings
 from monitor.health.rotation.found import FoundRotation, find_rotation
 from monitor.health.rotation.settings import TachoSettings

@@ -21,21 +21,21 @@ from typing import Any
 import numpy as np
 
 from benchmarks.common import Row, arguments, print_table, write_json
-from models.bearing import catalogue_entry, from_catalogue
-from models.dynamics.lanes import LaneOptions, simulate_lanes
 from models.identify.evaluate import Evaluator
 from models.identify.space import Space
 from models.identify.trials import Condition
 from models.lives.life import simulate_lives
 from models.lives.population import Population
+from models.machine.bearing import catalogue_entry, from_catalogue
+from models.machine.rig import Rig
+from models.machine.scene import Defect, Floor, Scene, Slip
 from models.maps.build import build_map
 from models.maps.ensemble import ensemble_nodes
 from models.maps.plan import MapPlan
-from models.nominal_rigs import nominal_rig
-from models.rigs.angular import AngularRig
-from models.rigs.rotor import RotorRig
-from models.rigs.six_dof import Rig
-from models.scene import Defect, Floor, Scene, Slip
+from models.solve.angular.rig import AngularRig
+from models.solve.nominal_rigs import nominal_rig
+from models.solve.rotor.rig import RotorRig
+from models.solve.six_dof.lanes import LaneOptions, simulate_lanes
 from models.work.choose import local_runner
 from models.work.codec import encode
 from models.work.runner import SERIAL, Runner

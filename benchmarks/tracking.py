@@ -26,11 +26,11 @@ from numpy.typing import NDArray
 
 from benchmarks import edv as analytic
 from benchmarks.common import Row, arguments, print_table, write_json
-from models.bearing import kinematics
+from models.machine.bearing import kinematics
+from models.machine.scene import Floor
 from models.maps.file import cached_map
 from models.maps.plan import MapPlan
-from models.scene import Floor
-from models.simulate import simulate
+from models.solve.simulate import simulate
 from monitor.health.damage import EdvStatus, Remaining, TtStatus
 from monitor.health.damage.thesis import edv, forecast
 from monitor.health.damage.thesis.edv import EdvState

@@ -20,13 +20,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.common import REFERENCE_MS, Row, arguments, calibration_kernel, interleaved_ms, print_table, write_json
-from models.dynamics.stationary import stationary_level
-from models.dynamics.time_domain import simulate_time
+from models.machine.scene import Part
 from models.maps.build import build_map
 from models.maps.nodes import MAP_ACCURACY, nodes_at_random, scene_at
 from models.maps.plan import MapPlan
-from models.response import STATUSES
-from models.scene import Part
+from models.solve.response import STATUSES
+from models.solve.six_dof.stationary import stationary_level
+from models.solve.six_dof.time_domain import simulate_time
 
 PARTS: tuple[Part, ...] = ("inner", "ball")
 SEED = 14

@@ -16,8 +16,8 @@ from tqdm import tqdm
 
 from benchmarks import unseen_laws, unseen_lives
 from benchmarks.unseen_lives import LifeOptions, UnseenLife, simulate_life
+from models.machine.rig import Rig
 from models.maps.plan import version_of
-from models.rigs.six_dof import Rig
 from models.work.choose import local_runner
 from models.work.task import Work
 

@@ -24,10 +24,10 @@ from benchmarks.unseen_lives import (
     measure,
     simulate_life,
 )
+from models.machine.scene import Defect, Scene
 from models.path.defect import race_radius
-from models.response import HARMONICS
-from models.scene import Defect, Scene
-from models.simulate import simulate
+from models.solve.response import HARMONICS
+from models.solve.simulate import simulate
 
 WATCHED = 50
 """Blocks after the cause in which a flag counts."""

@@ -22,12 +22,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.unseen_laws import DURATIONS, LAWS, OTHER_LAWS, Floats, Rng, draw_growth
-from models.bearing import Bearing, from_catalogue
-from models.dynamics.rows import settled_levels
+from models.machine.bearing import Bearing, from_catalogue
+from models.machine.rig import Rig
+from models.machine.scene import Defect, Floor, Scene, Slip
 from models.path.defect import race_radius
-from models.response import HARMONICS
-from models.rigs.six_dof import Rig
-from models.scene import Defect, Floor, Scene, Slip
+from models.solve.response import HARMONICS
+from models.solve.six_dof.rows import settled_levels
 
 BAND = (0.0, 9500.0)
 """Band of the RMS, Hz: the default of ``library build``."""

@@ -50,13 +50,13 @@ from benchmarks.varying_speed_blocks import (
     scenes,
     verdict,
 )
-from models.bearing import Bearing
-from models.dynamics.angular import solve
-from models.dynamics.time_domain import simulate_time
-from models.registry import Request
-from models.rigs.angular import AngularRig
-from models.scene import Defect, Scene
-from models.speed_profile import constant, hunt, ramp
+from models.machine.bearing import Bearing
+from models.machine.scene import Defect, Scene
+from models.machine.speed_profile import constant, hunt, ramp
+from models.solve.angular.rig import AngularRig
+from models.solve.angular.solver import solve
+from models.solve.registry import Request
+from models.solve.six_dof.time_domain import simulate_time
 
 _STEP = 10e-6
 

@@ -12,12 +12,12 @@ from scipy.interpolate import CubicSpline
 from scipy.signal import hilbert
 
 from benchmarks.naming_of import namings_of
-from models.bearing import Bearing, kinematics
-from models.response import Response
-from models.rigs.six_dof import Rig
-from models.scene import Defect, Part, Scene, Slip
-from models.shaft_marks import ShaftMarks, TimeAt, as_channel, time_of_turns
-from models.speed_profile import SpeedProfile, hunt, ramp
+from models.machine.bearing import Bearing, kinematics
+from models.machine.rig import Rig
+from models.machine.scene import Defect, Part, Scene, Slip
+from models.machine.shaft_marks import ShaftMarks, TimeAt, as_channel, time_of_turns
+from models.machine.speed_profile import SpeedProfile, hunt, ramp
+from models.solve.response import Response
 from monitor.health.condition import ConditionSettings, known_sd, speed_of
 from monitor.health.rotation.found import find_rotation
 from monitor.health.rotation.settings import TachoSettings

@@ -98,7 +98,7 @@ class MapCheck(WorkCase):
 
     def prepare(self, folder: Path) -> None:
         """Build the map."""
-        from models.bearing import from_catalogue
+        from models.machine.bearing import from_catalogue
         from models.maps.build import build_map
         from models.maps.file import save_map
         from models.maps.plan import MapPlan

@@ -18,8 +18,8 @@ from typing import Any
 import numpy as np
 
 from benchmarks.common import arguments, interleaved_ms, print_table, write_json
+from models.machine.scene import Defect, Scene, Slip
 from models.maps.plan import MapPlan
-from models.scene import Defect, Scene, Slip
 from models.work.chunk import StoredChunk, chunk_key
 from models.work.codec import decode, encode
 from models.work.folder_store import FolderStore

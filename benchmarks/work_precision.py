@@ -21,12 +21,12 @@ from scipy.interpolate import CubicSpline
 from scipy.linalg import expm
 
 from benchmarks import opponents as op
-from models.dynamics.periodic import steering
-from models.kernels.orbit import CALM_PERIODS, PLAIN_FIRST, settle
-from models.kernels.period import blank_trace, mean_square
-from models.kernels.step import P_OMEGA, P_PITCH
+from models.machine.scene import Defect, Floor, Scene
 from models.path.defect import RaceProfile, ball_path
-from models.scene import Defect, Floor, Scene
+from models.solve.six_dof.kernels.orbit import CALM_PERIODS, PLAIN_FIRST, settle
+from models.solve.six_dof.kernels.period import blank_trace, mean_square
+from models.solve.six_dof.kernels.step import P_OMEGA, P_PITCH
+from models.solve.six_dof.periodic import steering
 from tests.oracles import six_dof_oracle as oracle
 from tests.support.periods import period_of, run
 

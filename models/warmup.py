@@ -13,8 +13,8 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass, field, replace
 
-from models.scene import Defect, Scene, Slip
-from models.speed_profile import constant
+from models.machine.scene import Defect, Scene, Slip
+from models.machine.speed_profile import constant
 
 _SCENE = Scene(40.0, 4000.0, defect=Defect(dphi_d=0.1, h_d=1e-5))
 
@@ -24,7 +24,7 @@ class CompiledPart:
     """Time to prepare one part.
 
     ``elapsed`` is wall time, imports and loading included, s; ``kernels`` are the processor seconds of the compiler by
-    function, as of ``models.kernels.jit.compiling``, empty if all were loaded.
+    function, as of ``models.platform.jit.compiling``, empty if all were loaded.
     """
 
     name: str
@@ -33,7 +33,7 @@ class CompiledPart:
 
 
 def _one_scene() -> None:
-    from models.simulate import simulate
+    from models.solve.simulate import simulate
 
     simulate(_SCENE)
 
@@ -46,13 +46,13 @@ def _rows_of_a_map() -> None:
 
 
 def _many_scenes() -> None:
-    from models.dynamics.lanes import LaneOptions, simulate_lanes
+    from models.solve.six_dof.lanes import LaneOptions, simulate_lanes
 
     simulate_lanes([replace(_SCENE, slip=Slip(0.01))], LaneOptions(slip_blocks=2))
 
 
 def _over_time() -> None:
-    from models.dynamics.time_domain import simulate_time
+    from models.solve.six_dof.time_domain import simulate_time
 
     # A force that turns with the shaft is left out of the machine code of scenes without one, as is a changing speed.
     steady = Scene(40.0, 1000.0)
@@ -61,19 +61,19 @@ def _over_time() -> None:
 
 
 def _impacts() -> None:
-    from models.bearing import from_catalogue
-    from models.rigs.ring_impact import RingImpactRig
-    from models.simulate import simulate
+    from models.machine.bearing import from_catalogue
+    from models.solve.ring_impact.rig import RingImpactRig
+    from models.solve.simulate import simulate
 
     scene = Scene(40.0, 1000.0, bearing=from_catalogue("6205"), rig=RingImpactRig(), defect=Defect(0.02, 1e-4))
     simulate(scene, duration=0.05, rate=25600.0)
 
 
 def _rotor() -> None:
-    from models.bearing import from_catalogue
-    from models.dynamics.rotor import trace
-    from models.dynamics.rotor_elastic import trace_elastic
-    from models.rigs.rotor import RotorRig
+    from models.machine.bearing import from_catalogue
+    from models.solve.rotor.elastic import trace_elastic
+    from models.solve.rotor.rig import RotorRig
+    from models.solve.rotor.solver import trace
 
     scene = Scene(40.0, 1000.0, bearing=from_catalogue("6305"), rig=RotorRig(end_mass=0.3))
     trace(scene, 1e-3, 1e-5)
@@ -81,18 +81,18 @@ def _rotor() -> None:
 
 
 def _balls() -> None:
-    from models.bearing import from_catalogue
-    from models.dynamics.ball_inertia import trace
-    from models.rigs.ball_inertia import BallInertiaRig
+    from models.machine.bearing import from_catalogue
+    from models.solve.ball_inertia.rig import BallInertiaRig
+    from models.solve.ball_inertia.solver import trace
 
     trace(Scene(40.0, 1000.0, bearing=from_catalogue("6206"), rig=BallInertiaRig()), 1e-3, 5e-6)
 
 
 def _angular_speed() -> None:
-    from models.bearing import from_catalogue
-    from models.dynamics.angular import solve, trace
-    from models.registry import Request
-    from models.rigs.angular import AngularRig
+    from models.machine.bearing import from_catalogue
+    from models.solve.angular.rig import AngularRig
+    from models.solve.angular.solver import solve, trace
+    from models.solve.registry import Request
 
     # With such couplings, damping and governor little is simulated before the record.
     rig = AngularRig(mode_limit=5e3, coupling=1e5, damping=0.5, governor=10.0)
@@ -102,10 +102,10 @@ def _angular_speed() -> None:
 
 
 def _gears() -> None:
-    from models.bearing import from_catalogue
     from models.dynamics.gear_pair import SOLVER
-    from models.registry import Request
+    from models.machine.bearing import from_catalogue
     from models.rigs.gear_pair import GearPairRig
+    from models.solve.registry import Request
 
     scene = Scene(40.0, 1000.0, bearing=from_catalogue("6305"), rig=GearPairRig())
     SOLVER.solve(scene, Request(duration=1e-3, rate=5120.0, accuracy=1.0))
@@ -132,7 +132,7 @@ def compile_part(name: str) -> CompiledPart:
         KeyError: if there is no part of that name.
     """
     began = time.perf_counter()
-    from models.kernels.jit import compiling
+    from models.platform.jit import compiling
 
     with compiling() as kernels:
         PARTS[name]()

@@ -105,7 +105,7 @@ def main() -> None:
     if problem is not None:
         click.echo(f"spallwatch: {problem}", err=True)
         sys.exit(WRONG)
-    from models.process_signals import interrupts_kept
+    from models.platform.process_signals import interrupts_kept
 
     try:
         with interrupts_kept():
@@ -128,7 +128,7 @@ def main() -> None:
 def _explain(error: Exception) -> None:
     """Print what went wrong and exit with the error's code; SPALLWATCH_TRACEBACK=1 shows where. No credentials."""
     # Not imported above: check_installation comes before anything of models.
-    from models.errors import SpallwatchError
+    from models.words.errors import SpallwatchError
     from models.work.redact import redact, redacted_traceback
 
     foreseen = isinstance(error, SpallwatchError)

@@ -23,13 +23,13 @@ from spallwatch._floors import import_own_floors
 import_own_floors()
 
 if TYPE_CHECKING:
-    from models.bearing import Bearing as Bearing
-    from models.bearing import Kinematics as Kinematics
-    from models.errors import SpallwatchError as SpallwatchError
+    from models.machine.bearing import Bearing as Bearing
+    from models.machine.bearing import Kinematics as Kinematics
+    from models.machine.scene import Scene as Scene
     from models.maps.data import RmsMap as RmsMap
-    from models.response import Response as Response
-    from models.scene import Scene as Scene
-    from models.simulate import simulate as simulate
+    from models.solve.response import Response as Response
+    from models.solve.simulate import simulate as simulate
+    from models.words.errors import SpallwatchError as SpallwatchError
     from monitor import __version__ as __version__
     from monitor.health.naming import Naming as Naming
     from spallwatch.analysis import SignalError as SignalError
@@ -67,14 +67,14 @@ if TYPE_CHECKING:
 # Imported when they are first used: a script that reads a file does not wait for the models, nor the command line for
 # any of it.
 _HOMES = {
-    "Bearing": "models.bearing",
-    "Kinematics": "models.bearing",
+    "Bearing": "models.machine.bearing",
+    "Kinematics": "models.machine.bearing",
     "Naming": "monitor.health.naming",
-    "Response": "models.response",
+    "Response": "models.solve.response",
     "RmsMap": "models.maps.data",
-    "Scene": "models.scene",
+    "Scene": "models.machine.scene",
     "SignalError": "spallwatch.analysis",
-    "SpallwatchError": "models.errors",
+    "SpallwatchError": "models.words.errors",
     "__version__": "monitor",
     "acceleration": "spallwatch.scenes",
     "bearing": "spallwatch.bearings",
@@ -104,7 +104,7 @@ _HOMES = {
     "replay": "spallwatch.records",
     "save_map": "spallwatch.scenes",
     "scene": "spallwatch.scenes",
-    "simulate": "models.simulate",
+    "simulate": "models.solve.simulate",
     "spectrum": "spallwatch.analysis",
     "to_signal": "spallwatch.recordings",
 }

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from models.bearing import Bearing
+from models.machine.bearing import Bearing
 from monitor.config.fields import plain_name
 from monitor.config.load import Config, load_config, validate
 

@@ -8,7 +8,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike
 
-from models.errors import WrongInputError
+from models.words.errors import WrongInputError
 from streams.pulses import Pulses
 from streams.tacho import edge_times
 

@@ -8,8 +8,8 @@ import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike
 
-from models.bearing import Bearing
-from models.errors import WrongInputError
+from models.machine.bearing import Bearing
+from models.words.errors import WrongInputError
 from monitor.health.naming import Naming
 from monitor.health.record import Record
 from monitor.health.spectrum.transform import BlockTransform

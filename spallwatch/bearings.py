@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from models.bearing import Bearing, Kinematics, catalogue_entry, kinematics
-from models.errors import WrongInputError
+from models.machine.bearing import Bearing, Kinematics, catalogue_entry, kinematics
+from models.words.errors import WrongInputError
 
 
 class BearingError(WrongInputError):

@@ -7,7 +7,7 @@ import xarray as xr
 from matplotlib.figure import Figure
 from numpy.typing import ArrayLike
 
-from models.bearing import Bearing, kinematics
+from models.machine.bearing import Bearing, kinematics
 from monitor.health.spectrum.cyclic import RESOLUTION, CyclicCoherence
 from monitor.health.spectrum.cyclic_study import CyclicStudy, cyclic_study, known_rotation
 from monitor.health.spectrum.settings import fundamentals

@@ -12,10 +12,10 @@ import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from models.bearing import Kinematics
+from models.machine.bearing import Kinematics
+from models.machine.scene import Scene
 from models.maps.data import RmsMap
-from models.response import Response, Sensor
-from models.scene import Scene
+from models.solve.response import Response, Sensor
 from monitor.report.figures.drawing import BLUE, GREY, STYLE, WIDTH, legend_above, log_ticks
 from monitor.report.figures.rms_map import map_sheet
 from monitor.report.figures.scene import fundamental_of, scene_sheet, signal_of

@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from models.bearing import Bearing, CatalogueEntry, catalogue_entry
-from models.errors import WrongInputError
+from models.machine.bearing import Bearing, CatalogueEntry, catalogue_entry
+from models.words.errors import WrongInputError
 from monitor.commands.bearing.fe import FeOptions, fe_case
 from monitor.commands.bearing.fe_values import contact_pressures, law_values, status_of
 from spallwatch.bearings import BearingError

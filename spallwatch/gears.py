@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from models.errors import WrongInputError
+from models.words.errors import WrongInputError
 from monitor.commands.gear.forces import build_train, force_values, run_train
 from monitor.commands.gear.kinematics import GearInput, gear_input, kinematic_values, read_gears
 

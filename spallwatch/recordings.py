@@ -13,7 +13,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
-from models.errors import WrongInputError
+from models.words.errors import WrongInputError
 from streams.block import Block, Rejected, to_si
 from streams.open import open_source
 from streams.samples import ReaderError

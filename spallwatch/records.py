@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any, Literal, Unpack
 import numpy as np
 import xarray as xr
 
-from models.bearing import Bearing
-from models.errors import WrongInputError
+from models.machine.bearing import Bearing
+from models.words.errors import WrongInputError
 from monitor.health.schema import SCHEMA_VERSION, VARIABLES
 from monitor.records.dataset import INT_FILL, NO_VALUE
 from spallwatch._readable import readable

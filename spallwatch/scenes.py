@@ -10,15 +10,15 @@ from pathlib import Path
 import numpy as np
 import xarray as xr
 
-from models.bearing import Bearing
+from models.machine.bearing import Bearing
+from models.machine.scene import Defect, Part, Scene
 from models.maps.build import build_map as build_plan
 from models.maps.build import build_refined_map
 from models.maps.data import RmsMap
 from models.maps.file import load_map
 from models.maps.file import save_map as write_map
 from models.maps.plan import MapPlan
-from models.response import Response, Sensor
-from models.scene import Defect, Part, Scene
+from models.solve.response import Response, Sensor
 from models.work.choose import local_runner
 from spallwatch._configuration import configuration
 from spallwatch.recordings import to_signal

@@ -11,7 +11,7 @@ import math
 from collections.abc import Callable, Iterable
 from dataclasses import replace
 
-from models.errors import SpallwatchError
+from models.words.errors import SpallwatchError
 from streams.counting import folder_of, numbers_of, place_in_names
 from streams.dating import Dating, check_kept, wanted_by
 from streams.listing import printable

@@ -12,7 +12,7 @@ from email.utils import parsedate_to_datetime
 from pathlib import Path
 from typing import BinaryIO
 
-from models.errors import SpallwatchError
+from models.words.errors import SpallwatchError
 from models.work.redact import bare_url, redact
 from streams.spec import SourceError
 

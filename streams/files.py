@@ -17,7 +17,7 @@ from functools import lru_cache
 from pathlib import Path, PurePosixPath
 from typing import Literal, Protocol
 
-from models.portable import NO_LINK, NO_WAIT, open_folder
+from models.platform.portable import NO_LINK, NO_WAIT, open_folder
 from streams import large
 from streams.large import Data, FileBytes, shared_path, stream_of
 from streams.limits import MAX_BYTES, max_loaded_bytes

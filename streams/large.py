@@ -21,8 +21,8 @@ from typing import Any, BinaryIO, overload
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
-from models.errors import SpallwatchError
-from models.portable import BINARY, DiskFile, read_at, reserve
+from models.platform.portable import BINARY, DiskFile, read_at, reserve
+from models.words.errors import SpallwatchError
 from streams.limits import MAX_BYTES
 
 MAX_IN_MEMORY = 32 << 20

@@ -19,8 +19,8 @@ from pathlib import Path, PurePosixPath
 from typing import Any
 from urllib.parse import unquote, urlsplit
 
-from models.errors import SpallwatchError
-from models.scratch import free_bytes, scratch_folder
+from models.platform.scratch import free_bytes, scratch_folder
+from models.words.errors import SpallwatchError
 from models.work.filesystem import cause, error_code, filesystem, repeated
 from models.work.redact import bare_url, has_user_info, redact
 from streams.beside import pulse_file_of, sidecar_paths

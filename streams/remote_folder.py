@@ -10,7 +10,7 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 
-from models.scratch import free_bytes, scratch_folder
+from models.platform.scratch import free_bytes, scratch_folder
 from models.work.filesystem import filesystem
 from streams.beside import FOLDER_NAMES, pulse_file_of
 from streams.download import refuse_size

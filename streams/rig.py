@@ -17,13 +17,13 @@ from urllib.parse import parse_qsl
 import numpy as np
 from numpy.typing import NDArray
 
+from models.machine.scene import EFFECTS, PARTS, Floor, Scene
+from models.machine.shaft_marks import ShaftMarks, time_of_turns
+from models.machine.speed_profile import SpeedProfile, constant
 from models.path.defect import race_radius
-from models.response import SENSORS, Response, Sensor, row_of
 from models.rigs import AnyRig
-from models.rigs.angular import AngularRig
-from models.scene import EFFECTS, PARTS, Floor, Scene
-from models.shaft_marks import ShaftMarks, time_of_turns
-from models.speed_profile import SpeedProfile, constant
+from models.solve.angular.rig import AngularRig
+from models.solve.response import SENSORS, Response, Sensor, row_of
 from streams.block import STANDARD_GRAVITY, Block
 from streams.rig_gears import OPTIONS, RigGears, gear_sound, gears_of
 from streams.rig_life import THRESHOLD, draw_life, perturbed
@@ -224,7 +224,7 @@ class SimulatedRig:
 
     def _varying(self, sequence: int, load: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return acceleration, m/s2, and revolutions at the samples of a block whose speed changes."""
-        from models.simulate import simulate
+        from models.solve.simulate import simulate
 
         profile = self.rotation(sequence)
         scene = replace(self.scene(sequence, profile.mean_speed, load), speed_profile=profile)
@@ -264,7 +264,7 @@ class SimulatedRig:
         A motion that repeats with the ball passage is simulated for a while only, and known by its lines.
         """
         # Imported here, so that a rig that is only configured does not load the compiled kernels.
-        from models.simulate import simulate
+        from models.solve.simulate import simulate
 
         if duration is not None:
             return simulate(scene, duration=duration, rate=RATE)

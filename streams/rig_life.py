@@ -8,8 +8,8 @@ from typing import TypeVar
 
 import numpy as np
 
+from models.machine.scene import Defect, Floor
 from models.rigs import AnyRig
-from models.scene import Defect, Floor
 
 T = TypeVar("T", bound=AnyRig)
 

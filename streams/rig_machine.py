@@ -6,11 +6,11 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 
-from models.bearing import Bearing, CatalogueEntry, catalogue_entry, from_catalogue
-from models.nominal_rigs import nominal_rig
-from models.response import CASING, Sensor
+from models.machine.bearing import Bearing, CatalogueEntry, catalogue_entry, from_catalogue
+from models.machine.rig import Rig
 from models.rigs import IGNORES_DEPTH, RIGS, AnyRig
-from models.rigs.six_dof import Rig
+from models.solve.nominal_rigs import nominal_rig
+from models.solve.response import CASING, Sensor
 
 BEARING = "1205 ETN9"
 """The bearing of the bench."""
@@ -46,8 +46,8 @@ class Machine:
 
     @cached_property
     def effects(self) -> frozenset[str]:
-        """What the model describes, names in ``models.scene.EFFECTS``."""
-        from models.registry import solvers
+        """What the model describes, names in ``models.machine.scene.EFFECTS``."""
+        from models.solve.registry import solvers
 
         return frozenset().union(*(solver.effects for solver in solvers(self.model)))
 

@@ -9,9 +9,9 @@ from typing import Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from models.scene import Part, Slip
-from models.shaft_marks import ShaftMarks, TimeAt, as_channel
-from models.speed_profile import SpeedProfile, coast_down, hunt, ramp
+from models.machine.scene import Part, Slip
+from models.machine.shaft_marks import ShaftMarks, TimeAt, as_channel
+from models.machine.speed_profile import SpeedProfile, coast_down, hunt, ramp
 
 Run = Literal["steady", "ramp", "coast", "hunt"]
 RUNS: tuple[Run, ...] = get_args(Run)

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from models.errors import SpallwatchError
+from models.words.errors import SpallwatchError
 from streams.block import Block
 from streams.large import chosen_rows, contiguous, copy_into, empty_rows
 from streams.limits import MAX_BYTES, MAX_DIMENSIONS, MAX_ROWS

@@ -11,7 +11,7 @@ from typing import Literal
 from urllib.parse import unquote, urlsplit
 from zoneinfo import ZoneInfo
 
-from models.errors import WrongInputError
+from models.words.errors import WrongInputError
 from streams.revolutions import BlockRevolutions
 from streams.stamps import Order, compiled
 

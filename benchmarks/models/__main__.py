@@ -30,10 +30,10 @@ from benchmarks.models.angular import SPALL, AngularProblem, angular_scene
 from benchmarks.models.integrated import BallProblem, OverTimeProblem, RotorProblem
 from benchmarks.models.problem import ROUNDS, Judge, Problem, seconds_of
 from benchmarks.published import markdown_table, renewed
+from models.machine.scene import Defect, Scene
 from models.published import ceruti, marin
-from models.response import Response
-from models.scene import Defect, Scene
-from models.simulate import simulate
+from models.solve.response import Response
+from models.solve.simulate import simulate
 
 MARKS = ("<!-- table of benchmarks.models -->\n", "<!-- end of the table -->\n")
 SIMULATE_MARKS = ("<!-- simulate table of benchmarks.models -->\n", "<!-- end of the simulate table -->\n")

@@ -10,11 +10,11 @@ import numpy as np
 
 from benchmarks.models.integrated import settings
 from benchmarks.models.problem import Floats, Motion, Problem, Rate, Run
-from models.bearing import Bearing
-from models.dynamics.angular_plan import assemble, at_rest, prepare_plan
-from models.kernels import angular as kernels
-from models.rigs.angular import AngularRig
-from models.scene import Defect, Scene
+from models.machine.bearing import Bearing
+from models.machine.scene import Defect, Scene
+from models.solve.angular.kernels import shaft as kernels
+from models.solve.angular.plan import assemble, at_rest, prepare_plan
+from models.solve.angular.rig import AngularRig
 from tests.oracles import angular_oracle as oracle
 
 # Steps of equal angle are taken for the lowest speed, less what the shaft oscillates.

@@ -13,21 +13,21 @@ from numpy.typing import NDArray
 from benchmarks import opponents
 from benchmarks.models.problem import Floats, Motion, Problem, Rate, Run, Setting
 from benchmarks.work_precision import case_of, opponent_arrays
-from models.dynamics import ball_inertia as balls
-from models.dynamics.rotor import Rigid
-from models.dynamics.rotor_elastic import shaft_of
-from models.dynamics.rotor_plan import at_rest, prepare_plan
-from models.dynamics.time_plan import prepare_plan as prepare_time
-from models.kernels import ball_inertia as ball_kernels
-from models.kernels import rotor_forces
-from models.kernels import time_domain as time_kernels
-from models.kernels.passages import fill_depth
-from models.kernels.rotor import hold
-from models.kernels.stepping import fill_start
+from models.machine.scene import Defect, Scene
 from models.published import marin
-from models.rigs.ball_inertia import BallInertiaRig
-from models.rigs.rotor import RotorRig
-from models.scene import Defect, Scene
+from models.solve.ball_inertia import kernel as ball_kernels
+from models.solve.ball_inertia import solver as balls
+from models.solve.ball_inertia.rig import BallInertiaRig
+from models.solve.engine.kernel_passages import fill_depth
+from models.solve.engine.kernel_stepping import fill_start
+from models.solve.rotor.elastic import shaft_of
+from models.solve.rotor.kernels import forces as rotor_forces
+from models.solve.rotor.kernels.rigid import hold
+from models.solve.rotor.plan import at_rest, prepare_plan
+from models.solve.rotor.rig import RotorRig
+from models.solve.rotor.solver import Rigid
+from models.solve.six_dof.kernels import time_domain as time_kernels
+from models.solve.six_dof.time_plan import prepare_plan as prepare_time
 from tests.oracles import ball_inertia_oracle, rotor_oracle, six_dof_oracle
 
 

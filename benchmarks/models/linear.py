@@ -20,12 +20,12 @@ from scipy.integrate import solve_ivp
 
 from benchmarks.common import Row, interleaved_ms
 from benchmarks.models.problem import Floats, Setting
-from models.bearing import from_catalogue
-from models.dynamics.ring_hits import hits_on
-from models.dynamics.ring_impact import films, matrices, modes_of
-from models.kernels.ring_impact import RECTANGLE, Pulses, Turn, add_response
-from models.rigs.ring_impact import RingImpactRig
-from models.scene import Defect, Part, Scene
+from models.machine.bearing import from_catalogue
+from models.machine.scene import Defect, Part, Scene
+from models.solve.ring_impact.hits import hits_on
+from models.solve.ring_impact.kernel import RECTANGLE, Pulses, Turn, add_response
+from models.solve.ring_impact.rig import RingImpactRig
+from models.solve.ring_impact.solver import films, matrices, modes_of
 from tests.oracles import ring_impact_oracle as oracle
 
 MODEL = "ring_impact"

@@ -12,7 +12,7 @@ from benchmarks.common import Row
 from benchmarks.models.integrated import OverTimeProblem
 from benchmarks.models.problem import Setting, solved
 from benchmarks.work_precision import DT0, SCALE, SCENES, Judged, Problem, run_product, run_scipy
-from models.scene import Scene
+from models.machine.scene import Scene
 
 MODEL = "six_dof, periodic"
 SETTINGS = (

@@ -26,7 +26,7 @@ from models.acoustics.influence import Influence, influence
 from models.acoustics.interior import enclosed, interior_points
 from models.acoustics.surface import Surface, SurfaceError
 from models.acoustics.transfer_vectors import TransferVectors
-from models.checks import check_positive
+from models.words.checks import check_positive
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from models.acoustics.third_octave import ORDER, Bands, bandwidth_factor
-from models.checks import check_positive
+from models.words.checks import check_positive
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray

@@ -8,7 +8,7 @@ import numpy as np
 
 from models.acoustics.panels import Panels
 from models.acoustics.surface import Surface
-from models.checks import check_positive, check_whole
+from models.words.checks import check_positive, check_whole
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from models.acoustics.weighting import power
-from models.checks import check_choice, check_positive
+from models.words.checks import check_choice, check_positive
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray

@@ -16,8 +16,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from models.checks import check_positive, check_whole
-from models.errors import WrongInputError
+from models.words.checks import check_positive, check_whole
+from models.words.errors import WrongInputError
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray

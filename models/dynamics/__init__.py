@@ -1,1 +1,1 @@
-"""One file a dynamic model; each turns a Scene into a Response."""
+"""Motions of trains of gears."""

@@ -2,7 +2,7 @@
 
 The train is that of ``models.dynamics.gear_train``, the bearing is described element by element. Sensors: "a" is the
 shaft in the bearing, "b" the other one. The load acts on shaft A along x, beside the force of the mesh. The motion
-begins near rest, the beginning is dropped, and what remains is averaged (``models.dynamics.over_time``). Lines are
+begins near rest, the beginning is dropped, and what remains is averaged (``models.solve.engine.over_time``). Lines are
 those of the passages of the bearing's elements, whether it is damaged or not; those of the mesh are in the record, and
 with them the motion does not repeat with the passages.
 """
@@ -15,26 +15,26 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from models.bearing import kinematics
 from models.dynamics.gear_rolling import RollingElements
 from models.dynamics.gear_train import at_rest, course_of, longest_step, places_of, plan_of, settling
-from models.dynamics.motion import Motion
-from models.dynamics.over_time import LOOKED_AT, SECONDS_A_CALL, answer, duration_of
-from models.dynamics.turning import passage_rate
 from models.gears.bearings import with_bearings
 from models.gears.damping import mesh_mass
 from models.gears.linear import matrices
 from models.gears.mesh import MeshStiffness
 from models.gears.train import Body, GearTrain, Mesh, Support, Wheel, alike, line_of_action
 from models.kernels import gear_train as kernels
-from models.registry import Request, Solver, check_effects
+from models.machine.bearing import kinematics
 from models.rigs.gear_pair import GearPairRig
+from models.solve.engine.motion import Motion
+from models.solve.engine.over_time import LOOKED_AT, SECONDS_A_CALL, answer, duration_of
+from models.solve.engine.turning import passage_rate
+from models.solve.registry import Request, Solver, check_effects
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from models.response import Response, Sensor
-    from models.scene import Scene
+    from models.machine.scene import Scene
+    from models.solve.response import Response, Sensor
 
 MODEL = "gear_pair"
 EFFECTS = frozenset(

@@ -1,6 +1,6 @@
 """Rolling bearings of a train whose elements press by themselves, with defects: what the kernel needs of them.
 
-Depths of defects and the contact law are those of the rotor (``models.dynamics.rotor_plan``).
+Depths of defects and the contact law are those of the rotor (``models.solve.rotor.plan``).
 """
 
 from __future__ import annotations
@@ -11,12 +11,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from models.bearing import kinematics
-from models.checks import check_numbers
-from models.dynamics.passages import half_wave_meetings, in_intervals
 from models.gears.bearings import RollingSupport
-from models.hertz import contact_exponent, element_angles
 from models.kernels.gear_rolling import L_SIZE, Rolling, RollingCourse
+from models.machine.bearing import kinematics
+from models.machine.hertz import contact_exponent, element_angles
+from models.solve.engine.passages import half_wave_meetings, in_intervals
+from models.words.checks import check_numbers
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from models.gears.train import GearTrain
-    from models.scene import Defect
+    from models.machine.scene import Defect
 
 
 @dataclass(frozen=True)

@@ -12,11 +12,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from models.checks import check_positive
 from models.dynamics.gear_rolling import RollingElements, rolling_course, rolling_of
 from models.gears.linear import matrices, mean_state, natural_frequencies, support_forces
 from models.kernels import gear_train as kernels
 from models.kernels.gear_forces import ENERGIES, T_SIZE, Course, Plan, to_sample
+from models.words.checks import check_positive
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

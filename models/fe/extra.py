@@ -9,7 +9,7 @@ import importlib
 import importlib.util
 from typing import Any
 
-from models.errors import WrongInputError
+from models.words.errors import WrongInputError
 
 INSTALL = 'pip install "spallwatch[fe]"'
 

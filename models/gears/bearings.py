@@ -8,17 +8,17 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from models.checks import check_numbers
 from models.gears.linear import matrices, mean_state
-from models.hertz import contact_exponent, contact_forces, element_angles
+from models.machine.hertz import contact_exponent, contact_forces, element_angles
+from models.words.checks import check_numbers
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from numpy.typing import NDArray
 
-    from models.bearing import Bearing
     from models.gears.train import Body, GearTrain, Matrix2
+    from models.machine.bearing import Bearing
 
     Array = NDArray[np.float64]
 

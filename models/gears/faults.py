@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Self
 
 import numpy as np
 
-from models.checks import check_numbers, check_whole
 from models.gears.tooth import crack_compliance
+from models.words.checks import check_numbers, check_whole
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from models.checks import check_choice, check_numbers, check_whole
 from models.gears.rack import BasicRack, ToothProfile, involute
+from models.words.checks import check_choice, check_numbers, check_whole
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -11,7 +11,7 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from models.checks import check_positive
+from models.words.checks import check_positive
 
 if TYPE_CHECKING:
     from models.gears.geometry import GearPair

@@ -19,8 +19,8 @@ from typing import TYPE_CHECKING, Self
 
 import numpy as np
 
-from models.checks import check_positive, check_whole
 from models.gears.stiffness_csv import read_stiffness
+from models.words.checks import check_positive, check_whole
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

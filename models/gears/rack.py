@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from models.checks import check_numbers
+from models.words.checks import check_numbers
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -14,11 +14,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from models.checks import check_positive
 from models.gears.contacts import Springs, share_force
 from models.gears.faults import Eccentricity, Effect, Flank
 from models.gears.mesh import DEFAULT_SAMPLES, MeshStiffness
 from models.gears.tooth import StiffnessMethod, loaded_point, shared_compliance, tooth_compliance
+from models.words.checks import check_positive
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

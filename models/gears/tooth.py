@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from models.checks import check_choice, check_whole
+from models.words.checks import check_choice, check_whole
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

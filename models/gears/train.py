@@ -20,7 +20,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from models.checks import check_numbers, check_whole
+from models.words.checks import check_numbers, check_whole
 
 if TYPE_CHECKING:
     from models.gears.mesh import MeshStiffness

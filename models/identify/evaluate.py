@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from models.bearing import kinematics
 from models.identify.trials import FEATURES, Condition, a_star
-from models.scene import Defect, Scene
+from models.machine.bearing import kinematics
+from models.machine.scene import Defect, Scene
 from models.work.runner import SERIAL
 from models.work.task import Work
 
@@ -97,7 +97,7 @@ def _row_levels(bench: _Bench, task: _Task) -> _Found:
     if row.condition.part != "outer":
         found = [_turning(bench, bench.scene(values, bench.conditions[n])) for n in row.numbers]
         return np.array([f for f, _ in found]), np.array([d for _, d in found])
-    from models.dynamics.rows import simulate_row
+    from models.solve.six_dof.rows import simulate_row
 
     settled = simulate_row(scene, np.array(row.extents), accuracy=ACCURACY, band=bench.band)
     features = np.column_stack([settled.rms, bench.a_star(scene, settled.harmonics)])
@@ -109,7 +109,7 @@ def _row_levels(bench: _Bench, task: _Task) -> _Found:
 
 def _simulated_on(bench: _Bench, scene: Scene) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return features and doubt, both (features,), of a motion that was not found to repeat."""
-    from models.simulate import simulate
+    from models.solve.simulate import simulate
 
     highest = 0.0 if bench.band is None else bench.band[1]
     response = simulate(scene, accuracy=ACCURACY, max_periods=_MAX_PERIODS, band=bench.band, lines_to=highest)
@@ -122,7 +122,7 @@ def _simulated_on(bench: _Bench, scene: Scene) -> tuple[NDArray[np.float64], NDA
 
 def _turning(bench: _Bench, scene: Scene) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return features and doubt, both (features,), of a defect that turns: means over its turns."""
-    from models.dynamics.stationary import stationary_level
+    from models.solve.six_dof.stationary import stationary_level
 
     level = stationary_level(scene, accuracy=ACCURACY, band=bench.band)
     if level.status == "not_converged":

@@ -16,16 +16,16 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from models.errors import WrongInputError
 from models.identify.modes import MODES, accelerance, modes
 from models.identify.space import ORDER, bearing_directions
+from models.words.errors import WrongInputError
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from models.bearing import Bearing
     from models.identify.space import Space
-    from models.rigs.six_dof import Rig
+    from models.machine.bearing import Bearing
+    from models.machine.rig import Rig
 
 Direction = Literal["along", "across", ""]
 DIRECTIONS: tuple[Direction, ...] = ("along", "across")

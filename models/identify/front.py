@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from models.errors import WrongInputError
 from models.identify.problem import Fit, Problem
+from models.words.errors import WrongInputError
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -5,11 +5,11 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from models.contact_estimates import STEEL_DENSITY, estimate_stiffness
 from models.identify.evidence import Prior
+from models.machine.contact_estimates import STEEL_DENSITY, estimate_stiffness
 
 if TYPE_CHECKING:
-    from models.bearing import CatalogueEntry
+    from models.machine.bearing import CatalogueEntry
 
 # Standard uncertainty of the logarithm: of Hertz' theory with the simplified coefficients against printed and exact
 # values (2 to 7 %), and of the mass of a plain shaft, which has steps, nuts and a part beyond the other bearing that

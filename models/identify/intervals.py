@@ -15,12 +15,12 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from models.errors import WrongInputError
 from models.identify.problem import Fit, Problem
 from models.identify.search import resonance_axis, shifted
 from models.identify.space import SpaceError
 from models.identify.valleys import ONE_VALLEY, ValleyChoice
-from models.numerics import f_quantile, gamma_quantile
+from models.words.errors import WrongInputError
+from models.words.numerics import f_quantile, gamma_quantile
 
 if TYPE_CHECKING:
     from models.identify.limits import Interval

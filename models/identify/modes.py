@@ -14,13 +14,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from models.hertz import contact_exponent
+from models.machine.hertz import contact_exponent
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from models.bearing import Bearing
-    from models.rigs.six_dof import Rig
+    from models.machine.bearing import Bearing
+    from models.machine.rig import Rig
 
 MODES = 3
 """Modes of one direction."""

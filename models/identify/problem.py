@@ -12,7 +12,7 @@ import numpy as np
 from models.identify.evaluate import Evaluator, Level, Values
 from models.identify.evidence import Evidence
 from models.identify.trials import FEATURES, Trials, global_deviation
-from models.numerics import least_squares_in_cube
+from models.words.numerics import least_squares_in_cube
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

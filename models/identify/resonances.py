@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from models.numerics import prominent_peaks, robust_fit, running_median
+from models.words.numerics import prominent_peaks, robust_fit, running_median
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

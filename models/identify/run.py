@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from models.errors import WrongInputError
 from models.identify.evaluate import Evaluator
 from models.identify.evidence import Evidence
 from models.identify.front import nsga2, simulated_front
@@ -24,7 +23,8 @@ from models.identify.search import lowest, planned_evaluations, search
 from models.identify.state import StateFile
 from models.identify.trials import FEATURES, Trials
 from models.identify.valleys import valley_choice
-from models.rigs.draws import RigPosterior, rounded
+from models.machine.rig_draws import RigPosterior, rounded
+from models.words.errors import WrongInputError
 from models.work.program import program
 from models.work.runner import SERIAL
 

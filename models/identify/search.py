@@ -14,7 +14,7 @@ import numpy as np
 
 from models.identify.problem import Fit, Problem
 from models.identify.space import SpaceError
-from models.numerics import low_discrepancy
+from models.words.numerics import low_discrepancy
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -16,15 +16,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from models.errors import WrongInputError
-from models.hertz import contact_exponent, mean_bearing_stiffness
 from models.identify.limits import Interval, Limits, alpha_c_interval, beta_c_interval, intersection
-from models.rigs.six_dof import Rig, resonator_stiffness
+from models.machine.hertz import contact_exponent, mean_bearing_stiffness
+from models.machine.rig import Rig, resonator_stiffness
+from models.words.errors import WrongInputError
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from models.bearing import Bearing
+    from models.machine.bearing import Bearing
 
 ORDER = ("m_i", "m_o", "k_i", "k_c", "clearance", "m_b", "m_r", "k_r", "beta_c", "alpha_c", "c_i", "c_r")
 """Parameters that can be free, each after those that its interval depends on."""

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from models.scene import Part
+from models.machine.scene import Part
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from models.numerics import f_quantile
+from models.words.numerics import f_quantile
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

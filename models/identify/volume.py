@@ -15,20 +15,20 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from models.dynamics.rows import simulate_row
 from models.identify.evidence import SCALES
 from models.identify.intervals import MAX_FACTOR
+from models.machine.scene import Defect, Scene
 from models.path.defect import race_radius
-from models.scene import Defect, Scene
+from models.solve.six_dof.rows import simulate_row
 from models.work.runner import SERIAL
 from models.work.task import Work
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from models.bearing import Bearing
     from models.identify.run import Identification
-    from models.rigs.six_dof import Rig
+    from models.machine.bearing import Bearing
+    from models.machine.rig import Rig
     from models.work.runner import Runner
 
 # Extents, rad, and depths, m, of the small map; and the steps between its nodes at which it is read.

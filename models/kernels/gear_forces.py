@@ -15,12 +15,12 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from models.kernels.gear_rolling import fill_reactions
-from models.kernels.jit import inlined, kernel
+from models.platform.jit import inlined, kernel
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from models.kernels.jit import Index
+    from models.platform.jit import Index
 
 # Columns of ``Plan.table``: where each table of a mesh begins in ``Plan.values``, and its samples (0: none).
 T_SIZE = 5

@@ -1,7 +1,7 @@
 """Kernel: rolling elements between a body of a train and the casing, and the defects that they pass.
 
 An element is squeezed by delta = u . n - clearance - depth, n its direction, and presses with k delta^n; a loaded one
-has the damping c of the rate at which the ring alone approaches it (``models.dynamics.rotor_plan``). Elements of all
+has the damping c of the rate at which the ring alone approaches it (``models.solve.rotor.plan``). Elements of all
 bearings are counted through.
 """
 
@@ -10,14 +10,14 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, NamedTuple
 
-from models.kernels.jit import inlined
+from models.platform.jit import inlined
 
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
     from models.kernels.gear_forces import Course, Plan
-    from models.kernels.jit import Index
+    from models.platform.jit import Index
 
 # Columns of ``Rolling.law``.
 # SHARE is 1 / (power + 1): a division can raise, which costs more than all the rest.

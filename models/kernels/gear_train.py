@@ -23,14 +23,14 @@ from models.kernels.gear_forces import (
     to_sample,
     turns_at,
 )
-from models.kernels.jit import inlined, kernel
-from models.kernels.stepping import TINY
+from models.platform.jit import inlined, kernel
+from models.solve.engine.kernel_stepping import TINY
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from models.kernels.gear_forces import Course, Plan
-    from models.kernels.jit import Index
+    from models.platform.jit import Index
 
 STATUS_OK = 0
 STATUS_NOT_FINITE = 1

@@ -15,14 +15,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from models.bearing import kinematics
 from models.lives.laws import GrowthPath, draw_law, grow
 from models.lives.population import Population, Range
+from models.machine.bearing import kinematics
+from models.machine.rig import Rig
+from models.machine.scene import Defect, Floor, Scene, Slip
 from models.path.defect import race_radius
-from models.response import HARMONICS
 from models.rigs import AnyRig
-from models.rigs.six_dof import Rig
-from models.scene import Defect, Floor, Scene, Slip
+from models.solve.response import HARMONICS
 from models.work.runner import SERIAL
 from models.work.task import Work
 
@@ -35,7 +35,8 @@ if TYPE_CHECKING:
 # Length of a life over the time to reach the largest V_eq of interest.
 _BEYOND = 1.35
 # Groups of blocks of a life with slip, each at a speed of its own: so many, fewer where they would have fewer blocks
-# than the next number, more where they would have more than are simulated side by side (models.kernels.lanes.LANES).
+# than the next number, more where they would have more than are simulated side by side
+# (models.solve.six_dof.kernels.lanes.LANES).
 _GROUPS, _FEWEST = 4, 8
 _LANES = 32
 # Bytes of a life beside the program, at most (benchmarks/task_memory.py).
@@ -266,7 +267,7 @@ def _levels(scenes: list[Scene], population: Population) -> tuple[NDArray[np.flo
     """Return RMS (n,) and lines (n, 6) of the blocks of a life, m/s2; NaN where the motion diverges."""
     # Imported here: a population that is only configured must not load the compiled kernels.
     if isinstance(population.rig, Rig):
-        from models.dynamics.rows import settled_levels
+        from models.solve.six_dof.rows import settled_levels
 
         return settled_levels(scenes, population.rms_band)
     from models.maps.model_nodes import scene_levels

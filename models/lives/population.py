@@ -8,12 +8,12 @@ import math
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
-from models.bearing import Bearing, from_catalogue
 from models.lives.laws import LAWS, WEIGHTS
+from models.machine.bearing import Bearing, from_catalogue
+from models.machine.rig import Rig
+from models.machine.rig_draws import RigDraws, without_draws
 from models.maps.plan import check_depth, version_of
 from models.rigs import RIGS, AnyRig
-from models.rigs.draws import RigDraws, without_draws
-from models.rigs.six_dof import Rig
 
 Range = tuple[float, float]
 

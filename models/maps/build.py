@@ -13,21 +13,21 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
+from models.machine.rig import Rig
 from models.maps.check import condition_errors, interpolation_errors, rms_and_most
 from models.maps.data import RIG_COMMON, Nodes, RmsMap
 from models.maps.nodes import ROW_MEMORY, Progress, RigSpread, rig_rows, rig_scenes, scene_seconds, simulate_node_row
 from models.maps.plan import DAMAGED, LINES, SCHEMA_VERSION, VOLUMES, MapPlan
 from models.maps.refine import MAX_NODES, refine_plan
 from models.path.contour import part_radius
-from models.response import CASING, HARMONICS, STATUSES
-from models.rigs.six_dof import Rig
+from models.solve.response import CASING, HARMONICS, STATUSES
 from models.work.runner import SERIAL
 from models.work.task import Work
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from models.response import Sensor
+    from models.solve.response import Sensor
     from models.work.runner import Runner
 
 Solver = Literal["rows", "lanes", "time", "scenes"]

@@ -9,12 +9,12 @@ import numpy as np
 
 from models.maps.plan import AXES, VOLUMES, MapError, MapPlan
 from models.path.contour import part_radius
-from models.response import HARMONICS
+from models.solve.response import HARMONICS
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
-    from models.scene import Part
+    from models.machine.scene import Part
 
 # Loads and speeds this close to the end of their axis count as on it.
 _CONDITION_TOLERANCE = 0.01

@@ -16,15 +16,15 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
-from models.bearing import kinematics
-from models.dynamics.lane_group import PERIODS, block_steps, group_bytes
-from models.dynamics.lanes import STEP_SECONDS, LaneOptions, LaneRunner, simulate_lanes
-from models.kernels.lanes import LANES
+from models.machine.bearing import kinematics
+from models.machine.scene import Scene
 from models.maps.data import Nodes
 from models.maps.nodes import Progress, StepError, compare_steps, scene_at
 from models.maps.plan import MapPlan
-from models.response import HARMONICS
-from models.scene import Scene
+from models.solve.response import HARMONICS
+from models.solve.six_dof.kernels.lanes import LANES
+from models.solve.six_dof.lane_group import PERIODS, block_steps, group_bytes
+from models.solve.six_dof.lanes import STEP_SECONDS, LaneOptions, LaneRunner, simulate_lanes
 from models.work.runner import SERIAL
 from models.work.task import Work
 

@@ -20,7 +20,7 @@ from models.maps.build import build_map
 from models.maps.data import RmsMap
 from models.maps.nodes import Progress
 from models.maps.plan import AXES, SCHEMA_VERSION, MapError, MapPlan
-from models.response import HARMONICS, STATUSES
+from models.solve.response import HARMONICS, STATUSES
 from models.work.runner import SERIAL
 
 if TYPE_CHECKING:

@@ -12,18 +12,18 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from models.bearing import kinematics
+from models.machine.bearing import kinematics
 from models.maps.nodes import MAP_ACCURACY, NodeRow, scene_at
 from models.maps.plan import LINES, MapError, MapPlan
-from models.response import HARMONICS, STATUSES, row_of
+from models.solve.response import HARMONICS, STATUSES, row_of
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from numpy.typing import NDArray
 
-    from models.response import Response, Sensor, Status
-    from models.scene import Scene
+    from models.machine.scene import Scene
+    from models.solve.response import Response, Sensor, Status
 
 Point = tuple[float, float, float, float]
 
@@ -103,7 +103,7 @@ def model_level(plan: MapPlan, point: Point, seed: int = 0, factor: int = 1) -> 
 
 
 def _simulated(plan: MapPlan, scene: Scene, duration: float, factor: int) -> Response:
-    from models.simulate import simulate
+    from models.solve.simulate import simulate
 
     steps = None if plan.steps_per_period is None else factor * plan.steps_per_period
     return simulate(

@@ -13,17 +13,17 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from models.response import HARMONICS, STATUSES
-from models.rigs.six_dof import Rig
-from models.scene import Defect, Scene
+from models.machine.rig import Rig
+from models.machine.scene import Defect, Scene
+from models.solve.response import HARMONICS, STATUSES
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from models.dynamics.stationary import StationaryLevel
     from models.maps.plan import MapPlan
-    from models.response import Response, Status
     from models.rigs import AnyRig
+    from models.solve.response import Response, Status
+    from models.solve.six_dof.stationary import StationaryLevel
 
 Progress = Callable[[int, int], None]
 
@@ -134,7 +134,7 @@ def scene_at(plan: MapPlan, load: float, speed: float, h_d: float, dphi_d: float
 
 def simulate_point(plan: MapPlan, scene: Scene, factor: int = 1) -> Response:
     """Return one settled scene of a plan, with the accuracy of its nodes divided by ``factor``."""
-    from models.simulate import simulate
+    from models.solve.simulate import simulate
 
     # Lines beyond the band and the stored harmonics are not needed.
     lines_to = 0.0 if plan.rms_band is None else plan.rms_band[1]
@@ -171,7 +171,7 @@ def _as_outer(plan: MapPlan) -> MapPlan:
 def _stationary_level(
     plan: MapPlan, point: tuple[float, float, float, float], seed: int, factor: int = 1
 ) -> StationaryLevel:
-    from models.dynamics.stationary import DEFAULT_STANDARD_ERROR, stationary_level
+    from models.solve.six_dof.stationary import DEFAULT_STANDARD_ERROR, stationary_level
 
     return stationary_level(
         scene_at(plan, *point, seed),
@@ -202,7 +202,7 @@ def simulate_node_row(
 def _periodic_row(
     plan: MapPlan, load: float, speed: float, h_d: float, extents: NDArray[np.float64], seed: int
 ) -> NodeRow:
-    from models.dynamics.rows import simulate_row
+    from models.solve.six_dof.rows import simulate_row
 
     scene = scene_at(plan, load, speed, h_d, float(extents[-1]), seed)
     row = simulate_row(

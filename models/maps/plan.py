@@ -9,12 +9,12 @@ from dataclasses import asdict, dataclass, field
 from itertools import pairwise
 from typing import Any
 
-from models.bearing import Bearing, from_catalogue
-from models.errors import WrongInputError
+from models.machine.bearing import Bearing, from_catalogue
+from models.machine.rig import Rig
+from models.machine.rig_draws import RigDraws, without_draws
+from models.machine.scene import PARTS, Floor, Part, Slip
 from models.rigs import IGNORES_DEPTH, RIGS, AnyRig
-from models.rigs.draws import RigDraws, without_draws
-from models.rigs.six_dof import Rig
-from models.scene import PARTS, Floor, Part, Slip
+from models.words.errors import WrongInputError
 
 # Increment when the results of the six-degree-of-freedom model change: older maps are then rebuilt.
 MODEL_VERSION = 5
@@ -57,7 +57,7 @@ class MapPlan:
         floor: the bottom of the defect; of several floors, the first.
         floors: number of floors averaged (seeds floor.seed, floor.seed + 1, ...); with slip that is redrawn, each has
             its own draws, so that a smooth floor can have several.
-        rows, position: of the defect, as in ``models.scene.Defect``.
+        rows, position: of the defect, as in ``models.machine.scene.Defect``.
         rms_band: band in which RMS is taken, Hz, or None for the full bandwidth.
         steps_per_period: steps of the integration per ball period, or None for the model's choice, which is the only
             one where the part is not the outer race.
@@ -68,7 +68,7 @@ class MapPlan:
         rig_spread_k_c: that of k_c, as finite elements give it; None for ``rig_spread``.
         rig_posterior: the draws, from the posterior of the identification of ``rig``; without it they are factors of
             ``rig_spread`` around ``rig``.
-        second_bearing, axial_load: as in ``models.scene.Scene``.
+        second_bearing, axial_load: as in ``models.machine.scene.Scene``.
     """
 
     load: tuple[float, ...]

@@ -27,8 +27,8 @@ from models.path.defect import BallPath, ball_path, profile_cutoff, race_profile
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from models.bearing import Bearing
-    from models.scene import Defect, Part
+    from models.machine.bearing import Bearing
+    from models.machine.scene import Defect, Part
 
     Values = NDArray[np.float64]
     Edge = Callable[[Values], tuple[Values, Values]]

@@ -25,13 +25,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from models.numerics import periodic_spline
+from models.words.numerics import periodic_spline
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from models.bearing import Bearing
-    from models.scene import Defect, Floor
+    from models.machine.bearing import Bearing
+    from models.machine.scene import Defect, Floor
 
 # The roughness from which Eq. 87 takes the cut-off where the scene names none (thesis, section 5.2.1).
 _DEFAULT_ROUGHNESS = 10e-6

@@ -8,15 +8,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from models.bearing import Bearing, from_catalogue, kinematics
-from models.dynamics.ring_impact import natural_frequencies, solve
-from models.load_zones import load_zones
-from models.numerics import find_root
+from models.machine.bearing import Bearing, from_catalogue, kinematics
+from models.machine.load_zones import load_zones
+from models.machine.scene import Defect, Scene
 from models.path.contour import inner_radius
 from models.published.acceptance import AcceptanceRow
-from models.registry import Request
-from models.rigs.ring_impact import STEEL_DENSITY, RingImpactRig, RingSection
-from models.scene import Defect, Scene
+from models.solve.registry import Request
+from models.solve.ring_impact.rig import STEEL_DENSITY, RingImpactRig, RingSection
+from models.solve.ring_impact.solver import natural_frequencies, solve
+from models.words.numerics import find_root
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -13,16 +13,16 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from models.bearing import from_catalogue, kinematics
-from models.dynamics.rotor import Trace, trace
-from models.dynamics.rotor_elastic import trace_elastic
+from models.machine.bearing import from_catalogue, kinematics
+from models.machine.scene import Defect, Part, Scene
 from models.published.acceptance import AcceptanceRow, Status
 from models.published.envelope import highest_line
-from models.rigs.rotor import RotorRig
-from models.scene import Defect, Part, Scene
+from models.solve.rotor.elastic import trace_elastic
+from models.solve.rotor.rig import RotorRig
+from models.solve.rotor.solver import Trace, trace
 
 if TYPE_CHECKING:
-    from models.response import Sensor
+    from models.solve.response import Sensor
 
 SOURCE = "Ceruti 2021"
 SPEED = 1000.0 / 60.0

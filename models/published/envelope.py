@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from models.response import band_passed
+from models.solve.response import band_passed
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -13,18 +13,18 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from models.bearing import from_catalogue, kinematics
-from models.dynamics.ball_inertia import Trace, longest_stable_step, solve, trace
-from models.hertz import point_contact_stiffness, relative_radii
+from models.machine.bearing import from_catalogue, kinematics
+from models.machine.hertz import point_contact_stiffness, relative_radii
+from models.machine.scene import Defect, Scene
 from models.published.acceptance import AcceptanceRow, Status
 from models.published.envelope import highest_line
-from models.registry import Request
-from models.rigs.ball_inertia import BallInertiaRig
-from models.rigs.ring_impact import STEEL_DENSITY
-from models.scene import Defect, Scene
+from models.solve.ball_inertia.rig import BallInertiaRig
+from models.solve.ball_inertia.solver import Trace, longest_stable_step, solve, trace
+from models.solve.registry import Request
+from models.solve.ring_impact.rig import STEEL_DENSITY
 
 if TYPE_CHECKING:
-    from models.bearing import Bearing
+    from models.machine.bearing import Bearing
 
 SOURCE = "Marin 2014"
 OWN = "not in the source: prototype of this model"
@@ -34,7 +34,7 @@ DURATION, DROPPED = 1.2, 0.2
 INNER_GROOVE, OUTER_GROOVE = 0.5257, 0.5203
 """Radii of the grooves over the balls' diameter, chosen for C_in and C_out with a modulus of 200 GPa."""
 MODULUS_SHARE = 200.0 / 210.0
-"""The modulus over that of models.hertz, which stiffness is proportional to."""
+"""The modulus over that of models.machine.hertz, which stiffness is proportional to."""
 INNER = Defect(1.0 / 18.25, 20e-6, part="inner")
 
 

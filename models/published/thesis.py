@@ -9,8 +9,8 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from models.bearing import from_catalogue, kinematics
-from models.hertz import (
+from models.machine.bearing import from_catalogue, kinematics
+from models.machine.hertz import (
     BALL_EXPONENT,
     bearing_stiffness,
     contact_patches,
@@ -22,7 +22,7 @@ from models.hertz import (
     point_contact_stiffness,
     relative_radii,
 )
-from models.load_distribution import (
+from models.machine.load_distribution import (
     elements_in_zone,
     largest_element_load,
     load_integral,
@@ -30,12 +30,12 @@ from models.load_distribution import (
     ring_approach,
     stiffness_over_passage,
 )
+from models.machine.rig import Rig, contact_damping, natural_frequencies, resonator_stiffness, stiffness_damping
+from models.machine.scene import Defect
 from models.published.figure import Figure, group
-from models.rigs.six_dof import Rig, contact_damping, natural_frequencies, resonator_stiffness, stiffness_damping
-from models.scene import Defect
 
 if TYPE_CHECKING:
-    from models.bearing import Bearing
+    from models.machine.bearing import Bearing
 
 SELF_ALIGNING, DEEP_GROOVE, ROLLER = "1205 ETN9", "6210", "NU 202 ECP"
 EXTENTS_DEG = {"D1": 2.362, "D2": 4.236, "D3": 6.366}

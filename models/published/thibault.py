@@ -13,10 +13,10 @@ from functools import cache
 
 import numpy as np
 
-from models.ball_statics import BallStatics, RingState, equilibrium
-from models.bearing import Bearing
+from models.machine.ball_statics import BallStatics, RingState, equilibrium
+from models.machine.bearing import Bearing
+from models.machine.shaft_beam import Coupling, Disc, Shaft, torsion_frequencies
 from models.published.acceptance import AcceptanceRow, Status
-from models.shaft_beam import Coupling, Disc, Shaft, torsion_frequencies
 
 SOURCE = "Thibault et al. 2022"
 BALL, PITCH = 0.5e-3 * (92.7 - 67.3), 0.5e-3 * (92.7 + 67.3)

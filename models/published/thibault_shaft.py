@@ -15,14 +15,14 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-from models.ball_statics import RingState
-from models.bearing import Bearing
-from models.dynamics.angular import Trace, trace
-from models.dynamics.angular_plan import assemble
+from models.machine.ball_statics import RingState
+from models.machine.bearing import Bearing
+from models.machine.scene import Defect, Scene
 from models.published.acceptance import AcceptanceRow
 from models.published.thibault import BALL, CAGE_ANGLES, FAST, LEFT, PITCH, RIGHT, SLOW, row
-from models.rigs.angular import AngularRig
-from models.scene import Defect, Scene
+from models.solve.angular.plan import assemble
+from models.solve.angular.rig import AngularRig
+from models.solve.angular.solver import Trace, trace
 
 REFERENCE = Scene(
     SLOW,

@@ -66,7 +66,7 @@ def _thesis() -> list[UncomputedFigure]:
             THESIS, ("Figs. 22 to 28 (text)",), "differences of finite elements", "3, 3.3, 4.6, 6.7, 7.5, 12.3 %",
             "FE", "assembled bearings; Eq. 19, with which they are compared, is in the first table",
         ),
-        UncomputedFigure(THESIS, _tables(14), "masses and stiffnesses", "kg, N/m", "INPUT", "models.rigs.six_dof.Rig"),
+        UncomputedFigure(THESIS, _tables(14), "masses and stiffnesses", "kg, N/m", "INPUT", "models.machine.rig.Rig"),
         UncomputedFigure(
             THESIS, _tables(15), "stiffness of the shaft", "73.72 to 75.93 MN/m", "FE",
             "as a trend: the shaft's dimensions are not printed; 75 MN/m is a datum",
@@ -161,7 +161,7 @@ def _ceruti() -> list[UncomputedFigure]:
     return [
         UncomputedFigure(
             CERUTI, _tables("2.1", "5.1", "5.2", "5.3"), "bearings, rotor, integration", "mm, N, s", "INPUT",
-            "models.rigs.rotor.RotorRig, models.published.ceruti",
+            "models.solve.rotor.rig.RotorRig, models.published.ceruti",
         ),
         UncomputedFigure(
             CERUTI, ("Section 2.3", "Section 2.4.1"), "linear stiffness, limits of the damping c_b",
@@ -207,7 +207,7 @@ def _marin() -> list[UncomputedFigure]:
     return [
         UncomputedFigure(
             MARIN, _tables(2), "masses, damping, load and speeds", "kg, N s/mm, N, 300 to 3000 rpm", "INPUT",
-            "models.rigs.ball_inertia.BallInertiaRig; Table 1 holds symbols only",
+            "models.solve.ball_inertia.rig.BallInertiaRig; Table 1 holds symbols only",
         ),
         UncomputedFigure(
             MARIN, ("Fig. 15(a)",), "highest line of the measured envelope", "36.2 Hz", "NO",
@@ -228,7 +228,7 @@ def _sassi() -> list[UncomputedFigure]:
         ),
         UncomputedFigure(
             SASSI, ("Section 4.1", "Section 4.2"), "stiffness of rings and ball", "248, 59.6 and 8300 MN/m", "INPUT",
-            "finite elements; models.rigs.ring_impact.RingImpactRig, where the element is rigid",
+            "finite elements; models.solve.ring_impact.rig.RingImpactRig, where the element is rigid",
         ),
         UncomputedFigure(
             SASSI, _tables(4), "PEAK and RMS, both columns", "10.1, 10.26, 2.1, 2.09", "NO",

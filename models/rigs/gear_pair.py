@@ -6,13 +6,13 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
-from models.checks import check_choice, check_numbers, check_whole
-from models.rigs.parameters import RigParameters
-from models.rigs.six_dof import Claim
+from models.machine.parameters import RigParameters
+from models.machine.rig import Claim
+from models.words.checks import check_choice, check_numbers, check_whole
 
 if TYPE_CHECKING:
-    from models.bearing import Bearing, Element
-    from models.response import Sensor
+    from models.machine.bearing import Bearing, Element
+    from models.solve.response import Sensor
 
 
 @dataclass(frozen=True)

@@ -17,8 +17,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from models.checks import check_positive
-from models.numerics import fast_length
+from models.words.checks import check_positive
+from models.words.numerics import fast_length
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence

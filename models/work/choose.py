@@ -6,7 +6,7 @@ import importlib
 from collections.abc import Callable
 from pathlib import Path
 
-from models.errors import WrongInputError
+from models.words.errors import WrongInputError
 from models.work.pool import PoolExecutor, worker_count
 from models.work.runner import Runner
 from models.work.serial import SerialExecutor

@@ -22,7 +22,7 @@ import numpy as np
 from google_crc32c import extend
 from google_crc32c import value as crc32c
 
-from models.errors import SpallwatchError
+from models.words.errors import SpallwatchError
 
 ROOTS = ("models", "streams", "monitor", "spallwatch", "tests", "benchmarks")
 """Packages whose classes are encoded, by name."""

@@ -7,7 +7,7 @@ import traceback
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from models.errors import SpallwatchError, WrongInputError
+from models.words.errors import SpallwatchError, WrongInputError
 from models.work.codec import ROOTS
 from models.work.redact import redact
 from models.work.storage_error import ObjectStorageError

@@ -13,7 +13,7 @@ import time
 from collections.abc import Awaitable, Callable, Iterator
 from typing import Any, TypeVar, cast
 
-from models.errors import WrongInputError
+from models.words.errors import WrongInputError
 from models.work.redact import has_user_info, redact
 
 _S3 = ("s3", "s3a")

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
 
-from models.portable import BINARY
+from models.platform.portable import BINARY
 
 _PART = ".part-"
 _OWN_PART = re.compile(r"\.part-\d+-[0-9a-f]{8}")

@@ -18,7 +18,7 @@ from dataclasses import asdict, dataclass, replace
 from datetime import UTC, datetime
 from typing import Never
 
-from models.errors import SpallwatchError, WrongInputError
+from models.words.errors import SpallwatchError, WrongInputError
 from models.work.kept import Kept, KeptStore, write_unchanged
 from models.work.storage_error import ObjectStorageError
 

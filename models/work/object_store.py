@@ -11,7 +11,7 @@ from contextlib import contextmanager
 from functools import partial
 from typing import Any
 
-from models.errors import SpallwatchError, WrongInputError
+from models.words.errors import SpallwatchError, WrongInputError
 from models.work.filesystem import cause, error_code, filesystem, in_loop, repeated
 from models.work.kept import Kept, age_of, tag_of
 from models.work.redact import redact

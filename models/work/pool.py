@@ -17,8 +17,8 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING, TypeVar
 
-from models.memory import free_memory
-from models.process_signals import ended_by_parent, interrupt_held
+from models.platform.memory import free_memory
+from models.platform.process_signals import ended_by_parent, interrupt_held
 from models.work.chunk import default_worker, run_chunk
 from models.work.codec import decode, encode
 from models.work.errors import MemoryNeedError, failure_of

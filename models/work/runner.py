@@ -13,8 +13,8 @@ from contextlib import ExitStack, contextmanager, suppress
 from types import TracebackType
 from typing import Any, Self, TypeVar
 
-from models.errors import WrongInputError
-from models.scratch import scratch_folder
+from models.platform.scratch import scratch_folder
+from models.words.errors import WrongInputError
 from models.work.chunk import chunk_key, clear_attempts, read_chunk, sent_tasks, write_log
 from models.work.codec import DamagedDataError, encode
 from models.work.direct import Meter, direct_outcomes, direct_results

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from models.errors import SpallwatchError
+from models.words.errors import SpallwatchError
 
 
 class ObjectStorageError(SpallwatchError):

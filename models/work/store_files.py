@@ -8,7 +8,7 @@ from datetime import UTC, datetime
 
 import numpy as np
 
-from models.errors import WrongInputError
+from models.words.errors import WrongInputError
 from models.work.folder_store import FolderStore
 from models.work.program import processor, program, versions
 from models.work.task import Store

@@ -6,7 +6,7 @@ import importlib
 from pathlib import Path
 from urllib.parse import unquote, urlsplit
 
-from models.errors import WrongInputError
+from models.words.errors import WrongInputError
 from models.work.folder_store import FolderStore
 from models.work.task import Store
 

@@ -7,7 +7,7 @@ import secrets
 from collections.abc import Callable
 from typing import Any
 
-from models.errors import WrongInputError
+from models.words.errors import WrongInputError
 from models.work.runner import Runner
 from models.work.stores import open_store
 from monitor.archive.fleet import fleet_page

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 from itertools import islice
 from pathlib import Path
 
-from models.errors import WrongInputError
+from models.words.errors import WrongInputError
 from models.work.codec import decode, encode
 from monitor.config.load import ConfigError
 from monitor.health.spectrum.bands import VOTES_NEEDED

@@ -6,7 +6,7 @@ import sqlite3
 from contextlib import closing
 from pathlib import Path
 
-from models.errors import SpallwatchError
+from models.words.errors import SpallwatchError
 
 APPLICATION_ID = 0x53504C41
 """The bytes "SPLA" in the header of the database: it is ours."""

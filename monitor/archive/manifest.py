@@ -14,7 +14,7 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any, Literal, cast
 
-from models.errors import WrongInputError
+from models.words.errors import WrongInputError
 from monitor.config.positions import find_lines
 
 History = Literal["each", "continued"]

@@ -17,8 +17,8 @@ from typing import Any, NamedTuple
 
 import netCDF4
 
-from models.errors import WrongInputError
-from models.scratch import scratch_folder
+from models.platform.scratch import scratch_folder
+from models.words.errors import WrongInputError
 from models.work.codec import digest_of
 from models.work.redact import redact
 from models.work.stores import open_store

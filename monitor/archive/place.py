@@ -14,7 +14,7 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
-from models.process_signals import ended_as_interrupted
+from models.platform.process_signals import ended_as_interrupted
 from models.work.folder_store import FolderStore
 from models.work.kept import write_unchanged
 from models.work.lease import Lease, LeaseLostError, leased

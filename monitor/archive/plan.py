@@ -12,7 +12,7 @@ from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from pathlib import Path
 
-from models.errors import WrongInputError
+from models.words.errors import WrongInputError
 from models.work.redact import redactor
 from models.work.task import Store
 from monitor.archive.index import Index, Later

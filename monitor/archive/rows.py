@@ -10,7 +10,7 @@ import netCDF4
 import numpy as np
 from numpy.typing import NDArray
 
-from models.errors import SpallwatchError
+from models.words.errors import SpallwatchError
 from models.work.task import Store
 from monitor.archive.arrays import CHANNEL, PART, ROW, UNDATED, Array
 from monitor.archive.result import RecordingResult

@@ -14,7 +14,7 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-from models.errors import SpallwatchError
+from models.words.errors import SpallwatchError
 from models.work.codec import decode, digest_of, encode
 from models.work.stores import open_store
 from models.work.task import Store

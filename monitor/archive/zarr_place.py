@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 
-from models.errors import WrongInputError
+from models.words.errors import WrongInputError
 from models.work.task import Store
 from monitor.archive.arrays import ARCHIVE_VERSION
 

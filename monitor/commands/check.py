@@ -11,8 +11,8 @@ from urllib.parse import urlsplit
 
 import click
 
-from models.bearing import kinematics
-from models.registry import MODULES
+from models.machine.bearing import kinematics
+from models.solve.registry import MODULES
 from monitor.commands import option
 from monitor.commands.check_extras import missing_extras
 from monitor.commands.check_interference import interference_lines, proposal_words, propose_interference, taken_families

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from dataclasses import asdict
 from typing import Any
 
-from models.bearing import kinematics
+from models.machine.bearing import kinematics
 from monitor.config.interference import families_removed, words_of
 from monitor.config.load import Config, ConfigError
 from monitor.config.removed import removed_lines

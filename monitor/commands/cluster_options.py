@@ -13,10 +13,10 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
-from models.errors import WrongInputError
-from models.memory import check_address_space
-from models.process_signals import ended_as_interrupted
-from models.scratch import remove_abandoned, scratch_folder
+from models.platform.memory import check_address_space
+from models.platform.process_signals import ended_as_interrupted
+from models.platform.scratch import remove_abandoned, scratch_folder
+from models.words.errors import WrongInputError
 from models.work.errors import ChunksFailedError, FailedChunk
 from models.work.redact import redact
 from monitor.commands.common import PROGRESS_AFTER_S, InputError, check_folder, say

@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from models.bearing import Bearing, CatalogueEntry, catalogue_entry
-from models.errors import WrongInputError
+from models.machine.bearing import Bearing, CatalogueEntry, catalogue_entry
+from models.words.errors import WrongInputError
 from monitor.config.load import Config, ConfigError, load_config, validate
 from monitor.config.source import SourceSection
 

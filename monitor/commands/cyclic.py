@@ -8,7 +8,7 @@ from typing import Any
 
 import click
 
-from models.errors import WrongInputError
+from models.words.errors import WrongInputError
 from monitor.commands import option
 from monitor.commands.common import (
     PICTURES,

@@ -11,11 +11,11 @@ from typing import Any, TypeVar, cast
 import click
 import numpy as np
 
-from models.bearing import CatalogueEntry
 from models.identify.evidence import DIRECTIONS, Direction, Evidence, Peak, Prior
 from models.identify.geometry import geometry_priors
 from models.identify.resonances import Density, Resonance, find_resonances, welch
-from models.rigs.six_dof import Rig
+from models.machine.bearing import CatalogueEntry
+from models.machine.rig import Rig
 from monitor.commands import option
 from monitor.commands.common import InputError
 from monitor.commands.trial_files import Cells, HealthyRecording, Measuring, recorded_samples, table_rows

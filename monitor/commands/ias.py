@@ -12,8 +12,8 @@ import click
 import numpy as np
 from numpy.typing import NDArray
 
-from models.bearing import kinematics
-from models.errors import WrongInputError
+from models.machine.bearing import kinematics
+from models.words.errors import WrongInputError
 from monitor.commands import option
 from monitor.commands.common import (
     PICTURES,

@@ -6,11 +6,11 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from models.bearing import CatalogueEntry
 from models.identify.evidence import SCALES
 from models.identify.leaning import leaning
 from models.identify.run import Identification
 from models.identify.volume import OperatingPoint, VolumeSpread, objections, volume_spread
+from models.machine.bearing import CatalogueEntry
 from models.work.runner import Runner
 from monitor.commands.common import finite
 from monitor.commands.rig_table import key_of

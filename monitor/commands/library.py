@@ -13,8 +13,8 @@ import click
 
 from models.lives.laws import LAWS
 from models.lives.population import Population
+from models.machine.rig import Rig
 from models.rigs import RIGS
-from models.rigs.six_dof import Rig
 from monitor.commands import library_learn, option
 from monitor.commands.cluster_options import Sharing, sharing
 from monitor.commands.common import (

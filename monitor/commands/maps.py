@@ -13,16 +13,16 @@ from typing import Any
 import click
 import numpy as np
 
+from models.machine.rig import Rig
+from models.machine.rig_draws import RigDraws
+from models.machine.scene import PARTS, Floor, Slip
 from models.maps.build import MAX_NODES, build_map, build_refined_map
 from models.maps.check import check_map
 from models.maps.data import RmsMap
 from models.maps.file import load_map, save_map
 from models.maps.plan import MapPlan
-from models.response import STATUSES, Status
 from models.rigs import RIGS
-from models.rigs.draws import RigDraws
-from models.rigs.six_dof import Rig
-from models.scene import PARTS, Floor, Slip
+from models.solve.response import STATUSES, Status
 from monitor.commands import option
 from monitor.commands.cluster_options import Sharing, sharing
 from monitor.commands.common import (

@@ -8,15 +8,15 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
-from models.registry import AUTO, MODULES, solvers, words
+from models.machine.rig import Rig
+from models.machine.scene import PHYSICS
 from models.rigs import AnyRig
-from models.rigs.six_dof import Rig
-from models.scene import PHYSICS
+from models.solve.registry import AUTO, MODULES, solvers, words
 from monitor.commands import option
 
 if TYPE_CHECKING:
-    from models.bearing import CatalogueEntry
-    from models.scene import Scene
+    from models.machine.bearing import CatalogueEntry
+    from models.machine.scene import Scene
     from monitor.config.load import Config
 
 # Fields of parameters that say what vouches for them.
@@ -99,7 +99,7 @@ def with_parameters(
 
 
 def effects_of(model: str) -> frozenset[str]:
-    """Return what a model takes of the machine, names in ``models.scene.EFFECTS``.
+    """Return what a model takes of the machine, names in ``models.machine.scene.EFFECTS``.
 
     None for the model of the casing: it describes a bearing, not the shaft.
     """

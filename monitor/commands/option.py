@@ -9,7 +9,7 @@ from typing import Any, TypeVar
 
 import click
 
-from models.scene import PARTS
+from models.machine.scene import PARTS
 
 F = TypeVar("F", bound=Callable[..., Any])
 

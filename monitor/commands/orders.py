@@ -10,7 +10,7 @@ import click
 import numpy as np
 from numpy.typing import NDArray
 
-from models.bearing import kinematics
+from models.machine.bearing import kinematics
 from monitor.commands import option
 from monitor.commands.common import PICTURES, InputError, check_suffix, emit, output_errors, read_config
 from monitor.config.load import Config

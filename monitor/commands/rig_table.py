@@ -7,10 +7,10 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from models.bearing import CatalogueEntry
-from models.contact_estimates import estimate_stiffness
 from models.identify.run import Identification
 from models.identify.space import ORDER
+from models.machine.bearing import CatalogueEntry
+from models.machine.contact_estimates import estimate_stiffness
 from monitor.config.bearing import RIG_KEYS, STIFFNESS_KEYS, sealed
 from monitor.config.load import Config
 from monitor.words.calibration import ASSUMED

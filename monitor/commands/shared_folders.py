@@ -12,8 +12,8 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
-from models.errors import WrongInputError
-from models.scratch import scratch_folder
+from models.platform.scratch import scratch_folder
+from models.words.errors import WrongInputError
 from models.work.chunk import default_worker
 from models.work.errors import error_of
 from models.work.task import Failure

@@ -11,8 +11,8 @@ from pathlib import Path
 
 import click
 
-from models.portable import FileLock, may_write
-from models.process_signals import ended_as_interrupted
+from models.platform.portable import FileLock, may_write
+from models.platform.process_signals import ended_as_interrupted
 from monitor.commands.common import InputError, output_errors
 
 _WAIT_S = 0.5

@@ -12,10 +12,10 @@ from typing import Any
 import click
 import numpy as np
 
+from models.machine.rig import Calibration
 from models.maps.data import RmsMap
 from models.maps.file import load_map
 from models.rigs import AnyRig
-from models.rigs.six_dof import Calibration
 from monitor.commands import option
 from monitor.commands.common import InputError, check_suffix, emit, finite, input_errors
 from monitor.commands.history_files import SUFFIXES, library_settings, prior_of, read_readings, write_out

@@ -13,10 +13,10 @@ from typing import cast
 import numpy as np
 from numpy.typing import NDArray
 
-from models.bearing import Bearing, kinematics
 from models.identify.trials import Condition, Trial, a_star_above_noise
+from models.machine.bearing import Bearing, kinematics
+from models.machine.scene import PARTS, Part
 from models.path.contour import part_radius
-from models.scene import PARTS, Part
 from monitor.commands.common import InputError, find_source
 from monitor.config.load import Config
 from monitor.config.source import ChannelSection

@@ -17,11 +17,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import cast
 
-from models.bearing import Bearing
 from models.identify.trials import Condition, Trial
+from models.machine.bearing import Bearing
+from models.machine.scene import PARTS, Part
 from models.path.contour import part_radius
 from models.published.thesis import EXTENTS_DEG
-from models.scene import PARTS, Part
 from monitor.commands.common import InputError
 from monitor.commands.trial_files import Measuring, TrialFile, measure, read_trials
 from streams.datasets import FerraraName, ferrara_name

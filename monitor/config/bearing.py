@@ -12,10 +12,10 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field, StrictBool, field_validator, model_validator
 
-from models.bearing import Bearing, CatalogueEntry, catalogue_entry
-from models.catalogue.series import Origin
-from models.contact_estimates import element_mass, estimate_stiffness
-from models.rigs.six_dof import Calibration, Rig
+from models.machine.bearing import Bearing, CatalogueEntry, catalogue_entry
+from models.machine.catalogue.series import Origin
+from models.machine.contact_estimates import element_mass, estimate_stiffness
+from models.machine.rig import Calibration, Rig
 from monitor.config.fields import Name, NotNegative, Positive, Section
 
 RIG_KEYS = {

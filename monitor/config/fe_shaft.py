@@ -7,11 +7,11 @@ from typing import Annotated, Self
 
 from pydantic import Field, ValidationError, model_validator
 
-from models.bearing import CatalogueEntry, catalogue_entry
-from models.contact_estimates import estimate_stiffness
 from models.fe.meshes.shaft_mesh import Step
 from models.fe.shafts.shaft import Seat, SteppedShaft, Support
 from models.fe.shafts.spring import bearing_spring
+from models.machine.bearing import CatalogueEntry, catalogue_entry
+from models.machine.contact_estimates import estimate_stiffness
 from monitor.config.explain import explain_problems
 from monitor.config.fields import NotNegative, Positive, Section
 from monitor.config.load import ConfigError, read_toml, sort_problems

@@ -6,7 +6,7 @@ from typing import Annotated, Self
 
 from pydantic import Field, model_validator
 
-from models.bearing import Kinematics
+from models.machine.bearing import Kinematics
 from monitor.config.fields import Count, Positive, Section
 from monitor.health.spectrum.features import fundamentals
 from monitor.health.spectrum.interference import Interference

@@ -10,14 +10,14 @@ from typing import Any, Self
 
 from pydantic import Field, ValidationError, model_validator
 
-from models.bearing import Bearing, CatalogueEntry
-from models.contact_estimates import estimate_stiffness
-from models.errors import WrongInputError
-from models.nominal_rigs import nominal_rig
+from models.machine.bearing import Bearing, CatalogueEntry
+from models.machine.contact_estimates import estimate_stiffness
+from models.machine.rig import Calibration, Rig
+from models.machine.rig_draws import PosteriorError, RigDraws, read_posterior
 from models.rigs import AnyRig
-from models.rigs.draws import PosteriorError, RigDraws, read_posterior
-from models.rigs.rotor import RotorRig
-from models.rigs.six_dof import Calibration, Rig
+from models.solve.nominal_rigs import nominal_rig
+from models.solve.rotor.rig import RotorRig
+from models.words.errors import WrongInputError
 from monitor.config.advice import AdviceSection
 from monitor.config.alarms import AlarmsSection
 from monitor.config.bearing import RING_KEYS, STIFFNESS_KEYS, BearingSection, RigSection

@@ -8,9 +8,9 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import Field, model_validator
 
 from models.rigs import AnyRig
-from models.rigs.angular import AngularRig
-from models.rigs.ball_inertia import BallInertiaRig
-from models.rigs.rotor import RotorRig
+from models.solve.angular.rig import AngularRig
+from models.solve.ball_inertia.rig import BallInertiaRig
+from models.solve.rotor.rig import RotorRig
 from monitor.config.fields import Name, NotNegative, Positive, Section
 
 UNITS = {
@@ -65,7 +65,7 @@ RIG_KEYS: Mapping[str, Mapping[str, str]] = {
 """By model, the key of each parameter that ``[shaft]`` gives."""
 
 SCENE_KEYS = {"unbalance": "unbalance_g_mm", "couple_unbalance": "couple_unbalance_kg_m2", "bow": "bow_um"}
-"""Keys of what a scene has of the shaft, by field of ``models.scene.Scene``."""
+"""Keys of what a scene has of the shaft, by field of ``models.machine.scene.Scene``."""
 
 
 class ShaftSection(Section):

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from models.bearing import Kinematics, kinematics
+from models.machine.bearing import Kinematics, kinematics
 from monitor.health import detect
 from monitor.health.after_onset import level_status, time_to_alarm, track
 from monitor.health.condition import Quantity, known_sd

@@ -10,7 +10,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from models.bearing import Bearing
+from models.machine.bearing import Bearing
 from monitor.health.quality import SpeedLimits, check_speed
 from monitor.health.rotation.rotation import Rotation
 from monitor.health.rotation.settings import TachoSettings

@@ -12,7 +12,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
-from models.bearing import kinematics
+from models.machine.bearing import kinematics
 from monitor.health import detect
 from monitor.health.channel import PART_LINES, Analysed, ChannelBlock, detect_input, is_for_detector
 from monitor.health.spectrum.features import features_beside

@@ -31,7 +31,7 @@ from types import MappingProxyType
 import numpy as np
 from numpy.typing import NDArray
 
-from models.bearing import Kinematics
+from models.machine.bearing import Kinematics
 from monitor.health.gears.lines import Wheels
 from monitor.health.sidebands import TURNS, own_lines, parent_depth
 from monitor.health.spectrum.comb import LineSpectrum, comb_grid

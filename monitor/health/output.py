@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from models.bearing import Bearing, kinematics
+from models.machine.bearing import Bearing, kinematics
 from monitor.health.alarms import (
     BAD_DATA,
     OUT_OF_SPECIFICATION,

@@ -10,7 +10,7 @@ from typing import Any, cast
 
 import numpy as np
 
-from models.errors import SpallwatchError
+from models.words.errors import SpallwatchError
 from monitor.health.schema import (
     DIMENSION_SIZES,
     FLAGS,

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from models.bearing import kinematics
+from models.machine.bearing import kinematics
 from monitor.health.rotation.found import find_rotation
 from monitor.health.spectrum.bands import BandVotes, find_band
 from monitor.health.spectrum.features import fundamentals

@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from models.bearing import Kinematics
+from models.machine.bearing import Kinematics
 from monitor.health.spectrum.comb import LineSpectrum, comb_grid
 from monitor.health.spectrum.family import FaultLines, combs_depth
 from monitor.health.spectrum.lines import SEARCH

@@ -10,9 +10,9 @@ from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any, TypeVar
 
-from models.bearing import Bearing
-from models.kinematic_uncertainty import KNOWN, KinematicUncertainty
-from models.rigs.six_dof import Calibration
+from models.machine.bearing import Bearing
+from models.machine.kinematic_uncertainty import KNOWN, KinematicUncertainty
+from models.machine.rig import Calibration
 from monitor.health.alarms import AlarmSettings, AlarmState
 from monitor.health.condition import ConditionSettings
 from monitor.health.damage.filter.particle_filter import FilterState

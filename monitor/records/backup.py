@@ -20,8 +20,8 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from models.errors import SpallwatchError, WrongInputError
-from models.portable import forget_cached
+from models.platform.portable import forget_cached
+from models.words.errors import SpallwatchError, WrongInputError
 from monitor import __version__
 from monitor.records.database import free_bytes, release_lock, replacing, sync_file, sync_folder, take_lock
 from monitor.records.filing import published_files

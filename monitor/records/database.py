@@ -12,8 +12,8 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, Literal, Self
 
-from models.errors import WrongInputError
-from models.portable import FileLock, sync_file, sync_folder
+from models.platform.portable import FileLock, sync_file, sync_folder
+from models.words.errors import WrongInputError
 from monitor.records.tables import APPLICATION_ID, STORE_VERSION, add_unversioned, create_tables, migrate_tables
 from streams.listing import NETWORK_FILE_SYSTEMS, file_system_type
 

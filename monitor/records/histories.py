@@ -13,7 +13,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from models.errors import WrongInputError
+from models.words.errors import WrongInputError
 from monitor.health.detect import HEALTHY, LEARNING, DetectSettings
 from monitor.health.schema import REJECTIONS, SCHEMA_VERSION, VARIABLES
 from monitor.records.database import replacing

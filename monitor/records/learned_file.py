@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from models.errors import WrongInputError
+from models.words.errors import WrongInputError
 from monitor.health.damage.learned.model import LearnedModel
 from monitor.records.database import replacing
 

@@ -14,7 +14,7 @@ from dataclasses import astuple, fields, replace
 from pathlib import Path
 from typing import Any
 
-from models.errors import SpallwatchError
+from models.words.errors import SpallwatchError
 from monitor.health.record import storable
 from monitor.records.block_writer import count_refusal
 from monitor.records.condense import identity_of, numbers_with

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from models.errors import WrongInputError
+from models.words.errors import WrongInputError
 from monitor.health.damage.library.model import LINES, FeatureFit, Library, Regression, arrays_of, header_of
 from monitor.health.damage.library.plausible import Limits
 

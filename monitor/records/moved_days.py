@@ -15,7 +15,7 @@ from dataclasses import asdict, dataclass
 from datetime import date
 from pathlib import Path
 
-from models.errors import WrongInputError
+from models.words.errors import WrongInputError
 from monitor.records.database import locked, replacing, sync_file, sync_folder
 from monitor.records.filing import published_files
 

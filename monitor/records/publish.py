@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from models.errors import SpallwatchError
+from models.words.errors import SpallwatchError
 from monitor.health.schema import SCHEMA_VERSION, VARIABLES
 from monitor.records.condense import condensed_on, condensed_up_to, has_condensed
 from monitor.records.database import replacing

@@ -18,7 +18,7 @@ from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
 
-from models.portable import BINARY, read_at, write_at
+from models.platform.portable import BINARY, read_at, write_at
 from monitor.records.database import Closing
 
 TABLE = """CREATE TABLE IF NOT EXISTS deaths (

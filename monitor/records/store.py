@@ -14,7 +14,7 @@ from contextlib import ExitStack, closing, contextmanager, suppress
 from pathlib import Path
 from typing import Any, NamedTuple, Self
 
-from models.portable import FileLock
+from models.platform.portable import FileLock
 from monitor.health.record import Record
 from monitor.health.waterfall import SpectrumChange
 from monitor.records.archive import ARCHIVE_QUERY, FULL_ARCHIVE_QUERY, Archived, archived_of

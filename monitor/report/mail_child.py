@@ -7,7 +7,7 @@ import os
 import sys
 from pathlib import Path
 
-from models.portable import lower_priority
+from models.platform.portable import lower_priority
 
 
 def child() -> None:

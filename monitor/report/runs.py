@@ -14,7 +14,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from models.errors import WrongInputError
+from models.words.errors import WrongInputError
 from monitor.health.damage.filter.particles import Particles
 from monitor.health.schema import REJECTIONS, SCHEMA_VERSION, VARIABLES
 from monitor.health.waterfall import SpectrumRow

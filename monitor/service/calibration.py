@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 
+from models.machine.rig import Calibration, Rig
 from models.maps.data import RmsMap
 from models.rigs import RIGS, AnyRig
-from models.rigs.six_dof import Calibration, Rig
 from monitor.config.load import Config
 from monitor.config.source import ChannelSection
 from monitor.health.damage.library.model import Library

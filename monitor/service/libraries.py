@@ -17,7 +17,7 @@ from platformdirs import user_cache_dir
 from models.lives.growth import TrackingError
 from models.lives.life import simulate_lives
 from models.lives.population import Population
-from models.rigs.six_dof import Rig
+from models.machine.rig import Rig
 from models.work.runner import SERIAL, Runner
 from monitor.health.damage.library import acceleration, plausible, regression, summaries
 from monitor.health.damage.library import fit as library_fit

@@ -15,7 +15,7 @@ from contextlib import AbstractContextManager, suppress
 from pathlib import Path
 from typing import Any, NamedTuple, cast
 
-from models.portable import lower_priority
+from models.platform.portable import lower_priority
 from monitor.records.database import StoreError, locked
 from monitor.records.events import EventLog
 from monitor.records.store import Published, Store

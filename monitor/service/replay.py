@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from models.bearing import kinematics
+from models.machine.bearing import kinematics
 from models.maps.data import RmsMap
 from monitor.config.load import Config, ConfigError
 from monitor.health.damage.library.model import Library

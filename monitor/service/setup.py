@@ -9,15 +9,15 @@ from dataclasses import fields
 from pathlib import Path
 from typing import Generic, TypeVar
 
-from models.bearing import Bearing
-from models.kinematic_uncertainty import kinematics_uncertainty
 from models.lives.population import Population
+from models.machine.bearing import Bearing
+from models.machine.kinematic_uncertainty import kinematics_uncertainty
+from models.machine.rig import Calibration
+from models.machine.scene import PARTS, Part
 from models.maps.data import OutsideMapError, RmsMap
 from models.maps.file import load_map
 from models.maps.plan import MapError
 from models.rigs import AnyRig
-from models.rigs.six_dof import Calibration
-from models.scene import PARTS, Part
 from monitor.config.load import Config, ConfigError
 from monitor.config.removed import removed_lines
 from monitor.config.source import ChannelSection, SourceSection

@@ -8,7 +8,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from models.portable import is_read_only, may_write
+from models.platform.portable import is_read_only, may_write
 from monitor.config.load import Config, ConfigError
 from monitor.config.source import SourceSection
 from monitor.health.state import SourceSettings

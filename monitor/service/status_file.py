@@ -9,7 +9,7 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any, Self
 
-from models.portable import FileLock
+from models.platform.portable import FileLock
 from monitor.config.load import Config
 from monitor.records.backup import read_note
 from monitor.records.compact import free_bytes_in, shrinks

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping
 from datetime import UTC, datetime
 from typing import Any
 
-from models.rigs.six_dof import Calibration
+from models.machine.rig import Calibration
 from monitor import __version__
 from monitor.config.interference import words_of
 from monitor.config.load import Config

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from models.errors import SpallwatchError
+from models.words.errors import SpallwatchError
 
 _MIN_PACKED_BYTES = 1000
 JSON_TYPE = "application/json"

@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from models.bearing import Bearing, kinematics
-from models.rigs.six_dof import Calibration
+from models.machine.bearing import Bearing, kinematics
+from models.machine.rig import Calibration
 from monitor import __version__
 from monitor.config.source import ChannelSection
 from monitor.config.stages import method_or_best

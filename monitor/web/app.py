@@ -24,7 +24,7 @@ from starlette.responses import Response, StreamingResponse
 from starlette.routing import Route
 from starlette.types import ASGIApp, Receive, Scope, Send
 
-from models.portable import NO_LINK
+from models.platform.portable import NO_LINK
 from monitor.records.database import StoreError
 from monitor.records.filing import published_name
 from monitor.web import acknowledging, api, event_view, map_view, spectra_view

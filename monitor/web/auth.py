@@ -14,8 +14,8 @@ from contextlib import asynccontextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
-from models.errors import SpallwatchError
-from models.portable import NO_LINK, NO_WAIT, others_may
+from models.platform.portable import NO_LINK, NO_WAIT, others_may
+from models.words.errors import SpallwatchError
 from monitor.web.users import Role, User, Users
 
 _MIN_TOKEN_CHARACTERS = 16

@@ -18,8 +18,8 @@ from monitor.web.machines import Machine
 from monitor.words.features import FEATURES
 
 if TYPE_CHECKING:
+    from models.machine.scene import Part
     from models.maps.data import RmsMap
-    from models.scene import Part
 
 _MAX_POINTS = 2000
 _MAX_MAPS = 16

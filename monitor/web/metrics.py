@@ -19,7 +19,7 @@ from prometheus_client import (
 from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, InfoMetricFamily
 from prometheus_client.metrics_core import Metric
 
-from models.portable import process_memory, processor_time
+from models.platform.portable import process_memory, processor_time
 from monitor import __version__
 from monitor.health.alarms import SEVERITIES
 from monitor.health.detect import STAGES

@@ -18,9 +18,9 @@ import h11
 import uvicorn
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
-from models.errors import WrongInputError
-from models.portable import lower_priority
-from models.process_signals import on_signals
+from models.platform.portable import lower_priority
+from models.platform.process_signals import on_signals
+from models.words.errors import WrongInputError
 from monitor.config.load import Config, ConfigError, load_config
 from monitor.config.outputs import WebSection
 from monitor.service.children import end_with_parent, report_line

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from models.machine.rig import Rig
 from models.rigs import AnyRig
-from models.rigs.six_dof import Rig
 
 RELATIVE = "V_eq is shown as a multiple of its first value"
 _NOT_ISSUED = "TT to a threshold in mm3/mm is not issued"

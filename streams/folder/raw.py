@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from models.errors import SpallwatchError
+from models.words.errors import SpallwatchError
 from streams.digest import content_hash
 from streams.files import read_guarded, refuse_special
 from streams.folder.entry import Entry

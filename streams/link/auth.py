@@ -11,7 +11,7 @@ import ssl
 import stat
 from pathlib import Path
 
-from models.portable import others_may
+from models.platform.portable import others_may
 from streams.link.wire import HELLO_MAGIC
 from streams.spec import SourceError
 

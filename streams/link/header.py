@@ -7,7 +7,7 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from models.errors import SpallwatchError
+from models.words.errors import SpallwatchError
 from streams.spec import UNITS
 
 MAX_SEQUENCE = 2**63 - 1

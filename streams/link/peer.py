@@ -8,7 +8,7 @@ import socket
 import ssl
 from dataclasses import dataclass, field
 
-from models.errors import SpallwatchError
+from models.words.errors import SpallwatchError
 from streams.link.auth import PROOF_BYTES
 from streams.link.wire import HEAD, HELLO, frame_length, hello_length
 

@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Protocol
 
-from models.errors import SpallwatchError
+from models.words.errors import SpallwatchError
 from streams.block import Block, Rejected
 from streams.link.auth import NONCE_BYTES, proof
 from streams.link.pulse_frame import block_frames

@@ -19,7 +19,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from models.portable import MemoryFile, limit, read_at, read_into_at, taken_over, write_at
+from models.platform.portable import MemoryFile, limit, read_at, read_into_at, taken_over, write_at
 from streams import large
 from streams.files import unpack
 from streams.large import FileBytes, NoRoomError, TooLargeError, contiguous, forget_pages
@@ -46,7 +46,7 @@ _FIELDS = (
 def main() -> None:
     """Answer requests until the parent closes its end.
 
-    The arguments are those of :func:`models.portable.handed_down`.
+    The arguments are those of :func:`models.platform.portable.handed_down`.
     """
     requests_fd, answers_fd, input_fd, output_fd = taken_over(sys.argv[1:5])
     # No core dump, no large file; memory and processor time are limited for each file.

@@ -1,7 +1,7 @@
 """The contract of every bearing model: what it declares holds, and the same scene gives the same bits.
 
-Solvers are found in ``models.registry``; ``test_every_solver_is_registered`` finds those that a file declares and the
-registry misses. A new effect needs a scene in ``with_each_effect``, a model with parameters of its own a scene in
+Solvers are found in ``models.solve.registry``; ``test_every_solver_is_registered`` finds those that a file declares and
+the registry misses. A new effect needs a scene in ``with_each_effect``, a model with parameters of its own a scene in
 SCENES, a new function ``simulate...`` of several scenes an entry in RUN.
 """
 
@@ -21,17 +21,17 @@ import numpy as np
 import pytest
 
 import models.dynamics
-import models.simulate
-from models.dynamics.lanes import simulate_lanes
-from models.dynamics.rows import simulate_row
-from models.dynamics.time_domain import simulate_time
-from models.registry import AUTO, MODULES, Request, Solver, choose, solvers
-from models.response import HARMONICS, STATUSES, Response
+import models.solve.simulate
+from models.machine.rig import Rig
+from models.machine.scene import EFFECTS, Floor, Scene, Slip
 from models.rigs import AnyRig
-from models.rigs.ring_impact import RingImpactRig
-from models.rigs.six_dof import Rig
-from models.scene import EFFECTS, Floor, Scene, Slip
-from models.simulate import simulate
+from models.solve.registry import AUTO, MODULES, Request, Solver, choose, solvers
+from models.solve.response import HARMONICS, STATUSES, Response
+from models.solve.ring_impact.rig import RingImpactRig
+from models.solve.simulate import simulate
+from models.solve.six_dof.lanes import simulate_lanes
+from models.solve.six_dof.rows import simulate_row
+from models.solve.six_dof.time_domain import simulate_time
 from tests.support.models import OUTER, REQUEST, SCENE, SCENES, SHORT, base
 
 HEALTHY = replace(SCENE, defect=None)
@@ -66,13 +66,14 @@ SCENE_OF = {f"{s.model} {s.name}": base(s) for s in SOLVERS}
 
 def modules() -> Iterator[Any]:
     """Yield all modules that may hold a model."""
-    for place in pkgutil.walk_packages(models.dynamics.__path__, "models.dynamics."):
-        yield importlib.import_module(place.name)
+    for package in (models.solve, models.dynamics):
+        for place in pkgutil.walk_packages(package.__path__, f"{package.__name__}."):
+            yield importlib.import_module(place.name)
 
 
 def functions() -> Iterator[str]:
     """Yield the names of public functions that simulate scenes."""
-    for module in (models.simulate, *modules()):
+    for module in modules():
         for name, value in vars(module).items():
             if not name.startswith("simulate") or getattr(value, "__module__", None) != module.__name__:
                 continue
@@ -128,8 +129,8 @@ def test_a_declared_effect_is_honoured_and_any_other_refused(solver: Solver, eff
     assert found.status in ("converged", "not_periodic")
     without = reference(solver, effect)
     if effect == "roller" or effect.startswith("with_"):
-        # What a ball with the same stiffness per approach would do is tests/models/test_rollers.py; what a model
-        # always contains it cannot leave out.
+        # What a ball with the same stiffness per approach would do is tests/models/machine/test_rollers.py; what a
+        # model always contains it cannot leave out.
         assert found.rms > 0.0
     else:
         # What happens at one support of a soft shaft is hardly felt at the other.

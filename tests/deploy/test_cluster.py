@@ -21,7 +21,7 @@ from urllib.parse import urlsplit
 import pytest
 
 from deploy.runtime_lock import CLUSTER_LOCK, LOCK, LOCKS, closure, declared, locked
-from models.errors import WrongInputError
+from models.words.errors import WrongInputError
 from models.work.choose import open_runner
 from models.work.task import Work
 from tests.models.work.tasks import Shared, scaled

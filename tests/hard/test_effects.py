@@ -8,9 +8,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from models.bearing import kinematics
-from models.dynamics.time_domain import simulate_time
-from models.scene import Defect, Floor, Part, Scene, Waviness
+from models.machine.bearing import kinematics
+from models.machine.scene import Defect, Floor, Part, Scene, Waviness
+from models.solve.six_dof.time_domain import simulate_time
 from tests.support.signals import record_of, recorded
 
 RATE = 25600.0

@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
-from models.bearing import from_catalogue
-from models.dynamics.lanes import LaneOptions, simulate_lanes
-from models.kernels.period import blank_trace
-from models.kernels.step import P_OMEGA, P_PITCH
+from models.machine.bearing import from_catalogue
+from models.machine.rig import Rig
+from models.machine.scene import Defect, Floor, Scene, Slip
 from models.path.defect import ball_path
-from models.rigs.six_dof import Rig
-from models.scene import Defect, Floor, Scene, Slip
-from models.simulate import simulate
+from models.solve.simulate import simulate
+from models.solve.six_dof.kernels.period import blank_trace
+from models.solve.six_dof.kernels.step import P_OMEGA, P_PITCH
+from models.solve.six_dof.lanes import LaneOptions, simulate_lanes
 from tests.support.effort import effort_count
 from tests.support.periods import period_of, run
 

@@ -7,8 +7,8 @@ import math
 import numpy as np
 import pytest
 
-from models.scene import Defect, Floor, Scene
-from models.simulate import simulate
+from models.machine.scene import Defect, Floor, Scene
+from models.solve.simulate import simulate
 from tests.support.periods import period_of
 
 G = 9.80665

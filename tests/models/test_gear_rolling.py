@@ -8,14 +8,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from models.bearing import from_catalogue, kinematics
 from models.dynamics.gear_rolling import RollingElements
 from models.dynamics.gear_train import simulate_train
 from models.gears.bearings import with_bearings
 from models.gears.linear import mean_state
+from models.machine.bearing import from_catalogue, kinematics
+from models.machine.scene import Defect, Part, Scene
 from models.rigs.gear_pair import GearPairRig
-from models.scene import Defect, Part, Scene
-from models.simulate import simulate
+from models.solve.simulate import simulate
 from tests.support.gear_rolling import BEARING, rotor_and_body
 from tests.support.gear_train import pair
 

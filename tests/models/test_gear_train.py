@@ -8,13 +8,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from models.bearing import from_catalogue
 from models.dynamics.gear_train import simulate_train
 from models.gears.bearings import RollingSupport, with_bearings
 from models.gears.damping import mesh_mass, with_rayleigh
 from models.gears.linear import matrices, mean_state, natural_frequencies
 from models.gears.train import Body, Support, Torsion, alike
-from models.hertz import mean_bearing_stiffness
+from models.machine.bearing import from_catalogue
+from models.machine.hertz import mean_bearing_stiffness
 from tests.support.gear_train import RADIUS, chain, pair
 
 

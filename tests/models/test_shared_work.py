@@ -11,22 +11,22 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from models.dynamics.lane_group import Group, Workspace, group_bytes
-from models.dynamics.lanes import LaneOptions, shared_grid, simulate_lanes
 from models.identify import evaluate
 from models.identify.evaluate import Evaluator
 from models.identify.trials import Condition
-from models.kernels.lanes import LANES
 from models.lives.life import simulate_life, simulate_lives
 from models.lives.population import Population
+from models.machine.rig import Rig
+from models.machine.scene import Defect, Floor, Scene, Slip
 from models.maps.build import build_map
 from models.maps.check import check_map, mean_levels
 from models.maps.data import RmsMap
 from models.maps.ensemble import ensemble_nodes
 from models.maps.plan import MapPlan
 from models.maps.refine import refine_plan
-from models.rigs.six_dof import Rig
-from models.scene import Defect, Floor, Scene, Slip
+from models.solve.six_dof.kernels.lanes import LANES
+from models.solve.six_dof.lane_group import Group, Workspace, group_bytes
+from models.solve.six_dof.lanes import LaneOptions, shared_grid, simulate_lanes
 from models.work.choose import local_runner
 from models.work.codec import encode
 from models.work.folder_store import FolderStore

@@ -18,7 +18,7 @@ from dataclasses import replace
 from models.warmup import PARTS, compile_part
 
 def types():
-    kernels = [m for name, m in sys.modules.items() if name.startswith("models.kernels.")]
+    kernels = [m for name, m in sys.modules.items() if name.startswith("models.") and "kernel" in name]
     return {
         f"{value.__module__}.{key}": len(value.signatures)
         for module in kernels for key, value in vars(module).items() if hasattr(value, "signatures")
@@ -28,16 +28,16 @@ for name in PARTS:
     compile_part(name)
 again = {name: compile_part(name).kernels for name in PARTS}
 warm = types()
-from models.bearing import from_catalogue
-from models.dynamics.lanes import LaneOptions, simulate_lanes
-from models.dynamics.time_domain import simulate_time
-from models.hertz import contact_stiffness
+from models.machine.bearing import from_catalogue
+from models.solve.six_dof.lanes import LaneOptions, simulate_lanes
+from models.solve.six_dof.time_domain import simulate_time
+from models.machine.hertz import contact_stiffness
 from models.maps.build import build_map
 from models.maps.data import MapPlan
-from models.rigs.ring_impact import RingImpactRig
-from models.rigs.six_dof import Rig
-from models.scene import Defect, Floor, Scene, Slip, Waviness
-from models.simulate import simulate
+from models.solve.ring_impact.rig import RingImpactRig
+from models.machine.rig import Rig
+from models.machine.scene import Defect, Floor, Scene, Slip, Waviness
+from models.solve.simulate import simulate
 
 rough = Defect(0.35, 2e-5, floor=Floor("rough", seed=1))
 plain = Scene(40.0, 4000.0)

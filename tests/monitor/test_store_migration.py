@@ -18,8 +18,8 @@ import pytest
 from numpy.typing import NDArray
 
 from benchmarks.regression.observe import of_store
+from models.machine.rig import Calibration
 from models.maps.file import load_map, save_map
-from models.rigs.six_dof import Calibration
 from monitor.records.store import Store
 from tests.support.daemons import call
 

@@ -1,4 +1,4 @@
-"""Slow reference of ``models.kernels.orbit.settle``: the same search, interpreted, for any period map."""
+"""Slow reference of ``models.solve.six_dof.kernels.orbit.settle``: the same search, interpreted, for any period map."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from models.kernels.orbit import DEPTH, RESIDUAL_FLOOR, SILENCE, anderson
+from models.solve.six_dof.kernels.orbit import DEPTH, RESIDUAL_FLOOR, SILENCE, anderson
 
 Floats = NDArray[np.float64]
 

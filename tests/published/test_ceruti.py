@@ -18,10 +18,9 @@ from functools import cache
 import numpy as np
 import pytest
 
-from models.bearing import catalogue, from_catalogue, kinematics
-from models.dynamics.rotor import solve
-from models.dynamics.rotor_elastic import solve as solve_elastic
-from models.hertz import contact_stiffness, point_contact_stiffness, relative_radii
+from models.machine.bearing import catalogue, from_catalogue, kinematics
+from models.machine.hertz import contact_stiffness, point_contact_stiffness, relative_radii
+from models.machine.scene import Part, Scene
 from models.published.acceptance import AcceptanceRow
 from models.published.ceruti import (
     SPEED,
@@ -33,10 +32,11 @@ from models.published.ceruti import (
     rotor,
     run,
 )
-from models.registry import Request
-from models.response import Response, Sensor
-from models.rigs.rotor import RotorRig
-from models.scene import Part, Scene
+from models.solve.registry import Request
+from models.solve.response import Response, Sensor
+from models.solve.rotor.elastic import solve as solve_elastic
+from models.solve.rotor.rig import RotorRig
+from models.solve.rotor.solver import solve
 from monitor.health.spectrum.features import BlockFeatures, FeatureSettings, block_features, fundamentals
 from tests.support.accepted import rows_of
 

@@ -26,17 +26,17 @@ from benchmarks.published import (
     uncomputed_table,
 )
 from benchmarks.published_fe import fe_rows
-from models.bearing import Bearing, from_catalogue
-from models.hertz import (
+from models.machine.bearing import Bearing, from_catalogue
+from models.machine.hertz import (
     in_series,
     mean_bearing_stiffness,
     point_contact_stiffness,
     relative_radii,
 )
+from models.machine.rig import Rig, contact_damping, natural_frequencies, stiffness_damping
 from models.published.figure import Figure, worst
 from models.published.thesis import inner_taken_as_concave, published_figures
 from models.published.uncomputed import uncomputed_figures
-from models.rigs.six_dof import Rig, contact_damping, natural_frequencies, stiffness_damping
 from tests.support.accepted import rows_of
 
 BEYOND = {

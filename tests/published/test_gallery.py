@@ -15,7 +15,7 @@ from benchmarks.gallery_lives import LENGTHS, MINUTE, TESTS, V_END, V_TH, printe
 from benchmarks.gallery_page import make
 from benchmarks.gallery_plate import MOST_BYTES, Plate, number, plain, save_plate, words
 from benchmarks.gallery_seeded import likeness
-from models.bearing import from_catalogue
+from models.machine.bearing import from_catalogue
 from models.path.defect import race_radius
 from tests.support.effort import effort_count
 from tests.support.gallery_data import check_links, same

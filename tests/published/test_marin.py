@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from models.bearing import kinematics
-from models.dynamics.ball_inertia import solve
+from models.machine.bearing import kinematics
 from models.published.acceptance import AcceptanceRow
 from models.published.marin import INNER, SPEED, bearing_of, level, scene_of
-from models.registry import Request
+from models.solve.ball_inertia.solver import solve
+from models.solve.registry import Request
 from monitor.health.spectrum.features import FeatureSettings, block_features, fundamentals
 from tests.support.accepted import rows_of
 

@@ -16,14 +16,14 @@ import pytest
 from numpy.typing import NDArray
 from scipy.io import loadmat
 
-from models.bearing import from_catalogue, kinematics
-from models.dynamics.ring_calibration import Measured, calibrate
-from models.dynamics.ring_impact import noise_level, solve
+from models.machine.bearing import from_catalogue, kinematics
+from models.machine.scene import Defect, Part, Scene
 from models.published.acceptance import AcceptanceRow
 from models.published.beat import DEFECT_SIZE, inner_race_scene
-from models.registry import Request
-from models.rigs.ring_impact import RingImpactRig
-from models.scene import Defect, Part, Scene
+from models.solve.registry import Request
+from models.solve.ring_impact.calibration import Measured, calibrate
+from models.solve.ring_impact.rig import RingImpactRig
+from models.solve.ring_impact.solver import noise_level, solve
 from monitor.health.spectrum.features import BlockFeatures, FeatureSettings, block_features, fundamentals
 from streams.block import STANDARD_GRAVITY
 from tests.support.accepted import rows_of

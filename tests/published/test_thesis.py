@@ -12,16 +12,16 @@ import math
 import numpy as np
 import pytest
 
-from models.bearing import from_catalogue, kinematics
-from models.hertz import (
+from models.machine.bearing import from_catalogue, kinematics
+from models.machine.hertz import (
     bearing_stiffness,
     contact_stiffness,
     l10h_life,
     mean_bearing_stiffness,
 )
-from models.rigs.six_dof import Rig, contact_damping, natural_frequencies
-from models.scene import Defect, Scene
-from models.simulate import simulate
+from models.machine.rig import Rig, contact_damping, natural_frequencies
+from models.machine.scene import Defect, Scene
+from models.solve.simulate import simulate
 
 BEARING = from_catalogue("1205 ETN9")
 RIG = Rig()
@@ -86,7 +86,7 @@ def test_table_3_life(load: float, days: float) -> None:
 
 
 def test_static_displacement() -> None:
-    from models.hertz import element_angles, static_equilibrium
+    from models.machine.hertz import element_angles, static_equilibrium
 
     for load, micrometres in ((1000.0, 9.81), (2000.0, 15.57), (4000.0, 24.7)):
         u = static_equilibrium(element_angles(BEARING), load, RIG.k_c)

@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from models.ball_statics import equilibrium
+from models.machine.ball_statics import equilibrium
 from models.published.thibault import (
     BALL,
     FAST,

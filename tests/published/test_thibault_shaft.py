@@ -11,8 +11,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from models.dynamics.angular_plan import assemble, ring_of
-from models.kernels.ball_ring import CARRIED, F_X, carry
 from models.published.acceptance import AcceptanceRow
 from models.published.thibault import BALL, FAST, RIGHT, SLOW
 from models.published.thibault_shaft import (
@@ -26,6 +24,8 @@ from models.published.thibault_shaft import (
     passage,
     turning,
 )
+from models.solve.angular.kernels.ball_ring import CARRIED, F_X, carry
+from models.solve.angular.plan import assemble, ring_of
 from tests.support.accepted import rows_of
 
 DAMAGED = replace(REFERENCE, defect=SPALL)

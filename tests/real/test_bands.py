@@ -14,7 +14,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy.io import loadmat
 
-from models.bearing import Bearing, kinematics
+from models.machine.bearing import Bearing, kinematics
 from monitor.health.spectrum.bands import candidate_bands, find_band
 from monitor.health.spectrum.features import BlockFeatures, FeatureSettings, block_features, fundamentals
 from streams.block import STANDARD_GRAVITY

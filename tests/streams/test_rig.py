@@ -8,10 +8,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from models.bearing import kinematics
-from models.registry import Request, solvers
+from models.machine.bearing import kinematics
+from models.machine.rig import Rig
 from models.rigs import RIGS
-from models.rigs.six_dof import Rig
+from models.solve.registry import Request, solvers
 from streams.block import Block
 from streams.open import open_source
 from streams.rig import CHANNELS, INTERVAL, RATE, SimulatedRig, draw_life, machine_of, open_rig, perturbed

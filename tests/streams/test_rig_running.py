@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from models.bearing import kinematics
-from models.shaft_marks import LEVEL_VOLT, ShaftMarks, as_channel, time_of_turns
-from models.speed_profile import hunt, ramp
+from models.machine.bearing import kinematics
+from models.machine.shaft_marks import LEVEL_VOLT, ShaftMarks, as_channel, time_of_turns
+from models.machine.speed_profile import hunt, ramp
 from streams.block import Block
 from streams.rig import CHANNELS, RATE, open_rig
 from streams.spec import SourceError

@@ -9,7 +9,7 @@ import numpy as np
 from models.identify.evidence import DIRECTIONS, Direction, Peak
 from models.identify.modes import accelerance, modes
 from models.identify.space import bearing_directions
-from models.rigs.six_dof import Rig
+from models.machine.rig import Rig
 from tests.models.identify.cases import BEARING
 
 LIGHT = replace(Rig(), m_i=0.4, m_o=0.6, m_r=0.3, k_i=2e7, k_r=3.4e8, c_i=300.0, c_r=30.0, beta_c=1e-5)

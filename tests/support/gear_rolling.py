@@ -6,14 +6,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from models.bearing import from_catalogue
 from models.dynamics.gear_rolling import RollingElements
 from models.dynamics.gear_train import TrainState, simulate_train
-from models.dynamics.rotor import trace
-from models.dynamics.rotor_plan import at_rest
 from models.gears.train import Body, GearTrain, Support, alike
-from models.rigs.rotor import RotorRig
-from models.scene import Defect, Part, Scene
+from models.machine.bearing import from_catalogue
+from models.machine.scene import Defect, Part, Scene
+from models.solve.rotor.plan import at_rest
+from models.solve.rotor.rig import RotorRig
+from models.solve.rotor.solver import trace
 
 BEARING = from_catalogue("6305")
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import ClassVar
 
-from models.portable import after_fork
+from models.platform.portable import after_fork
 from streams.readers.child import ReaderProcess, _Pipes
 
 

@@ -6,17 +6,17 @@ import math
 from dataclasses import replace
 from typing import Any
 
-from models.bearing import Bearing, from_catalogue
-from models.registry import Request, Solver
+from models.machine.bearing import Bearing, from_catalogue
+from models.machine.rig import Rig
+from models.machine.scene import PHYSICS, Defect, Floor, Scene, Slip, Waviness
+from models.machine.speed_profile import ramp
 from models.rigs import AnyRig
-from models.rigs.angular import AngularRig
-from models.rigs.ball_inertia import BallInertiaRig
 from models.rigs.gear_pair import GearPairRig
-from models.rigs.ring_impact import RingImpactRig
-from models.rigs.rotor import RotorRig
-from models.rigs.six_dof import Rig
-from models.scene import PHYSICS, Defect, Floor, Scene, Slip, Waviness
-from models.speed_profile import ramp
+from models.solve.angular.rig import AngularRig
+from models.solve.ball_inertia.rig import BallInertiaRig
+from models.solve.registry import Request, Solver
+from models.solve.ring_impact.rig import RingImpactRig
+from models.solve.rotor.rig import RotorRig
 
 OUTER = Defect(math.radians(6.0), 10e-6)
 

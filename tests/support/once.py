@@ -10,7 +10,7 @@ from contextlib import closing
 from pathlib import Path
 from typing import ParamSpec, TypeVar, cast
 
-from models.portable import FileLock
+from models.platform.portable import FileLock
 
 P = ParamSpec("P")
 T = TypeVar("T")

@@ -8,15 +8,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from models.dynamics.periodic import effort_for, steering
-from models.dynamics.six_dof import LEAST_IN_SEGMENT, damaged_rows, defect_arrays, operating_point, steps_for
-from models.kernels.orbit import CALM_PERIODS, PLAIN_FIRST, settle
-from models.kernels.period import Period, Trace, ball_period, blank_trace, mean_square
-from models.kernels.period_setup import set_up
-from models.kernels.settled import R_LINES, R_STEPS, solve
-from models.kernels.step import STATUS_OK
-from models.registry import Request
-from models.scene import Scene
+from models.machine.scene import Scene
+from models.solve.registry import Request
+from models.solve.six_dof.kernels.orbit import CALM_PERIODS, PLAIN_FIRST, settle
+from models.solve.six_dof.kernels.period import Period, Trace, ball_period, blank_trace, mean_square
+from models.solve.six_dof.kernels.period_setup import set_up
+from models.solve.six_dof.kernels.settled import R_LINES, R_STEPS, solve
+from models.solve.six_dof.kernels.step import STATUS_OK
+from models.solve.six_dof.periodic import effort_for, steering
+from models.solve.six_dof.setup import LEAST_IN_SEGMENT, damaged_rows, defect_arrays, operating_point, steps_for
 
 
 def period_of(scene: Scene, steps: int | None = None, *, fold: int = 1) -> Period:

@@ -12,7 +12,7 @@ from models.identify.evidence import Evidence
 from models.identify.limits import Limits
 from models.identify.problem import Fit, Problem
 from models.identify.trials import Condition, Trial, gather
-from models.rigs.six_dof import Rig
+from models.machine.rig import Rig
 from tests.models.identify.cases import space_of
 
 Law = Callable[[np.ndarray], np.ndarray]

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from models.bearing import from_catalogue
+from models.machine.bearing import from_catalogue
 from monitor.health.rotation.rotation import Rotation
 
 RATE, DURATION = 8192.0, 5.0

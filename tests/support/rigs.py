@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from models.machine.rig import Rig
 from models.rigs import AnyRig
-from models.rigs.six_dof import Rig
 
 
 def six_dof(rig: AnyRig) -> Rig:

@@ -12,8 +12,8 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from models.bearing import Bearing, Kinematics, from_catalogue, kinematics
-from models.response import Response, SignalRecord
+from models.machine.bearing import Bearing, Kinematics, from_catalogue, kinematics
+from models.solve.response import Response, SignalRecord
 from monitor.health.spectrum.features import fundamentals
 
 Samples = NDArray[np.float64]

@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
-from models.hertz import mean_bearing_stiffness
 from models.identify.space import ORDER, Space
-from models.rigs.six_dof import natural_frequencies
+from models.machine.hertz import mean_bearing_stiffness
+from models.machine.rig import natural_frequencies
 from tests.models.identify.cases import BEARING
 
 

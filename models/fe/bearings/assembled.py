@@ -6,8 +6,8 @@ load on the bore move them:
     n_j . u - h - sum over k of S_jk Q_k - s_j F = lambda(Q_j) where Q_j > 0, not above 0 where Q_j = 0,
     sum of Q_j n_j = F.
 
-Angles and axes as in ``models.hertz``: axis 1 along the load, which is along angle zero. SI units. The matrix S and
-the law are properties of the meshes; all else costs milliseconds, at any cage angle.
+Angles and axes as in ``models.machine.hertz``: axis 1 along the load, which is along angle zero. SI units. The matrix S
+and the law are properties of the meshes; all else costs milliseconds, at any cage angle.
 """
 
 from __future__ import annotations
@@ -19,10 +19,10 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from models.errors import WrongInputError
 from models.fe.bearings.balance import descend
-from models.load_distribution import LoadDistribution, StiffnessPassage
+from models.machine.load_distribution import LoadDistribution, StiffnessPassage
 from models.path.defect import wrap
+from models.words.errors import WrongInputError
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

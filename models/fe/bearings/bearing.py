@@ -15,8 +15,6 @@ from contextlib import suppress
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
-from models.checks import check_choice
-from models.errors import WrongInputError
 from models.fe.bearings.assembled import AssembledBearing
 from models.fe.bearings.element import ELEMENT_STEPS, MAX_SHARE, RACES, ElementMesh, FeContact, Progress, element_mesh
 from models.fe.bearings.law import ElementLaw
@@ -26,7 +24,9 @@ from models.fe.cache import FeCache, Kept
 from models.fe.meshes.grid import FeMeshError
 from models.fe.meshes.sizing import MeshRule, contact_grid
 from models.fe.solid.condense import ContactCells
-from models.hertz import BALL_EXPONENT, PALMGREN, ROLLER_EXPONENT, in_series, point_contact_stiffness
+from models.machine.hertz import BALL_EXPONENT, PALMGREN, ROLLER_EXPONENT, in_series, point_contact_stiffness
+from models.words.checks import check_choice
+from models.words.errors import WrongInputError
 
 if TYPE_CHECKING:
     from models.fe.meshes.geometry import FeGeometry, Race

@@ -9,7 +9,7 @@ races. Without friction a roller moves along the races until both bars press ali
     squeeze(P_j) + sum over k of C_jk P_k = beta Q_j - play   where P_j > 0, not below it where P_j = 0,
     approach of the races at j = lambda(Q_j) - beta P_j,
 
-with the pockets' opening C of the meshed cage. SI units; angles from the load, axes as in ``models.hertz``.
+with the pockets' opening C of the meshed cage. SI units; angles from the load, axes as in ``models.machine.hertz``.
 """
 
 from __future__ import annotations
@@ -20,9 +20,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from models.checks import check_numbers, check_positive, check_whole
 from models.fe.bearings.balance import Balance, Law, pressed_together, settle
 from models.fe.bearings.law import ElementLaw
+from models.words.checks import check_numbers, check_positive, check_whole
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -13,12 +13,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from models.checks import check_numbers, check_whole
 from models.fe.meshes.grid import Block, Chooser, FeMesh, build, extrude, lattice, on_surface
 from models.fe.meshes.roller_mesh import roller_mesh
 from models.fe.meshes.sizing import MeshRule, contact_grid
 from models.fe.solid.condense import ContactCells, ContactFrame, cell_loads
 from models.fe.solid.elastic import ElasticBody
+from models.words.checks import check_numbers, check_whole
 
 if TYPE_CHECKING:
     from collections.abc import Callable

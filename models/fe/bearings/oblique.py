@@ -16,15 +16,15 @@ from typing import TYPE_CHECKING, Literal, get_args
 
 import numpy as np
 
-from models.checks import check_choice, check_numbers, check_whole
-from models.errors import WrongInputError
 from models.fe.bearings.balance import Balance, Law, condensed, settle
-from models.load_distribution import StiffnessPassage
+from models.machine.load_distribution import StiffnessPassage
+from models.words.checks import check_choice, check_numbers, check_whole
+from models.words.errors import WrongInputError
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from models.bearing import Bearing, CatalogueEntry
+    from models.machine.bearing import Bearing, CatalogueEntry
 
 Axial = Literal["free", "held"]
 AXIAL: tuple[Axial, ...] = get_args(Axial)
@@ -121,7 +121,7 @@ class ObliqueGeometry:
 
     @property
     def effective_modulus(self) -> float:
-        """E' of models.hertz: E / (1 - nu^2), Pa."""
+        """E' of models.machine.hertz: E / (1 - nu^2), Pa."""
         return self.modulus / (1.0 - self.poisson**2)
 
 
@@ -173,7 +173,10 @@ def _refusal(bearing: Bearing) -> str | None:
     if bearing.element == "roller":
         return _BARREL_REASON
     if bearing.rows != ROWS:
-        return "one row at a contact angle needs an axial load, which changes its angle: models.ball_statics does that"
+        return (
+            "one row at a contact angle needs an axial load, which changes its angle: "
+            "models.machine.ball_statics does that"
+        )
     r_o, r_go = bearing.outer_race_radius, bearing.outer_groove_radius
     if r_o is None or r_go is None:
         return f"{'outer_race_radius' if r_o is None else 'outer_groove_radius'} is unknown"

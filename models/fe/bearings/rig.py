@@ -13,19 +13,19 @@ from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
-from models.checks import check_numbers
-from models.errors import WrongInputError
 from models.fe.solid.elastic import NotConvergedError
-from models.hertz import contact_exponent
-from models.load_distribution import stiffness_against_load
-from models.numerics import find_root
+from models.machine.hertz import contact_exponent
+from models.machine.load_distribution import stiffness_against_load
+from models.words.checks import check_numbers
+from models.words.errors import WrongInputError
+from models.words.numerics import find_root
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from numpy.typing import NDArray
 
-    from models.bearing import Bearing
+    from models.machine.bearing import Bearing
 
 POINTS = 16
 """Cage angles of a mean over the passage of an element."""

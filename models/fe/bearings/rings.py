@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import numpy as np
 
-from models.errors import WrongInputError
-from models.numerics import smooth_curve
+from models.words.errors import WrongInputError
+from models.words.numerics import smooth_curve
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

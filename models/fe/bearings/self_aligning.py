@@ -12,13 +12,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from models.errors import WrongInputError
 from models.fe.bearings.assembled import CONTACT_TOLERANCE, EQUILIBRIUM_TOLERANCE, FePassage, FeState, FeStatus
 from models.fe.bearings.balance import condensed
 from models.fe.bearings.oblique import Axial, ObliqueBearing, RowInfluence
 from models.fe.bearings.oblique_bodies import RULE, BallLaw, largest_ball_load, oblique_bearing
 from models.fe.cache import FeCache, Kept
 from models.path.defect import wrap
+from models.words.errors import WrongInputError
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -11,7 +11,7 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal, Self
 
-from models.checks import check_choice, check_numbers, check_whole
+from models.words.checks import check_choice, check_numbers, check_whole
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping

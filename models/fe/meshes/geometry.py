@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from models.errors import WrongInputError
+from models.words.errors import WrongInputError
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from models.bearing import CatalogueEntry, Element
+    from models.machine.bearing import CatalogueEntry, Element
 
 Race = Literal["inner", "outer"]
 Profile = Literal["straight", "crowned", "logarithmic"]

@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from models.errors import WrongInputError
 from models.fe.extra import require_skfem
+from models.words.errors import WrongInputError
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -17,10 +17,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from models.checks import check_numbers, check_whole
 from models.fe.extra import require_skfem
 from models.fe.solid.shape import FeMesh
-from models.numerics import find_root
+from models.words.checks import check_numbers, check_whole
+from models.words.numerics import find_root
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from models.errors import WrongInputError
-from models.hertz import point_contact_semi_axes
+from models.machine.hertz import point_contact_semi_axes
+from models.words.errors import WrongInputError
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from models.errors import WrongInputError
 from models.fe.meshes.tetrahedra import MM, Patch, TetBody, TetRule, require_positive, tet_mesh
+from models.words.errors import WrongInputError
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

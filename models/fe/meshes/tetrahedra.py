@@ -16,9 +16,9 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from models.errors import SpallwatchError, WrongInputError
 from models.fe.extra import require_gmsh, require_skfem
-from models.process_signals import sigpipe_kept
+from models.platform.process_signals import sigpipe_kept
+from models.words.errors import SpallwatchError, WrongInputError
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Generator

@@ -17,11 +17,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from models.checks import check_numbers
 from models.fe.meshes.shaft_mesh import ShaftMeshRule, Step, check_shaft, shaft_mesh
 from models.fe.shafts.spring import RadialSpring
 from models.fe.solid.elastic import ElasticBody
 from models.fe.solid.traction import boundary_points, mean_weights, traction_loads
+from models.words.checks import check_numbers
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

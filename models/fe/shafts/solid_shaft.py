@@ -17,7 +17,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from models.checks import check_whole
 from models.fe.bearings.ring_bodies import INFLUENCE_RULE, BalancedBody, RingBody, influence_load
 from models.fe.meshes.ring_mesh import ring_mesh
 from models.fe.meshes.shaft_mesh import ShaftMeshRule, Step, shaft_mesh
@@ -25,6 +24,7 @@ from models.fe.meshes.sizing import MeshRule, contact_grid
 from models.fe.shafts.fit_contact import Fit, FitFound, FitProblem, settle_fit
 from models.fe.solid.elastic import ElasticBody
 from models.fe.solid.traction import BoundaryPoints, boundary_points, traction_loads
+from models.words.checks import check_whole
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

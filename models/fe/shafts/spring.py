@@ -8,15 +8,15 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from models.hertz import contact_exponent, contact_forces, element_angles
-from models.numerics import find_root
+from models.machine.hertz import contact_exponent, contact_forces, element_angles
+from models.words.numerics import find_root
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from numpy.typing import NDArray
 
-    from models.bearing import Bearing
+    from models.machine.bearing import Bearing
 
 _CAGE_ANGLES = 16
 _TABLE_POINTS = 25

@@ -10,8 +10,8 @@ from collections.abc import Generator, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 
-from models.errors import WrongInputError
-from models.memory import Memory, free_memory, held_memory
+from models.platform.memory import Memory, free_memory, held_memory
+from models.words.errors import WrongInputError
 
 ENTRIES = (0.168, 1.4)
 """Entries of the triangular factor of n unknowns: 1e6 a (n / 1000)^p."""

@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from models.errors import SpallwatchError, WrongInputError
 from models.fe.solid.cholesky import Cholesky
 from models.fe.solid.cost import check_memory
 from models.fe.solid.dissection import Plan
@@ -29,6 +28,7 @@ from models.fe.solid.shape import (
     shapes,
 )
 from models.fe.solid.sparse import SparseMatrix, sparse_matrix
+from models.words.errors import SpallwatchError, WrongInputError
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from models.errors import WrongInputError
+from models.words.errors import WrongInputError
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -24,7 +24,7 @@ from models.fe.solid.condense import ContactCells, cell_loads
 from models.fe.solid.contact import ContactState, press_to_force
 from models.fe.solid.elastic import ElasticBody, NotConvergedError
 from models.fe.submodel.two_contacts import bore_pressure, bore_reader
-from models.hertz import BALL_EXPONENT, ROLLER_EXPONENT
+from models.machine.hertz import BALL_EXPONENT, ROLLER_EXPONENT
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

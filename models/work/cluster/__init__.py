@@ -5,7 +5,7 @@ from __future__ import annotations
 import importlib.util
 from typing import TYPE_CHECKING
 
-from models.errors import WrongInputError
+from models.words.errors import WrongInputError
 
 if TYPE_CHECKING:
     from collections.abc import Callable

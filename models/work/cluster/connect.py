@@ -17,7 +17,7 @@ from collections.abc import Iterable
 from typing import Any, Protocol
 from urllib.parse import urlsplit
 
-from models.errors import WrongInputError
+from models.words.errors import WrongInputError
 from models.work.cluster.errors import ClusterError, RefusedWorkerError
 
 CONNECT_S = 15.0

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from models.errors import SpallwatchError, WrongInputError
+from models.words.errors import SpallwatchError, WrongInputError
 
 
 class ClusterError(SpallwatchError):

@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
-from models.errors import SpallwatchError
+from models.words.errors import SpallwatchError
 from models.work.chunk import cached_store, run_chunk
 from models.work.cluster.versions import differences, facts
 from models.work.redact import redact

@@ -10,9 +10,9 @@ from typing import Any
 
 import numpy as np
 
-from models.ball_statics import BallStatics, RingState, equilibrium
-from models.bearing import CatalogueEntry, kinematics
-from models.contact_estimates import estimate_stiffness
+from models.machine.ball_statics import BallStatics, RingState, equilibrium
+from models.machine.bearing import CatalogueEntry, kinematics
+from models.machine.contact_estimates import estimate_stiffness
 from monitor.commands.common import InputError, output_errors
 
 CAGE_STEPS = 24

@@ -11,14 +11,14 @@ from typing import Any
 
 import click
 
-from models.bearing import Bearing, CatalogueEntry, kinematics
-from models.catalogue.series import Origin
-from models.contact_estimates import StiffnessEstimate, estimate_stiffness
-from models.hertz import contact_stiffness, l10h_life
-from models.kinematic_uncertainty import kinematics_uncertainty
-from models.line_contact import LINE_CONTACTS, LineContact
+from models.machine.bearing import Bearing, CatalogueEntry, kinematics
+from models.machine.catalogue.series import Origin
+from models.machine.contact_estimates import StiffnessEstimate, estimate_stiffness
+from models.machine.hertz import contact_stiffness, l10h_life
+from models.machine.kinematic_uncertainty import kinematics_uncertainty
+from models.machine.line_contact import LINE_CONTACTS, LineContact
+from models.machine.scene import Defect
 from models.published.thesis import published_figures
-from models.scene import Defect
 from monitor.commands import option
 from monitor.commands.bearing.balls import BallCase, ball_case, ball_lines, ball_values, draw_balls
 from monitor.commands.bearing.fe import FeOptions, fe_answer, fe_options

@@ -15,13 +15,13 @@ import click
 import numpy as np
 from numpy.typing import NDArray
 
-from models.bearing import CatalogueEntry
-from models.contact_estimates import estimate_stiffness
 from models.fe.bearings.rig import rig_stiffness
 from models.fe.bearings.rings import SUPPORTS, Support
 from models.fe.meshes.geometry import fe_geometry
 from models.fe.meshes.named_rules import NAMED_RULES, MeshName
-from models.hertz import contact_exponent
+from models.machine.bearing import CatalogueEntry
+from models.machine.contact_estimates import estimate_stiffness
+from models.machine.hertz import contact_exponent
 from monitor.commands import option
 from monitor.commands.bearing.fe_values import Partner, fe_picture, fe_values
 from monitor.commands.bearing.rig import rig_text

@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from models.bearing import Bearing
 from models.fe.bearings.assembled import AssembledBearing
 from models.fe.meshes.geometry import fe_geometry
 from models.fe.meshes.sizing import half_sizes
-from models.hertz import BALL_EXPONENT, point_contact_semi_axes
-from models.load_distribution import load_distribution, stiffness_against_load, stiffness_over_passage
+from models.machine.bearing import Bearing
+from models.machine.hertz import BALL_EXPONENT, point_contact_semi_axes
+from models.machine.load_distribution import load_distribution, stiffness_against_load, stiffness_over_passage
 from monitor.commands.bearing.shaft import shaft_lines
 from monitor.commands.bearing.statics import LOAD_STEPS, distribution_rows, load_rows, passage_values
 from monitor.commands.common import finite
@@ -66,7 +66,7 @@ def fe_values(case: FeCase, analytic: Mapping[str, Any], partner: Partner | None
         partner: bearing and contact stiffness of the analytic answer, None where there is none.
     """
     from models.fe.solid.cost import factor_cost
-    from models.memory import peak_memory
+    from models.platform.memory import peak_memory
 
     made, first = case.bearing, case.first
     assembled = made.assembled

@@ -9,17 +9,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from models.bearing import Bearing
-from models.hertz import contact_patches, mean_bearing_stiffness
-from models.load_distribution import (
+from models.machine.bearing import Bearing
+from models.machine.hertz import contact_patches, mean_bearing_stiffness
+from models.machine.load_distribution import (
     StiffnessPassage,
     load_distribution,
     load_zone,
     stiffness_against_load,
     stiffness_over_passage,
 )
-from models.rigs.six_dof import Rig, natural_frequencies
-from models.scene import Defect
+from models.machine.rig import Rig, natural_frequencies
+from models.machine.scene import Defect
 
 LOAD_STEPS = (0.25, 0.5, 1.0, 2.0, 4.0)
 """Multiples of the load at which the radial stiffness is printed."""

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from typing import Any
 
-from models import bearing as bearings
+from models.machine import bearing as bearings
 from streams.spec import UNITS
 from streams.stamps import ORDERS, Order
 

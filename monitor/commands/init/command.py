@@ -11,7 +11,7 @@ from typing import Any
 
 import click
 
-from models.bearing import kinematics
+from models.machine.bearing import kinematics
 from monitor.commands import option
 from monitor.commands.common import InputError, emit, input_errors, output_errors, say
 from monitor.commands.init import answers as read

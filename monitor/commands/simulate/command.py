@@ -11,12 +11,12 @@ from typing import TYPE_CHECKING, Any
 import click
 import numpy as np
 
-from models.bearing import Bearing, CatalogueEntry, kinematics
-from models.contact_estimates import estimate_stiffness
-from models.registry import AUTO, MODULES
-from models.response import QUANTITIES, SENSORS, Sensor, row_of
-from models.rigs.six_dof import Rig
-from models.scene import Defect, Floor, Scene, Slip, Waviness
+from models.machine.bearing import Bearing, CatalogueEntry, kinematics
+from models.machine.contact_estimates import estimate_stiffness
+from models.machine.rig import Rig
+from models.machine.scene import Defect, Floor, Scene, Slip, Waviness
+from models.solve.registry import AUTO, MODULES
+from models.solve.response import QUANTITIES, SENSORS, Sensor, row_of
 from monitor.commands import option
 from monitor.commands.common import (
     PICTURES,
@@ -45,7 +45,7 @@ from monitor.words.sensors import MEASURED, data_name, unit_in_names, unit_of_se
 from streams.block import STANDARD_GRAVITY
 
 if TYPE_CHECKING:
-    from models.response import Response
+    from models.solve.response import Response
 
 
 _USUAL = {"speed_hz": 40.0, "load_newton": 4000.0}
@@ -233,7 +233,7 @@ def _more_defects(options: dict[str, Any]) -> Iterator[Defect]:
 
 
 def _plot(response: Response, options: dict[str, Any], scene: Scene, sensor: Sensor) -> None:
-    from models.trajectories import trajectories
+    from models.solve.trajectories import trajectories
     from monitor.report.figures.scene import fundamental_of, scene_sheet, signal_of
     from monitor.report.figures.sheet import write_sheet
 

@@ -9,16 +9,16 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from models.registry import MODULES, Request
-from models.response import PASSBAND
+from models.solve.registry import MODULES, Request
+from models.solve.response import PASSBAND
 from monitor.commands.common import finite, output_errors
 from monitor.commands.model_parameters import able_models, missing_effects, with_parameters
 from monitor.words.sensors import unit_in_names, unit_of_sensor
 
 if TYPE_CHECKING:
-    from models.bearing import CatalogueEntry
-    from models.response import Response
-    from models.scene import Scene
+    from models.machine.bearing import CatalogueEntry
+    from models.machine.scene import Scene
+    from models.solve.response import Response
     from monitor.config.load import Config
 
 WAVEFORM_RATE = 51200.0
@@ -42,7 +42,7 @@ def request_of(options: dict[str, Any]) -> Request:
 
 def simulated(scene: Scene, options: dict[str, Any]) -> Response:
     """Return the response to a scene, as the options of ``simulate`` ask."""
-    from models.simulate import simulate
+    from models.solve.simulate import simulate
 
     return simulate(scene, **asdict(request_of(options)))
 

@@ -11,15 +11,15 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import click
 import numpy as np
 
-from models.shaft_marks import ShaftMarks, as_channel, time_of_turns
-from models.speed_profile import SpeedProfile, coast_down, constant, hunt, ramp, table
+from models.machine.shaft_marks import ShaftMarks, as_channel, time_of_turns
+from models.machine.speed_profile import SpeedProfile, coast_down, constant, hunt, ramp, table
 from monitor.commands import option
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from models.response import Response
-    from models.scene import Scene
+    from models.machine.scene import Scene
+    from models.solve.response import Response
 
 F = TypeVar("F", bound=Callable[..., Any])
 _USUAL_SECONDS = 1.0

@@ -9,15 +9,15 @@ from functools import cached_property
 
 import numpy as np
 
-from models.bearing import CatalogueEntry, catalogue_entry
-from models.contact_estimates import estimate_stiffness
-from models.errors import WrongInputError
 from models.gears.bearings import RollingSupport, with_bearings
 from models.gears.damping import with_rayleigh
 from models.gears.linear import mean_state
 from models.gears.mesh import MeshStiffness
 from models.gears.phase import begin_of_mesh, turns_between
 from models.gears.train import Body, GearTrain, Mesh, Support, Torsion, Wheel, alike, line_of_action
+from models.machine.bearing import CatalogueEntry, catalogue_entry
+from models.machine.contact_estimates import estimate_stiffness
+from models.words.errors import WrongInputError
 from monitor.config.fields import LocatedError
 from monitor.config.gears.meshes import PairModel
 from monitor.config.gears.parts import GearPairSection, GearShaftSection, GearSupportSection

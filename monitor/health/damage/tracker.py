@@ -29,8 +29,8 @@ from monitor.health.damage.thesis import edv, forecast
 from monitor.health.damage.thesis.level_set import LevelMap
 
 if TYPE_CHECKING:
+    from models.machine.scene import Part
     from models.maps import data as map_data
-    from models.scene import Part
 
 MapAt = Callable[[float | None, float | None], "tuple[LevelMap | None, EdvStatus | None]"]
 """The map at a load (N) and speed (Hz), or the status that says why there is none."""

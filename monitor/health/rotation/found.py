@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from models.bearing import Bearing
+from models.machine.bearing import Bearing
 from monitor.health.condition import ConditionSettings
 from monitor.health.rotation.encoder import EncoderState, encoder_step
 from monitor.health.rotation.fit import rotation_of

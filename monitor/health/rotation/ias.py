@@ -21,7 +21,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from models.bearing import Bearing, kinematics
+from models.machine.bearing import Bearing, kinematics
 from monitor.health.rotation.intervals import Intervals, TooFewPulsesError, UnevenPulsesError, intervals
 from monitor.health.rotation.repair import Repaired
 from monitor.health.rotation.train import PulseTrain

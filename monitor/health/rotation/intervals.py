@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from models.errors import SpallwatchError
+from models.words.errors import SpallwatchError
 from monitor.health.rotation.slow import slow_course
 from monitor.health.rotation.train import PulseTrain
 

@@ -15,7 +15,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from models.bearing import Bearing, kinematics
+from models.machine.bearing import Bearing, kinematics
 from monitor.health.rotation.path import best_path
 from monitor.health.rotation.phase import correct, corrected, rows_by_angle
 from monitor.health.rotation.plane import LowRows, low_rows, plane_of

@@ -19,7 +19,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from models.numerics import gamma_quantile
+from models.words.numerics import gamma_quantile
 from monitor.health.rotation.rotation import Rotation, constant
 from monitor.health.spectrum.plans import next_smooth
 

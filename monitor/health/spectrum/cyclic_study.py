@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from models.bearing import Bearing, kinematics
+from models.machine.bearing import Bearing, kinematics
 from monitor.health.rotation.fit import rotation_of
 from monitor.health.rotation.repair import repaired
 from monitor.health.rotation.ridge import angle_from_vibration

@@ -8,7 +8,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from models.numerics import gamma_quantile
+from models.words.numerics import gamma_quantile
 
 MIN_FLOOR_BINS = 65
 """Least width of the windows from which the floor is taken."""

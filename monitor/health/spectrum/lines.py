@@ -16,7 +16,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from models.numerics import f_quantile
+from models.words.numerics import f_quantile
 from monitor.health.spectrum.comb import GRID_STEP, LineSpectrum, comb_grid
 from monitor.health.spectrum.family import HANN_POWER, NEAR_BINS, FaultLines
 

@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
-from models.bearing import Kinematics
+from models.machine.bearing import Kinematics
 from monitor.health.rotation.rotation import Rotation
 from monitor.health.spectrum.interference import Comb
 from monitor.health.spectrum.lines import SEARCH

@@ -15,7 +15,7 @@ from enum import StrEnum
 import numpy as np
 from numpy.typing import NDArray
 
-from models.bearing import Bearing, kinematics
+from models.machine.bearing import Bearing, kinematics
 from monitor.health.spectrum.floor import MIN_FLOOR_BINS, noise_floor
 from monitor.health.spectrum.transform import AmplitudeSpectrum, Band, get_transform
 

@@ -11,8 +11,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import FigureBase
 from numpy.typing import NDArray
 
-from models.ball_statics import RingState
-from models.bearing import Bearing
+from models.machine.ball_statics import RingState
+from models.machine.bearing import Bearing
 from monitor.report.figures.drawing import AXIS, BLUE, GREY, SOFT, VERMILION, legend_above
 from monitor.report.figures.sheet import Part, Sheet
 from monitor.words.numbers import figure

@@ -10,8 +10,8 @@ import numpy as np
 from matplotlib.figure import FigureBase
 from numpy.typing import NDArray
 
-from models.response import Response
-from models.scene import EFFECTS, Scene
+from models.machine.scene import EFFECTS, Scene
+from models.solve.response import Response
 from monitor.report.figures.drawing import AXIS, BLUE, GREEN, ORANGE, PURPLE, VERMILION, legend_above
 from monitor.report.figures.scene import SensorSignal, fundamental_of, signal_of
 from monitor.report.figures.sheet import Part, Sheet

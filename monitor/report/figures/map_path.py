@@ -12,10 +12,10 @@ from matplotlib.axes import Axes
 from numpy.typing import NDArray
 from platformdirs import user_cache_dir
 
+from models.machine.scene import Part
 from models.maps.data import MapSlice, OutsideMapError, RmsMap
 from models.maps.file import load_map
 from models.maps.plan import DAMAGED, MapError
-from models.scene import Part
 from monitor.health.damage.filter.particles import Particles
 from monitor.health.damage.tracker import part_of
 from monitor.records.archive import of_channel

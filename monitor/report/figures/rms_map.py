@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from models.maps.data import MapSlice, RmsMap
 from models.maps.plan import DAMAGED, MapPlan
-from models.response import CASING, STATUSES
+from models.solve.response import CASING, STATUSES
 from monitor.report.figures.drawing import BLUE, GREEN, INK, PURPLE, SOFT, VERMILION, legend_above
 from monitor.report.figures.sheet import Part, Sheet
 from monitor.words.calibration import rig_words

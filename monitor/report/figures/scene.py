@@ -13,14 +13,14 @@ from matplotlib.figure import FigureBase
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
-from models.bearing import kinematics
-from models.hertz import mean_bearing_stiffness
+from models.machine.bearing import kinematics
+from models.machine.hertz import mean_bearing_stiffness
+from models.machine.rig import Rig, natural_frequencies
+from models.machine.scene import EFFECTS, Defect, Floor, Scene
 from models.path.contour import part_paths
-from models.response import Response, Sensor, SignalRecord
 from models.rigs import AnyRig
-from models.rigs.six_dof import Rig, natural_frequencies
-from models.scene import EFFECTS, Defect, Floor, Scene
-from models.trajectories import Trajectories
+from models.solve.response import Response, Sensor, SignalRecord
+from models.solve.trajectories import Trajectories
 from monitor.report.figures.drawing import AXIS, BLUE, GREY, INK, PURPLE, SHADE, SOFT, VERMILION, legend_above
 from monitor.report.figures.sheet import Part, Sheet
 from monitor.words.calibration import rig_words

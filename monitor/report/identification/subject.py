@@ -14,7 +14,7 @@ from models.identify.limits import Interval
 from models.identify.problem import Problem
 from models.identify.run import Identification, IdentifyOptions
 from models.identify.trials import FEATURES, Condition, Trial
-from models.scene import Part
+from models.machine.scene import Part
 from monitor.words.numbers import count, figure
 
 Values = NDArray[np.float64]

@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from models.bearing import kinematics
 from models.identify.limits import INTERVALS
 from models.identify.space import ORDER
 from models.identify.trials import FEATURES
+from models.machine.bearing import kinematics
 from monitor.report.finding import Finding
 from monitor.report.identification.subject import ENDS, TITLES, Parameter, Subject
 from monitor.words.calibration import rig_words

@@ -13,8 +13,8 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from models.errors import WrongInputError
-from models.portable import lower_priority
+from models.platform.portable import lower_priority
+from models.words.errors import WrongInputError
 from monitor import __version__
 from monitor.config.load import Config, ConfigError, load_config
 from monitor.config.outputs import OpcUaSection

@@ -19,7 +19,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from models.errors import SpallwatchError
+from models.words.errors import SpallwatchError
 from monitor.config.load import Config
 from monitor.config.outputs import SparkplugSection
 from monitor.records.database import SharedConnection, replacing

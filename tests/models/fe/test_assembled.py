@@ -8,14 +8,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from models.bearing import from_catalogue
-from models.errors import WrongInputError
 from models.fe.bearings import assembled, balance
 from models.fe.bearings.assembled import AssembledBearing
 from models.fe.bearings.law import ElementLaw
 from models.fe.bearings.rings import BoreLoad, RingInfluence
-from models.hertz import bearing_stiffness, contact_exponent, contact_stiffness
-from models.load_distribution import load_distribution, stiffness_against_load, stiffness_over_passage
+from models.machine.bearing import from_catalogue
+from models.machine.hertz import bearing_stiffness, contact_exponent, contact_stiffness
+from models.machine.load_distribution import load_distribution, stiffness_against_load, stiffness_over_passage
+from models.words.errors import WrongInputError
 
 ANGLE = np.linspace(0.0, math.pi, 25)
 

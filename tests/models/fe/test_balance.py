@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from models.fe.bearings.balance import PowerLaw, condensed, settle
-from models.hertz import contact_forces, static_equilibrium
+from models.machine.hertz import contact_forces, static_equilibrium
 
 LAW = PowerLaw(1e10, 1.5)
 

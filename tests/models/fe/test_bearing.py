@@ -8,8 +8,6 @@ from functools import cache
 import numpy as np
 import pytest
 
-from models.bearing import catalogue_entry
-from models.errors import WrongInputError
 from models.fe.bearings import bearing, ring_bodies
 from models.fe.bearings.bearing import FeBearing, analytic_law, fe_bearing, largest_load, mesh_loads
 from models.fe.bearings.element import MAX_SHARE, MIN_SHARE, ElementMesh, Progress, element_mesh, surface_gap
@@ -20,8 +18,10 @@ from models.fe.meshes.geometry import FeGeometry, fe_geometry
 from models.fe.meshes.grid import FeMeshError
 from models.fe.meshes.sizing import MeshRule, half_sizes
 from models.fe.solid.condense import ContactCells
-from models.hertz import contact_stiffness
-from models.load_distribution import largest_element_load
+from models.machine.bearing import catalogue_entry
+from models.machine.hertz import contact_stiffness
+from models.machine.load_distribution import largest_element_load
+from models.words.errors import WrongInputError
 
 needs_extra = pytest.mark.skipif(not has_extra(), reason="scikit-fem is not installed")
 

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from benchmarks.fe_wide import plane_check
-from models.bearing import catalogue_entry
 from models.fe.bearings.balance import PowerLaw
 from models.fe.bearings.cage import (
     CageCoupling,
@@ -23,7 +22,8 @@ from models.fe.bearings.cage_mesh import CageGeometry, cage_opening, roller_bulg
 from models.fe.extra import has_extra
 from models.fe.meshes.geometry import fe_geometry
 from models.fe.meshes.sizing import MeshRule
-from models.hertz import bearing_stiffness, contact_stiffness
+from models.machine.bearing import catalogue_entry
+from models.machine.hertz import bearing_stiffness, contact_stiffness
 
 ENTRY = catalogue_entry("NU 202 ECP")
 LOAD_ON_ROLLER = 3706.0

@@ -5,7 +5,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from models.bearing import catalogue_entry
 from models.fe.extra import has_extra
 from models.fe.meshes.ball_mesh import ball_mesh
 from models.fe.meshes.common_surface import common_slopes, element_slopes, race_slopes
@@ -13,6 +12,7 @@ from models.fe.meshes.geometry import FeGeometry, Race, fe_geometry
 from models.fe.meshes.ring_mesh import ring_mesh
 from models.fe.meshes.roller_mesh import roller_mesh
 from models.fe.meshes.sizing import MeshRule, contact_grid
+from models.machine.bearing import catalogue_entry
 
 BALL, ROLLER = fe_geometry(catalogue_entry("6210")), fe_geometry(catalogue_entry("NU 202 ECP"))
 SMALL = MeshRule(patch=1.6, size=0.4, growth=2.5, along=6, coarse=3.0)

@@ -9,9 +9,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from models.errors import WrongInputError
 from models.fe.solid.condense import ContactCells, ContactFrame, cell_loads, compliance
 from models.fe.solid.elastic import ElasticBody
+from models.words.errors import WrongInputError
 from tests.models.fe.bodies import MODULUS, POISSON, block_mesh, cut_free, name_sides, skfem, unit_mesh
 
 

@@ -5,7 +5,7 @@ import pytest
 
 from models.fe.solid import cost
 from models.fe.solid.cost import MemoryBoundError, check_memory, factor_cost, memory_bound
-from models.memory import Memory
+from models.platform.memory import Memory
 
 ROOT = Path(__file__).resolve().parents[3]
 GB = 1e9

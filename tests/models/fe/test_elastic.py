@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from models.errors import WrongInputError
 from models.fe.solid.condense import ContactCells, cell_loads, compliance
 from models.fe.solid.cost import MemoryBoundError, memory_bound
 from models.fe.solid.elastic import ElasticBody, FeError, rigid_motions
+from models.words.errors import WrongInputError
 from tests.models.fe.bodies import KINDS, MODULUS, POISSON, block_mesh, cut_free, name_sides, skfem, unit_mesh
 
 

@@ -7,11 +7,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from models.bearing import Bearing, CatalogueEntry, catalogue_entry
-from models.errors import WrongInputError
 from models.fe.meshes.geometry import FeGeometryError, fe_geometry
 from models.fe.meshes.sizing import MeshRule, contact_grid, groove_reach, half_sizes
-from models.hertz import contact_patches
+from models.machine.bearing import Bearing, CatalogueEntry, catalogue_entry
+from models.machine.hertz import contact_patches
+from models.words.errors import WrongInputError
 
 
 def test_the_bearings_of_the_chapter():

@@ -11,7 +11,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from models.bearing import catalogue_entry
 from models.fe.extra import has_extra
 from models.fe.meshes.ball_mesh import ball_mesh
 from models.fe.meshes.geometry import FeGeometry, fe_geometry
@@ -19,6 +18,7 @@ from models.fe.meshes.grid import Block, FeMeshError, build, extrude, lattice, m
 from models.fe.meshes.ring_mesh import race_rise, ring_mesh
 from models.fe.meshes.roller_mesh import roller_mesh
 from models.fe.meshes.sizing import ContactGrid, MeshRule, chapter_rule, contact_grid, uniform_rule
+from models.machine.bearing import catalogue_entry
 from tests.support.effort import effort_count
 
 pytestmark = pytest.mark.skipif(not has_extra(), reason="scikit-fem (extra fe) is not installed")

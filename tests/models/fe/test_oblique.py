@@ -6,11 +6,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from models import ball_statics, hertz
-from models.bearing import Bearing, catalogue_entry
 from models.fe.bearings.balance import PowerLaw, condensed
 from models.fe.bearings.oblique import ObliqueBearing, ObliqueError, RowInfluence, oblique_geometry
-from models.load_distribution import stiffness_over_passage
+from models.machine import ball_statics, hertz
+from models.machine.bearing import Bearing, catalogue_entry
+from models.machine.load_distribution import stiffness_over_passage
 
 K_C = 5410.29e6
 ENTRY = catalogue_entry("1205 ETN9")

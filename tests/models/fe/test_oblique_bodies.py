@@ -5,8 +5,6 @@ import math
 import numpy as np
 import pytest
 
-from models import hertz
-from models.bearing import catalogue_entry
 from models.fe.bearings.oblique import oblique_geometry
 from models.fe.bearings.oblique_bodies import (
     _gap,
@@ -23,6 +21,8 @@ from models.fe.extra import has_extra
 from models.fe.meshes.grid import FeMeshError
 from models.fe.meshes.sizing import MeshRule, contact_grid
 from models.fe.solid.elastic import FeError
+from models.machine import hertz
+from models.machine.bearing import catalogue_entry
 
 GEOMETRY = oblique_geometry(catalogue_entry("1205 ETN9"))
 COARSE = MeshRule(patch=1.25, size=1.25, growth=3.5, along=1, along_patch=1.25, coarse=2.0)

@@ -6,12 +6,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from models.bearing import catalogue_entry
 from models.fe.bearings.profiles import RollerOnRace, lundberg_load, profile_lines, roller_on_race
 from models.fe.extra import has_extra
 from models.fe.meshes.geometry import fe_geometry
 from models.fe.meshes.sizing import MeshRule
 from models.fe.solid.elastic import FeError
+from models.machine.bearing import catalogue_entry
 
 ENTRY = catalogue_entry("NU 202 ECP")
 STRAIGHT = fe_geometry(ENTRY)

@@ -9,17 +9,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from models.bearing import Bearing, from_catalogue
-from models.errors import WrongInputError
 from models.fe.bearings.assembled import AssembledBearing
 from models.fe.bearings.law import ElementLaw
 from models.fe.bearings.rig import BearingAnswer, bearing_answers, effective_stiffness, rig_stiffness
 from models.fe.solid.elastic import NotConvergedError
-from models.hertz import contact_stiffness
-from models.load_distribution import stiffness_against_load
+from models.machine.bearing import Bearing, from_catalogue
+from models.machine.hertz import contact_stiffness
+from models.machine.load_distribution import stiffness_against_load
+from models.machine.rig import Rig
 from models.maps.nodes import drawn_rig
 from models.maps.plan import MapError, MapPlan
-from models.rigs.six_dof import Rig
+from models.words.errors import WrongInputError
 from monitor.commands.bearing.rig import rig_text
 from monitor.config.bearing import RigSection
 

@@ -8,10 +8,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from models.bearing import catalogue_entry
 from models.fe.extra import has_extra
 from models.fe.meshes.geometry import FeGeometry, Race, fe_geometry
 from models.fe.meshes.sizing import MeshRule
+from models.machine.bearing import catalogue_entry
 
 if not has_extra():
     pytest.skip("extra fe (scikit-fem) is not installed", allow_module_level=True)

@@ -10,13 +10,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from models.bearing import from_catalogue
 from models.fe.meshes.shaft_mesh import ShaftMeshRule, Step, shaft_mesh
 from models.fe.shafts.shaft import PER_SEAT, Seat, ShaftModel, SteppedShaft, Support, condense_shaft
 from models.fe.shafts.spring import RadialSpring, bearing_spring, table_spring
-from models.hertz import contact_stiffness
-from models.load_distribution import stiffness_against_load
-from models.shaft_beam import Shaft, element_matrices
+from models.machine.bearing import from_catalogue
+from models.machine.hertz import contact_stiffness
+from models.machine.load_distribution import stiffness_against_load
+from models.machine.shaft_beam import Shaft, element_matrices
 
 pytest.importorskip("skfem", reason="needs the extra fe")
 

@@ -9,7 +9,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from models.bearing import catalogue_entry
 from models.fe.bearings.assembled import AssembledBearing
 from models.fe.bearings.bearing import analytic_law
 from models.fe.bearings.ring_bodies import bore_load, influence_load, ring_influence
@@ -18,6 +17,7 @@ from models.fe.meshes.shaft_mesh import ShaftMeshRule
 from models.fe.meshes.sizing import MeshRule
 from models.fe.shafts.fit_contact import Fit
 from models.fe.shafts.solid_shaft import FitRule, FittedState, SolidShaft
+from models.machine.bearing import catalogue_entry
 
 pytest.importorskip("skfem", reason="needs the extra fe")
 

@@ -11,11 +11,11 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
-from models.errors import WrongInputError
 from models.fe.extra import MissingExtraError, require_gmsh, require_skfem
 from models.fe.meshes.tet_bodies import RaceSector, tet_ball, tet_race, tet_roller
 from models.fe.meshes.tetrahedra import MeshingError, Patch, TetRule, estimated_nodes
-from models.process_signals import sigpipe_kept
+from models.platform.process_signals import sigpipe_kept
+from models.words.errors import WrongInputError
 
 RADIUS, LENGTH, EDGE = 2.75e-3, 6e-3, 0.2e-3
 ANGLE = math.pi / 11.0

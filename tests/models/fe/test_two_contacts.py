@@ -7,7 +7,6 @@ import math
 import numpy as np
 import pytest
 
-from models.bearing import catalogue_entry
 from models.fe.extra import MissingExtraError, require_gmsh, require_skfem
 from models.fe.meshes.geometry import fe_geometry
 from models.fe.meshes.tet_bodies import RaceSector, tet_race, tet_roller
@@ -16,6 +15,7 @@ from models.fe.solid.condense import ContactCells
 from models.fe.solid.elastic import ElasticBody
 from models.fe.submodel.tet_sector import tet_sector
 from models.fe.submodel.two_contacts import GappedCells, TwoContacts, bore_pressure, bore_reader, nearest_node
+from models.machine.bearing import catalogue_entry
 
 MODULUS, POISSON = 210e9, 0.3
 RADIUS, HALF_LENGTH = 2.75e-3, 2.8e-3

@@ -8,12 +8,12 @@ from functools import cache
 
 import numpy as np
 
-from models.bearing import from_catalogue
 from models.identify.evaluate import Evaluator
 from models.identify.limits import Limits
 from models.identify.space import Space
 from models.identify.trials import Condition, Trial, Trials, gather
-from models.rigs.six_dof import Rig
+from models.machine.bearing import from_catalogue
+from models.machine.rig import Rig
 
 BEARING = from_catalogue("1205 ETN9")
 BAND = (0.0, 9500.0)

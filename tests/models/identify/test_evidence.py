@@ -8,8 +8,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from models.bearing import catalogue_entry
-from models.errors import WrongInputError
 from models.identify.evaluate import Evaluator
 from models.identify.evidence import Evidence, Prior
 from models.identify.geometry import geometry_priors
@@ -20,7 +18,9 @@ from models.identify.run import Identification, IdentifyOptions, identify
 from models.identify.space import Space
 from models.identify.trials import Condition, Trial, gather, no_trials
 from models.identify.volume import OperatingPoint, VolumeSpread, objections, small_map, volume_spread
-from models.rigs.six_dof import Rig
+from models.machine.bearing import catalogue_entry
+from models.machine.rig import Rig
+from models.words.errors import WrongInputError
 from tests.models.identify.cases import BAND, BEARING, CONDITIONS, simulated_trials, space_of
 from tests.support.evidence import LIGHT, LOADS, peaks_of
 

@@ -10,8 +10,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from models.dynamics.stationary import StationaryLevel
-from models.errors import WrongInputError
 from models.identify import evaluate
 from models.identify import state as state_module
 from models.identify.evaluate import Evaluator
@@ -21,8 +19,10 @@ from models.identify.problem import Problem
 from models.identify.run import Identification, IdentifyOptions, identify
 from models.identify.space import Space
 from models.identify.trials import Condition, Trial, Trials, gather
-from models.rigs.six_dof import Rig
-from models.scene import Scene
+from models.machine.rig import Rig
+from models.machine.scene import Scene
+from models.solve.six_dof.stationary import StationaryLevel
+from models.words.errors import WrongInputError
 from models.work.choose import local_runner
 from tests.models.identify.cases import BAND, CONDITIONS, TRUTH, simulated_trials, space_of
 from tests.support.identify import stand_in
@@ -197,7 +197,7 @@ def test_motions_that_do_not_repeat_count_less_but_count(monkeypatch: pytest.Mon
 
 
 def test_a_motion_that_does_not_repeat_is_simulated_on(monkeypatch: pytest.MonkeyPatch) -> None:
-    from models.dynamics import rows
+    from models.solve.six_dof import rows
 
     settled = rows.simulate_row
 
@@ -244,7 +244,7 @@ def test_a_defect_that_turns_has_a_mean_level_with_its_error(monkeypatch: pytest
         asked.append(scene)
         return level if scene.speed < 41.0 else replace(level, status="not_converged")
 
-    monkeypatch.setattr("models.dynamics.stationary.stationary_level", stationary)
+    monkeypatch.setattr("models.solve.six_dof.stationary.stationary_level", stationary)
     conditions = tuple(replace(CONDITIONS[1], part="inner", speed=speed) for speed in (40.0, 42.0))
     evaluator = Evaluator(space_of("m_r"), conditions, BAND)
     found = evaluator.levels([evaluator.space.known])[0]

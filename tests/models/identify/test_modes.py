@@ -8,10 +8,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from models.hertz import mean_bearing_stiffness
 from models.identify.modes import accelerance, contact_coefficients, modes
 from models.identify.space import bearing_directions
-from models.rigs.six_dof import Rig, natural_frequencies
+from models.machine.hertz import mean_bearing_stiffness
+from models.machine.rig import Rig, natural_frequencies
 from tests.models.identify.cases import BEARING
 
 K_B = np.array(bearing_directions(BEARING, 2000.0, Rig.k_c, 0.0))

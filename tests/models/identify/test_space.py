@@ -14,7 +14,7 @@ from models.identify import evaluate
 from models.identify.evaluate import Evaluator
 from models.identify.limits import Limits
 from models.identify.space import DEFAULT_FREE, ORDER, SpaceError, contact_ratios
-from models.rigs.six_dof import Rig, contact_damping, stiffness_damping
+from models.machine.rig import Rig, contact_damping, stiffness_damping
 from tests.models.identify.cases import BAND, CONDITIONS, space_of
 from tests.support.space import broken
 

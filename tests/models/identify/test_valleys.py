@@ -9,7 +9,7 @@ import pytest
 
 from models.identify.intervals import threshold
 from models.identify.valleys import ONE_VALLEY, ValleyChoice, valley_choice
-from models.numerics import f_quantile
+from models.words.numerics import f_quantile
 from tests.support.posterior import COUNT, NOISE, fitted, toy
 
 WAVES, TRUTH = 12, 0.52

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from models.errors import WrongInputError
+from models.words.errors import WrongInputError
 from models.work.chunk import run_chunk
 from models.work.task import DIED, ChunkCall, ChunkOutcome, Failure, Work
 

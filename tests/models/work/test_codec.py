@@ -20,7 +20,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from models.scene import Defect, Scene, Slip
+from models.machine.scene import Defect, Scene, Slip
 from models.work.codec import MAX_DEPTH, DamagedDataError, decode, digest, encode, name_of, resolve
 
 NAN_WITH_PAYLOAD = struct.unpack("<d", bytes.fromhex("010000000000f87f"))[0]
@@ -191,7 +191,7 @@ def test_what_cannot_be_sent_is_refused_by_its_place():
 
 
 def test_foreign_names_are_refused_on_reading():
-    for name in ("os:system", "models.scene:Nothing", "models.nothing:A", "models.scene"):
+    for name in ("os:system", "models.machine.scene:Nothing", "models.nothing:A", "models.machine.scene"):
         with pytest.raises(DamagedDataError):
             resolve(name)
     assert resolve(name_of(Plan)) is Plan
@@ -213,7 +213,7 @@ def test_a_digest_is_that_of_the_value():
 @pytest.mark.process
 def test_digests_are_the_same_in_processes_of_other_hash_seeds():
     code = (
-        "from models.scene import *; from models.work.codec import digest;"
+        "from models.machine.scene import *; from models.work.codec import digest;"
         "print(digest((Scene(40.0, 4e3, slip=Slip(0.01)), frozenset('abcdefgh'), {'z': {'x', 'y', 'w'}, 'a': None})))"
     )
     environments = [os.environ | {"PYTHONHASHSEED": seed} for seed in ("1", "2")]

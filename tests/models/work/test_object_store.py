@@ -12,7 +12,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from models.errors import WrongInputError
+from models.words.errors import WrongInputError
 from models.work.filesystem import filesystem
 from models.work.object_store import ObjectStore
 from models.work.storage_error import ObjectStorageError

@@ -11,7 +11,7 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
-from models.errors import WrongInputError
+from models.words.errors import WrongInputError
 from models.work.choose import local_runner, open_runner
 from models.work.errors import MemoryNeedError
 from models.work.folder_store import FolderStore

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from models.errors import WrongInputError
+from models.words.errors import WrongInputError
 from models.work import chunk
 from models.work.errors import ChunksFailedError
 from models.work.folder_store import FolderStore

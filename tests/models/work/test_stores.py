@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from models.errors import WrongInputError
+from models.words.errors import WrongInputError
 from models.work.folder_store import FolderStore
 from models.work.stores import open_store
 from tests.models.work.store_files import check_files

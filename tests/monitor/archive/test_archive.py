@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import streams.files
-from models.errors import WrongInputError
+from models.words.errors import WrongInputError
 from models.work.folder_store import FolderStore
 from models.work.runner import Runner
 from models.work.serial import SerialExecutor

@@ -15,7 +15,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import spallwatch as sw
-from models.errors import WrongInputError
+from models.words.errors import WrongInputError
 from models.work.folder_store import FolderStore
 from models.work.lease import LeaseLostError
 from models.work.object_store import ObjectStore

@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from models.ball_statics import BallStatics, equilibrium
-from models.bearing import Bearing
+from models.machine.ball_statics import BallStatics, equilibrium
+from models.machine.bearing import Bearing
 from monitor.commands.bearing.command import command
 from monitor.commands.common import InputError
 

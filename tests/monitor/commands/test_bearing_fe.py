@@ -22,8 +22,6 @@ from click.testing import CliRunner
 
 import models.fe.bearings.bearing
 import spallwatch as sw
-from models.bearing import from_catalogue
-from models.errors import WrongInputError
 from models.fe.bearings.assembled import AssembledBearing
 from models.fe.bearings.bearing import FeBearing
 from models.fe.bearings.element import RACES, FeContact
@@ -36,7 +34,9 @@ from models.fe.meshes.named_rules import NAMED_RULES
 from models.fe.meshes.sizing import half_sizes
 from models.fe.solid.condense import ContactCells
 from models.fe.solid.cost import check_memory
-from models.hertz import contact_stiffness
+from models.machine.bearing import from_catalogue
+from models.machine.hertz import contact_stiffness
+from models.words.errors import WrongInputError
 from monitor.commands.bearing.command import command
 from monitor.commands.bearing.fe_values import fe_lines
 from monitor.commands.common import InputError

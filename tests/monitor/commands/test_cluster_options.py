@@ -9,7 +9,7 @@ import click
 import pytest
 from click.testing import CliRunner
 
-from models.errors import WrongInputError
+from models.words.errors import WrongInputError
 from models.work.errors import ChunksFailedError
 from models.work.task import Progress, Work
 from monitor.commands.cluster_options import Sharing, progress_text, sharing

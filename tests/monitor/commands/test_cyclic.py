@@ -10,7 +10,7 @@ import pytest
 from click.testing import CliRunner
 
 import spallwatch as sw
-from models.errors import WrongInputError
+from models.words.errors import WrongInputError
 from monitor.commands.cyclic import command
 from tests.support.cyclic import RATE, hunting, modulated
 

@@ -9,7 +9,7 @@ import pytest
 from click.testing import CliRunner
 
 from models.rigs import IGNORES_DEPTH, RIGS
-from models.rigs.rotor import RotorRig
+from models.solve.rotor.rig import RotorRig
 from monitor.commands import demo_prior
 from monitor.commands.common import InputError
 from monitor.commands.demo import MODELS, _prior_note, command, demo_config

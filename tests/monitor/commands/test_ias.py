@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from models.errors import WrongInputError
+from models.words.errors import WrongInputError
 from monitor.commands.ias import command
 from tests.monitor.health.rotation.wheels import MARKS, eccentric, wheel
 

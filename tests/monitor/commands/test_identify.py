@@ -13,9 +13,9 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from models.bearing import from_catalogue, kinematics
 from models.identify import posterior as sampling
-from models.rigs.draws import read_posterior
+from models.machine.bearing import from_catalogue, kinematics
+from models.machine.rig_draws import read_posterior
 from monitor.cli import spallwatch
 from monitor.commands import identify
 from monitor.commands.common import InputError

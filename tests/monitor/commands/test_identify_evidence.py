@@ -12,7 +12,7 @@ import pytest
 
 from models.identify.modes import accelerance, modes
 from models.identify.space import bearing_directions
-from models.rigs.six_dof import Rig
+from models.machine.rig import Rig
 from monitor.commands.common import InputError
 from monitor.commands.evidence_files import read_accelerance, read_peaks
 from monitor.commands.identify_verdict import verdict_lines

@@ -11,7 +11,7 @@ from click.testing import CliRunner
 
 from models.lives.life import LifeHistory, simulate_life
 from models.lives.population import Population
-from models.rigs.rotor import RotorRig
+from models.solve.rotor.rig import RotorRig
 from monitor.cli import spallwatch
 from monitor.commands.common import InputError
 from monitor.commands.library import _laws

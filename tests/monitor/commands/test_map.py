@@ -12,7 +12,7 @@ from click.testing import CliRunner
 from netCDF4 import Dataset
 
 from models.maps.file import load_map
-from models.rigs.rotor import RotorRig
+from models.solve.rotor.rig import RotorRig
 from monitor.commands.common import InputError
 from monitor.commands.maps import command
 from monitor.health.damage.thesis.level_set import least_volume

@@ -10,9 +10,9 @@ import pytest
 from click.testing import CliRunner
 
 from models.lives.population import Population
+from models.machine.rig import Rig
+from models.machine.rig_draws import RigPosterior
 from models.maps.file import load_map
-from models.rigs.draws import RigPosterior
-from models.rigs.six_dof import Rig
 from monitor.cli import spallwatch
 from monitor.commands import library as library_commands
 from monitor.config.load import ConfigError, load_config

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from models.bearing import from_catalogue, kinematics
+from models.machine.bearing import from_catalogue, kinematics
 from monitor.cli import main
 from monitor.commands.simulate.command import command
 

@@ -11,15 +11,15 @@ from typing import Any
 import pytest
 from click.testing import CliRunner
 
-from models.bearing import catalogue_entry
-from models.contact_estimates import estimate_stiffness
-from models.hertz import in_series
-from models.registry import MODULES, solvers
-from models.response import Response
-from models.rigs.ball_inertia import BallInertiaRig
-from models.rigs.rotor import RotorRig
-from models.rigs.six_dof import Rig
-from models.scene import Scene
+from models.machine.bearing import catalogue_entry
+from models.machine.contact_estimates import estimate_stiffness
+from models.machine.hertz import in_series
+from models.machine.rig import Rig
+from models.machine.scene import Scene
+from models.solve.ball_inertia.rig import BallInertiaRig
+from models.solve.registry import MODULES, solvers
+from models.solve.response import Response
+from models.solve.rotor.rig import RotorRig
 from monitor.commands.simulate.command import command
 from monitor.commands.simulate.models import request_of, simulated
 from monitor.config.load import validate

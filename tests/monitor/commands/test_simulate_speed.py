@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from models.speed_profile import ramp
+from models.machine.speed_profile import ramp
 from monitor.commands.simulate.command import command
 from monitor.commands.simulate.speed import parse_speeds
 

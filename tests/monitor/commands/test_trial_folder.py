@@ -13,8 +13,8 @@ import pytest
 from models.identify.evaluate import Evaluator
 from models.identify.trials import Condition, gather
 from models.published.thesis import EXTENTS_DEG
-from models.response import Response
-from models.simulate import simulate
+from models.solve.response import Response
+from models.solve.simulate import simulate
 from monitor.commands.common import InputError
 from monitor.commands.trial_files import Measuring, tracked_channel
 from monitor.commands.trial_folder import compile_names, read_tests

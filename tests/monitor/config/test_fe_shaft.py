@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from models.contact_estimates import estimate_stiffness
 from models.fe.meshes.shaft_mesh import ShaftMeshRule
+from models.machine.contact_estimates import estimate_stiffness
 from monitor.commands.bearing.shaft import shaft_lines, shaft_values
 from monitor.config.fe_shaft import ShaftFile, SupportSection, read_shaft
 from monitor.config.load import ConfigError

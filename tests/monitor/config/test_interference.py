@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from models.bearing import kinematics
+from models.machine.bearing import kinematics
 from monitor.commands.check_interference import interference_lines, taken_families
 from monitor.config.load import Config, validate
 from monitor.health.spectrum.interference import Interference

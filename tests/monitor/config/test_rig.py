@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from models.rigs.six_dof import Rig
+from models.machine.rig import Rig
 from monitor.commands.check import find_problems
 from monitor.config.bearing import RIG_KEYS, STIFFNESS_KEYS, RigSection, sealed
 from monitor.config.load import Config, ConfigError, validate

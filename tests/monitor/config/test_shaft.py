@@ -9,14 +9,14 @@ from typing import Any
 
 import pytest
 
-from models.bearing import catalogue_entry, kinematics
-from models.contact_estimates import estimate_stiffness
+from models.machine.bearing import catalogue_entry, kinematics
+from models.machine.contact_estimates import estimate_stiffness
+from models.machine.rig import Rig
 from models.rigs import RIGS
-from models.rigs.angular import AngularRig
-from models.rigs.ball_inertia import BallInertiaRig
-from models.rigs.ring_impact import RingImpactRig
-from models.rigs.rotor import RotorRig
-from models.rigs.six_dof import Rig
+from models.solve.angular.rig import AngularRig
+from models.solve.ball_inertia.rig import BallInertiaRig
+from models.solve.ring_impact.rig import RingImpactRig
+from models.solve.rotor.rig import RotorRig
 from monitor.config.load import Config, ConfigError, load_config, validate
 from monitor.config.shaft import RIG_KEYS, SCENE_KEYS, ShaftSection
 from tests.support.commands import run_command

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from models.scene import Part
+from models.machine.scene import Part
 from monitor.config.alarms import AlarmLevel, AlarmsSection
 from monitor.health.alarms import AlarmInput, AlarmSettings, AlarmState, Level, Rule
 from monitor.health.alarms import step as alarm_step

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from models.bearing import Bearing, from_catalogue, kinematics
+from models.machine.bearing import Bearing, from_catalogue, kinematics
 from monitor.config.load import ConfigError, validate
 from monitor.health.condition import ConditionSettings, Quantity, known_sd, load_of, speed_of
 from monitor.health.quality import SpeedLimits

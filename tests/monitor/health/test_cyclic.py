@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from models.bearing import from_catalogue
+from models.machine.bearing import from_catalogue
 from monitor.health.rotation.rotation import Rotation, constant
 from monitor.health.spectrum.cyclic import CyclicCoherence, cyclic_coherence
 from monitor.health.spectrum.cyclic_study import cyclic_study, known_rotation

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from models.bearing import Bearing, kinematics
+from models.machine.bearing import Bearing, kinematics
 from monitor.health.spectrum.average import RecentSpectra
 from monitor.health.spectrum.features import FAULTS, BlockFeatures, FeatureSettings, block_features, fundamentals
 from tests.oracles import features_oracle as oracle

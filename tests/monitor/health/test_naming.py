@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from models.bearing import Kinematics
+from models.machine.bearing import Kinematics
 from monitor.health.naming import (
     MIN_DEPTH,
     SURE,

@@ -8,7 +8,7 @@ import pytest
 from benchmarks import seeded_faults
 from benchmarks.naming_truth import comb_depth, envelope_spectrum
 from benchmarks.seeded_faults import HELD_OUT, TRAINING, draw, make
-from models.bearing import from_catalogue
+from models.machine.bearing import from_catalogue
 from tests.support.recordings import CASES, OTHER_ENDS, judge
 
 RATE, BAND = 12800.0, (1000.0, 5000.0)

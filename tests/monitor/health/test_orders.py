@@ -11,7 +11,7 @@ from hypothesis import settings as effort
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from models.bearing import kinematics
+from models.machine.bearing import kinematics
 from monitor.health.condition import ConditionSettings
 from monitor.health.recording_bands import recording_bands
 from monitor.health.rotation.rotation import Rotation, constant

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from models.scene import Part
+from models.machine.scene import Part
 from monitor.health.channel import ChannelBlock, check_channel, step
 from monitor.health.condition import ConditionSettings, Quantity
 from monitor.health.damage import DamageInput, EdvStatus

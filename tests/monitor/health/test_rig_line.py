@@ -18,11 +18,11 @@ import xarray as xr
 from click.testing import CliRunner
 
 from models.lives.population import Population
+from models.machine.rig import Rig
 from models.maps import file as map_files
 from models.maps.data import MapSlice, RmsMap
 from models.maps.file import cached_map, save_map
 from models.maps.plan import MapPlan
-from models.rigs.six_dof import Rig
 from monitor.commands import forecast as forecast_command
 from monitor.commands import track as track_command
 from monitor.commands.demo import demo_config

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from models.bearing import CatalogueEntry, Kinematics, catalogue, catalogue_entry, kinematics
-from models.kinematic_uncertainty import KNOWN, KinematicUncertainty, kinematics_uncertainty, with_count
+from models.machine.bearing import CatalogueEntry, Kinematics, catalogue, catalogue_entry, kinematics
+from models.machine.kinematic_uncertainty import KNOWN, KinematicUncertainty, kinematics_uncertainty, with_count
 from monitor.health.naming import Naming, name_fault
 from monitor.health.spectrum.features import FeatureSettings, block_features, fundamentals
 from monitor.health.spectrum.lines import SEARCH

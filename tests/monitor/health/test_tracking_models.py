@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from models.bearing import kinematics
+from models.machine.bearing import kinematics
 from models.maps.build import build_map
 from models.maps.data import RmsMap
 from models.maps.plan import MapPlan

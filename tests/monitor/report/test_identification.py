@@ -22,7 +22,7 @@ from models.identify.evidence import Evidence, Peak, Prior
 from models.identify.limits import Limits
 from models.identify.run import Identification, IdentifyOptions, identify
 from models.identify.trials import Condition, Trial, gather
-from models.scene import Rig
+from models.machine.scene import Rig
 from monitor.report.identification import tables, words
 from monitor.report.identification.features import residuals
 from monitor.report.identification.front import one_at_a_time

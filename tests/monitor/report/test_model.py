@@ -14,16 +14,16 @@ from click.testing import CliRunner
 from hypothesis import given
 from hypothesis import strategies as st
 
-from models.bearing import from_catalogue, kinematics
-from models.hertz import element_angles
+from models.machine.bearing import from_catalogue, kinematics
+from models.machine.hertz import element_angles
+from models.machine.scene import Defect, Floor, Scene, Slip
 from models.maps.build import build_map
 from models.maps.data import RmsMap
 from models.maps.file import save_map
 from models.maps.nodes import MAP_ACCURACY
 from models.maps.plan import MapPlan
 from models.path.defect import ball_path
-from models.scene import Defect, Floor, Scene, Slip
-from models.simulate import simulate
+from models.solve.simulate import simulate
 from monitor.cli import main
 from monitor.commands.maps import command as map_command
 from monitor.commands.simulate.command import command as simulate_command

@@ -7,7 +7,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from models.scene import Floor
+from models.machine.scene import Floor
 from monitor.health.record import Record
 from monitor.records.store import Store
 from monitor.report import run_section

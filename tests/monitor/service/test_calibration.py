@@ -9,12 +9,12 @@ from typing import Any
 import pytest
 
 from models.lives.population import Population
+from models.machine.rig import Calibration, Claim, Rig
 from models.maps.build import build_map
 from models.maps.data import RmsMap
 from models.maps.file import save_map
 from models.maps.plan import MapPlan
-from models.rigs.rotor import RotorRig
-from models.rigs.six_dof import Calibration, Claim, Rig
+from models.solve.rotor.rig import RotorRig
 from monitor.commands.check import find_problems
 from monitor.config.bearing import RigSection
 from monitor.config.load import Config, validate

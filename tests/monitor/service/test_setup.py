@@ -9,12 +9,12 @@ from pathlib import Path
 import pytest
 
 from models.lives.population import Population
+from models.machine.scene import Part
 from models.maps.build import build_map
 from models.maps.file import save_map
 from models.maps.plan import MapPlan
-from models.nominal_rigs import nominal_rig
-from models.rigs.rotor import RotorRig
-from models.scene import Part
+from models.solve.nominal_rigs import nominal_rig
+from models.solve.rotor.rig import RotorRig
 from monitor.commands.check import find_problems
 from monitor.config.load import ConfigError, validate
 from monitor.health.damage import EdvStatus

@@ -9,8 +9,8 @@ import pytest
 
 from benchmarks.engine_judge import answer, engine_scene, verdict
 from benchmarks.engine_oracle import solve, stored
-from models.bearing import kinematics
-from models.simulate import simulate
+from models.machine.bearing import kinematics
+from models.solve.simulate import simulate
 from tests.oracles.periodic.scenes import DEVELOPMENT, scenes
 from tests.support.periodic_oracle import ROLLERS, SPALL
 

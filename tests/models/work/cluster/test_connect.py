@@ -6,7 +6,7 @@ import socket
 
 import pytest
 
-from models.errors import WrongInputError
+from models.words.errors import WrongInputError
 from models.work.cluster import connect, open_executor
 from models.work.cluster.connect import Remote, check_addresses, checked_address, is_loopback
 from models.work.cluster.errors import ClusterError, RefusedWorkerError

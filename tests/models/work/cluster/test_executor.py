@@ -13,7 +13,7 @@ from urllib.parse import urlsplit
 import numpy as np
 import pytest
 
-from models.errors import WrongInputError
+from models.words.errors import WrongInputError
 from models.work.cluster import roster as roster_module
 from models.work.cluster.errors import ClusterError, RefusedWorkerError
 from models.work.cluster.executor import ClusterExecutor

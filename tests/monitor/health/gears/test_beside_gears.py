@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from models.bearing import kinematics
+from models.machine.bearing import kinematics
 from monitor.health.gears.interference import gear_interference
 from monitor.health.gears.lines import Wheels
 from monitor.health.gears.settings import GearPairing, GearSettings, GearWheel

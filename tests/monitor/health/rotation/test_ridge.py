@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from models.bearing import kinematics
+from models.machine.bearing import kinematics
 from monitor.health.rotation.path import best_path
 from monitor.health.rotation.plane import Plane
 from monitor.health.rotation.ridge import angle_from_vibration

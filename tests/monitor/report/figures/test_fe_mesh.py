@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from models.bearing import catalogue_entry
 from models.fe.extra import has_extra
 from models.fe.meshes.geometry import fe_geometry
 from models.fe.meshes.grid import Order
 from models.fe.meshes.roller_mesh import roller_mesh
 from models.fe.meshes.sizing import MeshRule, contact_grid
+from models.machine.bearing import catalogue_entry
 from monitor.report.figures.fe_mesh import draw_boundary
 
 pytestmark = pytest.mark.skipif(not has_extra(), reason="scikit-fem (extra fe) is not installed")

@@ -1,0 +1,144 @@
+"""Parameters of the six-degree-of-freedom model (thesis, Table 18), its natural frequencies and damping ratios."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
+
+import numpy as np
+
+from models.machine.parameters import RigParameters
+from models.words.checks import check_choice, check_numbers
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from models.machine.bearing import Bearing, Element
+    from models.solve.response import Sensor
+
+Calibration = bool | Literal["declared"]
+"""Whether a rig's parameters are those of the machine: identified on it, or "declared" by a person."""
+Claim = Literal[False, "declared"]
+"""The same of a model whose parameters no identification finds."""
+
+
+@dataclass(frozen=True)
+class Rig(RigParameters):
+    """Lumped parameters of the six-degree-of-freedom model (thesis, Table 18 and section 4.2.1).
+
+    Attributes:
+        m_i, m_o, m_r, m_b: masses of inner ring and shaft, of outer ring and casing, of the fictitious high-frequency
+            resonator, and of one rolling element, kg.
+        k_i, c_i: stiffness, N/m, and damping, N s/m, of the shaft to ground.
+        k_r, c_r: the same between resonator and casing.
+        k_c: contact stiffness of one rolling element between both rings, N/m^1.5 of a ball, N/m^(10/9) of a roller
+            (Eq. 35).
+        alpha_c: mass coefficient of the contact damping, 1/s (Eq. 39).
+        beta_c: stiffness coefficient of the contact damping, s (Eq. 39).
+        element: the rolling element that ``k_c`` belongs to; a scene refuses a bearing with another.
+        calibrated: whether the parameters are those of the machine: true where they were identified on it, or where
+            the machine is a simulation with them; "declared" where a person vouches for them.
+        identification: hash of the identification that found them, "" for none.
+    """
+
+    model: ClassVar[str] = "six_dof"
+    first_sensor: ClassVar[Sensor] = "mo"
+    uncertain: ClassVar[tuple[str, ...]] = ("m_i", "m_o", "m_r", "k_i", "k_r", "k_c", "c_i", "c_r", "alpha_c", "beta_c")
+    # Whether the turn of the cage enters the rate of approach of a contact (Eq. 36).
+    cage_in_rate: ClassVar[bool] = True
+
+    m_i: float = 3.48
+    m_o: float = 5.79
+    m_r: float = 3.01
+    m_b: float = 1.47e-3
+    k_i: float = 75e6
+    k_r: float = 4.25e9
+    k_c: float = 5927e6
+    c_i: float = 2834.1
+    c_r: float = 186.0
+    alpha_c: float = 154.9
+    beta_c: float = 2.5e-5
+    element: Element = "ball"
+    calibrated: Calibration = False
+    identification: str = ""
+
+    def __post_init__(self) -> None:
+        """Raise a ValueError that names the field of an unusable value."""
+        if self.calibrated not in (False, True, "declared"):
+            raise ValueError(f"rig.calibrated must be False, True or 'declared', got {self.calibrated!r}")
+        if self.identification and self.calibrated is not True:
+            raise ValueError(f"rig.identification belongs to rig.calibrated = True, got {self.calibrated!r}")
+        check_numbers(self, "rig.", "positive", "m_i", "m_o", "m_r", "k_i", "k_r", "k_c")
+        check_choice(self.element, "rig.element", ("ball", "roller"))
+        check_numbers(self, "rig.", "not negative", "m_b", "c_i", "c_r", "alpha_c", "beta_c")
+
+    def check_bearing(self, bearing: Bearing) -> None:
+        """Raise a ValueError that says why the parameters cannot belong to a bearing."""
+        if self.element != bearing.element:
+            raise ValueError(f"rig.k_c is that of a {self.element}, {bearing.designation} has {bearing.element}s")
+
+    @property
+    def is_default_bench(self) -> bool:
+        """Whether masses and springs are those of the default test bench (thesis, Table 18)."""
+        return all(getattr(self, name) == getattr(Rig, name) for name in _BENCH)
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the parameters as plain values; ``Rig(**values)`` is the same rig."""
+        values = super().as_dict()
+        if not self.identification:
+            # As before there were identifications, so that maps and populations keep their hash.
+            del values["identification"]
+        return values
+
+
+_BENCH = ("m_i", "m_o", "m_r", "k_i", "k_r")
+
+
+def natural_frequencies(rig: Rig, k_xx: float, k_yy: float) -> NDArray[np.float64]:
+    """Return the six natural frequencies of the undamped linearised rig, Hz, ascending (Eqs. 59 and 60).
+
+    ``k_xx`` and ``k_yy`` are the stiffness of the bearing across and along the load, N/m.
+    """
+    from models.words.numerics import generalised_eigenvalues
+
+    mass = np.diag([rig.m_i, rig.m_o, rig.m_r])
+    values: list[NDArray[np.float64]] = []
+    for k_b in (k_xx, k_yy):
+        stiffness = np.array(
+            [[k_b + rig.k_i, -k_b, 0.0], [-k_b, k_b + rig.k_r, -rig.k_r], [0.0, -rig.k_r, rig.k_r]], dtype=float
+        )
+        values.append(generalised_eigenvalues(stiffness, mass))
+    return np.sort(np.sqrt(np.maximum(np.concatenate(values), 0.0))) / (2.0 * math.pi)
+
+
+def resonator_stiffness(rig: Rig, k_b: float, frequency: float) -> float:
+    """Return the k_r that gives the rig a natural frequency, N/m (Eq. 62).
+
+    Source: Eqs. 62-65. Eq. 63 as printed misses k_b m_i in its bracket, which is Lambda of Eq. 65.
+
+    Masses and k_i are the rig's; ``k_b`` is the bearing stiffness in the direction of the mode, N/m; frequency in Hz.
+    """
+    lam = (2.0 * math.pi * frequency) ** 2
+    constant = lam**2 * rig.m_i * rig.m_o - lam * (rig.k_i * rig.m_o + k_b * rig.m_i + k_b * rig.m_o) + rig.k_i * k_b
+    return lam * rig.m_r * constant / (lam * rig.m_r * (lam * rig.m_i - rig.k_i - k_b) + constant)
+
+
+def stiffness_damping(zeta: float, frequency: float, stiffness: float) -> float:
+    """Return the damping coefficient beta k, N s/m, that gives a damping ratio at a frequency in Hz (Eqs. 75, 76)."""
+    return zeta * stiffness / (math.pi * frequency)
+
+
+def contact_damping(zeta_1: float, zeta_2: float, f_1: float, f_2: float) -> tuple[float, float]:
+    """Return alpha_c (1/s) and beta_c (s) that give two damping ratios at two frequencies, Hz (Eqs. 70, 73 and 74).
+
+    Raises:
+        ValueError: if the frequencies are not positive and ascending.
+    """
+    if not 0.0 < f_1 < f_2:
+        raise ValueError(f"frequencies must be positive and ascending, got {f_1!r} and {f_2!r} Hz")
+    omega_1, omega_2 = 2.0 * math.pi * f_1, 2.0 * math.pi * f_2
+    span = omega_2**2 - omega_1**2
+    beta_c = 2.0 * (omega_2 * zeta_2 - omega_1 * zeta_1) / span
+    alpha_c = 2.0 * omega_1 * omega_2 * (omega_2 * zeta_1 - omega_1 * zeta_2) / span
+    return alpha_c, beta_c

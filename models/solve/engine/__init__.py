@@ -1,0 +1,1 @@
+"""What all models that are simulated over time share."""

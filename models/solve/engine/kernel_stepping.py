@@ -1,0 +1,130 @@
+"""Kernel parts of models whose Runge-Kutta steps end where a contact changes or an edge is met."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Protocol
+
+from models.platform.jit import inlined
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from models.platform.jit import Index
+
+TINY = 1e-13
+"""Parts of a step shorter than this are rounding, s."""
+TOUCHED = 1e-14
+"""Overlap to which the instant of a contact is found, m."""
+MOST_TRIALS = 60
+"""Trials for that instant, at most."""
+MOST_CHANGES = 100
+"""A step with more changes of contact than this is taken without looking for more."""
+EXACT_ANGLES = 32
+"""The angles are computed afresh after so many steps; between, they are turned on."""
+
+
+class HasState(Protocol):
+    """Places of a Runge-Kutta step."""
+
+    @property
+    def slope(self) -> NDArray[np.float64]:
+        """Time derivative of the state at four stages, (4, size)."""
+        ...
+
+    @property
+    def state(self) -> NDArray[np.float64]:
+        """At the beginning of the step, (size,)."""
+        ...
+
+    @property
+    def trial(self) -> NDArray[np.float64]:
+        """At a stage, then at the end, (size,)."""
+        ...
+
+
+@inlined
+def fill_half(h: float, p: NDArray[np.float64], half: NDArray[np.float64]) -> None:
+    """Write what each angle turns in half a step of length h.
+
+    Args:
+        p: begins with the speeds of the K angles, rad/s.
+        half: cosine and sine of each, (2 K,).
+    """
+    for k in range(half.shape[0] // 2):
+        angle = 0.5 * h * p[k]
+        half[2 * k], half[2 * k + 1] = math.cos(angle), math.sin(angle)
+
+
+@inlined
+def fill_start(t: float, p: NDArray[np.float64], turn: NDArray[np.float64]) -> None:
+    """Write the angles at the first node of a step that begins at t.
+
+    Args:
+        p: begins with the speeds of the K angles, rad/s.
+        turn: cosine and sine of each angle at the nodes, (3, 2 K).
+    """
+    for k in range(turn.shape[1] // 2):
+        angle = t * p[k]
+        turn[0, 2 * k], turn[0, 2 * k + 1] = math.cos(angle), math.sin(angle)
+
+
+@inlined
+def fill_rest(half: NDArray[np.float64], turn: NDArray[np.float64]) -> None:
+    """Write the angles at the other nodes of a step from those at the first.
+
+    Args:
+        half: cosine and sine of what each angle turns in half the step, (2 K,).
+        turn: cosine and sine of each angle at the nodes, (3, 2 K).
+    """
+    for node in range(2):
+        for k in range(0, half.shape[0], 2):
+            c, s = turn[node, k], turn[node, k + 1]
+            turn[node + 1, k] = c * half[k] - s * half[k + 1]
+            turn[node + 1, k + 1] = s * half[k] + c * half[k + 1]
+
+
+@inlined
+def to_stage(stage: Index, h: float, work: HasState) -> None:
+    """Write into ``trial`` the state at which the slope of stage ``stage + 1`` of a step of length h is taken."""
+    share = h if stage == 2 else 0.5 * h
+    for k in range(work.state.shape[0]):
+        work.trial[k] = work.state[k] + share * work.slope[stage, k]
+
+
+@inlined
+def to_end(h: float, work: HasState) -> None:
+    """Write into ``trial`` the state after a step of length h, from its four slopes."""
+    for k in range(work.state.shape[0]):
+        ends, middle = work.slope[0, k] + work.slope[3, k], work.slope[1, k] + work.slope[2, k]
+        work.trial[k] = work.state[k] + h / 6.0 * (ends + 2.0 * middle)
+
+
+@inlined
+def accept(work: HasState) -> None:
+    """Take the trial as the state."""
+    for k in range(work.state.shape[0]):
+        work.state[k] = work.trial[k]
+
+
+@inlined
+def found(low: float, high: float, at_high: float) -> bool:
+    """Return whether a change between two lengths of a step is found, of which the upper one is just past it."""
+    return high - low <= TINY or -at_high <= TOUCHED
+
+
+@inlined
+def next_length(trial: int, low: float, high: float, at_low: float, at_high: float) -> float:
+    """Return the length of step to try next, by regula falsi and bisection in turns.
+
+    Args:
+        trial: number of the trial.
+        low, high: lengths before and past the change.
+        at_low, at_high: gaps there, m, the second negative.
+    """
+    if trial % 2 == 1:
+        return 0.5 * (low + high)
+    # Aimed a little beyond the root: the upper end, which is taken, shall come down to it.
+    share = (at_low + 0.5 * TOUCHED) / (at_low - at_high)
+    return low + (high - low) * min(max(share, 1e-3), 1.0 - 1e-3)

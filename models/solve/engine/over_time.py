@@ -1,0 +1,253 @@
+"""What the models that are simulated over time share: error of the steps, levels by block, peaks, record, status.
+
+A model gives a ``Motion``. The error of its steps (``models.solve.engine.step_error``) is looked at in a span at the
+beginning, or after the time that modes need to ring with the error (``Motion.build_up``). Where an accuracy is asked
+for, steps are halved until it is met together with the standard error of the mean, or until halving no longer helps, as
+where the motion is chaotic.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from models.solve.engine.motion import SILENCE, Motion
+from models.solve.engine.recorder import margin_of, sampled_at
+from models.solve.engine.step_error import StepError, peaks, step_error
+from models.solve.engine.turning import lines_over_angle
+from models.solve.response import (
+    HARMONICS,
+    PASSBAND,
+    Response,
+    SignalRecord,
+    Status,
+    judged,
+)
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from models.solve.registry import Request
+
+# Steps of a run at most: 320 MB for two sensors.
+MOST_STEPS = 20_000_000
+# Span of the run, and blocks of it at least, in which the error of the steps is looked at.
+LOOKED_AT = 0.1
+_BLOCKS_LOOKED_AT = 2.0
+_LEAST_BLOCKS = 4.0
+# A halving that leaves more than this share of the waveform's error does not help.
+_HELPS = 0.7
+# A smaller change of the RMS from the first to the second half is ignored at any standard error.
+_SAME_LEVEL = 3e-3
+# A smaller spread of the RMS from ball period to ball period is due to the steps.
+_SAME_PERIOD = 2e-2
+
+# Processor time of what does not depend on the steps, s: filters, lines, levels.
+SECONDS_A_CALL = 5e-3
+
+
+def answer(motion: Motion, request: Request, step: float, *, fixed: bool = False) -> Response:
+    """Return the vibration of a motion over the time that a request names.
+
+    Args:
+        step: longest step, s, unless the request has its own; taken so that a sample has a whole number of steps, at
+            least 2.
+        fixed: whether steps are as given, as those of a request are, and not halved until they meet the accuracy.
+
+    Raises:
+        ValueError: if the request is outside what the signal holds, or the run would have too many steps.
+    """
+    motion = motion.led_by(request.sensor)
+    request.highest(PASSBAND * 0.5 * request.rate, "the signal is flat up to")
+    run = _Run(motion, request)
+    if request.steps_per_period is not None:
+        step, fixed = 1.0 / (motion.bpfo * request.steps_per_period), True
+    oversampling = max(2, math.ceil(1.0 / (request.rate * step) - 1e-9))
+    run.check_length(oversampling)
+    oversampling, error = run.look(oversampling, None if fixed else request.accuracy)
+    while True:
+        wave, finite = run.whole(oversampling)
+        found = _measured(wave, run, oversampling)
+        settled = error.over(found.levels[0].rms)
+        if (
+            fixed
+            or not finite
+            or not settled.of(request) > _left(request, found.levels[0])
+            or not run.fits(2 * oversampling)
+        ):
+            break
+        _, better = run.look(2 * oversampling, None)
+        if not better.wave < _HELPS * error.wave:
+            break
+        oversampling, error = 2 * oversampling, better
+    return judged(_response(motion, request, found, settled, finite=finite), request)
+
+
+def _left(request: Request, level: _Levels) -> float:
+    """Return what the standard error of the mean leaves of the accuracy to the steps, at least half of it."""
+    averaged = request.quantity in ("rms", "v_eq") and level.rms > SILENCE
+    return request.accuracy - min(level.error / level.rms, 0.5 * request.accuracy) if averaged else request.accuracy
+
+
+def duration_of(request: Request, settle: float) -> float:
+    """Return the longest time from rest that ``answer`` simulates, s."""
+    # The filter reaches beyond both ends by its half length, which hardly depends on the steps.
+    ends = margin_of(2) + 2
+    return (max(ends, math.ceil(settle * request.rate)) + _samples(request) + ends) / request.rate
+
+
+def _samples(request: Request) -> int:
+    return max(1, round(request.duration * request.rate))
+
+
+class _Run:
+    """A motion over the time of a request."""
+
+    def __init__(self, motion: Motion, request: Request) -> None:
+        """Count the samples that are kept and dropped."""
+        self.rate, self.samples = request.rate, _samples(request)
+        self.settled = math.ceil(motion.settle * request.rate)
+        self.motion, self._request = motion, request
+
+    def check_length(self, oversampling: int) -> None:
+        """Raise a ValueError where the run would have too many steps."""
+        if not self.fits(oversampling):
+            steps = (self.settled + self.samples) * oversampling
+            raise ValueError(
+                f"duration {self.samples / self.rate:g} s and {self.settled / self.rate:g} s to settle take {steps} "
+                f"steps of {1.0 / (self.rate * oversampling):.3g} s, at most {MOST_STEPS} are taken"
+            )
+
+    def fits(self, oversampling: int) -> bool:
+        """Return whether a run has no more steps than may be taken."""
+        return (self.settled + self.samples) * oversampling <= MOST_STEPS
+
+    def whole(self, oversampling: int) -> tuple[NDArray[np.float64], bool]:
+        """Return the accelerations of all steps, (steps, sensors), and whether they are finite."""
+        margin = margin_of(oversampling) * oversampling
+        begin = max(margin, self.settled * oversampling)
+        return self.motion.from_rest(begin + self.samples * oversampling + margin, oversampling)
+
+    def look(self, oversampling: int, accuracy: float | None) -> tuple[int, StepError]:
+        """Return steps a sample that meet an accuracy, or those given where it is None, and the error they leave."""
+        from_rest = self.motion.from_rest
+        whole, skipped = self.settled + self.samples, math.ceil(self.motion.build_up * self.rate)
+        looked_at = math.ceil(max(LOOKED_AT * whole, _BLOCKS_LOOKED_AT * self.motion.block * self.rate))
+        span = min(whole, skipped + looked_at)
+        begin = span - min(span, looked_at)
+        wave, _ = from_rest(span * oversampling, oversampling)
+        finer, _ = from_rest(2 * span * oversampling, 2 * oversampling)
+        error = step_error(wave, finer, oversampling, begin, self.motion, self._request)
+        while accuracy is not None and error.of(self._request) > accuracy and self.fits(2 * oversampling):
+            wave, (finer, _) = finer, from_rest(4 * span * oversampling, 4 * oversampling)
+            better = step_error(wave, finer, 2 * oversampling, begin, self.motion, self._request)
+            if not better.wave < _HELPS * error.wave:
+                break
+            oversampling, error = 2 * oversampling, better
+        return oversampling, error
+
+
+@dataclass(frozen=True)
+class _Levels:
+    rms: float
+    error: float
+    spread: float
+    drift: float
+    peak_spread: float
+
+
+@dataclass(frozen=True, eq=False)
+class _Measured:
+    """What a run gave: levels and peaks of all sensors, and the signal."""
+
+    levels: tuple[_Levels, ...]
+    peaks: tuple[float, ...]
+    record: SignalRecord
+
+
+def _measured(wave: NDArray[np.float64], run: _Run, oversampling: int) -> _Measured:
+    samples, first = run.samples, max(margin_of(oversampling), run.settled)
+    settled = wave[first * oversampling : (first + samples) * oversampling]
+    signals = np.array([sampled_at(column, oversampling, first, samples) for column in wave.T])
+    blocks = max(samples / run.rate / run.motion.block, _LEAST_BLOCKS)
+    levels = tuple(_levels(column, blocks) for column in settled.T)
+    return _Measured(levels, peaks(settled), SignalRecord(run.rate, signals, run.motion.sensors))
+
+
+def _levels(signal: NDArray[np.float64], blocks: float) -> _Levels:
+    """Return the levels over ``blocks`` blocks; the last, broken one is left out, because it would bias the mean."""
+    count = math.floor(blocks + 1e-9)
+    energy = np.concatenate(([0.0], np.cumsum(signal**2)))
+    edges = np.arange(count + 1) * (len(signal) / blocks)
+    means = np.maximum(np.diff(np.interp(edges, np.arange(len(energy)), energy)) / (len(signal) / blocks), 0.0)
+    rms, half = math.sqrt(np.mean(means)), count // 2
+    drift = abs(math.sqrt(np.mean(means[-half:])) - math.sqrt(np.mean(means[:half])))
+    error = float(np.std(means, ddof=1)) / math.sqrt(count) / (2.0 * rms) if rms > 0.0 else 0.0
+    first = np.unique(np.minimum(edges[:-1].astype(np.int64), len(signal) - 1))
+    peaks = np.maximum.reduceat(np.abs(signal), first)
+    return _Levels(rms, error, float(np.std(np.sqrt(means), ddof=1)), drift, float(np.std(peaks)))
+
+
+def _response(motion: Motion, request: Request, found: _Measured, step: StepError, *, finite: bool) -> Response:
+    """Return the response; error and spread are known over full bandwidth and apply relatively to a band."""
+    levels, bpfo = found.levels[0], motion.bpfo
+    rms, peaks = [level.rms for level in found.levels], list(found.peaks)
+    if request.band is not None:
+        pairs = [found.record.levels_in_band(*request.band, sensor) for sensor in motion.sensors]
+        rms, peaks = [pair[0] for pair in pairs], [pair[1] for pair in pairs]
+    share = rms[0] / levels.rms if levels.rms > SILENCE else 1.0
+    error = (levels.error / levels.rms if levels.rms > SILENCE else 0.0) + step.rms
+    if motion.profile is None or motion.per_turn is None:
+        coefficients = found.record.coefficients(bpfo, _line_count(request, bpfo))
+    else:
+        coefficients = lines_over_angle(found.record, motion.profile, motion.per_turn)
+    repeats = motion.repeats and levels.spread <= _SAME_PERIOD * levels.rms
+    # Waveform and lines of what fails to repeat are known no better than that.
+    unknown = levels.spread / max(levels.rms, SILENCE) if motion.repeats and not repeats else 0.0
+    peak_spread = 0.0 if repeats else levels.peak_spread / max(found.peaks[0], SILENCE)
+    return Response(
+        levels=tuple(zip(rms, peaks, strict=True)),
+        rms_error=error,
+        rms_se=levels.error * share,
+        peak_error=peak_spread + step.peak,
+        waveform_error=max(step.wave, unknown),
+        bpfo=bpfo,
+        harmonics=2.0 * np.abs(coefficients[0, 1 : HARMONICS + 1]),
+        harmonics_error=np.full(HARMONICS, math.nan),
+        periods=math.floor(request.duration * bpfo),
+        period_change=math.nan,
+        spread=levels.spread * share,
+        multiplier=math.nan,
+        model=motion.model,
+        solver=motion.solver,
+        status=_status(levels, finite=finite, repeats=repeats, steady=motion.per_turn is None),
+        rms_band=request.band,
+        coefficients=coefficients,
+        record=found.record,
+        sensors=motion.sensors,
+        lines_error=max(step.lines, unknown),
+        profile=motion.profile,
+    )
+
+
+def _line_count(request: Request, bpfo: float) -> int:
+    """Return how many lines are computed: those that the signal holds, as far as they are asked for."""
+    passed = PASSBAND * 0.5 * request.rate
+    return max(HARMONICS, math.ceil((passed if request.lines_to is None else request.lines_to) / bpfo))
+
+
+def _status(levels: _Levels, *, finite: bool, repeats: bool, steady: bool) -> Status:
+    """Return the status; of "inaccurate" and "converged", ``judged`` decides. ``steady``: whether the speed is one."""
+    if not finite or not math.isfinite(levels.rms):
+        return "not_converged"
+    if levels.rms <= SILENCE:
+        return "converged"
+    # The difference of two halves has twice the standard error of the whole.
+    if steady and levels.drift > max(8.0 * levels.error, _SAME_LEVEL * levels.rms):
+        return "not_converged"
+    if not repeats:
+        return "not_periodic"
+    return "inaccurate"

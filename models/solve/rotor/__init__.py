@@ -1,0 +1,1 @@
+"""A rotor on two bearings (Ceruti, master thesis, Politecnico di Torino, 2021)."""

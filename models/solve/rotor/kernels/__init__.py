@@ -1,0 +1,1 @@
+"""Kernels of the rotor on two bearings."""

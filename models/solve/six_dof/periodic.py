@@ -1,0 +1,382 @@
+"""The six-degree-of-freedom model solved for one ball period: scenes that nothing but the ball passages drives.
+
+The motion that repeats is searched with steps that are halved until the estimated error is within what is asked
+(models.solve.six_dof.kernels.settled). Where it is unstable, or none is found, the motion is simulated on
+(models.solve.six_dof.orbit).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from models.machine.bearing import kinematics
+from models.machine.rig import Rig
+from models.solve.registry import Request, Solver
+from models.solve.response import HARMONICS, Response, Status, band_lines, judged, levels_of_lines, lines_error
+from models.solve.six_dof.kernels import settled as kernels
+from models.solve.six_dof.kernels.lines import fourier_coefficients
+from models.solve.six_dof.kernels.orbit import STATE_SCALE, jacobian, newton_steering
+from models.solve.six_dof.kernels.peaks import largest
+from models.solve.six_dof.kernels.period import mean_square
+from models.solve.six_dof.kernels.period_setup import set_up
+from models.solve.six_dof.kernels.settled import Effort
+from models.solve.six_dof.kernels.step import P_DIRECTION_1, P_DIRECTION_2, P_U_1
+from models.solve.six_dof.orbit import Motion, simulate_on
+from models.solve.six_dof.setup import (
+    LEAST_IN_SEGMENT,
+    MODEL,
+    MOST_STEPS,
+    PERIODIC_EFFECTS,
+    check_resonance,
+    check_scene,
+    damaged_rows,
+    defect_arrays,
+    operating_point,
+    steps_for,
+)
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from models.machine.scene import Scene
+    from models.solve.six_dof.kernels.period import Period, Trace
+
+# Accuracy of the RMS that is asked for over that of the waveform (models.solve.six_dof.kernels.settled takes the RMS
+# for at least as wrong), and times that it is asked for again where the quantity is not met.
+_RMS_OF_WAVE = 0.25
+_TIGHTENED = 3
+# Relative change of the RMS from period to period that counts as none, as a share of the accuracy.
+SETTLING_SHARE = 1e-2
+# A smaller one is rounding.
+_LEAST_TOLERANCE = 1e-11
+# Periods of the accelerated search on one grid.
+SEARCHED = 60
+# Times that a motion is simulated on before its level is taken as one that drifts.
+_ROUNDS = 4
+# Beside a stable orbit in which the rings part, a motion from rest is given this many times the decay time of the
+# slowest disturbance, and this many periods at most (transients can last for thousands: docs/evidence/engine.md).
+_DECAY_TIMES = 2.0
+_MOST_PERIODS = 4000
+# Relative distance of all its last levels from that of an orbit within which it has come to it.
+_NEAR = 1e-2
+# Lines are computed up to here, Hz, and up to this number; the model is meant for recorders of up to 20 kHz.
+LINES_TO = 30e3
+LINES = 10_000
+# More would take longer than the motion itself.
+MOST_LINES = 50_000
+# Lines above this share of the step rate are not resolved by the quadrature (half would be the Nyquist limit).
+_RESOLVED = 0.4
+# Of a waveform, at which the quadrature leaves a smaller error than the steps.
+_RESOLVED_WAVE = 0.2
+# Grids, each with half the steps of the one before: enough for any accuracy that rounding allows.
+_GRIDS = 12
+# The Jacobian only steers the search for the orbit, so few steps suffice.
+_JACOBIAN_STEPS = 96
+_WORST_CONDITION = 1e10
+# Estimated error of a line over its change by the last halving of the steps.
+CHANGE_TO_ERROR = 1.0 / 3.0
+# Steps of the scene's coarsest grid that are taken in all, and processor time of one, s.
+_STEPS_TAKEN = 6.0
+_SECONDS_A_STEP = 1e-6
+_LEAST_ERROR = 1e-9
+# A smaller peak counts as zero, m/s2.
+_SMALL = 1e-9
+
+
+def solve(scene: Scene, request: Request) -> Response:
+    """Return the settled vibration of a scene that repeats with the ball passage.
+
+    Raises:
+        ValueError: if the scene or the request is outside what is solved here; the message names it.
+    """
+    check_scene(scene)
+    accuracy = request.accuracy * (_RMS_OF_WAVE if request.quantity == "waveform" else 1.0)
+    found = _judged(scene, request, accuracy)
+    for _ in range(_TIGHTENED):
+        if found.status != "inaccurate" or request.steps_per_period is not None or not found.error > request.accuracy:
+            break
+        accuracy *= 0.5 * request.accuracy / found.error
+        found = _judged(scene, request, accuracy)
+    return found
+
+
+def _judged(scene: Scene, request: Request, accuracy: float) -> Response:
+    """Return the response with an accuracy of its RMS, judged by what a request asks."""
+    return judged(_solve(scene, replace(request, accuracy=max(accuracy, _LEAST_ERROR))), request)
+
+
+def _solve(scene: Scene, request: Request) -> Response:
+    """Return the response with steps at which the RMS meets the accuracy of a request."""
+    effort = effort_for(scene, request)
+    search = _Search(scene, effort, request.direction)
+    orbit = search.settle(np.zeros((2, 6)))
+    if orbit.stable and not orbit.parted:
+        return _repeating(scene, orbit, request)
+    # A motion near an unstable orbit does not stay there, and beside a stable one in which the rings part there may be
+    # others: it is simulated on from rest.
+    begin, earlier = np.zeros((2, 6)) if orbit.settled else orbit.state, orbit.periods
+    tolerance, count, periods = effort.tolerance, _line_count(scene, orbit.period, request), request.max_periods
+    if orbit.stable:
+        periods = max(periods, min(math.ceil(_DECAY_TIMES / (1.0 - orbit.multiplier)), _MOST_PERIODS))
+    motion, rounds = simulate_on(orbit.period, begin, periods, tolerance, count), 1
+    while True:
+        earlier += motion.periods
+        if motion.settled:
+            again = search.settle(motion.state)
+            if again.stable:
+                return _repeating(scene, again, request, earlier)
+            tolerance = 0.0
+        if motion.stationary or not np.all(np.isfinite(motion.state)) or rounds == _ROUNDS:
+            break
+        motion, rounds = simulate_on(orbit.period, motion.state, periods, tolerance, count), rounds + 1
+    if orbit.stable and motion.near(math.sqrt(mean_square(orbit.trace, 0)), _NEAR):
+        return _repeating(scene, orbit, request, earlier)
+    return _not_repeating(scene, motion, orbit, request, earlier)
+
+
+def _cost(scene: Scene, request: Request) -> float:
+    """Return the expected processor time, s."""
+    finer = max(1.0, (1e-3 / request.accuracy) ** 0.2)
+    return _SECONDS_A_STEP * _STEPS_TAKEN * steps_for(scene) * finer
+
+
+def effort_for(scene: Scene, request: Request, harmonics: int = HARMONICS) -> Effort:
+    """Return how a scene is settled for a request.
+
+    Raises:
+        ValueError: if the scene needs too many steps or its rig is too stiff for its speed, or the steps do not resolve
+            the band or the lines; the message names it.
+    """
+    check_resonance(scene.healthy)
+    tolerance = request.tolerance
+    if tolerance is None:
+        tolerance = max(SETTLING_SHARE * request.accuracy, _LEAST_TOLERANCE)
+    steps, grids = steps_for(scene), _GRIDS
+    if request.steps_per_period is not None:
+        steps, grids = math.ceil(0.5 * request.steps_per_period), 2
+    bpfo, low, high = kinematics(scene.bearing, scene.speed).bpfo, 1, 0
+    most = 2 * steps if grids == 2 else MOST_STEPS // 2
+    resolved = min(_resolved(request) * most, MOST_LINES) * bpfo
+    highest = request.highest(resolved, f"{MOST_LINES} lines of {bpfo:.4g} Hz and {most} steps resolve up to")
+    if request.band is not None:
+        low, high = band_lines(bpfo, request.band)
+    steps = max(steps, math.ceil(0.5 * steps_to_resolve(highest, 1.0 / bpfo, _resolved(request))))
+    return Effort(
+        steps=steps,
+        least=LEAST_IN_SEGMENT,
+        grids=grids,
+        most=MOST_STEPS,
+        accuracy=request.accuracy,
+        tolerance=tolerance,
+        cap=SEARCHED,
+        low=low,
+        high=high,
+        harmonics=harmonics,
+    )
+
+
+def steps_to_resolve(frequency: float, duration: float, resolved: float = _RESOLVED) -> int:
+    """Return how many steps in ``duration`` s resolve lines up to a frequency, Hz, to a share of the step rate."""
+    return math.ceil(frequency * duration / resolved)
+
+
+def _resolved(request: Request) -> float:
+    return _RESOLVED_WAVE if request.quantity == "waveform" else _RESOLVED
+
+
+@dataclass(frozen=True, eq=False)
+class _Orbit:
+    """What a search found: period, state at its start, what it recorded, and the kernel's numbers (R_ constants)."""
+
+    period: Period
+    state: NDArray[np.float64]
+    trace: Trace
+    found: NDArray[np.float64]
+
+    @property
+    def settled(self) -> bool:
+        return self.found[kernels.R_SETTLED] > 0.0
+
+    @property
+    def stable(self) -> bool:
+        """Whether it repeats, and attracts what is near."""
+        return self.settled and self.multiplier < 1.0
+
+    @property
+    def multiplier(self) -> float:
+        return float(self.found[kernels.R_RADIUS])
+
+    @property
+    def parted(self) -> bool:
+        """Whether the rings part for a moment, so that no ball is in contact."""
+        return self.found[kernels.R_PARTED] > 0.0
+
+    @property
+    def periods(self) -> int:
+        return int(self.found[kernels.R_PERIODS])
+
+
+class _Search:
+    """Searches the motion of one scene that repeats."""
+
+    def __init__(self, scene: Scene, effort: Effort, direction: float = 0.0) -> None:
+        """Prepare what does not depend on where a search begins; ``direction`` is the sensor's, rad from the load."""
+        healthy = scene.healthy
+        self._path, self._profile = defect_arrays(scene.bearing, scene.defect)
+        self._rows, self._point = damaged_rows(scene.defect), operating_point(healthy)
+        if direction != 0.0:
+            parameter = self._point.parameter.copy()
+            parameter[P_DIRECTION_1], parameter[P_DIRECTION_2] = math.cos(direction), math.sin(direction)
+            self._point = self._point._replace(parameter=parameter)
+        steer = steering(healthy)
+        self._steering = np.eye(12) if steer is None else steer
+        self._effort = effort
+
+    def settle(self, begin: NDArray[np.float64]) -> _Orbit:
+        """Search from a state, (2, 6)."""
+        found = np.empty(kernels.R_LINES + 2 * self._effort.harmonics)
+        solved = kernels.solve(
+            self._path, self._profile, self._rows, self._point, begin, self._steering, self._effort, found
+        )
+        return _Orbit(*solved, found)
+
+
+def _line_count(scene: Scene, period: Period, request: Request) -> int:
+    """Return how many lines are computed: up to what is asked for and the end of the band, as far as steps resolve."""
+    bpfo = kinematics(scene.bearing, scene.speed).bpfo
+    wanted = min(LINES_TO, LINES * bpfo) if request.lines_to is None else request.lines_to
+    if request.band is not None:
+        wanted = max(wanted, request.band[1])
+    resolved = _resolved(request) * len(period.nodes.turn)
+    return max(HARMONICS, math.ceil(min(wanted / bpfo, resolved)))
+
+
+def _repeating(scene: Scene, orbit: _Orbit, request: Request, earlier: int = 0) -> Response:
+    """Return the response of a motion that repeats."""
+    period, found = orbit.period, orbit.found
+    coefficients = fourier_coefficients(orbit.trace, period, _line_count(scene, period, request))
+    power = np.array([mean_square(orbit.trace, sensor) for sensor in (0, 1)])
+    peak = np.array([largest(orbit.trace.wave, period.first, sensor, 1) for sensor in (0, 1)])
+    coarse = largest(orbit.trace.wave, period.first, 0, 2)
+    error, wave_error = float(found[kernels.R_ERROR]), float(found[kernels.R_WAVE])
+    lines = found[kernels.R_LINES :].reshape(2, HARMONICS)
+    return _response(
+        *(scene, request, coefficients, power, peak),
+        periods=earlier + orbit.periods,
+        change=float(found[kernels.R_CHANGE]),
+        spread=0.0,
+        error=error,
+        standard_error=0.0,
+        # What lies between the points, as seen at every other one, and the change of the points by the last halving.
+        peak_error=abs(float(peak[0]) - coarse) / max(float(peak[0]), _SMALL) + wave_error,
+        waveform_error=wave_error,
+        multiplier=orbit.multiplier,
+        harmonics_error=np.abs(lines[1]) * CHANGE_TO_ERROR,
+        # "judged" tells whether it is accurate.
+        status="inaccurate",
+    )
+
+
+def _not_repeating(scene: Scene, motion: Motion, orbit: _Orbit, request: Request, periods: int) -> Response:
+    """Return the response of a motion that does not repeat."""
+    return _response(
+        *(scene, request, motion.coefficients, motion.power, motion.peak),
+        periods=periods,
+        change=motion.change,
+        spread=motion.spread,
+        error=motion.standard_error,
+        standard_error=motion.standard_error,
+        peak_error=motion.peak_spread,
+        waveform_error=math.nan,
+        multiplier=orbit.multiplier,
+        harmonics_error=np.full(HARMONICS, math.nan),
+        status="not_periodic" if motion.stationary else "not_converged",
+    )
+
+
+def _response(
+    scene: Scene,
+    request: Request,
+    coefficients: NDArray[np.complex128],
+    power: NDArray[np.float64],
+    peak: NDArray[np.float64],
+    *,
+    periods: int,
+    change: float,
+    spread: float,
+    error: float,
+    standard_error: float,
+    peak_error: float,
+    waveform_error: float,
+    multiplier: float,
+    harmonics_error: NDArray[np.float64],
+    status: Status,
+) -> Response:
+    """Return the response; the errors are relative."""
+    rms, bpfo = np.sqrt(power), kinematics(scene.bearing, scene.speed).bpfo
+    if request.band is not None:
+        # The error of the waveform is known over full bandwidth.
+        whole = float(rms[0])
+        rms, peak = levels_of_lines(coefficients, bpfo, request.band)
+        peak_error *= whole / max(float(rms[0]), _SMALL)
+    harmonics = 2.0 * np.abs(coefficients[0, 1 : HARMONICS + 1])
+    return Response(
+        levels=tuple(zip(rms.tolist(), peak.tolist(), strict=True)),
+        rms_error=error,
+        rms_se=standard_error * float(rms[0]),
+        peak_error=peak_error,
+        waveform_error=waveform_error,
+        bpfo=bpfo,
+        harmonics=harmonics,
+        harmonics_error=harmonics_error,
+        lines_error=lines_error(harmonics, harmonics_error),
+        periods=periods,
+        period_change=change,
+        spread=spread,
+        multiplier=multiplier,
+        model=MODEL,
+        solver=SOLVER.name,
+        status=status,
+        rms_band=request.band,
+        coefficients=coefficients,
+    )
+
+
+@lru_cache(maxsize=512)
+def steering(scene: Scene) -> NDArray[np.float64] | None:
+    """Return the matrix that steers the orbit search of scenes that differ from this healthy one in the defect only.
+
+    It is the inverse of identity minus the scaled Jacobian of the healthy period map, shape (12, 12); None if that is
+    ill-conditioned or not finite.
+    """
+    path, profile = defect_arrays(scene.bearing, None)
+    point = operating_point(scene)
+    period = set_up(path, profile, point, (0, 0), max(_JACOBIAN_STEPS, steps_for(scene)), 1, 1)
+    approach = float(point.parameter[P_U_1]) - scene.clearance
+    if approach <= 0.0:
+        return None
+    size = min(1e-2, 1e-2 * approach / STATE_SCALE[0])
+    matrix = jacobian(np.zeros((2, 6)), period, size)
+    if not np.all(np.isfinite(matrix)):
+        return None
+    inverse = newton_steering(matrix)
+    if not np.linalg.norm(matrix) * np.linalg.norm(inverse) < _WORST_CONDITION:
+        return None
+    return inverse
+
+
+SOLVER = Solver(
+    model=MODEL,
+    name="periodic",
+    effects=PERIODIC_EFFECTS,
+    error=_LEAST_ERROR,
+    cost=_cost,
+    solve=solve,
+    reason="the motion repeats with the ball passage, so that one period is solved",
+    rig=Rig,
+)

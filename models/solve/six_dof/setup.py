@@ -1,0 +1,252 @@
+"""The six-degree-of-freedom model of a bearing on its rig (thesis, Eqs. 32-52 and 83-89), set up for its kernels.
+
+Without slip the settled motion repeats exactly with every passage of a ball of one row, T = 1 / BPFO.
+
+Scheme: Lawson-RK4. The linear part (Eqs. 40-42, static contact force included) is carried by exact propagators, so the
+7.4 kHz resonator costs no accuracy; the contact force is integrated with four evaluations a step. The force jumps where
+the path of the balls has a kink (its slope enters the damping, Eq. 36); steps therefore end on the kinks and use the
+one-sided slope at either side, without which the error falls only slowly with the step and never averages out.
+"""
+
+from __future__ import annotations
+
+import math
+from functools import lru_cache
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from models.machine.bearing import kinematics
+from models.machine.hertz import contact_exponent, contact_forces, element_angles, static_equilibrium
+from models.machine.rig import Rig, natural_frequencies
+from models.path.defect import ball_path
+from models.solve.six_dof.kernels import path as kernel_path
+from models.solve.six_dof.kernels import step as kernels
+from models.solve.six_dof.kernels.period_setup import Point, arc_distance
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from models.machine.bearing import Bearing
+    from models.machine.scene import Defect, Scene
+
+# Read-only as the profiles of rough floors are: another type of array would be another kernel.
+_NO_PROFILE = np.zeros((4, 0))
+_NO_PROFILE.flags.writeable = False
+
+# The name of the model, and what its three ways of solving have (models.machine.scene.EFFECTS).
+MODEL = "six_dof"
+_OUTER = frozenset({"outer_defect", "rough_floor", "clearance", "with_casing"})
+PERIODIC_EFFECTS = _OUTER | {"first_row", "roller", "waviness", "gravity"}
+LANE_EFFECTS = _OUTER | {"slip", "mean_force_slip"}
+TIME_EFFECTS = PERIODIC_EFFECTS | {
+    "inner_defect",
+    "ball_defect",
+    "several_defects",
+    "inner_waviness",
+    "unbalance",
+    "slip",
+    "changing_speed",
+}
+
+# The coarsest grid. Longest step times the angular frequency of the resonator (whose motion the contact follows) and of
+# the rings on the contacts, and times the damping rate of the contacts.
+_RESONATOR_ANGLE = 2.0
+_CONTACT_ANGLE = 0.5
+_DAMPING_STEP = 1.0
+# Contacts are stiffer in the motion than at rest, where balls are pressed harder.
+_STIFFENING = 1.5
+FEWEST_STEPS = 64
+LEAST_IN_SEGMENT = 2
+# Of independent samples of a rough floor a step.
+_FLOOR_SAMPLES = 2.0
+# Steps in a period of the finest grid: less than half a gigabyte of tables, half a minute.
+MOST_STEPS = 2_000_000
+# Highest resonance over the ball rate: the error estimate has been held against an oracle up to here.
+HIGHEST_RESONANCE = 1e5
+# Error of the RMS over the RMS of the change of the waveform by halving the steps, where no single period is solved:
+# what steps leave is mostly noise.
+ERROR_OF_WAVE = 0.125
+
+
+def check_scene(scene: Scene, effects: frozenset[str] = PERIODIC_EFFECTS) -> None:
+    """Raise a ValueError that names the effects of a scene which are not among those given, or another model.
+
+    Slip does not go together with a defect of a ball.
+    """
+    if scene.model not in ("auto", MODEL):
+        raise ValueError(f"model {scene.model!r}: this solves {MODEL}")
+    missing = [name for name in scene.effects if name not in effects]
+    if missing:
+        raise ValueError(
+            f"{', '.join(missing)}: not modelled here; models.solve.simulate.simulate takes the solver that has it"
+        )
+    if {"slip", "ball_defect"} <= set(scene.effects):
+        raise ValueError("slip moves a ball to or from a defect of a race; the defect is of a ball")
+
+
+@lru_cache(maxsize=512)
+def steps_for(scene: Scene) -> int:
+    """Return the least steps in a ball period of the coarsest grid of a scene, from its stiffest rates and its floor.
+
+    Raises:
+        ValueError: if they are more than MOST_STEPS / 2: the ball rate is too low for such a stiff rig.
+    """
+    duration = 1.0 / kinematics(scene.bearing, scene.speed).bpfo
+    point = operating_point(scene.healthy)
+    parameter = point.parameter
+    inverse_mass = float(parameter[kernels.P_INV_M_I] + parameter[kernels.P_INV_M_O])
+    resonance = math.sqrt(float(parameter[kernels.P_SQUARE_R]))
+    pressed = math.hypot(parameter[kernels.P_U_1], parameter[kernels.P_U_2]) - scene.clearance
+    force = math.hypot(parameter[kernels.P_LOAD_1], parameter[kernels.P_LOAD_2])
+    stiffness = _STIFFENING * contact_exponent(scene.bearing) * force / pressed if pressed > 0.0 else 0.0
+    damping = scene.rig_as(Rig).beta_c * stiffness + float(parameter[kernels.P_ALPHA]) * len(point.positions)
+    step = min(
+        _RESONATOR_ANGLE / resonance,
+        _CONTACT_ANGLE / math.sqrt(stiffness * inverse_mass) if stiffness > 0.0 else math.inf,
+        _DAMPING_STEP / (damping * inverse_mass) if damping > 0.0 else math.inf,
+    )
+    steps = max(FEWEST_STEPS, math.ceil(duration / step))
+    for defect in scene.defects:
+        if defect.floor.kind == "rough":
+            pitch = float(parameter[kernels.P_PITCH])
+            steps = max(steps, math.ceil(pitch / (_FLOOR_SAMPLES * defect.floor.pitch)))
+    if steps > MOST_STEPS // 2:
+        raise ValueError(
+            f"the stiffest motion of the rig needs {steps} steps in a ball period of {duration:.3g} s, "
+            f"at most {MOST_STEPS // 2} are taken: the speed, {scene.speed!r} Hz, is too low for it"
+        )
+    return steps
+
+
+@lru_cache(maxsize=512)
+def check_resonance(scene: Scene) -> None:
+    """Raise a ValueError where a healthy scene has a resonance, at rest, above HIGHEST_RESONANCE ball rates."""
+    rig, parameter = scene.rig_as(Rig), operating_point(scene).parameter
+    duration = 1.0 / kinematics(scene.bearing, scene.speed).bpfo
+    u = np.array([parameter[kernels.P_U_1], parameter[kernels.P_U_2]])
+    angles, exponent = element_angles(scene.bearing), contact_exponent(scene.bearing)
+    stiffness = contact_forces(u, angles, rig.k_c, scene.clearance, exponent)[1]
+    # The sum of the squares of all is at least the highest: most scenes need no more.
+    k_b = float(np.trace(stiffness))
+    most = math.sqrt((k_b + rig.k_i) / rig.m_i + (k_b + rig.k_r) / rig.m_o + rig.k_r / rig.m_r)
+    if most * duration <= 2.0 * math.pi * HIGHEST_RESONANCE:
+        return
+    highest = float(natural_frequencies(rig, float(stiffness[1, 1]), float(stiffness[0, 0]))[-1])
+    if highest * duration > HIGHEST_RESONANCE:
+        raise ValueError(
+            f"the highest resonance of the rig, {highest:.4g} Hz, is {highest * duration:.3g} times the ball rate of "
+            f"{1.0 / duration:.4g} Hz, at most {HIGHEST_RESONANCE:.0e} times it are resolved: "
+            f"the speed, {scene.speed!r} Hz, is too low for it"
+        )
+
+
+@lru_cache(maxsize=512)
+def operating_point(scene: Scene) -> Point:
+    """Return what scenes share that differ from this one, which is healthy, in their defect only."""
+    bearing = scene.bearing
+    pitch = 2.0 * math.pi / bearing.n_elements
+    offsets = np.linspace(0.0, pitch, bearing.rows, endpoint=False)
+    places = [(offset + k * pitch, row) for row, offset in enumerate(offsets) for k in range(bearing.n_elements)]
+    places.sort(key=lambda place: arc_distance(place[0], pitch, 0.0))
+    return Point(
+        parameter=scene_parameters(scene),
+        positions=np.array([start for start, _ in places]),
+        rows=np.array([row for _, row in places], dtype=np.int64),
+        offsets=offsets,
+        waves=np.array(
+            [
+                [w.amplitude * math.cos(bearing.contact_angle), float(w.order), w.phase]
+                for w in scene.waviness
+                if w.amplitude != 0.0
+            ]
+        ).reshape(-1, 3),
+        power=contact_power(bearing),
+    )
+
+
+def contact_power(bearing: Bearing) -> float:
+    """Return the kernels' ``power`` of the contacts of a bearing."""
+    return contact_exponent(bearing) - 1.0
+
+
+def damaged_rows(defect: Defect | None) -> tuple[int, int]:
+    """Return the first row with a defect that moves a ball, and the one after the last; equal where there is none."""
+    if defect is None or not defect.moves_balls:
+        return 0, 0
+    return defect.first_row, defect.first_row + defect.rows
+
+
+def defect_arrays(bearing: Bearing, defect: Defect | None) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the kernel's ``path`` and ``profile`` of a defect (models.solve.six_dof.kernels.path)."""
+    array, profile = np.zeros(kernel_path.DEFECT), _NO_PROFILE
+    path = ball_path(bearing, defect)
+    if path is None:
+        return array, profile
+    array[kernel_path.D_RACE], array[kernel_path.D_BALL] = path.r_o, path.r_b
+    array[kernel_path.D_COSINE], array[kernel_path.D_POSITION] = path.cos_alpha, path.position
+    array[kernel_path.D_HALF], array[kernel_path.D_DEPTH] = path.half_width, path.h_d
+    array[kernel_path.D_REACH] = path.reach
+    if path.profile is not None and path.roughness > 0.0:
+        profile = path.profile.coefficients
+        array[kernel_path.D_ROUGHNESS], array[kernel_path.D_SPACING] = path.roughness, path.profile.spacing
+        array[kernel_path.D_HIGHEST] = path.profile.highest
+    return array, profile
+
+
+@lru_cache(maxsize=512)
+def _unit_equilibrium(bearing: Bearing) -> NDArray[np.float64]:
+    """Return the displacement of a bearing without clearance where load over contact stiffness is one."""
+    return static_equilibrium(element_angles(bearing), 1.0, 1.0, exponent=contact_exponent(bearing))
+
+
+def _equilibrium(scene: Scene, force: tuple[float, float]) -> tuple[float, float]:
+    """Return the static displacement along and across the load under a force, m."""
+    # It is sought in a frame whose first axis lies along the force.
+    size, angle = math.hypot(*force), math.atan2(force[1], force[0])
+    k_c, exponent = scene.rig_as(Rig).k_c, contact_exponent(scene.bearing)
+    if scene.clearance == 0.0 and angle == 0.0:
+        # All contact forces then grow with the same power of the displacement.
+        u = _unit_equilibrium(scene.bearing) * (size / k_c) ** (1.0 / exponent)
+    else:
+        angles = element_angles(scene.bearing, -angle)
+        u = static_equilibrium(angles, size, k_c, clearance=scene.clearance, exponent=exponent)
+    c, s = math.cos(angle), math.sin(angle)
+    return float(u[0] * c - u[1] * s), float(u[0] * s + u[1] * c)
+
+
+def scene_parameters(scene: Scene) -> NDArray[np.float64]:
+    """Return the kernels' ``parameter`` array, for a sensor along the load."""
+    rig, pitch = scene.rig_as(Rig), 2.0 * math.pi / scene.bearing.n_elements
+    parameter = rig_parameters(rig, scene.clearance, pitch * kinematics(scene.bearing, scene.speed).bpfo)
+    weight = scene.gravity * (rig.m_o + rig.m_r)
+    force = (scene.load + weight * math.cos(scene.gravity_angle), weight * math.sin(scene.gravity_angle))
+    parameter[kernels.P_PITCH] = pitch
+    parameter[kernels.P_LOAD_1], parameter[kernels.P_LOAD_2] = force
+    parameter[kernels.P_U_1], parameter[kernels.P_U_2] = _equilibrium(scene, force)
+    return parameter
+
+
+def rig_parameters(rig: Rig, clearance: float, omega: float) -> NDArray[np.float64]:
+    """Return the kernels' ``parameter`` array without load and equilibrium; ``omega`` is that of the cage, rad/s."""
+    reduced = rig.m_o * rig.m_r / (rig.m_o + rig.m_r)
+    parameter = np.zeros(kernels.PARAMETERS)
+    parameter[kernels.P_K_C] = rig.k_c
+    parameter[kernels.P_ALPHA] = rig.alpha_c * rig.m_b
+    parameter[kernels.P_BETA] = rig.beta_c * rig.k_c
+    parameter[kernels.P_CLEARANCE] = clearance
+    parameter[kernels.P_OMEGA] = omega
+    parameter[kernels.P_TURN] = omega if rig.cage_in_rate else 0.0
+    parameter[kernels.P_INV_M_I] = 1.0 / rig.m_i
+    parameter[kernels.P_INV_M] = 1.0 / (rig.m_o + rig.m_r)
+    parameter[kernels.P_INV_M_O] = 1.0 / rig.m_o
+    parameter[kernels.P_INV_M_R] = 1.0 / rig.m_r
+    parameter[kernels.P_SHARE_R] = rig.m_r / (rig.m_o + rig.m_r)
+    parameter[kernels.P_K_R] = rig.k_r
+    parameter[kernels.P_C_R] = rig.c_r
+    parameter[kernels.P_SQUARE_I] = rig.k_i / rig.m_i
+    parameter[kernels.P_DAMPING_I] = rig.c_i / rig.m_i
+    parameter[kernels.P_SQUARE_R] = rig.k_r / reduced
+    parameter[kernels.P_DAMPING_R] = rig.c_r / reduced
+    parameter[kernels.P_DIRECTION_1] = 1.0
+    return parameter

@@ -1,0 +1,1 @@
+"""What all floors share: exceptions, checks of fields, typed numerical methods."""
