@@ -23,6 +23,7 @@ from models.platform.portable import PipeReader
 from monitor.config.outputs import WebSection
 
 _LOG = logging.getLogger(__name__)
+_PAGE = "monitor.web.server:child"
 _END_S = 0.5
 _MAX_BYTES = 1 << 16
 _MIN_PAUSE_S, _MAX_PAUSE_S = 1.0, 60.0
@@ -217,4 +218,4 @@ def page_server(
         "web": web.model_dump(mode="json"),
         "state_dir": str(state_dir.absolute()),
     }
-    return ServerProcess("the page", "monitor.web.server:child", request, monotonic)
+    return ServerProcess("the page", _PAGE, request, monotonic)

@@ -34,7 +34,7 @@ def answers(url: str) -> bool:
 def test_a_page_that_crashes_is_a_problem_and_stops_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     config = with_page(tmp_path)
     with monkeypatch.context() as broken:
-        broken.setattr("monitor.service.children._ENTRY", "sys:exit")
+        broken.setattr("monitor.service.children._PAGE", "sys:exit")
         with running(config, path=config):
             wait_until(lambda: "page" in status(config)["problems"])
             put(config, 1)
