@@ -37,20 +37,20 @@ if TYPE_CHECKING:
     from spallwatch.analysis import features as features
     from spallwatch.analysis import name_fault as name_fault
     from spallwatch.analysis import spectrum as spectrum
-    from spallwatch.angular_speed import ias_spectrum as ias_spectrum
     from spallwatch.archives import open_archive as open_archive
     from spallwatch.bearings import bearing as bearing
     from spallwatch.bearings import fault_frequencies as fault_frequencies
-    from spallwatch.cyclic import cyclic_coherence as cyclic_coherence
-    from spallwatch.cyclic import plot_cyclic as plot_cyclic
+    from spallwatch.bearings import fe_stiffness as fe_stiffness
+    from spallwatch.figures import plot_cyclic as plot_cyclic
     from spallwatch.figures import plot_map as plot_map
     from spallwatch.figures import plot_records as plot_records
     from spallwatch.figures import plot_scene as plot_scene
     from spallwatch.figures import plot_signal as plot_signal
     from spallwatch.figures import plot_spectrum as plot_spectrum
-    from spallwatch.finite_elements import fe_stiffness as fe_stiffness
     from spallwatch.gears import gear_motion as gear_motion
     from spallwatch.gears import mesh_frequencies as mesh_frequencies
+    from spallwatch.orders import cyclic_coherence as cyclic_coherence
+    from spallwatch.orders import ias_spectrum as ias_spectrum
     from spallwatch.orders import order_spectrum as order_spectrum
     from spallwatch.recordings import blocks as blocks
     from spallwatch.recordings import read as read
@@ -66,48 +66,26 @@ if TYPE_CHECKING:
 
 # Imported when they are first used: a script that reads a file does not wait for the models, nor the command line for
 # any of it.
-_HOMES = {
-    "Bearing": "models.machine.bearing",
-    "Kinematics": "models.machine.bearing",
-    "Naming": "monitor.health.naming",
-    "Response": "models.solve.response",
-    "RmsMap": "models.maps.data",
-    "Scene": "models.machine.scene",
-    "SignalError": "spallwatch.analysis",
-    "SpallwatchError": "models.words.errors",
-    "__version__": "monitor",
-    "acceleration": "spallwatch.scenes",
-    "bearing": "spallwatch.bearings",
-    "blocks": "spallwatch.recordings",
-    "build_map": "spallwatch.scenes",
-    "cyclic_coherence": "spallwatch.cyclic",
-    "envelope_spectrum": "spallwatch.analysis",
-    "fault_frequencies": "spallwatch.bearings",
-    "fe_stiffness": "spallwatch.finite_elements",
-    "features": "spallwatch.analysis",
-    "gear_motion": "spallwatch.gears",
-    "ias_spectrum": "spallwatch.angular_speed",
-    "map_dataset": "spallwatch.scenes",
-    "mesh_frequencies": "spallwatch.gears",
-    "name_fault": "spallwatch.analysis",
-    "open_archive": "spallwatch.archives",
-    "open_map": "spallwatch.scenes",
-    "open_records": "spallwatch.records",
-    "order_spectrum": "spallwatch.orders",
-    "plot_cyclic": "spallwatch.cyclic",
-    "plot_map": "spallwatch.figures",
-    "plot_records": "spallwatch.figures",
-    "plot_scene": "spallwatch.figures",
-    "plot_signal": "spallwatch.figures",
-    "plot_spectrum": "spallwatch.figures",
-    "read": "spallwatch.recordings",
-    "replay": "spallwatch.records",
-    "save_map": "spallwatch.scenes",
-    "scene": "spallwatch.scenes",
-    "simulate": "models.solve.simulate",
-    "spectrum": "spallwatch.analysis",
-    "to_signal": "spallwatch.recordings",
+_NAMES = {
+    "models.machine.bearing": "Bearing Kinematics",
+    "models.machine.scene": "Scene",
+    "models.maps.data": "RmsMap",
+    "models.solve.response": "Response",
+    "models.solve.simulate": "simulate",
+    "models.words.errors": "SpallwatchError",
+    "monitor": "__version__",
+    "monitor.health.naming": "Naming",
+    "spallwatch.analysis": "SignalError envelope_spectrum features name_fault spectrum",
+    "spallwatch.archives": "open_archive",
+    "spallwatch.bearings": "bearing fault_frequencies fe_stiffness",
+    "spallwatch.figures": "plot_cyclic plot_map plot_records plot_scene plot_signal plot_spectrum",
+    "spallwatch.gears": "gear_motion mesh_frequencies",
+    "spallwatch.orders": "cyclic_coherence ias_spectrum order_spectrum",
+    "spallwatch.recordings": "blocks read to_signal",
+    "spallwatch.records": "open_records replay",
+    "spallwatch.scenes": "acceleration build_map map_dataset open_map save_map scene",
 }
+_HOMES = {name: home for home, names in _NAMES.items() for name in names.split()}
 
 __all__ = sorted(_HOMES)  # pyright: ignore[reportUnsupportedDunderAll]
 

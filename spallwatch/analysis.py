@@ -19,10 +19,9 @@ from monitor.records.dataset import to_dataset
 from monitor.records.filing import Filing, Stored
 from monitor.records.packing import pack
 from monitor.service.setup import source_settings
-from spallwatch._configuration import SOURCE, configuration, plain_names
-from spallwatch._pulses import Tacho, with_pulses
-from spallwatch._readable import readable
+from spallwatch._arguments import SOURCE, Tacho, configuration, plain_names, with_pulses
 from spallwatch.recordings import to_signal
+from spallwatch.records import readable
 from streams.block import Block
 from streams.pulses import Pulses
 
@@ -160,11 +159,7 @@ def name_fault(
     """
     given = signal_of(signal, rate_hz, unit)
     given, pulses = with_pulses(given, tacho)
-    if given.sizes["channel"] != 1:
-        names = ", ".join(map(str, given.channel.values))
-        raise SignalError(
-            f"name_fault takes one channel, the signal has {names}; choose one: signal.sel(channel=[...])"
-        )
+    refuse_several(given, "name_fault takes one channel, the signal has")
     output = _analysed(given, pulses, bearing, speed_hz, None, band_hz, None, speed_exact)
     naming = next(iter(output.channels.values())).naming
     assert naming is not None
@@ -184,6 +179,13 @@ def signal_of(signal: xr.DataArray | ArrayLike, rate_hz: float | None, unit: str
     # A channel that was selected by name alone has no dimension any more.
     given = signal.expand_dims("channel") if "channel" not in signal.dims else signal
     return given.transpose("channel", "time")
+
+
+def refuse_several(signal: xr.DataArray, reason: str) -> None:
+    """Raise SignalError, with what begins its message, where a signal has not one channel."""
+    if signal.sizes.get("channel", 1) != 1:
+        names = ", ".join(map(str, signal.channel.values))
+        raise SignalError(f"{reason} {names}; choose one: signal.sel(channel=[...])")
 
 
 def _transformed(signal: xr.DataArray, bands: tuple[tuple[float, float], ...]) -> list[Any]:

@@ -12,10 +12,13 @@ import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from models.machine.bearing import Kinematics
+from models.machine.bearing import Bearing, Kinematics, kinematics
 from models.machine.scene import Scene
 from models.maps.data import RmsMap
 from models.solve.response import Response, Sensor
+from monitor.health.spectrum.cyclic import CyclicCoherence
+from monitor.health.spectrum.settings import fundamentals
+from monitor.report.figures.cyclic import cyclic_sheet
 from monitor.report.figures.drawing import BLUE, GREY, STYLE, WIDTH, legend_above, log_ticks
 from monitor.report.figures.rms_map import map_sheet
 from monitor.report.figures.scene import fundamental_of, scene_sheet, signal_of
@@ -23,6 +26,7 @@ from monitor.report.figures.sheet import compose
 from monitor.report.figures.spectrum import FAULT_MARKS, ORDERS
 from monitor.words.statuses import FAULT_NAMES
 from spallwatch.analysis import SignalError
+from spallwatch.bearings import as_bearing
 from streams.block import STANDARD_GRAVITY
 
 _P = ParamSpec("_P")
@@ -132,6 +136,24 @@ def plot_scene(scene: Scene, response: Response, *, sensor: Sensor | None = None
 def plot_map(rms_map: RmsMap) -> Figure:
     """Return a map with lines of equal volume, cuts through it, and its errors."""
     return compose(map_sheet(rms_map))
+
+
+def plot_cyclic(coherence: xr.DataArray, bearing: Bearing | str) -> Figure:
+    """Return a map of the coherence and the enhanced envelope spectrum, with the lines of a bearing."""
+    known = as_bearing(bearing)
+    about = coherence.attrs
+    found = CyclicCoherence(
+        "order",
+        coherence.order.values,
+        coherence.frequency.values,
+        coherence.values,
+        tuple(about["band_hz"]),
+        coherence.enhanced.values,
+        about["limit"],
+    )
+    orders = fundamentals(kinematics(known, 1.0))
+    facts = [("Speed", f"{about['speed_min_hz']:.4g} to {about['speed_max_hz']:.4g} Hz")]
+    return compose(cyclic_sheet(found, orders, facts, f"Cyclic coherence, {known.designation}"))
 
 
 def _panels(count: int, height: float) -> tuple[Figure, list[Axes]]:

@@ -1,24 +1,31 @@
-"""Spectra over the angle of a shaft whose speed varies."""
+"""Spectra over the angle of a shaft whose speed varies: of a signal, of the angular speed, and cyclic coherence."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Unpack
+from typing import Literal, Unpack
 
 import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
+from models.machine.bearing import Bearing
 from monitor.health.rotation.fit import rotation_of
+from monitor.health.rotation.ias_study import study
 from monitor.health.rotation.profile import rotation_of_speed
 from monitor.health.rotation.repair import repaired
 from monitor.health.rotation.rotation import Rotation, constant
+from monitor.health.rotation.settings import TachoSettings
+from monitor.health.spectrum.cyclic import RESOLUTION
+from monitor.health.spectrum.cyclic_study import CyclicStudy, cyclic_study, known_rotation
 from monitor.health.spectrum.orders import order_spectrum as spectrum_of
 from monitor.health.spectrum.orders import warp_or_error
 from monitor.health.spectrum.transform import BlockTransform
-from spallwatch._pulses import Tacho, with_pulses
-from spallwatch.analysis import SignalError, signal_of
+from spallwatch._arguments import Tacho, with_pulses
+from spallwatch.analysis import SignalError, refuse_several, signal_of
+from spallwatch.bearings import as_bearing
+from streams.tacho import edge_times
 
 
 @dataclass(frozen=True)
@@ -89,6 +96,10 @@ def order_spectrum(
     return _over_orders(given, rows, rotation, band_hz)
 
 
+def _over_order(values: NDArray[np.floating], name: str = "events per revolution") -> xr.Variable:
+    return xr.Variable("order", values, {"units": "1", "long_name": name})
+
+
 def _of_speed(speed: NDArray[np.float64], samples: int, rate: float) -> Rotation:
     """Return the angle of a shaft of a speed, shape () or (n,), Hz."""
     duration = samples / rate
@@ -126,8 +137,7 @@ def _over_orders(
     signal: xr.DataArray, rows: list[_Row], rotation: Rotation, band: tuple[float, float] | None
 ) -> xr.DataArray:
     amplitude = np.stack([row.amplitude for row in rows])
-    attributes = {"units": "1", "long_name": "events per revolution"}
-    order = xr.Variable("order", np.arange(amplitude.shape[1]) * rows[0].step, attributes)
+    order = _over_order(np.arange(amplitude.shape[1]) * rows[0].step)
     low, high = rotation.speed_range
     found = xr.DataArray(
         amplitude,
@@ -148,3 +158,148 @@ def _over_orders(
     found.attrs["band_hz"] = [float(edge) for edge in band]
     mean = xr.Variable("channel", [row.mean for row in rows], {"units": signal.attrs["units"]})
     return found.assign_coords(envelope_mean=mean)
+
+
+def ias_spectrum(
+    pulses: xr.DataArray | ArrayLike,
+    *,
+    pulses_per_revolution: int,
+    tacho_missing_teeth: int = 0,
+    tacho_ratio: float = 1.0,
+    tacho_level: float | None = None,
+    tacho_edge: Literal["rising", "falling"] = "rising",
+    clock_hz: float | None = None,
+    remove_wheel: bool = False,
+) -> xr.DataArray:
+    """Return the amplitude spectrum of a shaft's angular speed over events per revolution.
+
+    Single-sided, with a Hann window, of the relative change of the speed times its mean. What varies over more than
+    eight turns is divided out first. The error of the marks stands on whole multiples of the wheel, where it cannot be
+    told from what turns with it.
+
+    Args:
+        pulses: times, s, or a signal of one channel of ``read`` or ``to_signal``, whose edges are taken.
+        pulses_per_revolution: marks of a whole turn, missing teeth included.
+        tacho_missing_teeth: consecutive teeth that the wheel lacks once a turn.
+        tacho_ratio: turns of the bearing's shaft per turn of the shaft with the marks.
+        tacho_level, tacho_edge: of a pulse in a signal; by default half way between its levels.
+        clock_hz: of the counter that gave the times.
+        remove_wheel: take out what repeats with each turn of the wheel.
+
+    Returns:
+        Dimension (order), rad/s and events per revolution of the bearing's shaft; attributes ``speed_hz``, ``turns``,
+        ``pulses_missing``, ``pulses_extra``, ``timing_noise_s`` (standard deviation of the time of a pulse) and
+        ``wheel_error_deg`` (what repeats each turn, RMS) with its standard error ``wheel_error_sd_deg``.
+
+    Raises:
+        SignalError: fewer than 16 marks a turn or 16 turns, or pulses that do not follow one speed.
+    """
+    if isinstance(pulses, xr.DataArray) and "rate_hz" in pulses.attrs:
+        refuse_several(pulses, "pulses: expected one channel, got")
+        times = edge_times(
+            pulses.values.reshape(-1), pulses.attrs["rate_hz"], tacho_level, falling=tacho_edge == "falling"
+        )
+    else:
+        times = np.asarray(pulses, dtype=np.float64)
+        if times.ndim != 1 or not np.all(np.isfinite(times)) or np.any(np.diff(times) < 0.0):
+            raise SignalError(f"pulses: expected finite times that never fall, (pulse,), got shape {times.shape}")
+    try:
+        found = study(
+            times,
+            TachoSettings(per_revolution=pulses_per_revolution, missing_teeth=tacho_missing_teeth, ratio=tacho_ratio),
+            resolution=0.0 if clock_hz is None else 1.0 / clock_hz,
+            remove_wheel=remove_wheel,
+        )
+    except ValueError as error:
+        raise SignalError(f"pulses: {error}") from None
+    spectrum, wheel = found.spectrum, found.wheel
+    order = _over_order(spectrum.orders)
+    return xr.DataArray(
+        spectrum.amplitude,
+        dims=("order",),
+        coords={"order": order},
+        name="angular_speed",
+        attrs={
+            "units": "rad s-1",
+            "long_name": "amplitude of the angular speed",
+            "speed_hz": spectrum.mean_speed,
+            "turns": spectrum.turns,
+            "pulses_missing": found.missing,
+            "pulses_extra": found.extra,
+            "timing_noise_s": spectrum.timing_noise,
+            "wheel_error_deg": 360.0 * wheel.rms,
+            "wheel_error_sd_deg": 360.0 * wheel.rms_error,
+        },
+    )
+
+
+def cyclic_coherence(
+    signal: xr.DataArray | ArrayLike,
+    *,
+    bearing: Bearing | str,
+    speed_hz: float | tuple[float, float] | None = None,
+    pulses_s: ArrayLike | None = None,
+    pulses_per_revolution: int = 1,
+    band_hz: tuple[float, float] | None = None,
+    resolution_hz: float = RESOLUTION,
+    rate_hz: float | None = None,
+    unit: str | None = None,
+) -> xr.DataArray:
+    """Return the squared spectral coherence of a signal, by frequency and cyclic order of the shaft.
+
+    Args:
+        signal, rate_hz, unit: as in ``spectrum``, of one channel.
+        bearing: geometry, or a designation of the catalogue; orders reach to the fourth line of its inner race.
+        speed_hz: of a steady shaft, by default what the recording states; or the lowest and the highest speed,
+            between which the angle of the shaft is found in the vibration.
+        pulses_s: times of the pulses of a tacho, s from the first sample, instead of a speed.
+        pulses_per_revolution: pulses of a turn.
+        band_hz: frequencies over which the coordinate ``enhanced`` is averaged, by default all.
+        resolution_hz: about the spacing of the frequencies; one over it must be shorter than from impact to impact.
+
+    Returns:
+        Dimensions (frequency, order), Hz and events per revolution; 0 for noise, at most about 1. Coordinate
+        ``enhanced`` (order): the enhanced envelope spectrum. Attributes: ``limit`` (stationary noise exceeds it
+        anywhere in 1 % of signals), ``speed_hz``, ``speed_min_hz``, ``speed_max_hz``, ``turns_sd``.
+
+    Raises:
+        SignalError: several channels, a signal that is too short, or no angle of the shaft.
+    """
+    given = signal_of(signal, rate_hz, unit)
+    refuse_several(given, "expected one channel, got")
+    known = as_bearing(bearing)
+    rate, samples = float(given.attrs["rate_hz"]), given.values[0]
+    limits = speed_hz if isinstance(speed_hz, tuple) else None
+    speed = given.attrs.get("speed_hz") if speed_hz is None or isinstance(speed_hz, tuple) else speed_hz
+    times = None if pulses_s is None else np.asarray(pulses_s, dtype=np.float64)
+    try:
+        rotation = known_rotation(samples, rate, known, speed, limits, times, pulses_per_revolution)
+        study = cyclic_study(samples, rate, known, rotation, band_hz, resolution_hz)
+    except ValueError as error:
+        raise SignalError(f"signal: {error}") from None
+    return _to_array(study)
+
+
+def _to_array(study: CyclicStudy) -> xr.DataArray:
+    found, rotation = study.found, study.rotation
+    order = _over_order(found.cyclic)
+    frequency = xr.Variable("frequency", found.frequency, {"units": "Hz", "long_name": "frequency"})
+    enhanced = _over_order(found.enhanced, "mean squared coherence")
+    low, high = rotation.speed_range
+    return xr.DataArray(
+        found.coherence,
+        dims=("frequency", "order"),
+        coords={"frequency": frequency, "order": order, "enhanced": enhanced},
+        name="coherence",
+        attrs={
+            "units": "1",
+            "long_name": "squared spectral coherence",
+            "limit": found.limit,
+            "band_hz": list(found.band),
+            "turns": rotation.turned,
+            "speed_hz": rotation.mean_speed,
+            "speed_min_hz": low,
+            "speed_max_hz": high,
+            "turns_sd": rotation.turns_sd,
+        },
+    )

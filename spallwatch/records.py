@@ -14,8 +14,7 @@ import xarray as xr
 from models.machine.bearing import Bearing
 from models.words.errors import WrongInputError
 from monitor.health.schema import SCHEMA_VERSION, VARIABLES
-from monitor.records.dataset import INT_FILL, NO_VALUE
-from spallwatch._readable import readable
+from monitor.records.dataset import INT_FILL, NO_VALUE, words
 from streams.spec import DEFAULT_BLOCK_SECONDS
 
 if TYPE_CHECKING:
@@ -65,7 +64,7 @@ def replay(
     """
     # Not above: who reads records does not wait for what replays.
     from monitor.service.replay import replay as replay_recording
-    from spallwatch._configuration import given_configuration
+    from spallwatch._arguments import given_configuration
 
     if config is not None:
         if how or bearing is not None or speed_hz is not None or load_newton is not None or speed_exact:
@@ -153,7 +152,7 @@ def _configured(
     how: Reading,
 ) -> Config:
     """Return the configuration of a machine with one source, whose channels are those of the recording."""
-    from spallwatch._configuration import configuration, plain_names
+    from spallwatch._arguments import configuration, plain_names
     from spallwatch.recordings import first_channels, source_of
 
     there = first_channels(source_of(path, block_s, how), vibration="channels" not in how)
@@ -279,3 +278,29 @@ def _fill_of(array: xr.Variable) -> Any:
 
 def _same(one: Any, other: Any) -> bool:
     return bool(np.array_equal(one, other))
+
+
+PART = "part"
+"""The dimension of the parts of a bearing. In files it is called ``fault``, as is the name of the damaged part."""
+
+
+def readable(dataset: xr.Dataset) -> xr.Dataset:
+    """Return a dataset of records, read without decoding, with words as strings and parts by name.
+
+    Missing words are "", missing whole numbers NaN.
+    """
+    given = dataset.reset_coords("fault") if "fault" in dataset.coords else dataset
+    decoded: dict[str, xr.Variable] = {}
+    for name, array in given.variables.items():
+        attributes = {key: value for key, value in array.attrs.items() if not key.startswith("flag_")}
+        dims = tuple(PART if dim == "fault" else str(dim) for dim in array.dims)
+        values = array.values
+        if "flag_meanings" in array.attrs:
+            values = words(array)
+        elif array.dtype == np.int32 and name not in given.coords:
+            values = np.where(values == INT_FILL, np.nan, values)
+        decoded[str(name)] = xr.Variable(dims, values, attributes)
+    labels = decoded.pop("fault_name", None)
+    found = xr.Dataset({name: array for name, array in decoded.items() if name not in given.coords}, attrs=given.attrs)
+    found = found.assign_coords({name: array for name, array in decoded.items() if name in given.coords})
+    return found if labels is None else found.assign_coords({PART: (PART, labels.values, labels.attrs)})

@@ -20,7 +20,7 @@ from models.maps.file import save_map as write_map
 from models.maps.plan import MapPlan
 from models.solve.response import Response, Sensor
 from models.work.choose import local_runner
-from spallwatch._configuration import configuration
+from spallwatch._arguments import configuration
 from spallwatch.recordings import to_signal
 
 _BENCH = "1205 ETN9"
