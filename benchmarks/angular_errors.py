@@ -14,8 +14,8 @@ import numpy as np
 from benchmarks.common import Row, arguments, print_table, write_json
 from models.solve.angular.rig import AngularRig
 from models.solve.angular.solver import solve
-from models.solve.registry import Request
-from models.solve.response import Response, Sensor
+from models.solve.response import Response
+from models.words.request import Request, Sensor
 from tests.support.models import SHAFT
 
 COUPLINGS = tuple(float(round(c)) for c in np.geomspace(500.0, 20_000.0, 14))

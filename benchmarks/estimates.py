@@ -22,10 +22,11 @@ import numpy as np
 from benchmarks.common import Row, arguments, print_table, write_json
 from models.machine.rig import Rig
 from models.machine.scene import Defect, Floor, Part, Scene, Slip
-from models.solve.registry import Request, solvers
+from models.solve.registry import solvers
 from models.solve.response import Response
 from models.solve.six_dof import periodic, time_domain
 from models.solve.six_dof.kernels.period import ball_period, blank_trace, mean_square
+from models.words.request import Request
 from tests.support.periods import solve_scene
 
 ACCURACIES = (1e-2, 1e-3, 1e-4)

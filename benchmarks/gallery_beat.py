@@ -29,10 +29,10 @@ from models.machine.bearing import from_catalogue, kinematics
 from models.machine.scene import Defect, Part, Scene
 from models.path.contour import part_radius
 from models.published.beat import inner_race_scene
-from models.solve.registry import Request
 from models.solve.ring_impact.hits import hits_on
 from models.solve.ring_impact.rig import RingImpactRig
 from models.solve.ring_impact.solver import natural_frequencies, noise_level, solve
+from models.words.request import Request
 from monitor.report.figures.drawing import BLUE, GREEN, PURPLE, VERMILION
 
 BEARING = replace(from_catalogue("1210"), n_elements=17)

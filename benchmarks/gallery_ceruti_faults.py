@@ -14,9 +14,9 @@ from benchmarks.gallery_plate import Claim, Plate, number, words
 from benchmarks.gallery_spectra import Lines, Values, kept_lines, mark, spectrum
 from models.machine.scene import Scene
 from models.published.ceruti import SPEED
-from models.solve.registry import Request
-from models.solve.response import Response, Sensor
+from models.solve.response import Response
 from models.solve.rotor.elastic import solve
+from models.words.request import Request, Sensor
 from monitor.report.figures.drawing import AXIS, PURPLE
 
 HIGH = 110.0

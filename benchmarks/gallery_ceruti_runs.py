@@ -28,12 +28,11 @@ from benchmarks.gallery_spectra import (
 from models.machine.bearing import from_catalogue, kinematics
 from models.machine.scene import Part, Scene
 from models.published.ceruti import DURATION, HALF_PITCH, SPEED, STEP, damaged, peak_value, rotor, run
-from models.solve.registry import Request
-from models.solve.response import Sensor
 from models.solve.rotor import elastic as rotor_elastic
 from models.solve.rotor import solver as rigid_rotor
 from models.solve.rotor.rig import RotorRig
 from models.solve.rotor.solver import Rigid, Trace, trace_of
+from models.words.request import Request, Sensor
 from monitor.report.figures.drawing import BLUE
 
 MM = 1e3

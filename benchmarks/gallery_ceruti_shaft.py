@@ -33,11 +33,11 @@ from models.machine.hertz import element_angles, static_equilibrium
 from models.machine.load_distribution import ring_approach
 from models.machine.scene import Scene
 from models.published.ceruti import SPEED, damaged, rotor
-from models.solve.registry import Request
 from models.solve.rotor import elastic as rotor_elastic
 from models.solve.rotor import solver as rigid_rotor
 from models.solve.rotor.rig import RotorRig
 from models.solve.trajectories import Trajectories
+from models.words.request import Request
 from monitor.report.figures.drawing import BLUE, GREEN, INK, VERMILION
 from monitor.report.figures.scene import draw_orbit
 

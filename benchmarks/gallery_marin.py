@@ -19,7 +19,7 @@ from models.machine.bearing import kinematics
 from models.machine.scene import Scene
 from models.published.marin import DROPPED, INNER, STEP, bearing_of, run, scene_of
 from models.solve.ball_inertia.solver import solve
-from models.solve.registry import Request
+from models.words.request import Request
 from monitor.report.figures.drawing import BLUE, VERMILION
 
 SPEEDS = (5.0, 10.0, 20.0, 30.0, 40.0)

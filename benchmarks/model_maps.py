@@ -30,8 +30,8 @@ from models.maps.data import RmsMap
 from models.maps.file import cached_map
 from models.maps.nodes import simulate_node_row
 from models.maps.plan import MapPlan
-from models.rigs import IGNORES_DEPTH, RIGS
 from models.solve.angular.rig import AngularRig
+from models.solve.registry import IGNORES_DEPTH, RIGS
 from models.solve.simulate import simulate
 from monitor.health.damage import tracker as damage
 from monitor.health.damage.tracker import TrackMethod

@@ -29,10 +29,11 @@ from models.machine.scene import Defect, Scene
 from models.solve.ball_inertia.rig import BallInertiaRig
 from models.solve.choice import select, stand_ins
 from models.solve.engine.turning import passage_rate
-from models.solve.registry import Request, choose
+from models.solve.registry import choose
 from models.solve.response import Response
 from models.solve.rotor.rig import RotorRig
 from models.solve.simulate import volume_slope
+from models.words.request import Request
 
 QUICK = 3
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "explanation" / "scenes.md"

@@ -18,10 +18,10 @@ from benchmarks.scenes_trial import timed
 from models.machine.bearing import from_catalogue
 from models.machine.scene import Defect, Floor, Scene, Slip, Waviness
 from models.solve.engine.turning import passage_rate
-from models.solve.registry import Request
 from models.solve.response import Response
 from models.solve.rotor.rig import RotorRig
 from models.solve.simulate import simulate, volume_slope
+from models.words.request import Request
 
 REQUEST = Request(accuracy=1e-3, duration=1.0, rate=25600.0)
 CASING = Scene(30.0, 2000.0, defect=Defect(math.radians(6.0), 8e-6))

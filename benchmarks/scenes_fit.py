@@ -25,7 +25,7 @@ from models.machine.scene import Scene
 from models.solve.choice import stand_ins
 from models.solve.mappings.errors import Groups, groups_of_balls, groups_of_shaft
 from models.solve.registry import choose
-from models.solve.response import Quantity
+from models.words.request import Quantity
 
 
 @dataclass(frozen=True)

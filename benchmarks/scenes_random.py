@@ -14,10 +14,9 @@ import numpy as np
 from models.machine.bearing import from_catalogue
 from models.machine.scene import Defect, Scene
 from models.solve.ball_inertia.rig import BallInertiaRig
-from models.solve.registry import Request
-from models.solve.response import Quantity
 from models.solve.ring_impact.rig import STEEL_DENSITY
 from models.solve.rotor.rig import RotorRig
+from models.words.request import Quantity, Request
 
 BEARINGS = ("6204", "6205", "6206", "6208", "6304", "6305", "6306")
 KINDS = ("balls", "rotor", "balls, defect", "shaft", "balls, unbalance")

@@ -20,9 +20,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.machine.bearing import Kinematics, catalogue_entry, from_catalogue, kinematics
-from models.machine.rig import Rig
+from models.machine.rig import Rig, RigParameters
 from models.machine.scene import Defect, Part, Scene
-from models.rigs import AnyRig
 from models.solve.ball_inertia.rig import BallInertiaRig
 from models.solve.nominal_rigs import nominal_rig
 from models.solve.response import Response
@@ -52,7 +51,7 @@ BANDS = {
 Damage = Literal["outer", "inner", "ball", "cage"]
 _PARTS: tuple[Damage | None, ...] = ("outer", "inner", "ball", "cage", None)
 _SHARES = (0.27, 0.27, 0.17, 0.09, 0.20)
-_RIGS: dict[str, type[AnyRig]] = {"six_dof": Rig, "ball_inertia": BallInertiaRig, "rotor": RotorRig}
+_RIGS: dict[str, type[RigParameters]] = {"six_dof": Rig, "ball_inertia": BallInertiaRig, "rotor": RotorRig}
 _MOST_SECONDS = 10.0
 _LEAST_TURNS = 20.0
 

@@ -34,11 +34,11 @@ from models.maps.check import check_map
 from models.maps.data import RmsMap
 from models.maps.nodes import scene_at
 from models.maps.plan import MapPlan
-from models.solve.registry import Request
 from models.solve.response import Response
 from models.solve.simulate import simulate
 from models.solve.six_dof.kernels.period import Period, blank_trace, mean_square
 from models.solve.six_dof.kernels.settled import R_ERROR, R_RMS
+from models.words.request import Request
 from models.work.choose import local_runner
 from models.work.runner import SERIAL
 from tests.oracles.six_dof_oracle import Case, simulate_oracle

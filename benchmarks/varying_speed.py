@@ -55,8 +55,8 @@ from models.machine.scene import Defect, Scene
 from models.machine.speed_profile import constant, hunt, ramp
 from models.solve.angular.rig import AngularRig
 from models.solve.angular.solver import solve
-from models.solve.registry import Request
 from models.solve.six_dof.time_domain import simulate_time
+from models.words.request import Request
 
 _STEP = 10e-6
 

@@ -11,12 +11,14 @@ import os
 import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor, as_completed
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
+from functools import partial
 
-from models.machine.scene import Defect, Scene, Slip
-from models.machine.speed_profile import constant
+from models.machine.scene import Defect, Scene
+from models.solve.registry import MODELS, load
 
 _SCENE = Scene(40.0, 4000.0, defect=Defect(dphi_d=0.1, h_d=1e-5))
+_LONGEST = "angular speed"
 
 
 @dataclass(frozen=True)
@@ -45,84 +47,17 @@ def _rows_of_a_map() -> None:
     build_map(MapPlan(load=(4000.0,), speed=(40.0,), h_d=(1e-5,), dphi_d=(0.1,)))
 
 
-def _many_scenes() -> None:
-    from models.solve.six_dof.lanes import LaneOptions, simulate_lanes
-
-    simulate_lanes([replace(_SCENE, slip=Slip(0.01))], LaneOptions(slip_blocks=2))
+def _call(place: str) -> None:
+    load(place)()
 
 
-def _over_time() -> None:
-    from models.solve.six_dof.time_domain import simulate_time
-
-    # A force that turns with the shaft is left out of the machine code of scenes without one, as is a changing speed.
-    steady = Scene(40.0, 1000.0)
-    for scene in (steady, replace(steady, unbalance=1e-3), replace(steady, speed_profile=constant(40.0, 1.0))):
-        simulate_time(scene, 0.005, 25600.0, settle=0.0)
-
-
-def _impacts() -> None:
-    from models.machine.bearing import from_catalogue
-    from models.solve.ring_impact.rig import RingImpactRig
-    from models.solve.simulate import simulate
-
-    scene = Scene(40.0, 1000.0, bearing=from_catalogue("6205"), rig=RingImpactRig(), defect=Defect(0.02, 1e-4))
-    simulate(scene, duration=0.05, rate=25600.0)
-
-
-def _rotor() -> None:
-    from models.machine.bearing import from_catalogue
-    from models.solve.rotor.elastic import trace_elastic
-    from models.solve.rotor.rig import RotorRig
-    from models.solve.rotor.solver import trace
-
-    scene = Scene(40.0, 1000.0, bearing=from_catalogue("6305"), rig=RotorRig(end_mass=0.3))
-    trace(scene, 1e-3, 1e-5)
-    trace_elastic(replace(scene, rig=RotorRig()), 1e-3, 1e-5)
-
-
-def _balls() -> None:
-    from models.machine.bearing import from_catalogue
-    from models.solve.ball_inertia.rig import BallInertiaRig
-    from models.solve.ball_inertia.solver import trace
-
-    trace(Scene(40.0, 1000.0, bearing=from_catalogue("6206"), rig=BallInertiaRig()), 1e-3, 5e-6)
-
-
-def _angular_speed() -> None:
-    from models.machine.bearing import from_catalogue
-    from models.solve.angular.rig import AngularRig
-    from models.solve.angular.solver import solve, trace
-    from models.solve.registry import Request
-
-    # With such couplings, damping and governor little is simulated before the record.
-    rig = AngularRig(mode_limit=5e3, coupling=1e5, damping=0.5, governor=10.0)
-    scene = Scene(40.0, 1000.0, bearing=from_catalogue("6206"), rig=rig)
-    trace(scene, 0.1, 1e-2)
-    solve(scene, Request(duration=1e-3, rate=5120.0, accuracy=1.0))
-
-
-def _gears() -> None:
-    from models.dynamics.gear_pair import SOLVER
-    from models.machine.bearing import from_catalogue
-    from models.rigs.gear_pair import GearPairRig
-    from models.solve.registry import Request
-
-    scene = Scene(40.0, 1000.0, bearing=from_catalogue("6305"), rig=GearPairRig())
-    SOLVER.solve(scene, Request(duration=1e-3, rate=5120.0, accuracy=1.0))
-
-
-# The longest first, so that two processes end together; the last part reuses the kernels of the first.
+_OF_MODELS = [part for model in MODELS.values() for part in model.warm]
 PARTS: dict[str, Callable[[], None]] = {
     "one settled scene": _one_scene,
-    "angular speed": _angular_speed,
-    "many scenes at once": _many_scenes,
-    "over time": _over_time,
-    "impacts on rings": _impacts,
-    "gears": _gears,
-    "rotor": _rotor,
-    "balls with inertia": _balls,
+    **{words: partial(_call, place) for words, place in sorted(_OF_MODELS, key=lambda part: part[0] != _LONGEST)},
     "rows of a map": _rows_of_a_map,
 }
+"""The longest first, so that two processes end together; the last part reuses the kernels of the first."""
 
 
 def compile_part(name: str) -> CompiledPart:

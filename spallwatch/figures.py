@@ -15,7 +15,8 @@ from matplotlib.figure import Figure
 from models.machine.bearing import Bearing, Kinematics, kinematics
 from models.machine.scene import Scene
 from models.maps.data import RmsMap
-from models.solve.response import Response, Sensor
+from models.solve.response import Response
+from models.words.request import Sensor
 from monitor.health.spectrum.cyclic import CyclicCoherence
 from monitor.health.spectrum.settings import fundamentals
 from monitor.report.figures.cyclic import cyclic_sheet

@@ -18,7 +18,8 @@ from models.maps.data import RmsMap
 from models.maps.file import load_map
 from models.maps.file import save_map as write_map
 from models.maps.plan import MapPlan
-from models.solve.response import Response, Sensor
+from models.solve.response import Response
+from models.words.request import Sensor
 from models.work.choose import local_runner
 from spallwatch._arguments import configuration
 from spallwatch.recordings import to_signal

@@ -17,13 +17,14 @@ from urllib.parse import parse_qsl
 import numpy as np
 from numpy.typing import NDArray
 
+from models.machine.rig import RigParameters
 from models.machine.scene import EFFECTS, PARTS, Floor, Scene
 from models.machine.shaft_marks import ShaftMarks, time_of_turns
 from models.machine.speed_profile import SpeedProfile, constant
 from models.path.defect import race_radius
-from models.rigs import AnyRig
 from models.solve.angular.rig import AngularRig
-from models.solve.response import SENSORS, Response, Sensor, row_of
+from models.solve.response import Response, row_of
+from models.words.request import SENSORS, Sensor
 from streams.block import STANDARD_GRAVITY, Block
 from streams.rig_gears import OPTIONS, RigGears, gear_sound, gears_of
 from streams.rig_life import THRESHOLD, draw_life, perturbed
@@ -90,7 +91,7 @@ class SimulatedRig:
         self.gears = gears
         self._check_running()
         self.bearing = self.machine.bearing
-        self.rig: AnyRig = perturbed(self.machine.nominal, rng)
+        self.rig: RigParameters = perturbed(self.machine.nominal, rng)
         self._rough = Floor(kind="rough", sd=float(rng.uniform(0.4e-6, 0.9e-6)), seed=int(rng.integers(1, 2**31)))
         self.life = draw_life(rng, healthy_blocks + 1)
         worn = healthy_blocks + math.ceil(self.life.time_to(1.3 * THRESHOLD) / INTERVAL) + 1

@@ -8,10 +8,10 @@ from typing import TypeVar
 
 import numpy as np
 
+from models.machine.rig import RigParameters
 from models.machine.scene import Defect, Floor
-from models.rigs import AnyRig
 
-T = TypeVar("T", bound=AnyRig)
+T = TypeVar("T", bound=RigParameters)
 
 _SPREAD = (0.02, 0.05)
 """Smallest and largest relative deviation of a rig parameter from its nominal value."""

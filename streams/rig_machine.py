@@ -7,10 +7,11 @@ from dataclasses import dataclass
 from functools import cached_property
 
 from models.machine.bearing import Bearing, CatalogueEntry, catalogue_entry, from_catalogue
-from models.machine.rig import Rig
-from models.rigs import IGNORES_DEPTH, RIGS, AnyRig
+from models.machine.rig import Rig, RigParameters
 from models.solve.nominal_rigs import nominal_rig
-from models.solve.response import CASING, Sensor
+from models.solve.registry import IGNORES_DEPTH, RIGS
+from models.solve.response import CASING
+from models.words.request import Sensor
 
 BEARING = "1205 ETN9"
 """The bearing of the bench."""
@@ -29,7 +30,7 @@ class Machine:
         gain: share of that acceleration which reaches the accelerometer.
     """
 
-    nominal: AnyRig
+    nominal: RigParameters
     bearing: Bearing
     sensor: Sensor | None = None
     gain: float = 1.0
@@ -89,7 +90,7 @@ def machine_of(
     return Machine(Rig() if own else nominal_rig(kind, entry), entry.bearing, sensor, gain)
 
 
-def _refusal(kind: type[AnyRig], entry: CatalogueEntry) -> str | None:
+def _refusal(kind: type[RigParameters], entry: CatalogueEntry) -> str | None:
     """Return why a model does not take a bearing, None where it does."""
     try:
         nominal_rig(kind, entry).check_bearing(entry.bearing)

@@ -28,13 +28,15 @@ from models.rigs.gear_pair import GearPairRig
 from models.solve.engine.motion import Motion
 from models.solve.engine.over_time import LOOKED_AT, SECONDS_A_CALL, answer, duration_of
 from models.solve.engine.turning import passage_rate
-from models.solve.registry import Request, Solver, check_effects
+from models.solve.registry import Solver, check_effects
+from models.words.request import Request
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from models.machine.scene import Scene
-    from models.solve.response import Response, Sensor
+    from models.solve.response import Response
+    from models.words.request import Sensor
 
 MODEL = "gear_pair"
 EFFECTS = frozenset(
@@ -166,6 +168,15 @@ def _cost(scene: Scene, request: Request) -> float:
     steps = (1.0 + 3.0 * LOOKED_AT) * (request.duration + _settle(scene, damped)) / step
     samples = scene.speed * scene.rig_as(GearPairRig).teeth * damped.meshes[0].stiffness.samples
     return SECONDS_A_CALL + _SECONDS_A_STEP * (steps + samples * request.duration)
+
+
+def warm() -> None:
+    """Compile the kernels: one healthy scene."""
+    from models.machine.bearing import from_catalogue
+    from models.machine.scene import Scene
+
+    scene = Scene(40.0, 1000.0, bearing=from_catalogue("6305"), rig=GearPairRig())
+    solve(scene, Request(duration=1e-3, rate=5120.0, accuracy=1.0))
 
 
 SOLVER = Solver(

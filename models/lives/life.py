@@ -18,10 +18,9 @@ import numpy as np
 from models.lives.laws import GrowthPath, draw_law, grow
 from models.lives.population import Population, Range
 from models.machine.bearing import kinematics
-from models.machine.rig import Rig
+from models.machine.rig import Rig, RigParameters
 from models.machine.scene import Defect, Floor, Scene, Slip
 from models.path.defect import race_radius
-from models.rigs import AnyRig
 from models.solve.response import HARMONICS
 from models.work.runner import SERIAL
 from models.work.task import Work
@@ -61,7 +60,7 @@ class LifePlan:
     number: int
     law: str
     path: GrowthPath
-    rig: AnyRig
+    rig: RigParameters
     clearance: float
     floor: Floor
     load: float

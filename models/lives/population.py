@@ -10,10 +10,10 @@ from typing import Any
 
 from models.lives.laws import LAWS, WEIGHTS
 from models.machine.bearing import Bearing, from_catalogue
-from models.machine.rig import Rig
+from models.machine.rig import Rig, RigParameters
 from models.machine.rig_draws import RigDraws, without_draws
 from models.maps.plan import check_depth, version_of
-from models.rigs import RIGS, AnyRig
+from models.solve.registry import RIGS
 
 Range = tuple[float, float]
 
@@ -98,7 +98,7 @@ class Population:
     """
 
     bearing: Bearing = field(default_factory=lambda: from_catalogue("1205 ETN9"))
-    rig: AnyRig = field(default_factory=Rig)
+    rig: RigParameters = field(default_factory=Rig)
     rig_spread: tuple[tuple[str, float], ...] = _RIG_SPREAD
     rig_posterior: RigDraws | None = None
     clearance: float = 0.0

@@ -3,24 +3,52 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 import numpy as np
 
-from models.machine.parameters import RigParameters
 from models.words.checks import check_choice, check_numbers
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from models.machine.bearing import Bearing, Element
-    from models.solve.response import Sensor
+    from models.words.request import Sensor
 
 Calibration = bool | Literal["declared"]
 """Whether a rig's parameters are those of the machine: identified on it, or "declared" by a person."""
 Claim = Literal[False, "declared"]
 """The same of a model whose parameters no identification finds."""
+
+
+@dataclass(frozen=True)
+class RigParameters:
+    """Base of the parameters of a model's machine, without fields of its own.
+
+    Attributes:
+        model: the model that takes them, a key of ``models.solve.registry.MODELS``.
+        first_sensor: the first of its sensors.
+        uncertain: names of the fields that differ from machine to machine of a kind.
+        ignores_depth: why its vibration is the same for any depth of a defect, "" where it is not.
+    """
+
+    model: ClassVar[str]
+    first_sensor: ClassVar[Sensor]
+    uncertain: ClassVar[tuple[str, ...]]
+    ignores_depth: ClassVar[str] = ""
+
+    if TYPE_CHECKING:
+        # A field of each type, at a place of its own.
+        calibrated: Calibration = False
+
+    def check_bearing(self, bearing: Bearing) -> None:
+        """Raise a ValueError that says why the parameters cannot belong to a bearing."""
+        raise NotImplementedError
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the parameters as plain values, from which the type makes the same rig as keyword arguments."""
+        return asdict(self)
 
 
 @dataclass(frozen=True)

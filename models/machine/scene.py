@@ -11,16 +11,15 @@ from functools import cached_property
 from typing import Literal, TypeVar
 
 from models.machine.bearing import Bearing, from_catalogue
-from models.machine.rig import Rig
+from models.machine.rig import Rig, RigParameters
 from models.machine.speed_profile import SpeedProfile, ramp
-from models.rigs import AnyRig
 from models.words.checks import check_choice, check_numbers, check_whole
 
 Part = Literal["outer", "inner", "ball"]
 PARTS: tuple[Part, ...] = ("outer", "inner", "ball")
 Race = Literal["outer", "inner"]
 Support = Literal["a", "b"]
-T = TypeVar("T", bound=AnyRig)
+T = TypeVar("T", bound=RigParameters)
 # Relative difference at which a speed still lies at the end of the range of a profile.
 _SAME_SPEED = 1e-9
 
@@ -208,7 +207,7 @@ class Scene:
         load: radial load, N.
         defect: the damage, or None for a healthy bearing.
         clearance: radial clearance h of Eq. 34, m.
-        model: a key of ``models.solve.registry.MODULES``, or "auto": the cheapest that has all effects.
+        model: a key of ``models.solve.registry.MODELS``, or "auto": the cheapest that has all effects.
         waviness: roundness errors of the races.
         unbalance: unbalance of the shaft (mass times eccentricity), kg m; at the load direction at time zero.
         gravity: acceleration of gravity that acts on the masses, m/s2.
@@ -231,7 +230,7 @@ class Scene:
     speed: float
     load: float
     bearing: Bearing = field(default_factory=lambda: from_catalogue("1205 ETN9"))
-    rig: AnyRig = field(default_factory=Rig)
+    rig: RigParameters = field(default_factory=Rig)
     defect: Defect | None = None
     clearance: float = 0.0
     model: str = "auto"

@@ -27,7 +27,7 @@ from models.work.task import Work
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from models.solve.response import Sensor
+    from models.words.request import Sensor
     from models.work.runner import Runner
 
 Solver = Literal["rows", "lanes", "time", "scenes"]

@@ -23,7 +23,8 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from models.machine.scene import Scene
-    from models.solve.response import Response, Sensor, Status
+    from models.solve.response import Response, Status
+    from models.words.request import Sensor
 
 Point = tuple[float, float, float, float]
 

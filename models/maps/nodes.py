@@ -20,8 +20,8 @@ from models.solve.response import HARMONICS, STATUSES
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from models.machine.rig import RigParameters
     from models.maps.plan import MapPlan
-    from models.rigs import AnyRig
     from models.solve.response import Response, Status
     from models.solve.six_dof.stationary import StationaryLevel
 
@@ -261,7 +261,7 @@ def nodes_at_random(plan: MapPlan, count: int, seed: int) -> list[tuple[float, f
     return list(zip(load, speed, h_d, dphi_d, strict=True))
 
 
-def drawn_rig(plan: MapPlan, number: int) -> AnyRig:
+def drawn_rig(plan: MapPlan, number: int) -> RigParameters:
     """Return draw ``number`` of the plan's rig: of its posterior, or independent log-normal factors of median 1."""
     if plan.rig_posterior is not None and isinstance(plan.rig, Rig):
         return plan.rig_posterior.rig(plan.rig, number)

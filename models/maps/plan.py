@@ -10,10 +10,10 @@ from itertools import pairwise
 from typing import Any
 
 from models.machine.bearing import Bearing, from_catalogue
-from models.machine.rig import Rig
+from models.machine.rig import Rig, RigParameters
 from models.machine.rig_draws import RigDraws, without_draws
 from models.machine.scene import PARTS, Floor, Part, Slip
-from models.rigs import IGNORES_DEPTH, RIGS, AnyRig
+from models.solve.registry import IGNORES_DEPTH, RIGS
 from models.words.errors import WrongInputError
 
 # Increment when the results of the six-degree-of-freedom model change: older maps are then rebuilt.
@@ -76,7 +76,7 @@ class MapPlan:
     h_d: tuple[float, ...]
     dphi_d: tuple[float, ...]
     bearing: Bearing = field(default_factory=lambda: from_catalogue("1205 ETN9"))
-    rig: AnyRig = field(default_factory=Rig)
+    rig: RigParameters = field(default_factory=Rig)
     clearance: float = 0.0
     floor: Floor = field(default_factory=Floor)
     floors: int = 1

@@ -13,10 +13,10 @@ from models.machine.load_zones import load_zones
 from models.machine.scene import Defect, Scene
 from models.path.contour import inner_radius
 from models.published.acceptance import AcceptanceRow
-from models.solve.registry import Request
 from models.solve.ring_impact.rig import STEEL_DENSITY, RingImpactRig, RingSection
 from models.solve.ring_impact.solver import natural_frequencies, solve
 from models.words.numerics import find_root
+from models.words.request import Request
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

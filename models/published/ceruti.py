@@ -22,7 +22,7 @@ from models.solve.rotor.rig import RotorRig
 from models.solve.rotor.solver import Trace, trace
 
 if TYPE_CHECKING:
-    from models.solve.response import Sensor
+    from models.words.request import Sensor
 
 SOURCE = "Ceruti 2021"
 SPEED = 1000.0 / 60.0

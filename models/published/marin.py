@@ -20,8 +20,8 @@ from models.published.acceptance import AcceptanceRow, Status
 from models.published.envelope import highest_line
 from models.solve.ball_inertia.rig import BallInertiaRig
 from models.solve.ball_inertia.solver import Trace, longest_stable_step, solve, trace
-from models.solve.registry import Request
 from models.solve.ring_impact.rig import STEEL_DENSITY
+from models.words.request import Request
 
 if TYPE_CHECKING:
     from models.machine.bearing import Bearing

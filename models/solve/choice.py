@@ -14,11 +14,13 @@ from typing import TYPE_CHECKING
 
 from models.solve.mappings.mapping import Mapped, Mapping
 from models.solve.mappings.table import MAPPINGS
-from models.solve.registry import AUTO, Request, Solver, choose_priced, solvers
+from models.solve.registry import AUTO, Solver, choose_priced, solvers
+from models.words.request import Request
 
 if TYPE_CHECKING:
     from models.machine.scene import Scene
-    from models.solve.response import Response, Sensor
+    from models.solve.response import Response
+    from models.words.request import Sensor
 
 # Share of the accuracy that is left to the steps of what stands for a reference.
 LEFT_TO_STEPS = 0.1

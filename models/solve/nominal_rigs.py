@@ -12,10 +12,10 @@ from models.solve.ball_inertia.rig import BallInertiaRig
 
 if TYPE_CHECKING:
     from models.machine.bearing import CatalogueEntry
-    from models.rigs import AnyRig
+    from models.machine.rig import RigParameters
 
 
-def nominal_rig(kind: type[AnyRig], entry: CatalogueEntry, **given: Any) -> AnyRig:
+def nominal_rig(kind: type[RigParameters], entry: CatalogueEntry, **given: Any) -> RigParameters:
     """Return the parameters of a model for a bearing.
 
     Contact stiffness, rolling element and, of the six-degree-of-freedom model, its mass follow from the geometry.

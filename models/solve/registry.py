@@ -1,7 +1,7 @@
 """Which models there are, what each can do, and which of them answers for a scene.
 
-A model joins with a file in ``models/dynamics`` that holds a constant ``SOLVER``, and with a line in MODULES. A model
-may have several solvers, for different effects. Nothing is imported before a scene is simulated.
+A model joins with a folder and an entry in MODELS, or by an entry point of ``GROUP``. It may have several solvers, for
+different effects; none is imported before a scene is simulated.
 """
 
 from __future__ import annotations
@@ -10,85 +10,74 @@ import importlib
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from importlib.metadata import entry_points
+from typing import TYPE_CHECKING, Any, NamedTuple
 
+from models.machine.rig import Rig, RigParameters
 from models.machine.scene import EFFECTS
-from models.rigs import AnyRig
-from models.solve.response import QUANTITIES, SENSORS, Quantity, Sensor, check_band
-from models.words.checks import check_choice
 
 if TYPE_CHECKING:
     from models.machine.scene import Scene
     from models.solve.response import Response
     from models.solve.trajectories import Trajectories
+    from models.words.request import Request
 
-# The modules of each model's solvers.
-MODULES: dict[str, tuple[str, ...]] = {
-    "six_dof": ("models.solve.six_dof.periodic", "models.solve.six_dof.mean_force", "models.solve.six_dof.time_domain"),
-    "ball_inertia": ("models.solve.ball_inertia.period", "models.solve.ball_inertia.solver"),
-    "ring_impact": ("models.solve.ring_impact.solver",),
-    "rotor": ("models.solve.rotor.solver", "models.solve.rotor.elastic"),
-    "angular": ("models.solve.angular.solver",),
-    "gear_pair": ("models.dynamics.gear_pair",),
-}
-AUTO = "auto"
-# Periods that are simulated at least before a motion is said not to settle.
-_LEAST_PERIODS = 20
+GROUP = "spallwatch.models"
+"""Entry points by which a model joins that is not of the core: each names a ``Model``."""
 
 
-@dataclass(frozen=True)
-class Request:
-    """What is asked about a scene; see ``models.solve.simulate``. Fields that a solver has no use for are ignored.
+class Model(NamedTuple):
+    """Where a model is found.
 
-    A solver takes steps with which ``quantity`` meets the accuracy; for "v_eq", those of the RMS.
-
-    Raises:
-        ValueError: if a field is unusable; the message names it.
+    Attributes:
+        rig: "module:class" of its parameters.
+        solvers: modules, each with a ``SOLVER``.
+        warm: what is compiled ahead, in words for people, and "module:function" of what does it.
     """
 
-    accuracy: float = 1e-3
-    tolerance: float | None = None
-    steps_per_period: int | None = None
-    max_periods: int = 300
-    band: tuple[float, float] | None = None
-    lines_to: float | None = None
-    direction: float = 0.0
-    duration: float = 1.0
-    rate: float = 51200.0
-    quantity: Quantity = "rms"
-    sensor: Sensor | None = None
+    rig: str
+    solvers: tuple[str, ...]
+    warm: tuple[tuple[str, str], ...] = ()
 
-    def __post_init__(self) -> None:
-        """Check each field by itself."""
-        for name in ("accuracy", "tolerance", "duration", "rate"):
-            value = getattr(self, name)
-            if value is not None and not (math.isfinite(value) and value > 0.0):
-                raise ValueError(f"{name} must be positive and finite, got {value!r}")
-        if self.steps_per_period is not None and self.steps_per_period < 8:
-            raise ValueError(f"steps_per_period must be at least 8, got {self.steps_per_period!r}")
-        if self.max_periods < _LEAST_PERIODS:
-            raise ValueError(f"max_periods must be at least {_LEAST_PERIODS}, got {self.max_periods!r}")
-        if self.band is not None:
-            check_band(self.band)
-        if self.lines_to is not None and not (math.isfinite(self.lines_to) and self.lines_to >= 0.0):
-            raise ValueError(f"lines_to must be finite and not negative, got {self.lines_to!r} Hz")
-        check_choice(self.quantity, "quantity", QUANTITIES)
-        if self.sensor is not None:
-            check_choice(self.sensor, "sensor", SENSORS)
-        if not math.isfinite(self.direction):
-            raise ValueError(f"direction must be finite, got {self.direction!r}")
 
-    def highest(self, resolved: float, by: str) -> float:
-        """Return the highest frequency that is asked for, Hz, 0 where none is.
-
-        Raises:
-            ValueError: if one is above ``resolved`` Hz, which ``by`` explains; the message names it.
-        """
-        asked = {"lines_to is": self.lines_to, "the band ends at": None if self.band is None else self.band[1]}
-        for words, frequency in asked.items():
-            if frequency is not None and frequency > resolved:
-                raise ValueError(f"{words} {frequency!r} Hz, {by} {resolved:.0f} Hz")
-        return max(frequency or 0.0 for frequency in asked.values())
+MODELS: dict[str, Model] = {
+    "six_dof": Model(
+        "models.machine.rig:Rig",
+        ("models.solve.six_dof.periodic", "models.solve.six_dof.mean_force", "models.solve.six_dof.time_domain"),
+        (
+            ("many scenes at once", "models.solve.six_dof.lanes:warm"),
+            ("over time", "models.solve.six_dof.time_domain:warm"),
+        ),
+    ),
+    "ball_inertia": Model(
+        "models.solve.ball_inertia.rig:BallInertiaRig",
+        ("models.solve.ball_inertia.period", "models.solve.ball_inertia.solver"),
+        (("balls with inertia", "models.solve.ball_inertia.solver:warm"),),
+    ),
+    "ring_impact": Model(
+        "models.solve.ring_impact.rig:RingImpactRig",
+        ("models.solve.ring_impact.solver",),
+        (("impacts on rings", "models.solve.ring_impact.solver:warm"),),
+    ),
+    "rotor": Model(
+        "models.solve.rotor.rig:RotorRig",
+        ("models.solve.rotor.solver", "models.solve.rotor.elastic"),
+        (("rotor", "models.solve.rotor.elastic:warm"),),
+    ),
+    "angular": Model(
+        "models.solve.angular.rig:AngularRig",
+        ("models.solve.angular.solver",),
+        (("angular speed", "models.solve.angular.solver:warm"),),
+    ),
+    "gear_pair": Model(
+        "models.rigs.gear_pair:GearPairRig",
+        ("models.dynamics.gear_pair",),
+        (("gears", "models.dynamics.gear_pair:warm"),),
+    ),
+    **{point.name: point.load() for point in entry_points(group=GROUP)},
+}
+"""By name; a model is a folder and an entry here."""
+AUTO = "auto"
 
 
 @dataclass(frozen=True)
@@ -96,7 +85,7 @@ class Solver:
     """One way to answer for a scene.
 
     Attributes:
-        model: the model that it solves, a key of MODULES.
+        model: the model that it solves, a key of MODELS.
         name: of the way, unique within the model.
         effects: the names in ``models.machine.scene.EFFECTS`` that it has; it refuses any other.
         error: least relative error of the RMS that its steps can be asked for.
@@ -117,7 +106,7 @@ class Solver:
     cost: Callable[[Scene, Request], float]
     solve: Callable[[Scene, Request], Response]
     reason: str
-    rig: type[AnyRig]
+    rig: type[RigParameters]
     whole: Callable[[Scene], bool] | None = None
     trajectories: Callable[[Scene, Request], Trajectories | None] | None = None
 
@@ -132,15 +121,30 @@ class Solver:
             raise ValueError(f"error of {self.model} {self.name} must be positive and finite, got {self.error!r}")
 
 
+def load(place: str) -> Any:
+    """Return what "module:name" names."""
+    module, _, name = place.partition(":")
+    return getattr(importlib.import_module(module), name)
+
+
+RIGS: dict[str, type[RigParameters]] = {
+    name: load(MODELS[name].rig) for name in sorted(MODELS, key=lambda name: (name != Rig.model, name))
+}
+"""The types of the parameters by the model that takes them, the default first."""
+
+IGNORES_DEPTH: dict[str, str] = {name: kind.ignores_depth for name, kind in RIGS.items() if kind.ignores_depth}
+"""Models whose vibration is the same for any depth of a defect, and why: no volume can be told from it."""
+
+
 def solvers(model: str = AUTO) -> tuple[Solver, ...]:
     """Return the solvers of a model, or of all.
 
     Raises:
         ValueError: if there is no such model; the message names it and those that there are.
     """
-    if model != AUTO and model not in MODULES:
-        raise ValueError(f"unknown model {model!r}; known are: {', '.join((AUTO, *MODULES))}")
-    modules = [m for name, named in MODULES.items() if model in (AUTO, name) for m in named]
+    if model != AUTO and model not in MODELS:
+        raise ValueError(f"unknown model {model!r}; known are: {', '.join((AUTO, *MODELS))}")
+    modules = [module for name, entry in MODELS.items() if model in (AUTO, name) for module in entry.solvers]
     return tuple(importlib.import_module(module).SOLVER for module in modules)
 
 
@@ -221,6 +225,19 @@ def adapted(scene: Scene, solver: Solver) -> Scene:
     """Return a scene whose parameters a solver takes; raise a ValueError where they are those of another model."""
     scene.rig_as(solver.rig)
     return scene
+
+
+def trajectories(scene: Scene, request: Request, response: Response) -> Trajectories | None:
+    """Return where the points of a shaft move, by the solver that gave a response; None where it describes none.
+
+    They are of the last turns (MOST_TURNS at most) of a run that lasts as long as the request says. A solver that stood
+    for another model describes none of that model's.
+    """
+    for solver in solvers(response.model):
+        own = solver.name == response.solver and isinstance(scene.rig, solver.rig)
+        if own and solver.trajectories is not None:
+            return solver.trajectories(adapted(scene, solver), request)
+    return None
 
 
 def words(effects: tuple[str, ...]) -> list[str]:

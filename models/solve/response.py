@@ -10,25 +10,19 @@ import numpy as np
 
 from models.words.checks import check_positive
 from models.words.numerics import crests, summed
+from models.words.request import Quantity, Request, Sensor, check_band
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from models.machine.speed_profile import SpeedProfile
-    from models.solve.registry import Request
 
-Sensor = Literal["mo", "mr", "a", "b", "c", "ias"]
-"""Casing and resonator; the supports A and B of a rotor and its disc C; instantaneous angular speed of the shaft."""
 Status = Literal["converged", "not_periodic", "not_converged", "inaccurate"]
 STATUSES: tuple[Status, ...] = ("converged", "not_periodic", "not_converged", "inaccurate")
-Quantity = Literal["waveform", "rms", "lines", "v_eq"]
-"""What an accuracy is asked for: see ``Response.error_of``."""
-QUANTITIES: tuple[Quantity, ...] = ("waveform", "rms", "lines", "v_eq")
 
 HARMONICS = 6
 # Share of the Nyquist frequency below the transition band of a recorder's anti-alias filter.
 PASSBAND = 0.9
-SENSORS: tuple[Sensor, ...] = ("mo", "mr", "a", "b", "c", "ias")
 CASING: tuple[Sensor, ...] = ("mo", "mr")
 _CHUNK = 8192
 _PEAK_OVERSAMPLING = 8
@@ -367,14 +361,6 @@ def band_passed(signal: NDArray[np.float64], rate: float, band: tuple[float, flo
     frequency = np.fft.rfftfreq(len(signal), 1.0 / rate)
     inside = (frequency >= band[0]) & (frequency <= band[1])
     return np.fft.irfft(np.where(inside, np.fft.rfft(signal), 0.0), len(signal))
-
-
-def check_band(band: tuple[float, float]) -> tuple[float, float]:
-    """Return a band; raise a ValueError unless 0 <= lo < hi."""
-    low, high = band
-    if not 0.0 <= low < high:
-        raise ValueError(f"a band needs 0 <= lo < hi, got {low!r} to {high!r} Hz")
-    return low, high
 
 
 def band_lines(fundamental: float, band: tuple[float, float]) -> tuple[int, int]:

@@ -7,12 +7,13 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from models.solve.choice import select
-from models.solve.registry import Request
 from models.solve.response import judged
+from models.words.request import Request
 
 if TYPE_CHECKING:
     from models.machine.scene import Scene
-    from models.solve.response import Quantity, Response, Sensor
+    from models.solve.response import Response
+    from models.words.request import Quantity, Sensor
 
 # The slope of RMS by volume is taken over twice the accuracy of the volume, within these limits, from responses whose
 # error is this share of that change.

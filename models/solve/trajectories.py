@@ -12,8 +12,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from models.machine.scene import Scene
-    from models.solve.registry import Request
-    from models.solve.response import Response, Sensor
+    from models.words.request import Request, Sensor
 
 MOST_TURNS = 20
 """Turns of the shaft that are kept at most: more hide each other in a picture."""
@@ -74,18 +73,3 @@ def settled(
     error = float(np.max(np.abs(travels[1] - travels[0]))) / largest if largest > 0.0 else 0.0
     every = max(1, int(1.0 / (scene.speed * _SAMPLES_A_TURN * 0.5 * step)))
     return Trajectories(0.5 * step * every, kept[1][:, :, ::every], points, clearance, error)
-
-
-def trajectories(scene: Scene, request: Request, response: Response) -> Trajectories | None:
-    """Return where the points of a shaft move, by the solver that gave a response; None where it describes none.
-
-    They are of the last turns (MOST_TURNS at most) of a run that lasts as long as the request says. A solver that stood
-    for another model describes none of that model's.
-    """
-    from models.solve.registry import adapted, solvers
-
-    for solver in solvers(response.model):
-        own = solver.name == response.solver and isinstance(scene.rig, solver.rig)
-        if own and solver.trajectories is not None:
-            return solver.trajectories(adapted(scene, solver), request)
-    return None

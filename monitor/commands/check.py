@@ -12,7 +12,7 @@ from urllib.parse import urlsplit
 import click
 
 from models.machine.bearing import kinematics
-from models.solve.registry import MODULES
+from models.solve.registry import MODELS
 from monitor.commands import option
 from monitor.commands.check_extras import missing_extras
 from monitor.commands.check_interference import interference_lines, proposal_words, propose_interference, taken_families
@@ -330,7 +330,7 @@ def _shaft_lines(config: Config) -> Iterator[str]:
         claim = "" if config.shaft.calibrated is False else " (declared)"
         yield f"shaft, for {model}{claim}: " + ", ".join(f"{key} {getattr(config.shaft, key):g}" for key in keys)
     for name, (key, _) in config.scene_values().items():
-        able = [model for model in MODULES if name in effects_of(model)]
+        able = [model for model in MODELS if name in effects_of(model)]
         section, _, last = key.partition(".")
         yield f"{key} {getattr(getattr(config, section), last)}, taken by {', '.join(able) or 'no model'}"
 

@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from models.machine.rig import Rig
-from models.rigs import IGNORES_DEPTH, RIGS
 from models.rigs.gear_pair import GearPairRig
 from models.solve.angular.rig import AngularRig
+from models.solve.registry import IGNORES_DEPTH, RIGS
 from models.work.choose import local_runner
 from monitor.commands import option
 from monitor.commands.common import InputError, counter, emit, finite, progress_bar, say

@@ -14,7 +14,7 @@ import click
 from models.lives.laws import LAWS
 from models.lives.population import Population
 from models.machine.rig import Rig
-from models.rigs import RIGS
+from models.solve.registry import RIGS
 from monitor.commands import library_learn, option
 from monitor.commands.cluster_options import Sharing, sharing
 from monitor.commands.common import (

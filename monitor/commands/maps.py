@@ -21,7 +21,7 @@ from models.maps.check import check_map
 from models.maps.data import RmsMap
 from models.maps.file import load_map, save_map
 from models.maps.plan import MapPlan
-from models.rigs import RIGS
+from models.solve.registry import RIGS
 from models.solve.response import STATUSES, Status
 from monitor.commands import option
 from monitor.commands.cluster_options import Sharing, sharing

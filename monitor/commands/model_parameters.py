@@ -8,10 +8,9 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
-from models.machine.rig import Rig
+from models.machine.rig import Rig, RigParameters
 from models.machine.scene import PHYSICS
-from models.rigs import AnyRig
-from models.solve.registry import AUTO, MODULES, solvers, words
+from models.solve.registry import AUTO, MODELS, solvers, words
 from monitor.commands import option
 
 if TYPE_CHECKING:
@@ -61,7 +60,7 @@ class _Assignment(click.ParamType):
 def able_models(scene: Scene) -> list[str]:
     """Return the models that have all effects of a scene, whatever parameters they take."""
     needed = frozenset(scene.effects)
-    return [name for name in MODULES if any(needed <= solver.effects for solver in solvers(name))]
+    return [name for name in MODELS if any(needed <= solver.effects for solver in solvers(name))]
 
 
 def missing_effects(scene: Scene, model: str) -> list[str]:
@@ -124,7 +123,7 @@ def with_machine(scene: Scene, config: Config) -> tuple[Scene, list[str]]:
     return replace(scene, **values), left_out
 
 
-def _value(kind: type[AnyRig], name: str, text: str) -> Any:
+def _value(kind: type[RigParameters], name: str, text: str) -> Any:
     """Return the value of a parameter from its text, by the type of its default."""
     known: Mapping[str, Field[Any]] = {f.name: f for f in fields(kind) if f.name not in _CLAIMS}
     if name not in known:

@@ -12,10 +12,9 @@ from typing import Any
 import click
 import numpy as np
 
-from models.machine.rig import Calibration
+from models.machine.rig import Calibration, RigParameters
 from models.maps.data import RmsMap
 from models.maps.file import load_map
-from models.rigs import AnyRig
 from monitor.commands import option
 from monitor.commands.common import InputError, check_suffix, emit, finite, input_errors
 from monitor.commands.history_files import SUFFIXES, library_settings, prior_of, read_readings, write_out
@@ -145,7 +144,7 @@ def _map_for(path: Path | None, method: damage.TrackMethod, other: _Other) -> Rm
     return rms_map
 
 
-def _calibration(rms_map: RmsMap | None, library: Library | None) -> tuple[Calibration, AnyRig | str]:
+def _calibration(rms_map: RmsMap | None, library: Library | None) -> tuple[Calibration, RigParameters | str]:
     """Return the weakest claim of map and library, and the rig that makes it, or why there is none."""
     rigs = [None if library is None else rig_of_library(library), None if rms_map is None else rms_map.plan.rig]
     known = [rig for rig in rigs if rig is not None]

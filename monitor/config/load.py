@@ -12,9 +12,8 @@ from pydantic import Field, ValidationError, model_validator
 
 from models.machine.bearing import Bearing, CatalogueEntry
 from models.machine.contact_estimates import estimate_stiffness
-from models.machine.rig import Calibration, Rig
+from models.machine.rig import Calibration, Rig, RigParameters
 from models.machine.rig_draws import PosteriorError, RigDraws, read_posterior
-from models.rigs import AnyRig
 from models.solve.nominal_rigs import nominal_rig
 from models.solve.rotor.rig import RotorRig
 from models.words.errors import WrongInputError
@@ -123,7 +122,7 @@ class Config(Section):
         named = self.shaft.second_bearing
         return next((section.to_entry() for section in self.bearing if section.name == named), None)
 
-    def parameters_of(self, kind: type[AnyRig], entry: CatalogueEntry) -> AnyRig:
+    def parameters_of(self, kind: type[RigParameters], entry: CatalogueEntry) -> RigParameters:
         """Return the parameters of any model for a bearing: of ``[rig]`` or ``[shaft]``, else those of the model.
 
         Raises:

@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field, model_validator
 
-from models.rigs import AnyRig
+from models.machine.rig import RigParameters
 from models.solve.angular.rig import AngularRig
 from models.solve.ball_inertia.rig import BallInertiaRig
 from models.solve.rotor.rig import RotorRig
@@ -118,7 +118,7 @@ class ShaftSection(Section):
             )
         return self
 
-    def parameters_of(self, kind: type[AnyRig]) -> dict[str, Any]:
+    def parameters_of(self, kind: type[RigParameters]) -> dict[str, Any]:
         """Return the parameters, SI, that the section gives a model, without those that it leaves to it."""
         given = {name: self._si(key) for name, key in RIG_KEYS.get(kind.model, {}).items()}
         values: dict[str, Any] = {name: value for name, value in given.items() if value is not None}

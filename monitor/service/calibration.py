@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 
-from models.machine.rig import Calibration, Rig
+from models.machine.rig import Calibration, Rig, RigParameters
 from models.maps.data import RmsMap
-from models.rigs import RIGS, AnyRig
+from models.solve.registry import RIGS
 from monitor.config.load import Config
 from monitor.config.source import ChannelSection
 from monitor.health.damage.library.model import Library
@@ -20,7 +20,7 @@ def weakest_calibration(*found: Calibration) -> Calibration:
     return False if False in found else "declared" if "declared" in found else True
 
 
-def rig_of_library(library: Library) -> AnyRig | None:
+def rig_of_library(library: Library) -> RigParameters | None:
     """Return the rig whose lives a library was made of, None for a library without simulated lives."""
     if "population" not in library.made_of:
         return None
@@ -41,7 +41,7 @@ def calibration_of(
 
     The configuration claims in ``[rig]`` for the model of the casing, in ``[shaft]`` for the others.
     """
-    rigs: list[AnyRig] = [rms_map.plan.rig for rms_map in maps]
+    rigs: list[RigParameters] = [rms_map.plan.rig for rms_map in maps]
     of_library = None if library is None else rig_of_library(library)
     if of_library is not None:
         rigs.append(of_library)

@@ -12,12 +12,11 @@ from typing import Generic, TypeVar
 from models.lives.population import Population
 from models.machine.bearing import Bearing
 from models.machine.kinematic_uncertainty import kinematics_uncertainty
-from models.machine.rig import Calibration
+from models.machine.rig import Calibration, RigParameters
 from models.machine.scene import PARTS, Part
 from models.maps.data import OutsideMapError, RmsMap
 from models.maps.file import load_map
 from models.maps.plan import MapError
-from models.rigs import AnyRig
 from monitor.config.load import Config, ConfigError
 from monitor.config.removed import removed_lines
 from monitor.config.source import ChannelSection, SourceSection
@@ -211,7 +210,11 @@ def _check_band(channel: ChannelSection, made_for: tuple[float, float] | None, k
 
 
 def _check_origin(
-    config: Config, channel: ChannelSection, kind: str, made_for: tuple[Bearing, AnyRig, float], part: Part = "outer"
+    config: Config,
+    channel: ChannelSection,
+    kind: str,
+    made_for: tuple[Bearing, RigParameters, float],
+    part: Part = "outer",
 ) -> None:
     """Refuse a map or library of another bearing or rig, whose volumes would be wrong."""
     of_bearing, of_rig, of_clearance = made_for

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from models.machine.rig import Rig
-from models.rigs import AnyRig
+from models.machine.rig import Rig, RigParameters
 
 RELATIVE = "V_eq is shown as a multiple of its first value"
 _NOT_ISSUED = "TT to a threshold in mm3/mm is not issued"
@@ -12,7 +11,7 @@ ASSUMED = "not given in [rig], so that the default test bench's are taken (thesi
 """Follows the names of such keys of ``[rig]``."""
 
 
-def rig_words(rig: AnyRig) -> str:
+def rig_words(rig: RigParameters) -> str:
     """Return what vouches for a rig's numbers, or whose they are where nothing does.
 
     A model other than that of the casing is named.
@@ -31,12 +30,12 @@ def rig_words(rig: AnyRig) -> str:
     return "not calibrated on this machine"
 
 
-def rig_line(rig: AnyRig) -> str:
+def rig_line(rig: RigParameters) -> str:
     """Return one line on a rig for the console: what vouches for it, and what follows where nothing does."""
     return f"rig {rig_words(rig)}" + ("" if rig.calibrated else f"; {RELATIVE}")
 
 
-def uncalibrated_sentence(rig: AnyRig | str, *, issued: bool) -> str:
+def uncalibrated_sentence(rig: RigParameters | str, *, issued: bool) -> str:
     """Return why V_eq of a channel is uncalibrated, and what follows; ``issued``: TT is given all the same.
 
     ``rig`` is the one that is not calibrated, or another reason.

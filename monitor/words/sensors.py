@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from models.solve.response import Sensor
+from models.words.request import Sensor
 from streams.block import STANDARD_GRAVITY
 
 PLACES: Mapping[Sensor, str] = {

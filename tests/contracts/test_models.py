@@ -22,16 +22,16 @@ import pytest
 
 import models.dynamics
 import models.solve.simulate
-from models.machine.rig import Rig
+from models.machine.rig import Rig, RigParameters
 from models.machine.scene import EFFECTS, Floor, Scene, Slip
-from models.rigs import AnyRig
-from models.solve.registry import AUTO, MODULES, Request, Solver, choose, solvers
+from models.solve.registry import AUTO, MODELS, Solver, choose, solvers
 from models.solve.response import HARMONICS, STATUSES, Response
 from models.solve.ring_impact.rig import RingImpactRig
 from models.solve.simulate import simulate
 from models.solve.six_dof.lanes import simulate_lanes
 from models.solve.six_dof.rows import simulate_row
 from models.solve.six_dof.time_domain import simulate_time
+from models.words.request import Request
 from tests.support.models import OUTER, REQUEST, SCENE, SCENES, SHORT, base
 
 HEALTHY = replace(SCENE, defect=None)
@@ -91,9 +91,10 @@ def bits(answer: Any) -> list[Any]:
 
 def test_every_solver_is_registered() -> None:
     declared = {module.__name__ for module in modules() if isinstance(getattr(module, "SOLVER", None), Solver)}
-    registered = [name for named in MODULES.values() for name in named]
+    registered = [name for entry in MODELS.values() for name in entry.solvers]
     assert sorted(declared) == sorted(registered)
-    for model, named in MODULES.items():
+    for model, entry in MODELS.items():
+        named = entry.solvers
         assert {importlib.import_module(name).SOLVER.model for name in named} == {model}
         assert len({solver.name for solver in solvers(model)}) == len(named)
 
@@ -222,7 +223,7 @@ def test_a_senseless_request_is_refused_by_name(field: str, value: object) -> No
 
 @pytest.mark.parametrize("rig", list(SCENES), ids=lambda rig: rig.model)
 @each_effect
-def test_what_no_model_has_is_refused_and_else_the_cheapest_is_taken(rig: type[AnyRig], effect: str) -> None:
+def test_what_no_model_has_is_refused_and_else_the_cheapest_is_taken(rig: type[RigParameters], effect: str) -> None:
     scene = SCENES[rig][effect]
     able = [solver for solver in SOLVERS if set(scene.effects) <= solver.effects]
     if not able:
@@ -253,7 +254,7 @@ def test_a_scene_without_effects_has_a_reason_too() -> None:
 
 
 def test_a_named_model_is_the_one_that_answers_or_refuses() -> None:
-    for model in MODULES:
+    for model in MODELS:
         scenes = SCENES[solvers(model)[0].rig]
         found = simulate(replace(scenes["outer_defect"], model=model), **SHORT)
         assert (found.model, found.why) == (model, None)
@@ -261,7 +262,7 @@ def test_a_named_model_is_the_one_that_answers_or_refuses() -> None:
         for effect in lacking:
             with pytest.raises(ValueError, match=rf"^{effect}: {model} does not describe this.* models that describe"):
                 simulate(replace(scenes[effect], model=model), **SHORT)
-    with pytest.raises(ValueError, match=rf"unknown model 'none'; known are: {AUTO}, {', '.join(MODULES)}"):
+    with pytest.raises(ValueError, match=rf"unknown model 'none'; known are: {AUTO}, {', '.join(MODELS)}"):
         simulate(replace(SCENE, model="none"))
     with pytest.raises(ValueError, match=r"effects of a b: rust is none of"):
         replace(SOLVERS[0], model="a", name="b", effects=frozenset({"rust"}))

@@ -16,12 +16,12 @@ from models.machine.bearing import from_catalogue, kinematics
 from models.machine.hertz import bearing_stiffness, contact_stiffness
 from models.machine.rig import Rig, natural_frequencies
 from models.machine.scene import Defect, Floor, Scene
-from models.solve.registry import Request
 from models.solve.response import Response
 from models.solve.simulate import simulate
 from models.solve.six_dof.periodic import effort_for
 from models.solve.six_dof.rows import simulate_row
 from models.solve.six_dof.setup import MOST_STEPS
+from models.words.request import Request
 from tests.support.effort import effort_count
 
 DEG = math.pi / 180.0

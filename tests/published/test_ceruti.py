@@ -32,11 +32,11 @@ from models.published.ceruti import (
     rotor,
     run,
 )
-from models.solve.registry import Request
-from models.solve.response import Response, Sensor
+from models.solve.response import Response
 from models.solve.rotor.elastic import solve as solve_elastic
 from models.solve.rotor.rig import RotorRig
 from models.solve.rotor.solver import solve
+from models.words.request import Request, Sensor
 from monitor.health.spectrum.features import BlockFeatures, FeatureSettings, block_features, fundamentals
 from tests.support.accepted import rows_of
 

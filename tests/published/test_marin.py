@@ -14,7 +14,7 @@ from models.machine.bearing import kinematics
 from models.published.acceptance import AcceptanceRow
 from models.published.marin import INNER, SPEED, bearing_of, level, scene_of
 from models.solve.ball_inertia.solver import solve
-from models.solve.registry import Request
+from models.words.request import Request
 from monitor.health.spectrum.features import FeatureSettings, block_features, fundamentals
 from tests.support.accepted import rows_of
 

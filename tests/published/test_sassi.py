@@ -20,10 +20,10 @@ from models.machine.bearing import from_catalogue, kinematics
 from models.machine.scene import Defect, Part, Scene
 from models.published.acceptance import AcceptanceRow
 from models.published.beat import DEFECT_SIZE, inner_race_scene
-from models.solve.registry import Request
 from models.solve.ring_impact.calibration import Measured, calibrate
 from models.solve.ring_impact.rig import RingImpactRig
 from models.solve.ring_impact.solver import noise_level, solve
+from models.words.request import Request
 from monitor.health.spectrum.features import BlockFeatures, FeatureSettings, block_features, fundamentals
 from streams.block import STANDARD_GRAVITY
 from tests.support.accepted import rows_of

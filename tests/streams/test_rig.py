@@ -10,8 +10,8 @@ import pytest
 
 from models.machine.bearing import kinematics
 from models.machine.rig import Rig
-from models.rigs import RIGS
-from models.solve.registry import Request, solvers
+from models.solve.registry import RIGS, solvers
+from models.words.request import Request
 from streams.block import Block
 from streams.open import open_source
 from streams.rig import CHANNELS, INTERVAL, RATE, SimulatedRig, draw_life, machine_of, open_rig, perturbed

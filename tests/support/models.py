@@ -7,16 +7,16 @@ from dataclasses import replace
 from typing import Any
 
 from models.machine.bearing import Bearing, from_catalogue
-from models.machine.rig import Rig
+from models.machine.rig import Rig, RigParameters
 from models.machine.scene import PHYSICS, Defect, Floor, Scene, Slip, Waviness
 from models.machine.speed_profile import ramp
-from models.rigs import AnyRig
 from models.rigs.gear_pair import GearPairRig
 from models.solve.angular.rig import AngularRig
 from models.solve.ball_inertia.rig import BallInertiaRig
-from models.solve.registry import Request, Solver
+from models.solve.registry import Solver
 from models.solve.ring_impact.rig import RingImpactRig
 from models.solve.rotor.rig import RotorRig
+from models.words.request import Request
 
 OUTER = Defect(math.radians(6.0), 10e-6)
 
@@ -90,7 +90,7 @@ SHAFT = Scene(100.0, 600.0, bearing=Bearing("", 11, 12.7e-3, 80e-3), rig=STIFF, 
 
 
 # For each type of parameters a scene with a defect of the outer race, and with each effect.
-SCENES: dict[type[AnyRig], dict[str, Scene]] = {
+SCENES: dict[type[RigParameters], dict[str, Scene]] = {
     Rig: with_each_effect(SCENE),
     AngularRig: with_each_effect(
         SHAFT,

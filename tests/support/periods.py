@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.machine.scene import Scene
-from models.solve.registry import Request
 from models.solve.six_dof.kernels.orbit import CALM_PERIODS, PLAIN_FIRST, settle
 from models.solve.six_dof.kernels.period import Period, Trace, ball_period, blank_trace, mean_square
 from models.solve.six_dof.kernels.period_setup import set_up
@@ -17,6 +16,7 @@ from models.solve.six_dof.kernels.settled import R_LINES, R_STEPS, solve
 from models.solve.six_dof.kernels.step import STATUS_OK
 from models.solve.six_dof.periodic import effort_for, steering
 from models.solve.six_dof.setup import LEAST_IN_SEGMENT, damaged_rows, defect_arrays, operating_point, steps_for
+from models.words.request import Request
 
 
 def period_of(scene: Scene, steps: int | None = None, *, fold: int = 1) -> Period:

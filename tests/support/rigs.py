@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from models.machine.rig import Rig
-from models.rigs import AnyRig
+from models.machine.rig import Rig, RigParameters
 
 
-def six_dof(rig: AnyRig) -> Rig:
+def six_dof(rig: RigParameters) -> Rig:
     """Return the parameters of the six-degree-of-freedom model; fail where they are those of another."""
     assert isinstance(rig, Rig)
     return rig

@@ -6,8 +6,7 @@ import math
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, ClassVar, Literal
 
-from models.machine.parameters import RigParameters
-from models.machine.rig import Claim
+from models.machine.rig import Claim, RigParameters
 from models.machine.shaft_beam import Coupling, Disc, Shaft
 from models.words.checks import check_choice, check_numbers, check_whole
 

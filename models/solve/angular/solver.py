@@ -35,14 +35,16 @@ from models.solve.angular.rig import AngularRig
 from models.solve.engine.motion import Motion
 from models.solve.engine.over_time import LOOKED_AT, answer
 from models.solve.engine.turning import lead_in
-from models.solve.registry import Request, Solver, check_effects
+from models.solve.registry import Solver, check_effects
 from models.words.checks import check_positive
+from models.words.request import Request
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from models.machine.scene import Scene
-    from models.solve.response import Response, Sensor
+    from models.solve.response import Response
+    from models.words.request import Sensor
 
 MODEL = "angular"
 EFFECTS = frozenset(
@@ -241,6 +243,17 @@ def _cost(scene: Scene, request: Request) -> float:
     whole = request.duration + settling(scene)
     looked_at = min(whole, LOOKED_AT * whole + _build_up(scene))
     return seconds * (whole + 3.0 * looked_at) / step
+
+
+def warm() -> None:
+    """Compile the kernels; with such couplings, damping and governor little is simulated before the record."""
+    from models.machine.bearing import from_catalogue
+    from models.machine.scene import Scene
+
+    rig = AngularRig(mode_limit=5e3, coupling=1e5, damping=0.5, governor=10.0)
+    scene = Scene(40.0, 1000.0, bearing=from_catalogue("6206"), rig=rig)
+    trace(scene, 0.1, 1e-2)
+    solve(scene, Request(duration=1e-3, rate=5120.0, accuracy=1.0))
 
 
 SOLVER = Solver(

@@ -18,9 +18,10 @@ from models.machine.bearing import kinematics
 from models.solve.ball_inertia import kernel as kernels
 from models.solve.ball_inertia import solver as over_time
 from models.solve.ball_inertia.rig import BallInertiaRig
-from models.solve.registry import Request, Solver, check_effects
+from models.solve.registry import Solver, check_effects
 from models.solve.response import HARMONICS, Response, judged, levels_of_lines, lines_error
 from models.solve.six_dof.setup import ERROR_OF_WAVE
+from models.words.request import Request
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

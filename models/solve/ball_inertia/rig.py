@@ -6,14 +6,13 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar, Literal
 
-from models.machine.parameters import RigParameters
-from models.machine.rig import Claim
+from models.machine.rig import Claim, RigParameters
 from models.solve.ring_impact.rig import STEEL_DENSITY
 from models.words.checks import check_choice, check_numbers
 
 if TYPE_CHECKING:
     from models.machine.bearing import Bearing
-    from models.solve.response import Sensor
+    from models.words.request import Sensor
 
 DefectShape = Literal["rectangle", "half_sine"]
 DEFECT_SHAPES: tuple[DefectShape, ...] = ("rectangle", "half_sine")

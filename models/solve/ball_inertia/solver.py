@@ -36,15 +36,17 @@ from models.solve.engine.motion import Motion
 from models.solve.engine.over_time import LOOKED_AT, SECONDS_A_CALL, answer, duration_of
 from models.solve.engine.passages import in_intervals, passages_over
 from models.solve.engine.turning import passage_rate
-from models.solve.registry import Request, Solver, check_effects
+from models.solve.registry import Solver, check_effects
 from models.solve.trajectories import Trajectories, settled
 from models.words.checks import check_positive
+from models.words.request import Request
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from models.machine.scene import Defect, Scene
-    from models.solve.response import Response, Sensor
+    from models.solve.response import Response
+    from models.words.request import Sensor
 
 MODEL = "ball_inertia"
 EFFECTS = frozenset(
@@ -302,6 +304,14 @@ def _cost(scene: Scene, request: Request) -> float:
     step = min(SHARE_OF_STABLE * longest_stable_step(scene), 0.5 / request.rate)
     seconds = seconds_a_step(len(_ball_angles(scene)))
     return SECONDS_A_CALL + seconds * (1.0 + 3.0 * LOOKED_AT) * (request.duration + settling(scene)) / step
+
+
+def warm() -> None:
+    """Compile the kernel: one healthy scene."""
+    from models.machine.bearing import from_catalogue
+    from models.machine.scene import Scene
+
+    trace(Scene(40.0, 1000.0, bearing=from_catalogue("6206"), rig=BallInertiaRig()), 1e-3, 5e-6)
 
 
 SOLVER = Solver(

@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from models.solve.response import Sensor, row_of
+from models.solve.response import row_of
+from models.words.request import Sensor
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

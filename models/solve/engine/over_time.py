@@ -30,7 +30,7 @@ from models.solve.response import (
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from models.solve.registry import Request
+    from models.words.request import Request
 
 # Steps of a run at most: 320 MB for two sensors.
 MOST_STEPS = 20_000_000

@@ -20,7 +20,7 @@ from models.solve.six_dof.setup import ERROR_OF_WAVE
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from models.solve.registry import Request
+    from models.words.request import Request
 
 # Error of a sampled signal over its change by halving the steps: first order, where the force jumps between steps.
 _HALVED = 2.0

@@ -17,7 +17,7 @@ from models.solve.rotor.rig import RotorRig
 
 if TYPE_CHECKING:
     from models.machine.scene import Scene
-    from models.solve.response import Quantity
+    from models.words.request import Quantity
 
 Groups = dict[str, float]
 # Added to a clearance over the approach, so that none has a logarithm.

@@ -9,14 +9,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from models.rigs import AnyRig
-from models.solve.response import HARMONICS, Response, Sensor, SignalRecord, band_lines, row_of
+from models.machine.rig import RigParameters
+from models.solve.response import HARMONICS, Response, SignalRecord, band_lines, row_of
+from models.words.request import Sensor
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from models.machine.scene import Scene
-    from models.solve.registry import Request
+    from models.words.request import Request
 
 
 @dataclass(frozen=True)
@@ -124,7 +125,7 @@ class Mapping:
         neglected: what both differ by, words for people.
     """
 
-    rig: type[AnyRig]
+    rig: type[RigParameters]
     model: str
     solver: str
     adapt: Callable[[Scene], Mapped]

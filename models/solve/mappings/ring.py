@@ -33,7 +33,7 @@ from models.solve.rotor.rig import RotorRig
 
 if TYPE_CHECKING:
     from models.machine.scene import Defect, Scene
-    from models.solve.response import Sensor
+    from models.words.request import Sensor
 
 # Relative difference of two parameters that count as alike, and of angles, rad.
 _ALIKE = 1e-9

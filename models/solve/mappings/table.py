@@ -13,7 +13,7 @@ from models.solve.rotor.rig import RotorRig
 
 if TYPE_CHECKING:
     from models.machine.scene import Scene
-    from models.solve.registry import Request
+    from models.words.request import Request
 
 # By ``python -m benchmarks.scenes_fit``: of each quantity the bound, and the ranges of the groups, in their order.
 _BALLS = Bounds(

@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from models.solve.registry import Request
 from models.solve.ring_impact.rig import RingImpactRig
 from models.solve.ring_impact.solver import noise_level, solve
+from models.words.request import Request
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -6,13 +6,12 @@ import math
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, ClassVar, Literal
 
-from models.machine.parameters import RigParameters
-from models.machine.rig import Claim
+from models.machine.rig import Claim, RigParameters
 from models.words.checks import check_choice, check_numbers, check_whole
 
 if TYPE_CHECKING:
     from models.machine.bearing import Bearing
-    from models.solve.response import Sensor
+    from models.words.request import Sensor
 
 Pulse = Literal["rectangle", "half_sine"]
 STEEL_DENSITY = 7800.0
@@ -93,6 +92,7 @@ class RingImpactRig(RigParameters):
 
     model: ClassVar[str] = "ring_impact"
     first_sensor: ClassVar[Sensor] = "mo"
+    ignores_depth: ClassVar[str] = "its impacts follow the extent of a defect, not its depth"
     uncertain: ClassVar[tuple[str, ...]] = ("m_o", "m_i", "k_o", "k_i", "k_of", "k_if", "c_of", "c_if", "gain")
 
     m_o: float = 0.0897

@@ -30,12 +30,13 @@ from models.machine.load_zones import conforming
 from models.solve.engine.motion import Motion
 from models.solve.engine.over_time import answer, duration_of
 from models.solve.engine.turning import passage_rate
-from models.solve.registry import Request, Solver, check_effects
-from models.solve.response import PASSBAND, Response, Sensor
+from models.solve.registry import Solver, check_effects
+from models.solve.response import PASSBAND, Response
 from models.solve.ring_impact import kernel as kernels
 from models.solve.ring_impact.hits import defect_size, hits_on, zones_of
 from models.solve.ring_impact.rig import RingImpactRig
 from models.words.numerics import fast_length
+from models.words.request import Request, Sensor
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -250,6 +251,15 @@ def _cost(scene: Scene, request: Request) -> float:
     fastest = math.sqrt(float(np.max(np.diagonal(matrices(scene)[2]) / np.diagonal(matrices(scene)[0]))))
     rate = max(request.rate, _STEPS_A_PULSE / rig.pulse_width, _STEPS_A_PERIOD * fastest / (2.0 * math.pi))
     return _SECONDS_A_STEP * rate * request.duration
+
+
+def warm() -> None:
+    """Compile the kernel: one scene with a defect."""
+    from models.machine.bearing import from_catalogue
+    from models.machine.scene import Defect, Scene
+
+    scene = Scene(40.0, 1000.0, bearing=from_catalogue("6205"), rig=RingImpactRig(), defect=Defect(0.02, 1e-4))
+    SOLVER.solve(scene, Request(duration=0.05, rate=25600.0))
 
 
 SOLVER = Solver(

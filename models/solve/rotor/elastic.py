@@ -8,11 +8,12 @@ Without, as in the source, the ends have no acceleration: the sensor is "c" alon
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from models.solve.registry import Request, Solver
+from models.solve.registry import Solver
 from models.solve.rotor.kernels import massless
 from models.solve.rotor.kernels.forces import STATUS_OK
 from models.solve.rotor.plan import at_rest, bearings_of
@@ -26,16 +27,19 @@ from models.solve.rotor.solver import (
     contact_step,
     cost_of,
     solve_motion,
+    trace,
     trace_of,
     trajectories_of,
 )
+from models.words.request import Request
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from models.machine.scene import Scene
-    from models.solve.response import Response, Sensor
+    from models.solve.response import Response
     from models.solve.trajectories import Trajectories
+    from models.words.request import Sensor
 
 ELASTIC_EFFECTS = EFFECTS | {"with_elastic_shaft"}
 _BENDING_ANGLE = 0.3
@@ -127,6 +131,16 @@ def trajectories(scene: Scene, request: Request) -> Trajectories | None:
 def _cost(scene: Scene, request: Request) -> float:
     shaft = shaft_of(scene)
     return cost_of(scene, request, shaft, _SECONDS_A_MASSLESS_STEP if isinstance(shaft, Massless) else _SECONDS_A_STEP)
+
+
+def warm() -> None:
+    """Compile the kernels: one scene with ends that have a mass, and one without."""
+    from models.machine.bearing import from_catalogue
+    from models.machine.scene import Scene
+
+    scene = Scene(40.0, 1000.0, bearing=from_catalogue("6305"), rig=RotorRig(end_mass=0.3))
+    trace(scene, 1e-3, 1e-5)
+    trace_elastic(replace(scene, rig=RotorRig()), 1e-3, 1e-5)
 
 
 SOLVER = Solver(

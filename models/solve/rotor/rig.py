@@ -6,13 +6,12 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
-from models.machine.parameters import RigParameters
-from models.machine.rig import Claim
+from models.machine.rig import Claim, RigParameters
 from models.words.checks import check_choice, check_numbers
 
 if TYPE_CHECKING:
     from models.machine.bearing import Bearing, Element
-    from models.solve.response import Sensor
+    from models.words.request import Sensor
 
 
 @dataclass(frozen=True)

@@ -20,19 +20,21 @@ from models.machine.hertz import contact_exponent
 from models.solve.engine.motion import Motion
 from models.solve.engine.over_time import LOOKED_AT, SECONDS_A_CALL, answer, duration_of
 from models.solve.engine.turning import passage_rate
-from models.solve.registry import Request, Solver, check_effects
+from models.solve.registry import Solver, check_effects
 from models.solve.rotor.kernels import rigid as kernels
 from models.solve.rotor.kernels.forces import STATUS_OK, Plan
 from models.solve.rotor.plan import at_rest, bearings_of, check_rotor, inverse_mass, prepare_plan, stiffness_of
 from models.solve.rotor.rig import RotorRig
 from models.solve.trajectories import Trajectories, settled
 from models.words.checks import check_positive
+from models.words.request import Request
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from models.machine.scene import Scene
-    from models.solve.response import Response, Sensor
+    from models.solve.response import Response
+    from models.words.request import Sensor
 
 MODEL = "rotor"
 EFFECTS = frozenset(

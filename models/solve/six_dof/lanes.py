@@ -17,10 +17,11 @@ import numpy as np
 
 from models.machine.bearing import kinematics
 from models.machine.rig import Rig
-from models.solve.response import HARMONICS, check_band
+from models.solve.response import HARMONICS
 from models.solve.six_dof.kernels.lanes import LANES, mean_squares
 from models.solve.six_dof.lane_group import PERIODS, Grid, Group, Workspace, block_steps, grid_of, group_bytes
 from models.solve.six_dof.setup import LANE_EFFECTS, check_scene
+from models.words.request import check_band
 from models.work.runner import SERIAL
 from models.work.task import Work
 
@@ -273,3 +274,11 @@ def simulate_lanes(
     names = ("rms", "rms_se", "rms_resonator", "harmonics", "block_change", "status", "periods")
     merged = {name: np.concatenate([getattr(r, name) for r in found]) for name in names}
     return LaneResponse(**merged, bpfo=found[0].bpfo)
+
+
+def warm() -> None:
+    """Compile the kernels: one scene with slip."""
+    from models.machine.scene import Defect, Scene, Slip
+
+    scene = Scene(40.0, 4000.0, defect=Defect(dphi_d=0.1, h_d=1e-5), slip=Slip(0.01))
+    simulate_lanes([scene], LaneOptions(slip_blocks=2))

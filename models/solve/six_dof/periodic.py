@@ -16,7 +16,7 @@ import numpy as np
 
 from models.machine.bearing import kinematics
 from models.machine.rig import Rig
-from models.solve.registry import Request, Solver
+from models.solve.registry import Solver
 from models.solve.response import HARMONICS, Response, Status, band_lines, judged, levels_of_lines, lines_error
 from models.solve.six_dof.kernels import settled as kernels
 from models.solve.six_dof.kernels.lines import fourier_coefficients
@@ -39,6 +39,7 @@ from models.solve.six_dof.setup import (
     operating_point,
     steps_for,
 )
+from models.words.request import Request
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

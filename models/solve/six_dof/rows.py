@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from models.solve.registry import Request
 from models.solve.response import HARMONICS, STATUSES
 from models.solve.simulate import simulate
 from models.solve.six_dof.kernels import settled as kernels
@@ -17,6 +16,7 @@ from models.solve.six_dof.kernels.path import D_HALF
 from models.solve.six_dof.lanes import LaneOptions, LaneRunner
 from models.solve.six_dof.periodic import CHANGE_TO_ERROR, effort_for, steering
 from models.solve.six_dof.setup import check_scene, damaged_rows, defect_arrays, operating_point
+from models.words.request import Request
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

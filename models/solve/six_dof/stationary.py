@@ -20,7 +20,7 @@ import numpy as np
 
 from models.machine.bearing import kinematics
 from models.path.contour import part_paths
-from models.solve.response import HARMONICS, check_band
+from models.solve.response import HARMONICS
 from models.solve.six_dof.setup import TIME_EFFECTS, check_scene
 from models.solve.six_dof.stationary_record import (
     Record,
@@ -32,6 +32,7 @@ from models.solve.six_dof.stationary_record import (
     take_record,
     turn_rate,
 )
+from models.words.request import check_band
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -29,13 +29,14 @@ from models.machine.speed_profile import constant
 from models.solve.engine.motion import Motion
 from models.solve.engine.over_time import LOOKED_AT, answer, duration_of
 from models.solve.engine.turning import lead_in, passage_rate
-from models.solve.registry import Request, Solver
+from models.solve.registry import Solver
 from models.solve.response import CASING, Response
 from models.solve.six_dof.kernels import time_domain as kernels
 from models.solve.six_dof.kernels.step import P_DIRECTION_1, P_DIRECTION_2, STATUS_OK
 from models.solve.six_dof.setup import MODEL, TIME_EFFECTS, check_scene, steps_for
 from models.solve.six_dof.time_plan import prepare_plan
 from models.words.checks import check_positive
+from models.words.request import Request
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -174,6 +175,18 @@ def _settling(settle: float | None, lines: Kinematics) -> float:
     if not (math.isfinite(settle) and settle >= 0.0):
         raise ValueError(f"settle must be finite and not negative, got {settle!r}")
     return settle
+
+
+def warm() -> None:
+    """Compile the kernels: one steady scene, one with unbalance, one whose speed changes.
+
+    A force that turns with the shaft is left out of the machine code of scenes without one, as is a changing speed.
+    """
+    from models.machine.scene import Scene
+
+    steady = Scene(40.0, 1000.0)
+    for scene in (steady, replace(steady, unbalance=1e-3), replace(steady, speed_profile=constant(40.0, 1.0))):
+        simulate_time(scene, 0.005, 25600.0, settle=0.0)
 
 
 SOLVER = Solver(

@@ -15,8 +15,9 @@ from models.machine.bearing import Bearing, CatalogueEntry, kinematics
 from models.machine.contact_estimates import estimate_stiffness
 from models.machine.rig import Rig
 from models.machine.scene import Defect, Floor, Scene, Slip, Waviness
-from models.solve.registry import AUTO, MODULES
-from models.solve.response import QUANTITIES, SENSORS, Sensor, row_of
+from models.solve.registry import AUTO, MODELS
+from models.solve.response import row_of
+from models.words.request import QUANTITIES, SENSORS, Sensor
 from monitor.commands import option
 from monitor.commands.common import (
     PICTURES,
@@ -77,7 +78,7 @@ _USUAL = {"speed_hz": 40.0, "load_newton": 4000.0}
 @click.option("--slip-rule", type=click.Choice(["per_passage", "mean_force"]), default="per_passage")
 @click.option("--duration-s", type=click.FloatRange(0.01, 60.0), help="Time to simulate; default 1, or the profile's.")
 @click.option(
-    "--model", type=click.Choice([AUTO, *MODULES, GEAR_TRAIN]), default=AUTO, help="auto: the cheapest that has all."
+    "--model", type=click.Choice([AUTO, *MODELS, GEAR_TRAIN]), default=AUTO, help="auto: the cheapest that has all."
 )
 @click.option("--accuracy", type=click.FloatRange(1e-7, 0.1), default=1e-3, help="Relative error of --quantity.")
 @click.option("--quantity", type=click.Choice(QUANTITIES), default="rms", help="What the accuracy is for.")
@@ -233,7 +234,7 @@ def _more_defects(options: dict[str, Any]) -> Iterator[Defect]:
 
 
 def _plot(response: Response, options: dict[str, Any], scene: Scene, sensor: Sensor) -> None:
-    from models.solve.trajectories import trajectories
+    from models.solve.registry import trajectories
     from monitor.report.figures.scene import fundamental_of, scene_sheet, signal_of
     from monitor.report.figures.sheet import write_sheet
 

@@ -9,8 +9,9 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from models.solve.registry import MODULES, Request
+from models.solve.registry import MODELS
 from models.solve.response import PASSBAND
+from models.words.request import Request
 from monitor.commands.common import finite, output_errors
 from monitor.commands.model_parameters import able_models, missing_effects, with_parameters
 from monitor.words.sensors import unit_in_names, unit_of_sensor
@@ -62,7 +63,7 @@ def compare(scene: Scene, config: Config, entry: CatalogueEntry, options: dict[s
         raise ValueError(f"no model describes {', '.join(scene.effects)} together")
     answers: dict[str, Response] = {}
     refused = {
-        name: "does not describe " + ", ".join(missing_effects(scene, name)) for name in MODULES if name not in able
+        name: "does not describe " + ", ".join(missing_effects(scene, name)) for name in MODELS if name not in able
     }
     rows: list[dict[str, Any]] = []
     for model in able:

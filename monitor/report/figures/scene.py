@@ -15,12 +15,12 @@ from numpy.typing import NDArray
 
 from models.machine.bearing import kinematics
 from models.machine.hertz import mean_bearing_stiffness
-from models.machine.rig import Rig, natural_frequencies
+from models.machine.rig import Rig, RigParameters, natural_frequencies
 from models.machine.scene import EFFECTS, Defect, Floor, Scene
 from models.path.contour import part_paths
-from models.rigs import AnyRig
-from models.solve.response import Response, Sensor, SignalRecord
+from models.solve.response import Response, SignalRecord
 from models.solve.trajectories import Trajectories
+from models.words.request import Sensor
 from monitor.report.figures.drawing import AXIS, BLUE, GREY, INK, PURPLE, SHADE, SOFT, VERMILION, legend_above
 from monitor.report.figures.sheet import Part, Sheet
 from monitor.words.calibration import rig_words
@@ -358,7 +358,7 @@ def _mark_lines(axes: Axes, fundamental: float, name: str) -> None:
     top.set_xlabel(f"multiple of {name}", fontsize=8, color=SOFT)
 
 
-def _rig_facts(rig: AnyRig) -> list[tuple[str, str]]:
+def _rig_facts(rig: RigParameters) -> list[tuple[str, str]]:
     if not isinstance(rig, Rig):
         values = {name: value for name, value in rig.as_dict().items() if value is not None}
         words = (f"{n} {v:.6g}" if isinstance(v, float) else f"{n} {v}" for n, v in values.items())

@@ -11,10 +11,10 @@ import pytest
 from models.machine.bearing import from_catalogue
 from models.machine.rig import Rig
 from models.machine.scene import Defect, Floor, Scene, Slip, Waviness
-from models.solve.registry import Request
 from models.solve.simulate import simulate
 from models.solve.six_dof.periodic import effort_for
 from models.solve.six_dof.setup import HIGHEST_RESONANCE, MOST_STEPS, steps_for
+from models.words.request import Request
 
 NAN, INF = math.nan, math.inf
 ROLLERS = from_catalogue("NU 202 ECP")

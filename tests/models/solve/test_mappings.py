@@ -12,9 +12,8 @@ import pytest
 from benchmarks.scenes_random import draw
 from benchmarks.scenes_trial import error_of, run, truth_of
 from models.machine.bearing import from_catalogue
-from models.machine.rig import Rig
+from models.machine.rig import Rig, RigParameters
 from models.machine.scene import Defect, Scene, Waviness
-from models.rigs import AnyRig
 from models.solve.angular.rig import AngularRig
 from models.solve.ball_inertia.rig import BallInertiaRig
 from models.solve.ball_inertia.solver import at_rest as rest_of_balls
@@ -23,12 +22,13 @@ from models.solve.choice import select, stand_ins
 from models.solve.mappings.errors import Bound
 from models.solve.mappings.ring import casing_of, gain_of, ring_of, rotor_of
 from models.solve.mappings.table import MAPPINGS
-from models.solve.registry import Request, Solver, choose, solvers
+from models.solve.registry import Solver, choose, solvers
 from models.solve.response import Response
 from models.solve.ring_impact.rig import RingImpactRig
 from models.solve.rotor.rig import RotorRig
 from models.solve.rotor.solver import trace as rotor_trace
 from models.solve.simulate import simulate
+from models.words.request import Request
 
 SOLVERS = {(solver.model, solver.name): solver for solver in solvers()}
 SHORT: dict[str, Any] = {"duration": 0.3, "rate": 25600.0}
@@ -39,7 +39,7 @@ FREE = Rig(k_i=1e5, beta_c=0.0, alpha_c=100.0, m_b=1.0, m_r=0.1)
 BEARING = from_catalogue("6206")
 
 
-def scene_of(rig: AnyRig, **change: Any) -> Scene:
+def scene_of(rig: RigParameters, **change: Any) -> Scene:
     return Scene(**{"speed": 30.0, "load": 1500.0, "bearing": BEARING, "rig": rig} | change)
 
 
@@ -73,7 +73,7 @@ def test_an_assumption_that_is_not_shared_is_named(scene: Scene, words: str) -> 
 
 
 @pytest.mark.parametrize("rig", [RingImpactRig(), Rig(), RotorRig()], ids=lambda rig: rig.model)
-def test_where_nothing_is_shared_the_reference_answers(rig: AnyRig) -> None:
+def test_where_nothing_is_shared_the_reference_answers(rig: RigParameters) -> None:
     """The impacts on rings stand for no other model, and none for them; nor for the usual rigs of the others."""
     scene = scene_of(rig, defect=DEFECT)
     request = Request(accuracy=0.05, **SHORT)

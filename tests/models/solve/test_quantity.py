@@ -11,9 +11,10 @@ import pytest
 
 from models.machine.scene import Defect, Scene
 from models.solve.angular.rig import AngularRig
-from models.solve.registry import Request, solvers
-from models.solve.response import QUANTITIES, Quantity, Response, judged
+from models.solve.registry import solvers
+from models.solve.response import Response, judged
 from models.solve.simulate import simulate, volume_slope
+from models.words.request import QUANTITIES, Quantity, Request
 from tests.support.effort import effort_count
 from tests.support.models import BALLS, REQUEST, ROTOR, SCENE, SHORT, base
 

@@ -11,10 +11,11 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from models.machine.scene import Defect, Scene
-from models.solve.response import PASSBAND, Response, Sensor
+from models.solve.response import PASSBAND, Response
 from models.solve.simulate import simulate
 from models.solve.six_dof.kernels.lines import lines
 from models.solve.six_dof.kernels.period import Trace
+from models.words.request import Sensor
 
 SCENE = Scene(40.0, 4000.0, defect=Defect(math.radians(20.0), 20e-6))
 

@@ -11,10 +11,11 @@ import pytest
 from models.machine.bearing import from_catalogue
 from models.machine.scene import Scene
 from models.published.marin import scene_of
-from models.solve.registry import Request
+from models.solve.registry import trajectories
 from models.solve.rotor.rig import RotorRig
 from models.solve.simulate import simulate
-from models.solve.trajectories import MOST_TURNS, Trajectories, settled, trajectories
+from models.solve.trajectories import MOST_TURNS, Trajectories, settled
+from models.words.request import Request
 
 SHORT = Request(duration=0.5)
 ROTOR = Scene(1000.0 / 60.0, 100.0, bearing=from_catalogue("6305"), rig=RotorRig(), clearance=11e-6, model="rotor")

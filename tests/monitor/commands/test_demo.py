@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner
 
-from models.rigs import IGNORES_DEPTH, RIGS
+from models.solve.registry import IGNORES_DEPTH, RIGS
 from models.solve.rotor.rig import RotorRig
 from monitor.commands import demo_prior
 from monitor.commands.common import InputError

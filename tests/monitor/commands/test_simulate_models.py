@@ -17,7 +17,7 @@ from models.machine.hertz import in_series
 from models.machine.rig import Rig
 from models.machine.scene import Scene
 from models.solve.ball_inertia.rig import BallInertiaRig
-from models.solve.registry import MODULES, solvers
+from models.solve.registry import MODELS, solvers
 from models.solve.response import Response
 from models.solve.rotor.rig import RotorRig
 from monitor.commands.simulate.command import command
@@ -62,7 +62,7 @@ def refusal(*options: str) -> str:
     return result.output + str(result.exception)
 
 
-@pytest.mark.parametrize("model", list(MODULES))
+@pytest.mark.parametrize("model", list(MODELS))
 def test_a_named_model_takes_its_own_parameters_and_first_sensor(model: str) -> None:
     found = simulate(*DAMAGED, "--model", model)
     assert (found["model"], found["why"]) == (model, None)
@@ -112,7 +112,7 @@ def test_all_models_that_describe_a_scene_are_compared(tmp_path: Path) -> None:
     found = simulate(*DAMAGED, "--compare", "--plot", str(picture))
     models = {row["model"] for row in found["models"]}
     assert {"six_dof", "rotor"} <= models
-    assert models | set(found["refused"]) == set(MODULES)
+    assert models | set(found["refused"]) == set(MODELS)
     assert all(row["rms_rad_s" if row["sensor"] == "ias" else "rms_g"] > 0.0 for row in found["models"])
     page = picture.read_text(encoding="utf-8")
     assert all(f"{model} (" in page for model in models)

@@ -12,9 +12,9 @@ import pytest
 from models.machine.bearing import catalogue_entry, kinematics
 from models.machine.contact_estimates import estimate_stiffness
 from models.machine.rig import Rig
-from models.rigs import RIGS
 from models.solve.angular.rig import AngularRig
 from models.solve.ball_inertia.rig import BallInertiaRig
+from models.solve.registry import RIGS
 from models.solve.ring_impact.rig import RingImpactRig
 from models.solve.rotor.rig import RotorRig
 from monitor.config.load import Config, ConfigError, load_config, validate

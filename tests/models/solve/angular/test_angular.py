@@ -32,7 +32,7 @@ from models.solve.angular.plan import (
 )
 from models.solve.angular.rig import AngularRig
 from models.solve.angular.solver import Trace, longest_step, solve, trace
-from models.solve.registry import Request
+from models.words.request import Request
 from tests.support.effort import effort_count
 from tests.support.signals import record_of
 

@@ -13,8 +13,9 @@ from models.published.marin import bearing_of
 from models.solve.ball_inertia import period as ball_period
 from models.solve.ball_inertia import solver as ball_inertia
 from models.solve.ball_inertia.rig import BallInertiaRig
-from models.solve.registry import Request, choose
+from models.solve.registry import choose
 from models.solve.response import Response
+from models.words.request import Request
 
 RIG = BallInertiaRig(m_b=0.0035, c_ci=500.0, c_co=500.0, defect_shape="half_sine")
 HEALTHY = Scene(30.0, 1500.0, bearing=bearing_of(9), rig=RIG, clearance=3e-6)

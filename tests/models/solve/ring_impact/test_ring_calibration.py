@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 
 from models.machine.bearing import from_catalogue
 from models.machine.scene import Defect, Scene
-from models.solve.registry import Request
 from models.solve.ring_impact.calibration import Addition, Measured, calibrate, noise_to_add
 from models.solve.ring_impact.rig import RingImpactRig
 from models.solve.ring_impact.solver import noise_level
 from models.solve.simulate import simulate
+from models.words.request import Request
 
 RIG = RingImpactRig(k_impact=60.0, c_of=100.0, c_if=100.0)
 DEFECT = Defect(0.03, 1e-3, part="inner")

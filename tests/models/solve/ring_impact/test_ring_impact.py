@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from models.machine.bearing import from_catalogue, kinematics
 from models.machine.film import short_bearing_film
 from models.machine.scene import Defect, Part, Scene
-from models.solve.registry import Request
 from models.solve.response import PASSBAND
 from models.solve.ring_impact.hits import hits_on, zones_of
 from models.solve.ring_impact.kernel import HALF_SINE, RECTANGLE, Modes, Pulses, Turn, add_response
@@ -26,6 +25,7 @@ from models.solve.ring_impact.solver import (
     natural_frequencies,
 )
 from models.solve.simulate import simulate
+from models.words.request import Request
 from tests.oracles import ring_impact_oracle as oracle
 
 BEARING = from_catalogue("6205")

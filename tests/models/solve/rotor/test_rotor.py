@@ -11,13 +11,13 @@ import pytest
 
 from models.machine.bearing import from_catalogue, kinematics
 from models.machine.scene import Defect, Part, Scene
-from models.solve.registry import Request
 from models.solve.rotor.elastic import Massless, shaft_of, trace_elastic
 from models.solve.rotor.elastic import solve as solve_elastic
 from models.solve.rotor.plan import at_rest, prepare_plan
 from models.solve.rotor.rig import RotorRig
 from models.solve.rotor.solver import Rigid, Trace, solve, trace
 from models.solve.simulate import simulate
+from models.words.request import Request
 
 BALLS = from_catalogue("6305")
 SCENE = Scene(1000.0 / 60.0, 100.0, bearing=BALLS, rig=RotorRig(), clearance=11.285e-6)

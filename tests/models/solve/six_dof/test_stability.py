@@ -10,13 +10,13 @@ import pytest
 from numpy.typing import NDArray
 
 from models.machine.scene import Defect, Floor, Scene, Waviness
-from models.solve.registry import Request
 from models.solve.response import Response
 from models.solve.simulate import simulate
 from models.solve.six_dof.kernels.orbit import STATE_SCALE, jacobian, spectral_radius
 from models.solve.six_dof.kernels.period import Period, blank_trace
 from models.solve.six_dof.kernels.tangent import tangent_jacobian
 from models.solve.six_dof.rows import simulate_row
+from models.words.request import Request
 from tests.support.effort import effort_count
 from tests.support.periods import orbit_of, period_of, run, simulate_plainly, solve_scene
 
