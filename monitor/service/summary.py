@@ -20,7 +20,7 @@ from monitor.health.schema import VERDICT
 from monitor.health.state import ChannelSettings, SourceSettings, SourceState, channels_by_bearing
 from monitor.service.calibration import other_models
 from monitor.words.advice import ADVICE, state_of
-from monitor.words.features import FEATURES
+from monitor.words.features import columns, first
 from monitor.words.situation import Situation
 from streams.block import STANDARD_GRAVITY
 
@@ -107,13 +107,6 @@ def channel_summary(state: SourceState, settings: ChannelSettings) -> dict[str, 
     dated = latest is not None and latest.time is not None
     detector, named = state.channels[name].detect, state.channels[name].named
 
-    def first(value: Any) -> Any:
-        return value[0] if isinstance(value, tuple) else value
-
-    def in_mm2(key: str) -> float | None:
-        value = values.get(key)
-        return None if value is None else value * 1e6
-
     return {
         "stage": detector.stage,
         "t_fs_block": detector.t_fs and detector.t_fs.sequence,
@@ -127,21 +120,15 @@ def channel_summary(state: SourceState, settings: ChannelSettings) -> dict[str, 
         "fault_candidates": list(named.candidates) if named and named.candidates else None,
         "speed_unverified": named and named.speed_unverified,
         "fault_snr": named and named.snr,
-        "v_eq_mm2": in_mm2("v_eq"),
-        "v_eq_lower_mm2": in_mm2("v_eq_lower"),
-        "v_eq_upper_mm2": in_mm2("v_eq_upper"),
-        "v_eq_relative": values.get("v_eq_relative"),
+        **columns(("v_eq", "v_eq_lower", "v_eq_upper", "v_eq_relative"), values),
         "calibrated": settings.calibration,
         "edv_status": values.get("edv_status"),
-        "tt_s": first(values.get("tt")),
-        "tt_lower_s": first(values.get("tt_lower")),
-        "tt_upper_s": first(values.get("tt_upper")),
+        **columns(("tt", "tt_lower", "tt_upper"), values),
         "tt_status": first(values.get("tt_status")),
-        "p_threshold": first(values.get("p_threshold")),
-        "p_no_growth": values.get("p_no_growth"),
-        "p_crossed": values.get("p_crossed"),
-        **_velocity(values),
-        **_rotation(values),
+        **columns(("p_threshold", "p_no_growth", "p_crossed", "velocity_rms", "velocity_floor"), values),
+        **{name: values.get(name) for name in ("velocity_status", "velocity_zone")},
+        **columns(("speed", *_ROTATION), values),
+        **{name: values.get(name) for name in _ROTATION_WORDS},
         **_alarm_time(values, detector.reference_rms),
         **_gears(state, name, values, (named and named.fault, basis_of(named and named.fault, detector))),
     }
@@ -186,28 +173,6 @@ def with_words(
 def _over_baseline(values: Mapping[str, Any], baseline: float | None) -> float | None:
     rms = values.get("rms")
     return rms / baseline if rms is not None and baseline else None
-
-
-def _velocity(values: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the velocity and its continuous part, mm/s, its status and its zone."""
-    found = {name: values.get(name) for name in ("velocity_rms", "velocity_floor")}
-    return {
-        **{f"{name}_mm_s": None if value is None else 1e3 * value for name, value in found.items()},
-        "velocity_status": values.get("velocity_status"),
-        "velocity_zone": values.get("velocity_zone"),
-    }
-
-
-def _rotation(values: Mapping[str, Any]) -> dict[str, Any]:
-    """Return what the shaft did in the block, units at the ends of the names, and the domain of the spectra."""
-    found = {FEATURES[name].column: _of_si(name, values) for name in _ROTATION}
-    words = {name: values.get(name) for name in _ROTATION_WORDS}
-    return {"speed_hz": values.get("speed"), **found, **words}
-
-
-def _of_si(name: str, values: Mapping[str, Any]) -> float | None:
-    value = values.get(name)
-    return None if value is None else value * FEATURES[name].of_si(absolute=True)
 
 
 def _alarm_time(values: Mapping[str, Any], baseline: float | None) -> dict[str, Any]:

@@ -8,7 +8,7 @@ to ``monitor.health.spectrum.features.FUNCTIONS``.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
@@ -255,6 +255,20 @@ TRENDS: tuple[Feature, ...] = tuple(feature for feature in FEATURES.values() if 
 """Features whose extremes are kept over time."""
 LEVELS: dict[str, Feature] = {name: feature for name, feature in FEATURES.items() if feature.bad is not None}
 """Features on which an alarm level may stand, by name."""
+
+
+def first(value: Any) -> Any:
+    """Return the first of several values (bands, thresholds), or the only one."""
+    return (value[0] if value else None) if isinstance(value, list | tuple) else value
+
+
+def columns(names: Iterable[str], values: Mapping[str, Any], *, absolute: bool = True) -> dict[str, float | None]:
+    """Return values of a record, SI, by the names of their columns and in the units of these; None: no value."""
+    found: dict[str, float | None] = {}
+    for feature in (FEATURES[name] for name in names):
+        value = first(values.get(feature.name))
+        found[feature.column] = None if value is None else value * feature.of_si(absolute=absolute)
+    return found
 
 
 def rule_words(alarm: Mapping[str, Any]) -> str:

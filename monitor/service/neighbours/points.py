@@ -17,7 +17,7 @@ from monitor.records.database import SharedConnection, StoreError
 from monitor.records.packing import unpack
 from monitor.service.status_file import read_status
 from monitor.words.events import utc_text
-from monitor.words.features import FEATURES, TRENDS
+from monitor.words.features import FEATURES, TRENDS, columns, first
 
 _WORDS = (
     *("stage", "fault", "fault_basis", "edv_status", "tt_status", "p_no_growth"),
@@ -113,9 +113,7 @@ def channel_values(record: StoredRecord, channel: str) -> dict[str, Any]:
         "threshold_mm2": None if threshold is None else threshold * 1e6,
         "unit": "g" if absolute else "unknown",
     }
-    for feature in (*TRENDS, *(FEATURES[name] for name in _ROTATION)):
-        value = first(values.get(feature.name))
-        message[feature.column] = None if value is None else value * feature.of_si(absolute=absolute)
+    message |= columns((*(feature.name for feature in TRENDS), *_ROTATION), values, absolute=absolute)
     message |= {f"{name}_s": values.get(name) for name in ("tta", "tta_lower", "tta_upper")}
     level = values.get("tta_level")
     message["tta_level_g"] = None if level is None else level * FEATURES["rms"].of_si(absolute=absolute)
@@ -137,11 +135,6 @@ def state_message(machine: str, status: Mapping[str, Any] | None) -> str:
             "headlines": {name: channel.get("headline") for name, channel in status.get("channels", {}).items()},
         }
     return json.dumps(values, allow_nan=False, separators=(",", ":"))
-
-
-def first(value: Any) -> Any:
-    """Return the first of several values (bands, thresholds), or the only one."""
-    return (value[0] if value else None) if isinstance(value, list | tuple) else value
 
 
 @dataclass(frozen=True)

@@ -18,11 +18,10 @@ from typing import Any
 from monitor.config.load import Config
 from monitor.records.events import LoggedEvent
 from monitor.service.children import Child
-from monitor.service.neighbours.points import first
 from monitor.service.notify.channels import Message
 from monitor.words.advice import ADVICE, Statement, state_of
 from monitor.words.events import badness, event_text, local_moment, utc_text
-from monitor.words.features import FEATURES
+from monitor.words.features import columns, first
 from monitor.words.numbers import count, duration, interval, moment, times_first, volume
 from monitor.words.situation import Situation
 from monitor.words.statuses import STAGES
@@ -222,10 +221,7 @@ def _plain(machine: Sender, item: Item) -> dict[str, Any]:
     event, values = item.event, item.values
     absolute = values.get("absolute_level") != "no"
     state: dict[str, Any] = {name: values.get(name) for name in ("stage", "fault", "fault_basis", "t_fs_block")}
-    for feature in (FEATURES[name] for name in _VALUES):
-        value = first(values.get(feature.name))
-        if value is not None:
-            state[feature.column] = value * feature.of_si(absolute=absolute)
+    state |= {name: value for name, value in columns(_VALUES, values, absolute=absolute).items() if value is not None}
     found = {**event.body, "id": event.id, "block": event.block, "time_utc": utc_text(event.utc), "text": item.text}
     if event.source is not None:
         found["source"] = event.source
