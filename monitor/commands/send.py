@@ -122,12 +122,10 @@ def _recording(
     if config_path is None:
         stem = re.sub(r"[^A-Za-z0-9_.-]", "-", Path(path).name)[:64] or "recording"
         return open_source(SourceSpec(stem, path, format=kind, rate=rate, block_s=block_s, pulses=pulses))
-    from monitor.service.setup import open_configured
+    from monitor.service.setup import only_source, open_configured
 
     config = read_config(config_path)
-    if len(config.source) != 1:
-        raise InputError(f"send takes a configuration with one [[source]], {config_path} has {len(config.source)}")
-    return open_configured(config, config.source[0], path)
+    return open_configured(config, only_source(config, "send"), path)
 
 
 def _bar(total: int, quiet: bool) -> Any:

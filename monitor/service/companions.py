@@ -59,21 +59,19 @@ class Companions:
             self._ending.append(partial(self._records.close, _LAST_MESSAGE_S))
             self._sparkplug = Sparkplug.open(config)
             self._ending.append(partial(self._sparkplug.close, _LAST_MESSAGE_S))
-            self._page: ServerProcess | None = None
+            self._servers: dict[str, ServerProcess] = {}
             if path is not None and config.web.enabled:
-                self._page = page_server(path, config.web, machine.state_dir, monotonic)
-                self._ending.append(self._page.close)
-            self._opcua: ServerProcess | None = None
+                self._servers["page"] = page_server(path, config.web, machine.state_dir, monotonic)
             if path is not None and config.publish.opcua is not None:
                 request = {"config": str(path.absolute())}
-                self._opcua = ServerProcess("the OPC UA server", _OPCUA, request, monotonic)
-                self._ending.append(self._opcua.close)
+                self._servers["publish.opcua"] = ServerProcess("the OPC UA server", _OPCUA, request, monotonic)
+            self._ending += [server.close for server in self._servers.values()]
             opened.pop_all()
 
     @property
     def url(self) -> str | None:
         """Address of the page once it answers, or None."""
-        return None if self._page is None else self._page.url
+        return self._servers["page"].url if "page" in self._servers else None
 
     def committed(self, *, events: bool) -> None:
         """Note that a block was committed, and whether the event log has something new."""
@@ -97,10 +95,8 @@ class Companions:
         self._publisher.to_delete = to_delete
         if room:
             self._publisher.tick()
-        if self._page is not None:
-            self._page.tick()
-        if self._opcua is not None:
-            self._opcua.tick()
+        for server in self._servers.values():
+            server.tick()
 
     def beat(self, healthy: Callable[[], bool]) -> None:
         """Send the dead-man signal if it is due and ``healthy``."""
@@ -108,14 +104,15 @@ class Companions:
 
     def problems(self) -> dict[str, str]:
         """Return the problem of each that has one, by its name."""
+        servers = {name: server.problem for name, server in self._servers.items()}
         found = {
             "publisher": self._publisher.problem,
             "records": "; ".join(self._publisher.kept.values()) or None,
             "publish.mqtt": self._records.problem,
             "publish.sparkplug": self._sparkplug.problem,
-            "publish.opcua": None if self._opcua is None else self._opcua.problem,
+            "publish.opcua": servers.get("publish.opcua"),
             "notify.heartbeat": self._heartbeat.problem,
-            "page": None if self._page is None else self._page.problem,
+            "page": servers.get("page"),
         }
         return self._events.problems() | {name: problem for name, problem in found.items() if problem is not None}
 

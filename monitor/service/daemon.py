@@ -25,7 +25,7 @@ from monitor.service.machine_status import MachineStatus, SilenceLog
 from monitor.service.neighbours.condition import ConditionProcess
 from monitor.service.retention import Retention
 from monitor.service.start import inspect
-from monitor.service.status_file import MIN_LOG_SHARE, StatusFile, full_disk, is_running
+from monitor.service.status_file import DiskGuard, StatusFile, full_disk, is_running
 from monitor.service.summary import run_attributes
 from monitor.service.systemd import ServiceManager
 from monitor.words.events import event_text
@@ -38,9 +38,6 @@ _STATUS_SHARE = 50.0
 """Least ratio of the time between two writes to the processor time of one."""
 _POLL_LOG_S = 1.0
 _PAUSE_S = 0.5
-_CHECK_DISK_S = 5.0
-_DISK_HYSTERESIS = 1.25
-_THIN_FACTOR = 2.0
 _COUNT_SHARE = 50.0
 """Least ratio of the time between two counts of unacknowledged events to the duration of one."""
 _STUCK = frozenset(("disk", "store", "events"))
@@ -48,48 +45,6 @@ _STUCK = frozenset(("disk", "store", "events"))
 _MARKS = """
 SELECT (SELECT max(id) FROM acknowledgements), (SELECT max(id) FROM events), (SELECT max(id) FROM notices)
 """
-
-
-class DiskGuard:
-    """Detects a file system that is too full to go on, with hysteresis."""
-
-    def __init__(
-        self,
-        folder: Path,
-        free: Callable[[Path], int],
-        least: int,
-        reusable: Callable[[], int] = lambda: 0,
-    ) -> None:
-        """Keep folder, reader of its free bytes, and the bytes below which it is full until a quarter more is free.
-
-        ``reusable`` returns the bytes inside the store that count as free, down to a quarter of ``least``.
-        """
-        self._folder, self._free, self._least, self._reusable = folder, free, least, reusable
-        self._due = float("-inf")
-        self.problem: str | None = None
-        """Why nothing may be written, or None."""
-        self.shortage: str | None = None
-        """Why the store is to be thinned, or None: free space is below twice that at which nothing may be written."""
-
-    def check(self, now: float) -> bool:
-        """Check the file system every five seconds of the monotonic time ``now``; return whether there is room."""
-        if now >= self._due:
-            self._due = now + _CHECK_DISK_S
-            self.problem = self._poll()
-        return self.problem is None
-
-    def _poll(self) -> str | None:
-        try:
-            free = self._free(self._folder)
-        except OSError as error:
-            return f"{self._folder}: cannot be looked at ({error.strerror or error})"
-        least = self._least if self.problem is None else self._least * _DISK_HYSTERESIS
-        enough = _THIN_FACTOR * self._least * (1.0 if self.shortage is None else _DISK_HYSTERESIS)
-        usable = free if free >= enough else free + self._reusable()
-        self.shortage = None if usable >= enough else f"{self._folder}: {free / 1e6:.0f} MB are free on the disk"
-        if usable >= least and free >= MIN_LOG_SHARE * self._least:
-            return None
-        return f"{self._folder}: the disk is nearly full, {free / 1e6:.0f} MB are free, {least / 1e6:.0f} MB are needed"
 
 
 class Acknowledgements:

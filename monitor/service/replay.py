@@ -32,7 +32,7 @@ from monitor.records.recover.salvage import open_or_salvage
 from monitor.records.store import Store
 from monitor.service.calibration import uncalibrated_lines
 from monitor.service.neighbours.condition import RecordedCondition
-from monitor.service.setup import open_configured, source_settings
+from monitor.service.setup import only_source, open_configured, source_settings
 from monitor.service.summary import bearing_summaries, channel_summary, run_attributes, with_words
 from streams.block import STANDARD_GRAVITY, Block
 from streams.dating import Dating
@@ -82,9 +82,7 @@ def replay(
     Raises:
         ConfigError: the configuration does not fit the recording, or ``out`` holds a store already.
     """
-    if len(config.source) != 1:
-        raise ConfigError(f"replay takes a configuration with one [[source]], this one has {len(config.source)}")
-    section = config.source[0]
+    section = only_source(config, "replay")
     settings = source_settings(config, section, maps, libraries)
     source = open_configured(config, section, path, kept_dating(out, section.name) if resume else None)
     return replay_source(
@@ -172,10 +170,8 @@ def accepted_blocks(
     Raises:
         ConfigError: the machine has several sources, of which ``what`` takes one, or the recording does not fit it.
     """
-    if len(config.source) != 1:
-        raise ConfigError(f"{what} takes a configuration with one [[source]], this one has {len(config.source)}")
-    settings = source_settings(config, config.source[0])
-    source = open_configured(config, config.source[0], recording)
+    section = only_source(config, what)
+    settings, source = source_settings(config, section), open_configured(config, section, recording)
     for block, output, _ in Pipeline({settings.name: settings}).play(source):
         if isinstance(block, Block) and output.channels:
             yield block, output.channels, settings.channels

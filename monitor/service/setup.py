@@ -47,6 +47,12 @@ from streams.spec import ChannelSpec, SourceError, SourceSpec
 
 Slice = TypeVar("Slice")
 
+_SAME_OF_SOURCE = (
+    *("block_s", "format", "range_g", "settle_s", "max_gap_blocks"),
+    *("time_from", "time_name", "date_order", "pulses"),
+)
+_SAME_OF_CHANNEL = ("name", "column", "key", "unit", "scale", "sensitivity_mv_per_g")
+"""Keys of the configuration that a specification has as they are."""
 _MAX_SLICES = 64
 _GEOMETRY = ("n_elements", "rows", "element_diameter", "pitch_diameter", "contact_angle", "outer_race_radius")
 _CLAIMS = ("calibrated", "identification")
@@ -58,14 +64,7 @@ def source_spec(config: Config, source: SourceSection, path: str | None = None) 
     if url is None:
         raise ConfigError(f"[[source]] {source.name}: url is missing, and no path was given in its place")
     channels = tuple(
-        ChannelSpec(
-            name=channel.name,
-            column=channel.column,
-            key=channel.key,
-            unit=channel.unit,
-            scale=channel.scale,
-            sensitivity_mv_per_g=channel.sensitivity_mv_per_g,
-        )
+        ChannelSpec(**{name: getattr(channel, name) for name in _SAME_OF_CHANNEL})
         for channel in config.channel
         if channel.source == source.name
     )
@@ -73,24 +72,23 @@ def source_spec(config: Config, source: SourceSection, path: str | None = None) 
         name=source.name,
         url=url,
         start=None if source.start_utc is None else source.start_utc.timestamp(),
-        block_s=source.block_s,
-        format=source.format,
         rate=source.rate_hz,
-        range_g=source.range_g,
         channels=(*channels, *config.operating.channel_specs()),
         timezone=config.machine.timezone,
-        settle_s=source.settle_s,
-        max_gap_blocks=source.max_gap_blocks,
         network=source.to_network(),
-        time_from=source.time_from,
-        time_name=source.time_name,
         interval=source.interval_s,
-        date_order=source.date_order,
-        pulses=source.pulses,
         block_revolutions=None
         if source.block_revolutions is None
         else config.operating.to_block_revolutions(source.block_revolutions),
+        **{name: getattr(source, name) for name in _SAME_OF_SOURCE},
     )
+
+
+def only_source(config: Config, what: str) -> SourceSection:
+    """Return the source of a machine that has one; ConfigError, which begins with ``what`` needs it, of another."""
+    if len(config.source) != 1:
+        raise ConfigError(f"{what} takes a configuration with one [[source]], this one has {len(config.source)}")
+    return config.source[0]
 
 
 def open_configured(

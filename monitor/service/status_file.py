@@ -1,4 +1,4 @@
-"""The status file of a daemon, and the lock that shows whether it runs."""
+"""The status file of a daemon, the lock that shows whether it runs, and whether its disk is full."""
 
 from __future__ import annotations
 
@@ -18,8 +18,11 @@ from monitor.records.database import Closing, SharedConnection, StoreError, free
 _NAME = "status.json"
 _LOCK = "daemon.lock"
 _LOCK_S = 1.0
-MIN_LOG_SHARE = 0.25
+_MIN_LOG_SHARE = 0.25
 """Share of the free space that the daemon keeps, down to which room inside the store counts as free."""
+_CHECK_DISK_S = 5.0
+_DISK_HYSTERESIS = 1.25
+_THIN_FACTOR = 2.0
 _COMMIT_BYTES = 1_000_000
 """Room for the log of one commit."""
 
@@ -108,9 +111,55 @@ def full_disk(folder: Path, least: int, free: Callable[[Path], int]) -> str | No
         found = free(folder)
     except OSError:
         return None
-    if found >= least or (found >= MIN_LOG_SHARE * least and found + _reusable(folder / "state.db") >= least):
+    if found >= least or (found >= _MIN_LOG_SHARE * least and found + _reusable(folder / "state.db") >= least):
         return None
-    return f"{folder}: the disk is nearly full, {found / 1e6:.0f} MB are free, {least / 1e6:.0f} MB are needed"
+    return _full_words(folder, found, least)
+
+
+def _full_words(folder: Path, free: int, least: float) -> str:
+    return f"{folder}: the disk is nearly full, {free / 1e6:.0f} MB are free, {least / 1e6:.0f} MB are needed"
+
+
+class DiskGuard:
+    """Detects a file system that is too full to go on, with hysteresis."""
+
+    def __init__(
+        self,
+        folder: Path,
+        free: Callable[[Path], int],
+        least: int,
+        reusable: Callable[[], int] = lambda: 0,
+    ) -> None:
+        """Keep folder, reader of its free bytes, and the bytes below which it is full until a quarter more is free.
+
+        ``reusable`` returns the bytes inside the store that count as free, down to a quarter of ``least``.
+        """
+        self._folder, self._free, self._least, self._reusable = folder, free, least, reusable
+        self._due = float("-inf")
+        self.problem: str | None = None
+        """Why nothing may be written, or None."""
+        self.shortage: str | None = None
+        """Why the store is to be thinned, or None: free space is below twice that at which nothing may be written."""
+
+    def check(self, now: float) -> bool:
+        """Check the file system every five seconds of the monotonic time ``now``; return whether there is room."""
+        if now >= self._due:
+            self._due = now + _CHECK_DISK_S
+            self.problem = self._poll()
+        return self.problem is None
+
+    def _poll(self) -> str | None:
+        try:
+            free = self._free(self._folder)
+        except OSError as error:
+            return f"{self._folder}: cannot be looked at ({error.strerror or error})"
+        least = self._least if self.problem is None else self._least * _DISK_HYSTERESIS
+        enough = _THIN_FACTOR * self._least * (1.0 if self.shortage is None else _DISK_HYSTERESIS)
+        usable = free if free >= enough else free + self._reusable()
+        self.shortage = None if usable >= enough else f"{self._folder}: {free / 1e6:.0f} MB are free on the disk"
+        if usable >= least and free >= _MIN_LOG_SHARE * self._least:
+            return None
+        return _full_words(self._folder, free, least)
 
 
 def _reusable(store: Path) -> int:

@@ -17,9 +17,9 @@ from monitor.config.load import ConfigError, load_config
 from monitor.records.database import StoreError
 from monitor.records.events import EventLog
 from monitor.records.store import Store
-from monitor.service.daemon import Daemon, DiskGuard, free_bytes
+from monitor.service.daemon import Daemon, free_bytes
 from monitor.service.machine_status import channel_state
-from monitor.service.status_file import StatusFile, read_status
+from monitor.service.status_file import DiskGuard, StatusFile, read_status
 from monitor.service.systemd import ServiceManager
 from tests.support.daemon import last, put, running
 from tests.support.daemons import make_machine, status
