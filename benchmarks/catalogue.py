@@ -24,8 +24,7 @@ from benchmarks.catalogue_ratings import DERIVE
 from models.machine.bearing import Bearing, CatalogueEntry, kinematics
 from models.machine.catalogue.designation import BALLS, ROLLERS, Family
 from models.machine.catalogue.ratings import Internal, dynamic_rating, static_rating
-from models.machine.catalogue.rules import Estimate, estimate
-from models.machine.catalogue.series import Geometry, families, geometry, published_row, series_of
+from models.machine.catalogue.series import Estimate, Geometry, estimate, families, geometry, published_row, series_of
 from models.machine.kinematic_uncertainty import kinematics_uncertainty, with_count
 
 ROOT = Path(__file__).resolve().parents[1]

@@ -17,11 +17,10 @@ from collections.abc import Callable
 from pathlib import Path
 
 from models.machine.catalogue.ratings import Family, Internal, dynamic_rating, static_rating
-from models.machine.catalogue.rules import Rule
-from models.machine.catalogue.series import families, geometry, series_of
+from models.machine.catalogue.series import Rule, families, geometry, series_of
 from models.words.numerics import find_root
 
-FOLDER = Path(__file__).resolve().parents[1] / "models" / "catalogue"
+FOLDER = Path(__file__).resolve().parents[1] / "models" / "machine" / "catalogue"
 Row = dict[str, str]
 _DYNAMIC_SD = 0.006
 """Scatter of printed dynamic ratings about ISO 281, relative: rounding to three digits and makers' own rounding."""

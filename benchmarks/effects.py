@@ -22,8 +22,7 @@ from models.machine.scene import Defect, Floor, Scene, Slip, Waviness
 from models.machine.speed_profile import hunt, ramp
 from models.solve.six_dof.kernels import time_domain as kernels
 from models.solve.six_dof.kernels.step import P_DIRECTION_1, P_DIRECTION_2
-from models.solve.six_dof.time_domain import DEFAULT_STEP, simulate_time
-from models.solve.six_dof.time_plan import prepare_plan
+from models.solve.six_dof.time_domain import DEFAULT_STEP, prepare_plan, simulate_time
 from tests.oracles.time_domain_oracle import Case, Oracle, Turning
 
 RATE = 51200.0

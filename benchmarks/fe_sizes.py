@@ -28,8 +28,8 @@ from models.fe.meshes.geometry import FeGeometry, fe_geometry
 from models.fe.meshes.sizing import MeshRule, half_sizes
 from models.fe.submodel.sector import SectorState, sector
 from models.machine.bearing import catalogue_entry, from_catalogue
+from models.machine.contact_estimates import LINE_CONTACTS, line_contact_stiffness
 from models.machine.hertz import BALL_EXPONENT, ROLLER_EXPONENT, contact_stiffness
-from models.machine.line_contact import LINE_CONTACTS, line_contact_stiffness
 
 WIDTHS = {"NU 202 ECP": 9.5e-3, "6210": 19e-3}
 # As printed in sections 3.3.2 and 3.3.3, N/mm^n in N/m^n: the tables differ from these. That of the ball

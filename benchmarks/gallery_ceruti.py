@@ -31,8 +31,8 @@ from benchmarks.gallery_ceruti_runs import (
 from benchmarks.gallery_plate import Claim, Plate, number, words
 from benchmarks.gallery_spectra import kept_lines, spectrum
 from models.machine.scene import Scene
+from models.published.acceptance import envelope
 from models.published.ceruti import STEP
-from models.published.envelope import envelope
 from models.solve.response import band_passed
 from monitor.report.figures.drawing import BLUE, PURPLE, VERMILION
 

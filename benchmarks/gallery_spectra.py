@@ -10,7 +10,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
-from models.published.envelope import BAND, envelope
+from models.published.acceptance import BAND, envelope
 from monitor.report.figures.drawing import AXIS, PURPLE, SOFT
 
 Values = NDArray[np.float64]

@@ -27,12 +27,11 @@ from benchmarks.scenes_trial import timed, truth_of
 from models.machine.bearing import from_catalogue
 from models.machine.scene import Defect, Scene
 from models.solve.ball_inertia.rig import BallInertiaRig
-from models.solve.choice import select, stand_ins
-from models.solve.engine.turning import passage_rate
+from models.solve.engine.motion import passage_rate
 from models.solve.registry import choose
 from models.solve.response import Response
 from models.solve.rotor.rig import RotorRig
-from models.solve.simulate import volume_slope
+from models.solve.simulate import select, stand_ins, volume_slope
 from models.words.request import Request
 
 QUICK = 3

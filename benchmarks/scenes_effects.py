@@ -17,7 +17,7 @@ from benchmarks.common import Row
 from benchmarks.scenes_trial import timed
 from models.machine.bearing import from_catalogue
 from models.machine.scene import Defect, Floor, Scene, Slip, Waviness
-from models.solve.engine.turning import passage_rate
+from models.solve.engine.motion import passage_rate
 from models.solve.response import Response
 from models.solve.rotor.rig import RotorRig
 from models.solve.simulate import simulate, volume_slope

@@ -22,9 +22,9 @@ from benchmarks.common import Row, arguments, print_table, write_json
 from benchmarks.scenes_random import draw
 from benchmarks.scenes_trial import error_of
 from models.machine.scene import Scene
-from models.solve.choice import stand_ins
-from models.solve.mappings.errors import Groups, groups_of_balls, groups_of_shaft
+from models.solve.mappings.table import Groups, groups_of_balls, groups_of_shaft
 from models.solve.registry import choose
+from models.solve.simulate import stand_ins
 from models.words.request import Quantity
 
 

@@ -16,13 +16,12 @@ from models.machine.bearing import kinematics
 from models.machine.scene import Scene
 from models.solve.ball_inertia import period as ball_period
 from models.solve.ball_inertia import solver as ball_inertia
-from models.solve.choice import stand_ins
-from models.solve.mappings.mapping import Mapping
+from models.solve.mappings.table import Mapping
 from models.solve.registry import Solver, choose
 from models.solve.response import Response
 from models.solve.rotor import elastic as rotor_elastic
 from models.solve.rotor.solver import Rigid
-from models.solve.simulate import simulate, volume_slope
+from models.solve.simulate import simulate, stand_ins, volume_slope
 from models.solve.six_dof import periodic, time_domain
 from models.words.request import Request
 

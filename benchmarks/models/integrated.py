@@ -18,8 +18,7 @@ from models.published import marin
 from models.solve.ball_inertia import kernel as ball_kernels
 from models.solve.ball_inertia import solver as balls
 from models.solve.ball_inertia.rig import BallInertiaRig
-from models.solve.engine.kernel_passages import fill_depth
-from models.solve.engine.kernel_stepping import fill_start
+from models.solve.engine.kernel_stepping import fill_depth, fill_start
 from models.solve.rotor.elastic import shaft_of
 from models.solve.rotor.kernels import forces as rotor_forces
 from models.solve.rotor.kernels.rigid import hold
@@ -27,7 +26,7 @@ from models.solve.rotor.plan import at_rest, prepare_plan
 from models.solve.rotor.rig import RotorRig
 from models.solve.rotor.solver import Rigid
 from models.solve.six_dof.kernels import time_domain as time_kernels
-from models.solve.six_dof.time_plan import prepare_plan as prepare_time
+from models.solve.six_dof.time_domain import prepare_plan as prepare_time
 from tests.oracles import ball_inertia_oracle, rotor_oracle, six_dof_oracle
 
 

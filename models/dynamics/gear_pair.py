@@ -25,9 +25,8 @@ from models.gears.train import Body, GearTrain, Mesh, Support, Wheel, alike, lin
 from models.kernels import gear_train as kernels
 from models.machine.bearing import kinematics
 from models.rigs.gear_pair import GearPairRig
-from models.solve.engine.motion import Motion
+from models.solve.engine.motion import Motion, passage_rate
 from models.solve.engine.over_time import LOOKED_AT, SECONDS_A_CALL, answer, duration_of
-from models.solve.engine.turning import passage_rate
 from models.solve.registry import Solver, check_effects
 from models.words.request import Request
 

@@ -1,6 +1,8 @@
 """Signals of processes: requests to end as interruptions, children that end with their parent.
 
 What only POSIX has is used where it is there, as in ``models.platform.portable``.
+
+Where this program is installed, for the processes that it starts.
 """
 
 from __future__ import annotations
@@ -13,6 +15,7 @@ import threading
 import time
 from collections.abc import Callable, Generator, Iterable
 from contextlib import contextmanager, suppress
+from pathlib import Path
 from typing import Any
 
 # Types are those of one system; what another lacks is looked up.
@@ -174,3 +177,16 @@ def sigpipe_kept() -> Generator[None]:
         yield
     finally:
         handle(number, before)
+
+
+ROOT = Path(__file__).resolve().parents[2]
+"""The folder that holds the packages of this program."""
+
+
+def child_path() -> list[str]:
+    """Return ``sys.path`` for a process that imports this program: its own folder first.
+
+    The folder of a script or the working directory, which is first in the parent, may hold packages of our names.
+    """
+    own = str(ROOT)
+    return [own, *(place for place in sys.path if place != own)]

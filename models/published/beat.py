@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from models.machine.bearing import Bearing, from_catalogue, kinematics
-from models.machine.load_zones import load_zones
+from models.machine.load_distribution import load_zones
 from models.machine.scene import Defect, Scene
 from models.path.contour import inner_radius
 from models.published.acceptance import AcceptanceRow

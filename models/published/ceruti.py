@@ -15,8 +15,7 @@ import numpy as np
 
 from models.machine.bearing import from_catalogue, kinematics
 from models.machine.scene import Defect, Part, Scene
-from models.published.acceptance import AcceptanceRow, Status
-from models.published.envelope import highest_line
+from models.published.acceptance import AcceptanceRow, Status, highest_line
 from models.solve.rotor.elastic import trace_elastic
 from models.solve.rotor.rig import RotorRig
 from models.solve.rotor.solver import Trace, trace

@@ -16,8 +16,7 @@ import numpy as np
 from models.machine.bearing import from_catalogue, kinematics
 from models.machine.hertz import point_contact_stiffness, relative_radii
 from models.machine.scene import Defect, Scene
-from models.published.acceptance import AcceptanceRow, Status
-from models.published.envelope import highest_line
+from models.published.acceptance import AcceptanceRow, Status, highest_line
 from models.solve.ball_inertia.rig import BallInertiaRig
 from models.solve.ball_inertia.solver import Trace, longest_stable_step, solve, trace
 from models.solve.ring_impact.rig import STEEL_DENSITY

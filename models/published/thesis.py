@@ -32,7 +32,7 @@ from models.machine.load_distribution import (
 )
 from models.machine.rig import Rig, contact_damping, natural_frequencies, resonator_stiffness, stiffness_damping
 from models.machine.scene import Defect
-from models.published.figure import Figure, group
+from models.published.acceptance import Figure, group
 
 if TYPE_CHECKING:
     from models.machine.bearing import Bearing

@@ -96,7 +96,7 @@ class Solver:
         trajectories: returns where the points of a shaft move, None where the motion diverged; None where the model has
             no shaft that moves.
         whole: whether it leaves out nothing of a machine that the parameters of a scene describe; None where it never
-            does. Such a solver is a reference; any other only stands for one (``models.solve.choice``).
+            does. Such a solver is a reference; any other only stands for one (``models.solve.simulate``).
     """
 
     model: str
@@ -151,7 +151,7 @@ def solvers(model: str = AUTO) -> tuple[Solver, ...]:
 def choose(scene: Scene, request: Request) -> tuple[Solver, str | None]:
     """Return the cheapest solver that has all effects of a scene, its parameters and the accuracy asked for, and why.
 
-    It is a reference: what stands for it with parameters of another model is chosen in ``models.solve.choice``.
+    It is a reference: what stands for it with parameters of another model is chosen in ``models.solve.simulate``.
 
     The reason is None where the scene names its model and that has one way only. If none reaches the accuracy, the
     most accurate is taken, and the status of its response says so.

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import click
 
-from models.platform.installation import ROOT
+from models.platform.process_signals import ROOT
 from monitor.commands import option
 from monitor.commands.common import InputError, emit
 

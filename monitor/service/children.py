@@ -18,8 +18,8 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-from models.platform.installation import child_path
 from models.platform.portable import PipeReader
+from models.platform.process_signals import child_path
 from monitor.config.outputs import WebSection
 
 _LOG = logging.getLogger(__name__)

@@ -21,8 +21,8 @@ from typing import Any
 
 import numpy as np
 
-from models.platform.installation import child_path
 from models.platform.portable import DiskFile, MemoryFile, PipeReader, after_fork, handed_down
+from models.platform.process_signals import child_path
 from models.words.errors import SpallwatchError
 from streams.large import Data, FileBytes, NoRoomError, mapped_array
 from streams.limits import MAX_BYTES, ChildLimits

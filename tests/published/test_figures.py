@@ -34,7 +34,7 @@ from models.machine.hertz import (
     relative_radii,
 )
 from models.machine.rig import Rig, contact_damping, natural_frequencies, stiffness_damping
-from models.published.figure import Figure, worst
+from models.published.acceptance import Figure, worst
 from models.published.thesis import inner_taken_as_concave, published_figures
 from models.published.uncomputed import uncomputed_figures
 from tests.support.accepted import rows_of

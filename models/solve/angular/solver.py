@@ -32,9 +32,8 @@ from models.solve.angular.kernels import shaft as kernels
 from models.solve.angular.kernels.ball_ring import CARRIED, LEFT, TORQUE
 from models.solve.angular.plan import GOVERNOR_RATIO, Assembly, assemble, at_rest, prepare_plan
 from models.solve.angular.rig import AngularRig
-from models.solve.engine.motion import Motion
+from models.solve.engine.motion import Motion, lead_in
 from models.solve.engine.over_time import LOOKED_AT, answer
-from models.solve.engine.turning import lead_in
 from models.solve.registry import Solver, check_effects
 from models.words.checks import check_positive
 from models.words.request import Request

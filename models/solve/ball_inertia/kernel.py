@@ -20,13 +20,13 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from models.platform.jit import inlined, kernel
-from models.solve.engine.kernel_passages import fill_depth
 from models.solve.engine.kernel_stepping import (
     EXACT_ANGLES,
     MOST_CHANGES,
     MOST_TRIALS,
     TINY,
     accept,
+    fill_depth,
     fill_half,
     fill_rest,
     fill_start,
@@ -69,7 +69,7 @@ RING = 4
 
 
 class Plan(NamedTuple):
-    """All that stays the same over a run of N balls; see ``models.solve.engine.kernel_passages`` for the intervals.
+    """All that stays the same over a run of N balls; see ``models.solve.engine.kernel_stepping`` for the intervals.
 
     Attributes:
         parameter: see the P_ constants.

@@ -32,10 +32,9 @@ from models.machine.bearing import kinematics
 from models.machine.hertz import BALL_EXPONENT, element_angles, in_series, static_equilibrium
 from models.solve.ball_inertia import kernel as kernels
 from models.solve.ball_inertia.rig import BallInertiaRig
-from models.solve.engine.motion import Motion
+from models.solve.engine.motion import Motion, passage_rate
 from models.solve.engine.over_time import LOOKED_AT, SECONDS_A_CALL, answer, duration_of
 from models.solve.engine.passages import in_intervals, passages_over
-from models.solve.engine.turning import passage_rate
 from models.solve.registry import Solver, check_effects
 from models.solve.trajectories import Trajectories, settled
 from models.words.checks import check_positive

@@ -1,23 +1,58 @@
 """A motion over time as a model gives it: accelerations from the beginning, with steps of any length.
 
 Its first sensor is the one whose errors are stated.
+
+What turns in a motion over time: when a profile of the speed begins, lines over the angle, passages.
+
+How a recorder samples a signal that was simulated with whole numbers of steps a sample.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from models.solve.response import row_of
+from models.machine.bearing import kinematics
+from models.solve.response import HARMONICS, PASSBAND, row_of
+from models.words.numerics import filter_valid, kaiser_order
 from models.words.request import Sensor
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from models.machine.scene import Scene
     from models.machine.speed_profile import SpeedProfile
+    from models.solve.response import SignalRecord
+
+
+_STOPBAND_DB = 80.0
+
+
+def anti_alias_filter(oversampling: int) -> NDArray[np.float64]:
+    """Return the taps (an odd number) of the filter before every ``oversampling``-th sample is kept."""
+    width = (1.0 - PASSBAND) / oversampling
+    count, beta = kaiser_order(_STOPBAND_DB, width)
+    half = count // 2 + 1
+    cutoff = 0.5 * (1.0 + PASSBAND) / oversampling
+    taps = cutoff * np.sinc(cutoff * np.arange(-half, half + 1)) * np.kaiser(2 * half + 1, beta)
+    return taps / taps.sum()
+
+
+def margin_of(oversampling: int) -> int:
+    """Return half the filter's length, samples."""
+    return math.ceil(len(anti_alias_filter(oversampling)) // 2 / oversampling)
+
+
+def sampled_at(signal: NDArray[np.float64], oversampling: int, first: int, samples: int) -> NDArray[np.float64]:
+    """Return a signal as a recorder samples it, from sample ``first`` on."""
+    taps = anti_alias_filter(oversampling)
+    half, begin = len(taps) // 2, first * oversampling
+    return filter_valid(signal[begin - half : begin + (samples - 1) * oversampling + half + 1], taps)[::oversampling]
+
 
 # A smaller vibration counts as zero, m/s2.
 SILENCE = 1e-9
@@ -70,3 +105,39 @@ class Motion:
             return np.ascontiguousarray(wave[:, order]), finite
 
         return replace(self, from_rest=from_rest, sensors=tuple(self.sensors[k] for k in order))
+
+
+# What the filter of a recorder may reach beyond the margin of the fewest steps a sample, samples.
+_MORE = 2
+
+
+def lead_in(settle: float, rate: float) -> float:
+    """Return the time before the first sample of a response, s, a whole number of samples: at least that to settle."""
+    return max(margin_of(2) + _MORE, math.ceil(settle * rate)) / rate
+
+
+def lines_over_angle(record: SignalRecord, profile: SpeedProfile, per_turn: float) -> NDArray[np.complex128]:
+    """Return the Fourier coefficients 0..HARMONICS at multiples of some events a turn, through a Hann window.
+
+    The Fourier integral is over the angle; as ``SignalRecord.coefficients`` else. Shape (sensors, HARMONICS + 1).
+    """
+    time: NDArray[np.float64] = np.arange(record.signal.shape[1], dtype=np.float64) / record.rate
+    turns = profile.turns_at(time)
+    share = (turns - turns[0]) / max(turns[-1] - turns[0], 1e-300)
+    weight = np.sin(math.pi * share) ** 2 * profile.speed_at(time)
+    weight = weight / max(float(weight.sum()), 1e-300)
+    # The angle is reduced to one event before it is multiplied, so that long signals lose no digits.
+    angle = np.mod(turns * per_turn, 1.0)
+    waves = np.exp(-2j * np.pi * np.outer(np.arange(HARMONICS + 1), angle))
+    return (record.signal * weight) @ waves.T
+
+
+def passage_rate(scene: Scene) -> float:
+    """Return the rate at which balls pass the first defect of a scene, Hz; BPFO where it has none."""
+    part, bearing = "outer", scene.bearing
+    if scene.defect is not None:
+        part = scene.defect.part
+        if scene.defect.support == "b" and scene.second_bearing is not None:
+            bearing = scene.second_bearing
+    lines = kinematics(bearing, scene.speed)
+    return {"outer": lines.bpfo, "inner": lines.bpfi, "ball": 2.0 * lines.bsf}[part]

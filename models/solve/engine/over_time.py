@@ -14,10 +14,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from models.solve.engine.motion import SILENCE, Motion
-from models.solve.engine.recorder import margin_of, sampled_at
+from models.solve.engine.motion import SILENCE, Motion, lines_over_angle, margin_of, sampled_at
 from models.solve.engine.step_error import StepError, peaks, step_error
-from models.solve.engine.turning import lines_over_angle
 from models.solve.response import (
     HARMONICS,
     PASSBAND,

@@ -12,8 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from models.solve.engine.motion import SILENCE, Motion
-from models.solve.engine.recorder import margin_of, sampled_at
+from models.solve.engine.motion import SILENCE, Motion, margin_of, sampled_at
 from models.solve.response import HARMONICS, SignalRecord, band_passed, lines_error
 from models.solve.six_dof.setup import ERROR_OF_WAVE
 

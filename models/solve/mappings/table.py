@@ -1,19 +1,243 @@
-"""The mappings that there are, and the bounds of their errors."""
+"""The mappings that there are, and the bounds of their errors.
+
+Bounds of the error of a model that stands for another, looked up from dimensionless groups of the scene.
+
+Each is a product of powers of the groups, fitted to the true errors of random scenes, of which it covers 98 %
+(``benchmarks/scenes_fit.py``). Outside of the groups' ranges none is known. The root mean square may agree by chance
+where waveforms differ, so that its bounds are the widest.
+
+A mapping between models: a scene with the parameters of the other one, its sensors, and the error that it makes.
+"""
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import TYPE_CHECKING
 
+import numpy as np
+
+from models.machine.bearing import kinematics
+from models.machine.rig import RigParameters
 from models.solve.ball_inertia.rig import BallInertiaRig
-from models.solve.mappings.errors import Bound, Bounds, groups_of_balls, groups_of_shaft
-from models.solve.mappings.mapping import Mapped, Mapping, SensorMap
-from models.solve.mappings.ring import Ring, casing_of, gain_of, ring_of, rotor_of, with_balls
+from models.solve.mappings.ring import (
+    Ring,
+    approach_of,
+    bearing_stiffness,
+    casing_of,
+    gain_of,
+    ring_of,
+    rotor_of,
+    with_balls,
+)
+from models.solve.response import HARMONICS, Response, SignalRecord, band_lines, row_of
 from models.solve.rotor.rig import RotorRig
+from models.words.request import Sensor
 
 if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
     from models.machine.scene import Scene
-    from models.words.request import Request
+    from models.words.request import Quantity, Request
+
+
+@dataclass(frozen=True)
+class SensorMap:
+    """What a sensor shows by what one of the other model shows.
+
+    Attributes:
+        sensor: of the model whose parameters the scene has.
+        other: of the model that answers.
+        gain: acceleration of the first over that of the second.
+        loss: rate c / m of a damping that acts on the first and is not felt by the second, 1/s: the gain is divided by
+            1 + loss / (i omega). Only for motions that repeat.
+    """
+
+    sensor: Sensor
+    other: Sensor
+    gain: float = 1.0
+    loss: float = 0.0
+
+
+@dataclass(frozen=True)
+class Mapped:
+    """A scene with the parameters of another model, and its sensors."""
+
+    scene: Scene
+    sensors: tuple[SensorMap, ...]
+
+    def request_of(self, request: Request, sensor: Sensor) -> Request:
+        """Return what the other model is asked."""
+        return replace(request, sensor=self.of(sensor).other)
+
+    def of(self, sensor: Sensor) -> SensorMap:
+        """Return the counterpart of a sensor; raise a ValueError where it has none."""
+        for one in self.sensors:
+            if one.sensor == sensor:
+                return one
+        known = ", ".join(one.sensor for one in self.sensors)
+        raise ValueError(f"sensor {sensor!r}: what stands for the model has {known}")
+
+    def back(self, found: Response, first: Sensor | None = None) -> Response:
+        """Return a response of the other model as one of the model whose parameters the scene had.
+
+        ``first``: the sensor that comes first, by default one whose counterpart is first in ``found``.
+        """
+        known = [one for one in self.sensors if one.other in found.sensors]
+        known.sort(key=lambda one: (one.sensor != first, found.sensors.index(one.other)))
+        rows = [row_of(found.sensors, one.other) for one in known]
+        factors = [_factors(one, found) for one in known]
+        coefficients = np.array([factor * found.coefficients[row] for row, factor in zip(rows, factors, strict=True)])
+        levels = [
+            _level(one, found, row, coefficients[k]) for k, (one, row) in enumerate(zip(known, rows, strict=True))
+        ]
+        sensors: tuple[Sensor, ...] = tuple([one.sensor for one in known])
+        record = found.record
+        if record is not None:
+            signal = np.array([one.gain * record.signal[row] for one, row in zip(known, rows, strict=True)])
+            record = SignalRecord(record.rate, signal, sensors)
+        harmonics = 2.0 * np.abs(coefficients[0, 1 : HARMONICS + 1])
+        share = levels[0][0] / found.rms if found.rms > 0.0 else 0.0
+        return replace(
+            found,
+            levels=tuple(levels),
+            coefficients=coefficients,
+            harmonics=harmonics,
+            harmonics_error=found.harmonics_error * share,
+            rms_se=found.rms_se * share,
+            spread=found.spread * share,
+            sensors=sensors,
+            record=record,
+        )
+
+
+def _factors(one: SensorMap, found: Response) -> complex | NDArray[np.complex128]:
+    """Return what the coefficients of a sensor are multiplied with."""
+    if one.loss == 0.0:
+        return one.gain
+    order = np.maximum(np.arange(found.coefficients.shape[1], dtype=np.float64), 1.0)
+    omega: NDArray[np.float64] = 2.0 * math.pi * found.bpfo * order
+    return np.asarray(one.gain / (1.0 + one.loss / (1j * omega)), dtype=np.complex128)
+
+
+def _level(one: SensorMap, found: Response, row: int, coefficients: NDArray[np.complex128]) -> tuple[float, float]:
+    """Return RMS and peak of a sensor; where lines have factors of their own, the peak changes as the RMS does."""
+    rms, peak = (abs(one.gain) * level for level in found.levels[row])
+    if one.loss == 0.0 or rms == 0.0:
+        return rms, peak
+    low, high = 1, len(coefficients) - 1
+    if found.rms_band is not None:
+        low, high = band_lines(found.bpfo, found.rms_band)
+    before, now = one.gain * found.coefficients[row, low : high + 1], coefficients[low : high + 1]
+    change = 2.0 * float(np.sum(np.abs(now) ** 2) - np.sum(np.abs(before) ** 2))
+    after = math.sqrt(max(rms**2 + change, 0.0))
+    return after, peak * after / rms
+
+
+@dataclass(frozen=True)
+class Mapping:
+    """How one solver stands for the model whose parameters a scene has.
+
+    Attributes:
+        rig: type of those parameters.
+        model, solver: what stands for it.
+        adapt: returns the mapped scene; raises a ValueError that names an assumption which is not shared.
+        error: predicted relative error of what a request asks.
+        neglected: what both differ by, words for people.
+    """
+
+    rig: type[RigParameters]
+    model: str
+    solver: str
+    adapt: Callable[[Scene], Mapped]
+    error: Callable[[Scene, Request], float]
+    neglected: str
+
+
+Groups = dict[str, float]
+# Added to a clearance over the approach, so that none has a logarithm.
+_NO_CLEARANCE = 0.03
+# A range of groups is believed beyond its ends by this factor.
+_BEYOND = 1.05
+
+
+@dataclass(frozen=True)
+class Bound:
+    """A bound constant * prod group ** power.
+
+    Attributes:
+        constant: with the margin for the scenes that it was fitted to.
+        powers: of the groups, in their order.
+    """
+
+    constant: float
+    powers: tuple[float, ...]
+
+    def of(self, groups: Groups) -> float:
+        """Return the bound of a scene."""
+        logs = (power * math.log(group) for power, group in zip(self.powers, groups.values(), strict=True))
+        return self.constant * math.exp(sum(logs))
+
+
+@dataclass(frozen=True)
+class Bounds:
+    """Bounds of each quantity, from scenes whose groups are within ranges.
+
+    Attributes:
+        rms, waveform, lines: of these.
+        ranges: of the groups, in their order.
+        vanishing: number of first groups with which the error vanishes: below their ranges that of the ends holds.
+    """
+
+    rms: Bound
+    waveform: Bound
+    lines: Bound
+    ranges: tuple[tuple[float, float], ...]
+    vanishing: int = 1
+
+    def look_up(self, groups: Groups, quantity: Quantity) -> float:
+        """Return the bound of a quantity; raise a ValueError that names a group outside of its range."""
+        known = dict(groups)
+        for k, ((name, value), (low, high)) in enumerate(zip(groups.items(), self.ranges, strict=True)):
+            if k < self.vanishing and value < low:
+                known[name] = low
+            elif not low / _BEYOND <= value <= high * _BEYOND:
+                raise ValueError(f"{name} is {value:.3g}, its error is known from {low:.3g} to {high:.3g}")
+        return {"waveform": self.waveform, "lines": self.lines}.get(quantity, self.rms).of(known)
+
+
+def groups_of_balls(scene: Scene) -> Groups:
+    """Return what decides on the error of massless balls."""
+    ring = ring_of(scene)
+    pressed, heavier = with_balls(scene, ring)
+    approach, stiffness = approach_of(scene, ring), bearing_stiffness(scene, ring.k_c, abs(ring.force))
+    natural = math.sqrt(stiffness / ring.mass)
+    loaded = 2.0 * math.acos(scene.clearance / (scene.clearance + approach)) * scene.bearing.n_elements / math.tau
+    return {
+        "gap of unloaded balls over the approach": (pressed.clearance - scene.clearance) / approach,
+        "mass of the balls over that of the ring": heavier.mass / ring.mass - 1.0,
+        "clearance over the approach": scene.clearance / approach + _NO_CLEARANCE,
+        "damping ratio": loaded * ring.damping / (4.0 * natural * ring.mass),
+        "loaded balls": loaded,
+        "ball-pass over natural frequency": math.tau * kinematics(scene.bearing, scene.speed).bpfo / natural,
+    }
+
+
+def groups_of_shaft(scene: Scene) -> Groups:
+    """Return what decides on the error of a rigid shaft."""
+    rig = scene.rig_as(RotorRig)
+    stiffness = bearing_stiffness(scene, rig.k_c, 0.5 * scene.load)
+    natural = math.sqrt(2.0 * stiffness / (rig.m + 2.0 * rig.end_mass))
+    return {
+        "stiffness of bearings over that of the shaft": max(stiffness / spring for spring in rig.shaft_stiffness),
+        "ball-pass over natural frequency": math.tau * kinematics(scene.bearing, scene.speed).bpfo / natural,
+        "mass of an end over that of the disc": rig.end_mass / rig.m,
+        "damping ratio": scene.bearing.n_elements * rig.c_b / (4.0 * natural * rig.m),
+        "clearance over the deflection": scene.clearance * stiffness / max(scene.load, 1e-9) + _NO_CLEARANCE,
+    }
+
 
 # By ``python -m benchmarks.scenes_fit``: of each quantity the bound, and the ranges of the groups, in their order.
 _BALLS = Bounds(

@@ -73,10 +73,12 @@ class RingImpactRig(RigParameters):
         k_of, k_if: stiffness of the oil films at outer and inner race, N/m.
         c_of, c_if: damping of these films, N s/m; nothing else is damped.
         film_thickness: least thickness of an oil film, m. With it both films are those of a short journal bearing
-            under the largest load of an element (models.machine.film), and the four fields above are not used.
+            under the largest load of an element (models.solve.ring_impact.hits), and the four fields above are not
+            used.
         film_clearance: radial clearance of that journal, m.
         k_c: contact stiffness of an element, N/m^n, for clearance and axial load; None is that of the geometry.
-        load_factor: load factor eps of Eq. 5; None is that of clearance and axial load (models.machine.load_zones).
+        load_factor: load factor eps of Eq. 5; None is that of clearance and axial load
+            (models.machine.load_distribution).
         k_impact: impacting coefficient K_imp of Eq. 16.
         pulse: shape of the force of one impact.
         pulse_width: its duration, s; two samples at 48 kHz by default.

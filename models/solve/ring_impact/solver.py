@@ -24,16 +24,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from models.machine.bearing import kinematics
-from models.machine.film import Film, short_bearing_film
 from models.machine.hertz import contact_patches
-from models.machine.load_zones import conforming
-from models.solve.engine.motion import Motion
+from models.machine.load_distribution import conforming
+from models.solve.engine.motion import Motion, passage_rate
 from models.solve.engine.over_time import answer, duration_of
-from models.solve.engine.turning import passage_rate
 from models.solve.registry import Solver, check_effects
 from models.solve.response import PASSBAND, Response
 from models.solve.ring_impact import kernel as kernels
-from models.solve.ring_impact.hits import defect_size, hits_on, zones_of
+from models.solve.ring_impact.hits import Film, defect_size, hits_on, short_bearing_film, zones_of
 from models.solve.ring_impact.rig import RingImpactRig
 from models.words.numerics import fast_length
 from models.words.request import Request, Sensor

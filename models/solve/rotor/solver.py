@@ -17,9 +17,8 @@ import numpy as np
 
 from models.machine.bearing import kinematics
 from models.machine.hertz import contact_exponent
-from models.solve.engine.motion import Motion
+from models.solve.engine.motion import Motion, passage_rate
 from models.solve.engine.over_time import LOOKED_AT, SECONDS_A_CALL, answer, duration_of
-from models.solve.engine.turning import passage_rate
 from models.solve.registry import Solver, check_effects
 from models.solve.rotor.kernels import rigid as kernels
 from models.solve.rotor.kernels.forces import STATUS_OK, Plan

@@ -19,9 +19,8 @@ from models.machine.rig import Rig
 from models.solve.registry import Solver
 from models.solve.response import HARMONICS, Response, Status, band_lines, judged, levels_of_lines, lines_error
 from models.solve.six_dof.kernels import settled as kernels
-from models.solve.six_dof.kernels.lines import fourier_coefficients
+from models.solve.six_dof.kernels.lines import fourier_coefficients, largest
 from models.solve.six_dof.kernels.orbit import STATE_SCALE, jacobian, newton_steering
-from models.solve.six_dof.kernels.peaks import largest
 from models.solve.six_dof.kernels.period import mean_square
 from models.solve.six_dof.kernels.period_setup import set_up
 from models.solve.six_dof.kernels.settled import Effort

@@ -13,10 +13,9 @@ import click
 
 from models.machine.bearing import Bearing, CatalogueEntry, kinematics
 from models.machine.catalogue.series import Origin
-from models.machine.contact_estimates import StiffnessEstimate, estimate_stiffness
+from models.machine.contact_estimates import LINE_CONTACTS, LineContact, StiffnessEstimate, estimate_stiffness
 from models.machine.hertz import contact_stiffness, l10h_life
 from models.machine.kinematic_uncertainty import kinematics_uncertainty
-from models.machine.line_contact import LINE_CONTACTS, LineContact
 from models.machine.scene import Defect
 from models.published.thesis import published_figures
 from monitor.commands import option

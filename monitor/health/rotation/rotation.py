@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from models.machine.cubic_phase import time_of_turns
+from models.machine.speed_profile import time_of_turns
 
 _SETTLED = 1e-13
 """Newton's method ends where no time moves by more than this share of the block: mostly after three steps."""

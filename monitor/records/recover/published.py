@@ -22,7 +22,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from models.platform.installation import child_path
+from models.platform.process_signals import child_path
 from monitor.health.schema import VARIABLES
 from monitor.records.archive import insert_forecasts
 from monitor.records.filing import SECONDS_PER_DAY, content_digest, ledger_digest

@@ -16,8 +16,15 @@ from benchmarks.catalogue_ratings import fitted_rules
 from models.machine.bearing import catalogue, catalogue_entry, from_catalogue, kinematics
 from models.machine.catalogue.designation import BALLS, compact, suffixes
 from models.machine.catalogue.ratings import Internal, dynamic_rating, static_factor, static_rating
-from models.machine.catalogue.rules import RULES, count_probabilities, estimate
-from models.machine.catalogue.series import families, geometry, read_designation, series_of
+from models.machine.catalogue.series import (
+    RULES,
+    count_probabilities,
+    estimate,
+    families,
+    geometry,
+    read_designation,
+    series_of,
+)
 
 BASES = sorted(families())
 SERIES = sorted({series_of(base) for base in BASES})

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from models.machine.film import short_bearing_film
+from models.solve.ring_impact.hits import short_bearing_film
 
 
 def force(place: NDArray[np.float64], velocity: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -11,9 +11,14 @@ import math
 import pytest
 
 from models.machine.bearing import Bearing, catalogue, catalogue_entry
-from models.machine.contact_estimates import estimate_stiffness
+from models.machine.contact_estimates import (
+    LINE_CONTACTS,
+    LineContact,
+    estimate_stiffness,
+    line_contact_approaches,
+    line_contact_stiffness,
+)
 from models.machine.hertz import ROLLER_EXPONENT, contact_stiffness
-from models.machine.line_contact import LINE_CONTACTS, LineContact, line_contact_approaches, line_contact_stiffness
 
 COMPLIANCE = (1.0 - 0.3**2) / 210e9
 CASE = Bearing(

@@ -9,8 +9,15 @@ import numpy as np
 import pytest
 
 from models.machine.bearing import Bearing, from_catalogue
-from models.machine.load_distribution import largest_element_load, load_integral
-from models.machine.load_zones import LoadZone, conforming, load_zones, working_angle, zone_integrals
+from models.machine.load_distribution import (
+    LoadZone,
+    conforming,
+    largest_element_load,
+    load_integral,
+    load_zones,
+    working_angle,
+    zone_integrals,
+)
 
 BALL = Bearing("thrust", 12, 8e-3, 40e-3, contact_angle=math.radians(25.0))
 DOUBLE = replace(BALL, rows=2, contact_angle=math.radians(12.0))

@@ -18,8 +18,7 @@ from models.machine.scene import Defect, Part, Scene, Slip, Waviness
 from models.machine.speed_profile import PHASE_ERROR, SpeedProfile, coast_down, constant, hunt, ramp, table
 from models.solve.six_dof.kernels import time_domain as kernels
 from models.solve.six_dof.kernels.step import P_DIRECTION_1, P_DIRECTION_2, STATUS_OK
-from models.solve.six_dof.time_domain import simulate_time
-from models.solve.six_dof.time_plan import prepare_plan
+from models.solve.six_dof.time_domain import prepare_plan, simulate_time
 from tests.oracles.time_domain_oracle import Case, Oracle, Turning
 from tests.support.effort import effort_count
 

@@ -33,7 +33,7 @@ from models.solve.rotor.rig import RotorRig
 from models.solve.rotor.solver import trace as rotor_trace
 from models.solve.six_dof.kernels import time_domain as kernels
 from models.solve.six_dof.kernels.step import STATUS_OK
-from models.solve.six_dof.time_plan import prepare_plan
+from models.solve.six_dof.time_domain import prepare_plan
 
 SPAN = 0.02
 SAMPLE = 10e-6

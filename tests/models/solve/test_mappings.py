@@ -18,16 +18,14 @@ from models.solve.angular.rig import AngularRig
 from models.solve.ball_inertia.rig import BallInertiaRig
 from models.solve.ball_inertia.solver import at_rest as rest_of_balls
 from models.solve.ball_inertia.solver import trace as ball_trace
-from models.solve.choice import select, stand_ins
-from models.solve.mappings.errors import Bound
 from models.solve.mappings.ring import casing_of, gain_of, ring_of, rotor_of
-from models.solve.mappings.table import MAPPINGS
+from models.solve.mappings.table import MAPPINGS, Bound
 from models.solve.registry import Solver, choose, solvers
 from models.solve.response import Response
 from models.solve.ring_impact.rig import RingImpactRig
 from models.solve.rotor.rig import RotorRig
 from models.solve.rotor.solver import trace as rotor_trace
-from models.solve.simulate import simulate
+from models.solve.simulate import select, simulate, stand_ins
 from models.words.request import Request
 
 SOLVERS = {(solver.model, solver.name): solver for solver in solvers()}

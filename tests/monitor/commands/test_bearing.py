@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from models.machine.line_contact import LINE_CONTACTS
+from models.machine.contact_estimates import LINE_CONTACTS
 from tests.support.commands import run_command
 
 

@@ -4,6 +4,8 @@ The motion is that of the modes of the shaft on its bearings' tangent stiffness 
 between the couplings; the latter as deviation from the nominal rotation, so that a changing speed is served. What the
 balls carry beyond that tangent stiffness is the force on the modes. Time is a state: d/d angle = (d/dt) / speed, where
 angle and speed are those of the encoder's node (Bourdon et al. 2014; Thibault et al. 2022, section I.1).
+
+Sensors at equal times from those at the steps of a motion that goes on by equal angles.
 """
 
 from __future__ import annotations
@@ -14,9 +16,10 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from models.platform.jit import inlined, kernel
-from models.solve.angular.kernels.ball_ring import CARRIED, COSINE, F_Z, TORQUE, Ring, carry
-from models.solve.angular.kernels.equal_times import NODES, SENSORS, write_wave
-from models.solve.angular.kernels.spall import (
+from models.solve.angular.kernels.ball_ring import (
+    CARRIED,
+    COSINE,
+    F_Z,
     INNER,
     OUTER,
     R_ALONG,
@@ -24,14 +27,49 @@ from models.solve.angular.kernels.spall import (
     S_HALF_LENGTH,
     S_POSITION,
     S_RACE,
+    TORQUE,
+    Ring,
+    carry,
     wrapped,
 )
 from models.solve.engine.kernel_stepping import accept, to_end, to_stage
 
 if TYPE_CHECKING:
+    import numpy as np
     from numpy.typing import NDArray
 
     from models.platform.jit import Index
+
+
+# Columns of the wave: angular speed less the nominal one, accelerations of A, B and disc.
+SENSORS = 4
+# Nodes of the interpolation from equal angles to equal times.
+NODES = 6
+
+
+@inlined
+def _interpolate(t: float, node: NDArray[np.float64], row: NDArray[np.float64]) -> None:
+    """Write the sensors at a time from those at NODES times, first column of ``node``, by Lagrange's polynomial."""
+    for k in range(SENSORS):
+        row[k] = 0.0
+    for i in range(NODES):
+        weight = 1.0
+        for j in range(NODES):
+            if j != i:
+                weight *= (t - node[j, 0]) / (node[i, 0] - node[j, 0])
+        for k in range(SENSORS):
+            row[k] += weight * node[i, 1 + k]
+
+
+@inlined
+def write_wave(written: int, steps: int, h: float, wave: NDArray[np.float64], node: NDArray[np.float64]) -> int:
+    """Write what the nodes allow after so many steps, by times up to their middle; return how many rows there are."""
+    # At the beginning those before the middle too.
+    while steps >= NODES and written < wave.shape[0] and written * h <= node[NODES // 2, 0]:
+        _interpolate(written * h, node, wave[written])
+        written += 1
+    return written
+
 
 # Places in ``Plan.parameter``, SI.
 P_SPEED = 0  # nominal, rad/s: of the steps

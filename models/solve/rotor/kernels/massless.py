@@ -22,8 +22,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from models.platform.jit import inlined, kernel
-from models.solve.engine.kernel_passages import fill_depth
-from models.solve.engine.kernel_stepping import TINY, fill_start
+from models.solve.engine.kernel_stepping import TINY, fill_depth, fill_start
 from models.solve.rotor.kernels.forces import (
     B_CLEARANCE,
     B_DAMPING,

@@ -20,13 +20,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from models.platform.jit import inlined, kernel
-from models.solve.engine.kernel_passages import fill_depth
 from models.solve.engine.kernel_stepping import (
     EXACT_ANGLES,
     MOST_CHANGES,
     MOST_TRIALS,
     TINY,
     accept,
+    fill_depth,
     fill_half,
     fill_rest,
     fill_start,

@@ -9,8 +9,7 @@ import numpy as np
 
 from models.platform.jit import kernel
 from models.solve.six_dof.kernels.path import D_HALF, D_POSITION, fill_path, segment_bounds
-from models.solve.six_dof.kernels.period import Period
-from models.solve.six_dof.kernels.quadrature import add_quadrature
+from models.solve.six_dof.kernels.period import Period, add_quadrature
 from models.solve.six_dof.kernels.step import NEAR_SLOPE, P_OMEGA, P_PITCH, Balls, Nodes, propagators
 
 if TYPE_CHECKING:

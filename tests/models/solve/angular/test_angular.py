@@ -19,8 +19,7 @@ from models.machine.shaft_beam import torsion_frequencies
 from models.machine.spall_contact import Spall, force_over_spall
 from models.machine.speed_profile import constant, hunt, ramp
 from models.solve.angular.kernels import shaft as kernels
-from models.solve.angular.kernels.ball_ring import CARRIED, F_X, LEFT, carry
-from models.solve.angular.kernels.spall import OUTER, pressed
+from models.solve.angular.kernels.ball_ring import CARRIED, F_X, LEFT, OUTER, carry, pressed
 from models.solve.angular.plan import (
     assemble,
     at_rest,

@@ -11,10 +11,9 @@ import pytest
 from numpy.typing import NDArray
 
 from models.machine.bearing import from_catalogue, kinematics
-from models.machine.film import short_bearing_film
 from models.machine.scene import Defect, Part, Scene
 from models.solve.response import PASSBAND
-from models.solve.ring_impact.hits import hits_on, zones_of
+from models.solve.ring_impact.hits import hits_on, short_bearing_film, zones_of
 from models.solve.ring_impact.kernel import HALF_SINE, RECTANGLE, Modes, Pulses, Turn, add_response
 from models.solve.ring_impact.rig import Pulse, RingImpactRig, RingSection
 from models.solve.ring_impact.solver import (

@@ -17,8 +17,7 @@ from models.path.contour import part_paths
 from models.solve.response import Response
 from models.solve.six_dof.kernels import time_domain as kernels
 from models.solve.six_dof.kernels.step import P_DIRECTION_1, P_DIRECTION_2, STATUS_OK
-from models.solve.six_dof.time_domain import simulate_time
-from models.solve.six_dof.time_plan import prepare_plan
+from models.solve.six_dof.time_domain import prepare_plan, simulate_time
 from monitor.health.naming import name_fault
 from monitor.health.spectrum.features import BlockFeatures, FeatureSettings, block_features, fundamentals
 from monitor.health.spectrum.transform import EnvelopeSpectrum

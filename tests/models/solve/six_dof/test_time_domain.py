@@ -14,14 +14,12 @@ from models.machine.bearing import from_catalogue, kinematics
 from models.machine.rig import Rig
 from models.machine.scene import Defect, Floor, Part, Scene, Slip, Waviness
 from models.platform.jit import compiling
-from models.solve.engine.motion import SILENCE
-from models.solve.engine.recorder import anti_alias_filter
+from models.solve.engine.motion import SILENCE, anti_alias_filter
 from models.solve.simulate import simulate
 from models.solve.six_dof.kernels import time_domain as kernels
 from models.solve.six_dof.periodic import solve
-from models.solve.six_dof.time_domain import simulate_time
+from models.solve.six_dof.time_domain import prepare_plan, simulate_time
 from models.solve.six_dof.time_domain import solve as solve_time
-from models.solve.six_dof.time_plan import prepare_plan
 from models.words.request import Request
 from tests.support.effort import effort_count
 from tests.support.signals import record_of, recorded
