@@ -13,24 +13,19 @@ from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 from urllib.parse import quote
 
 from monitor.config.load import Config
 from monitor.config.outputs import RecordMqttSection
 from monitor.records.condense import condensed_up_to, has_condensed, identity_of
 from monitor.records.database import SharedConnection, StoreError, replacing
-from monitor.records.packing import unpack
 from monitor.service.broker import BrokerError, BrokerLink, Sessions
-from monitor.service.neighbours.points import StoredRecord, channel_message, state_message
+from monitor.service.neighbours.points import StoredRecord, channel_message, records_after, state_message
 
 _LOG = logging.getLogger(__name__)
 PLACE = "published-mqtt.json"
 """File in the state folder: how far the records are published."""
-_QUERY = """
-SELECT blocks.id, source, sequence, status, flags, reason, time, elapsed, layout, row
-FROM blocks JOIN records ON records.block = blocks.id WHERE blocks.id > ? ORDER BY blocks.id LIMIT ?
-"""
 _MAX_ROWS = 100
 _MAX_UNCONFIRMED = 1000
 _MAX_SILENCE_S = 30.0
@@ -77,7 +72,6 @@ class RecordMqtt(Sessions):
         self._state_dir = state_dir
         self._store = state_dir / "state.db"
         self._topic = f"{section.topic}/{quote(machine, safe='')}"
-        self._layouts: dict[int, str] = {}
         self._place: int | None = None
         self._written: _At | None = None
         self._reached: _At | None = None
@@ -170,15 +164,16 @@ class RecordMqtt(Sessions):
                 raise BrokerError(f"mqtt {self._section.host}: the broker does not confirm")
             self._publish_state(link, ending=ending)
             ready = len(self._waiting) < _MAX_UNCONFIRMED and self._wait_allowed() <= 0.0
-            rows = store.rows(_QUERY, place, _MAX_ROWS) if ready else []
-            for row in rows:
+            found = False
+            for number, record in records_after(store, self._machine, place, _MAX_ROWS) if ready else ():
+                found = True
                 if self._wait_allowed() > 0.0:
                     break
-                self._publish(link, store, row)
-                place = row[0]
+                self._publish(link, number, record)
+                place = number
             if self._monotonic() >= self._place_due:
                 self._write_place()
-            if not rows and self._wait(ending=ending):
+            if not found and self._wait(ending=ending):
                 return
 
     def _wait(self, *, ending: bool) -> bool:
@@ -199,13 +194,10 @@ class RecordMqtt(Sessions):
         """Return the seconds until the rate limit allows another record, 0 or less if it does now."""
         return self._allowed - self._monotonic() - 1.0
 
-    def _publish(self, link: BrokerLink, store: SharedConnection, row: Sequence[Any]) -> None:
-        number, source, sequence, *rest, layout, values = row
-        if layout not in self._layouts:
-            self._layouts.update(store.rows("SELECT id, layout FROM layouts"))
-        record = StoredRecord(self._machine, source, sequence, *rest, channels=unpack(self._layouts[layout], values))
+    def _publish(self, link: BrokerLink, number: int, record: StoredRecord) -> None:
+        source = record.source
         names = self._channels.get(source) or tuple(record.channels)
-        item = _Sent(_At(number, source, sequence), len(names))
+        item = _Sent(_At(number, source, record.sequence), len(names))
         self._sent.append(item)
         for name in names:
             topic = "/".join((self._topic, quote(source, safe=""), quote(name, safe="")))

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import json
 import sqlite3
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal
@@ -63,10 +63,10 @@ _DEVICE_HEALTH = {
     "maintenance_required": 4,
 }
 """``DeviceHealthEnumeration`` of OPC 10000-100, which has the classes of NAMUR NE 107; without data it is a failure."""
-FIELDS = "source, sequence, status, flags, reason, time, elapsed, layouts.layout, row"
-"""Columns that :func:`stored_record` takes."""
-JOINED = "blocks JOIN records ON records.block = blocks.id JOIN layouts ON layouts.id = records.layout"
-_LATEST = f"SELECT {FIELDS} FROM {JOINED} WHERE source = ? ORDER BY sequence DESC LIMIT 1"
+_FIELDS = "source, sequence, status, flags, reason, time, elapsed, layouts.layout, row"
+_JOINED = "blocks JOIN records ON records.block = blocks.id JOIN layouts ON layouts.id = records.layout"
+_AFTER = f"SELECT blocks.id, {_FIELDS} FROM {_JOINED} WHERE blocks.id > ? ORDER BY blocks.id LIMIT ?"
+_LATEST = f"SELECT {_FIELDS} FROM {_JOINED} WHERE source = ? ORDER BY sequence DESC LIMIT 1"
 
 
 @dataclass(frozen=True)
@@ -257,8 +257,13 @@ def _health(state: Any) -> int:
     return _DEVICE_HEALTH.get(str(state), _DEVICE_HEALTH["no_data"])
 
 
-def stored_record(machine: str, row: tuple[Any, ...]) -> StoredRecord:
-    """Return the record of a row of :data:`FIELDS`."""
+def records_after(store: SharedConnection, machine: str, number: int, most: int) -> Iterator[tuple[int, StoredRecord]]:
+    """Yield at most so many records after a number of the ledger, each with its number."""
+    for found, *row in store.rows(_AFTER, number, most):
+        yield found, _stored_record(machine, row)
+
+
+def _stored_record(machine: str, row: Sequence[Any]) -> StoredRecord:
     source, sequence, *rest, layout, values = row
     return StoredRecord(machine, source, sequence, *rest, channels=unpack(layout, values))
 
@@ -298,5 +303,5 @@ class Snapshots:
         for source in self._sources:
             row = connection.execute(_LATEST, (source,)).fetchone()
             if row is not None:
-                records[source] = stored_record(self._machine, row)
+                records[source] = _stored_record(self._machine, row)
         self._newest, self._found = newest, Snapshot(records=records, events=events)

@@ -25,8 +25,6 @@ from monitor.config.outputs import SparkplugSection
 from monitor.records.database import SharedConnection, replacing
 from monitor.service.broker import BrokerLink, Sessions
 from monitor.service.neighbours.points import (
-    FIELDS,
-    JOINED,
     Channel,
     Kind,
     Point,
@@ -38,14 +36,13 @@ from monitor.service.neighbours.points import (
     Value,
     channels_of,
     points_of,
-    stored_record,
+    records_after,
 )
 
 _LOG = logging.getLogger(__name__)
 STATE = "sparkplug.json"
 """File in the state folder: the number of the last connection."""
 _NAMESPACE = "spBv1.0"
-_AFTER = f"SELECT blocks.id, {FIELDS} FROM {JOINED} WHERE blocks.id > ? ORDER BY blocks.id LIMIT ?"
 _MAX_ROWS = 100
 _POLL_S = 1.0
 _CONFIRM_S = 5.0
@@ -239,13 +236,12 @@ class Sparkplug(Sessions):
             link.check()
             if any(node.asks_rebirth(content) for _, content in link.take_messages()):
                 _send(link, node.births(snapshot))
-            rows = store.rows(_AFTER, self._place, _MAX_ROWS)
-            for number, *row in rows:
-                record = stored_record(self._machine, tuple(row))
+            found = list(records_after(store, self._machine, self._place, _MAX_ROWS))
+            for number, record in found:
                 snapshot = replace(snapshot, records={**snapshot.records, record.source: record})
                 _send(link, node.changes(snapshot))
                 self._place = number
-            if rows:
+            if found:
                 continue
             snapshot = self._snapshots.read()
             _send(link, node.changes(snapshot))
@@ -258,14 +254,14 @@ class Sparkplug(Sessions):
         """Send the records after the position that came before the births, at the configured rate."""
         while (place := self._place or 0) < newest:
             began = time.monotonic()
-            rows = [row for row in store.rows(_AFTER, place, _MAX_ROWS) if row[0] <= newest]
-            for number, *row in rows:
+            found = [item for item in records_after(store, self._machine, place, _MAX_ROWS) if item[0] <= newest]
+            for number, record in found:
                 link.check()
-                _send(link, node.history(stored_record(self._machine, tuple(row))))
+                _send(link, node.history(record))
                 self._place = number
-            if not rows:
+            if not found:
                 self._place = newest
-            pause = len(rows) / self._section.most_per_s - (time.monotonic() - began)
+            pause = len(found) / self._section.most_per_s - (time.monotonic() - began)
             with self._wake:
                 if self._wake.wait_for(lambda: self._ending, max(0.0, pause)):
                     return
