@@ -17,6 +17,7 @@ from typing import Any
 from models.words.errors import SpallwatchError
 from monitor.config.outputs import BrokerSection
 from monitor.records.database import StoreError
+from monitor.service.children import Worker
 
 _LOG = logging.getLogger(__name__)
 _MIN_PAUSE_S, _MAX_PAUSE_S = 1.0, 60.0
@@ -190,10 +191,10 @@ class BrokerLink:
         self._wake()
 
 
-class Sessions:
+class Sessions(Worker):
     """Base of what publishes to a broker; a failure is a :attr:`problem`, never an exception.
 
-    A subclass gives ``_session``, one connection until its loss or the end, and calls :meth:`_start`.
+    A subclass gives ``_session``, one connection until its loss or the end, and starts the thread.
     """
 
     _expected: tuple[type[Exception], ...] = (NotifyError, StoreError)
@@ -201,34 +202,15 @@ class Sessions:
 
     def __init__(self, name: str, over: str, monotonic: Callable[[], float] = time.monotonic) -> None:
         """Set up without a thread; ``name`` is that of the thread, ``over`` completes "publishing ..." in the log."""
-        self.problem: str | None = None
-        """Why nothing is published, or None."""
-        self._name, self._over_what, self._monotonic = name, over, monotonic
-        self._thread: threading.Thread | None = None
-        self._connected = False
-        self._wake = threading.Condition()
-        self._news, self._ending, self._until = True, False, float("inf")
-
-    def changed(self) -> None:
-        """Note that there is more to publish; returns at once."""
-        if self._thread is None:
-            return
-        with self._wake:
-            self._news = True
-            self._wake.notify()
+        super().__init__(name)
+        self._over_what, self._monotonic = over, monotonic
+        self._connected, self._news, self._until = False, True, float("inf")
 
     def close(self, seconds: float = 0.5) -> None:
         """Publish for at most so many seconds more, then end."""
-        if self._thread is None:
-            return
-        with self._wake:
-            self._ending, self._until = True, self._monotonic() + seconds
-            self._wake.notify()
-        self._thread.join(seconds)
-
-    def _start(self) -> None:
-        self._thread = threading.Thread(target=self._work, name=self._name, daemon=True)
-        self._thread.start()
+        self._until = self._monotonic() + seconds
+        self.end()
+        self.join(seconds)
 
     def _session(self) -> None:
         """Publish over one connection, until the end or its loss."""

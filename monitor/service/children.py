@@ -1,4 +1,4 @@
-"""Child processes of the daemon: start, read without waiting, end; servers are started again after they ended.
+"""Child processes and threads of the daemon: start, read without waiting, end; servers are started again after an end.
 
 A server reports on its standard output, one JSON object a line: ``url`` once it listens, ``problem``, and anything
 every few seconds.
@@ -115,6 +115,46 @@ class Child:
                 self._process.wait(_END_S)
             except subprocess.TimeoutExpired:
                 threading.Thread(target=self._process.wait, daemon=True).start()
+
+
+class Worker:
+    """A thread that is woken where there is something new; its failure is a :attr:`problem`, never an exception.
+
+    A subclass gives ``_work``, and starts the thread.
+    """
+
+    def __init__(self, name: str) -> None:
+        """Make the thread of a name."""
+        self.problem: str | None = None
+        """Why the latest attempt failed, or None."""
+        self._wake = threading.Condition()
+        self._news = self._ending = False
+        self._thread = threading.Thread(target=self._work, name=name, daemon=True)
+
+    def changed(self) -> None:
+        """Note that there is something new; returns at once."""
+        with self._wake:
+            self._news = True
+            self._wake.notify()
+
+    def start(self) -> None:
+        """Begin to work."""
+        self._thread.start()
+
+    def join(self, seconds: float) -> None:
+        """Wait for the end for at most so many seconds."""
+        if self._thread.ident is not None:
+            self._thread.join(seconds)
+
+    def end(self) -> None:
+        """Let the thread end; returns at once."""
+        with self._wake:
+            self._ending = True
+            self._wake.notify()
+
+    def _work(self) -> None:
+        """Work until the end, in the thread."""
+        raise NotImplementedError
 
 
 class ServerProcess:

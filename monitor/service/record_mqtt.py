@@ -88,7 +88,7 @@ class RecordMqtt(Sessions):
                 self._place = self._begin(store)
         except StoreError as error:
             self.problem = str(error)
-        self._start()
+        self.start()
 
     @classmethod
     def open(cls, config: Config) -> RecordMqtt:

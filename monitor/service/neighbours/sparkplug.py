@@ -195,7 +195,7 @@ class Sparkplug(Sessions):
         self._state_dir, self._store = state_dir, state_dir / "state.db"
         self._snapshots = Snapshots(machine, (channel.source for channel in channels), state_dir)
         self._place: int | None = None
-        self._start()
+        self.start()
 
     @classmethod
     def open(cls, config: Config) -> Sparkplug:

@@ -11,7 +11,6 @@ import json
 import logging
 import smtplib
 import ssl
-import threading
 import time
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
@@ -24,6 +23,7 @@ from urllib.parse import SplitResult, urlsplit
 from monitor.config.outputs import NotifySection, SmtpSection, WebhookSection
 from monitor.config.webhook import TEXTS, WebhookTemplate
 from monitor.service.broker import BrokerLink, NotifyError, read_secret
+from monitor.service.children import Worker
 
 _LOG = logging.getLogger(__name__)
 _TIMEOUT_S = 10.0
@@ -284,7 +284,7 @@ def _tls_context(ca_file: Path | None) -> ssl.SSLContext:
         raise NotifyError(f"{ca_file} cannot be used: {error.strerror or type(error).__name__}") from None
 
 
-class Heartbeat:
+class Heartbeat(Worker):
     """Requests the configured address when the thread that commits calls, at most once in the interval.
 
     The request itself is made by a thread of its own, so that a slow answer delays nothing.
@@ -292,15 +292,12 @@ class Heartbeat:
 
     def __init__(self, settings: NotifySection, monotonic: Callable[[], float] = time.monotonic) -> None:
         """Keep address and interval; without an address, nothing is ever requested."""
+        super().__init__("heartbeat")
         self._url = None if settings.heartbeat_url is None else urlsplit(settings.heartbeat_url)
         self._interval, self._monotonic = settings.heartbeat_interval_s, monotonic
         self._due = float("-inf")
-        self._wake = threading.Condition()
-        self._asked = self._ending = False
-        self.problem: str | None = None
-        """Why the last request failed, or None."""
         if self._url is not None:
-            threading.Thread(target=self._work, name="heartbeat", daemon=True).start()
+            self.start()
 
     def beat(self, healthy: Callable[[], bool]) -> None:
         """Have the address requested if that is due and ``healthy``; returns at once."""
@@ -308,26 +305,22 @@ class Heartbeat:
         if self._url is None or now < self._due or not healthy():
             return
         self._due = now + self._interval
-        with self._wake:
-            self._asked = True
-            self._wake.notify()
+        self.changed()
 
     def close(self) -> None:
         """Request nothing more; an answer that is waited for is left to its timeout."""
-        with self._wake:
-            self._ending = True
-            self._wake.notify()
+        self.end()
 
     def _work(self) -> None:
         while True:
             with self._wake:
-                self._wake.wait_for(lambda: self._asked or self._ending)
+                self._wake.wait_for(lambda: self._news or self._ending)
                 if self._ending:
                     return
             self._request()
             with self._wake:
                 # What was asked for meanwhile is late: the thread that asked may hang by now.
-                self._asked = False
+                self._news = False
 
     def _request(self) -> None:
         assert self._url is not None

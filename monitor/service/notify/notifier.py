@@ -18,6 +18,7 @@ from monitor.records.database import StoreError
 from monitor.records.events import Delivered, Deliveries, EventLog, LoggedEvent
 from monitor.records.store import Store
 from monitor.service.broker import NotifyError
+from monitor.service.children import Worker
 from monitor.service.notify.channels import NotificationChannel, configured_channels
 from monitor.service.notify.message import MAX_LISTED, Item, Sender, compose, draw_picture, picture_request, worst_of
 from monitor.service.status_file import read_status
@@ -66,7 +67,7 @@ class Notifier:
         if not self._followers:
             self._reader.close()
         for follower in self._followers:
-            follower.thread.start()
+            follower.start()
 
     @classmethod
     def from_settings(cls, config: Config, store: Path) -> Notifier:
@@ -76,7 +77,7 @@ class Notifier:
     def wake(self) -> None:
         """Note that the log has something new; returns at once."""
         for follower in self._followers:
-            follower.wake()
+            follower.changed()
 
     def problems(self) -> dict[str, str]:
         """Return the problems of the failing channels, by name."""
@@ -89,7 +90,7 @@ class Notifier:
         for follower in self._followers:
             follower.end()
         for follower in self._followers:
-            follower.thread.join(max(0.0, until - time.monotonic()))
+            follower.join(max(0.0, until - time.monotonic()))
         self._reader.close()
 
 
@@ -131,7 +132,7 @@ class _LogReader:
             item.close()
 
 
-class _Follower:
+class _Follower(Worker):
     """One worker thread: delivers what the log has after its position, with back-off and a rate limit.
 
     ``problem`` says why the latest attempt failed, or is None.
@@ -146,8 +147,8 @@ class _Follower:
         first_pause: float,
         clocks: _Clocks,
     ) -> None:
-        self.name = channel.name
-        self.problem: str | None = None
+        super().__init__(f"notify-{channel.name}")
+        self.name, self._news = channel.name, True
         self._machine, self._channel, self._settings, self._reader = machine, channel, settings, reader
         self._first_pause, self._clocks = first_pause, clocks
         self._pause = first_pause
@@ -156,37 +157,23 @@ class _Follower:
         self._saved = True
         self._waiting_since: dict[str, float] = {}
         self._sent: deque[float] = deque()
-        self._wake = threading.Condition()
-        self._changed, self._ending = True, False
-        self.thread = threading.Thread(target=self._work, name=f"notify-{channel.name}", daemon=True)
-
-    def wake(self) -> None:
-        with self._wake:
-            self._changed = True
-            self._wake.notify()
-
-    def end(self) -> None:
-        """Let the thread end; new events are tried once."""
-        with self._wake:
-            self._ending = True
-            self._wake.notify()
 
     def _work(self) -> None:
         healthy = True
         while True:
             with self._wake:
-                if self._ending and not (self._changed and healthy):
+                if self._ending and not (self._news and healthy):
                     return
-                self._changed = False
+                self._news = False
             wait = self._attempt()
             healthy = not wait
             with self._wake:
                 if wait is None:
-                    self._wake.wait_for(lambda: self._changed or self._ending, _POLL_S)
+                    self._wake.wait_for(lambda: self._news or self._ending, _POLL_S)
                 elif wait > 0.0:
                     self._wake.wait_for(lambda: self._ending, wait)
                 else:
-                    self._changed = True
+                    self._news = True
 
     def _attempt(self) -> float | None:
         """Deliver what waits; return the seconds until the next attempt, None if nothing waits."""
