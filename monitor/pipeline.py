@@ -23,6 +23,7 @@ from monitor.health.retrace import AVERAGED_SPECTRA, BAND_VOTES, Retraced, retra
 from monitor.health.spectrum.plans import load_fftw
 from monitor.health.state import SourceSettings, SourceState
 from monitor.health.step import SourceOutput, rejected_record, rejection_of, step
+from monitor.health.waterfall import SpectrumChange
 from monitor.records.database import StoreError, UnstorableError
 from monitor.records.events import EventLog
 from monitor.records.filing import MAX_BLOCK
@@ -106,7 +107,7 @@ class Pipeline:
         self._acknowledgements: dict[str, tuple[AlarmAcknowledgement, ...]] = {}
         # Of the blocks since the latest commit.
         self._ahead: dict[str, SourceState] = {}
-        self._outputs: list[SourceOutput] = []
+        self._pending: list[tuple[Record, tuple[SpectrumChange, ...]]] = []
         self.reasons: dict[str, str] = {}
         """The first reason of each kind of rejection, of recordings."""
         self._store_error: str | None = None
@@ -160,7 +161,7 @@ class Pipeline:
                 record, state = output.record, self._ahead[item.source]
                 if not record.accepted:
                     self.reasons.setdefault(record.status, f"block {record.sequence}: {record.reason}")
-                if len(self._outputs) >= batch:
+                if len(self._pending) >= batch:
                     self._write()
                 yield Played(item, output, state)
                 left = None if left is None else left - 1
@@ -233,7 +234,8 @@ class Pipeline:
         if options.refuse_misfits and output.misfit is not None:
             raise ConfigError(output.misfit)
         self._ahead[source] = state
-        self._outputs.append(output)
+        # Not the output, whose features of many blocks would fill the memory.
+        self._pending.append((output.record, output.spectra))
         return output
 
     def _failed(self, item: Block | Rejected, error: Exception) -> SourceOutput:
@@ -248,19 +250,19 @@ class Pipeline:
         except Exception:
             # The stages raise even on a rejection: it is recorded, and they keep their states.
             output = SourceOutput(rejected_record(rejection))
-            self._ahead, self._outputs = {item.source: self._states[item.source]}, [output]
+            self._ahead, self._pending = {item.source: self._states[item.source]}, [(output.record, ())]
             return output
 
     def _write(self, progress: Sequence[FileProgress] = ()) -> None:
         """Commit the blocks since the latest commit, the states after the last of them, and the progress of files."""
-        if not self._outputs:
+        if not self._pending:
             return
         if self._store is not None:
-            records = [output.record for output in self._outputs]
+            records = [record for record, _ in self._pending]
             source = records[-1].source
             batch: list[tuple[Record, Mapping[str, Any]]] = [(record, {}) for record in records]
             batch[-1] = (records[-1], self._ahead[source].to_stored())
-            spectra = [change for output in self._outputs for change in output.spectra]
+            spectra = [change for _, changes in self._pending for change in changes]
             beside = partial(write_progress, source=source, progress=progress) if progress else None
             self._store.commit_many(batch, beside, spectra)
         for source, state in self._ahead.items():
@@ -271,7 +273,7 @@ class Pipeline:
 
     def _roll_back(self) -> None:
         """Leave out the blocks since the latest commit."""
-        self._ahead, self._outputs = {}, []
+        self._ahead, self._pending = {}, []
 
     def retry(self, action: Callable[[], Any], stop: threading.Event, *, final: bool = True) -> bool:
         """Repeat an action until the database allows it; return False where ``stop`` is set first.
