@@ -30,7 +30,7 @@ from models.maps.file import cached_map, save_map
 from models.maps.plan import MapPlan
 from models.work.choose import local_runner
 from monitor.records.store import Store
-from monitor.service.status_file import read_status
+from monitor.service.system import read_status
 
 RATE = 25_600
 BAND = (0.0, 9500.0)

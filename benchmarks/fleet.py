@@ -33,7 +33,7 @@ import numpy as np
 from benchmarks.common import Row, arguments, print_table, write_json
 from monitor.records.database import StoreError
 from monitor.records.store import Store
-from monitor.service.status_file import read_status
+from monitor.service.system import read_status
 
 RATE = 25_600
 SETTLE_S = 5.0

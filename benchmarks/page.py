@@ -33,7 +33,7 @@ from benchmarks.records import made_up
 from benchmarks.trends import BEGIN, CHANNEL, INTERVAL, fill
 from monitor.health.record import Record
 from monitor.records.store import Store
-from monitor.service.status_file import StatusFile
+from monitor.service.system import StatusFile
 
 _SOURCES, _CHANNELS = 10, 100
 _BLOCKS = 5

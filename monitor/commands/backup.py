@@ -25,7 +25,7 @@ from monitor.records.backup import (
 )
 from monitor.records.database import StoreError
 from monitor.records.restore import Places, restore
-from monitor.service.status_file import StatusFile, is_running
+from monitor.service.system import StatusFile, is_running
 from monitor.words.numbers import count
 
 

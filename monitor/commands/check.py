@@ -25,7 +25,7 @@ from monitor.config.load import Config, ConfigError
 from monitor.config.outputs import is_loopback
 from monitor.config.source import ChannelSection, SourceSection
 from monitor.config.stages import method_or_best
-from monitor.service.status_file import is_running
+from monitor.service.system import is_running
 from monitor.words.calibration import ASSUMED, rig_words
 
 

@@ -18,8 +18,7 @@ from monitor.commands import option
 from monitor.commands.common import emit, read_config
 from monitor.config.fleet import load_fleet
 from monitor.health.alarms import FAILURE, NO_DATA
-from monitor.service.status_file import present_status
-from monitor.service.systemd import set_up_log
+from monitor.service.system import present_status, set_up_log
 from monitor.words.advice import status_line
 from monitor.words.features import rule_words
 from monitor.words.numbers import duration, times_first

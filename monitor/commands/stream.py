@@ -64,7 +64,7 @@ def reset(source: str, first: int, config_path: Path | None, as_json: bool, quie
 
 def _check(config: Config, source: str) -> None:
     """Raise InputError where there is no such stream, or its daemon runs."""
-    from monitor.service.status_file import read_status
+    from monitor.service.system import read_status
 
     section = find_source(config, source)
     if not (section.url or "").startswith(("tcp://", "mqtt://")):

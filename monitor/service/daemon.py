@@ -25,9 +25,8 @@ from monitor.service.machine_status import MachineStatus, SilenceLog
 from monitor.service.neighbours.condition import ConditionProcess
 from monitor.service.retention import Retention
 from monitor.service.start import inspect
-from monitor.service.status_file import DiskGuard, StatusFile, full_disk, is_running
 from monitor.service.summary import run_attributes
-from monitor.service.systemd import ServiceManager
+from monitor.service.system import DiskGuard, ServiceManager, StatusFile, full_disk, is_running
 from monitor.words.events import event_text
 from streams.source import POISONED
 

@@ -12,7 +12,7 @@ from typing import Any
 from monitor.config.load import Config
 from monitor.config.source import ChannelSection
 from monitor.records.database import StoreError
-from monitor.service.status_file import present_status
+from monitor.service.system import present_status
 from monitor.web.answers import RequestError, without_folders
 from monitor.web.reading import LatestValues, LedgerTally, StoreReader
 

@@ -24,7 +24,7 @@ from models.words.errors import WrongInputError
 from monitor.config.load import Config, ConfigError, load_config
 from monitor.config.outputs import WebSection
 from monitor.service.children import end_with_parent, report_line
-from monitor.service.systemd import ServiceManager
+from monitor.service.system import ServiceManager
 from monitor.web.app import STREAM, Site, application
 from monitor.web.auth import Doorkeeper, TokenError, load_token
 from monitor.web.machines import Machines

@@ -15,7 +15,7 @@ from typing import Any, Literal
 from monitor.config.load import Config
 from monitor.records.database import SharedConnection, StoreError
 from monitor.records.packing import unpack
-from monitor.service.status_file import read_status
+from monitor.service.system import read_status
 from monitor.words.events import utc_text
 from monitor.words.features import FEATURES, TRENDS, columns, first
 
@@ -169,7 +169,7 @@ class Snapshot:
     """A machine at one moment.
 
     Attributes:
-        status: of the status file, with ``running``, as :func:`monitor.service.status_file.read_status` gives it.
+        status: of the status file, with ``running``, as :func:`monitor.service.system.read_status` gives it.
         records: the latest of each source.
         events: number of events in the log.
     """

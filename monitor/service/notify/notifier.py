@@ -21,7 +21,7 @@ from monitor.service.broker import NotifyError
 from monitor.service.children import Worker
 from monitor.service.notify.channels import NotificationChannel, configured_channels
 from monitor.service.notify.message import MAX_LISTED, Item, Sender, compose, draw_picture, picture_request, worst_of
-from monitor.service.status_file import read_status
+from monitor.service.system import read_status
 from monitor.words.events import badness
 from monitor.words.numbers import count
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from monitor.records.store import Store
-from monitor.service.status_file import StatusFile
+from monitor.service.system import StatusFile
 from tests.support.commands import run_command
 from tests.support.daemon import last, put, running
 from tests.support.daemons import make_machine

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from monitor.commands.run import _channel, present_state
-from monitor.service.status_file import StatusFile
+from monitor.service.system import StatusFile
 from tests.support.daemons import call
 from tests.support.fleet import add_machine
 

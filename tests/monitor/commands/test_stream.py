@@ -19,7 +19,7 @@ from monitor.records.publish import publish
 from monitor.records.recover.salvage import open_or_salvage
 from monitor.records.store import Store
 from monitor.service.ingest import Ingest
-from monitor.service.status_file import StatusFile
+from monitor.service.system import StatusFile
 from monitor.words.events import event_text
 from streams.link.sender import Sender, SendError, TcpLink
 from streams.link.tcp import TcpReceiver

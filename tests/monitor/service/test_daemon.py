@@ -19,8 +19,7 @@ from monitor.records.events import EventLog
 from monitor.records.store import Store
 from monitor.service.daemon import Daemon, free_bytes
 from monitor.service.machine_status import channel_state
-from monitor.service.status_file import DiskGuard, StatusFile, read_status
-from monitor.service.systemd import ServiceManager
+from monitor.service.system import DiskGuard, ServiceManager, StatusFile, read_status
 from tests.support.daemon import last, put, running
 from tests.support.daemons import make_machine, status
 from tests.support.waiting import PATIENCE_S, at_most, wait_until

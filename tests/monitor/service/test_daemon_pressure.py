@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 from monitor.records.store import Store
-from monitor.service.systemd import ServiceManager
+from monitor.service.system import ServiceManager
 from streams.source import Delivery
 from tests.support.daemon import last, put, running
 from tests.support.daemons import make_machine, status

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from monitor.service.systemd import JournalFormatter, to_journal
+from monitor.service.system import JournalFormatter, to_journal
 from tests.support.daemons import ROOT, make_machine
 from tests.support.waiting import stop, wait_until
 

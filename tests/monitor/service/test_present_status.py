@@ -11,7 +11,7 @@ import pytest
 
 from monitor.config.load import load_config
 from monitor.records.backup import NOTE
-from monitor.service.status_file import StatusFile, present_status
+from monitor.service.system import StatusFile, present_status
 from tests.support.commands import run_command
 from tests.support.daemons import make_machine
 from tests.support.fleet import add_machine

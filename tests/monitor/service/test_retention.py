@@ -16,7 +16,7 @@ from monitor.records.spectra import kept_blocks
 from monitor.records.store import Published, Store
 from monitor.service.publisher import PublishedFiles
 from monitor.service.retention import Retention
-from monitor.service.status_file import DiskGuard
+from monitor.service.system import DiskGuard
 from tests.monitor.records.condensed import BEGIN, DAY, EVENT_EVERY, PER_DAY, fill, present
 from tests.support.daemon import last, put, running
 from tests.support.daemons import make_machine, status

@@ -13,7 +13,7 @@ import pytest
 from prometheus_client.parser import text_string_to_metric_families
 
 from monitor.records.store import Store
-from monitor.service.status_file import StatusFile
+from monitor.service.system import StatusFile
 from monitor.web.metrics import address_of
 from monitor.words.statuses import STATES
 from tests.support.daemon import running

@@ -18,7 +18,7 @@ from hypothesis import strategies as st
 from monitor.health.record import Record
 from monitor.records.database import StoreError
 from monitor.records.store import Store
-from monitor.service.status_file import StatusFile
+from monitor.service.system import StatusFile
 from monitor.web import api
 from monitor.web.answers import numbers, without_folders
 from monitor.web.reading import LedgerTally, StoreReader

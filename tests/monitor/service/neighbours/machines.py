@@ -8,7 +8,7 @@ from typing import Any
 from monitor.config.load import Config, load_config
 from monitor.health.record import Record
 from monitor.records.store import Store
-from monitor.service.status_file import StatusFile
+from monitor.service.system import StatusFile
 from streams.block import STANDARD_GRAVITY
 
 _CONFIG = """
