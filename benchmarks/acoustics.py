@@ -17,14 +17,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from benchmarks.common import Row, arguments, print_table, write_json
-from models.acoustics.boundary_elements import AIR_DENSITY, COUPLING, radiation_cost, transfer_vectors
-from models.acoustics.filter_bank import bands_by_filters
-from models.acoustics.influence import influence
-from models.acoustics.levels import level_db, line_mean_squares
-from models.acoustics.shapes import box, sphere
-from models.acoustics.third_octave import Bands, bands_of_record
-from models.acoustics.transfer_vectors import TransferVectors
-from models.acoustics.weighting import weighting_db
+from models.gears.sound.boundary_elements import AIR_DENSITY, COUPLING, radiation_cost, transfer_vectors
+from models.gears.sound.filter_bank import bands_by_filters
+from models.gears.sound.influence import influence
+from models.gears.sound.levels import level_db, line_mean_squares
+from models.gears.sound.shapes import box, sphere
+from models.gears.sound.third_octave import Bands, bands_of_record
+from models.gears.sound.transfer_vectors import TransferVectors
+from models.gears.sound.weighting import weighting_db
 from tests.oracles.sphere_over_plane import MOTIONS, SphereOverPlane, exact_pressure
 from tests.support.levels import A_TABLE
 
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from models.acoustics.surface import Surface
+    from models.gears.sound.surface import Surface
 
 SPEED = 343.0
 RESONANCES = (np.pi, 4.493409458, 5.763459197, 2.0 * np.pi)

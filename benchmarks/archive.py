@@ -23,12 +23,12 @@ from benchmarks.common import arguments, print_table, write_json
 from models.work.runner import Runner
 from models.work.serial import SerialExecutor
 from models.work.stores import open_store
-from monitor.archive.index import Index, Outcome
-from monitor.archive.part import described
-from monitor.archive.plan import Planner
-from monitor.archive.result import RecordingResult
-from monitor.archive.run import Plan, replay_waiting
 from monitor.config.load import load_config
+from monitor.fleet.index import Index, Outcome
+from monitor.fleet.part import described
+from monitor.fleet.plan import Planner
+from monitor.fleet.result import RecordingResult
+from monitor.fleet.run import Plan, replay_waiting
 from monitor.service.replay import replay
 from monitor.service.setup import open_configured
 from streams.block import Block

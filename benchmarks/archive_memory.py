@@ -20,9 +20,9 @@ import numpy as np
 from benchmarks.common import arguments, print_table, write_json
 from models.work.runner import Runner
 from models.work.serial import SerialExecutor
-from monitor.archive.index import Index
-from monitor.archive.run import Plan, replay_waiting
-from tests.monitor.archive.fleet_files import CONFIG
+from monitor.fleet.index import Index
+from monitor.fleet.run import Plan, replay_waiting
+from tests.monitor.fleet.fleet_files import CONFIG
 
 
 def replay_alone(folder: str) -> float:

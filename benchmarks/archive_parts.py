@@ -19,13 +19,13 @@ import streams.files
 from benchmarks.common import arguments, print_table, write_json
 from models.work.runner import Runner
 from models.work.serial import SerialExecutor
-from monitor.archive import part
-from monitor.archive.history import unpack_state
-from monitor.archive.index import Index
-from monitor.archive.result import RecordingResult
-from monitor.archive.run import Plan, replay_waiting
+from monitor.fleet import part
+from monitor.fleet.history import unpack_state
+from monitor.fleet.index import Index
+from monitor.fleet.result import RecordingResult
+from monitor.fleet.run import Plan, replay_waiting
 from streams.large import Data
-from tests.monitor.archive.fleet_files import CONFIG, write_files
+from tests.monitor.fleet.fleet_files import CONFIG, write_files
 
 FILES = 5000
 PART_BLOCKS = (1000, 250)

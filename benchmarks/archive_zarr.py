@@ -27,11 +27,11 @@ import xarray as xr
 import spallwatch as sw
 from benchmarks.common import arguments, print_table, write_json
 from models.work.folder_store import FolderStore
-from monitor.archive import zarr_store
-from monitor.archive.arrays import Extent, arrays_of_rows, arrays_of_table, coordinates, global_attributes
-from monitor.archive.fleet import fleet_page
-from monitor.archive.result import RecordingResult
 from monitor.config.load import load_config
+from monitor.fleet import zarr_store
+from monitor.fleet.arrays import Extent, arrays_of_rows, arrays_of_table, coordinates, global_attributes
+from monitor.fleet.page import fleet_page
+from monitor.fleet.result import RecordingResult
 from monitor.service.replay import replay
 from streams.rig import open_rig
 

@@ -29,8 +29,8 @@ _DETECTION = "[detect]\nrun_in_blocks = 1\nlearn_blocks = 10\npersist_blocks = 2
 _CHUNK_S = 0.3
 _PROGRAM = f"""
 import models.work.task
-import monitor.archive.replaying
-models.work.task.CHUNK_SECONDS = monitor.archive.replaying.TASK_SECONDS = {_CHUNK_S}
+import monitor.fleet.replaying
+models.work.task.CHUNK_SECONDS = monitor.fleet.replaying.TASK_SECONDS = {_CHUNK_S}
 from monitor.cli import main
 main()
 """

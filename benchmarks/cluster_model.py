@@ -1,7 +1,7 @@
 """A cluster on paper: one caller, one scheduler and many workers, with measured seconds for each step of a chunk.
 
 Caller and scheduler do one thing at a time; a chunk passes caller, scheduler, worker, scheduler and caller. Each worker
-has one chunk at work and one that waits, as ``models.work.cluster`` sends them.
+has one chunk at work and one that waits, as ``models.fleet`` sends them.
 """
 
 from __future__ import annotations

@@ -22,8 +22,8 @@ from unittest.mock import patch
 from benchmarks.cluster_cases import CASES, Case, chunk_files, command
 from benchmarks.cluster_model import Costs, simulated_share, smallest_chunk
 from benchmarks.common import arguments, print_table, write_json
+from models.fleet.roster import Roster
 from models.work.choose import open_runner
-from models.work.cluster.roster import Roster
 from models.work.codec import decode
 from models.work.task import CHUNK_SECONDS, Work
 from tests.support.cluster_processes import ClusterProcesses, cluster_processes, computing_child

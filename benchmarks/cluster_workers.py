@@ -21,8 +21,8 @@ import psutil
 
 from benchmarks.cluster_cases import CASES, Case, command
 from benchmarks.common import arguments, print_table, write_json
-from models.work.cluster import open_executor
-from models.work.cluster.member import PROGRAM_BYTES
+from models.fleet import open_executor
+from models.fleet.member import PROGRAM_BYTES
 from models.work.folder_store import FolderStore
 from models.work.runner import Runner
 from models.work.task import Work

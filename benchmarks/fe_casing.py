@@ -22,7 +22,7 @@ from models.fe.casing.model import Casing, Point
 from models.fe.casing.modes import Damping, Modes, first_modes, modal_responses, modes_below
 from models.fe.casing.shape import CAST_IRON, STEEL, CasingMeshRule, CasingShape, Foot, Seat, Wall
 from models.fe.casing.surface import radiating_surface
-from models.transfer.mode_sets import ModeSet, assurance, paired
+from models.gears.transfer.mode_sets import ModeSet, assurance, paired
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

@@ -36,7 +36,7 @@ from models.machine.rig import Rig
 from models.maps.build import build_map
 from models.maps.data import RmsMap
 from models.maps.plan import MapPlan
-from monitor.config.fe_shaft import read_shaft
+from monitor.fe.config_shaft import read_shaft
 from monitor.health.damage.filter.particle_filter import FilterSettings
 
 Floats = NDArray[np.float64]

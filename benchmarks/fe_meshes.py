@@ -135,7 +135,7 @@ def draw(path: Path) -> None:
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    from monitor.report.figures.fe_mesh import draw_boundary
+    from monitor.fe.figure_mesh import draw_boundary
 
     figure = Figure(figsize=(11.0, 6.4), layout="constrained")
     FigureCanvasAgg(figure)

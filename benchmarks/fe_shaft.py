@@ -20,7 +20,7 @@ from models.fe.shafts.spring import RadialSpring, bearing_spring
 from models.machine.bearing import catalogue_entry
 from models.machine.contact_estimates import STEEL_DENSITY, estimate_stiffness
 from models.machine.shaft_beam import Shaft, element_matrices
-from monitor.config.fe_shaft import read_shaft
+from monitor.fe.config_shaft import read_shaft
 
 FILE = Path(__file__).with_suffix(".toml")
 PRINTED = {500.0: 73.72, 1000.0: 74.61, 2000.0: 75.45, 3000.0: 75.93}

@@ -12,8 +12,8 @@ from __future__ import annotations
 import numpy as np
 
 from benchmarks.common import Row, arguments, print_table, write_json
-from models.gears.linear import mean_state, natural_frequencies
-from models.published.gearbox import K_MESH, appendix_train
+from models.gears.published import K_MESH, appendix_train
+from models.gears.train.linear import mean_state, natural_frequencies
 
 MODULES_MM = (3.0, 4.0, 5.0, 6.0)
 BEARINGS = (1.0, 2.0)

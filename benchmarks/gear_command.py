@@ -18,13 +18,13 @@ from typing import Any
 import numpy as np
 
 from benchmarks.common import Row, arguments, print_table, write_json
-from models.acoustics.levels import level_db
-from models.acoustics.third_octave import Bands
-from models.transfer.frf import FrequencyResponses
-from monitor.commands.gear.casing import casing_by_elements
-from monitor.commands.gear.forces import GearRun, amplitudes, build_train, run_train
-from monitor.commands.gear.kinematics import read_gears
-from monitor.commands.gear.transfer import REFERENCE_ACCELERATION, felt
+from models.gears.sound.levels import level_db
+from models.gears.sound.third_octave import Bands
+from models.gears.transfer.frf import FrequencyResponses
+from monitor.gears.casing import casing_by_elements
+from monitor.gears.forces import GearRun, amplitudes, build_train, run_train
+from monitor.gears.kinematics import read_gears
+from monitor.gears.transfer import REFERENCE_ACCELERATION, felt
 
 ROOT = Path(__file__).resolve().parents[1]
 CONFIG, BOX = ROOT / "examples" / "gearbox.toml", ROOT / "benchmarks" / "gear_casing.toml"

@@ -18,13 +18,13 @@ import numpy as np
 from scipy.sparse.linalg import splu
 
 from models.fe.extra import require_gmsh, require_skfem
-from models.gears.tooth import critical_section
+from models.gears.teeth.tooth import critical_section
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from models.gears.geometry import ToothedWheel
-    from models.gears.rack import ToothProfile
+    from models.gears.teeth.geometry import ToothedWheel
+    from models.gears.teeth.rack import ToothProfile
 
     Array = NDArray[np.float64]
 

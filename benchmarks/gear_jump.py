@@ -22,11 +22,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.common import Row, print_table, write_json
-from models.dynamics.gear_train import TrainState, simulate_train
-from models.gears.geometry import GearPair, ToothedWheel
-from models.gears.mesh import MeshStiffness
-from models.gears.stiffness import mesh_stiffness
-from models.gears.train import Body, GearTrain, Mesh, Wheel
+from models.gears.teeth.geometry import GearPair, ToothedWheel
+from models.gears.teeth.mesh import MeshStiffness
+from models.gears.teeth.stiffness import mesh_stiffness
+from models.gears.train.motion import TrainState, simulate_train
+from models.gears.train.parts import Body, GearTrain, Mesh, Wheel
 from tests.oracles.gear_harmonic_balance import Balance, Motion, Pair, out_of_contact, root_mean_square
 
 Array = NDArray[np.float64]

@@ -18,10 +18,10 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from models.dynamics.gear_train import simulate_train
-from models.gears.damping import mesh_mass
-from models.gears.mesh import MeshStiffness
-from models.gears.train import Body, GearTrain, Mesh, Support, Wheel, alike, line_of_action
+from models.gears.teeth.mesh import MeshStiffness
+from models.gears.train.damping import mesh_mass
+from models.gears.train.motion import simulate_train
+from models.gears.train.parts import Body, GearTrain, Mesh, Support, Wheel, alike, line_of_action
 from monitor.health.gears.settings import GearPairing, GearSettings, GearWheel
 
 TRAINING = range(500)

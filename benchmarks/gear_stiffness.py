@@ -1,8 +1,8 @@
 """Mesh stiffness of gears against plane finite elements and ISO 6336-1: teeth, bodies, cracks, whole meshes, cost.
 
 ``python -m benchmarks.gear_stiffness [--json FILE] [--quick]``. The constant of the body's deflection at the next tooth
-(``models.gears.tooth._NEIGHBOUR``) is the mean of that of the fitted gears (seed 1), those of cracks (``_CRACK``) are
-fitted to seed 3; the gears of seeds 2 and 4 were set aside and are judged. Compliances are of a face of unit width,
+(``models.gears.teeth.tooth._NEIGHBOUR``) is the mean of that of the fitted gears (seed 1), those of cracks (``_CRACK``)
+are fitted to seed 3; the gears of seeds 2 and 4 were set aside and are judged. Compliances are of a face of unit width,
 times Young's modulus.
 """
 
@@ -17,13 +17,13 @@ import numpy as np
 
 from benchmarks.common import arguments, circumstances, print_table
 from benchmarks.gear_fe import deflections
-from models.gears.contacts import Springs, share_force
-from models.gears.faults import ToothCrack
-from models.gears.geometry import GearPair, TipRelief, ToothedWheel
-from models.gears.iso6336 import iso_stiffness
-from models.gears.rack import BasicRack, ToothProfile
-from models.gears.stiffness import loaded_mesh, mesh_stiffness
-from models.gears.tooth import (
+from models.gears.teeth.contacts import Springs, share_force
+from models.gears.teeth.faults import ToothCrack
+from models.gears.teeth.geometry import GearPair, TipRelief, ToothedWheel
+from models.gears.teeth.iso6336 import iso_stiffness
+from models.gears.teeth.rack import BasicRack, ToothProfile
+from models.gears.teeth.stiffness import loaded_mesh, mesh_stiffness
+from models.gears.teeth.tooth import (
     StiffnessMethod,
     crack_compliance,
     critical_section,
@@ -216,7 +216,7 @@ def crack_rows(seed: int, count: int) -> tuple[list[dict[str, Any]], Array]:
 
 
 def fitted_crack(points: Array) -> list[list[float]]:
-    """Return the coefficients of ``models.gears.tooth._CRACK`` with the least relative errors."""
+    """Return the coefficients of ``models.gears.teeth.tooth._CRACK`` with the least relative errors."""
     share, arm, across, added = points.T
     scale = 24.0 * share**1.5 / (1.0 - share) / added
     terms = [scale * share**k * term for term in (arm**2, arm * across, across**2) for k in (0, 1)]

@@ -24,11 +24,11 @@ import scipy.linalg
 from scipy.integrate import solve_ivp
 
 from benchmarks.common import Row, arguments, print_table, write_json
-from models.dynamics.gear_train import TrainState, longest_step, simulate_train
-from models.gears.damping import with_rayleigh
-from models.gears.linear import matrices, natural_frequencies
-from models.gears.mesh import MeshStiffness
-from models.gears.train import Body, GearTrain, Mesh, Support, Wheel, alike, line_of_action
+from models.gears.teeth.mesh import MeshStiffness
+from models.gears.train.damping import with_rayleigh
+from models.gears.train.linear import matrices, natural_frequencies
+from models.gears.train.motion import TrainState, longest_step, simulate_train
+from models.gears.train.parts import Body, GearTrain, Mesh, Support, Wheel, alike, line_of_action
 from models.machine.scene import Part
 from tests.oracles.gear_train_oracle import Oracle
 from tests.support.gear_rolling import rotor_and_body

@@ -36,7 +36,7 @@ from models.identify.run import Identification, IdentifyOptions, identify
 from models.identify.space import FREE_WITHOUT_TESTS, Space
 from models.identify.trials import Condition, Trial, gather
 from models.identify.volume import OperatingPoint, objections, volume_spread
-from monitor.commands.rig_table import key_of
+from monitor.identify.rig_table import key_of
 from monitor.service.setup import open_configured
 from streams.block import STANDARD_GRAVITY, Block
 from tests.support.recordings import EXAMPLES, RUNS, Run

@@ -22,7 +22,7 @@ from typing import Any
 
 from benchmarks.cluster_cases import Case, chosen_cases, command
 from benchmarks.common import print_table, write_json
-from models.work.object_store import ObjectStore
+from models.fleet.object_store import ObjectStore
 from tests.support.cluster_processes import ClusterProcesses, cluster_processes
 from tests.support.object_storage import ObjectStorage, object_storage
 from tests.support.waiting import wait_until

@@ -25,8 +25,8 @@ from urllib.parse import urlsplit
 from benchmarks.cluster_cases import CASES
 from benchmarks.common import print_table, write_json
 from benchmarks.object_cluster import Place, Said, leaks
+from models.fleet.object_store import ObjectStore
 from models.words.errors import SpallwatchError
-from models.work.object_store import ObjectStore
 from models.work.storage_error import ObjectStorageError
 from streams.remote import RemoteError, expand, fetched
 from tests.models.work.store_files import check_files

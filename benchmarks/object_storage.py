@@ -18,9 +18,9 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.common import arguments, print_table, write_json
+from models.fleet.object_store import ObjectStore
 from models.work.codec import encode
 from models.work.folder_store import FolderStore
-from models.work.object_store import ObjectStore
 from models.work.runner import Runner
 from models.work.serial import SerialExecutor
 from models.work.task import Store, Work

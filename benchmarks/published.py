@@ -16,7 +16,8 @@ from typing import TYPE_CHECKING
 
 from benchmarks.common import Row, print_table, write_json
 from benchmarks.published_fe import fe_rows
-from models.published import beat, ceruti, gearbox, marin, thibault, thibault_shaft
+from models.gears import published as gearbox
+from models.published import beat, ceruti, marin, thibault, thibault_shaft
 from models.published.acceptance import Figure, worst
 from models.published.thesis import published_figures
 from models.published.uncomputed import uncomputed_figures

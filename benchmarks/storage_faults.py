@@ -25,10 +25,10 @@ from typing import Any
 import pytest
 
 from benchmarks.common import arguments, print_table, write_json
-from models.work.object_store import ObjectStore
-from monitor.archive import part
-from monitor.archive.part import described
-from tests.monitor.archive.fleet_files import CONFIG, write_files
+from models.fleet.object_store import ObjectStore
+from monitor.fleet import part
+from monitor.fleet.part import described
+from tests.monitor.fleet.fleet_files import CONFIG, write_files
 from tests.support.commands import run_command
 from tests.support.faulty_storage import (
     Fault,

@@ -6,11 +6,16 @@ import importlib.util
 import os
 import pkgutil
 import sys
+from functools import cache
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
 from monitor import __version__
+
+if TYPE_CHECKING:
+    from models.words.extras import Command
 
 DONE, FAILED, WRONG = 0, 1, 2
 
@@ -26,20 +31,17 @@ _COMMANDS = {
     "check": ("check:command", "Validate a configuration and list what would be monitored."),
     "redate": ("redate:command", "Choose anew what dates the later blocks of a source."),
     "bearing": ("bearing.command:command", "Fault frequencies, stiffness, natural frequencies and life."),
-    "gear": ("gear.command:command", "A gear train: speeds, mesh orders, forces, levels."),
     "ias": ("ias:command", "Angular speed of a shaft from the pulses of an encoder."),
     "cyclic": ("cyclic:command", "Spectral coherence of a recording over the orders of its shaft."),
     "simulate": ("simulate.command:command", "One scene of the bearing model."),
     "map": ("maps:command", "RMS maps: build, show, check."),
     "library": ("library:command", "Libraries of simulated lives: build."),
-    "identify": ("identify:command", "Parameters of a rig from tests with known defects."),
     "track": ("track:command", "V_eq from an RMS history and a map."),
     "orders": ("orders:command", "Spectra of a block over orders of the shaft, at its full rate."),
     "examples": ("examples:command", "List the examples that come with the program, or copy them."),
     "warmup": ("warmup:command", "Compile the bearing model and plan transforms in advance."),
     "forecast": ("forecast:command", "Time to threshold from a V_eq history."),
     "score": ("score:command", "Scores of the forecasts as issued, once the end is known."),
-    "archive": ("archive:group", "Many recordings of many machines, also on a cluster."),
     "archive-days": ("archive_days:command", "Move the oldest published days to another folder."),
     "backup": ("backup:command", "Back the state of a machine up while its daemon runs."),
     "restore": ("backup:restore_command", "Put a backup in the place of the state of a machine."),
@@ -49,21 +51,33 @@ _COMMANDS = {
 }
 
 
+@cache
+def commands() -> dict[str, Command]:
+    """Return all commands in the order of ``--help``; an extra names the one that it follows."""
+    # Not imported above: check_installation comes before anything of models.
+    from models.words.extras import Command, brought
+
+    found = {name: Command(f"monitor.commands.{place}", words) for name, (place, words) in _COMMANDS.items()}
+    extras = {name: point.load() for name, point in brought("commands").items()}
+    names = list(found)
+    for name, command in extras.items():
+        names.insert(names.index(command.after) + 1 if command.after in names else len(names), name)
+    return {name: (found | extras)[name] for name in names}
+
+
 class _Commands(click.Group):
     """Import a command when it is called, so that one without a model does not wait for models to be imported."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
-        return list(_COMMANDS)
+        return list(commands())
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
-        if cmd_name not in _COMMANDS:
-            return None
-        command: click.Command = pkgutil.resolve_name(f"monitor.commands.{_COMMANDS[cmd_name][0]}")
-        return command
+        named = commands().get(cmd_name)
+        return None if named is None else pkgutil.resolve_name(named.place)
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         with formatter.section("Commands"):
-            formatter.write_dl([(name, words) for name, (_, words) in _COMMANDS.items()])
+            formatter.write_dl([(name, command.words) for name, command in commands().items()])
 
 
 @click.group(

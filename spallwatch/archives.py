@@ -16,8 +16,8 @@ import xarray as xr
 from models.work.folder_store import FolderStore
 from models.work.redact import redact
 from models.work.stores import open_store
-from monitor.archive.arrays import ARCHIVE_VERSION, CHANNEL, PART, RECORDING, ROW, UNDATED
-from monitor.archive.result import RESULT_NAME, RecordingResult
+from monitor.fleet.arrays import ARCHIVE_VERSION, CHANNEL, PART, RECORDING, ROW, UNDATED
+from monitor.fleet.result import RESULT_NAME, RecordingResult
 from monitor.health.schema import VARIABLES
 from monitor.records.dataset import LEDGER
 from spallwatch.records import BESIDE_VARIABLES, RecordsError, joined_files, prepared

@@ -85,8 +85,8 @@ def fe_stiffness(
     import numpy as np
     import xarray as xr
 
-    from monitor.commands.bearing.fe import FeOptions, fe_case
-    from monitor.commands.bearing.fe_values import contact_pressures, law_values, status_of
+    from monitor.fe.command import FeOptions, fe_case
+    from monitor.fe.values import contact_pressures, law_values, status_of
 
     for name, value in (("load_newton", load_newton), ("memory_gb", memory_gb)):
         if value is not None and not value > 0.0:

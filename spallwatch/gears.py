@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from models.words.errors import WrongInputError
-from monitor.commands.gear.forces import build_train, force_values, run_train
-from monitor.commands.gear.kinematics import GearInput, gear_input, kinematic_values, read_gears
+from monitor.gears.forces import build_train, force_values, run_train
+from monitor.gears.kinematics import GearInput, gear_input, kinematic_values, read_gears
 
 if TYPE_CHECKING:
     import xarray as xr

@@ -18,9 +18,9 @@ from typing import Any, Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from models.gears.faults import Eccentricity, GearFault, PitchError, ToothCrack, ToothSpall
-from models.gears.geometry import GearPair, TipRelief, ToothedWheel
-from models.gears.train import Body, GearTrain, Mesh, Support, Wheel, alike, line_of_action
+from models.gears.teeth.faults import Eccentricity, GearFault, PitchError, ToothCrack, ToothSpall
+from models.gears.teeth.geometry import GearPair, TipRelief, ToothedWheel
+from models.gears.train.parts import Body, GearTrain, Mesh, Support, Wheel, alike, line_of_action
 
 Samples = NDArray[np.float64]
 GearState = Literal["loaded", "idle"]
@@ -138,7 +138,7 @@ def gears_of(options: Mapping[str, Any]) -> RigGears | None:
 
 def gear_train(gears: RigGears, speed: float, seed: int) -> GearTrain:
     """Return the train at a speed, Hz; pitch errors and phases are drawn by the seed."""
-    from models.gears.stiffness import mesh_stiffness
+    from models.gears.teeth.stiffness import mesh_stiffness
 
     pair = _pair(gears)
     force = _FORCE[gears.state]
@@ -259,7 +259,7 @@ def replayed_turns(gears: RigGears, speed: float) -> int:
 
 def _simulated(gears: RigGears, speed: float, seed: int) -> tuple[Samples, float, float]:
     """Return the force over whole turns, the share of the time out of contact, and how many turns."""
-    from models.dynamics.gear_train import simulate_train
+    from models.gears.train.motion import simulate_train
 
     count = replayed_turns(gears, speed)
     steps = round(count / speed * _RATE)

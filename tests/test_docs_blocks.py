@@ -21,9 +21,9 @@ import click
 import pytest
 import yaml
 
-from monitor.archive.manifest import read_manifest
 from monitor.cli import spallwatch
 from monitor.config.load import validate
+from monitor.fleet.manifest import read_manifest
 from monitor.report.options import read_options
 from monitor.report.runs import ReportError
 from streams.readers.sidecar import find_sidecar

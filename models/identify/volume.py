@@ -166,7 +166,7 @@ def objections(found: Identification, spread: Sequence[VolumeSpread], configured
     """
     if np.any(found.problem.trials.damaged):
         # Tests at known defects hold the level itself, so that they tell the scale; what speaks against their fit is
-        # said beside (monitor/commands/rig_table.py).
+        # said beside (monitor/identify/rig_table.py).
         return _disagreement(found, spread)
     evidence, free = found.problem.evidence, found.space.free
     words: list[str] = []

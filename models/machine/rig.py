@@ -31,12 +31,14 @@ class RigParameters:
         first_sensor: the first of its sensors.
         uncertain: names of the fields that differ from machine to machine of a kind.
         ignores_depth: why its vibration is the same for any depth of a defect, "" where it is not.
+        slow: whether its map takes a processor a quarter of an hour, and a life as long.
     """
 
     model: ClassVar[str]
     first_sensor: ClassVar[Sensor]
     uncertain: ClassVar[tuple[str, ...]]
     ignores_depth: ClassVar[str] = ""
+    slow: ClassVar[bool] = False
 
     if TYPE_CHECKING:
         # A field of each type, at a place of its own.

@@ -120,11 +120,11 @@ def _gearbox() -> list[UncomputedFigure]:
     casing = "the casing's geometry is not printed"
     return [
         UncomputedFigure(
-            THESIS, _tables(23), "speed, power, teeth", "506.4 rpm, 50 kW, 37", "INPUT", "models.published.gearbox"
+            THESIS, _tables(23), "speed, power, teeth", "506.4 rpm, 50 kW, 37", "INPUT", "models.gears.published"
         ),
         UncomputedFigure(
             THESIS, _tables(24), "masses, inertias, stiffness, damping of nine degrees of freedom",
-            "kg, kg m2, N/m, s", "INPUT", "models.published.gearbox; base radii, needed beside them, are not printed",
+            "kg, kg m2, N/m, s", "INPUT", "models.gears.published; base radii, needed beside them, are not printed",
         ),
         UncomputedFigure(
             THESIS, ("Fig. 74",), "reaction forces on the bearings", "drawn, values of the axis withheld", "NO",

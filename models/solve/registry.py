@@ -1,7 +1,7 @@
 """Which models there are, what each can do, and which of them answers for a scene.
 
-A model joins with a folder and an entry in MODELS, or by an entry point of ``GROUP``. It may have several solvers, for
-different effects; none is imported before a scene is simulated.
+A model joins with a folder and an entry in MODELS, or by an entry point (``models.words.extras``). It may have several
+solvers, for different effects; none is imported before a scene is simulated.
 """
 
 from __future__ import annotations
@@ -10,34 +10,17 @@ import importlib
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from importlib.metadata import entry_points
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 from models.machine.rig import Rig, RigParameters
 from models.machine.scene import EFFECTS
+from models.words.extras import Model, brought
 
 if TYPE_CHECKING:
     from models.machine.scene import Scene
     from models.solve.response import Response
     from models.solve.trajectories import Trajectories
     from models.words.request import Request
-
-GROUP = "spallwatch.models"
-"""Entry points by which a model joins that is not of the core: each names a ``Model``."""
-
-
-class Model(NamedTuple):
-    """Where a model is found.
-
-    Attributes:
-        rig: "module:class" of its parameters.
-        solvers: modules, each with a ``SOLVER``.
-        warm: what is compiled ahead, in words for people, and "module:function" of what does it.
-    """
-
-    rig: str
-    solvers: tuple[str, ...]
-    warm: tuple[tuple[str, str], ...] = ()
 
 
 MODELS: dict[str, Model] = {
@@ -69,12 +52,7 @@ MODELS: dict[str, Model] = {
         ("models.solve.angular.solver",),
         (("angular speed", "models.solve.angular.solver:warm"),),
     ),
-    "gear_pair": Model(
-        "models.rigs.gear_pair:GearPairRig",
-        ("models.dynamics.gear_pair",),
-        (("gears", "models.dynamics.gear_pair:warm"),),
-    ),
-    **{point.name: point.load() for point in entry_points(group=GROUP)},
+    **{name: point.load() for name, point in brought("models").items()},
 }
 """By name; a model is a folder and an entry here."""
 AUTO = "auto"

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import importlib
 from collections.abc import Callable
 from pathlib import Path
 
 from models.words.errors import WrongInputError
+from models.words.extras import load
 from models.work.pool import PoolExecutor, worker_count
 from models.work.runner import Runner
 from models.work.serial import SerialExecutor
@@ -62,7 +62,7 @@ def local_runner(workers: int) -> Runner:
 
 def _executor(cluster: str | None, workers: int, store: Store | None, tell: Callable[[str], None]) -> Executor:
     if cluster is not None:
-        return importlib.import_module("models.work.cluster").open_executor(cluster, workers, store, tell)
+        return load("work", "cluster")(cluster, workers, store, tell)
     return SerialExecutor() if worker_count(workers) == 1 else PoolExecutor(workers)
 
 

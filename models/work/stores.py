@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import importlib
 from pathlib import Path
 from urllib.parse import unquote, urlsplit
 
 from models.words.errors import WrongInputError
+from models.words.extras import load
 from models.work.folder_store import FolderStore
 from models.work.task import Store
 
@@ -25,9 +25,9 @@ def open_store(url: str | Path) -> Store:
             raise WrongInputError(f"expected file:///FOLDER, got {url!r}")
         return FolderStore(Path(unquote(split.path)))
     try:
-        module = importlib.import_module("models.work.object_store")
+        store = load("work", "objects")
     except ModuleNotFoundError as error:
         raise WrongInputError(
             f'{split.scheme}:// needs object storage: pip install "spallwatch[s3]" ({error.name} is missing)'
         ) from None
-    return module.ObjectStore(url)
+    return store(url)

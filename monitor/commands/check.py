@@ -18,7 +18,6 @@ from monitor.commands.check_extras import missing_extras
 from monitor.commands.check_interference import interference_lines, proposal_words, propose_interference, taken_families
 from monitor.commands.check_tacho import tacho_words
 from monitor.commands.common import emit, read_config
-from monitor.commands.gear.kinematics import gear_lines
 from monitor.commands.model_parameters import effects_of
 from monitor.commands.redate import DatingPreview, keep_previews, preview_dating
 from monitor.config.load import Config, ConfigError
@@ -322,6 +321,19 @@ def _lines(config: Config, problems: list[str], dated: Mapping[str, DatingPrevie
     )
     yield from _alarm_lines(config)
     yield from (f"problem: {problem}" for problem in problems)
+
+
+def gear_lines(config: Config) -> Iterator[str]:
+    """Yield the pairs of ``[gear]`` with their mesh orders, one line each."""
+    if config.gear is None:
+        return
+    settings = config.gear.to_settings()
+    for pair in settings.pairs:
+        driver, driven = settings.by_name[pair.driver], settings.by_name[pair.driven]
+        yield (
+            f"gears {driver.name} and {driven.name}, {driver.teeth}/{driven.teeth}: "
+            f"mesh order {driver.mesh_order:.6g} of shaft {config.gear.speed_shaft}"
+        )
 
 
 def _shaft_lines(config: Config) -> Iterator[str]:

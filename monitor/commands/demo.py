@@ -11,8 +11,6 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from models.machine.rig import Rig
-from models.rigs.gear_pair import GearPairRig
-from models.solve.angular.rig import AngularRig
 from models.solve.registry import IGNORES_DEPTH, RIGS
 from models.work.choose import local_runner
 from monitor.commands import option
@@ -68,9 +66,7 @@ _OTHER_NOTES = (
     "map's. TT is that of the thesis, and there is no end of life by peak.",
     _ONE + "On the map of another model V_eq is another (docs/evidence/maps.md).",
 )
-_SLOW = (AngularRig.model, GearPairRig.model)
-"""Models whose map takes a processor a quarter of an hour, and a life as long."""
-MODELS = [name for name in RIGS if name not in IGNORES_DEPTH and name not in _SLOW]
+MODELS = [name for name, kind in RIGS.items() if name not in IGNORES_DEPTH and not kind.slow]
 
 
 def demo_config(method: str = "library", model: str = Rig.model) -> Config:

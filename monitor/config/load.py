@@ -6,7 +6,7 @@ import hashlib
 import tomllib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, Self
 
 from pydantic import Field, ValidationError, model_validator
 
@@ -17,13 +17,13 @@ from models.machine.rig_draws import PosteriorError, RigDraws, read_posterior
 from models.solve.nominal_rigs import nominal_rig
 from models.solve.rotor.rig import RotorRig
 from models.words.errors import WrongInputError
+from models.words.extras import load
 from monitor.config.advice import AdviceSection
 from monitor.config.alarms import AlarmsSection
 from monitor.config.bearing import RING_KEYS, STIFFNESS_KEYS, BearingSection, RigSection
 from monitor.config.connections import find_loose_ends
 from monitor.config.explain import explain_problems, further_problems, place_words
 from monitor.config.fields import LocatedError, Section
-from monitor.config.gears.section import GearSection, model_keys
 from monitor.config.interference import InterferenceSection
 from monitor.config.machine import MachineSection, OperatingSection, RetentionSection
 from monitor.config.outputs import NotifySection, PublishSection, WebSection
@@ -62,6 +62,12 @@ class ConfigError(WrongInputError):
 _VELOCITY = {"alert_mm_s", "danger_mm_s"}
 
 
+if TYPE_CHECKING:
+    from monitor.config.train import TrainSection as _Gear
+else:
+    _Gear = load("sections", "gear")
+
+
 class Config(Section):
     """A whole configuration, one machine."""
 
@@ -72,7 +78,7 @@ class Config(Section):
     operating: OperatingSection = OperatingSection()
     source: tuple[SourceSection, ...] = Field(min_length=1)
     channel: tuple[ChannelSection, ...] = Field(min_length=1)
-    gear: GearSection | None = None
+    gear: _Gear | None = None
     interference: tuple[InterferenceSection, ...] = ()
     detect: DetectSection = DetectSection()
     track: TrackSection = TrackSection()
@@ -202,7 +208,7 @@ class Config(Section):
             left_out["operating"] = {"axial_load_newton": True, "opcua": self.operating.opcua.ways}
         if not self.interference:
             left_out["interference"] = True
-        left_out["gear"] = True if self.gear is None else model_keys()
+        left_out["gear"] = True if self.gear is None else self.gear.model_keys()
         if self.forecast.library is None:
             left_out["forecast"] = {"library"}
         # Keys that are newer than the hash, where they are not given: that of an older configuration stays.

@@ -25,7 +25,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from models.transfer.frf import FrequencyResponses
+from models.gears.transfer.frf import FrequencyResponses
 from models.words.errors import WrongInputError
 from streams.readers.stated import known_unit
 from streams.readers.uff import is_si, universal_file

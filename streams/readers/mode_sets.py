@@ -14,7 +14,7 @@ import math
 
 import numpy as np
 
-from models.transfer.mode_sets import ModeSet
+from models.gears.transfer.mode_sets import ModeSet
 from streams.readers.frf import FrfError, csv_rows
 
 _HEAD = ["frequency_hz", "damping_percent", "name", "real", "imag"]

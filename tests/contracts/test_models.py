@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-import models.dynamics
+import models.gears
 import models.solve.simulate
 from models.machine.rig import Rig, RigParameters
 from models.machine.scene import EFFECTS, Floor, Scene, Slip
@@ -66,7 +66,7 @@ SCENE_OF = {f"{s.model} {s.name}": base(s) for s in SOLVERS}
 
 def modules() -> Iterator[Any]:
     """Yield all modules that may hold a model."""
-    for package in (models.solve, models.dynamics):
+    for package in (models.solve, models.gears):
         for place in pkgutil.walk_packages(package.__path__, f"{package.__name__}."):
             yield importlib.import_module(place.name)
 

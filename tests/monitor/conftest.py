@@ -1,8 +1,9 @@
-"""What tests of reports and of commands that draw share."""
+"""What tests of commands and reports share."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
 from matplotlib.figure import Figure
@@ -39,3 +40,17 @@ def blank_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
     """
     if effort_count(quick=1, full=0):
         monkeypatch.setattr(Figure, "draw", lambda figure, renderer: None)
+
+
+@pytest.fixture
+def machine(request: pytest.FixtureRequest, tmp_path: Path) -> Path:
+    """A configuration file with the module's MACHINE."""
+    path = tmp_path / "machine.toml"
+    path.write_text(request.module.MACHINE)
+    return path
+
+
+@pytest.fixture
+def empty_directory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Work in an empty directory, in which no configuration is found."""
+    monkeypatch.chdir(tmp_path)

@@ -1,6 +1,6 @@
 """A train of gears by scipy's DOP853, wheel by wheel, with the flanks' contacts as events: slow and obvious.
 
-Nothing but the description of the train is shared with ``models/kernels/gear_train.py``: forces and torques are added
+Nothing but the description of the train is shared with ``models/gears/train/kernel.py``: forces and torques are added
 up body by body, without matrices; each interval between samples of the tables is integrated by itself, and within it
 each interval between changes of contact.
 """
@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from scipy.integrate import solve_ivp
 
-from models.gears.train import GearTrain, Mesh
+from models.gears.train.parts import GearTrain, Mesh
 
 
 @dataclass

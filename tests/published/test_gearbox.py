@@ -9,8 +9,8 @@ import pytest
 from numpy.typing import NDArray
 from scipy.linalg import eigh
 
-from models.gears.linear import natural_frequencies
-from models.published import gearbox
+from models.gears import published as gearbox
+from models.gears.train.linear import natural_frequencies
 from tests.support.accepted import rows_of
 
 Array = NDArray[np.float64]

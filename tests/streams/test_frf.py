@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from models.transfer.frf import FrequencyResponses
+from models.gears.transfer.frf import FrequencyResponses
 from streams.readers.frf import FrfError, frf_to_csv, frf_to_uff, read_frf
 from tests.support.effort import effort_count
 

@@ -12,7 +12,7 @@ from typing import Any
 
 import pytest
 
-from models.work.object_store import ObjectStore
+from models.fleet.object_store import ObjectStore
 from streams import download as http
 from streams.download import RemoteError
 from streams.remote import bare, expand, fetched, is_remote, remote_files

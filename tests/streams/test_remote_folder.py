@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from models.work.object_store import ObjectStore
+from models.fleet.object_store import ObjectStore
 from streams import remote, remote_folder
 from streams.block import Block, Rejected
 from streams.open import open_source
@@ -20,7 +20,7 @@ from streams.recording import Recording
 from streams.remote import local_source
 from streams.remote_folder import OpenedRemote, opened_remote
 from streams.spec import ChannelSpec, SourceError, SourceSpec
-from tests.monitor.archive.fleet_files import assert_same_records, make_archive, write_files
+from tests.monitor.fleet.fleet_files import assert_same_records, make_archive, write_files
 
 pytest.importorskip("fsspec", reason="needs the extra cluster")
 

@@ -6,9 +6,9 @@ import json
 from pathlib import Path
 from typing import Any
 
-from monitor.commands.gear.forces import GearRun, build_train, run_train
-from monitor.commands.gear.kinematics import GearInput
 from monitor.config.load import validate
+from monitor.gears.forces import GearRun, build_train, run_train
+from monitor.gears.kinematics import GearInput
 from tests.support.config import MINIMAL
 from tests.support.config_gear_train import APPENDIX
 

@@ -6,9 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from models.dynamics.gear_rolling import RollingElements
-from models.dynamics.gear_train import TrainState, simulate_train
-from models.gears.train import Body, GearTrain, Support, alike
+from models.gears.train.motion import TrainState, simulate_train
+from models.gears.train.parts import Body, GearTrain, Support, alike
+from models.gears.train.rolling import RollingElements
 from models.machine.bearing import from_catalogue
 from models.machine.scene import Defect, Part, Scene
 from models.solve.rotor.plan import at_rest

@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
-from models.gears.damping import mesh_mass
-from models.gears.mesh import MeshStiffness
-from models.gears.train import Body, GearTrain, Mesh, Support, Torsion, Wheel, alike, line_of_action
+from models.gears.teeth.mesh import MeshStiffness
+from models.gears.train.damping import mesh_mass
+from models.gears.train.parts import Body, GearTrain, Mesh, Support, Torsion, Wheel, alike, line_of_action
 
 ANGLE = math.radians(20.0)
 

@@ -7,10 +7,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from models.dynamics.gear_train import TrainState, simulate_train
-from models.gears.linear import freedoms
-from models.gears.mesh import MeshStiffness
-from models.gears.train import GearTrain, Mesh
+from models.gears.teeth.mesh import MeshStiffness
+from models.gears.train.linear import freedoms
+from models.gears.train.motion import TrainState, simulate_train
+from models.gears.train.parts import GearTrain, Mesh
 from tests.support.gear_train import chain, pair
 
 

@@ -6,11 +6,11 @@ import math
 from dataclasses import replace
 from typing import Any
 
+from models.gears.pair.rig import GearPairRig
 from models.machine.bearing import Bearing, from_catalogue
 from models.machine.rig import Rig, RigParameters
 from models.machine.scene import PHYSICS, Defect, Floor, Scene, Slip, Waviness
 from models.machine.speed_profile import ramp
-from models.rigs.gear_pair import GearPairRig
 from models.solve.angular.rig import AngularRig
 from models.solve.ball_inertia.rig import BallInertiaRig
 from models.solve.registry import Solver

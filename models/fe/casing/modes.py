@@ -15,7 +15,7 @@ import numpy as np
 
 from models.fe.casing.lanczos import lowest_eigenpairs
 from models.fe.solid.elastic import NotConvergedError
-from models.transfer.frf import MOTION_UNITS, FrequencyResponses
+from models.gears.transfer.frf import MOTION_UNITS, FrequencyResponses
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping

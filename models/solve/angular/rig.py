@@ -54,6 +54,7 @@ class AngularRig(RigParameters):
     """
 
     model: ClassVar[str] = "angular"
+    slow: ClassVar[bool] = True
     first_sensor: ClassVar[Literal["ias"]] = "ias"
     uncertain: ClassVar[tuple[str, ...]] = (
         "disc_mass",

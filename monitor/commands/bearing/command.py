@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -18,10 +18,9 @@ from models.machine.hertz import contact_stiffness, l10h_life
 from models.machine.kinematic_uncertainty import kinematics_uncertainty
 from models.machine.scene import Defect
 from models.published.thesis import published_figures
+from models.words.extras import brought
 from monitor.commands import option
 from monitor.commands.bearing.balls import BallCase, ball_case, ball_lines, ball_values, draw_balls
-from monitor.commands.bearing.fe import FeOptions, fe_answer, fe_options
-from monitor.commands.bearing.fe_values import fe_lines
 from monitor.commands.bearing.statics import analytic_statics, areas_known, static_lines
 from monitor.commands.common import PICTURES, InputError, check_suffix, emit, find_entry, read_machine
 from monitor.config.load import Config
@@ -101,6 +100,17 @@ def origin_lines(values: dict[str, Any]) -> Iterator[str]:
 _PRINTED = ("place", "quantity", "condition", "unit", "relation", "printed", "obtained")
 
 
+def _extras() -> dict[str, Any]:
+    """Return by key of the answer what extras add: ``options``, ``answer``, ``lines`` and ``WORDS`` of modules."""
+    return {name: point.load() for name, point in brought("bearing").items()}
+
+
+def _options_of_extras(function: Callable[..., None]) -> Callable[..., None]:
+    for extra in reversed(_extras().values()):
+        function = extra.options(function)
+    return function
+
+
 @click.command("bearing")
 @click.argument("designation", required=False)
 @option.config
@@ -114,7 +124,7 @@ _PRINTED = ("place", "quantity", "condition", "unit", "relation", "printed", "ob
 @click.option("--axial-load-newton", type=float, help="Ball by ball, with an axial load.")
 @click.option("--tilt-mrad", type=float, help="Ball by ball; positive: the loaded side moves against the axial load.")
 @click.option("--plot", type=option.OUT_FILE, help="Draw the balls, or what --fe found (PNG, SVG or HTML).")
-@fe_options
+@_options_of_extras
 @option.line_contact
 @option.output
 def command(
@@ -130,10 +140,10 @@ def command(
     axial_load_newton: float | None,
     tilt_mrad: float | None,
     plot: Path | None,
-    fe: FeOptions | None,
     line_contact: LineContact,
     as_json: bool,
     quiet: bool,
+    **asked: Any,
 ) -> None:
     """Print fault frequencies, contacts, load distribution, radial stiffness, natural frequencies and L10h life.
 
@@ -159,15 +169,17 @@ def command(
     defect = None if dphi_deg is None else Defect(math.radians(dphi_deg), h_d_um * 1e-6)
     if plot is not None:
         check_suffix("--plot", plot, PICTURES)
-    if fe is not None:
-        _refuse_with_fe(statics, axial_load_newton, tilt_mrad)
+    extras = {name: extra for name, extra in _extras().items() if asked[name] is not None}
+    for name, extra in extras.items():
+        _refuse_with(f"--{name}", extra.WORDS, statics, axial_load_newton, tilt_mrad)
     law = contact_law(config, entry, load, line_contact)
-    values = describe(config, entry, load, speed, clearance, law, defect) | {"ball_statics": None, "fe": None}
-    if fe is not None:
+    values = describe(config, entry, load, speed, clearance, law, defect)
+    values |= dict.fromkeys(("ball_statics", *_extras()))
+    for key, extra in extras.items():
         rig_name = designation or name or config.bearing[0].name
-        options = replace(fe, plot=plot, rig_name=rig_name, quiet=quiet)
-        values["fe"] = fe_answer(entry, load, clearance, values, law.partner, options)
-    elif any(given is not None for given in (statics, axial_load_newton, tilt_mrad, plot)):
+        options = replace(asked[key], plot=plot, rig_name=rig_name, quiet=quiet)
+        values[key] = extra.answer(entry, load, clearance, values, law.partner, options)
+    if not extras and any(given is not None for given in (statics, axial_load_newton, tilt_mrad, plot)):
         axial = config.operating.axial_load_newton if axial_load_newton is None else axial_load_newton
         tilt = 0.0 if tilt_mrad is None else 1e-3 * tilt_mrad
         values["ball_statics"] = _ball_by_ball(ball_case(entry, load, axial, tilt, speed, clearance), plot)
@@ -186,10 +198,10 @@ def _ball_by_ball(case: BallCase, plot: Path | None) -> dict[str, Any]:
     return values
 
 
-def _refuse_with_fe(statics: str | None, axial_load: float | None, tilt: float | None) -> None:
-    for given, words in ((statics, "--statics"), (axial_load, "--axial-load-newton"), (tilt, "--tilt-mrad")):
+def _refuse_with(option: str, words: str, statics: str | None, axial_load: float | None, tilt: float | None) -> None:
+    for given, other in ((statics, "--statics"), (axial_load, "--axial-load-newton"), (tilt, "--tilt-mrad")):
         if given is not None:
-            raise InputError(f"--fe and {words}: finite elements take a radial load alone; leave one of them out")
+            raise InputError(f"{option} and {other}: {words} take a radial load alone; leave one of them out")
 
 
 @dataclass(frozen=True)
@@ -344,8 +356,9 @@ def _lines(bearing: Bearing, load: float, speed: float, values: dict[str, Any]) 
         yield from static_lines(values)
     if values["ball_statics"] is not None:
         yield from ball_lines(values["ball_statics"])
-    if values["fe"] is not None:
-        yield from fe_lines(values["fe"])
+    for name, extra in _extras().items():
+        if values[name] is not None:
+            yield from extra.lines(values[name])
     if values["l10h_days"] is not None:
         yield f"L10h life           {values['l10h_days']:.2f} days"
     verdicts = Counter(figure["verdict"] for figure in values["published"])

@@ -17,6 +17,7 @@ from models.machine.rig import Rig
 from models.machine.scene import Defect, Floor, Scene, Slip, Waviness
 from models.solve.registry import AUTO, MODELS
 from models.solve.response import row_of
+from models.words.extras import brought, load
 from models.words.request import QUANTITIES, SENSORS, Sensor
 from monitor.commands import option
 from monitor.commands.common import (
@@ -30,7 +31,6 @@ from monitor.commands.common import (
     read_machine,
 )
 from monitor.commands.model_parameters import further_effects, with_machine, with_parameters
-from monitor.commands.simulate.gears import GEAR_TRAIN, simulate_gears
 from monitor.commands.simulate.models import WAVEFORM_RATE, compare, compared_lines, request_of, simulated
 from monitor.commands.simulate.speed import (
     settle_speeds,
@@ -78,7 +78,10 @@ _USUAL = {"speed_hz": 40.0, "load_newton": 4000.0}
 @click.option("--slip-rule", type=click.Choice(["per_passage", "mean_force"]), default="per_passage")
 @click.option("--duration-s", type=click.FloatRange(0.01, 60.0), help="Time to simulate; default 1, or the profile's.")
 @click.option(
-    "--model", type=click.Choice([AUTO, *MODELS, GEAR_TRAIN]), default=AUTO, help="auto: the cheapest that has all."
+    "--model",
+    type=click.Choice([AUTO, *MODELS, *brought("simulate")]),
+    default=AUTO,
+    help="auto: the cheapest that has all.",
 )
 @click.option("--accuracy", type=click.FloatRange(1e-7, 0.1), default=1e-3, help="Relative error of --quantity.")
 @click.option("--quantity", type=click.Choice(QUANTITIES), default="rms", help="What the accuracy is for.")
@@ -102,8 +105,8 @@ def command(config_path: Path | None, name: str | None, as_json: bool, quiet: bo
     """
     if options["plot"] is not None:
         check_suffix("--plot", options["plot"], PICTURES)
-    if options["model"] == GEAR_TRAIN:
-        simulate_gears(config_path, options, as_json=as_json)
+    if options["model"] in brought("simulate"):
+        load("simulate", options["model"])(config_path, options, as_json=as_json)
         return
     config = read_machine(config_path)
     given = {key: options[key] for key in _USUAL if options[key] is not None}

@@ -20,8 +20,8 @@ from models.machine.rig import Rig
 from models.maps.nodes import drawn_rig
 from models.maps.plan import MapError, MapPlan
 from models.words.errors import WrongInputError
-from monitor.commands.bearing.rig import rig_text
 from monitor.config.bearing import RigSection
+from monitor.fe.rig import rig_text
 
 BALLS, ROLLERS = from_catalogue("6210"), from_catalogue("NU 202 ECP")
 PLAN = MapPlan((2000.0,), (30.0,), (0.0, 1e-5), (0.0, 0.1), rig_draws=4)

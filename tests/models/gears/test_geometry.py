@@ -10,8 +10,8 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from models.gears.geometry import GearPair, TipRelief, ToothedWheel, inverse_involute
-from models.gears.rack import BasicRack, ToothProfile, involute
+from models.gears.teeth.geometry import GearPair, TipRelief, ToothedWheel, inverse_involute
+from models.gears.teeth.rack import BasicRack, ToothProfile, involute
 
 ANGLE = math.radians(20.0)
 

@@ -10,11 +10,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from models.gears.contacts import Springs, share_force
-from models.gears.faults import Eccentricity, PitchError, Pitting, ProfileError, ToothCrack, ToothSpall
-from models.gears.geometry import GearPair, TipRelief, ToothedWheel
-from models.gears.stiffness import loaded_mesh, mesh_stiffness
-from models.gears.tooth import StiffnessMethod
+from models.gears.teeth.contacts import Springs, share_force
+from models.gears.teeth.faults import Eccentricity, PitchError, Pitting, ProfileError, ToothCrack, ToothSpall
+from models.gears.teeth.geometry import GearPair, TipRelief, ToothedWheel
+from models.gears.teeth.stiffness import loaded_mesh, mesh_stiffness
+from models.gears.teeth.tooth import StiffnessMethod
 from tests.support.effort import effort_count
 
 FORCE = 4000.0

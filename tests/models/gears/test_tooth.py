@@ -7,10 +7,10 @@ import math
 import numpy as np
 import pytest
 
-from models.gears.geometry import GearPair, ToothedWheel
-from models.gears.iso6336 import iso_stiffness
-from models.gears.rack import BasicRack, ToothProfile
-from models.gears.tooth import (
+from models.gears.teeth.geometry import GearPair, ToothedWheel
+from models.gears.teeth.iso6336 import iso_stiffness
+from models.gears.teeth.rack import BasicRack, ToothProfile
+from models.gears.teeth.tooth import (
     StiffnessMethod,
     beam_compliance,
     crack_compliance,

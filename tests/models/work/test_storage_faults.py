@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from models.work.object_store import ObjectStore
+from models.fleet.object_store import ObjectStore
 from models.work.redact import redact
 from models.work.runner import Runner
 from models.work.serial import SerialExecutor

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from models.work.object_store import ObjectStore
+from models.fleet.object_store import ObjectStore
 from monitor.health.record import Record
 from monitor.records.store import Store
 from tests.support.commands import run_command

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from models.fe.casing.model import Point
 from models.fe.casing.modes import Damping, Modes, first_modes, modal_responses
-from models.transfer.mode_sets import assurance
+from models.gears.transfer.mode_sets import assurance
 from tests.models.fe.casing.casings import box, plate
 
 pytest.importorskip("skfem", reason="needs the extra fe")

@@ -12,7 +12,7 @@ from models.fe.meshes.grid import Order
 from models.fe.meshes.roller_mesh import roller_mesh
 from models.fe.meshes.sizing import MeshRule, contact_grid
 from models.machine.bearing import catalogue_entry
-from monitor.report.figures.fe_mesh import draw_boundary
+from monitor.fe.figure_mesh import draw_boundary
 
 pytestmark = pytest.mark.skipif(not has_extra(), reason="scikit-fem (extra fe) is not installed")
 ROLLER = fe_geometry(catalogue_entry("NU 202 ECP"))

@@ -1,1 +1,0 @@
-"""Kernels of trains of gears."""

@@ -1,1 +1,0 @@
-"""Parameters of the machine of a train of gears."""

@@ -1,1 +1,0 @@
-"""Archives: many recordings of many machines, replayed into one place."""

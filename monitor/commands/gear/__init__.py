@@ -1,1 +1,0 @@
-"""``spallwatch gear``: a gear train, its orders, forces and levels."""

@@ -1,0 +1,1 @@
+"""Finite elements: ``spallwatch bearing --fe``, its sections and its picture."""

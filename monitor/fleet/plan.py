@@ -1,0 +1,245 @@
+"""From a manifest to the rows of an index: globs are expanded once, histories are put together."""
+
+from __future__ import annotations
+
+import glob
+import hashlib
+import json
+import re
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
+from functools import lru_cache
+from pathlib import Path
+
+from models.words.errors import WrongInputError
+from models.work.redact import redactor
+from models.work.task import Store
+from monitor.config.load import ConfigError
+from monitor.fleet.index import Index, Later
+from monitor.fleet.local import without_file_scheme
+from monitor.fleet.manifest import Entry, ManifestError, read_manifest
+from monitor.fleet.occupied import Overlap
+from monitor.fleet.setup import send_setup
+from streams.files import natural_key
+from streams.remote import bare, expand, is_remote
+
+_NOT_IN_NAMES = re.compile(r"[^A-Za-z0-9_.+-]+")
+_MAX_NAME = 80
+HISTORY_NAME = "history"
+_MAGIC = re.compile(r"[*?\[]")
+
+
+@dataclass
+class _Planned:
+    """A machine of which entries were met: what must not change, and the history that is going on."""
+
+    id: int
+    config: Path
+    history: str
+    recording: int | None = None
+    place: int = 0
+
+
+@dataclass
+class Planner:
+    """Fills an index from a manifest.
+
+    Attributes:
+        store: takes the configurations with their maps and libraries.
+        overlap: finds recordings in the place of the archive, where that is known.
+        signed: URLs with queries that must not be written, by the URL without them.
+    """
+
+    index: Index
+    store: Store
+    overlap: Overlap | None = None
+    signed: dict[str, str] = field(default_factory=dict[str, str])
+    _machines: dict[str, _Planned] = field(default_factory=dict[str, _Planned])
+    _setups: dict[Path, str] = field(default_factory=dict[Path, str])
+    _shown: Callable[[str], str] = field(default_factory=lambda: _bare_of_many())
+
+    def plan(self, manifest: Path, check: Callable[[], None] = lambda: None) -> None:
+        """Write all recordings of a manifest into the index, in one transaction; ``check`` is called at its end.
+
+        Raises:
+            ManifestError: the manifest cannot be used; the index stays empty.
+            ConfigError: a configuration cannot be used.
+        """
+        self.index.begin()
+        try:
+            digest = _Digest(self._shown)
+            for entry in read_manifest(manifest):
+                digest.add(entry)
+                self._add(entry)
+            if not self._machines:
+                raise ManifestError(f"{manifest}: holds no recordings")
+            if (twice := self.index.given_twice()) is not None:
+                raise ManifestError(f"{manifest}: recordings: {twice[1]} is given twice for machine {twice[0]}")
+            if self.overlap is not None:
+                self.overlap.check(self._machines)
+            check()
+            signed = "yes" if self.signed else "no"
+            self.index.set_meta(manifest=digest.text(), configs=self._configs(), signed=signed)
+            self.index.commit()
+        except BaseException:
+            self.index.rollback()
+            raise
+
+    def _configs(self) -> str:
+        return json.dumps({str(path): digest for path, digest in self._setups.items()})
+
+    def _add(self, entry: Entry) -> None:
+        machine = self._machine(entry)
+        anew = {self._shown(without_file_scheme(url)) for url in entry.anew}
+        if anew and entry.history == "each":
+            raise ManifestError(f'{entry.where}: anew: every recording is anew with history = "each"')
+        seen: set[str] = set()
+        for url in expanded(entry):
+            shown = self._shown(url)
+            if shown in seen:
+                raise ManifestError(f"{entry.where}: recordings: {shown} is given twice")
+            seen.add(shown)
+            if self.overlap is not None:
+                self.overlap.add(entry.where, shown)
+            if shown != url:
+                self.signed[shown] = url
+            if entry.history == "each" or machine.recording is None or shown in anew:
+                machine.recording = self.index.add_recording(
+                    machine.id, name_of(shown) if entry.history == "each" else HISTORY_NAME, shown
+                )
+                machine.place = 0
+            else:
+                machine.place += 1
+                self.index.add_link(machine.recording, machine.place, shown)
+        if lost := anew - seen:
+            raise ManifestError(f"{entry.where}: anew: {min(lost)} is none of the recordings")
+
+    def _machine(self, entry: Entry) -> _Planned:
+        found = self._machines.get(entry.machine)
+        if found is None:
+            if entry.config not in self._setups:
+                try:
+                    self._setups[entry.config] = send_setup(entry.config, self.store)
+                except ConfigError as error:
+                    raise ConfigError(f"{entry.where}: machine {entry.machine}: {error}") from None
+            number = self.index.add_machine(entry.machine, self._setups[entry.config], entry.history)
+            found = self._machines[entry.machine] = _Planned(number, entry.config, entry.history)
+        for key, before, now in (("config", found.config, entry.config), ("history", found.history, entry.history)):
+            if before != now:
+                raise ManifestError(f"{entry.where}: {key}: machine {entry.machine} has {before} above, got {now}")
+        return found
+
+
+def _bare_of_many() -> Callable[[str], str]:
+    """Return what gives URLs without what must not be written."""
+    hide = redactor()
+    return lru_cache(maxsize=1024)(lambda url: bare(url, hide))
+
+
+class _Digest:
+    """Digest of the entries of a manifest; a URL that was signed anew is the same."""
+
+    def __init__(self, shown: Callable[[str], str]) -> None:
+        self._hash = hashlib.blake2b(digest_size=16)
+        self._shown = shown
+
+    def add(self, entry: Entry) -> None:
+        urls, anew = ([self._shown(url) for url in listed] for listed in (entry.recordings, entry.anew))
+        self._hash.update(json.dumps([entry.machine, str(entry.config), urls, entry.history, anew]).encode())
+
+    def text(self) -> str:
+        return self._hash.hexdigest()
+
+
+def manifest_digest(manifest: Path) -> str:
+    """Return the digest of the entries of a manifest.
+
+    Raises:
+        ManifestError: it cannot be used.
+    """
+    digest = _Digest(_bare_of_many())
+    for entry in read_manifest(manifest):
+        digest.add(entry)
+    return digest.text()
+
+
+def check_unchanged(index: Index, manifest: Path, store: Store) -> None:
+    """Refuse a manifest or a configuration that has changed since an archive was planned.
+
+    Raises:
+        ManifestError: naming what has changed.
+        ConfigError: a configuration cannot be used any more.
+    """
+    meta = index.meta()
+    if meta["manifest"] != manifest_digest(manifest):
+        raise ManifestError(
+            f"{manifest}: has changed since the archive was begun; --extend adds recordings, or take another --out"
+        )
+    for path, digest in json.loads(meta["configs"]).items():
+        if send_setup(Path(path), store) != digest:
+            raise ManifestError(f"{path}: it or its maps have changed since the archive was begun; take another --out")
+
+
+def signed_urls(manifest: Path) -> dict[str, str]:
+    """Return the URLs of a manifest with what must not be written, by the URL without it."""
+    shown = _bare_of_many()
+    urls = (url for entry in read_manifest(manifest) for url in entry.recordings if is_remote(url))
+    return {shown(url): url for url in urls if shown(url) != url}
+
+
+def later_recordings(index: Index, manifest: Path) -> Later:
+    """Count the recordings that patterns of a manifest name now, and did not when its archive was planned.
+
+    Raises:
+        ManifestError: it cannot be used.
+        RemoteError: an object storage cannot be listed.
+    """
+    shown = _bare_of_many()
+
+    def named() -> Iterator[tuple[str, str]]:
+        for entry in read_manifest(manifest):
+            patterns = tuple(url for url in entry.recordings if _MAGIC.search(url) and not url.startswith("rig:"))
+            for pattern in patterns:
+                # What it named then may all be gone.
+                with suppress(ManifestError):
+                    yield from ((entry.machine, shown(url)) for url in expanded(replace(entry, recordings=(pattern,))))
+
+    return index.not_in_it(named())
+
+
+def expanded(entry: Entry) -> Iterator[str]:
+    """Yield the recordings of an entry, those of a glob in natural order.
+
+    Raises:
+        ManifestError: there is nothing of that name, or it cannot be looked up.
+        RemoteError: an object storage cannot be listed.
+    """
+    for url in entry.recordings:
+        try:
+            found = _named(url)
+        except WrongInputError as error:
+            raise ManifestError(f"{entry.where}: recordings: {error}") from None
+        except OSError as error:
+            raise ManifestError(f"{entry.where}: recordings: {url!r}: {error.strerror or error}") from None
+        yield from found
+
+
+def _named(url: str) -> list[str]:
+    if is_remote(url):
+        return [without_file_scheme(one) for one in expand(url)]
+    if url.startswith(("rig:", "dataset:", "folder:")) or Path(url).exists():
+        return [url]
+    if not _MAGIC.search(url):
+        raise WrongInputError(f"there is no {url!r}")
+    found = sorted(glob.glob(url, recursive=True), key=natural_key)  # noqa: PTH207 - absolute patterns
+    if not found:
+        raise WrongInputError(f"nothing is named {url!r}")
+    return found
+
+
+def name_of(url: str) -> str:
+    """Return a name for a recording, a part of a path: the last part of its URL."""
+    text = url if url.startswith("rig:") else url.rstrip("/").rpartition("/")[2]
+    name = _NOT_IN_NAMES.sub("-", text).strip(".-")[:_MAX_NAME]
+    return name or "recording"
