@@ -18,10 +18,10 @@ from models.lives.life import draw_life
 from models.lives.population import Population
 from models.maps.data import RmsMap
 from models.maps.file import cached_map
-from monitor.health.damage import Damage, Remaining
-from monitor.health.damage.library.forecaster import LibrarySettings
-from monitor.health.damage.library.model import Library
-from monitor.health.damage.tracker import DamageGate, DamageSettings, DamageState, TrackMethod, step
+from monitor.health.size import Damage, Remaining
+from monitor.health.size.library.forecaster import LibrarySettings
+from monitor.health.size.library.model import Library
+from monitor.health.tracker import DamageGate, DamageSettings, DamageState, TrackMethod, step
 from monitor.records.library_file import load_library
 from monitor.service.libraries import cached_library
 from monitor.service.setup import part_map

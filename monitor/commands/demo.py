@@ -25,7 +25,7 @@ from streams.rig import machine_of
 
 if TYPE_CHECKING:
     from models.maps.data import RmsMap
-    from monitor.health.damage.library.model import Library
+    from monitor.health.size.library.model import Library
 
 _RMS_BAND = (0.0, 9500.0)
 """The low-pass of the thesis (section 2.3.1)."""

@@ -13,10 +13,10 @@ from typing import TYPE_CHECKING
 
 from models.lives.growth import GROWTH, TrackingError, grow_lives
 from models.lives.population import Population
-from monitor.health.damage import DamageInput, Remaining
+from monitor.health.size import DamageInput, Remaining
 
 if TYPE_CHECKING:
-    from monitor.health.damage.library.model import Library
+    from monitor.health.size.library.model import Library
 
 LIVES = 300
 _COLUMNS = 150
@@ -28,7 +28,7 @@ QUADRATIC = replace(GROWTH, laws=(("quadratic", 1.0),), durations=Population.dur
 @cache
 def quadratic_library() -> Library:
     """Return a library of quadratic growth alone; the fit takes some seconds."""
-    from monitor.health.damage.library.fit import FitSettings, fit_library
+    from monitor.health.size.library.fit import FitSettings, fit_library
     from monitor.service.libraries import growth_words
 
     return fit_library(
@@ -47,7 +47,7 @@ def forecast_quadratic(history: Sequence[tuple[int, float, float]]) -> dict[int,
 
     ``history`` has the number of each block, its time in s, and V_eq in m2.
     """
-    from monitor.health.damage.library.forecaster import LibrarySettings, LibraryState, step
+    from monitor.health.size.library.forecaster import LibrarySettings, LibraryState, step
 
     library, state, found = quadratic_library(), LibraryState(), {}
     settings = LibrarySettings(features="v_eq")

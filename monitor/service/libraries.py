@@ -19,11 +19,11 @@ from models.lives.life import simulate_lives
 from models.lives.population import Population
 from models.machine.rig import Rig
 from models.work.runner import SERIAL, Runner
-from monitor.health.damage.library import acceleration, plausible, regression, summaries
-from monitor.health.damage.library import fit as library_fit
-from monitor.health.damage.library import model as library_model
-from monitor.health.damage.library.fit import FitSettings, fit_library
-from monitor.health.damage.library.model import Library
+from monitor.health.size.library import acceleration, plausible, regression, summaries
+from monitor.health.size.library import fit as library_fit
+from monitor.health.size.library import model as library_model
+from monitor.health.size.library.fit import FitSettings, fit_library
+from monitor.health.size.library.model import Library
 from monitor.records.library_file import SCHEMA_VERSION, LibraryError, load_library, save_library
 
 Progress = Callable[[int, int], None]

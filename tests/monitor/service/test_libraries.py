@@ -19,9 +19,9 @@ from models.lives.growth import GROWTH, TrackingError, grow_life, grow_lives
 from models.lives.population import Population
 from monitor.cli import spallwatch
 from monitor.commands.common import InputError
-from monitor.health.damage import DamageInput
-from monitor.health.damage.library.fit import FitSettings
-from monitor.health.damage.library.forecaster import LibrarySettings, LibraryState, step
+from monitor.health.size import DamageInput
+from monitor.health.size.library.fit import FitSettings
+from monitor.health.size.library.forecaster import LibrarySettings, LibraryState, step
 from monitor.service import libraries
 from monitor.service.libraries import SHIPPED, cached_library, library_path, shipped_library
 from tests.support.effort import effort_count
