@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from models.lives.growth import GROWTH, TrackingError, grow_lives
@@ -18,6 +19,8 @@ from monitor.health.size import DamageInput, Remaining
 if TYPE_CHECKING:
     from monitor.health.size.library.model import Library
 
+SHIPPED = Path(__file__).with_name("demo_quadratic.npz")
+"""The library of quadratic growth (``benchmarks.demo_libraries`` makes it)."""
 LIVES = 300
 _COLUMNS = 150
 _ERROR = TrackingError(sd=(0.1, 0.4))
@@ -27,7 +30,14 @@ QUADRATIC = replace(GROWTH, laws=(("quadratic", 1.0),), durations=Population.dur
 
 @cache
 def quadratic_library() -> Library:
-    """Return a library of quadratic growth alone; the fit takes some seconds."""
+    """Return the library of quadratic growth alone."""
+    from monitor.records.library_file import load_library
+
+    return load_library(SHIPPED)
+
+
+def build_quadratic() -> Library:
+    """Fit the library that ships, which takes some seconds."""
     from monitor.health.size.library.fit import FitSettings, fit_library
     from monitor.service.libraries import growth_words
 

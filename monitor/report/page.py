@@ -125,7 +125,7 @@ def require_pdf() -> tuple[Callable[..., Any], Callable[..., Any]]:
         ReportError: the extra ``pdf`` or the system library Pango is missing.
     """
     try:
-        # It prints to standard output where Pango is missing, and warns where HarfBuzz-Subset is, which it can do without.
+        # It prints where Pango is missing, and warns where HarfBuzz-Subset is, without which it can do.
         with redirect_stdout(io.StringIO()), warnings.catch_warnings():
             warnings.simplefilter("ignore")
             from weasyprint import HTML
