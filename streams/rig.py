@@ -8,12 +8,10 @@ from __future__ import annotations
 
 import hashlib
 import math
-from collections import deque
 from collections.abc import Iterator
-from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import replace
 from functools import cached_property
-from typing import Any
+from typing import Any, Protocol
 from urllib.parse import parse_qsl
 
 import numpy as np
@@ -26,9 +24,9 @@ from models.machine.speed_profile import SpeedProfile, constant
 from models.path.defect import race_radius
 from models.solve.angular.rig import AngularRig
 from models.solve.response import Response, row_of
+from models.words.extras import load
 from models.words.request import SENSORS, Sensor
 from streams.block import STANDARD_GRAVITY, Block
-from streams.rig_gears import OPTIONS, RigGears, gear_sound, gears_of
 from streams.rig_life import THRESHOLD, draw_life, perturbed
 from streams.rig_machine import Machine, machine_of
 from streams.rig_running import RUNS, TACHO_CHANNEL, Running
@@ -43,8 +41,6 @@ _ACCURACY = 0.02
 INTERVAL = 300.0
 """Seconds from block to block (thesis, section 2.3.2: 5 s of signal every 5 minutes)."""
 
-_AHEAD = 4
-"""Blocks that are simulated while another one is analysed."""
 _PATH = (1.0, 0.03, 0.02)
 """Share of the test bearing's vibration that reaches each sensor."""
 _PATH_OF_GEARS = np.array([1.0, 0.7, 0.7], dtype=np.float32)
@@ -55,6 +51,21 @@ _TRIED_SECONDS = 0.05
 """Time over which a model is tried on the worst damage."""
 _REPEATED_SECONDS = 0.5
 """Time over which the lines of a motion are found that repeats."""
+_GEARS: Any = load("rig", "gears")
+"""Gears that run beside the bearing: options of a URL, and what the sensors show of them."""
+
+
+class Beside(Protocol):
+    """What runs beside the bearing; its repr tells the blocks of one from those of another."""
+
+    @property
+    def words(self) -> str:
+        """What it is, for people."""
+        ...
+
+    def in_block(self, sequence: int) -> Beside:
+        """Return it as it is in a block, from 1."""
+        ...
 
 
 class SimulatedRig:
@@ -75,7 +86,7 @@ class SimulatedRig:
         speed: float = 40.0,
         machine: Machine | None = None,
         running: Running | None = None,
-        gears: RigGears | None = None,
+        gears: Beside | None = None,
     ) -> None:
         """Draw the life of a bearing; load in N, shaft speed in Hz.
 
@@ -135,18 +146,9 @@ class SimulatedRig:
         return self._blocks
 
     def __iter__(self) -> Iterator[Block]:
-        """Simulate the blocks in order, some ahead of the one that is taken: the kernels run beside the interpreter."""
-        with ThreadPoolExecutor(2, "rig") as simulator:
-            ahead = deque[Future[Block]]()
-            try:
-                for sequence in range(1, self._blocks + 1):
-                    ahead.append(simulator.submit(self.block, sequence))
-                    if len(ahead) > _AHEAD:
-                        yield ahead.popleft().result()
-                while ahead:
-                    yield ahead.popleft().result()
-            finally:
-                simulator.shutdown(cancel_futures=True)
+        """Simulate the blocks in order."""
+        for sequence in range(1, self._blocks + 1):
+            yield self.block(sequence)
 
     def time_after_onset(self, sequence: int) -> float:
         """Return the seconds from the onset of the damage to a block, negative before it."""
@@ -253,7 +255,7 @@ class SimulatedRig:
     def _gear(self, sequence: int, turns: NDArray[np.float64]) -> NDArray[np.float32]:
         """Return the acceleration of the gears at the shaft's turns, m/s2, in a block that begins anywhere."""
         assert self.gears is not None
-        heard = gear_sound(
+        heard = _GEARS.gear_sound(
             self.gears.in_block(sequence), self.speed, self.running.fastest, self.seed, RATE, _BACKGROUND
         )
         begin = np.random.default_rng([self.seed, 6, sequence]).uniform(0.0, heard.turns)
@@ -328,7 +330,7 @@ _OPTIONS = {
     "tacho_jitter_us": float,
     "tacho_missing": float,
     "tacho_extra": float,
-    **OPTIONS,
+    **_GEARS.OPTIONS,
 }
 _FROM_ZERO = ("tacho_error_deg", "tacho_jitter_us", "tacho_missing", "tacho_extra")
 _OF_MACHINE = ("model", "bearing", "sensor", "gain")
@@ -356,7 +358,7 @@ def open_rig(url: str, name: str) -> SimulatedRig:
             seed,
             **{argument: options.pop(key) for key, argument in kept.items() if key in options},
             machine=machine_of(**chosen),
-            gears=gears_of({key: options.pop(key) for key in OPTIONS if key in options}),
+            gears=_GEARS.gears_of({key: options.pop(key) for key in _GEARS.OPTIONS if key in options}),
             running=_running(options, seed),
         )
         if not opened.machine.is_bench or opened.running != Running(speed=opened.speed):

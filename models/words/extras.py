@@ -7,7 +7,7 @@ A group is ``spallwatch.`` and one of the names below; the core names no extra.
 - ``bearing``: options and an answer of ``spallwatch bearing``, as a module of ``options``, ``answer`` and ``lines``.
 - ``simulate``: a function that ``spallwatch simulate --model NAME`` calls.
 - ``models``: a ``Model``.
-- ``rig``: what runs beside the bearing of a simulated rig.
+- ``rig``: what runs beside the bearing of a simulated rig, as a module of ``OPTIONS``, ``gears_of``, ``gear_sound``.
 - ``work``: executors of chunks on clusters, and stores of chunks in object storage.
 """
 

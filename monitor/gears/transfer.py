@@ -22,8 +22,8 @@ from models.gears.transfer.frf import MOTION_UNITS, FrequencyResponses
 from monitor.commands.common import InputError, finite, output_errors
 from monitor.gears.config.section import GearSection
 from monitor.gears.forces import GearRun
+from monitor.gears.frf_files import read_frf
 from streams.block import STANDARD_GRAVITY
-from streams.readers.frf import read_frf
 
 Array = NDArray[np.float64]
 

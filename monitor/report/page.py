@@ -6,7 +6,6 @@ import functools
 import io
 import logging
 import re
-import warnings
 from collections.abc import Callable
 from contextlib import redirect_stdout
 from datetime import UTC, datetime
@@ -125,9 +124,8 @@ def require_pdf() -> tuple[Callable[..., Any], Callable[..., Any]]:
         ReportError: the extra ``pdf`` or the system library Pango is missing.
     """
     try:
-        # It prints where Pango is missing, and warns where HarfBuzz-Subset is, without which it can do.
-        with redirect_stdout(io.StringIO()), warnings.catch_warnings():
-            warnings.simplefilter("ignore")
+        # It prints to standard output where Pango is missing.
+        with redirect_stdout(io.StringIO()):
             from weasyprint import HTML
             from weasyprint.urls import URLFetcher
     except ImportError as error:

@@ -17,6 +17,7 @@ from models.gears.transfer.frf import FrequencyResponses
 from monitor.commands.common import InputError
 from monitor.gears.config.section import GearSection
 from monitor.gears.forces import GearRun, amplitudes
+from monitor.gears.frf_files import frf_to_csv
 from monitor.gears.transfer import (
     Casing,
     bands_within,
@@ -28,7 +29,6 @@ from monitor.gears.transfer import (
     pressure_values,
 )
 from streams.block import STANDARD_GRAVITY
-from streams.readers.frf import frf_to_csv
 from tests.support.commands import run_command
 from tests.support.gear_forces import RATE, VARIED, run_of, toml
 
