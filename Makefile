@@ -7,6 +7,7 @@ BIN := $(VENV)/bin
 # Collecting the tests keeps their modules with rewritten assertions; what is wrong with them the tests say.
 REWRITE = env -u PYTHONDONTWRITEBYTECODE $(BIN)/python -m pytest --collect-only -qq >/dev/null 2>&1
 READY := $(VENV)/.ready
+DEMO_READY := $(VENV)/.demo-ready
 
 .PHONY: help setup demo test without-posix coverage check site bench lock clean install-service uninstall-service
 
@@ -23,22 +24,35 @@ help:
 	@echo "make uninstall-service  takes it away; configurations, state and records stay"
 	@echo "make clean  remove the virtual environment and what demo and tests left"
 
-$(READY): requirements.lock pyproject.toml
+# Install what the file of names $(1) has of the lock. pip takes one package after the other: four of them at once.
+install = rm -rf $(VENV)/lock && mkdir $(VENV)/lock && \
+	awk 'NR == FNR { split($$1, name, "=="); wanted[name[1]]; next } \
+		/^[^ ]/ { split($$1, name, "=="); take = name[1] in wanted; part += take } \
+		take { print > ("$(VENV)/lock/" part % 4) }' $(1) requirements.lock && \
+	ls $(VENV)/lock/* | xargs -n 1 -P 4 $(BIN)/python -m pip install -qq --disable-pip-version-check --no-compile --no-deps --require-hashes -r
+# All cores at once, which pip does not; some packages ship files that are not meant for this Python. Tests of
+# packages, and the many services of moto, are a third of all and hardly ever imported.
+compile = $(BIN)/python -m compileall -qq -j 0 -x '/(tests|moto)/' $(VENV)/lib || true
+
+$(DEMO_READY): requirements.lock deploy/demo_packages.txt pyproject.toml
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { echo "spallwatch needs Python 3.11 or newer; set PYTHON=/path/to/python3.11"; exit 2; }
 	$(PYTHON) -m venv $(VENV)
-	@# pip takes one package after the other: four of them at once, each with a part of the lock, which names everything.
-	mkdir -p $(VENV)/lock
-	awk '/^[^ #]/ { part = (part + 1) % 4 } { print > ("$(VENV)/lock/" part) }' requirements.lock
-	ls $(VENV)/lock/* | xargs -n 1 -P 4 $(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile --no-deps --require-hashes -r
-	@# All cores at once, which pip does not; some packages ship files that are not meant for this Python. Tests of
-	@# packages, and the many services of moto, are a third of all and hardly ever imported.
-	@$(BIN)/python -m compileall -qq -j 0 -x '/(tests|moto)/' $(VENV)/lib || true
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation -e .
-	@touch $(READY)
+	@# The kernels of a scene take longest: they are compiled while all other packages are installed.
+	printf '%s\n' llvmlite numba numpy scipy google-crc32c >$(VENV)/first
+	$(call install,$(VENV)/first)
+	@{ $(BIN)/python -c 'from models.warmup import compile_part as compile; compile("one settled scene")' || true; } & \
+		{ $(call install,deploy/demo_packages.txt); } && { $(compile); } && \
+		$(BIN)/python -m pip install -qq --disable-pip-version-check --no-deps --no-build-isolation -e . && wait
+	@touch $@
+
+$(READY): $(DEMO_READY)
+	$(call install,requirements.lock)
+	@$(compile)
+	@touch $@
 
 setup: $(READY)
 
-demo: $(READY)
+demo: $(DEMO_READY)
 	$(BIN)/spallwatch demo --out demo-out $(if $(MODEL),--model $(MODEL))
 
 test: $(READY)

@@ -16,9 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.onset_windows import WINDOWS, inputs_of
-from monitor.health import detect
+from monitor.health import onset as detect
 from monitor.health.alarms import AlarmSettings, Level, Rule
-from monitor.health.trend import TimeToAlarm, TrendInput, TrendState, step
+from monitor.health.rest.trend import TimeToAlarm, TrendInput, TrendState, step
 
 Floats = NDArray[np.float64]
 

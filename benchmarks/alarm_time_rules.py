@@ -9,8 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from benchmarks.alarm_time_cases import Case, Floats
-from monitor.health.trend.growth import AHEAD, PRIOR, Crossing, GrowthPrior, crossing, segments
-from monitor.health.trend.stage import MIN_NOISE, points_of
+from monitor.health.rest.trend.growth import AHEAD, PRIOR, Crossing, GrowthPrior, crossing, segments
+from monitor.health.rest.trend.stage import MIN_NOISE, points_of
 
 GRID: Floats = np.concatenate(((0.0,), np.geomspace(1e-3, 100.0, 400)))
 """Times ahead at which the probabilities stand, in elapsed times."""

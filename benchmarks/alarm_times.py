@@ -39,8 +39,8 @@ from benchmarks.alarm_time_rules import (
 )
 from benchmarks.common import Row, arguments, interleaved_ms, print_table, write_json
 from monitor.health.alarms import AlarmSettings
-from monitor.health.trend import TrendInput, TtaStatus, step
-from monitor.health.trend.growth import PRIOR
+from monitor.health.rest.trend import TrendInput, TtaStatus, step
+from monitor.health.rest.trend.growth import PRIOR
 from tests.conftest import recordings_folder
 
 SIMULATED_SEED = 20271130

@@ -6,7 +6,7 @@ band, in which the damaged part is named as the program does:
 - configured: that of the example configuration (recordings), 1 to 9 kHz (simulated);
 - widest: from five times the highest fault frequency to 0.98 of the Nyquist frequency;
 - auto: ``band_hz = "auto"`` as it was until this benchmark (kurtosis times contrast and depth of all periodic lines);
-- kurtogram: the band of the highest kurtosis (Antoni 2007, ``monitor/health/spectrum/kurtogram.py``);
+- kurtogram: the band of the highest kurtosis (Antoni 2007, ``monitor/health/signal/kurtogram.py``);
 - infogram: the band of the highest mean negentropy of the squared envelope and its spectrum (Antoni, doi
   10.1016/j.ymssp.2015.04.034);
 - log envelope: the band whose spectrum of the logarithm of the squared envelope has the strongest lines at the
@@ -39,12 +39,12 @@ from numpy.typing import NDArray
 from benchmarks.common import Row, arguments, calibration_kernel, interleaved_ms, print_table, write_json
 from benchmarks.naming_of import namings_of
 from models.machine.bearing import Kinematics, kinematics
-from monitor.health.naming import Naming
-from monitor.health.spectrum.bands import candidate_bands, find_band
-from monitor.health.spectrum.features import FeatureSettings, block_features, fundamentals
-from monitor.health.spectrum.interference import Comb, Interference
-from monitor.health.spectrum.kurtogram import Kurtogram, kurtogram
-from monitor.health.spectrum.transform import Band
+from monitor.health.name.naming import Naming
+from monitor.health.signal.bands import candidate_bands, find_band
+from monitor.health.signal.features import FeatureSettings, block_features, fundamentals
+from monitor.health.signal.interference import Comb, Interference
+from monitor.health.signal.kurtogram import Kurtogram, kurtogram
+from monitor.health.signal.transform import Band
 from streams.block import Block
 from tests.conftest import recordings_folder
 from tests.support.recordings import CASES, OTHER_ENDS, judge, watch

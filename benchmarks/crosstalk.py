@@ -24,13 +24,13 @@ from numpy.typing import NDArray
 
 from benchmarks.common import Row, arguments, interleaved_ms, print_table, write_json
 from models.machine.bearing import Kinematics
-from monitor.health import detect
-from monitor.health.condition import ConditionSettings
-from monitor.health.machine import BearingVerdict
+from monitor.health import onset as detect
+from monitor.health.name.evidence import parts_of
+from monitor.health.name.machine import BearingVerdict
+from monitor.health.signal.condition import ConditionSettings
+from monitor.health.signal.waterfall import WaterfallSettings
 from monitor.health.state import ChannelSettings, SourceSettings, SourceState
 from monitor.health.step import step
-from monitor.health.voice import parts_of
-from monitor.health.waterfall import WaterfallSettings
 from streams.block import Block
 from tests.support.signals import RESONANCE, HealthyMachine, bearing_lines, impacts
 

@@ -20,10 +20,10 @@ from numpy.typing import NDArray
 from benchmarks.common import REFERENCE_MS, arguments, calibration_kernel, interleaved_ms, print_table, write_json
 from benchmarks.ridge_signals import BEARING, RATE, SECONDS, Array, impacts_of, ringing, rotation_of
 from models.machine.bearing import kinematics
-from monitor.health.rotation.rotation import Rotation
-from monitor.health.spectrum.cyclic import FALSE_ALARM, cyclic_coherence
-from monitor.health.spectrum.kurtogram import kurtogram
-from monitor.health.spectrum.transform import BlockTransform
+from monitor.health.signal.cyclic import FALSE_ALARM, cyclic_coherence
+from monitor.health.signal.kurtogram import kurtogram
+from monitor.health.signal.rotation.rotation import Rotation
+from monitor.health.signal.transform import BlockTransform
 
 LINES, NEAR = 3, 0.02
 THRESHOLD_SHARE = 0.05

@@ -26,12 +26,12 @@ from numpy.typing import NDArray
 
 from benchmarks.common import Row, arguments, calibration_kernel, interleaved_ms, print_table, write_json
 from models.machine.bearing import kinematics
-from monitor.health import detect
+from monitor.health import onset as detect
 from monitor.health.channel import ChannelBlock, check_channel, detect_input, step
-from monitor.health.condition import Quantity
-from monitor.health.naming import name_fault
-from monitor.health.quality import check_samples
-from monitor.health.spectrum.features import FeatureSettings, block_features, fundamentals
+from monitor.health.name.naming import name_fault
+from monitor.health.signal.condition import Quantity
+from monitor.health.signal.features import FeatureSettings, block_features, fundamentals
+from monitor.health.signal.quality import check_samples
 from monitor.health.state import ChannelSettings, ChannelState
 from tests.conftest import recordings_folder
 from tests.support.recordings import RUNS, History, Run, histories

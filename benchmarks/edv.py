@@ -29,11 +29,11 @@ from benchmarks.common import (
     print_table,
     write_json,
 )
-from monitor.health.damage import EdvStatus, Remaining, TtStatus
-from monitor.health.damage.thesis import edv, forecast
-from monitor.health.damage.thesis.edv import EdvState
-from monitor.health.damage.thesis.forecast import ForecastState
-from monitor.health.damage.thesis.level_set import LevelMap, least_volume
+from monitor.health.rest import quadratic as forecast
+from monitor.health.rest.quadratic import ForecastState
+from monitor.health.size import EdvStatus, Remaining, TtStatus, edv
+from monitor.health.size.edv import EdvState
+from monitor.health.size.level_set import LevelMap, least_volume
 from tests.oracles.edv_oracle import scan_least_volume
 from tests.oracles.quadratic_oracle import fit_quadratic
 

@@ -37,7 +37,7 @@ from models.maps.build import build_map
 from models.maps.data import RmsMap
 from models.maps.plan import MapPlan
 from monitor.fe.config_shaft import read_shaft
-from monitor.health.damage.filter.particle_filter import FilterSettings
+from monitor.health.size.filter.particle_filter import FilterSettings
 
 Floats = NDArray[np.float64]
 

@@ -31,13 +31,13 @@ from benchmarks.common import (
     print_table,
     write_json,
 )
-from monitor.health.spectrum import plans
-from monitor.health.spectrum.comb import line_spectrum
-from monitor.health.spectrum.features import FAULTS, FeatureSettings, block_features
-from monitor.health.spectrum.indicators import time_indicators
-from monitor.health.spectrum.lines import FALSE_ALARM, fault_lines
-from monitor.health.spectrum.plans import Effort, Precision
-from monitor.health.spectrum.transform import Band, BlockTransform
+from monitor.health.signal import plans
+from monitor.health.signal.comb import line_spectrum
+from monitor.health.signal.features import FAULTS, FeatureSettings, block_features
+from monitor.health.signal.indicators import time_indicators
+from monitor.health.signal.lines import FALSE_ALARM, fault_lines
+from monitor.health.signal.plans import Effort, Precision
+from monitor.health.signal.transform import Band, BlockTransform
 from tests.oracles import features_oracle as oracle
 
 BAND: Band = (7000.0, 9000.0)

@@ -6,7 +6,7 @@ Run as ``python -m benchmarks.filter [--quick] [--json FILE]``. Tables:
 2. the widening: lives of the library of ``benchmarks.forecast`` (loads of 3 to 5 kN, 20 to 45 Hz, slip), tracked on the
    map of a smooth floor without widening, each scored at 1/4, 1/2 and 3/4 of the time to the threshold; the factor on
    the half widths of ln V_eq with which the interval would have held the truth is found for every life and moment, and
-   its quantile at the level of the interval is what ``monitor.health.damage.filter.particle_filter`` has as
+   its quantile at the level of the interval is what ``monitor.health.size.filter.particle_filter`` has as
    ``WIDENING_RMS`` and ``WIDENING_HARMONICS``;
 3. the figures with that widening on other lives of the library, which took no part in finding it;
 4. the same at one load and speed, on the map of a smooth floor and on the mean of twelve rough floors;
@@ -38,8 +38,8 @@ from models.machine.scene import Floor
 from models.maps.data import MapSlice, RmsMap
 from models.maps.file import cached_map
 from models.maps.plan import MapPlan
-from monitor.health.damage import DamageInput
-from monitor.health.damage.filter.particle_filter import FilterSettings, FilterState, step, step_score
+from monitor.health.size import DamageInput
+from monitor.health.size.filter.particle_filter import FilterSettings, FilterState, step, step_score
 
 Floats = NDArray[np.float64]
 Slices = Callable[[LifeHistory], MapSlice]
@@ -200,7 +200,7 @@ def _steps(life: LifeHistory, map_slice: MapSlice, settings: FilterSettings, gai
 
 
 def spread_rows(rms_map: RmsMap) -> list[Row]:
-    """Return the spread over floors and rigs at the depths that ``monitor.health.damage.filter.prior`` tables."""
+    """Return the spread over floors and rigs at the depths that ``monitor.health.size.filter.prior`` tables."""
     at = rms_map.slice_at(4000.0, 40.0)
     wide = at.dphi_d >= math.radians(2.0)
     rows: list[Row] = []

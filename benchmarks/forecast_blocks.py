@@ -20,12 +20,12 @@ from benchmarks.forecast_thesis import map_plan
 from models.lives.life import LifeHistory
 from models.maps.data import RmsMap
 from models.maps.file import cached_map
-from monitor.health.damage import DamageInput
-from monitor.health.damage.filter import particle_filter as physical
-from monitor.health.damage.library import forecaster as stage
-from monitor.health.damage.library.model import Library
-from monitor.health.damage.thesis import edv, forecast
-from monitor.health.damage.thesis.level_set import LevelMap
+from monitor.health.rest import quadratic as forecast
+from monitor.health.size import DamageInput, edv
+from monitor.health.size.filter import particle_filter as physical
+from monitor.health.size.level_set import LevelMap
+from monitor.health.size.library import forecaster as stage
+from monitor.health.size.library.model import Library
 from monitor.report.score import baselines
 from monitor.report.score.metrics import crps_from_quantiles, mean_over_runs
 from tests.support.followed_lives import block_of

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from benchmarks.forecast_population import FRACTIONS, THRESHOLD
 from models.lives.life import LifeHistory
-from monitor.health.damage.library.forecaster import QUANTILES
+from monitor.health.size.library.forecaster import QUANTILES
 from monitor.report.score.metrics import Mean, crps_from_quantiles, mean_over_runs
 
 Floats = NDArray[np.float64]

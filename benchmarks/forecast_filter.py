@@ -17,8 +17,8 @@ from models.lives.life import LifeHistory
 from models.machine.scene import Floor
 from models.maps.data import MapSlice, RmsMap
 from models.maps.file import cached_map
-from monitor.health.damage import Damage, DamageInput
-from monitor.health.damage.filter.particle_filter import FilterSettings, FilterState, step
+from monitor.health.size import Damage, DamageInput
+from monitor.health.size.filter.particle_filter import FilterSettings, FilterState, step
 
 FEATURES = {"rms": 0, "rms+harmonics": 3}
 """Lines of BPFO that are read with a set of features."""

@@ -9,10 +9,10 @@ import numpy as np
 from benchmarks.forecast_cases import LEVEL, LEVELS, Answers, Cases
 from benchmarks.forecast_population import LIBRARY, THRESHOLD
 from models.lives.life import LifeHistory
-from monitor.health.damage.library.fit import fit_library
-from monitor.health.damage.library.forecaster import Conditions, LibrarySettings, LibraryState, step
-from monitor.health.damage.library.model import Library, levels_of
-from monitor.health.damage.library.summaries import LevelHistory
+from monitor.health.size.library.fit import fit_library
+from monitor.health.size.library.forecaster import Conditions, LibrarySettings, LibraryState, step
+from monitor.health.size.library.model import Library, levels_of
+from monitor.health.size.library.summaries import LevelHistory
 from tests.support.followed_lives import block_of
 
 

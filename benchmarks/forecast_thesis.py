@@ -19,11 +19,11 @@ from models.maps.build import build_map
 from models.maps.data import RmsMap
 from models.maps.file import cached_map
 from models.maps.plan import MapPlan
-from monitor.health.damage import Remaining, TtStatus
-from monitor.health.damage.thesis import edv, forecast
-from monitor.health.damage.thesis.edv import EdvState
-from monitor.health.damage.thesis.forecast import ForecastState
-from monitor.health.damage.thesis.level_set import LevelMap
+from monitor.health.rest import quadratic as forecast
+from monitor.health.rest.quadratic import ForecastState
+from monitor.health.size import Remaining, TtStatus, edv
+from monitor.health.size.edv import EdvState
+from monitor.health.size.level_set import LevelMap
 
 _ANSWERED = (TtStatus.OK, TtStatus.ALREADY_CROSSED)
 _EXTENTS = tuple(math.radians(0.5 * i) for i in range(101))

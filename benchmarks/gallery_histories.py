@@ -30,7 +30,7 @@ from benchmarks.gallery_lives import (
 from benchmarks.gallery_plate import Claim, Plate, letter, words
 from models.machine.bearing import from_catalogue, kinematics
 from models.maps.data import MapSlice, RmsMap
-from monitor.health.spectrum.features import BlockFeatures
+from monitor.health.signal.features import BlockFeatures
 from monitor.report.figures.drawing import BLUE, GREY, INK, ORANGE, PURPLE, SHADE, VERMILION
 from monitor.report.figures.rms_map import show_levels
 

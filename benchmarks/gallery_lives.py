@@ -24,12 +24,12 @@ from models.maps.data import RmsMap
 from models.maps.plan import MapPlan
 from models.path.defect import race_radius
 from models.solve.simulate import simulate
-from monitor.health.damage import EdvStatus, Remaining
-from monitor.health.damage.thesis.edv import EdvSettings, EdvState
-from monitor.health.damage.thesis.edv import step as track
-from monitor.health.damage.thesis.forecast import ForecastState, QuadraticFit
-from monitor.health.damage.thesis.forecast import step as forecast
-from monitor.health.spectrum.features import BlockFeatures, FeatureSettings, block_features, fundamentals
+from monitor.health.rest.quadratic import ForecastState, QuadraticFit
+from monitor.health.rest.quadratic import step as forecast
+from monitor.health.signal.features import BlockFeatures, FeatureSettings, block_features, fundamentals
+from monitor.health.size import EdvStatus, Remaining
+from monitor.health.size.edv import EdvSettings, EdvState
+from monitor.health.size.edv import step as track
 from monitor.service.setup import to_slice
 from tests.oracles.quadratic_oracle import fit_quadratic
 

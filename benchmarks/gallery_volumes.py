@@ -26,7 +26,7 @@ from benchmarks.gallery_lives import (
     with_noise,
 )
 from benchmarks.gallery_plate import Claim, Plate, letter, words
-from monitor.health.damage.thesis.edv import rms_from_map, rms_history
+from monitor.health.size.edv import rms_from_map, rms_history
 from monitor.report.figures.drawing import AXIS, BLUE, INK, VERMILION
 
 

@@ -43,7 +43,7 @@ from benchmarks.seeded_gears import (
 )
 from monitor.health.gears.interference import gear_interference
 from monitor.health.gears.settings import GearPairing, GearSettings, GearWheel
-from monitor.health.spectrum.shaft import ACCEPTED
+from monitor.health.signal.shaft import ACCEPTED
 from monitor.health.state import SourceSettings
 from tests.support.recordings import judge
 from tests.support.steps import Steps

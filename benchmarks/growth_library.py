@@ -18,8 +18,8 @@ import numpy as np
 
 from benchmarks.common import Row, print_table, write_json
 from models.lives.growth import GROWTH, TrackingError, grow_lives
-from monitor.health.damage.library.fit import FitSettings, fit_library
-from monitor.health.damage.library.model import Array, FeatureFit, Library
+from monitor.health.size.library.fit import FitSettings, fit_library
+from monitor.health.size.library.model import Array, FeatureFit, Library
 from monitor.records.library_file import save_library
 from monitor.service.libraries import SHIPPED, growth_words
 

@@ -27,13 +27,13 @@ from models.machine.bearing import kinematics
 from models.machine.scene import Scene, Waviness
 from models.machine.speed_profile import hunt
 from models.solve.simulate import simulate
-from monitor.health import detect
+from monitor.health import onset as detect
 from monitor.health.channel import ChannelBlock, detect_input
-from monitor.health.condition import Quantity
-from monitor.health.detect.dependence import condition_of, learn_dependence
-from monitor.health.quality import Verdict
-from monitor.health.rotation.rotation import Rotation
-from monitor.health.spectrum.features import FeatureSettings, block_features, fundamentals
+from monitor.health.onset.dependence import condition_of, learn_dependence
+from monitor.health.signal.condition import Quantity
+from monitor.health.signal.features import FeatureSettings, block_features, fundamentals
+from monitor.health.signal.quality import Verdict
+from monitor.health.signal.rotation.rotation import Rotation
 from tests.support.signals import record_of
 
 HELD_OUT_SEED = 20261125

@@ -16,10 +16,10 @@ from benchmarks.forecast_library import fitted
 from benchmarks.forecast_lives import cached_lives
 from benchmarks.forecast_population import LIBRARY, LIBRARY_RUNS, THRESHOLD
 from models.lives.life import LifeHistory
-from monitor.health.damage import TtStatus
-from monitor.health.damage.library.fit import stands_still
-from monitor.health.damage.library.forecaster import LibrarySettings, LibraryState, step
-from monitor.health.damage.library.model import Library
+from monitor.health.size import TtStatus
+from monitor.health.size.library.fit import stands_still
+from monitor.health.size.library.forecaster import LibrarySettings, LibraryState, step
+from monitor.health.size.library.model import Library
 from tests.support.followed_lives import block_of
 
 STANDSTILL = "standstill"

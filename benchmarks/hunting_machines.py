@@ -22,7 +22,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from monitor.health.detect import LINES, DetectInput
+from monitor.health.onset import LINES, DetectInput
 from tests.support.signals import HealthyMachine
 
 Array = NDArray[np.float64]

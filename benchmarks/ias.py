@@ -4,7 +4,7 @@ Run as ``python -m benchmarks.ias [--quick] [--json FILE]``. Pulses are made fro
 ``angular`` (radial load 600 N, axial load 200 N; healthy, and with the printed spall of the left bearing; 6000 and
 20,000 rpm): the times at which it passes the marks of a wheel with a known error, at a speed that hunts by 0.3 %, with
 jitter and the rounding of a clock; 200 turns each. A family stands out where its score exceeds the threshold for one
-false alarm in 10,000 (``monitor.health.spectrum.lines``) within 0.3 % of its line. Tables:
+false alarm in 10,000 (``monitor.health.signal.lines``) within 0.3 % of its line. Tables:
 
 1. lines of the angular speed without any error of the encoder, healthy and with the spall, and beside the torsion mode;
 2. the slowest clock at which 3 of 3 records show n x 4.63, n x 4.26 and the three multiples of 4.63 next to the mode,
@@ -40,11 +40,11 @@ from models.machine.scene import Scene
 from models.published.thibault import FAST, SLOW
 from models.published.thibault_shaft import BPFO_LEFT, REFERENCE, SPALL, bpfo
 from models.solve.angular.solver import Trace, trace
-from monitor.health.rotation.encoder import EncoderState, encoder_step
-from monitor.health.rotation.ias import IasSpectrum, beside_marks, ias_lines, ias_spectrum, ias_view
-from monitor.health.rotation.intervals import intervals
-from monitor.health.rotation.train import PulseTrain
-from monitor.health.spectrum.lines import FALSE_ALARM, fault_lines, noise_threshold
+from monitor.health.signal.lines import FALSE_ALARM, fault_lines, noise_threshold
+from monitor.health.signal.rotation.encoder import EncoderState, encoder_step
+from monitor.health.signal.rotation.ias import IasSpectrum, beside_marks, ias_lines, ias_spectrum, ias_view
+from monitor.health.signal.rotation.intervals import intervals
+from monitor.health.signal.rotation.train import PulseTrain
 
 Floats = NDArray[np.float64]
 TURNS, SETTLE_S, STEP_S = 200, 0.3, 5e-6

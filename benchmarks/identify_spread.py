@@ -38,7 +38,7 @@ from models.maps.data import RmsMap
 from models.maps.plan import MapPlan
 from models.published.thesis import EXTENTS_DEG, SEEDED_DEPTH
 from models.work.choose import local_runner
-from monitor.health.damage.filter.particle_filter import FilterSettings
+from monitor.health.size.filter.particle_filter import FilterSettings
 
 Floats = NDArray[np.float64]
 

@@ -34,9 +34,9 @@ from numpy.typing import NDArray
 from benchmarks.common import Row, arguments, calibration_kernel, interleaved_ms, print_table, write_json
 from benchmarks.naming_of import namings_of
 from models.machine.bearing import Kinematics, kinematics
-from monitor.health.spectrum.features import FAULTS, FeatureSettings, block_features, fundamentals
-from monitor.health.spectrum.interference import Comb, Interference
-from monitor.health.spectrum.transform import Band
+from monitor.health.signal.features import FAULTS, FeatureSettings, block_features, fundamentals
+from monitor.health.signal.interference import Comb, Interference
+from monitor.health.signal.transform import Band
 from streams.block import Block
 from tests.conftest import recordings_folder
 from tests.support.recordings import CASES, judge, watch

@@ -31,11 +31,11 @@ from benchmarks.common import Row, arguments, print_table, write_json
 from benchmarks.learned_lives import constants
 from benchmarks.learned_opponents import LEVELS, Forecast, learned, opponents
 from benchmarks.onset_windows import WINDOWS, inputs_of
-from monitor.health.damage import DamageInput
-from monitor.health.damage.learned.fit import MIN_BLOCKS, LearnedRun, fit_runs
-from monitor.health.damage.learned.forecaster import LearnedState, step
-from monitor.health.damage.learned.onset import find_onset
-from monitor.health.damage.learned.scores import scores_out_of_run
+from monitor.health.rest.learned.fit import MIN_BLOCKS, LearnedRun, fit_runs
+from monitor.health.rest.learned.forecaster import LearnedState, step
+from monitor.health.rest.learned.onset import find_onset
+from monitor.health.rest.learned.scores import scores_out_of_run
+from monitor.health.size import DamageInput
 from tests.conftest import recordings_folder
 
 Array = NDArray[np.float64]

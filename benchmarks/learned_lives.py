@@ -19,9 +19,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.common import Row, arguments, print_table, write_json
-from monitor.health.damage.learned import fit
-from monitor.health.damage.learned.fit import LearnedRun, Moments, moments_of
-from monitor.health.damage.learned.scores import SCORED_SHARES, covers, crps_share
+from monitor.health.rest.learned import fit
+from monitor.health.rest.learned.fit import LearnedRun, Moments, moments_of
+from monitor.health.rest.learned.scores import SCORED_SHARES, covers, crps_share
 
 Array = NDArray[np.float64]
 SEED = 900

@@ -12,9 +12,9 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-from monitor.health.damage.learned.fit import MIN_POINTS, LearnedRun, fit_runs
-from monitor.health.damage.learned.history import StageHistory
-from monitor.health.damage.learned.model import Distribution, LearnedModel
+from monitor.health.rest.learned.fit import MIN_POINTS, LearnedRun, fit_runs
+from monitor.health.rest.learned.history import StageHistory
+from monitor.health.rest.learned.model import Distribution, LearnedModel
 
 Array = NDArray[np.float64]
 Forecast = Callable[[LearnedRun, int], Array | None]

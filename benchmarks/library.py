@@ -35,10 +35,10 @@ from benchmarks.common import (
 from benchmarks.forecast_lives import cached_lives
 from benchmarks.forecast_population import LIBRARY, LIBRARY_RUNS, THRESHOLD
 from models.lives.life import LifeHistory
-from monitor.health.damage import DamageInput
-from monitor.health.damage.library.fit import fit_library
-from monitor.health.damage.library.forecaster import LibrarySettings, LibraryState, step
-from monitor.health.damage.library.model import LINES, Library
+from monitor.health.size import DamageInput
+from monitor.health.size.library.fit import fit_library
+from monitor.health.size.library.forecaster import LibrarySettings, LibraryState, step
+from monitor.health.size.library.model import LINES, Library
 
 THRESHOLDS = (0.03e-6, 0.04e-6, 0.05e-6)
 TARGET_MS = 2.0

@@ -21,8 +21,8 @@ from benchmarks.common import Row, arguments, print_table, write_json
 from benchmarks.forecast_library import fitted
 from benchmarks.forecast_lives import cached_lives
 from benchmarks.forecast_population import LIBRARY, LIBRARY_RUNS
-from monitor.health.damage.library.model import LINES, OFFSET, Array, FeatureFit
-from monitor.health.damage.library.scores import SCORED_LEVEL
+from monitor.health.size.library.model import LINES, OFFSET, Array, FeatureFit
+from monitor.health.size.library.scores import SCORED_LEVEL
 
 NEIGHBOURS = 300
 KNOTS = (0.25, 0.5, 0.75, 0.95)

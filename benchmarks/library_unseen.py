@@ -27,8 +27,8 @@ from benchmarks.forecast_naive import lifetimes, of_elapsed_time
 from benchmarks.forecast_population import FRACTIONS, LIBRARY, LIBRARY_RUNS, THRESHOLD
 from models.lives.laws import LAWS
 from models.lives.life import LifeHistory
-from monitor.health.damage.library.fit import POOL
-from monitor.health.damage.library.model import FeatureFit, Library
+from monitor.health.size.library.fit import POOL
+from monitor.health.size.library.model import FeatureFit, Library
 
 STANDSTILL = "standstill"
 FEATURES = ("rms", "rms+harmonics", "v_eq")

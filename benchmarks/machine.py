@@ -23,8 +23,8 @@ from typing import Any
 import numpy as np
 
 from benchmarks.common import Row, arguments, print_table, write_json
-from monitor.health.machine import BearingVerdict, MachineState, step
-from monitor.health.voice import Heard, heard_in
+from monitor.health.name.evidence import Heard, heard_in
+from monitor.health.name.machine import BearingVerdict, MachineState, step
 from tests.conftest import recordings_folder
 from tests.support.recordings import RUNS, Run, watch
 

@@ -33,8 +33,8 @@ from models.maps.plan import MapPlan
 from models.solve.angular.rig import AngularRig
 from models.solve.registry import IGNORES_DEPTH, RIGS
 from models.solve.simulate import simulate
-from monitor.health.damage import tracker as damage
-from monitor.health.damage.tracker import TrackMethod
+from monitor.health import tracker as damage
+from monitor.health.tracker import TrackMethod
 from monitor.service.setup import part_map
 from streams.rig import INTERVAL, SimulatedRig
 from streams.rig_machine import RADIAL_BEARING, machine_of

@@ -32,12 +32,12 @@ from numpy.typing import NDArray
 from benchmarks.common import Row, arguments, print_table, write_json
 from benchmarks.naming_of import namings_of
 from models.machine.bearing import Kinematics, catalogue, kinematics
-from monitor.health.naming import MIN_DEPTH, SURE, Naming
-from monitor.health.spectrum.average import RecentSpectra
-from monitor.health.spectrum.bands import candidate_bands, find_band
-from monitor.health.spectrum.features import FAULTS, FeatureSettings, block_features, fundamentals
-from monitor.health.spectrum.lines import SEARCH
-from monitor.health.spectrum.transform import Band
+from monitor.health.name.naming import MIN_DEPTH, SURE, Naming
+from monitor.health.signal.average import RecentSpectra
+from monitor.health.signal.bands import candidate_bands, find_band
+from monitor.health.signal.features import FAULTS, FeatureSettings, block_features, fundamentals
+from monitor.health.signal.lines import SEARCH
+from monitor.health.signal.transform import Band
 from streams.block import Block
 from tests.conftest import recordings_folder
 from tests.support.recordings import CASES, Case, watch

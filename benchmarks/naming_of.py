@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import asdict
 
 from models.machine.bearing import Kinematics
-from monitor.health.naming import Naming, name_fault
-from monitor.health.spectrum.features import BlockFeatures
+from monitor.health.name.naming import Naming, name_fault
+from monitor.health.signal.features import BlockFeatures
 
 
 def namings_of(features: BlockFeatures, stated: Kinematics) -> tuple[Naming, ...]:

@@ -1,7 +1,7 @@
 """Where an onset is defensible on each axis of eleven PRONOSTIA runs, and the histories of their features.
 
 The windows were set on the plots of the histories and on the README of the recordings before any rule of
-:mod:`monitor.health.detect` that they judge was tuned. Where a level settles higher for most of a life (2_1) only the
+:mod:`monitor.health.onset` that they judge was tuned. Where a level settles higher for most of a life (2_1) only the
 last rise counts, so that an onset at the first one is early.
 """
 
@@ -12,7 +12,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from monitor.health.detect import LINES, DetectInput
+from monitor.health.onset import LINES, DetectInput
 from streams.block import STANDARD_GRAVITY
 
 

@@ -30,12 +30,12 @@ from numpy.typing import NDArray
 from benchmarks.common import Row, arguments, print_table, write_json
 from benchmarks.detection import cusum, three_sigma
 from benchmarks.onset_windows import WINDOWS, Window, inputs_of
-from monitor.health import detect
+from monitor.health import onset as detect
 from monitor.health.channel import ChannelBlock, detect_input
-from monitor.health.condition import Quantity
-from monitor.health.detect.threshold import one_of, threshold_for
-from monitor.health.quality import Verdict
-from monitor.health.spectrum.features import FeatureSettings, block_features, fundamentals
+from monitor.health.onset.threshold import one_of, threshold_for
+from monitor.health.signal.condition import Quantity
+from monitor.health.signal.features import FeatureSettings, block_features, fundamentals
+from monitor.health.signal.quality import Verdict
 from tests.conftest import recordings_folder
 from tests.support.signals import HealthyMachine, bearing_lines, impacts
 

@@ -37,11 +37,11 @@ from benchmarks.common import (
     write_json,
 )
 from models.machine.bearing import kinematics
-from monitor.health.rotation.rotation import Rotation, constant
-from monitor.health.spectrum.features import FAULTS, FeatureSettings, block_features, fundamentals
-from monitor.health.spectrum.interference import Interference, all_combs
-from monitor.health.spectrum.orders import SAMPLING_RATIO, Warp, order_amplitude, order_spectrum, warp_of
-from monitor.health.spectrum.transform import BlockTransform
+from monitor.health.signal.features import FAULTS, FeatureSettings, block_features, fundamentals
+from monitor.health.signal.interference import Interference, all_combs
+from monitor.health.signal.orders import SAMPLING_RATIO, Warp, order_amplitude, order_spectrum, warp_of
+from monitor.health.signal.rotation.rotation import Rotation, constant
+from monitor.health.signal.transform import BlockTransform
 from tests.support.signals import bearing_lines, impacts
 
 DURATION, SPEED = 5.0, 25.0

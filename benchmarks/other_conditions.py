@@ -20,7 +20,7 @@ from benchmarks.common import Row, arguments, print_table, write_json
 from models.maps.build import build_map
 from models.maps.data import RmsMap
 from models.maps.plan import MapPlan
-from monitor.health.damage.thesis.edv import rms_from_map, rms_from_model, rms_history
+from monitor.health.size.edv import rms_from_map, rms_from_model, rms_history
 from streams.block import STANDARD_GRAVITY
 
 TABLE_21 = {"E1": (3.4, 5.2, 5.5), "E2": (3.2, 4.8, 5.1), "E3": (2.8, 4.1, 4.4), "measured": (3.7, 4.8, 6.6)}

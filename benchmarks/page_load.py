@@ -32,7 +32,7 @@ from playwright.sync_api import Browser, sync_playwright
 
 from benchmarks.common import Row, arguments, print_table, write_json
 from benchmarks.trends import BEGIN, CHANNEL, INTERVAL, fill
-from monitor.health.waterfall import SpectrumChange, SpectrumRow
+from monitor.health.signal.waterfall import SpectrumChange, SpectrumRow
 from monitor.records.spectra import write_changes
 from monitor.records.store import Store
 

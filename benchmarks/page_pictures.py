@@ -30,8 +30,7 @@ from playwright.sync_api import Browser, sync_playwright
 from benchmarks.regression.trees import ROOT, Tree
 from models.machine.rig import Rig
 from models.maps.file import save_map
-from monitor.commands.demo import _demo_library, _demo_map, demo_config
-from monitor.records.library_file import save_library
+from monitor.commands.demo import SHIPPED, _demo_map, demo_config
 from streams.rig import INTERVAL, RATE, SimulatedRig
 from tests.support.signals import HealthyMachine, bearing_lines, impacts
 
@@ -188,7 +187,7 @@ def write_machines(folder: Path) -> dict[str, Iterator[NDArray[np.float32]]]:
     """Write the configurations, with map and library of the demo; return the blocks of each machine."""
     config = demo_config()
     save_map(_demo_map(config, Rig.model, quiet=True), folder / "map.nc")
-    save_library(_demo_library(config, quiet=True), folder / "library.npz")
+    shutil.copy(SHIPPED, folder / "library.npz")
     tracked = (
         f'track = true\nband_hz = [[7000, 9000]]\nmap = "{folder / "map.nc"}"\nlibrary = "{folder / "library.npz"}"\n'
     )

@@ -27,7 +27,7 @@ import monitor.health.step
 import monitor.service.replay
 from benchmarks.common import REFERENCE_MS, Row, arguments, calibration_kernel, print_table, write_json
 from monitor.config.load import validate
-from monitor.health import detect
+from monitor.health import onset as detect
 from monitor.records.store import Store
 from streams.recording import Recording
 from tests.support.signals import HealthyMachine, bearing_lines, impacts

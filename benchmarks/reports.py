@@ -27,7 +27,7 @@ from benchmarks.common import Row, arguments, print_table, write_json
 from models.work.choose import local_runner
 from monitor.commands.report_batch import BatchSettings, find_runs, run_batch
 from monitor.health.record import Record
-from monitor.health.waterfall import SpectrumChange, SpectrumRow
+from monitor.health.signal.waterfall import SpectrumChange, SpectrumRow
 from monitor.records.spectra import write_changes
 from monitor.records.store import Store
 from monitor.report.options import Options

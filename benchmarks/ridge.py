@@ -34,10 +34,10 @@ from benchmarks.ridge_signals import (
     rotation_of,
 )
 from models.machine.bearing import Bearing, from_catalogue, kinematics
-from monitor.health.rotation.ridge import angle_from_vibration
-from monitor.health.rotation.rotation import Rotation
-from monitor.health.spectrum.speed import SpeedStatus, estimate_speed
-from monitor.health.spectrum.transform import BlockTransform
+from monitor.health.signal.rotation.ridge import angle_from_vibration
+from monitor.health.signal.rotation.rotation import Rotation
+from monitor.health.signal.speed import SpeedStatus, estimate_speed
+from monitor.health.signal.transform import BlockTransform
 
 LIMITS = (8.0, 45.0)
 ORDER = 21.7

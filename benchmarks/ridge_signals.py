@@ -1,7 +1,7 @@
 """Blocks with a known angle of the shaft: a plain generator, another one for judging, and the model of six degrees.
 
-The plain one is that with which the constants of ``monitor.health.rotation.ridge`` were found: lines of the shaft,
-one resonance that the fault rings, white noise. The one for judging shares no part with it: orders pass through
+The plain one is that with which the constants of ``monitor.health.signal.rotation.ridge`` were found: lines of the
+shaft, one resonance that the fault rings, white noise. The one for judging shares no part with it: orders pass through
 resonances that turn their phase while the speed changes, their depth wanders, elements slip at random from passage to
 passage, a supply hums, a second shaft turns beside, and the noise is coloured.
 """
@@ -18,7 +18,7 @@ from models.machine.bearing import from_catalogue, kinematics
 from models.machine.scene import Defect, Scene
 from models.machine.speed_profile import SpeedProfile
 from models.solve.six_dof.time_domain import simulate_time
-from monitor.health.rotation.rotation import Rotation
+from monitor.health.signal.rotation.rotation import Rotation
 
 RATE, SECONDS = 25_600.0, 5.0
 BEARING = from_catalogue("6205")

@@ -40,10 +40,10 @@ from models.maps.file import cached_map
 from models.maps.plan import MapPlan
 from models.path.defect import race_radius
 from monitor.config.load import Config, validate
-from monitor.health.damage.library.calibrate import RecordedRun, calibrate
-from monitor.health.damage.library.fit import FitSettings, fit_library
-from monitor.health.damage.library.model import Library
 from monitor.health.record import Record
+from monitor.health.size.library.calibrate import RecordedRun, calibrate
+from monitor.health.size.library.fit import FitSettings, fit_library
+from monitor.health.size.library.model import Library
 from monitor.records.store import Store
 from monitor.report.score.issued import Issued, read_issued
 from monitor.report.score.scoring import End, mean_of_runs, score_run

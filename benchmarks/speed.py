@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from benchmarks.common import arguments, print_table, write_json
 from models.machine.bearing import Bearing, from_catalogue
-from monitor.health.spectrum.speed import SpeedStatus, estimate_speed
+from monitor.health.signal.speed import SpeedStatus, estimate_speed
 from streams.block import Block
 from streams.open import open_source
 from streams.rig import SimulatedRig

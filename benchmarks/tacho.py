@@ -2,9 +2,9 @@
 
 Run as ``python -m benchmarks.tacho [--quick] [--json FILE]``. The pulses are those of shafts of known angle, in blocks
 of 5 s: one speed, run-ups from 10 to 40 Hz in 5, 20 and 60 s, speeds that hunt by 5, 10 and 20 %. Each fault is put on
-every shaft with seeds that were set before the constants of ``monitor/health/rotation`` were settled (``HELD_OUT``).
-Errors of the angle are without their mean: where a block begins on the shaft is not known. The second table reads the
-pulses from a channel; the third is the processor time of a block.
+every shaft with seeds (``HELD_OUT``) that were set before the constants of ``monitor/health/signal/rotation``. Errors
+of the angle are without their mean: where a block begins on the shaft is not known. The second table reads the pulses
+from a channel; the third is the processor time of a block.
 """
 
 from __future__ import annotations
@@ -18,9 +18,9 @@ from numpy.typing import NDArray
 
 from benchmarks.common import Row, arguments, interleaved_ms, print_table, write_json
 from models.machine.speed_profile import SpeedProfile, hunt, ramp
-from monitor.health.condition import ConditionSettings
-from monitor.health.rotation.found import FoundRotation, find_rotation
-from monitor.health.rotation.settings import TachoSettings
+from monitor.health.signal.condition import ConditionSettings
+from monitor.health.signal.rotation.found import FoundRotation, find_rotation
+from monitor.health.signal.rotation.settings import TachoSettings
 from streams.block import Block
 from streams.pulses import Pulses
 

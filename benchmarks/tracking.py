@@ -31,12 +31,12 @@ from models.machine.scene import Floor
 from models.maps.file import cached_map
 from models.maps.plan import MapPlan
 from models.solve.simulate import simulate
-from monitor.health.damage import EdvStatus, Remaining, TtStatus
-from monitor.health.damage.thesis import edv, forecast
-from monitor.health.damage.thesis.edv import EdvState
-from monitor.health.damage.thesis.forecast import ForecastState
-from monitor.health.damage.thesis.level_set import LevelMap
-from monitor.health.spectrum.features import FeatureSettings, block_features, fundamentals
+from monitor.health.rest import quadratic as forecast
+from monitor.health.rest.quadratic import ForecastState
+from monitor.health.signal.features import FeatureSettings, block_features, fundamentals
+from monitor.health.size import EdvStatus, Remaining, TtStatus, edv
+from monitor.health.size.edv import EdvState
+from monitor.health.size.level_set import LevelMap
 from monitor.service.setup import to_slice
 from streams.rig import CHANNELS, INTERVAL, SimulatedRig, draw_life
 

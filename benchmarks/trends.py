@@ -32,7 +32,7 @@ from numpy.typing import NDArray
 from benchmarks.common import Row, arguments, print_table, write_json
 from benchmarks.records import made_up
 from monitor.health.record import Record
-from monitor.health.waterfall import SpectrumChange, SpectrumRow, WaterfallSettings, WaterfallState, step
+from monitor.health.signal.waterfall import SpectrumChange, SpectrumRow, WaterfallSettings, WaterfallState, step
 from monitor.records.packing import pack, places_of
 from monitor.records.rollup import BATCH_BLOCKS, FEATURES, LEVELS_S, SeriesKey, roll_up, rolled_up_to
 from monitor.records.spectra import read_spectra

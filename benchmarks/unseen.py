@@ -47,7 +47,7 @@ from benchmarks.unseen_cache import lives_of
 from benchmarks.unseen_laws import LAWS, Floats
 from benchmarks.unseen_lives import UnseenLife
 from benchmarks.unseen_seeds import seed_of
-from monitor.health.damage.library.model import Library
+from monitor.health.size.library.model import Library
 from monitor.report.score import baselines
 
 RMS, LINES, BOUND = "library, rms", "library, rms and lines", "own bound: true V_eq"

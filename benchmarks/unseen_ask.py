@@ -18,12 +18,12 @@ from models.lives.life import draw_life
 from models.lives.population import Population
 from models.maps.data import RmsMap
 from models.maps.file import cached_map
-from monitor.health.damage import Damage, Remaining
-from monitor.health.damage.library.forecaster import LibrarySettings
-from monitor.health.damage.library.model import Library
-from monitor.health.damage.tracker import DamageGate, DamageSettings, DamageState, TrackMethod, step
+from monitor.health.size import Damage, Remaining
+from monitor.health.size.library.forecaster import LibrarySettings
+from monitor.health.size.library.model import Library
+from monitor.health.tracker import DamageGate, DamageSettings, DamageState, TrackMethod, step
 from monitor.records.library_file import load_library
-from monitor.service.libraries import cached_library
+from monitor.service.libraries import build_library
 from monitor.service.setup import part_map
 from tests.support.followed_lives import block_of
 
@@ -34,8 +34,8 @@ _FIRST_INDEPENDENT = 1_000_000
 
 
 def library_for(path: Path | None, runs: int) -> Library:
-    """Return the library of a file, or that of ``library build`` over all loads and speeds, kept in the cache."""
-    return load_library(path) if path is not None else cached_library(Population(), runs, [THRESHOLD])
+    """Return the library of a file, or that of ``library build`` over all loads and speeds."""
+    return load_library(path) if path is not None else build_library(Population(), runs=runs, thresholds=[THRESHOLD])
 
 
 def population_of(library: Library) -> Population:

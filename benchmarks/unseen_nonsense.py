@@ -2,7 +2,7 @@
 
 Run as ``python -m benchmarks.unseen_nonsense [--judged | --development] [--lives N] [--filter-lives N] [--sound N]
 [--causes NAME...] [--library FILE | --library-runs N] [--features rms|rms+harmonics] [--json FILE] [--quick]``. The
-lives are those of ``unseen_causes``. Blocks go through ``monitor.health.damage.tracker``, as in the daemon, on a
+lives are those of ``unseen_causes``. Blocks go through ``monitor.health.tracker``, as in the daemon, on a
 calibrated channel with a map of the outer race; V_eq is by the library or by the filter, TT by the library.
 
 A flag is any status other than those with which values are issued as usual (``PASSING``), of V_eq or TT; the first
@@ -31,7 +31,7 @@ from benchmarks.unseen_ask import follow, library_for, map_for, settings_for
 from benchmarks.unseen_causes import WATCHED, Case
 from benchmarks.unseen_laws import STAND_STILL
 from benchmarks.unseen_seeds import seed_of
-from monitor.health.damage.tracker import DamageGate, DamageSettings, TrackMethod
+from monitor.health.tracker import DamageGate, DamageSettings, TrackMethod
 
 PASSING = frozenset(
     ("ok", "widened", "ambiguous", "uncalibrated", "already_crossed", "beyond_horizon", "too_few_points")

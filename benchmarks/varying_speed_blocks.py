@@ -18,11 +18,11 @@ from models.machine.scene import Defect, Part, Scene, Slip
 from models.machine.shaft_marks import ShaftMarks, TimeAt, as_channel, time_of_turns
 from models.machine.speed_profile import SpeedProfile, hunt, ramp
 from models.solve.response import Response
-from monitor.health.condition import ConditionSettings, known_sd, speed_of
-from monitor.health.rotation.found import find_rotation
-from monitor.health.rotation.settings import TachoSettings
-from monitor.health.spectrum.features import BlockFeatures, FeatureSettings, block_features, fundamentals
-from monitor.health.spectrum.lines import line_amplitudes
+from monitor.health.signal.condition import ConditionSettings, known_sd, speed_of
+from monitor.health.signal.features import BlockFeatures, FeatureSettings, block_features, fundamentals
+from monitor.health.signal.lines import line_amplitudes
+from monitor.health.signal.rotation.found import find_rotation
+from monitor.health.signal.rotation.settings import TachoSettings
 from streams.block import STANDARD_GRAVITY, Block
 from streams.pulses import Pulses
 from streams.rig_life import perturbed

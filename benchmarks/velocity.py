@@ -26,9 +26,9 @@ from benchmarks.common import (
     print_table,
     write_json,
 )
-from monitor.health.spectrum.block_view import WAVEFORM_SAMPLES, BlockView, raw_spectra
-from monitor.health.spectrum.transform import BlockTransform
-from monitor.health.spectrum.velocity import Velocity, velocity_of
+from monitor.health.signal.block_view import WAVEFORM_SAMPLES, BlockView, raw_spectra
+from monitor.health.signal.transform import BlockTransform
+from monitor.health.signal.velocity import Velocity, velocity_of
 from monitor.records.spectra import pack_view
 
 RATE = 25_600.0

@@ -22,6 +22,10 @@ CLUSTER_LOCK = ROOT / "deploy" / "cluster" / "requirements.lock"
 EXTRAS = ("hdf5", "tdms", "uff", "mqtt", "opcua", "sparkplug", "pdf")
 LOCKS = {RUNTIME_LOCK: EXTRAS, CLUSTER_LOCK: ("hdf5", "tdms", "uff", "pdf", "identify", "cluster", "s3")}
 """Extras of each lock file: those that a service may need, and those that a worker may need."""
+DEMO = ROOT / "deploy" / "demo_packages.txt"
+"""Names of the packages of ``requirements.lock`` that ``make demo`` installs."""
+DEMO_EXTRAS, BUILDER = ("hdf5", "tdms", "uff", "mqtt"), ("editables", "hatchling")
+"""Extras that the commands of the README can need, and what installs the project itself."""
 
 
 def locked(path: Path) -> dict[str, str]:
@@ -60,9 +64,15 @@ def closure(requirements: Iterable[Requirement]) -> Iterator[str]:
                 waiting += [(Requirement(text), wanted) for text in importlib.metadata.requires(name) or ()]
 
 
+def demo_packages() -> list[str]:
+    """Return the names of the packages that ``make demo`` installs."""
+    return sorted(set(closure([*declared(DEMO_EXTRAS), *map(Requirement, BUILDER)])))
+
+
 def main() -> None:
     """Write the files."""
     entries = locked(LOCK)
+    DEMO.write_text("".join(f"{name}\n" for name in demo_packages()), encoding="utf-8")
     for path, extras in LOCKS.items():
         names = sorted(closure(declared(extras)))
         path.write_text("".join(f"{entries[name]}\n" for name in names), encoding="utf-8")

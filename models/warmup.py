@@ -40,13 +40,6 @@ def _one_scene() -> None:
     simulate(_SCENE)
 
 
-def _rows_of_a_map() -> None:
-    from models.maps.build import build_map
-    from models.maps.plan import MapPlan
-
-    build_map(MapPlan(load=(4000.0,), speed=(40.0,), h_d=(1e-5,), dphi_d=(0.1,)))
-
-
 def _call(place: str) -> None:
     load(place)()
 
@@ -55,9 +48,8 @@ _OF_MODELS = [part for model in MODELS.values() for part in model.warm]
 PARTS: dict[str, Callable[[], None]] = {
     "one settled scene": _one_scene,
     **{words: partial(_call, place) for words, place in sorted(_OF_MODELS, key=lambda part: part[0] != _LONGEST)},
-    "rows of a map": _rows_of_a_map,
 }
-"""The longest first, so that two processes end together; the last part reuses the kernels of the first."""
+"""The longest first, so that two processes end together."""
 
 
 def compile_part(name: str) -> CompiledPart:

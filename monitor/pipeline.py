@@ -18,12 +18,12 @@ from typing import Any, NamedTuple, Protocol
 from monitor.config.load import ConfigError
 from monitor.health.alarms import AlarmAcknowledgement, acknowledged
 from monitor.health.record import Record
-from monitor.health.recording_bands import recording_bands
 from monitor.health.retrace import AVERAGED_SPECTRA, BAND_VOTES, Retraced, retrace
-from monitor.health.spectrum.plans import load_fftw
+from monitor.health.signal.plans import load_fftw
+from monitor.health.signal.recording_bands import recording_bands
+from monitor.health.signal.waterfall import SpectrumChange
 from monitor.health.state import SourceSettings, SourceState
 from monitor.health.step import SourceOutput, rejected_record, rejection_of, step
-from monitor.health.waterfall import SpectrumChange
 from monitor.records.database import StoreError, UnstorableError
 from monitor.records.events import EventLog
 from monitor.records.filing import MAX_BLOCK

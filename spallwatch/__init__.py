@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from models.solve.simulate import simulate as simulate
     from models.words.errors import SpallwatchError as SpallwatchError
     from monitor import __version__ as __version__
-    from monitor.health.naming import Naming as Naming
+    from monitor.health.name.naming import Naming as Naming
     from spallwatch.analysis import SignalError as SignalError
     from spallwatch.analysis import envelope_spectrum as envelope_spectrum
     from spallwatch.analysis import features as features
@@ -74,7 +74,7 @@ _NAMES = {
     "models.solve.simulate": "simulate",
     "models.words.errors": "SpallwatchError",
     "monitor": "__version__",
-    "monitor.health.naming": "Naming",
+    "monitor.health.name.naming": "Naming",
     "spallwatch.analysis": "SignalError envelope_spectrum features name_fault spectrum",
     "spallwatch.archives": "open_archive",
     "spallwatch.bearings": "bearing fault_frequencies fe_stiffness",

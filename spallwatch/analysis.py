@@ -10,9 +10,9 @@ from numpy.typing import ArrayLike
 
 from models.machine.bearing import Bearing
 from models.words.errors import WrongInputError
-from monitor.health.naming import Naming
+from monitor.health.name.naming import Naming
 from monitor.health.record import Record
-from monitor.health.spectrum.transform import BlockTransform
+from monitor.health.signal.transform import BlockTransform
 from monitor.health.step import SourceOutput
 from monitor.pipeline import Pipeline
 from monitor.records.dataset import to_dataset

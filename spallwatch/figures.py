@@ -17,8 +17,8 @@ from models.machine.scene import Scene
 from models.maps.data import RmsMap
 from models.solve.response import Response
 from models.words.request import Sensor
-from monitor.health.spectrum.cyclic import CyclicCoherence
-from monitor.health.spectrum.settings import fundamentals
+from monitor.health.signal.cyclic import CyclicCoherence
+from monitor.health.signal.settings import fundamentals
 from monitor.report.figures.cyclic import cyclic_sheet
 from monitor.report.figures.drawing import BLUE, GREY, STYLE, WIDTH, legend_above, log_ticks
 from monitor.report.figures.rms_map import map_sheet

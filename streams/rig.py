@@ -8,7 +8,9 @@ from __future__ import annotations
 
 import hashlib
 import math
+from collections import deque
 from collections.abc import Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import replace
 from functools import cached_property
 from typing import Any, Protocol
@@ -41,6 +43,8 @@ _ACCURACY = 0.02
 INTERVAL = 300.0
 """Seconds from block to block (thesis, section 2.3.2: 5 s of signal every 5 minutes)."""
 
+_AHEAD = 4
+"""Blocks that are simulated while another one is analysed."""
 _PATH = (1.0, 0.03, 0.02)
 """Share of the test bearing's vibration that reaches each sensor."""
 _PATH_OF_GEARS = np.array([1.0, 0.7, 0.7], dtype=np.float32)
@@ -146,9 +150,18 @@ class SimulatedRig:
         return self._blocks
 
     def __iter__(self) -> Iterator[Block]:
-        """Simulate the blocks in order."""
-        for sequence in range(1, self._blocks + 1):
-            yield self.block(sequence)
+        """Simulate the blocks in order, some ahead of the one that is taken: the kernels run beside the interpreter."""
+        with ThreadPoolExecutor(2, "rig") as simulator:
+            ahead = deque[Future[Block]]()
+            try:
+                for sequence in range(1, self._blocks + 1):
+                    ahead.append(simulator.submit(self.block, sequence))
+                    if len(ahead) > _AHEAD:
+                        yield ahead.popleft().result()
+                while ahead:
+                    yield ahead.popleft().result()
+            finally:
+                simulator.shutdown(cancel_futures=True)
 
     def time_after_onset(self, sequence: int) -> float:
         """Return the seconds from the onset of the damage to a block, negative before it."""

@@ -257,7 +257,7 @@ def kept_band_choices() -> Iterator[None]:
 
     The choice depends on its arguments alone; it takes half of the time of a block that votes for a band.
     """
-    from monitor.health.spectrum import bands
+    from monitor.health.signal import bands
 
     find_band, choices = bands.find_band, dict[object, Any]()
 

@@ -1,7 +1,7 @@
 """Simulated lives of bearings: growth of damage, and the features of each block.
 
 A life is one bearing from the onset of its damage to beyond the largest V_eq of interest. Each block is simulated at
-its own extent and depth of the defect, without a map. Features are those of ``monitor.health.spectrum.features``.
+its own extent and depth of the defect, without a map. Features are those of ``monitor.health.signal.features``.
 
 A life depends on the population and its number alone, so lives can be simulated in any order by any number of workers.
 """

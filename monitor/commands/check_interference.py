@@ -11,8 +11,8 @@ from monitor.config.interference import families_removed, words_of
 from monitor.config.load import Config, ConfigError
 from monitor.config.removed import removed_lines
 from monitor.health.output import ChannelOutput
-from monitor.health.spectrum.interference import Interference, all_combs
-from monitor.health.spectrum.interference_search import Proposal, propose
+from monitor.health.signal.interference import Interference, all_combs
+from monitor.health.signal.interference_search import Proposal, propose
 from streams.block import Block
 
 _DEPTH = 0.1

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Iterator
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -24,14 +25,14 @@ from monitor.words.numbers import duration, interval
 from streams.rig import machine_of
 
 if TYPE_CHECKING:
+    from models.lives.population import Population
     from models.maps.data import RmsMap
-    from monitor.health.damage.library.model import Library
 
 _RMS_BAND = (0.0, 9500.0)
 """The low-pass of the thesis (section 2.3.1)."""
 _EXTENTS_DEG = 50.0
 _DEPTHS_UM = 32.0
-_LIVES = 200
+LIVES = 200
 """Simulated lives in the library; the default of ``spallwatch library build`` is 1000."""
 _AROUND = 0.02
 """Relative range of load and speed, either way, of the lives of the library."""
@@ -41,6 +42,12 @@ _WINDOW_HOURS = 4.0
 _MACHINE = "demo"
 _TESTED = "test_bearing"
 _ONE = "This is one life of many. "
+SHIPPED = Path(__file__).with_name("demo_library.npz")
+"""The library of the demo (``benchmarks.demo_libraries`` makes it)."""
+_OURS = ("state.db", "state.db-*", "state.db.lock", "days.lock", "report.html", ".report.html.tmp", "records")
+"""What a demo leaves in its folder, be it that it was killed."""
+_RECORDS = ("demo-*.nc", "demo-state.json", ".demo-*.tmp")
+"""The same in the folder of records."""
 _NOTES = {
     "library": (
         "V_eq and TT come from a library of simulated lives: the interval is valid for bearings like those of the "
@@ -131,6 +138,7 @@ def command(out: Path, seed: int, method: str | None, model: str, as_json: bool,
     from a map of a smooth floor and nominal parameters. Of another model than that of the casing no library is built,
     the floor is smooth, and the accelerometer shows the model's own sensor.
     """
+    from monitor.records.library_file import load_library
     from monitor.service.replay import replay
 
     began, own = time.perf_counter(), model == Rig.model
@@ -145,7 +153,7 @@ def command(out: Path, seed: int, method: str | None, model: str, as_json: bool,
     hold_output(out)
     _clear(out)
     maps = {_TESTED: _demo_map(config, model, quiet=quiet)}
-    libraries = {_TESTED: _demo_library(config, quiet=quiet)} if method != "thesis" and own else {}
+    libraries = {_TESTED: load_library(SHIPPED)} if method != "thesis" and own else {}
     say(f"simulating and monitoring the life of bearing {seed}", quiet=quiet)
     result = replay(
         config,
@@ -200,17 +208,16 @@ def _demo_map(config: Config, model: str, *, quiet: bool) -> RmsMap:
         return cached_map(plan, runner=runner, progress=counter("map", quiet=quiet))
 
 
-def _demo_library(config: Config, *, quiet: bool) -> Library:
-    """Return the library of the demo, built on first use: lives at its load and speed."""
+def demo_population(config: Config) -> Population:
+    """Return the lives of the library that ships: at the load and speed of a demo."""
     from models.lives.population import Population
-    from monitor.service.libraries import cached_library, library_path
 
     tested = _tested(config)
 
     def around(value: float | None) -> tuple[float, float]:
         return (1.0 - _AROUND) * (value or 0.0), (1.0 + _AROUND) * (value or 0.0)
 
-    population = Population(
+    return Population(
         bearing=config.bearing_of(tested),
         rig=config.rig_of(config.entry_of(tested)),
         load=around(config.operating.load_newton),
@@ -218,12 +225,6 @@ def _demo_library(config: Config, *, quiet: bool) -> Library:
         rms_band=_RMS_BAND,
         seed=_LIBRARY_SEED,
     )
-    thresholds = config.forecast.thresholds
-    kept = library_path(population, _LIVES, thresholds).exists()
-    words = "reading the library of" if kept else "simulating a library (kept for later runs) of"
-    say(f"{words} {_LIVES} lives", quiet=quiet)
-    with local_runner(0) as runner:
-        return cached_library(population, _LIVES, thresholds, runner=runner, progress=counter("lives", quiet=quiet))
 
 
 def _tested(config: Config) -> ChannelSection:
@@ -239,15 +240,14 @@ def _clear(out: Path) -> None:
     """
     if not out.exists():
         return
-    ours = ("state.db", "state.db-wal", "state.db-shm", "state.db.lock", "report.html", "records")
-    foreign = sorted(item.name for item in out.iterdir() if item.name not in ours)
+    foreign = sorted(item.name for item in out.iterdir() if not any(map(item.match, _OURS)))
     if foreign:
         raise InputError(f"--out {out}: holds {foreign[0]!r}, which is not from a demo; give another folder")
     if (out / "state.db").exists():
         _refuse_other_machine(out)
     for item in out.iterdir():
         if item.is_dir():
-            for file in item.glob("demo-*.nc"):
+            for file in chain.from_iterable(map(item.glob, _RECORDS)):
                 file.unlink()
         else:
             item.unlink()

@@ -9,15 +9,18 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from models.lives.growth import GROWTH, TrackingError, grow_lives
 from models.lives.population import Population
-from monitor.health.damage import DamageInput, Remaining
+from monitor.health.size import DamageInput, Remaining
 
 if TYPE_CHECKING:
-    from monitor.health.damage.library.model import Library
+    from monitor.health.size.library.model import Library
 
+SHIPPED = Path(__file__).with_name("demo_quadratic.npz")
+"""The library of quadratic growth (``benchmarks.demo_libraries`` makes it)."""
 LIVES = 300
 _COLUMNS = 150
 _ERROR = TrackingError(sd=(0.1, 0.4))
@@ -27,8 +30,15 @@ QUADRATIC = replace(GROWTH, laws=(("quadratic", 1.0),), durations=Population.dur
 
 @cache
 def quadratic_library() -> Library:
-    """Return a library of quadratic growth alone; the fit takes some seconds."""
-    from monitor.health.damage.library.fit import FitSettings, fit_library
+    """Return the library of quadratic growth alone."""
+    from monitor.records.library_file import load_library
+
+    return load_library(SHIPPED)
+
+
+def build_quadratic() -> Library:
+    """Fit the library that ships, which takes some seconds."""
+    from monitor.health.size.library.fit import FitSettings, fit_library
     from monitor.service.libraries import growth_words
 
     return fit_library(
@@ -47,7 +57,7 @@ def forecast_quadratic(history: Sequence[tuple[int, float, float]]) -> dict[int,
 
     ``history`` has the number of each block, its time in s, and V_eq in m2.
     """
-    from monitor.health.damage.library.forecaster import LibrarySettings, LibraryState, step
+    from monitor.health.size.library.forecaster import LibrarySettings, LibraryState, step
 
     library, state, found = quadratic_library(), LibraryState(), {}
     settings = LibrarySettings(features="v_eq")

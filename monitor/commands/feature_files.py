@@ -10,8 +10,8 @@ from pathlib import Path
 
 from monitor.commands.common import InputError
 from monitor.commands.history_files import open_csv
-from monitor.health.damage.learned.onset import Onset, find_onset, stated_onset
-from monitor.health.detect import LINES, DetectInput
+from monitor.health.onset import LINES, DetectInput
+from monitor.health.rest.learned.onset import Onset, find_onset, stated_onset
 from streams.block import STANDARD_GRAVITY
 
 _LINES = tuple(f"{name}_g" for name in LINES)

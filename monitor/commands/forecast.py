@@ -25,13 +25,13 @@ from monitor.commands.history_files import (
     write_out,
 )
 from monitor.commands.library_learn import axis, columns
-from monitor.health.damage import DamageInput, Remaining
-from monitor.health.damage import tracker as damage
-from monitor.health.damage.calibration import mark_forecast
-from monitor.health.damage.learned.forecaster import LearnedSettings
-from monitor.health.damage.library.forecaster import LibrarySettings, LibraryState
-from monitor.health.damage.library.forecaster import step as ask_library
-from monitor.health.damage.thesis import forecast
+from monitor.health import tracker as damage
+from monitor.health.rest import quadratic as forecast
+from monitor.health.rest.learned.forecaster import LearnedSettings
+from monitor.health.size import DamageInput, Remaining
+from monitor.health.size.calibration import mark_forecast
+from monitor.health.size.library.forecaster import LibrarySettings, LibraryState
+from monitor.health.size.library.forecaster import step as ask_library
 from monitor.service.calibration import is_calibrated
 from monitor.service.libraries import SHIPPED_NAME, shipped_library
 from monitor.words.numbers import duration

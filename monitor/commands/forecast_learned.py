@@ -14,12 +14,12 @@ from typing import Any, NamedTuple
 from monitor.commands.common import InputError, input_errors
 from monitor.commands.feature_files import read_features
 from monitor.commands.history_files import Volumes, is_records, library_settings, read_readings, read_volumes
-from monitor.health.damage import DamageInput, Remaining, TtStatus
-from monitor.health.damage import tracker as damage
-from monitor.health.damage.learned.forecaster import LearnedSettings, LearnedState, step
-from monitor.health.damage.learned.model import LearnedModel
-from monitor.health.damage.library.forecaster import LibrarySettings, LibraryState
-from monitor.health.damage.library.forecaster import step as library_step
+from monitor.health import tracker as damage
+from monitor.health.rest.learned.forecaster import LearnedSettings, LearnedState, step
+from monitor.health.rest.learned.model import LearnedModel
+from monitor.health.size import DamageInput, Remaining, TtStatus
+from monitor.health.size.library.forecaster import LibrarySettings, LibraryState
+from monitor.health.size.library.forecaster import step as library_step
 from monitor.records.learned_file import LearnedFileError, is_learned, load_learned
 from monitor.service.calibration import is_calibrated
 from monitor.service.libraries import shipped_library

@@ -14,9 +14,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from monitor.commands.common import InputError, output_errors
-from monitor.health.damage import DamageInput, EdvStatus
-from monitor.health.damage.library.forecaster import LibrarySettings
-from monitor.health.damage.library.model import Library
+from monitor.health.size import DamageInput, EdvStatus
+from monitor.health.size.library.forecaster import LibrarySettings
+from monitor.health.size.library.model import Library
 from monitor.records.database import replacing
 from monitor.records.library_file import load_library
 from streams.block import STANDARD_GRAVITY

@@ -27,11 +27,11 @@ from monitor.commands.common import (
     read_config,
     read_machine,
 )
-from monitor.health.rotation.ias import clock_noise, interval_error
-from monitor.health.rotation.ias_study import IasStudy, study
-from monitor.health.rotation.settings import TachoSettings
-from monitor.health.spectrum.family import FaultLines
-from monitor.health.spectrum.settings import fundamentals
+from monitor.health.signal.family import FaultLines
+from monitor.health.signal.rotation.ias import clock_noise, interval_error
+from monitor.health.signal.rotation.ias_study import IasStudy, study
+from monitor.health.signal.rotation.settings import TachoSettings
+from monitor.health.signal.settings import fundamentals
 
 _TEXT_LINES = 5
 """Multiples of the shaft that are printed."""

@@ -29,8 +29,8 @@ from monitor.commands.common import (
     say,
 )
 from monitor.config.load import Config
-from monitor.health.damage.library.calibrate import RecordedRun, calibrate
-from monitor.health.damage.library.model import Library
+from monitor.health.size.library.calibrate import RecordedRun, calibrate
+from monitor.health.size.library.model import Library
 from monitor.records.library_file import save_library
 from monitor.service.libraries import build_library
 from monitor.words.calibration import rig_line

@@ -15,8 +15,8 @@ from monitor.commands import option
 from monitor.commands.common import PICTURES, InputError, check_suffix, emit, output_errors, read_config
 from monitor.config.load import Config
 from monitor.health.output import ChannelOutput
-from monitor.health.spectrum.features import fundamentals
-from monitor.health.spectrum.orders import OrderSpectrum, order_spectrum
+from monitor.health.signal.features import fundamentals
+from monitor.health.signal.orders import OrderSpectrum, order_spectrum
 from monitor.health.state import ChannelSettings
 from streams.block import STANDARD_GRAVITY, Block, to_si
 

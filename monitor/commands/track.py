@@ -19,11 +19,10 @@ from monitor.commands import option
 from monitor.commands.common import InputError, check_suffix, emit, finite, input_errors
 from monitor.commands.history_files import SUFFIXES, library_settings, prior_of, read_readings, write_out
 from monitor.config.stages import method_or_best
-from monitor.health.damage import Damage, DamageInput
-from monitor.health.damage import tracker as damage
-from monitor.health.damage.library.model import Library
-from monitor.health.damage.thesis import edv
-from monitor.health.damage.thesis.edv import rms_from_map, rms_from_model, rms_history
+from monitor.health import tracker as damage
+from monitor.health.size import Damage, DamageInput, edv
+from monitor.health.size.edv import rms_from_map, rms_from_model, rms_history
+from monitor.health.size.library.model import Library
 from monitor.service.calibration import rig_of_library, weakest_calibration
 from monitor.service.setup import part_map
 from monitor.words.calibration import uncalibrated_sentence

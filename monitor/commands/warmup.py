@@ -78,7 +78,7 @@ def _compile(*, quiet: bool) -> list[CompiledPart]:
 
 def _plan(config: Config) -> int:
     """Plan one transform for each channel whose bands, block length and rate are configured; return how many."""
-    from monitor.health.spectrum.transform import get_transform
+    from monitor.health.signal.transform import get_transform
 
     sources = {source.name: source for source in config.source}
     planned = 0

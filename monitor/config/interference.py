@@ -8,8 +8,8 @@ from pydantic import Field, model_validator
 
 from models.machine.bearing import Kinematics
 from monitor.config.fields import Count, Positive, Section
-from monitor.health.spectrum.features import fundamentals
-from monitor.health.spectrum.interference import Interference
+from monitor.health.signal.features import fundamentals
+from monitor.health.signal.interference import Interference
 
 _CLOSE = 0.02
 

@@ -11,10 +11,10 @@ from pydantic import Field, field_validator, model_validator
 
 from monitor.config.fields import Count, Finite, Name, NotNegative, Positive, Scale, Section
 from monitor.config.opcua import OpcUaCondition
-from monitor.health.condition import ConditionSettings
-from monitor.health.quality import SpeedLimits
-from monitor.health.rotation.settings import TachoSettings
-from monitor.health.waterfall import WaterfallSettings
+from monitor.health.signal.condition import ConditionSettings
+from monitor.health.signal.quality import SpeedLimits
+from monitor.health.signal.rotation.settings import TachoSettings
+from monitor.health.signal.waterfall import WaterfallSettings
 from monitor.words.zones import machine_class
 from streams.revolutions import BlockRevolutions
 from streams.spec import ChannelSpec

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from monitor.config.load import Config
 from monitor.health.gears.interference import gear_interference
-from monitor.health.spectrum.interference import Interference
-from monitor.health.spectrum.shaft import ACCEPTED
+from monitor.health.signal.interference import Interference
+from monitor.health.signal.shaft import ACCEPTED
 
 
 def removed_lines(config: Config) -> tuple[Interference, ...]:

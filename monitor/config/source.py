@@ -10,7 +10,7 @@ from typing import Annotated, Literal, Self
 from pydantic import Field, field_validator, model_validator
 
 from monitor.config.fields import Band, Blocks, Name, NotNegative, Positive, Scale, Section
-from monitor.health.quality import bands_above_nyquist
+from monitor.health.signal.quality import bands_above_nyquist
 from streams.readers.stated import known_unit
 from streams.spec import UNITS, NetworkSpec, SourceSpec, dating_problem, pulses_problem
 

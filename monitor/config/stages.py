@@ -8,9 +8,9 @@ from typing import Annotated, Literal, Self, TypeVar
 from pydantic import Field, field_validator, model_validator
 
 from monitor.config.fields import Blocks, Positive, Section
-from monitor.health.damage.filter.prior import GrowthPrior
-from monitor.health.damage.tracker import ForecastMethod, TrackMethod
-from monitor.health.detect import FEATURES, DetectSettings, LevelsBy
+from monitor.health.onset import FEATURES, DetectSettings, LevelsBy
+from monitor.health.size.filter.prior import GrowthPrior
+from monitor.health.tracker import ForecastMethod, TrackMethod
 from streams.block import STANDARD_GRAVITY
 
 DetectFeature = Literal["rms", "h_or", "h_ir", "h_ball", "h_cage"]

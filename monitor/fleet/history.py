@@ -13,7 +13,7 @@ from pathlib import Path
 from models.words.errors import WrongInputError
 from models.work.codec import decode, encode
 from monitor.config.load import ConfigError
-from monitor.health.spectrum.bands import VOTES_NEEDED
+from monitor.health.signal.bands import VOTES_NEEDED
 from monitor.records.condense import condense
 from monitor.records.database import MAGIC
 from monitor.records.store import Store

@@ -19,8 +19,8 @@ from models.work.codec import decode, digest_of, encode
 from models.work.stores import open_store
 from models.work.task import Store
 from monitor.config.load import Config, ConfigError, files_of, load_config, read_toml
+from monitor.health.signal.waterfall import WaterfallSettings
 from monitor.health.state import SourceSettings
-from monitor.health.waterfall import WaterfallSettings
 from monitor.service.setup import source_settings
 
 _NOT_SENT = ("notify", "web")

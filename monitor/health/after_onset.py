@@ -5,9 +5,10 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from monitor.health import detect, trend
-from monitor.health.damage import Damage, DamageInput, Remaining
-from monitor.health.damage import tracker as damage
+from monitor.health import onset as detect
+from monitor.health import tracker as damage
+from monitor.health.rest import trend
+from monitor.health.size import Damage, DamageInput, Remaining
 from monitor.health.state import ChannelSettings, ChannelState
 
 if TYPE_CHECKING:

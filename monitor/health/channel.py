@@ -15,25 +15,25 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.machine.bearing import Kinematics, kinematics
-from monitor.health import detect
+from monitor.health import onset as detect
 from monitor.health.after_onset import level_status, time_to_alarm, track
-from monitor.health.condition import Quantity, known_sd
-from monitor.health.damage import Damage, Remaining
 from monitor.health.gears.lines import Wheels
-from monitor.health.naming import Naming, name_fault
+from monitor.health.name.naming import Naming, name_fault
 from monitor.health.output import ChannelOutput
-from monitor.health.quality import Verdict, check_samples
-from monitor.health.rotation.pulse_counts import PulseCounts
-from monitor.health.rotation.rotation import Rotation
-from monitor.health.spectrum.average import RecentSpectra
-from monitor.health.spectrum.bands import BandVotes, candidate_bands
-from monitor.health.spectrum.family import comb_depth
-from monitor.health.spectrum.features import FAULTS, BlockFeatures, FeatureSettings, block_features, fundamentals
-from monitor.health.spectrum.interference import MESH_SD, all_combs, wheel_turns
-from monitor.health.spectrum.search import family_searches, slip_searches
-from monitor.health.spectrum.transform import Band
+from monitor.health.rest.trend import TimeToAlarm
+from monitor.health.signal.average import RecentSpectra
+from monitor.health.signal.bands import BandVotes, candidate_bands
+from monitor.health.signal.condition import Quantity, known_sd
+from monitor.health.signal.family import comb_depth
+from monitor.health.signal.features import FAULTS, BlockFeatures, FeatureSettings, block_features, fundamentals
+from monitor.health.signal.interference import MESH_SD, all_combs, wheel_turns
+from monitor.health.signal.quality import Verdict, check_samples
+from monitor.health.signal.rotation.pulse_counts import PulseCounts
+from monitor.health.signal.rotation.rotation import Rotation
+from monitor.health.signal.search import family_searches, slip_searches
+from monitor.health.signal.transform import Band
+from monitor.health.size import Damage, Remaining
 from monitor.health.state import ChannelSettings, ChannelState, Named
-from monitor.health.trend import TimeToAlarm
 
 PART_LINES: dict[str, str] = dict(zip(detect.LINES, FAULTS, strict=True))
 """The fault family of each sum of lines that the detector listens to."""

@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from monitor.health.voice import parts_of
+from monitor.health.name.evidence import parts_of
 
 
 @dataclass(frozen=True)

@@ -19,25 +19,25 @@ from monitor.health.alarms import (
     AlarmSettings,
     AlarmState,
 )
-from monitor.health.condition import Quantity
-from monitor.health.damage import Damage, Remaining
-from monitor.health.detect import LINES, DetectOutput, DetectState
 from monitor.health.gears.naming import GearsOutput
 from monitor.health.gears.values import gear_values
-from monitor.health.machine import BearingVerdict
-from monitor.health.naming import Naming
-from monitor.health.quality import Verdict
+from monitor.health.name.machine import BearingVerdict
+from monitor.health.name.naming import Naming
+from monitor.health.onset import LINES, DetectOutput, DetectState
 from monitor.health.record import plain
-from monitor.health.rotation.pulse_counts import PulseCounts
-from monitor.health.rotation.rotation import Rotation
+from monitor.health.rest.trend import TimeToAlarm
 from monitor.health.rotation_values import rotation_values, speed_course
 from monitor.health.schema import HINT, VERDICT
-from monitor.health.spectrum.family import FaultLines
-from monitor.health.spectrum.features import FAULTS, SPECTRUM_LINES, BlockFeatures, fundamentals
-from monitor.health.spectrum.transform import Band
-from monitor.health.spectrum.velocity import NO_ABSOLUTE_LEVEL
-from monitor.health.trend import TimeToAlarm
-from monitor.health.waterfall import SpectrumRow
+from monitor.health.signal.condition import Quantity
+from monitor.health.signal.family import FaultLines
+from monitor.health.signal.features import FAULTS, SPECTRUM_LINES, BlockFeatures, fundamentals
+from monitor.health.signal.quality import Verdict
+from monitor.health.signal.rotation.pulse_counts import PulseCounts
+from monitor.health.signal.rotation.rotation import Rotation
+from monitor.health.signal.transform import Band
+from monitor.health.signal.velocity import NO_ABSOLUTE_LEVEL
+from monitor.health.signal.waterfall import SpectrumRow
+from monitor.health.size import Damage, Remaining
 from monitor.words.zones import MAX_SPEED, MIN_SPEED, MachineClass
 from streams.block import Block
 

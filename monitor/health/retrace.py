@@ -14,23 +14,23 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from monitor.health import detect
+from monitor.health import onset as detect
 from monitor.health.alarms import AlarmAcknowledgement
 from monitor.health.channel import PART_LINES, ChannelBlock, follow, is_for_detector, shallow_lines
-from monitor.health.condition import Quantity
-from monitor.health.detect import DetectInput, DetectOutput
 from monitor.health.gears.naming import GearsInput, GearsState
 from monitor.health.gears.naming import step as gears_step
 from monitor.health.gears.stage import rules_of
 from monitor.health.gears.values import recorded_readings
-from monitor.health.naming import score_threshold
-from monitor.health.quality import OrderState, Verdict, check_order
+from monitor.health.name.naming import score_threshold
+from monitor.health.onset import DetectInput, DetectOutput
 from monitor.health.record import Record
-from monitor.health.spectrum.average import RecentSpectra
-from monitor.health.spectrum.transform import Band
+from monitor.health.signal.average import RecentSpectra
+from monitor.health.signal.condition import Quantity
+from monitor.health.signal.quality import OrderState, Verdict, check_order
+from monitor.health.signal.transform import Band
+from monitor.health.signal.waterfall import step as waterfall_step
 from monitor.health.state import ChannelSettings, ChannelState, Named, SourceSettings, SourceState
 from monitor.health.step import take_record
-from monitor.health.waterfall import step as waterfall_step
 
 AVERAGED_SPECTRA, BAND_VOTES = "averaged_spectra", "band_votes"
 

@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from monitor.health.rotation.pulse_counts import PulseCounts
-from monitor.health.rotation.rotation import Rotation
-from monitor.health.spectrum.orders import MAX_SPEED_RATIO
+from monitor.health.signal.orders import MAX_SPEED_RATIO
+from monitor.health.signal.rotation.pulse_counts import PulseCounts
+from monitor.health.signal.rotation.rotation import Rotation
 
 COURSE_POINTS = 65
 """Points of the course of the speed that are kept with a spectrum."""

@@ -9,15 +9,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-from monitor.health.condition import SOURCES as CONDITION_SOURCES
-from monitor.health.damage import EdvStatus, TtStatus
-from monitor.health.detect import STAGES
 from monitor.health.gears.naming import KINDS as GEAR_KINDS
 from monitor.health.gears.naming import STATUSES as GEAR_STATUSES
 from monitor.health.gears.values import UNNAMED
-from monitor.health.quality import FLAGS, REJECTIONS
-from monitor.health.spectrum.velocity import VELOCITY_STATUSES
-from monitor.health.trend import LEVEL_SOURCES, TtaStatus
+from monitor.health.onset import STAGES
+from monitor.health.rest.trend import LEVEL_SOURCES, TtaStatus
+from monitor.health.signal.condition import SOURCES as CONDITION_SOURCES
+from monitor.health.signal.quality import FLAGS, REJECTIONS
+from monitor.health.signal.velocity import VELOCITY_STATUSES
+from monitor.health.size import EdvStatus, TtStatus
 from monitor.words.features import ACCELERATION, FEATURES, GABRIELLI, ROTATION
 from monitor.words.statuses import UNDECIDED
 from monitor.words.zones import ZONES
@@ -50,7 +50,7 @@ OPTIONAL_DIMENSIONS = frozenset({"band", "threshold", "gear"})
 
 Kind = Literal["float", "int", "flag", "mask"]
 
-_SEARCH = "monitor/health/spectrum/lines.py"
+_SEARCH = "monitor/health/signal/lines.py"
 GEARS = "monitor/health/gears"
 
 
@@ -127,7 +127,7 @@ _TABLE: list[Variable] = [
         ("bpfo_harmonic",),
     ),
     *_floats(ACCELERATION, "envelope_mean | | mean of the envelope |", ("band",), optional=True),
-    *_floats(ACCELERATION, "rms_baseline | | learned RMS, in the final stage | monitor/health/detect", optional=True),
+    *_floats(ACCELERATION, "rms_baseline | | learned RMS, in the final stage | monitor/health/onset", optional=True),
     *_floats(
         "Hz",
         """
@@ -145,7 +145,7 @@ _TABLE: list[Variable] = [
         "time",
         f"""
         t_fs | t_fs | moment at which the final stage began | {GABRIELLI}, section 5.2.2
-        t_fs_known | | moment at which the start of the final stage was known | monitor/health/detect
+        t_fs_known | | moment at which the start of the final stage was known | monitor/health/onset
         t_eol | t_EOL | moment of the end of life | {GABRIELLI}, section 5.4
         """,
     ),
@@ -183,7 +183,7 @@ _TABLE: list[Variable] = [
     *_floats(
         "1",
         "speed_factor_sd | | standard deviation of speed_factor where the shaft shows it "
-        "| monitor/health/spectrum/shaft.py",
+        "| monitor/health/signal/shaft.py",
         optional=True,
     ),
     Variable(
@@ -208,13 +208,13 @@ _TABLE: list[Variable] = [
     *_floats(
         "s",
         """
-        tta | | time to the alarm level of RMS | monitor/health/trend
-        tta_lower | | lower end of tta | monitor/health/trend
-        tta_upper | | upper end of tta | monitor/health/trend
+        tta | | time to the alarm level of RMS | monitor/health/rest/trend
+        tta_lower | | lower end of tta | monitor/health/rest/trend
+        tta_upper | | upper end of tta | monitor/health/rest/trend
         """,
         optional=True,
     ),
-    *_floats(ACCELERATION, "tta_level | | RMS that tta leads to | monitor/health/trend", optional=True),
+    *_floats(ACCELERATION, "tta_level | | RMS that tta leads to | monitor/health/rest/trend", optional=True),
     Variable(
         "tta_level_source",
         (),
@@ -235,9 +235,13 @@ _TABLE: list[Variable] = [
         optional=True,
     ),
     *_floats(
-        "Hz", "speed_sd | | standard deviation of the error of speed | monitor/health/condition.py", optional=True
+        "Hz",
+        "speed_sd | | standard deviation of the error of speed | monitor/health/signal/condition.py",
+        optional=True,
     ),
-    *_floats("N", "load_sd | | standard deviation of load over the block | monitor/health/condition.py", optional=True),
+    *_floats(
+        "N", "load_sd | | standard deviation of load over the block | monitor/health/signal/condition.py", optional=True
+    ),
     Variable("speed_source", (), None, "where speed comes from", kind="flag", values=CONDITION_SOURCES, optional=True),
     Variable("load_source", (), None, "where load comes from", kind="flag", values=CONDITION_SOURCES, optional=True),
     Variable(
@@ -282,7 +286,7 @@ _TABLE: list[Variable] = [
         None,
         "status of level_rms",
         "",
-        "monitor/health/detect",
+        "monitor/health/onset",
         "flag",
         LEVEL_STATUSES,
         optional=True,

@@ -14,24 +14,24 @@ from models.machine.bearing import Bearing
 from models.machine.kinematic_uncertainty import KNOWN, KinematicUncertainty
 from models.machine.rig import Calibration
 from monitor.health.alarms import AlarmSettings, AlarmState
-from monitor.health.condition import ConditionSettings
-from monitor.health.damage.filter.particle_filter import FilterState
-from monitor.health.damage.library.forecaster import LibraryState
-from monitor.health.damage.tracker import DamageSettings, DamageState
-from monitor.health.detect import DetectSettings, DetectState
 from monitor.health.gears.naming import GearsState
 from monitor.health.gears.settings import GearSettings
-from monitor.health.machine import MachineState
-from monitor.health.quality import OrderState
+from monitor.health.name.evidence import Heard, Voice
+from monitor.health.name.machine import MachineState
+from monitor.health.onset import DetectSettings, DetectState
 from monitor.health.record import Record
-from monitor.health.rotation.encoder import EncoderState
-from monitor.health.spectrum.average import RecentSpectra
-from monitor.health.spectrum.bands import BandVotes
-from monitor.health.spectrum.interference import Interference
-from monitor.health.spectrum.transform import Band
-from monitor.health.trend import TrendSettings, TrendState
-from monitor.health.voice import Heard, Voice
-from monitor.health.waterfall import WaterfallSettings, WaterfallState
+from monitor.health.rest.trend import TrendSettings, TrendState
+from monitor.health.signal.average import RecentSpectra
+from monitor.health.signal.bands import BandVotes
+from monitor.health.signal.condition import ConditionSettings
+from monitor.health.signal.interference import Interference
+from monitor.health.signal.quality import OrderState
+from monitor.health.signal.rotation.encoder import EncoderState
+from monitor.health.signal.transform import Band
+from monitor.health.signal.waterfall import WaterfallSettings, WaterfallState
+from monitor.health.size.filter.particle_filter import FilterState
+from monitor.health.size.library.forecaster import LibraryState
+from monitor.health.tracker import DamageSettings, DamageState
 from monitor.words.zones import MachineClass
 
 STATE_VERSION = 3

@@ -16,12 +16,12 @@ from typing import Any
 from monitor.health.alarms import AlarmAcknowledgement, AlarmInput, AlarmState, acknowledged
 from monitor.health.alarms import step as alarms_step
 from monitor.health.channel import ChannelBlock, analyse, check_channel, conclude
-from monitor.health.condition import ConditionSettings, load_of, speed_flags, speed_of
-from monitor.health.crosstalk import ChannelView, beside_neighbours
-from monitor.health.detect import DetectState
 from monitor.health.gears.stage import gear_events, gears_step
-from monitor.health.machine import BearingVerdict
-from monitor.health.machine import step as machine_step
+from monitor.health.name.crosstalk import ChannelView, beside_neighbours
+from monitor.health.name.evidence import heard_in
+from monitor.health.name.machine import BearingVerdict
+from monitor.health.name.machine import step as machine_step
+from monitor.health.onset import DetectState
 from monitor.health.output import (
     ChannelOutput,
     Events,
@@ -34,7 +34,13 @@ from monitor.health.output import (
     spectrum_row,
     stage_events,
 )
-from monitor.health.quality import (
+from monitor.health.record import Record, storable
+from monitor.health.signal.block_view import WAVEFORM_SAMPLES, BlockView
+from monitor.health.signal.condition import ConditionSettings, load_of, speed_flags, speed_of
+from monitor.health.signal.indicators import span_of
+from monitor.health.signal.interference import all_combs
+from monitor.health.signal.kurtogram import kurtogram
+from monitor.health.signal.quality import (
     Verdict,
     bands_above_nyquist,
     check_order,
@@ -43,18 +49,12 @@ from monitor.health.quality import (
     verdict_of_block,
     with_flags,
 )
-from monitor.health.record import Record, storable
-from monitor.health.rotation.found import FoundRotation, find_rotation, with_phase
-from monitor.health.rotation.ias import with_ias
-from monitor.health.spectrum.block_view import WAVEFORM_SAMPLES, BlockView
-from monitor.health.spectrum.indicators import span_of
-from monitor.health.spectrum.interference import all_combs
-from monitor.health.spectrum.kurtogram import kurtogram
-from monitor.health.spectrum.transform import MIN_SAMPLES
+from monitor.health.signal.rotation.found import FoundRotation, find_rotation, with_phase
+from monitor.health.signal.rotation.ias import with_ias
+from monitor.health.signal.transform import MIN_SAMPLES
+from monitor.health.signal.waterfall import SpectrumChange, WaterfallState
+from monitor.health.signal.waterfall import step as waterfall_step
 from monitor.health.state import ChannelSettings, ChannelState, SourceSettings, SourceState
-from monitor.health.voice import heard_in
-from monitor.health.waterfall import SpectrumChange, WaterfallState
-from monitor.health.waterfall import step as waterfall_step
 from streams.block import Block, Rejected, to_si
 
 _MAX_REASON = 500
@@ -93,7 +93,7 @@ def step(
     """Take one block of a source into its state.
 
     A block that does not fit the configuration is rejected. What several sources say of one bearing is weighed above
-    this function, from their states (:func:`monitor.health.machine.weigh`).
+    this function, from their states (:func:`monitor.health.name.machine.weigh`).
 
     Args:
         item: the block, or the rejection that takes its place.

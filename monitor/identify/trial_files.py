@@ -20,10 +20,10 @@ from models.path.contour import part_radius
 from monitor.commands.common import InputError, find_source
 from monitor.config.load import Config
 from monitor.config.source import ChannelSection
-from monitor.health.spectrum.comb import line_spectrum
-from monitor.health.spectrum.features import N_HARMONICS, fundamentals
-from monitor.health.spectrum.lines import fault_lines
-from monitor.health.spectrum.transform import Band, get_transform
+from monitor.health.signal.comb import line_spectrum
+from monitor.health.signal.features import N_HARMONICS, fundamentals
+from monitor.health.signal.lines import fault_lines
+from monitor.health.signal.transform import Band, get_transform
 from monitor.service.setup import open_configured
 from streams.block import STANDARD_GRAVITY, Block, Rejected, to_si
 

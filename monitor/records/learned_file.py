@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from models.words.errors import WrongInputError
-from monitor.health.damage.learned.model import LearnedModel
+from monitor.health.rest.learned.model import LearnedModel
 from monitor.records.database import replacing
 
 SCHEMA_VERSION = 1

@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 
 from models.words.errors import WrongInputError
-from monitor.health.damage.library.model import LINES, FeatureFit, Library, Regression, arrays_of, header_of
-from monitor.health.damage.library.plausible import Limits
+from monitor.health.size.library.model import LINES, FeatureFit, Library, Regression, arrays_of, header_of
+from monitor.health.size.library.plausible import Limits
 
 SCHEMA_VERSION = 3
 _KIND = "spallwatch library"

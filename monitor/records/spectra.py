@@ -1,8 +1,8 @@
 """Envelope spectra in the store: a limited number of each channel, spread over its life, and always the newest.
 
-:mod:`monitor.health.waterfall` decides which spectra are kept; here they are written, in the transaction of the block,
-and read. Amplitudes are float16 over a scale of each spectrum: the relative error is at most 2**-11 (0.05 %) down to
-2e-9 of the highest.
+:mod:`monitor.health.signal.waterfall` decides which spectra are kept; here they are written, in the transaction of the
+block, and read. Amplitudes are float16 over a scale of each spectrum: the relative error is at most 2**-11 (0.05 %)
+down to 2e-9 of the highest.
 """
 
 from __future__ import annotations
@@ -17,9 +17,9 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from monitor.health.spectrum.block_view import BlockView, RawSpectra
-from monitor.health.spectrum.kurtogram import Kurtogram
-from monitor.health.waterfall import Kind, SpectrumChange, SpectrumRow
+from monitor.health.signal.block_view import BlockView, RawSpectra
+from monitor.health.signal.kurtogram import Kurtogram
+from monitor.health.signal.waterfall import Kind, SpectrumChange, SpectrumRow
 from monitor.records.database import SharedConnection
 
 _KINDS: dict[Kind, int] = {"newest": 0, "kept": 1, "pinned": 2}

@@ -16,7 +16,7 @@ from typing import Any, NamedTuple, Self
 
 from models.platform.portable import FileLock
 from monitor.health.record import Record
-from monitor.health.waterfall import SpectrumChange
+from monitor.health.signal.waterfall import SpectrumChange
 from monitor.records.archive import ARCHIVE_QUERY, FULL_ARCHIVE_QUERY, Archived, archived_of
 from monitor.records.block_writer import BlockWriter, Commit, count_refusal, insert_run, write_states
 from monitor.records.condense import condensed_counts, has_condensed

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from monitor.health.machine import BearingVerdict, MachineState, patience_of, step, weigh
-from monitor.health.voice import Heard, heard_in
+from monitor.health.name.evidence import Heard, heard_in
+from monitor.health.name.machine import BearingVerdict, MachineState, patience_of, step, weigh
 from monitor.report.runs import Channel, Run
 from monitor.words.statuses import BASES, fault_words, level_words
 
@@ -83,7 +83,7 @@ def _interval(channel: Channel) -> float | None:
 
 
 def _source_state(channels: Sequence[Channel], bearings: Mapping[str, Sequence[str]], *, dated: bool) -> MachineState:
-    """Take the records of the channels of one source through :func:`monitor.health.machine.step`."""
+    """Take the records of the channels of one source through :func:`monitor.health.name.machine.step`."""
     names = {channel.name for channel in channels}
     own = {bearing: tuple(name for name in found if name in names) for bearing, found in bearings.items()}
     own = {bearing: found for bearing, found in own.items() if found}

@@ -7,8 +7,8 @@ from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
 
-from monitor.health.damage.filter.particles import Particles
-from monitor.health.waterfall import SpectrumRow
+from monitor.health.signal.waterfall import SpectrumRow
+from monitor.health.size.filter.particles import Particles
 from monitor.records.spectra import read_block_view, read_ias, read_spectra, viewed_blocks
 from monitor.records.store import Store
 

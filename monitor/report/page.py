@@ -6,6 +6,7 @@ import functools
 import io
 import logging
 import re
+import warnings
 from collections.abc import Callable
 from contextlib import redirect_stdout
 from datetime import UTC, datetime
@@ -124,8 +125,9 @@ def require_pdf() -> tuple[Callable[..., Any], Callable[..., Any]]:
         ReportError: the extra ``pdf`` or the system library Pango is missing.
     """
     try:
-        # It prints to standard output where Pango is missing.
-        with redirect_stdout(io.StringIO()):
+        # It prints where Pango is missing, and warns where HarfBuzz-Subset is, without which it can do.
+        with redirect_stdout(io.StringIO()), warnings.catch_warnings():
+            warnings.simplefilter("ignore")
             from weasyprint import HTML
             from weasyprint.urls import URLFetcher
     except ImportError as error:

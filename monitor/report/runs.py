@@ -15,9 +15,9 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from models.words.errors import WrongInputError
-from monitor.health.damage.filter.particles import Particles
 from monitor.health.schema import REJECTIONS, SCHEMA_VERSION, VARIABLES
-from monitor.health.waterfall import SpectrumRow
+from monitor.health.signal.waterfall import SpectrumRow
+from monitor.health.size.filter.particles import Particles
 from monitor.records.database import StoreError
 from monitor.records.dataset import words
 from monitor.records.moved_days import absence_text, moved_days

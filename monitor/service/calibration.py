@@ -9,7 +9,7 @@ from models.maps.data import RmsMap
 from models.solve.registry import RIGS
 from monitor.config.load import Config
 from monitor.config.source import ChannelSection
-from monitor.health.damage.library.model import Library
+from monitor.health.size.library.model import Library
 from monitor.health.state import ChannelSettings
 from monitor.words.calibration import uncalibrated_sentence
 from monitor.words.statuses import suspended_words

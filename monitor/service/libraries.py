@@ -1,30 +1,21 @@
-"""Libraries of simulated lives for a rig: simulate the population, fit the forecaster, keep the result.
-
-A kept library is a file in the user's cache folder, whose name depends on everything that made it.
-"""
+"""Libraries of simulated lives for a rig: simulate the population, fit the forecaster; and the one that ships."""
 
 from __future__ import annotations
 
-import hashlib
 import json
 import math
 from collections.abc import Callable, Sequence
 from functools import cache
 from pathlib import Path
 
-from platformdirs import user_cache_dir
-
 from models.lives.growth import TrackingError
 from models.lives.life import simulate_lives
 from models.lives.population import Population
 from models.machine.rig import Rig
 from models.work.runner import SERIAL, Runner
-from monitor.health.damage.library import acceleration, plausible, regression, summaries
-from monitor.health.damage.library import fit as library_fit
-from monitor.health.damage.library import model as library_model
-from monitor.health.damage.library.fit import FitSettings, fit_library
-from monitor.health.damage.library.model import Library
-from monitor.records.library_file import SCHEMA_VERSION, LibraryError, load_library, save_library
+from monitor.health.size.library.fit import FitSettings, fit_library
+from monitor.health.size.library.model import Library
+from monitor.records.library_file import load_library
 
 Progress = Callable[[int, int], None]
 
@@ -110,41 +101,3 @@ def _extent_deg(population: Population, depth: float) -> float:
     from models.path.defect import race_radius
 
     return math.degrees(population.threshold / (race_radius(population.bearing) * depth))
-
-
-def library_path(
-    population: Population, runs: int, thresholds: Sequence[float], cache_dir: Path | str | None = None
-) -> Path:
-    """Return the file of a library in ``cache_dir`` or the user's cache folder.
-
-    The source of the modules that fit it is a part of its name: another version of the fit builds a library anew.
-    """
-    folder = Path(cache_dir) if cache_dir is not None else Path(user_cache_dir("spallwatch")) / "libraries"
-    made_by = json.dumps([SCHEMA_VERSION, population.hash(), runs, list(thresholds)])
-    digest = hashlib.sha256(made_by.encode())
-    for module in (library_fit, library_model, acceleration, plausible, regression, summaries):
-        digest.update(Path(str(module.__file__)).read_bytes())
-    return folder / f"library-{digest.hexdigest()[:16]}.npz"
-
-
-def cached_library(
-    population: Population,
-    runs: int,
-    thresholds: Sequence[float],
-    cache_dir: Path | str | None = None,
-    *,
-    runner: Runner = SERIAL,
-    progress: Progress | None = None,
-) -> Library:
-    """Return a library, built on first use and read afterwards; a damaged one is built anew.
-
-    Arguments are those of :func:`build_library` and :func:`library_path`.
-    """
-    path = library_path(population, runs, thresholds, cache_dir)
-    try:
-        return load_library(path)
-    except LibraryError:
-        pass
-    built = build_library(population, runs=runs, thresholds=thresholds, runner=runner, progress=progress)
-    save_library(built, path)
-    return built

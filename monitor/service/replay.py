@@ -14,13 +14,13 @@ from numpy.typing import NDArray
 from models.machine.bearing import kinematics
 from models.maps.data import RmsMap
 from monitor.config.load import Config, ConfigError
-from monitor.health.damage.library.model import Library
 from monitor.health.output import ChannelOutput
-from monitor.health.quality import FLAGS, REJECTIONS
-from monitor.health.spectrum.average import RecentSpectra
-from monitor.health.spectrum.bands import VOTES_NEEDED
-from monitor.health.spectrum.features import SPECTRUM_LINES, fundamentals
-from monitor.health.spectrum.transform import EnvelopeSpectrum
+from monitor.health.signal.average import RecentSpectra
+from monitor.health.signal.bands import VOTES_NEEDED
+from monitor.health.signal.features import SPECTRUM_LINES, fundamentals
+from monitor.health.signal.quality import FLAGS, REJECTIONS
+from monitor.health.signal.transform import EnvelopeSpectrum
+from monitor.health.size.library.model import Library
 from monitor.health.state import ChannelSettings, SourceSettings, SourceState
 from monitor.health.step import SourceOutput
 from monitor.pipeline import Pipeline, PipelineOptions, Played

@@ -21,18 +21,18 @@ from monitor.config.load import Config, ConfigError
 from monitor.config.removed import removed_lines
 from monitor.config.source import ChannelSection, SourceSection
 from monitor.config.stages import method_or_best
-from monitor.health.damage import EdvStatus
-from monitor.health.damage.filter.particle_filter import FilterSettings
-from monitor.health.damage.filter.prior import GrowthPrior
-from monitor.health.damage.learned.forecaster import LearnedSettings
-from monitor.health.damage.learned.model import LearnedModel
-from monitor.health.damage.library.forecaster import LibrarySettings
-from monitor.health.damage.library.model import Library
-from monitor.health.damage.thesis.edv import EdvSettings
-from monitor.health.damage.thesis.level_set import LevelMap
-from monitor.health.damage.tracker import DamageSettings, PartMap
+from monitor.health.rest.learned.forecaster import LearnedSettings
+from monitor.health.rest.learned.model import LearnedModel
+from monitor.health.rest.trend import TrendSettings
+from monitor.health.size import EdvStatus
+from monitor.health.size.edv import EdvSettings
+from monitor.health.size.filter.particle_filter import FilterSettings
+from monitor.health.size.filter.prior import GrowthPrior
+from monitor.health.size.level_set import LevelMap
+from monitor.health.size.library.forecaster import LibrarySettings
+from monitor.health.size.library.model import Library
 from monitor.health.state import ChannelSettings, SourceSettings
-from monitor.health.trend import TrendSettings
+from monitor.health.tracker import DamageSettings, PartMap
 from monitor.records.learned_file import LearnedFileError, is_learned, load_learned
 from monitor.records.library_file import LibraryError, load_library
 from monitor.service.calibration import calibration_of

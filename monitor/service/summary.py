@@ -12,9 +12,9 @@ from monitor import __version__
 from monitor.config.interference import words_of
 from monitor.config.load import Config
 from monitor.config.removed import removed_lines
-from monitor.health.detect import Episode, Mark
 from monitor.health.gears.values import gears_summary, primary_fault
-from monitor.health.machine import patience_of, weigh
+from monitor.health.name.machine import patience_of, weigh
+from monitor.health.onset import Episode, Mark
 from monitor.health.output import basis_of
 from monitor.health.schema import VERDICT
 from monitor.health.state import ChannelSettings, SourceSettings, SourceState, channels_by_bearing

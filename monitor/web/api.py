@@ -13,8 +13,8 @@ from models.machine.rig import Calibration
 from monitor import __version__
 from monitor.config.source import ChannelSection
 from monitor.config.stages import method_or_best
-from monitor.health.quality import FLAGS, REJECTIONS
-from monitor.health.spectrum.features import fundamentals
+from monitor.health.signal.features import fundamentals
+from monitor.health.signal.quality import FLAGS, REJECTIONS
 from monitor.records.database import StoreError
 from monitor.records.packing import columns_of, numbers_of, places_of
 from monitor.records.rollup import SeriesKey

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from monitor.health.damage.tracker import part_of
+from monitor.health.tracker import part_of
 from monitor.records.packing import columns_of, numbers_of, places_of
 from monitor.service.calibration import weakest_calibration
 from monitor.web.answers import RequestError, numbers, times

@@ -22,7 +22,7 @@ from prometheus_client.metrics_core import Metric
 from models.platform.portable import process_memory, processor_time
 from monitor import __version__
 from monitor.health.alarms import SEVERITIES
-from monitor.health.detect import STAGES
+from monitor.health.onset import STAGES
 from monitor.records.database import StoreError
 from monitor.web.event_view import unacknowledged
 from monitor.web.machines import Machines

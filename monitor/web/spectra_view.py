@@ -6,11 +6,11 @@ from typing import Any
 
 import numpy as np
 
-from monitor.health.kept_coherence import kept_coherence
 from monitor.health.schema import DOMAINS
-from monitor.health.spectrum.block_view import BlockView
-from monitor.health.spectrum.coincidence import shared_lines
-from monitor.health.waterfall import SpectrumRow
+from monitor.health.signal.block_view import BlockView
+from monitor.health.signal.coherence_view import kept_coherence
+from monitor.health.signal.coincidence import shared_lines
+from monitor.health.signal.waterfall import SpectrumRow
 from monitor.records.spectra import (
     binned,
     in_orders,

@@ -2,7 +2,7 @@
 
 Schema, alarm levels, trends, events, metrics and page read it. It stands in the lowest room of the monitor because
 configuration, health stages and events read it as well as records. To add a feature, append a row here and a function
-to ``monitor.health.spectrum.features.FUNCTIONS``.
+to ``monitor.health.signal.features.FUNCTIONS``.
 """
 
 from __future__ import annotations
@@ -113,8 +113,8 @@ GABRIELLI = "Gabrielli, doctoral thesis, University of Ferrara, 2022"
 _CERUTI = "Ceruti, Master's thesis, Politecnico di Torino, 2021, section 4.2"
 _SASSI = "Sassi et al., J. Vibration and Control 13, 2007, Eq. 36"
 _EQ_57, _EQ_90, _EQ_92, _EQ_96 = (f"{GABRIELLI}, {place}" for place in ("Eq. 57", "Eqs. 90-91", "Eq. 92", "Eq. 96"))
-_VELOCITY = "ISO 20816-1; monitor/health/spectrum/velocity.py"
-ROTATION = "monitor/health/rotation"
+_VELOCITY = "ISO 20816-1; monitor/health/signal/velocity.py"
+ROTATION = "monitor/health/signal/rotation"
 _MAP, _STAGES = f"{GABRIELLI}, section 5.4.1", f"{GABRIELLI}, section 5.2.2"
 
 _LEVEL = Feature("", units=ACCELERATION, unit=Unit("g", "_g", STANDARD_GRAVITY), bad="above", trend=True)
@@ -189,14 +189,14 @@ h_ball | lines | lines | H_ball | H_ball (rolling element lines) | \
 h_cage | lines | lines | H_cage | H_cage (cage lines) | \
     sum of the first five cage lines of the envelope spectrum | after {_EQ_96}
 detect_score | score | | score | score of the detector | \
-    how far RMS and the lines of a part stand above the learned baseline | monitor/health/detect
+    how far RMS and the lines of a part stand above the learned baseline | monitor/health/onset
 fault_snr | number | | snr | signal of the fault over noise | \
-    fault lines over the noise floor under them | monitor/health/naming.py
+    fault lines over the noise floor under them | monitor/health/name/naming.py
 v_eq | volume | v_eq | V_eq | damaged volume V_eq | equivalent damaged volume per unit of width | {_EQ_90}
 v_eq_lower | volume | v_eq | V_eq | lower end of V_eq | lower end of the interval of v_eq | {_EQ_90}
 v_eq_upper | volume | v_eq | V_eq | upper end of V_eq | upper end of the interval of v_eq | {_EQ_90}
 v_eq_relative | relative | v_eq_relative | V_eq/V_eq,1 | relative damaged volume | \
-    v_eq over the first value tracked for the same part | monitor/health/damage/calibration.py
+    v_eq over the first value tracked for the same part | monitor/health/size/calibration.py
 tt | time | tt | TT | time to threshold | time to threshold, as issued at this block | {_EQ_92}
 tt_lower | time | tt | TT | lower end of the time to threshold | lower end of the interval of tt | {_EQ_92}
 tt_upper | time | tt | TT | upper end of the time to threshold | upper end of the interval of tt | {_EQ_92}
@@ -211,18 +211,18 @@ clearance_factor | number without trend | | Clf | | \
     peak over squared mean of the root of the absolute value | {_CERUTI}
 mean | mean | | mean | | mean acceleration | {_CERUTI}
 skewness | record only | | SK | | skewness | {_CERUTI}
-v_eq_filter | volume | | | | V_eq by the filter, where it runs beside the library | monitor/health/damage/beside.py
-v_eq_filter_lower | volume | | | | lower end of the interval of v_eq_filter | monitor/health/damage/beside.py
-v_eq_filter_upper | volume | | | | upper end of the interval of v_eq_filter | monitor/health/damage/beside.py
-p_no_growth | record only | | | | probability that V_eq stands still | monitor/health/damage
+v_eq_filter | volume | | | | V_eq by the filter, where it runs beside the library | monitor/health/size/comparison.py
+v_eq_filter_lower | volume | | | | lower end of the interval of v_eq_filter | monitor/health/size/comparison.py
+v_eq_filter_upper | volume | | | | upper end of the interval of v_eq_filter | monitor/health/size/comparison.py
+p_no_growth | record only | | | | probability that V_eq stands still | monitor/health/size
 p_crossed | record only | | | | probability that a further run ends at or below the present level of RMS | \
-    monitor/health/damage/learned
+    monitor/health/rest/learned
 speed_factor | record only | | s | | \
-    speed found over the nominal one, of the shaft or else of the lines of a fault | monitor/health/spectrum/shaft.py
-detect_threshold | record only | | threshold | | score above which a block counts as abnormal | monitor/health/detect
+    speed found over the nominal one, of the shaft or else of the lines of a fault | monitor/health/signal/shaft.py
+detect_threshold | record only | | threshold | | score above which a block counts as abnormal | monitor/health/onset
 fault_depth | record only | | depth | | \
-    root sum of squares of the fault lines over the mean envelope | monitor/health/naming.py
-fault_score | record only | | score | | evidence of the best family of fault lines | monitor/health/naming.py
+    root sum of squares of the fault lines over the mean envelope | monitor/health/name/naming.py
+fault_score | record only | | score | | evidence of the best family of fault lines | monitor/health/name/naming.py
 dphi_d | angle | | dphi_d | | angular extent of the equivalent defect | {_STAGES}
 h_d | depth | | h_d | | depth of the equivalent defect | {_STAGES}
 speed_min | speed in the block | speed | | least speed | least speed in the block | {ROTATION}
@@ -233,7 +233,7 @@ revolutions | optional number | | | | revolutions of the shaft in the block | {R
 encoder_error | optional angle | | | error of the marks | \
     rms of the learned error of the marks | {ROTATION}
 level_rms | optional score | level_rms | | RMS over the expected one | \
-    rms over what is learned for speed and load | monitor/health/detect
+    rms over what is learned for speed and load | monitor/health/onset
 """
 
 _FOUND_LINES = "lines within 2 % of BPFO, printed at BPFO"

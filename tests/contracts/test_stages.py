@@ -19,15 +19,18 @@ import numpy as np
 import pytest
 
 import monitor.health
-from monitor.health import alarms, channel, detect, machine, waterfall
-from monitor.health.damage import DamageInput, tracker
-from monitor.health.damage.filter import particle_filter
-from monitor.health.damage.learned import forecaster as learned
-from monitor.health.damage.learned.fit import fit_runs
-from monitor.health.damage.library import forecaster
-from monitor.health.damage.thesis import edv, forecast
+from monitor.health import alarms, channel, tracker
+from monitor.health import onset as detect
 from monitor.health.gears import naming as gears
-from monitor.health.trend import stage as trend
+from monitor.health.name import machine
+from monitor.health.rest import quadratic as forecast
+from monitor.health.rest.learned import forecaster as learned
+from monitor.health.rest.learned.fit import fit_runs
+from monitor.health.rest.trend import stage as trend
+from monitor.health.signal import waterfall
+from monitor.health.size import DamageInput, edv
+from monitor.health.size.filter import particle_filter
+from monitor.health.size.library import forecaster
 from tests.oracles.toy_lives import RADIUS, THRESHOLD, toy_library
 from tests.support.alarms import RULE, block
 from tests.support.effort import effort_count

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from deploy.runtime_lock import LOCK, RUNTIME_LOCK, closure, declared, locked
+from deploy.runtime_lock import DEMO, LOCK, RUNTIME_LOCK, closure, declared, demo_packages, locked
 from monitor.commands.backup import command as backup_command
 from monitor.config.fleet import load_fleet
 from monitor.config.load import load_config
@@ -99,6 +99,13 @@ def test_machines_after_the_example_can_be_followed_together(tmp_path: Path) -> 
     notify = load_config(tmp_path / "fan-1.toml").notify
     assert notify.smtp is not None
     assert str(notify.smtp.password_file) == "/run/credentials/spallwatch@fan-1.service/secrets_mail_password"
+
+
+def test_a_demo_is_set_up_with_what_it_needs_of_the_lock() -> None:
+    names = DEMO.read_text().split()
+    assert names == demo_packages(), "python -m deploy.runtime_lock writes it anew"
+    assert set(names) <= set(locked(LOCK))
+    assert {"pytest", "ruff", "basedpyright", "playwright", "gmsh", "distributed"}.isdisjoint(names)
 
 
 def test_the_service_gets_what_it_needs_and_no_tools_of_development() -> None:

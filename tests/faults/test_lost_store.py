@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from monitor.health.detect import DetectSettings
+from monitor.health.onset import DetectSettings
 from monitor.health.record import Record
 from monitor.health.state import SourceSettings, Stored
 from monitor.pipeline import resumed_state

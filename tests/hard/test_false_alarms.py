@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from benchmarks.detection import HEALTHY, healthy_features, healthy_samples
-from monitor.health.detect import LINES, DetectSettings, exceedance_rate, threshold_for
+from monitor.health.onset import LINES, DetectSettings, exceedance_rate, threshold_for
 from tests.support.effort import effort_count
 from tests.support.signals import HealthyMachine
 

@@ -11,12 +11,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from monitor.health.damage import Damage, DamageInput, EdvStatus, Remaining
-from monitor.health.damage.filter.particle_filter import FilterSettings
-from monitor.health.damage.library.fit import FitSettings, fit_library
-from monitor.health.damage.library.forecaster import LibrarySettings
-from monitor.health.damage.library.model import Library
-from monitor.health.damage.tracker import (
+from monitor.health.schema import EDV_STATUSES, TT_STATUSES
+from monitor.health.size import Damage, DamageInput, EdvStatus, Remaining
+from monitor.health.size.filter.particle_filter import FilterSettings
+from monitor.health.size.library.fit import FitSettings, fit_library
+from monitor.health.size.library.forecaster import LibrarySettings
+from monitor.health.size.library.model import Library
+from monitor.health.tracker import (
     DamageGate,
     DamageSettings,
     DamageState,
@@ -24,7 +25,6 @@ from monitor.health.damage.tracker import (
     TrackMethod,
     step,
 )
-from monitor.health.schema import EDV_STATUSES, TT_STATUSES
 from tests.oracles.toy_lives import INTERVAL, RADIUS, THRESHOLD, toy_lives
 from tests.support.effort import effort_count
 from tests.support.tracking import LOAD, METHODS, SPEED, Array, Map, growing, plain_map, settings_of

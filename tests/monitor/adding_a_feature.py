@@ -30,7 +30,7 @@ def appearances(folder: Path) -> dict[str, Any]:
     from monitor.config.alarms import AlarmLevel
     from monitor.health.alarms import AlarmInput, AlarmSettings, AlarmState
     from monitor.health.alarms import step as alarm_step
-    from monitor.health.spectrum.features import FUNCTIONS
+    from monitor.health.signal.features import FUNCTIONS
     from monitor.records.dataset import to_dataset
     from monitor.records.store import Store
     from monitor.records.trends import SeriesKey, read_trends

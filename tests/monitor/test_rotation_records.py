@@ -15,17 +15,17 @@ from benchmarks.velocity import RATE
 from monitor.commands.replay import summary_lines
 from monitor.config.load import load_config
 from monitor.health.channel import ChannelBlock, step
-from monitor.health.condition import Quantity
 from monitor.health.output import ChannelOutput, record_values, spectrum_row
-from monitor.health.quality import Verdict, rejected
 from monitor.health.record import Record
-from monitor.health.rotation.pulse_counts import PulseCounts
-from monitor.health.rotation.rotation import Rotation
 from monitor.health.rotation_values import rotation_values
 from monitor.health.schema import DOMAINS, ROTATION_STATUSES
-from monitor.health.spectrum.block_view import BlockView, RawSpectra
+from monitor.health.signal.block_view import BlockView, RawSpectra
+from monitor.health.signal.condition import Quantity
+from monitor.health.signal.quality import Verdict, rejected
+from monitor.health.signal.rotation.pulse_counts import PulseCounts
+from monitor.health.signal.rotation.rotation import Rotation
+from monitor.health.signal.waterfall import SpectrumChange
 from monitor.health.state import ChannelState
-from monitor.health.waterfall import SpectrumChange
 from monitor.records.dataset import from_dataset, to_dataset
 from monitor.records.spectra import read_block_view, read_ias, read_spectra
 from monitor.records.store import Store

@@ -5,8 +5,8 @@ from __future__ import annotations
 import itertools
 import math
 
+from monitor.health.rest.trend import LEVEL_SOURCES
 from monitor.health.schema import EDV_STATUSES, FAULTS, STATUSES, TT_STATUSES, TTA_STATUSES
-from monitor.health.trend import LEVEL_SOURCES
 from monitor.words.numbers import duration, moment, volume
 from monitor.words.statuses import (
     ALARM_LEVELS,

@@ -12,9 +12,9 @@ from pydantic import ValidationError
 from benchmarks.velocity import RATE, tone
 from monitor.config.machine import MachineSection
 from monitor.health.channel import ChannelBlock, step
-from monitor.health.condition import Quantity
 from monitor.health.output import record_values
-from monitor.health.quality import Verdict
+from monitor.health.signal.condition import Quantity
+from monitor.health.signal.quality import Verdict
 from monitor.health.state import ChannelState
 from monitor.report.findings import velocity_findings
 from monitor.words.zones import MACHINE_CLASSES, machine_class

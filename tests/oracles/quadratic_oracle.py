@@ -8,7 +8,7 @@ from typing import cast
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from monitor.health.damage.thesis.forecast import QuadraticFit
+from monitor.health.rest.quadratic import QuadraticFit
 
 
 def fit_quadratic(t: ArrayLike, v: ArrayLike) -> QuadraticFit | None:

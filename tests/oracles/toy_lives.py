@@ -9,8 +9,8 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-from monitor.health.damage.library.fit import FitSettings, fit_library
-from monitor.health.damage.library.model import Library
+from monitor.health.size.library.fit import FitSettings, fit_library
+from monitor.health.size.library.model import Library
 from tests.support.effort import effort_count
 from tests.support.once import made_once
 

@@ -37,7 +37,7 @@ from models.solve.rotor.elastic import solve as solve_elastic
 from models.solve.rotor.rig import RotorRig
 from models.solve.rotor.solver import solve
 from models.words.request import Request, Sensor
-from monitor.health.spectrum.features import BlockFeatures, FeatureSettings, block_features, fundamentals
+from monitor.health.signal.features import BlockFeatures, FeatureSettings, block_features, fundamentals
 from tests.support.accepted import rows_of
 
 PER_MILLIMETRE = 1e3**1.5

@@ -9,11 +9,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from monitor.health.damage import EdvStatus, TtStatus
-from monitor.health.damage.thesis.edv import EdvSettings, EdvState
-from monitor.health.damage.thesis.edv import step as track
-from monitor.health.damage.thesis.forecast import ForecastState, QuadraticFit, step
-from monitor.health.damage.thesis.level_set import LevelMap
+from monitor.health.rest.quadratic import ForecastState, QuadraticFit, step
+from monitor.health.size import EdvStatus, TtStatus
+from monitor.health.size.edv import EdvSettings, EdvState
+from monitor.health.size.edv import step as track
+from monitor.health.size.level_set import LevelMap
 
 MM2, MINUTE = 1e-6, 60.0
 TABLE_22 = {

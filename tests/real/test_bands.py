@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from scipy.io import loadmat
 
 from models.machine.bearing import Bearing, kinematics
-from monitor.health.spectrum.bands import candidate_bands, find_band
-from monitor.health.spectrum.features import BlockFeatures, FeatureSettings, block_features, fundamentals
+from monitor.health.signal.bands import candidate_bands, find_band
+from monitor.health.signal.features import BlockFeatures, FeatureSettings, block_features, fundamentals
 from streams.block import STANDARD_GRAVITY
 from tests.support.effort import effort_count
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import spallwatch as sw
-from tests.monitor.health.rotation.wheels import MARKS, eccentric, wheel
+from tests.monitor.health.signal.rotation.wheels import MARKS, eccentric, wheel
 
 TRAIN = wheel(60, lines=[(4.5, 1e-3, 0.0)], error=eccentric(0.05))
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from monitor.health.rotation.rotation import Rotation
+from monitor.health.signal.rotation.rotation import Rotation
 
 RATE, DURATION = 8192.0, 4.0
 

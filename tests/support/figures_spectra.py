@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from monitor.health.waterfall import SpectrumRow
+from monitor.health.signal.waterfall import SpectrumRow
 
 KINEMATIC = {"outer": 97.5, "inner": 142.0, "ball": 94.0, "cage": 8.0}
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from models.maps.data import MapSlice
-from monitor.health.damage import Damage, DamageInput
-from monitor.health.damage.filter.particle_filter import (
+from monitor.health.size import Damage, DamageInput
+from monitor.health.size.filter.particle_filter import (
     FilterSettings,
     FilterState,
     step,

@@ -8,9 +8,9 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from monitor.health.damage import Damage, DamageInput, Remaining
-from monitor.health.damage.library.forecaster import LibrarySettings, LibraryState, step
-from monitor.health.damage.library.model import Library
+from monitor.health.size import Damage, DamageInput, Remaining
+from monitor.health.size.library.forecaster import LibrarySettings, LibraryState, step
+from monitor.health.size.library.model import Library
 from tests.oracles.toy_lives import THRESHOLD
 
 

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from monitor.health.damage.learned.fit import LearnedRun
+from monitor.health.rest.learned.fit import LearnedRun
 
 
 def run(life: float, end: float = 1.5, seed: int = 0, blocks: int = 60) -> LearnedRun:

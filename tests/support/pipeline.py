@@ -10,14 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from monitor.health.channel import ChannelBlock, check_channel, step
-from monitor.health.condition import Quantity
-from monitor.health.damage.thesis.level_set import LevelMap
-from monitor.health.damage.tracker import DamageSettings, PartMap
-from monitor.health.detect import DetectSettings
+from monitor.health.onset import DetectSettings
 from monitor.health.output import ChannelOutput, record_values
-from monitor.health.quality import Verdict, with_flags
 from monitor.health.record import Record
+from monitor.health.signal.condition import Quantity
+from monitor.health.signal.quality import Verdict, with_flags
+from monitor.health.size.level_set import LevelMap
 from monitor.health.state import ChannelSettings, ChannelState
+from monitor.health.tracker import DamageSettings, PartMap
 from tests.support.signals import HealthyMachine, bearing_lines, impacts
 
 RATE, N, SPEED = 25600.0, 2560, 27.5

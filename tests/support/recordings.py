@@ -12,12 +12,12 @@ from pathlib import Path
 
 from monitor.config.load import Config, load_config
 from monitor.config.source import SourceSection
-from monitor.health import detect
+from monitor.health import onset as detect
 from monitor.health.channel import ChannelBlock, detect_input
-from monitor.health.naming import Naming
+from monitor.health.name.naming import Naming
 from monitor.health.output import ChannelOutput
 from monitor.health.record import Record
-from monitor.health.spectrum.features import FAULTS
+from monitor.health.signal.features import FAULTS
 from monitor.health.state import ChannelSettings
 from monitor.service.setup import open_configured, source_settings
 from streams.block import Block, Rejected

@@ -8,8 +8,8 @@ from typing import Any
 
 from monitor.config.load import Config, validate
 from monitor.health.record import Record
+from monitor.health.signal.waterfall import SpectrumChange
 from monitor.health.state import Stored
-from monitor.health.waterfall import SpectrumChange
 from monitor.records.store import Store
 from monitor.service.setup import source_settings
 from streams.block import Block, Rejected

@@ -8,10 +8,10 @@ from functools import cache
 import numpy as np
 
 from monitor.health.alarms import AlarmAcknowledgement, AlarmSettings, Level, Rule
-from monitor.health.condition import ConditionSettings
 from monitor.health.record import Record
+from monitor.health.signal.condition import ConditionSettings
+from monitor.health.signal.waterfall import WaterfallSettings
 from monitor.health.state import ChannelSettings, SourceSettings, SourceState
-from monitor.health.waterfall import WaterfallSettings
 from streams.block import Block, Rejected
 from tests.support.pipeline import BANDS, RATE, SPEED, TRACKED, life
 from tests.support.steps import Steps

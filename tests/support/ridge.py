@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.machine.bearing import from_catalogue
-from monitor.health.rotation.rotation import Rotation
+from monitor.health.signal.rotation.rotation import Rotation
 
 RATE, DURATION = 8192.0, 5.0
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from models.machine.bearing import Bearing, Kinematics, from_catalogue, kinematics
 from models.solve.response import Response, SignalRecord
-from monitor.health.spectrum.features import fundamentals
+from monitor.health.signal.features import fundamentals
 
 Samples = NDArray[np.float64]
 RESONANCE, DECAY = 3400.0, 900.0

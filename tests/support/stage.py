@@ -8,10 +8,10 @@ from functools import cache
 
 import numpy as np
 
-from monitor.health.condition import ConditionSettings
-from monitor.health.detect import DetectSettings
 from monitor.health.gears.naming import MIN_LEARNED
+from monitor.health.onset import DetectSettings
 from monitor.health.record import Record
+from monitor.health.signal.condition import ConditionSettings
 from monitor.health.state import SourceSettings, SourceState, Stored
 from monitor.health.step import step
 from streams.block import Block

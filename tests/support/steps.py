@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from monitor.health.machine import BearingVerdict
+from monitor.health.name.machine import BearingVerdict
 from monitor.health.output import ChannelOutput
 from monitor.health.record import Record
+from monitor.health.signal.waterfall import SpectrumChange
 from monitor.health.state import SourceSettings, SourceState, Stored
 from monitor.health.step import SourceOutput, step
-from monitor.health.waterfall import SpectrumChange
 from streams.block import Block, Rejected
 
 

@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.maps import data as map_data
-from monitor.health.damage.filter.particle_filter import FilterSettings
-from monitor.health.damage.library.forecaster import LibrarySettings
-from monitor.health.damage.library.model import Library
-from monitor.health.damage.thesis.level_set import LevelMap
-from monitor.health.damage.tracker import (
+from monitor.health.size.filter.particle_filter import FilterSettings
+from monitor.health.size.level_set import LevelMap
+from monitor.health.size.library.forecaster import LibrarySettings
+from monitor.health.size.library.model import Library
+from monitor.health.tracker import (
     DamageSettings,
     PartMap,
     TrackMethod,

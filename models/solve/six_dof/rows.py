@@ -90,16 +90,11 @@ def simulate_row(
     healthy = scene.healthy
     steer = steering(healthy)
     found = np.empty((len(extents), kernels.R_LINES + 2 * HARMONICS))
-    kernels.solve_row(
-        paths,
-        profile,
-        np.asarray(extents > 0.0),
-        damaged_rows(widest),
-        operating_point(healthy),
-        np.eye(12) if steer is None else steer,
-        effort_for(scene, request),
-        found,
-    )
+    rows, point, steer = damaged_rows(widest), operating_point(healthy), np.eye(12) if steer is None else steer
+    effort, rest = effort_for(scene, request), np.zeros((2, 6))
+    # From rest each, so that the result of a defect does not depend on its neighbours.
+    for path, felt, place in zip(paths, extents > 0.0, found, strict=True):
+        kernels.solve(path, profile, rows if felt else (0, 0), point, rest, steer, effort, place)
     return _as_row(found)
 
 

@@ -24,8 +24,8 @@ from monitor.commands.bearing.balls import BallCase, ball_case, ball_lines, ball
 from monitor.commands.bearing.statics import analytic_statics, areas_known, static_lines
 from monitor.commands.common import PICTURES, InputError, check_suffix, emit, find_entry, read_machine
 from monitor.config.load import Config
-from monitor.health.spectrum.features import fundamentals
-from monitor.health.spectrum.search import family_searches, overlapping
+from monitor.health.signal.features import fundamentals
+from monitor.health.signal.search import family_searches, overlapping
 
 _SHOWN = {
     "n_elements": ("number of elements", 1.0, ""),

@@ -280,8 +280,8 @@ class _Conversation:
 
 def _proposed_bands(draft: Draft) -> Iterator[tuple[str, tuple[float, float]]]:
     """Yield the band that the first file alone shows for each channel, where it is long enough to tell."""
-    from monitor.health.spectrum.bands import find_band
-    from monitor.health.spectrum.settings import fundamentals
+    from monitor.health.signal.bands import find_band
+    from monitor.health.signal.settings import fundamentals
 
     speed = draft.answers.speed_hz or draft.survey.speed
     if speed is None:

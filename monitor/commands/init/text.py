@@ -12,7 +12,7 @@ from pathlib import Path
 from monitor.commands.init.answers import Answers
 from monitor.commands.init.channels import bearing_of, bearing_sections, channel_names
 from monitor.commands.init.questions import needs_scale, unit_of
-from monitor.health.detect.state import DetectSettings
+from monitor.health.onset.state import DetectSettings
 from streams.listing import shown
 from streams.plausible import Level, of_one_g
 from streams.samples import COUNTS, FRACTIONS

@@ -33,8 +33,8 @@ from monitor.health.alarms.state import (
     RuleState,
     Span,
 )
-from monitor.health.detect import END_OF_LIFE, FINAL, LEARNING, median_and_sd
 from monitor.health.gears.values import UNNAMED
+from monitor.health.onset import END_OF_LIFE, FINAL, LEARNING, median_and_sd
 
 _MAX_LEARNED = 512
 _MAX_EXPONENT = math.log(sys.float_info.max)

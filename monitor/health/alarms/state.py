@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from typing import Any, Literal
 
-from monitor.health.detect import HEALTHY
+from monitor.health.onset import HEALTHY
 
 NORMAL, MAINTENANCE, OUT_OF_SPECIFICATION = "normal", "maintenance_required", "out_of_specification"
 CHECK, FAILURE, NO_DATA, BAD_DATA = "check_function", "failure", "no_data", "bad_data"
@@ -94,7 +94,7 @@ class AlarmInput:
     Attributes:
         usable: its values count: neither rejected nor of a stopped machine.
         bad: it counts as bad data; standstill does not.
-        stage: of life, one of ``monitor.health.detect.STAGES``.
+        stage: of life, one of ``monitor.health.onset.STAGES``.
         values: of the record, SI; of several (thresholds, bands) the worst counts.
         baselines: median and robust SD of the logarithm, by feature, from the detector.
         closed: the final stage closed with this block.

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from monitor.health.gears.settings import GearSettings
-from monitor.health.rotation.rotation import Rotation, constant
+from monitor.health.signal.rotation.rotation import Rotation, constant
 
 LINES = 8
 """Harmonics of each mesh by which the speed is sought and its phase followed: often not the first are high."""

@@ -16,9 +16,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from monitor.health.rotation.rotation import Rotation
-from monitor.health.spectrum.periodic import between, grid_bins
-from monitor.health.spectrum.plans import next_smooth
+from monitor.health.signal.periodic import between, grid_bins
+from monitor.health.signal.plans import next_smooth
+from monitor.health.signal.rotation.rotation import Rotation
 
 MIN_TURNS = 8
 """Turns of a wheel in an average: the parts of other wheels and noise fall by three and more."""

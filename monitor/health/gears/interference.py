@@ -7,7 +7,7 @@ of both, and their sums and differences.
 from __future__ import annotations
 
 from monitor.health.gears.settings import GearSettings
-from monitor.health.spectrum.interference import Interference
+from monitor.health.signal.interference import Interference
 
 SIDEBANDS = 3
 """Steps of the turns of the wheels on either side of a harmonic."""

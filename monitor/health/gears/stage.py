@@ -10,8 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from monitor.health.channel import ChannelBlock
-from monitor.health.crosstalk import ChannelView
-from monitor.health.detect import LEARNING
 from monitor.health.gears.angle import angle_of_mesh
 from monitor.health.gears.average import wheel_average
 from monitor.health.gears.indicators import gear_indicators, shared_orders
@@ -24,8 +22,10 @@ from monitor.health.gears.naming import (
     step,
 )
 from monitor.health.gears.settings import GearSettings
+from monitor.health.name.crosstalk import ChannelView
+from monitor.health.onset import LEARNING
 from monitor.health.output import ChannelOutput
-from monitor.health.rotation.rotation import Rotation
+from monitor.health.signal.rotation.rotation import Rotation
 from monitor.health.state import ChannelSettings
 
 _SPREAD = 3.0

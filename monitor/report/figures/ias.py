@@ -10,10 +10,10 @@ import numpy as np
 from matplotlib.figure import FigureBase
 from numpy.typing import NDArray
 
-from monitor.health.rotation.ias_study import IasStudy
 from monitor.health.schema import FAULTS
-from monitor.health.spectrum.block_view import RawSpectra
-from monitor.health.waterfall import SpectrumRow
+from monitor.health.signal.block_view import RawSpectra
+from monitor.health.signal.rotation.ias_study import IasStudy
+from monitor.health.signal.waterfall import SpectrumRow
 from monitor.report.figures.drawing import (
     BLUE,
     GREY,

@@ -14,8 +14,8 @@ from matplotlib.image import AxesImage
 from matplotlib.patches import Rectangle
 from numpy.typing import NDArray
 
-from monitor.health.spectrum.kurtogram import Kurtogram
-from monitor.health.waterfall import SpectrumRow
+from monitor.health.signal.kurtogram import Kurtogram
+from monitor.health.signal.waterfall import SpectrumRow
 from monitor.report.figures.drawing import INK, PAPER, STYLE, VERMILION, Picture, new_figure, to_svg
 from monitor.report.verdict import ChannelContext
 from monitor.words.numbers import figure

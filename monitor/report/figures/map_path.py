@@ -16,8 +16,8 @@ from models.machine.scene import Part
 from models.maps.data import MapSlice, OutsideMapError, RmsMap
 from models.maps.file import load_map
 from models.maps.plan import DAMAGED, MapError
-from monitor.health.damage.filter.particles import Particles
-from monitor.health.damage.tracker import part_of
+from monitor.health.size.filter.particles import Particles
+from monitor.health.tracker import part_of
 from monitor.records.archive import of_channel
 from monitor.report.calibration import unscaled
 from monitor.report.figures.drawing import (

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import FigureBase
 
-from monitor.health.rotation.rotation import Rotation
-from monitor.health.spectrum.orders import OrderSpectrum
+from monitor.health.signal.orders import OrderSpectrum
+from monitor.health.signal.rotation.rotation import Rotation
 from monitor.report.figures.drawing import GREY, INK, legend_above, places_kept
 from monitor.report.figures.sheet import Part, Sheet
 from monitor.report.figures.spectrum import FAULT_MARKS, ORDERS

@@ -13,7 +13,7 @@ from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
 from models.maps.data import OutsideMapError, RmsMap
-from monitor.health.damage.thesis.edv import rms_from_map, rms_history
+from monitor.health.size.edv import rms_from_map, rms_history
 from monitor.report.figures.drawing import (
     BLUE,
     GREEN,

@@ -13,8 +13,8 @@ from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
 from monitor.health.schema import FAULTS
-from monitor.health.spectrum.coincidence import shared_lines
-from monitor.health.waterfall import SpectrumRow
+from monitor.health.signal.coincidence import shared_lines
+from monitor.health.signal.waterfall import SpectrumRow
 from monitor.report.figures.drawing import (
     BLUE,
     GREEN,

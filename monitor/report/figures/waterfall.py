@@ -16,7 +16,7 @@ from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 from numpy.typing import NDArray
 
 from monitor.health.schema import FAULTS
-from monitor.health.waterfall import SpectrumRow
+from monitor.health.signal.waterfall import SpectrumRow
 from monitor.records.spectra import binned, in_orders
 from monitor.report.figures.drawing import (
     GAP_STEPS,

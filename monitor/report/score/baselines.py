@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from monitor.health.damage.thesis import forecast
+from monitor.health.rest import quadratic as forecast
 
 Floats = NDArray[np.float64]
 
@@ -81,7 +81,7 @@ def exponential(t: ArrayLike, v_eq: ArrayLike, threshold: float) -> Floats:
 
 
 def thesis(t: ArrayLike, v_eq: ArrayLike, threshold: float) -> Floats:
-    """Forecast by the quadratic of the thesis, :mod:`monitor.health.damage.thesis.forecast`."""
+    """Forecast by the quadratic of the thesis, :mod:`monitor.health.rest.quadratic`."""
     state, found = forecast.ForecastState(), []
     for moment, value in zip(np.asarray(t, dtype=np.float64), np.asarray(v_eq, dtype=np.float64), strict=True):
         state, results = forecast.step(state, float(moment), float(value), thresholds=(threshold,))

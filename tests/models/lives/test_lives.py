@@ -32,7 +32,7 @@ from models.solve.rotor.rig import RotorRig
 from models.solve.simulate import simulate
 from models.solve.six_dof.time_domain import simulate_time
 from models.work.choose import local_runner
-from monitor.health.spectrum.features import FeatureSettings, block_features, fundamentals
+from monitor.health.signal.features import FeatureSettings, block_features, fundamentals
 from tests.support.effort import effort_count
 
 THRESHOLD = 0.05e-6

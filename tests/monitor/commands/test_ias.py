@@ -12,7 +12,7 @@ from click.testing import CliRunner
 
 from models.words.errors import WrongInputError
 from monitor.commands.ias import command
-from tests.monitor.health.rotation.wheels import MARKS, eccentric, wheel
+from tests.monitor.health.signal.rotation.wheels import MARKS, eccentric, wheel
 
 BEARING_ORDERS = {"outer": 3.5848, "inner": 5.4152}
 """Of a 6205, events per revolution."""

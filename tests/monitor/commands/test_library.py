@@ -16,8 +16,8 @@ from monitor.cli import spallwatch
 from monitor.commands.common import InputError
 from monitor.commands.library import _laws
 from monitor.config.load import load_config
-from monitor.health.damage import DamageInput, EdvStatus
-from monitor.health.damage.library.forecaster import LibraryState, step
+from monitor.health.size import DamageInput, EdvStatus
+from monitor.health.size.library.forecaster import LibraryState, step
 from monitor.records.histories import History
 from monitor.records.library_file import load_library
 from monitor.service.calibration import is_calibrated, rig_of_library

@@ -15,7 +15,7 @@ from models.maps.file import load_map
 from models.solve.rotor.rig import RotorRig
 from monitor.commands.common import InputError
 from monitor.commands.maps import command
-from monitor.health.damage.thesis.level_set import least_volume
+from monitor.health.size.level_set import least_volume
 from monitor.service.setup import to_slice
 from tests.oracles.edv_oracle import scan_least_volume
 

@@ -24,12 +24,12 @@ from monitor.commands import forecast as forecast_command
 from monitor.commands import track as track_command
 from monitor.commands.common import InputError
 from monitor.commands.history_files import read_readings
-from monitor.health.damage import DamageInput
-from monitor.health.damage.library.forecaster import LibrarySettings, LibraryState
-from monitor.health.damage.library.forecaster import step as ask_library
-from monitor.health.damage.library.model import Library
-from monitor.health.damage.thesis import edv, forecast
-from monitor.health.damage.thesis.edv import rms_from_map, rms_from_model, rms_history
+from monitor.health.rest import quadratic as forecast
+from monitor.health.size import DamageInput, edv
+from monitor.health.size.edv import rms_from_map, rms_from_model, rms_history
+from monitor.health.size.library.forecaster import LibrarySettings, LibraryState
+from monitor.health.size.library.forecaster import step as ask_library
+from monitor.health.size.library.model import Library
 from monitor.records.dataset import words
 from monitor.records.histories import claims_calibration
 from monitor.records.library_file import save_library

@@ -12,7 +12,7 @@ import pytest
 from models.machine.bearing import kinematics
 from monitor.commands.check_interference import interference_lines, taken_families
 from monitor.config.load import Config, validate
-from monitor.health.spectrum.interference import Interference
+from monitor.health.signal.interference import Interference
 from monitor.service.setup import source_settings
 from monitor.service.summary import run_attributes
 from tests.support.commands import run_command

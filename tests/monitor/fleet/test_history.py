@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from monitor.fleet.history import HistorySource, Position
-from monitor.health.spectrum.bands import VOTES_NEEDED
+from monitor.health.signal.bands import VOTES_NEEDED
 from streams.block import Block, Rejected
 from streams.spec import SourceError
 

@@ -12,17 +12,18 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from monitor.health.channel import check_channel, detect_input, shallow_lines, step
-from monitor.health.condition import Quantity
-from monitor.health.damage.thesis import edv, forecast
-from monitor.health.damage.tracker import DamageSettings, PartMap
-from monitor.health.detect import LINES as LINES_OF
-from monitor.health.detect import Baseline, DetectInput, DetectState
-from monitor.health.detect import step as detector_step
+from monitor.health.onset import LINES as LINES_OF
+from monitor.health.onset import Baseline, DetectInput, DetectState
+from monitor.health.onset import step as detector_step
 from monitor.health.output import ChannelOutput
-from monitor.health.quality import Verdict
-from monitor.health.spectrum.average import RecentSpectra
-from monitor.health.spectrum.bands import VOTES_NEEDED
+from monitor.health.rest import quadratic as forecast
+from monitor.health.signal.average import RecentSpectra
+from monitor.health.signal.bands import VOTES_NEEDED
+from monitor.health.signal.condition import Quantity
+from monitor.health.signal.quality import Verdict
+from monitor.health.size import edv
 from monitor.health.state import ChannelState
+from monitor.health.tracker import DamageSettings, PartMap
 from tests.support.effort import effort_count
 from tests.support.pipeline import (
     DAMAGE,

@@ -9,10 +9,11 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 
-from monitor.health import detect, quality, schema
+from monitor.health import onset as detect
+from monitor.health import schema
 from monitor.health.record import Record, RecordError, plain
 from monitor.health.schema import VARIABLES
-from monitor.health.spectrum import features
+from monitor.health.signal import features, quality
 from monitor.records.packing import pack, unpack
 from monitor.words.features import GABRIELLI
 from tests.oracles.records_oracle import records

@@ -7,7 +7,7 @@ from dataclasses import replace
 import pytest
 
 from monitor.health.retrace import AVERAGED_SPECTRA, BAND_VOTES, Retraced, retrace
-from monitor.health.spectrum.average import RecentSpectra
+from monitor.health.signal.average import RecentSpectra
 from monitor.health.state import SourceState
 from tests.support.retrace import COUNT, lived, settings_of
 

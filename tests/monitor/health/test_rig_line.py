@@ -27,9 +27,9 @@ from monitor.commands import forecast as forecast_command
 from monitor.commands import track as track_command
 from monitor.commands.demo import demo_config
 from monitor.config.load import Config
-from monitor.health.damage.library.fit import FitSettings
-from monitor.health.damage.library.model import Library
 from monitor.health.record import Record
+from monitor.health.size.library.fit import FitSettings
+from monitor.health.size.library.model import Library
 from monitor.records.dataset import words
 from monitor.records.library_file import save_library
 from monitor.records.store import Store

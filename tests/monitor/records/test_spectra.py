@@ -16,7 +16,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from monitor.config.load import ConfigError
-from monitor.health.waterfall import SpectrumRow, WaterfallSettings, WaterfallState, step
+from monitor.health.signal.waterfall import SpectrumRow, WaterfallSettings, WaterfallState, step
 from monitor.records.database import StoreError
 from monitor.records.ledger import StoreLedger
 from monitor.records.spectra import binned, in_orders, kept_blocks, pack_amplitude, read_spectra

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from monitor.health.damage.thesis import forecast
+from monitor.health.rest import quadratic as forecast
 from monitor.report.score import baselines
 from tests.oracles.score_oracle import line_ahead
 from tests.support.effort import effort_count

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from monitor.health.machine import weigh
+from monitor.health.name.machine import weigh
 from monitor.health.record import Record
 from monitor.health.state import SourceState
 from monitor.records.store import Store

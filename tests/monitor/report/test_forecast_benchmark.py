@@ -26,9 +26,9 @@ from benchmarks.forecast_naive import constant, lifetimes, of_elapsed_time, of_t
 from benchmarks.forecast_page import by_moment, renewed
 from benchmarks.forecast_population import FRACTIONS, LIBRARY, TEST, THRESHOLD
 from models.lives.life import LifeHistory, simulate_lives
-from monitor.health.damage import DamageInput
-from monitor.health.damage.library.forecaster import LibrarySettings, LibraryState, step
-from monitor.health.damage.library.model import Library
+from monitor.health.size import DamageInput
+from monitor.health.size.library.forecaster import LibrarySettings, LibraryState, step
+from monitor.health.size.library.model import Library
 
 SHORT = replace(TEST, durations=(9000.0, 12000.0), interval=600.0, slip=(0.0, 0.0), seed=3)
 

@@ -18,9 +18,9 @@ from benchmarks.library_stretch import (
     fitted_factor,
     moments_of,
 )
-from monitor.health.damage.library.fit import FitSettings, fit_library
-from monitor.health.damage.library.model import SPREAD, FeatureFit
-from monitor.health.damage.library.scores import crps
+from monitor.health.size.library.fit import FitSettings, fit_library
+from monitor.health.size.library.model import SPREAD, FeatureFit
+from monitor.health.size.library.scores import crps
 from tests.oracles.toy_lives import INTERVAL, THRESHOLD, toy_lives
 from tests.support.effort import effort_count
 
@@ -61,7 +61,7 @@ def normal_moments(spread: float, count: int = 4000) -> Moments:
 def test_without_a_factor_samples_are_those_of_the_regression(monkeypatch: pytest.MonkeyPatch) -> None:
     # The forecaster adds lifetimes and accelerations to them.
     monkeypatch.setattr("benchmarks.library_stretch.NEIGHBOURS", NEIGHBOURS)
-    monkeypatch.setattr("monitor.health.damage.library.acceleration.ACCELERATION", 0.0)
+    monkeypatch.setattr("monitor.health.size.library.acceleration.ACCELERATION", 0.0)
     moments = moments_of(fit())
     samples = moments.samples(np.full(len(moments.said), SPREAD))
     rows = np.flatnonzero(~fit().crossed[:, 0])

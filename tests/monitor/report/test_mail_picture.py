@@ -15,7 +15,7 @@ from matplotlib import image
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from monitor.health.waterfall import SpectrumChange, SpectrumRow
+from monitor.health.signal.waterfall import SpectrumChange, SpectrumRow
 from monitor.records.database import StoreError
 from monitor.records.store import Store
 from monitor.report.mail_picture import Wanted, _draw_spectrum, draw

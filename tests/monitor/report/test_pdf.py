@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import importlib
 import json
 import re
 import shutil
@@ -22,6 +23,7 @@ from monitor.report.options import Options
 from monitor.report.page import for_paper, lay_out, to_pdf
 from monitor.report.report import build_report, report_runs
 from monitor.report.runs import ReportError, read_runs
+from tests.conftest import missing_for_pdf
 from tests.oracles.lives import life
 
 MM = 96 / 25.4
@@ -246,6 +248,25 @@ def test_a_missing_pango_is_named_and_nothing_is_printed(
     with pytest.raises(ReportError, match=r"Pango.*libpango-1\.0-0.*cannot load pango"):
         build_report(stored, tmp_path / "a.pdf")
     assert capsys.readouterr().out == ""
+
+
+def test_what_is_missing_is_named_and_no_warning_is_an_error(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    library = tmp_path / "weasyprint"
+    library.mkdir()
+    monkeypatch.syspath_prepend(str(tmp_path))
+    (library / "urls.py").write_text("class URLFetcher: ...")
+    without(monkeypatch)
+    for text, missing in {
+        "import warnings; warnings.warn('HarfBuzz-Subset', DeprecationWarning)\nclass HTML: ...": "",
+        "raise OSError('cannot load library pangoft2-1.0-0')": "Pango.*cannot load library pangoft2-1.0-0",
+        "import weasyprint_needs_this": r"spallwatch\[pdf\].*weasyprint_needs_this is missing",
+    }.items():
+        (library / "__init__.py").write_text(text)
+        importlib.invalidate_caches()
+        found = missing_for_pdf.__wrapped__()
+        for name in ("weasyprint", "weasyprint.urls"):
+            sys.modules.pop(name, None)
+        assert re.search(missing, found) if missing else found == ""
 
 
 def test_paper_has_plain_colours_and_pictures_with_titles() -> None:

@@ -74,7 +74,7 @@ def test_a_restart_knows_what_was_and_goes_on(tmp_path: Path) -> None:
 def test_without_room_on_the_disk_nothing_is_taken_until_there_is_room(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("monitor.service.daemon._CHECK_DISK_S", 0.05)
+    monkeypatch.setattr("monitor.service.system._CHECK_DISK_S", 0.05)
     config = make_machine(tmp_path)
     free = [10**9]
     put(config, 1)

@@ -13,7 +13,7 @@ import xarray as xr
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from monitor.health.detect import Mark
+from monitor.health.onset import Mark
 from monitor.health.record import Record
 from monitor.records.ledger import StoreLedger
 from monitor.records.store import Store

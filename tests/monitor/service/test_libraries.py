@@ -1,14 +1,11 @@
-"""A kept library: built once, read afterwards, built anew where it is damaged or asked for otherwise."""
+"""The library that ships: what it is made of, and what ``forecast`` says with it of a history of V_eq."""
 
 from __future__ import annotations
 
 import json
 import math
-from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from typing import Any
-from unittest import mock
 
 import numpy as np
 import pytest
@@ -16,43 +13,12 @@ from click.testing import CliRunner
 
 from benchmarks.growth_library import LIVES, build, small
 from models.lives.growth import GROWTH, TrackingError, grow_life, grow_lives
-from models.lives.population import Population
 from monitor.cli import spallwatch
 from monitor.commands.common import InputError
-from monitor.health.damage import DamageInput
-from monitor.health.damage.library.fit import FitSettings
-from monitor.health.damage.library.forecaster import LibrarySettings, LibraryState, step
-from monitor.service import libraries
-from monitor.service.libraries import SHIPPED, cached_library, library_path, shipped_library
+from monitor.health.size import DamageInput
+from monitor.health.size.library.forecaster import LibrarySettings, LibraryState, step
+from monitor.service.libraries import SHIPPED, shipped_library
 from tests.support.effort import effort_count
-
-POPULATION = Population(load=(3900.0, 4100.0), speed=(39.0, 41.0), durations=(2400.0, 4800.0))
-THRESHOLDS = (0.05e-6,)
-
-
-def test_a_library_is_built_once_and_read_afterwards(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(libraries, "FitSettings", partial(FitSettings, columns=60))
-    counted: list[tuple[int, int]] = []
-    built = cached_library(
-        POPULATION, 20, THRESHOLDS, tmp_path, progress=lambda done, total: counted.append((done, total))
-    )
-    assert counted[-1] == (20, 20)
-    with mock.patch.object(libraries, "build_library", side_effect=AssertionError("built again")):
-        assert cached_library(POPULATION, 20, THRESHOLDS, tmp_path).hash == built.hash
-    path = library_path(POPULATION, 20, THRESHOLDS, tmp_path)
-    path.write_bytes(path.read_bytes()[:1000])
-    assert cached_library(POPULATION, 20, THRESHOLDS, tmp_path).hash == built.hash
-
-
-def test_its_name_follows_all_that_makes_it(tmp_path: Path) -> None:
-    names = {
-        library_path(POPULATION, 20, THRESHOLDS, tmp_path),
-        library_path(POPULATION, 21, THRESHOLDS, tmp_path),
-        library_path(POPULATION, 20, (0.03e-6, 0.05e-6), tmp_path),
-        library_path(replace(POPULATION, seed=1), 20, THRESHOLDS, tmp_path),
-    }
-    assert len(names) == 4
-
 
 HASH = "a9ff1c91423a2fc001c9602bf4d664ceaeb78a1a01e09f845c776628d1292617"
 MAX_BYTES = 300_000

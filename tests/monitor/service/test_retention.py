@@ -170,7 +170,7 @@ def test_the_disk_is_short_before_it_is_full_and_free_pages_of_an_old_store_coun
 
 @pytest.mark.process
 def test_a_daemon_on_a_low_disk_thins_the_store_and_goes_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("monitor.service.daemon._CHECK_DISK_S", 0.05)
+    monkeypatch.setattr("monitor.service.system._CHECK_DISK_S", 0.05)
     monkeypatch.setattr("monitor.service.retention._MAX_PAUSE_S", 0.1)
     monkeypatch.setattr("monitor.service.retention.MIN_FULL_S", 1.0)
     config = make_machine(tmp_path)

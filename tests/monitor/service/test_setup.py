@@ -17,9 +17,9 @@ from models.solve.nominal_rigs import nominal_rig
 from models.solve.rotor.rig import RotorRig
 from monitor.commands.check import find_problems
 from monitor.config.load import ConfigError, validate
-from monitor.health.damage import EdvStatus
-from monitor.health.damage.library.fit import FitSettings
-from monitor.health.detect import FEATURES
+from monitor.health.onset import FEATURES
+from monitor.health.size import EdvStatus
+from monitor.health.size.library.fit import FitSettings
 from monitor.service.libraries import build_library
 from monitor.service.setup import source_settings, source_spec
 

@@ -173,7 +173,7 @@ def test_a_daemon_logs_silence_and_its_end_and_a_restart_while_silent_says_nothi
 
 @pytest.mark.process
 def test_what_could_not_be_taken_is_no_silence(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("monitor.service.daemon._CHECK_DISK_S", 0.05)
+    monkeypatch.setattr("monitor.service.system._CHECK_DISK_S", 0.05)
     config, late, free = make_machine(tmp_path), [0.0], [10**9]
     with running(config, monotonic=lambda: time.monotonic() + late[0], free=lambda _: free[0]):
         put(config, 1)

@@ -1,4 +1,4 @@
-"""Kernels that settle a scene with steps that are halved until the RMS no longer changes, one scene or many defects."""
+"""Kernels that settle a scene with steps that are halved until the RMS no longer changes."""
 
 from __future__ import annotations
 
@@ -212,25 +212,3 @@ def solve(
             break
         rms_before, settled_before = level, settled
     return period, state, trace
-
-
-@kernel
-def solve_row(
-    paths: NDArray[np.float64],
-    profile: NDArray[np.float64],
-    felt: NDArray[np.bool_],
-    damaged_rows: tuple[int, int],
-    point: Point,
-    steering: NDArray[np.float64],
-    effort: Effort,
-    found: NDArray[np.float64],
-) -> None:
-    """Settle one scene for each defect, from rest, so that the result of a defect does not depend on its neighbours.
-
-    - ``paths`` (defects, DEFECT): one defect a row, and ``profile`` their floor: see models.solve.six_dof.kernels.path;
-    - ``felt`` (defects,), bool: which of them a ball can feel at all;
-    - ``found`` (defects, R_LINES + 2 harmonics), written: see ``solve``.
-    """
-    rest = np.zeros((2, 6))
-    for i in range(paths.shape[0]):
-        solve(paths[i], profile, damaged_rows if felt[i] else (0, 0), point, rest, steering, effort, found[i])

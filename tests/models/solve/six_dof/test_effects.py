@@ -18,9 +18,9 @@ from models.solve.response import Response
 from models.solve.six_dof.kernels import time_domain as kernels
 from models.solve.six_dof.kernels.step import P_DIRECTION_1, P_DIRECTION_2, STATUS_OK
 from models.solve.six_dof.time_domain import prepare_plan, simulate_time
-from monitor.health.naming import name_fault
-from monitor.health.spectrum.features import BlockFeatures, FeatureSettings, block_features, fundamentals
-from monitor.health.spectrum.transform import EnvelopeSpectrum
+from monitor.health.name.naming import name_fault
+from monitor.health.signal.features import BlockFeatures, FeatureSettings, block_features, fundamentals
+from monitor.health.signal.transform import EnvelopeSpectrum
 from tests.oracles.time_domain_oracle import Case, Oracle, edge_depth
 from tests.support.effort import effort_count
 from tests.support.signals import record_of, recorded

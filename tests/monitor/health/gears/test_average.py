@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from monitor.health.gears.angle import angle_of_mesh
 from monitor.health.gears.average import MIN_TURNS, wheel_average
 from monitor.health.gears.indicators import beside_mesh, gear_indicators, shared_orders
-from monitor.health.rotation.rotation import Rotation, constant
+from monitor.health.signal.rotation.rotation import Rotation, constant
 from tests.monitor.health.gears.signals import RATE, Meshing, pair
 from tests.oracles.gear_average_oracle import indicators, projected_lines
 

@@ -14,10 +14,10 @@ from models.machine.bearing import kinematics
 from monitor.health.gears.interference import gear_interference
 from monitor.health.gears.lines import Wheels
 from monitor.health.gears.settings import GearPairing, GearSettings, GearWheel
-from monitor.health.naming import name_fault
-from monitor.health.spectrum.family import FaultLines
-from monitor.health.spectrum.features import BlockFeatures, FeatureSettings, block_features, fundamentals
-from monitor.health.spectrum.interference import (
+from monitor.health.name.naming import name_fault
+from monitor.health.signal.family import FaultLines
+from monitor.health.signal.features import BlockFeatures, FeatureSettings, block_features, fundamentals
+from monitor.health.signal.interference import (
     MIN_SPACING_BINS,
     Comb,
     Interference,

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from benchmarks.varying_pictures import RATE, SECONDS, block, turns_of
-from monitor.health.kept_coherence import kept_coherence, rotation_of_course
 from monitor.health.rotation_values import COURSE_POINTS
-from monitor.health.spectrum.block_view import WAVEFORM_SAMPLES, BlockView, RawSpectra
-from monitor.health.waterfall import SpectrumRow
+from monitor.health.signal.block_view import WAVEFORM_SAMPLES, BlockView, RawSpectra
+from monitor.health.signal.coherence_view import kept_coherence, rotation_of_course
+from monitor.health.signal.waterfall import SpectrumRow
 from monitor.report.figures.cyclic import block_coherence
 from monitor.report.runs import Channel, Run
 from monitor.web import spectra_view

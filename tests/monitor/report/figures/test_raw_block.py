@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from benchmarks.velocity import RATE, tone
-from monitor.health.spectrum.block_view import BlockView
-from monitor.health.spectrum.transform import BlockTransform
-from monitor.health.waterfall import SpectrumRow
+from monitor.health.signal.block_view import BlockView
+from monitor.health.signal.transform import BlockTransform
+from monitor.health.signal.waterfall import SpectrumRow
 from monitor.report.figures.raw_block import raw_block
 from monitor.report.figures.spectrum import shared_words
 from monitor.report.runs import Channel, Run

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from monitor.health.spectrum.kurtogram import Kurtogram
+from monitor.health.signal.kurtogram import Kurtogram
 from monitor.report.figures.kurtogram import kurtograms
 from monitor.report.figures.spectrum import SpectrumView, spectra, views_of
 from monitor.report.figures.waterfall import waterfall

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from monitor.health.spectrum.block_view import BlockView, RawSpectra
-from monitor.health.waterfall import SpectrumRow
+from monitor.health.signal.block_view import BlockView, RawSpectra
+from monitor.health.signal.waterfall import SpectrumRow
 from monitor.report.comparison import speeds
 from monitor.report.figures.ias import ias_picture
 from monitor.report.figures.speed import rotation_table, speed_picture, speed_words

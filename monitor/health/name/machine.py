@@ -1,0 +1,252 @@
+"""One verdict a bearing: what the channels that listen to it name, weighed together.
+
+Each channel has a ballot: how deep, on the mean of its recent usable blocks, the lines of each named part stood, and in
+which share of the blocks no part was named. Evidence for a part is the sum of its depths over the channels, a name of
+two parts counting for both. A channel with an open final stage has a second ballot, of all blocks since the onset was
+known. What these name is a verdict and outweighs hints: names of a machine without an onset or without a baseline. How
+well a name is supported is always a matter of the recent blocks: lines that spread under their own noise lower it, and
+the verdict stays.
+
+A name also stays until another has half as much evidence again, so that it does not change from block to block. All
+follows from the values of records: a restart, a replay and a report over the same records say the same. A verdict that
+has held and gives way to another part is an event (``monitor/health/held.py``).
+
+A level that rose may come from a neighbour. Where a bearing has an onset and no part is named in it, while a verdict
+names a part of another whose level has risen by twice the power and more, in most blocks, the onset is said to be
+``level_of`` that one. It stays an onset: lines tell whose damage they show, a level does not.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+from monitor.health.held import HeldName
+from monitor.health.name.evidence import SILENCE, Ballot, Heard, Voice, louder_bearings, parts_of
+from monitor.health.onset import DetectSettings
+from monitor.health.schema import FAULTS, HINT, VERDICT
+
+MACHINE_STATE_VERSION = 3
+_ENTER = {HINT: 0.5, VERDICT: 0.1}
+_HOLD = {HINT: 0.25, VERDICT: 0.0}
+"""Share of the recent evidence, silence included, that names a part at all: to begin to name one, and to go on."""
+_LEAD = 1.5
+"""How much more evidence than the present name another needs."""
+_APART = 0.1
+"""Share of the evidence for a part that leaves out another, from which the two are told apart."""
+_STALE, _PATIENCE_S = 50, 30 * 86400.0
+"""Unusable blocks in a row after which a channel has no voice beside others; so many of the slowest source, and so many
+seconds, beside one of another source."""
+
+
+@dataclass(frozen=True)
+class MachineState:
+    """What the channels of one source said, and what is said of its bearings: by block, and held."""
+
+    voices: Mapping[str, Voice] = field(default_factory=dict[str, Voice])
+    named: Mapping[str, str] = field(default_factory=dict[str, str])
+    held: Mapping[str, HeldName] = field(default_factory=dict[str, HeldName])
+    version: int = MACHINE_STATE_VERSION
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the state as plain values for JSON."""
+        return {
+            "voices": {name: voice.to_dict() for name, voice in self.voices.items()},
+            "named": dict(self.named),
+            "held": {name: held.to_dict() for name, held in self.held.items()},
+            "version": self.version,
+        }
+
+    @classmethod
+    def from_dict(cls, stored: Mapping[str, Any]) -> MachineState:
+        """Return the state that :meth:`to_dict` gave, or version 1 or 2; raise ValueError for another version."""
+        if stored.get("version") not in (1, 2, MACHINE_STATE_VERSION):
+            raise ValueError(f"machine state: version {MACHINE_STATE_VERSION} expected, got {stored.get('version')!r}")
+        voices = {
+            name: Voice(
+                Ballot(**voice["recent"]),
+                None if voice["since_onset"] is None else Ballot(**voice["since_onset"]),
+                voice["missed"],
+                voice["time"],
+                voice.get("below", {}),
+            )
+            for name, voice in stored["voices"].items()
+        }
+        held = {name: HeldName.from_dict(values) for name, values in stored.get("held", {}).items()}
+        return cls(voices, stored["named"], held)
+
+
+@dataclass(frozen=True)
+class BearingVerdict:
+    """What the channels of a bearing say together.
+
+    Attributes:
+        fault: the damaged part, several joined by "|" that cannot be told apart, or None.
+        basis: "hint" or "verdict", None without a name.
+        support: 0 to 1: depth of the lines that are named so over that of all named lines and of silence, which
+            counts as often as the least silent channel was silent. None without a name.
+        disagreement: by channel, the name of those that name another part.
+        channels: that listen to it.
+        level_of: the bearing with whose damage the level has risen, where an onset shows no part of its own.
+        replaced: the part of the verdict that held before and gave way with this block.
+    """
+
+    fault: str | None = None
+    basis: str | None = None
+    support: float | None = None
+    disagreement: Mapping[str, str] = field(default_factory=dict[str, str])
+    channels: tuple[str, ...] = ()
+    level_of: str | None = None
+    replaced: str | None = None
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the keys of the interface."""
+        return {
+            "fault": self.fault,
+            "fault_basis": self.basis,
+            "support": None if self.support is None else round(self.support, 4),
+            "disagreement": dict(self.disagreement),
+            "channels": list(self.channels),
+            "level_of": self.level_of,
+        }
+
+
+def step(
+    state: MachineState,
+    heard: Mapping[str, Heard],
+    bearings: Mapping[str, Sequence[str]],
+    persist_blocks: int = DetectSettings.persist_blocks,
+) -> tuple[MachineState, dict[str, BearingVerdict]]:
+    """Take one block of a source.
+
+    Args:
+        heard: by channel; one that is not in it gave nothing usable.
+        bearings: channels of the source by the bearing that they listen to.
+        persist_blocks: usable blocks in a row after which the name of a verdict is held.
+    """
+    channels = [name for names in bearings.values() for name in names]
+    louder = louder_bearings(heard, bearings)
+    voices = {
+        name: state.voices.get(name, Voice()).after(heard.get(name), louder.get(name, frozenset())) for name in channels
+    }
+    said = weigh([replace(state, voices=voices)], bearings)
+    named = {bearing: found.fault for bearing, found in said.items() if found.fault is not None}
+    held: dict[str, HeldName] = {}
+    for bearing, found in said.items():
+        final = [heard.get(name) for name in bearings[bearing] if voices[name].since_onset is not None]
+        if not final:
+            continue
+        held[bearing] = before = state.held.get(bearing, HeldName())
+        if any(one is not None and one.usable for one in final):
+            held[bearing] = before.after(found.fault if found.basis == VERDICT else None, persist_blocks)
+        if before.fault not in (None, held[bearing].fault):
+            said[bearing] = replace(found, replaced=before.fault)
+    return replace(state, voices=voices, named=named, held=held), said
+
+
+def weigh(
+    states: Sequence[MachineState], bearings: Mapping[str, Sequence[str]], patience: float | None = None
+) -> dict[str, BearingVerdict]:
+    """Return what is said of each bearing of a machine.
+
+    Args:
+        states: of its sources, in any order.
+        bearings: all channels by the bearing that they listen to.
+        patience: s without a usable block after which a channel has no voice beside one with a later block, or None.
+    """
+    voices = {name: voice for state in states for name, voice in state.voices.items()}
+    found = {
+        bearing: _weigh_one(
+            {name: voices.get(name, Voice()) for name in sorted(names)},
+            frozenset(part for state in states for part in parts_of(state.named.get(bearing))),
+            patience,
+        )
+        for bearing, names in bearings.items()
+    }
+    damaged = [bearing for bearing, verdict in found.items() if verdict.basis == VERDICT]
+    for bearing, verdict in found.items():
+        if verdict.basis != VERDICT and damaged:
+            since_onset = [
+                voices[name] for name in verdict.channels if voices.get(name, Voice()).since_onset is not None
+            ]
+            found[bearing] = replace(verdict, level_of=_level_of(since_onset, damaged))
+    return found
+
+
+def _level_of(voices: Sequence[Voice], damaged: Sequence[str]) -> str | None:
+    """Return the damaged bearing with which the level of channels with an onset has risen in most of their blocks."""
+    least = {name: min((voice.below.get(name, 0.0) for voice in voices), default=0.0) for name in damaged}
+    best = max(damaged, key=lambda name: (least[name], name))
+    return best if least[best] > 0.5 else None
+
+
+def patience_of(intervals: Iterable[float | None]) -> float:
+    """Return the patience for several sources by the usual intervals of their blocks, s."""
+    return max(_PATIENCE_S, _STALE * max((interval or 0.0 for interval in intervals), default=0.0))
+
+
+def _weigh_one(voices: Mapping[str, Voice], before: frozenset[str], patience: float | None) -> BearingVerdict:
+    """Weigh the voices of one bearing; ``before`` are the parts that were named until now."""
+    if not any(voice.recent.named or (voice.since_onset and voice.since_onset.named) for voice in voices.values()):
+        return BearingVerdict(channels=tuple(voices))
+    live = {name: voice for name, voice in voices.items() if _has_voice(voice, voices.values(), patience)} or voices
+    recent = {name: voice.recent for name, voice in live.items()}
+    total = sum(ballot.naming(FAULTS) for ballot in recent.values())
+    silence = SILENCE * min(ballot.silent for ballot in recent.values())
+    since_onset = [voice.since_onset for voice in live.values() if voice.since_onset is not None]
+    for basis, ballots in ((VERDICT, since_onset), (HINT, list(recent.values()))):
+        name = _chosen(ballots, before)
+        parts = parts_of(name)
+        if name is None or total < (_HOLD if parts & before else _ENTER)[basis] * (total + silence):
+            continue
+        return BearingVerdict(
+            fault=name,
+            basis=basis,
+            support=sum(ballot.naming(parts) for ballot in recent.values()) / (total + silence),
+            disagreement=_others(live, parts),
+            channels=tuple(voices),
+        )
+    return BearingVerdict(channels=tuple(voices))
+
+
+def _others(voices: Mapping[str, Voice], parts: frozenset[str]) -> dict[str, str]:
+    """Return by channel the name of those that name none of some parts: since their onset, or recently."""
+    found = {
+        name: (voice.since_onset and voice.since_onset.leading) or voice.recent.leading
+        for name, voice in voices.items()
+    }
+    return {name: other for name, other in found.items() if other is not None and not parts & parts_of(other)}
+
+
+def _has_voice(voice: Voice, all_voices: Iterable[Voice], patience: float | None) -> bool:
+    if voice.missed >= _STALE:
+        return False
+    if patience is None or voice.time is None:
+        return True
+    newest = max(other.time for other in all_voices if other.time is not None)
+    return newest - voice.time <= patience
+
+
+def _chosen(ballots: Sequence[Ballot], before: frozenset[str]) -> str | None:
+    """Return the part with most evidence, with those that the same blocks name and no others tell apart."""
+    evidence = {part: sum(ballot.naming([part]) for ballot in ballots) for part in FAULTS}
+    best = max(FAULTS, key=lambda part: evidence[part] * (_LEAD if part in before else 1.0))
+    if evidence[best] == 0.0:
+        return None
+    together = [best]
+    for part in FAULTS:
+        if part == best:
+            continue
+        apart = sum(
+            mean
+            for ballot in ballots
+            for name, mean in ballot.named.items()
+            if best in parts_of(name) and part not in parts_of(name)
+        )
+        limit = _APART
+        if best in before:
+            limit *= _LEAD if part in before else 1.0 / _LEAD
+        if apart < limit * evidence[best]:
+            together.append(part)
+    return "|".join(part for part in FAULTS if part in together)
