@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
 import platform
 import statistics
 import subprocess
@@ -28,6 +29,11 @@ def arguments(description: str) -> argparse.Namespace:
     parser.add_argument("--json", type=Path, metavar="FILE", help="write the same figures to this file")
     parser.add_argument("--quick", action="store_true", help="fewer repetitions: ends within a minute")
     return parser.parse_args()
+
+
+def effort_count(*, quick: int, full: int) -> int:
+    """Return how many cases a test runs: ``full`` under SPALLWATCH_EFFORT=full, else ``quick``."""
+    return full if os.environ.get("SPALLWATCH_EFFORT") == "full" else quick
 
 
 def interleaved_ms(functions: Mapping[str, Callable[[], object]], rounds: int) -> dict[str, float]:

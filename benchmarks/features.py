@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import signal
 
+from benchmarks import plain_features as oracle
 from benchmarks.common import (
     REFERENCE_MS,
     Row,
@@ -38,7 +39,6 @@ from monitor.health.signal.indicators import time_indicators
 from monitor.health.signal.lines import FALSE_ALARM, fault_lines
 from monitor.health.signal.plans import Effort, Precision
 from monitor.health.signal.transform import Band, BlockTransform
-from tests.oracles import features_oracle as oracle
 
 BAND: Band = (7000.0, 9000.0)
 BPFO = 97.8

@@ -26,11 +26,11 @@ import monitor.health.channel
 import monitor.health.step
 import monitor.service.replay
 from benchmarks.common import REFERENCE_MS, Row, arguments, calibration_kernel, print_table, write_json
+from benchmarks.signals import HealthyMachine, bearing_lines, impacts
 from monitor.config.load import validate
 from monitor.health import onset as detect
 from monitor.records.store import Store
 from streams.recording import Recording
-from tests.support.signals import HealthyMachine, bearing_lines, impacts
 
 SAMPLES, RATE, SPEED = 128_000, 25_600.0, 30.0
 TARGET_MS = 5.0

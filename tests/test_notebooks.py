@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks.notebooks import FOLDER, read_notebook, run_cells
 from tests.support.docs_commands import same
+from tests.support.notebooks import FOLDER, read_notebook, run_cells
 
 NOTEBOOKS = sorted(FOLDER.glob("*.ipynb"))
 

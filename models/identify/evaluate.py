@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 ACCURACY = 5e-3
 # Ball periods that a motion is simulated for which does not repeat.
 _MAX_PERIODS = 400
-# Bytes of a row of a candidate beside the program, at most (benchmarks/task_memory.py).
+# Bytes of a row of a candidate beside the program, at most.
 _MEMORY = 64_000_000
 # Seconds of a condition of a candidate, roughly; of a chunk; and of a batch that is worth sending.
 _SECONDS, _CHUNK_SECONDS, _SENT_SECONDS = 1e-3, 0.5, 1.0

@@ -44,7 +44,7 @@ MAX_MISFIT = 3.0
 # Rigs that are taken of those that the data leave possible, and the accuracy of their maps.
 _RIGS, _ACCURACY = 64, 1e-2
 _CENTRAL = (0.025, 0.975)
-# Bytes of a small map beside the program, at most (benchmarks/task_memory.py).
+# Bytes of a small map beside the program, at most.
 _MEMORY = 64_000_000
 # Seconds of a small map, roughly, and of a chunk of them.
 _SECONDS, _CHUNK_SECONDS = 0.1, 0.5

@@ -38,7 +38,7 @@ _BEYOND = 1.35
 # (models.solve.six_dof.kernels.lanes.LANES).
 _GROUPS, _FEWEST = 4, 8
 _LANES = 32
-# Bytes of a life beside the program, at most (benchmarks/task_memory.py).
+# Bytes of a life beside the program, at most.
 _MEMORY = 64_000_000
 # Seconds of a block, and of one by another model; roughly.
 _BLOCK_SECONDS, _MODEL_SECONDS = 2e-3, 0.1

@@ -90,7 +90,7 @@ class Population:
         gain_drift: standard deviation of a further factor at the end of the life: a random walk from the onset.
         harmonic_gain_sd: standard deviation of a further factor on each harmonic, constant over a life.
         scatter, line_scatter: ranges of the standard deviation of the factor on the RMS, and on each harmonic, of each
-            block, drawn in the logarithm, one per life (``benchmarks.block_scatter`` has those of recorded runs).
+            block, drawn in the logarithm, one per life.
         background_rms, background_harmonic: ranges of the RMS of background vibration and of its amplitude at each
             harmonic, m/s2, drawn in the logarithm, one per life; they add as power.
         missing: probability that a block is lost.

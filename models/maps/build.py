@@ -49,7 +49,7 @@ def solver_of(plan: MapPlan) -> Solver:
 
     Another model than the six-degree-of-freedom one simulates each node as a scene of its own.
 
-    Without slip, lanes are neither faster nor more accurate (benchmarks/ensemble.py).
+    Without slip, lanes are neither faster nor more accurate.
     """
     if plan.model != Rig.model:
         return "scenes"

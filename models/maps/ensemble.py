@@ -42,7 +42,7 @@ _GROUPS_PER_TASK = 24
 # Between blocks; what is left of the settling afterwards is a tenth of it or less.
 ENSEMBLE_TOLERANCE = 3e-3
 ENSEMBLE_SLIP_BLOCKS = 2
-# The standard error over a hundred floors is several times what these steps leave (benchmarks/ensemble.py).
+# The standard error over a hundred floors is several times what these steps leave.
 ENSEMBLE_STEP = 27e-6
 ENSEMBLE_MIN_STEPS = 192
 _ERROR_SEED = 20220

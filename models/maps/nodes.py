@@ -29,7 +29,7 @@ Progress = Callable[[int, int], None]
 
 # Relative error of the RMS that is asked of each node.
 MAP_ACCURACY = 2e-3
-# Bytes of a row beside the program, at most (benchmarks/task_memory.py).
+# Bytes of a row beside the program, at most.
 ROW_MEMORY = 64_000_000
 # Seconds of a scene of a row at this speed and above, Hz, and of one by another model; roughly.
 _SCENE_SECONDS, _QUICK_SPEED, _MODEL_SECONDS = 4e-4, 20.0, 0.1

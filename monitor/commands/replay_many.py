@@ -39,7 +39,7 @@ from streams.spec import SourceError
 MARKER = "replay.json"
 """File beside the store of a recording whose replay is complete: of what, and its summary."""
 MEMORY = 400_000_000
-"""Bytes that a replay with its page needs at most beside the program, measured by benchmarks/batch_memory.py."""
+"""Bytes that a replay with its page needs at most beside the program, measured."""
 _KIND = re.compile(r"(dataset:[^:]*:|folder:)(.*)", re.DOTALL)
 
 

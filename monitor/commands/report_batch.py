@@ -256,7 +256,7 @@ def report_one(pages: Pages, task: Task) -> Outcome:
 
 
 MEMORY = 300_000_000
-"""Bytes that a report needs at most beside the program, measured by benchmarks/batch_memory.py."""
+"""Bytes that a report needs at most beside the program, measured."""
 REPORTS = Work("reports", report_one, memory=MEMORY)
 
 

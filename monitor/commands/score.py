@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from monitor.report.score.issued import Issued
 
 MEMORY = 300_000_000
-"""Bytes that reading or scoring a run needs at most beside the program, measured by benchmarks/batch_memory.py."""
+"""Bytes that reading or scoring a run needs at most beside the program, measured."""
 
 
 @dataclass(frozen=True)

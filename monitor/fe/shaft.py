@@ -12,7 +12,7 @@ from models.fe.shafts.shaft import ShaftModel, SteppedShaft
 LOAD_STEPS = (0.25, 0.5, 1.0, 2.0, 4.0)
 """Multiples of the load at which k_i is given."""
 # The mesh that tells the error of the other one has cells this much longer where strains are singular. What is left to
-# the limit is about twice what lies between both (benchmarks/fe_shaft.py).
+# the limit is about twice what lies between both.
 _COARSER = 2.0
 _REMAINDER = 2.0
 

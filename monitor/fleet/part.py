@@ -43,7 +43,7 @@ PART_BLOCKS = 5000
 """Blocks of a part: some minutes of work, after which a state is kept."""
 MAX_PART_RECORDINGS = 1000
 MEMORY = 600_000_000
-"""Bytes that a replay needs beside the program where no file is above 250 MB (benchmarks/archive.py)."""
+"""Bytes that a replay needs beside the program where no file is above 250 MB."""
 _PER_FILE = frozenset(
     {"history", "date_created", "title", "id", "dated", "records_elsewhere"}
     | {f"time_coverage_{which}" for which in ("start", "end", "duration")}

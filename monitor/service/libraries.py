@@ -20,7 +20,7 @@ from monitor.records.library_file import load_library
 Progress = Callable[[int, int], None]
 
 SHIPPED = Path(__file__).with_name("growth_library.npz")
-"""The library that ships: for histories of V_eq, without a rig (``benchmarks.growth_library`` makes it)."""
+"""The library that ships: for histories of V_eq, without a rig (``benchmarks.forecast.growth_library`` makes it)."""
 SHIPPED_NAME = "growth"
 
 

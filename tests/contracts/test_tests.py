@@ -23,3 +23,9 @@ def test_no_module_of_tests_is_imported() -> None:
     imported = [*_imports("tests"), *_imports("benchmarks")]
     assert len(imported) > 1000
     assert [pair for pair in imported if any(part.startswith("test_") for part in pair[1].split(".")[:-1])] == []
+
+
+def test_tests_and_benchmarks_can_be_moved_alone() -> None:
+    """Tests of a benchmark stand beside it in ``benchmarks``."""
+    for folder, other in (("tests", "benchmarks"), ("benchmarks", "tests")):
+        assert [pair for pair in _imports(folder) if pair[1].split(".")[0] == other] == []

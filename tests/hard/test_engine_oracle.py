@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from benchmarks.engine_judge import DEFAULT_ACCURACY, answer, verdict
+from tests.oracles.periodic.judge import DEFAULT_ACCURACY, answer, verdict
 from tests.oracles.periodic.rig import from_dict
 from tests.support.effort import effort_count
 

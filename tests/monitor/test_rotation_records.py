@@ -10,8 +10,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from benchmarks import varying_pictures
-from benchmarks.velocity import RATE
 from monitor.commands.replay import summary_lines
 from monitor.config.load import load_config
 from monitor.health.channel import ChannelBlock, step
@@ -35,7 +33,9 @@ from monitor.service.replay import replay
 from monitor.words.rotation import DOMAINS as DOMAIN_WORDS
 from monitor.words.rotation import ROTATION_REFUSALS, speed_words
 from streams.block import Block
+from tests.support import varying_speed
 from tests.support.pipeline import base
+from tests.support.velocity_signals import RATE
 
 NEW = (
     *("speed_min", "speed_max", "acceleration", "revolutions", "rotation_status"),
@@ -181,10 +181,10 @@ def test_messages_have_units_in_their_names() -> None:
 
 def test_the_report_of_a_replay_has_its_own_spectrum_over_orders(tmp_path: Path) -> None:
     (tmp_path / "in").mkdir()
-    np.save(tmp_path / "in" / "b0001.npy", varying_pictures.block(110))
-    text = varying_pictures.TEXT.format(
-        folder=tmp_path, rate=varying_pictures.RATE, begin="2026-03-02T06:00:00Z", interval=60.0, pulses=8,
-        designation=varying_pictures.DESIGNATION,
+    np.save(tmp_path / "in" / "b0001.npy", varying_speed.block(110))
+    text = varying_speed.TEXT.format(
+        folder=tmp_path, rate=varying_speed.RATE, begin="2026-03-02T06:00:00Z", interval=60.0, pulses=8,
+        designation=varying_speed.DESIGNATION,
     )  # fmt: skip
     (tmp_path / "winch.toml").write_text(text)
     found = replay(load_config(tmp_path / "winch.toml"), None, tmp_path / "out")

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from benchmarks.velocity import RATE, tone
 from monitor.config.machine import MachineSection
 from monitor.health.channel import ChannelBlock, step
 from monitor.health.output import record_values
@@ -19,6 +18,7 @@ from monitor.health.state import ChannelState
 from monitor.report.findings import velocity_findings
 from monitor.words.zones import MACHINE_CLASSES, machine_class
 from tests.support.pipeline import base
+from tests.support.velocity_signals import RATE, tone
 
 TABLE = {
     "20816-3:1:rigid": (2.3, 4.5, 7.1),

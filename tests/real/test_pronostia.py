@@ -1,7 +1,7 @@
 """Runs to failure: onset inside its window and known in time, damaged part, end of life; restarts change nothing.
 
 Windows are those of the requirements, from the README of the recordings. No setting was chosen on these runs; how far
-each can be moved is in ``benchmarks/detection.py``.
+each can be moved is in ``benchmarks/onset/detection.py``.
 """
 
 from __future__ import annotations

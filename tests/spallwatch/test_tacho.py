@@ -7,7 +7,7 @@ import pytest
 import xarray as xr
 
 import spallwatch as sw
-from benchmarks.varying_pictures import DESIGNATION, PULSES, RATE, block, turns_of
+from tests.support.varying_speed import DESIGNATION, PULSES, RATE, block, turns_of
 
 NUMBER = 110
 

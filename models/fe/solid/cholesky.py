@@ -2,7 +2,7 @@
 
 Each front of a plan gathers its part of the matrix and the remainders of its children, eliminates its own unknowns by
 dense BLAS and passes the rest on. SuperLU with minimum degree has a quarter more entries at 35,000 unknowns and takes
-several times as long (benchmarks/fe_cost.py).
+several times as long (benchmarks/fe/cost.py).
 """
 
 from __future__ import annotations

@@ -116,7 +116,7 @@ class ContactCells:
         Their edges are at a quarter and three quarters of each facet of order 2 (in its middle for order 1), the first
         and last at the ends. There are as many pressures as the surface can tell apart. Cells that halve each facet are
         as many, but the pressure that alternates between them makes no load, and is found everywhere
-        (benchmarks/fe_hertz.py).
+        (tests/models/fe/test_hertz.py).
         """
         return cls.grid(_about(np.asarray(x, float), order), None if z is None else _about(np.asarray(z, float), order))
 

@@ -1,7 +1,7 @@
 """What the factorisation of a body will cost, said before it is begun, and whether there is the memory for it.
 
 The law is that of a cube of 27-node hexahedra, which fills in most for its unknowns: bars, rings and plates cost less
-(benchmarks/fe_cost.py). Seconds are those of one core of the machine of that benchmark.
+(benchmarks/fe/cost.py). Seconds are those of one core of the machine of that benchmark.
 """
 
 from __future__ import annotations

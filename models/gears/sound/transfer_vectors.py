@@ -129,7 +129,7 @@ class TransferVectors:
 
         The error of the vector, root mean square over the points, as the change of a level: 20 lg (1 + error). It is
         that of twice the distance between the frequencies: at the true distance a very smooth curve misses a sixteenth,
-        a sphere a fifth (benchmarks/acoustics.py). Shape (frequencies - 2,); empty of two.
+        a sphere a fifth. Shape (frequencies - 2,); empty of two.
         """
         errors = np.empty(max(len(self.frequency) - 2, 0))
         for place in range(1, len(self.frequency) - 1):

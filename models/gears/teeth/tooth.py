@@ -166,7 +166,7 @@ def shared_compliance(profile: ToothProfile, wheel: ToothedWheel, plane: Plane) 
 
     The ring's torsion, and the displacement around a line force, which falls with the logarithm of the distance
     (Flamant: 2 / (pi E) ln), from the ring's thickness to one pitch. Its constant is fitted to finite elements
-    (``benchmarks.gear_stiffness``). Taken for all teeth in contact.
+    (``benchmarks.gears.stiffness``). Taken for all teeth in contact.
     """
     thickness = profile.root_radius - wheel.hub_radius
     pitch = math.tau * profile.root_radius / profile.teeth
@@ -231,7 +231,7 @@ def crack_compliance(
     """Return what a crack in the root of the loaded side adds to the compliance, m^2/N, in the shape of the rolls.
 
     A form of second degree in moment and shear force at the crack, as K^2 is, fitted to plane finite elements of cracks
-    straight across (``benchmarks.gear_stiffness``, which has its errors): with the share xi of the section that is
+    straight across (``benchmarks.gears.stiffness``, which has its errors): with the share xi of the section that is
     cracked and the arm over the section's width, E C = 24 xi^1.5 / (1 - xi) * sum (a + b xi) (arm^2, arm cos, cos^2).
     Of an inclined crack its depth across the tooth counts, and the arm to its middle: a rough guess. A crack that the
     force presses together is closed.

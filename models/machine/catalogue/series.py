@@ -4,7 +4,7 @@ Rules of design from which the internal geometry follows where only boundary dim
 
 The constants are means and standard deviations over the bearings of even bore code of each series whose geometry
 follows from published load ratings (models/machine/catalogue/*.csv); those of odd bore code were held out and measure
-the error (docs/evidence/catalogue.md). ``python -m benchmarks.catalogue_ratings`` prints them; no spread is taken below
+the error (docs/evidence/catalogue.md). ``python -m benchmarks.catalogue.ratings`` prints them; no spread is taken below
 2 %. The series without ratings (64, 160) have rules that are not fitted: those of their neighbours with a wider spread.
 """
 

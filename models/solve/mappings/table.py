@@ -3,7 +3,7 @@
 Bounds of the error of a model that stands for another, looked up from dimensionless groups of the scene.
 
 Each is a product of powers of the groups, fitted to the true errors of random scenes, of which it covers 98 %
-(``benchmarks/scenes_fit.py``). Outside of the groups' ranges none is known. The root mean square may agree by chance
+(``benchmarks/scenes/fit.py``). Outside of the groups' ranges none is known. The root mean square may agree by chance
 where waveforms differ, so that its bounds are the widest.
 
 A mapping between models: a scene with the parameters of the other one, its sensors, and the error that it makes.
@@ -239,7 +239,7 @@ def groups_of_shaft(scene: Scene) -> Groups:
     }
 
 
-# By ``python -m benchmarks.scenes_fit``: of each quantity the bound, and the ranges of the groups, in their order.
+# By ``python -m benchmarks.scenes.fit``: of each quantity the bound, and the ranges of the groups, in their order.
 _BALLS = Bounds(
     rms=Bound(0.198, (1.349, -0.333, 0.181, -0.125, 1.498, -1.130)),
     waveform=Bound(0.859, (0.746, -0.132, 0.285, 0.727, 1.540, -1.263)),

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from models.machine.scene import Scene, Slip
 
 PERIODS = 7
-# Default step, s, and least steps a period; benchmarks/lanes.py prints the error that they leave.
+# Default step, s, and least steps a period.
 DEFAULT_STEP = 20e-6
 MIN_STEPS = 256
 # Places of each ball over which the mean-force rule averages.

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 # Blocks of lives: relative error of the RMS due to the steps (rms over scenes), a tenth of the scatter of a block.
 _ACCURACY = 2e-3
 # Blocks of seven ball periods that are measured where balls slip. Their shortness adds to the scatter of the RMS about
-# what a measured block has anyway (1 to 3 % at 2 to 10 mrad: benchmarks/lives.py).
+# what a measured block has anyway (1 to 3 % at 2 to 10 mrad).
 _SLIP_BLOCKS = 4
 
 

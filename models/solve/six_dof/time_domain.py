@@ -232,7 +232,7 @@ def _intervals(
     return np.append(bounds, duration + 1.0), turns, first, record[by_time], interval[by_time]
 
 
-# Longest step, s: benchmarks/effects.py prints the error that it leaves.
+# Longest step, s.
 DEFAULT_STEP = 10e-6
 # Dropped at the beginning: ball periods, and the minimum in seconds.
 _SETTLE_PERIODS = 40

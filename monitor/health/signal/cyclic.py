@@ -36,7 +36,7 @@ _SPARE_BINS = 2
 _LEAST_CYCLES = 3
 """Cyclic frequencies below so many cycles a block are those of its trend."""
 _INDEPENDENT = 0.45
-"""Independent values a bin of a Hann window, in the mean of the coherence over a band (``benchmarks.cyclic``)."""
+"""Independent values a bin of a Hann window, in the mean of the coherence over a band."""
 _PIECE = 4096
 """Windows that are transformed at once."""
 

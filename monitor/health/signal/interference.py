@@ -5,7 +5,7 @@ and with other tones: sidebands of a mesh are a comb of the shaft in the envelop
 around each that stand out of the noise beside it are set to the level of that noise, their phases kept; everything else
 stays as it is, bit for bit. The bearing's own lines stay: slip spreads them, and no two families share a comb.
 
-Why not another method: ``python -m benchmarks.interference`` compares it with a notch to zero, with the liftering of
+It was compared with a notch to zero, with the liftering of
 the cepstrum (Randall and Sawalhi, doi 10.1016/j.ymssp.2010.12.005) and with synchronous averages, by depth and cost.
 """
 

@@ -2,7 +2,7 @@
 
 They are divided by the transform of a short kernel, brought to ``OVERSAMPLING`` times the least rate by an inverse FFT,
 and weighted by the kernel at the places wanted. With a Kaiser-Bessel kernel seven samples wide the error is 2e-6 of the
-amplitude (Barnett, Magland and af Klinteberg, doi 10.1137/18M120885X; measured by ``python -m benchmarks.orders``).
+amplitude (Barnett, Magland and af Klinteberg, doi 10.1137/18M120885X).
 """
 
 from __future__ import annotations

@@ -31,7 +31,7 @@ _SAME_SPEED = 0.015
 """Candidates within this relative distance of the best one are the same answer."""
 MIN_SCORE = 12.0
 MIN_MARGIN = 4.0
-"""Score that the best speed must reach, and its margin over any other (``python -m benchmarks.speed``)."""
+"""Score that the best speed must reach, and its margin over any other (``python -m benchmarks.rotation.speed``)."""
 _PIECE = 512
 """Candidate speeds whose combs of the bearing are looked at together."""
 _SHAFT_PRESENT = 6.0

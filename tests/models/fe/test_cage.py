@@ -6,7 +6,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from benchmarks.fe_wide import plane_check
 from models.fe.bearings.balance import PowerLaw
 from models.fe.bearings.cage import (
     CageCoupling,
@@ -24,6 +23,7 @@ from models.fe.meshes.geometry import fe_geometry
 from models.fe.meshes.sizing import MeshRule
 from models.machine.bearing import catalogue_entry
 from models.machine.hertz import bearing_stiffness, contact_stiffness
+from tests.oracles.plane_roller import plane_check
 
 ENTRY = catalogue_entry("NU 202 ECP")
 LOAD_ON_ROLLER = 3706.0

@@ -8,9 +8,9 @@ pytestmark = pytest.mark.skipif(not has_extra(), reason="scikit-fem is not insta
 
 
 def test_the_assembled_bearing_is_the_direct_solution():
-    # Coarse meshes, which differ between both: within 0.1 % on fine ones (benchmarks/fe_direct.py).
-    from benchmarks.fe_direct import compared
-    from benchmarks.fe_plane import Fineness
+    # Coarse meshes, which differ between both: within 0.1 % on fine ones (docs/evidence/finite-elements.md).
+    from tests.oracles.plane_bearing import compared
+    from tests.oracles.plane_rings import Fineness
 
     rows = compared(1000.0 / 5.6e-3, Fineness(columns=4, growth=2.0, largest=0.2), sinusoidal=True)
     differences = {str(row["quantity"]): float(row["difference_percent"] or 0.0) for row in rows}

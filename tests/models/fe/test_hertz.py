@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 
-import benchmarks.fe_references as references
-from benchmarks.fe_hertz import LINE_LOAD, POINT_FORCE, RADIUS, Row, row
-from benchmarks.fe_references import boussinesq, flamant, half_plane_to_depth, hertz_line, hertz_point
+import tests.oracles.elastic_references as references
 from tests.models.fe.bodies import skfem
+from tests.oracles.elastic_references import boussinesq, flamant, half_plane_to_depth, hertz_line, hertz_point
+from tests.oracles.hertz_contacts import LINE_LOAD, POINT_FORCE, RADIUS, row
 
 assert skfem
 
@@ -31,7 +33,7 @@ def test_cells_that_halve_the_facets_scatter_more() -> None:
     assert value(halves, "scatter %") > 3.0 * value(about, "scatter %")
 
 
-def value(found: Row, name: str) -> float:
+def value(found: dict[str, Any], name: str) -> float:
     number = found[name]
     assert isinstance(number, float)
     return number

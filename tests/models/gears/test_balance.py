@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from benchmarks.gear_jump import CASES, nearest_stable, oracle, sweep
 from tests.oracles.gear_harmonic_balance import Array, Balance, Motion, Pair, out_of_contact, root_mean_square
+from tests.oracles.gear_jumps import CASES, nearest_stable, oracle, sweep
 
 JUMPING = Pair(0.05, 0.1, ((0.05, 0.0),))
 """F_m, F_ah and zeta of an example commonly attributed to Kahraman & Singh (1990)."""

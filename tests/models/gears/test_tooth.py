@@ -68,7 +68,7 @@ def test_the_fits_of_the_body_have_their_published_peaks():
 
 
 # Compliance times E of the tooth with its body (at 5 places of the path of contact) and of the next one, by
-# ``benchmarks.gear_fe`` with 150,000 unknowns: teeth, hub radius, mate, values.
+# ``benchmarks.gears.plane_teeth`` with 150,000 unknowns: teeth, hub radius, mate, values.
 ELEMENTS = [
     (30, 15e-3, 60, (4.611, 5.252, 6.553, 9.211, 15.176), 2.713),
     (60, 25e-3, 30, (5.408, 6.250, 7.743, 10.498, 16.053), 3.964),
@@ -102,7 +102,7 @@ def test_plane_strain_is_stiffer_and_the_shared_part_is_taken_off():
     np.testing.assert_allclose(bodies[0] / bodies[1], 0.91)
 
 
-# Compliance times E that cracks straight across add, by ``benchmarks.gear_fe``: teeth, depth, at two rolls.
+# Compliance times E that cracks straight across add, by ``benchmarks.gears.plane_teeth``: teeth, depth, at two rolls.
 CRACKS = [(20, 0.5e-3, 0.2699, 0.7039), (20, 2e-3, 2.405, 7.633), (30, 1e-3, 0.5848, 1.820), (30, 3e-3, 3.751, 14.87)]
 
 

@@ -16,8 +16,8 @@ from click.testing import CliRunner
 from hypothesis import given
 from hypothesis import strategies as st
 
-from benchmarks import loggers
-from benchmarks.loggers import LOGGERS, Truth
+from examples import loggers
+from examples.loggers import LOGGERS, Truth
 from monitor.commands.init.command import command
 from monitor.commands.init.text import _pair
 from monitor.config.load import Config, load_config

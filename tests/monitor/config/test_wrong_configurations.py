@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks.wrong_configurations import FILE, PAGE, Case, answer, page, read_cases
 from monitor.config.load import load_config
+from tests.support.wrong_configurations import FILE, Case, answer, read_cases
 
 CASES = read_cases()
 
@@ -27,12 +27,6 @@ def test_a_message_names_file_line_key_expectation_and_finding(case: Case, tmp_p
     told = [line for line in lines if line.startswith(begin)]
     assert told, "\n".join(lines)
     assert [word for word in (case.key, case.expected, case.came) if not any(word in line for line in told)] == [], told
-
-
-def test_the_page_is_what_the_program_answers(tmp_path: Path) -> None:
-    shown, told = PAGE.read_text(encoding="utf-8").splitlines(), page(tmp_path).splitlines()
-    # The words of the TOML parser are those of the Python version.
-    assert [row for row in shown if "not valid TOML" not in row] == [row for row in told if "not valid TOML" not in row]
 
 
 def test_all_problems_of_a_file_come_at_once(tmp_path: Path) -> None:

@@ -12,7 +12,7 @@ from monitor.config.load import ConfigError
 from monitor.fe.config_shaft import ShaftFile, SupportSection, read_shaft
 from monitor.fe.shaft import shaft_lines, shaft_values
 
-THESIS = Path(__file__).parents[3] / "benchmarks" / "fe_shaft.toml"
+THESIS = Path(__file__).parents[3] / "examples" / "parts" / "shaft.toml"
 SMALL = """
 [[step]]
 length_mm = 200.0

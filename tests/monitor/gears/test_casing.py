@@ -94,7 +94,7 @@ def test_lines_are_closer_than_the_narrowest_resonance() -> None:
 
 
 def test_the_box_of_the_example_is_read() -> None:
-    assert [seat.name for seat in read_casing(ROOT / "benchmarks" / "gear_casing.toml").seat] == [
+    assert [seat.name for seat in read_casing(ROOT / "examples" / "parts" / "gear_casing.toml").seat] == [
         *("input_a", "input_b", "output_a", "output_b")
     ]
 

@@ -49,7 +49,7 @@ QUICK_HEALTHY = 2 * LEARN + 5
 HEALTHY = effort_count(quick=QUICK_HEALTHY, full=135)
 ONSET, BLOCKS = HEALTHY + 1, HEALTHY + 30
 # A short life (55 blocks to the threshold), so that thirty damaged blocks reach past its middle. On this one the
-# tracker keeps within a factor of five; on three in ten it does not (benchmarks/tracking.py), which is the method's.
+# tracker keeps within a factor of five; on three in ten it does not (benchmarks.maps.tracking): it is the method's.
 URL = f"rig:ferrara?seed=13&healthy_blocks={HEALTHY}&blocks={BLOCKS}"
 QUICK_BLOCKS = QUICK_HEALTHY + 15
 QUICK = f"rig:ferrara?seed=13&healthy_blocks={QUICK_HEALTHY}&blocks={QUICK_BLOCKS}"

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 
 import pytest
 
-from benchmarks.engine_judge import answer, engine_scene, verdict
-from benchmarks.engine_oracle import solve, stored
 from models.machine.bearing import kinematics
 from models.solve.simulate import simulate
+from tests.oracles.periodic.judge import answer, engine_scene, solve, verdict
 from tests.oracles.periodic.scenes import DEVELOPMENT, scenes
 from tests.support.periodic_oracle import ROLLERS, SPALL
 
@@ -64,13 +62,6 @@ def test_both_describe_the_same_scene() -> None:
         assert 1.0 / kinematics(bearing, scene.speed).bpfo == pytest.approx(scene.period, rel=1e-12)
     assert answer(SPALL, None)["rms"] == simulate(engine_scene(SPALL)).rms
     assert engine_scene(ROLLERS).bearing.element == "roller"
-
-
-def test_a_line_that_was_cut_off_is_simulated_again(tmp_path: Path) -> None:
-    path = tmp_path / "results.jsonl"
-    assert stored(path) == {}
-    path.write_text('{"key": "a", "result": {}}\n{"key": "b", "resu')
-    assert set(stored(path)) == {"a"}
 
 
 def test_an_entry_carries_its_scene_and_its_error() -> None:

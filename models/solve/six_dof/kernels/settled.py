@@ -50,7 +50,7 @@ _DOUBTFUL = 0.9
 _DIFFERENCE = 1e-3
 _OF_APPROACH = 1e-3
 # Error of the RMS over its change and over that of the waveform by the last halving, where only one is known:
-# benchmarks/engine_families.py measures how often the larger of both bounds it.
+# benchmarks/engine/families.py measures how often the larger of both bounds it.
 _OF_CHANGE = 0.7
 _OF_WAVE = 0.25
 # One halving is believed where it ends with so many steps: of fewer, both grids may miss the same impact, and agree.
@@ -95,7 +95,7 @@ def error_estimate(delta: float, wave: float, wave_before: float, before: float)
     From the relative changes of RMS and waveform by the last halving of the steps, the change of the waveform by the
     halving before and the estimate then (NaN where there was none). Steps of fourth order would leave a fifteenth of
     ``wave``; where balls meet kinks or open contacts the order is lower, which two halvings show, and a change may be
-    small by chance: so no estimate falls by more than a factor of four. benchmarks/engine_oracle.py measures how often
+    small by chance: so no estimate falls by more than a factor of four. The hard tests of the engine count how often
     it bounds the error.
     """
     found = max(_OF_CHANGE * abs(delta), _OF_WAVE * wave)

@@ -4,7 +4,7 @@ Moments are spread evenly over the middle four fifths of each run's final stage:
 to plus and minus infinity, and few blocks would decide the scale. Moments of one run share one life, so each run counts
 once. A ridge regression without intercept is drawn towards "as long again as it has lasted"; the scale of its errors is
 that of runs left out of the fit, with one further run of that prior. The constants were chosen on simulated runs, but
-for ``MARGIN_SHARE`` (``benchmarks/learned.py``, docs/evidence/learned.md).
+for ``MARGIN_SHARE`` (``benchmarks/learned/runs.py``, docs/evidence/learned.md).
 """
 
 from __future__ import annotations

@@ -31,7 +31,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class GrowthPrior:
-    """Constants of the model. benchmarks/alarm_times.py shows how little they matter, and what fitting them would give.
+    """Constants of the model.
 
     Attributes:
         rate: expected growth of ln RMS in one elapsed time.

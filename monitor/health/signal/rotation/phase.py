@@ -37,7 +37,7 @@ _MAX_SNR = 300.0
 
 
 _MORE_THAN_NOISE = 1.5
-"""Error over what noise alone would give (``python -m benchmarks.ridge``)."""
+"""Error over what noise alone would give (``python -m benchmarks.rotation.ridge``)."""
 
 
 @dataclass(frozen=True, eq=False)

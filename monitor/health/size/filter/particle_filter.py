@@ -40,11 +40,11 @@ if TYPE_CHECKING:
 
 STATE_VERSION = 2
 WIDENING_RMS = 1.0
-"""Factor on the half widths of ln V_eq with RMS alone (``benchmarks/filter.py``, "widening")."""
+"""Factor on the half widths of ln V_eq with RMS alone."""
 WIDENING_HARMONICS = 1.27
 """The same with lines of BPFO."""
 IMPLAUSIBLE_SD = 4.0
-"""One in 200 simulated lives has a step of this score (``benchmarks/filter.py``, "steps")."""
+"""One in 200 simulated lives has a step of this score."""
 _OUTSIDE_SD = 3.0
 _STEP_SD, _MIN_BLOCKS = 0.15, 5
 _GAP_INTERVALS = 12.0

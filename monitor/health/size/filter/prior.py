@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 _GRAVITY = 9.80665
 _DEPTHS = np.array([2e-6, 9e-6, 18e-6, 28e-6])
 # Standard deviation of ln X over floors and rig parameters at these depths, where a map does not say (RMS, line 1, and
-# lines beyond): the median over extents of a map of rough floors with drawn rigs (benchmarks/filter.py, "spread").
+# lines beyond): the median over extents of a map of rough floors with drawn rigs.
 _SPREAD = np.array([[0.29, 0.14, 0.06, 0.03], [0.18, 0.05, 0.02, 0.02], [0.44, 0.15, 0.07, 0.02]])
 # The same over floors alone.
 _FLOOR_SPREAD = np.array([[0.25, 0.08, 0.045, 0.01], [0.17, 0.05, 0.02, 0.006], [0.41, 0.15, 0.06, 0.015]])

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 ACCELERATION = 0.1
 """Probability that growth accelerates at once, whatever the past tells: then what is left of TT is any share of it.
-Found on the development lives of ``benchmarks.unseen_seeds``."""
+Found on the development lives of ``benchmarks.unseen.seeds``."""
 _GOLDEN = 0.5 * (math.sqrt(5.0) - 1.0)
 
 

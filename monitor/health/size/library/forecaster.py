@@ -40,7 +40,7 @@ QUANTILES = (0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95)
 STANDING_BLOCKS = 12
 """Blocks in succession at which V_eq probably stands still before this is claimed: a probability is judged at every
 block, and over a life one of them is wrong far more often than each. Found on the development lives of
-``benchmarks.unseen_seeds``."""
+``benchmarks.unseen.seeds``."""
 
 
 @dataclass(frozen=True)

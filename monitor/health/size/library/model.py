@@ -45,7 +45,7 @@ _LIFETIME_POWER = 0.5
 """Weights of lifetimes go with this power of 1 / T: 0 counts each life once, 1 each moment of it."""
 SPREAD = 0.8
 """Factor on the errors of ln TT: with accelerations and lifetimes beside them, the intervals would be too wide. Both
-were found on the development lives of ``benchmarks.unseen_seeds``."""
+were found on the development lives of ``benchmarks.unseen.seeds``."""
 _AGE_OFFSET = 6.0
 """Intervals in the logarithm of the elapsed time (summaries.summarise)."""
 _STAND_WEIGHT = 4.0

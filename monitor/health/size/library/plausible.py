@@ -31,7 +31,7 @@ LAGS = (1, 2, 4, 8, 16, 32, 64)
 MAX_GAP = 12.0
 """Intervals. A longer gap counts as this in the age of a history, and refused blocks widen the limit this far."""
 _RISE_EXCEEDED, _FALL_EXCEEDED, _DISTANCE_EXCEEDED = 0.0075, 0.005, 0.01
-"""Shares of lives that exceed a limit in any block. Found on the development lives of ``benchmarks.unseen_seeds``:
+"""Shares of lives that exceed a limit in any block. Found on the development lives of ``benchmarks.unseen.seeds``:
 sound lives are flagged as seldom as asked, and a gain and a fault of the inner race as often as that allows."""
 _FEW = 10.0
 """What is added to the limits of the distances, relative, over the number of lives that they are measured on: the
@@ -39,7 +39,7 @@ largest of twenty is exceeded by one life in twenty."""
 _LATEST, _MIN_BLOCKS = 5, 3
 _CHANGES, _PRIOR_CHANGES, _PRIOR_SD = 12, 12.0, 0.3
 """The scatter of ln RMS: changes that it is read from, and the prior with its weight in changes. Found on 400 lives of
-``benchmarks.forecast_population.LIBRARY``: a smaller prior calls jumps of smooth lives steps."""
+``benchmarks.forecast.population.LIBRARY``: a smaller prior calls jumps of smooth lives steps."""
 _LIVES, _EVERY = 1000, 3
 """Lives and blocks from which distances are measured."""
 _SHRINKAGE = 0.1

@@ -78,7 +78,7 @@ def test_noise_silence_and_short_blocks_have_no_speed() -> None:
     ("path", "kind", "key", "bearing", "stated", "least", "most"),
     [
         # Against the speed that the files state, and for MFPT against the nominal one, which the lines of all its
-        # files stand half to one percent below; python -m benchmarks.speed prints all.
+        # files stand half to one percent below; python -m benchmarks.rotation.speed prints all.
         ("cwru/97_Normal_0.mat", "cwru", "X*_DE_time", BEARING, None, -1e-3, 1e-3),
         ("cwru/105_0.mat", "cwru", "X*_DE_time", BEARING, None, -1e-3, 1e-3),
         ("cwru/118_0.mat", "cwru", "X*_DE_time", BEARING, None, -1e-3, 1e-3),

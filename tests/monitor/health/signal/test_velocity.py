@@ -7,10 +7,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from benchmarks.velocity import SECONDS, coloured, signals, tone, velocity
 from monitor.health.signal.velocity import velocity_of
 from tests.support.effort import effort_count
 from tests.support.pipeline import base, life, record_of, run
+from tests.support.velocity_signals import SECONDS, coloured, signals, tone, velocity
 
 
 @pytest.mark.parametrize("seconds", SECONDS)

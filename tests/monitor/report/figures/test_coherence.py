@@ -8,7 +8,6 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from benchmarks.varying_pictures import RATE, SECONDS, block, turns_of
 from monitor.health.rotation_values import COURSE_POINTS
 from monitor.health.signal.block_view import WAVEFORM_SAMPLES, BlockView, RawSpectra
 from monitor.health.signal.coherence_view import kept_coherence, rotation_of_course
@@ -17,6 +16,7 @@ from monitor.report.figures.cyclic import block_coherence
 from monitor.report.runs import Channel, Run
 from monitor.web import spectra_view
 from tests.monitor.report.figures.drawing import context_of
+from tests.support.varying_speed import RATE, SECONDS, block, turns_of
 
 NUMBER = 120
 

@@ -6,7 +6,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from benchmarks.velocity import RATE, tone
 from monitor.health.signal.block_view import BlockView
 from monitor.health.signal.transform import BlockTransform
 from monitor.health.signal.waterfall import SpectrumRow
@@ -15,6 +14,7 @@ from monitor.report.figures.spectrum import shared_words
 from monitor.report.runs import Channel, Run
 from tests.monitor.report.figures.drawing import START, context_of, drawn
 from tests.support.figures_spectra import KINEMATIC, row_of
+from tests.support.velocity_signals import RATE, tone
 
 G = 9.80665
 

@@ -1,0 +1,21 @@
+"""Tests of what a benchmark draws and judges stand beside it; those marked ``real`` need the recordings."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from benchmarks.recordings import recordings_folder
+
+
+def pytest_runtest_setup(item: pytest.Item) -> None:
+    """Skip tests on recordings where these are missing."""
+    if item.get_closest_marker("real") is not None and not recordings_folder().is_dir():
+        pytest.skip("the recordings are missing: SPALLWATCH_DATA names no folder")
+
+
+@pytest.fixture
+def data_dir() -> Path:
+    """Return the folder of recordings, for tests marked ``real``."""
+    return recordings_folder()

@@ -1,0 +1,1 @@
+"""Forecasts learned from recorded runs."""

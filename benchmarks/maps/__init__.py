@@ -1,0 +1,1 @@
+"""RMS maps and tracking."""

@@ -1,1 +1,0 @@
-"""Benchmark of all models: cost, error, and what else could integrate them."""

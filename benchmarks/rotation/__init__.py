@@ -1,0 +1,1 @@
+"""Speed and angle of the shaft."""

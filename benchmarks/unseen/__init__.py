@@ -1,0 +1,1 @@
+"""Lives that the forecaster was not made with."""
