@@ -67,7 +67,7 @@ class PipelineOptions:
     idle: Callable[[], object] = lambda: None
 
 
-class Played(NamedTuple):
+class RecordingStep(NamedTuple):
     """A block of a recording, its output, and the state after it."""
 
     item: Block | Rejected
@@ -131,7 +131,7 @@ class Pipeline:
         self._acknowledgements[source] = (*self._acknowledgements.get(source, ()), given)
         return True
 
-    def play(self, source: Source, limit: int | None = None, pace: float | None = None) -> Iterator[Played]:
+    def play(self, source: Source, limit: int | None = None, pace: float | None = None) -> Iterator[RecordingStep]:
         """Take the blocks of a recording after those of the store, at most ``limit``.
 
         What is yielded is committed with its batch, the last one at the end. Repetitions are counted in the store.
@@ -163,7 +163,7 @@ class Pipeline:
                     self.reasons.setdefault(record.status, f"block {record.sequence}: {record.reason}")
                 if len(self._pending) >= batch:
                     self._write()
-                yield Played(item, output, state)
+                yield RecordingStep(item, output, state)
                 left = None if left is None else left - 1
             if left == 0:
                 break

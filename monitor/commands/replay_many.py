@@ -99,7 +99,7 @@ class Replayed:
 
 
 @dataclass(frozen=True)
-class Outcome:
+class ReplayOutcome:
     """The summary of a replay, or why there is none; ``kept``: it was complete before."""
 
     recording: Recording
@@ -137,7 +137,7 @@ def _absolute(url: str) -> str:
 
 def replay_many(
     recordings: Sequence[Recording], replays: Replays, runner: Runner = SERIAL, *, elsewhere: bool = False
-) -> list[Outcome]:
+) -> list[ReplayOutcome]:
     """Replay recordings, each into its folder under ``replays.out``; one that fails does not stop the others.
 
     ``elsewhere``: workers are on other machines, so they check that they see the same folders.
@@ -168,9 +168,9 @@ def replay_many(
             recording = left[i].recording
             if isinstance(outcome, Failure):
                 raise_if_unseen(outcome)
-                found[recording.name] = Outcome(recording, None, outcome.message)
+                found[recording.name] = ReplayOutcome(recording, None, outcome.message)
             else:
-                found[recording.name] = Outcome(recording, outcome.summary, outcome.error)
+                found[recording.name] = ReplayOutcome(recording, outcome.summary, outcome.error)
     remove_leftovers(out, [recording.name for recording in recordings])
     return [found[recording.name] for recording in recordings]
 
@@ -261,13 +261,13 @@ def _marker(place: Path) -> dict[str, Any]:
     return found if isinstance(found, dict) else {}
 
 
-def _kept(replays: Replays, recording: Recording) -> Outcome | None:
+def _kept(replays: Replays, recording: Recording) -> ReplayOutcome | None:
     """Return the outcome of a replay that is complete and whose inputs are unchanged, else None."""
     place = replays.out / recording.name
     found = _marker(place) if replays.resume and (place / "state.db").is_file() else {}
     if not found or found.get("digest") is None or found.get("digest") != _digest(replays, recording):
         return None
-    return Outcome(recording, found["summary"], kept=True)
+    return ReplayOutcome(recording, found["summary"], kept=True)
 
 
 def _digest(replays: Replays, recording: Recording) -> str | None:
@@ -279,7 +279,7 @@ def _digest(replays: Replays, recording: Recording) -> str | None:
     return input_digest(chosen, [], [] if path is None else files_below(path))
 
 
-def values(outcomes: Sequence[Outcome], out: Path) -> dict[str, Any]:
+def values(outcomes: Sequence[ReplayOutcome], out: Path) -> dict[str, Any]:
     """Return what ``--json`` says of several recordings."""
     from monitor.commands.replay import is_all_rejected
 

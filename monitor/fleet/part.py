@@ -31,7 +31,7 @@ from monitor.records.condense import condensed_on
 from monitor.records.filing import SECONDS_PER_DAY
 from monitor.records.publish import days, file_name
 from monitor.records.store import Store as RecordStore
-from monitor.service.replay import Extent, Replay, kept_dating, replay_source
+from monitor.service.replay import Replay, ReplayExtent, kept_dating, replay_source
 from monitor.service.setup import open_configured
 from streams.reading import ReadingState, ResumableSource
 from streams.remote import is_remote
@@ -259,7 +259,7 @@ class _Replayed:
             machine.settings,
             source,
             self._out,
-            Extent(limit=self._shared.part_blocks, whole=part.state is None, in_parts=True),
+            ReplayExtent(limit=self._shared.part_blocks, whole=part.state is None, in_parts=True),
             resume=part.state is not None,
             before_publishing=self._fetch_days,
         )

@@ -170,7 +170,7 @@ def conclude(
     given = detect_input(features, block, absolute=settings.absolute, usable=usable)
     harmonics = tuple(float(value) for value in features.bpfo_amplitude) if features.bpfo_resolved.all() else None
     named = None if naming is None else _named(naming, block.sequence)
-    state, found = follow(state, block, settings, given, harmonics, named)
+    state, found = later_stages(state, block, settings, given, harmonics, named)
     if verdict.for_baseline and band_source == "provisional":
         state = _vote(state, block, analysed.settings)
     return state, ChannelOutput(
@@ -197,7 +197,7 @@ def conclude(
     )
 
 
-class Followed(NamedTuple):
+class LaterStages(NamedTuple):
     """What the stages from the detector on say of a block."""
 
     detection: detect.DetectOutput
@@ -206,14 +206,14 @@ class Followed(NamedTuple):
     to_alarm: TimeToAlarm
 
 
-def follow(
+def later_stages(
     state: ChannelState,
     block: ChannelBlock,
     settings: ChannelSettings,
     given: detect.DetectInput,
     harmonics: tuple[float, ...] | None,
     named: Named | None,
-) -> tuple[ChannelState, Followed]:
+) -> tuple[ChannelState, LaterStages]:
     """Take an accepted block, of which the samples or a record are there, through the stages from the detector on.
 
     Args:
@@ -228,7 +228,7 @@ def follow(
         state = _latch_name(state, named)
     state, damage, forecasts = track(state, block, settings, given.rms, harmonics, detection)
     state, to_alarm = time_to_alarm(state, block, settings, given.rms, detection)
-    return state, Followed(detection, damage, forecasts, to_alarm)
+    return state, LaterStages(detection, damage, forecasts, to_alarm)
 
 
 def _bands(

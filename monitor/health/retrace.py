@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from monitor.health import onset as detect
 from monitor.health.alarms import AlarmAcknowledgement
-from monitor.health.channel import PART_LINES, ChannelBlock, follow, is_for_detector, shallow_lines
+from monitor.health.channel import PART_LINES, ChannelBlock, is_for_detector, later_stages, shallow_lines
 from monitor.health.gears.naming import GearsInput, GearsState
 from monitor.health.gears.naming import step as gears_step
 from monitor.health.gears.stage import rules_of
@@ -173,7 +173,7 @@ def _channel(
     lines = values.get("bpfo_amplitude")
     harmonics = None if lines is None or None in lines else tuple(lines)
     named = _named(values, record.sequence, averaged) if verdict.for_baseline else None
-    state, found = follow(state, block, settings, given, harmonics, named)
+    state, found = later_stages(state, block, settings, given, harmonics, named)
     return state, found.detection
 
 

@@ -23,7 +23,7 @@ from monitor.health.signal.transform import EnvelopeSpectrum
 from monitor.health.size.library.model import Library
 from monitor.health.state import ChannelSettings, SourceSettings, SourceState
 from monitor.health.step import SourceOutput
-from monitor.pipeline import Pipeline, PipelineOptions, Played
+from monitor.pipeline import Pipeline, PipelineOptions, RecordingStep
 from monitor.records.database import StoreError
 from monitor.records.filing import published_files
 from monitor.records.ledger import keep_dating, read_dating
@@ -86,12 +86,12 @@ def replay(
     settings = source_settings(config, section, maps, libraries)
     source = open_configured(config, section, path, kept_dating(out, section.name) if resume else None)
     return replay_source(
-        config, settings, source, out, Extent(pace=pace, limit=limit), resume=resume, progress=progress
+        config, settings, source, out, ReplayExtent(pace=pace, limit=limit), resume=resume, progress=progress
     )
 
 
 @dataclass(frozen=True)
-class Extent:
+class ReplayExtent:
     """How much of a source is replayed, and how fast.
 
     Attributes:
@@ -112,7 +112,7 @@ def replay_source(
     settings: SourceSettings,
     source: Source,
     out: Path,
-    extent: Extent,
+    extent: ReplayExtent,
     *,
     resume: bool = False,
     progress: Callable[[Iterable[Any], int], Iterable[Any]] | None = None,
@@ -130,7 +130,7 @@ def replay_source(
         pipeline = Pipeline({name: settings}, store, PipelineOptions(condition=condition, refuse_misfits=True))
         if extent.whole:
             _fix_bands(pipeline, source, condition)
-        outputs: Iterable[Played] = pipeline.play(source, limit, extent.pace)
+        outputs: Iterable[RecordingStep] = pipeline.play(source, limit, extent.pace)
         if progress is not None:
             outputs = progress(outputs, len(source) if limit is None else min(len(source), limit))
         began, taken = time.perf_counter(), 0

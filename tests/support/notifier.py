@@ -12,11 +12,11 @@ from monitor.records.events import Deliveries, EventLog
 from monitor.records.store import Store
 from monitor.service.broker import NotifyError
 from monitor.service.notify.channels import Message
-from monitor.service.notify.message import Sender
+from monitor.service.notify.message import MessageSender
 from monitor.service.notify.notifier import Notifier
 from tests.support.waiting import PATIENCE_S
 
-PRESS = Sender("press")
+PRESS = MessageSender("press")
 
 
 NOW = 1.79e9

@@ -20,7 +20,7 @@ from monitor.config.load import Config, ConfigError, load_config
 from monitor.config.outputs import OpcUaSection
 from monitor.service.broker import NotifyError, read_secret
 from monitor.service.children import end_with_parent, report_line
-from monitor.service.neighbours.points import Kind, Point, PointPath, Snapshots, channels_of, points_of
+from monitor.service.neighbours.points import Kind, MachinePoint, PointPath, Snapshots, channels_of, points_of
 
 if TYPE_CHECKING:
     from asyncua.common.node import Node
@@ -57,7 +57,7 @@ class MachineServer:
         sources = (channel.source for channel in self._channels)
         self._snapshots = Snapshots(self._machine, sources, config.machine.state_dir)
         self._nodes: dict[PointPath, Node] = {}
-        self._written: dict[PointPath, Point] = {}
+        self._written: dict[PointPath, MachinePoint] = {}
 
     async def serve(self, report: Report) -> None:
         """Serve until the task is cancelled; ``report`` is called with ``url``, then with ``alive`` now and then.

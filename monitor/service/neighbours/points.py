@@ -138,7 +138,7 @@ def state_message(machine: str, status: Mapping[str, Any] | None) -> str:
 
 
 @dataclass(frozen=True)
-class Point:
+class MachinePoint:
     """A value with its type and quality.
 
     Attributes:
@@ -156,7 +156,7 @@ class Point:
 
 
 @dataclass(frozen=True)
-class Channel:
+class MachineChannel:
     """A channel and where it belongs."""
 
     name: str
@@ -165,7 +165,7 @@ class Channel:
 
 
 @dataclass(frozen=True)
-class Snapshot:
+class MachineSnapshot:
     """A machine at one moment.
 
     Attributes:
@@ -179,18 +179,18 @@ class Snapshot:
     events: int | None = None
 
 
-def channels_of(config: Config) -> tuple[Channel, ...]:
+def channels_of(config: Config) -> tuple[MachineChannel, ...]:
     """Return the channels of a configuration in its order."""
-    return tuple(Channel(item.name, item.bearing, item.source) for item in config.channel)
+    return tuple(MachineChannel(item.name, item.bearing, item.source) for item in config.channel)
 
 
-def points_of(channels: tuple[Channel, ...], snapshot: Snapshot) -> dict[PointPath, Point]:
+def points_of(channels: tuple[MachineChannel, ...], snapshot: MachineSnapshot) -> dict[PointPath, MachinePoint]:
     """Return all points of a machine; which there are depends on the channels alone."""
     status = snapshot.status
     running = bool(status.get("running"))
-    found: dict[PointPath, Point] = {
+    found: dict[PointPath, MachinePoint] = {
         ("state",): _text(status.get("state") if running else "no_data"),
-        ("device_health",): Point(_health(status.get("state") if running else "no_data"), "int"),
+        ("device_health",): MachinePoint(_health(status.get("state") if running else "no_data"), "int"),
         ("daemon",): _text(status.get("status")),
         ("problems",): _text("; ".join(f"{name}: {text}" for name, text in sorted(status.get("problems", {}).items()))),
         ("alarms",): _number(status.get("alarms"), "int"),
@@ -210,7 +210,9 @@ def points_of(channels: tuple[Channel, ...], snapshot: Snapshot) -> dict[PointPa
     return found
 
 
-def _channel_points(channel: Channel, record: StoredRecord | None, state: Mapping[str, Any]) -> dict[str, Point]:
+def _channel_points(
+    channel: MachineChannel, record: StoredRecord | None, state: Mapping[str, Any]
+) -> dict[str, MachinePoint]:
     condition = state.get("state")
     values = channel_values(record or _NO_RECORD, channel.name)
     time = None if record is None else record.time
@@ -219,7 +221,7 @@ def _channel_points(channel: Channel, record: StoredRecord | None, state: Mappin
         "state_reason": _text(state.get("reason")),
         "headline": _text(state.get("headline")),
         "action": _text(state.get("action")),
-        "device_health": Point(_health(condition), "int"),
+        "device_health": MachinePoint(_health(condition), "int"),
         "alarms": _number(None if "alarms" not in state else len(state["alarms"]), "int"),
     }
     for name, value in values.items():
@@ -227,12 +229,14 @@ def _channel_points(channel: Channel, record: StoredRecord | None, state: Mappin
             continue
         if name in _TEXTS:
             text = " ".join(value) if isinstance(value, list) else value
-            found[name] = Point("" if text is None else text, "text", "bad" if record is None else "good", time)
+            found[name] = MachinePoint("" if text is None else text, "text", "bad" if record is None else "good", time)
             continue
         quality: Quality = "bad"
         if record is not None and value is not None:
             quality = "old" if condition == "no_data" else _reservation(name, record, values)
-        found[name] = Point(None if record is None else value, "int" if name in _INTEGERS else "float", quality, time)
+        found[name] = MachinePoint(
+            None if record is None else value, "int" if name in _INTEGERS else "float", quality, time
+        )
     return found
 
 
@@ -245,12 +249,12 @@ def _reservation(name: str, record: StoredRecord, values: Mapping[str, Any]) -> 
     return "good" if clean else "uncertain"
 
 
-def _text(value: Any) -> Point:
-    return Point("" if value is None else str(value), "text", "bad" if value is None else "good")
+def _text(value: Any) -> MachinePoint:
+    return MachinePoint("" if value is None else str(value), "text", "bad" if value is None else "good")
 
 
-def _number(value: Any, kind: Kind) -> Point:
-    return Point(value, kind, "bad" if value is None else "good")
+def _number(value: Any, kind: Kind) -> MachinePoint:
+    return MachinePoint(value, kind, "bad" if value is None else "good")
 
 
 def _health(state: Any) -> int:
@@ -276,9 +280,9 @@ class Snapshots:
         self._machine, self._sources = machine, tuple(dict.fromkeys(sources))
         self._state_dir = state_dir
         self._newest: tuple[Any, ...] | None = None
-        self._found = Snapshot()
+        self._found = MachineSnapshot()
 
-    def read(self) -> Snapshot:
+    def read(self) -> MachineSnapshot:
         """Return the present status and records; where the store cannot be read, the last known records."""
         try:
             # A store that was replaced meanwhile is found, too.
@@ -304,4 +308,4 @@ class Snapshots:
             row = connection.execute(_LATEST, (source,)).fetchone()
             if row is not None:
                 records[source] = _stored_record(self._machine, row)
-        self._newest, self._found = newest, Snapshot(records=records, events=events)
+        self._newest, self._found = newest, MachineSnapshot(records=records, events=events)

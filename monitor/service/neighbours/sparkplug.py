@@ -25,12 +25,12 @@ from monitor.config.outputs import SparkplugSection
 from monitor.records.database import SharedConnection, replacing
 from monitor.service.broker import BrokerLink, Sessions
 from monitor.service.neighbours.points import (
-    Channel,
     Kind,
-    Point,
+    MachineChannel,
+    MachinePoint,
+    MachineSnapshot,
     PointPath,
     Quality,
-    Snapshot,
     Snapshots,
     StoredRecord,
     Value,
@@ -185,7 +185,7 @@ class Sparkplug(Sessions):
     _expected = (*Sessions._expected, SparkplugError)
 
     def __init__(
-        self, section: SparkplugSection | None, machine: str, channels: tuple[Channel, ...], state_dir: Path
+        self, section: SparkplugSection | None, machine: str, channels: tuple[MachineChannel, ...], state_dir: Path
     ) -> None:
         """Begin to publish; nothing without a section. ``state_dir`` holds store and status file."""
         super().__init__("publish-sparkplug", "by Sparkplug")
@@ -289,13 +289,13 @@ class _Node:
     """The messages of an edge node over one connection: their numbers, aliases and what was sent."""
 
     def __init__(
-        self, group: str, machine: str, channels: tuple[Channel, ...], payloads: Payloads, connection: int
+        self, group: str, machine: str, channels: tuple[MachineChannel, ...], payloads: Payloads, connection: int
     ) -> None:
         self._group, self._machine, self._payloads = group, machine, payloads
         self._channels, self._connection = channels, connection
         self._seq = 0
-        self._sent: dict[PointPath, Point] = {}
-        self._alias = {path: number for number, path in enumerate(self._points(Snapshot()), start=1)}
+        self._sent: dict[PointPath, MachinePoint] = {}
+        self._alias = {path: number for number, path in enumerate(self._points(MachineSnapshot()), start=1)}
 
     def topic(self, kind: str, device: str | None = None) -> str:
         """Return the topic of a kind of message."""
@@ -305,7 +305,7 @@ class _Node:
         """Return whether a command asks for the births."""
         return self._payloads.asks_rebirth(content)
 
-    def births(self, snapshot: Snapshot) -> list[Message]:
+    def births(self, snapshot: MachineSnapshot) -> list[Message]:
         """Return the births of node and devices, which hold all metrics."""
         self._seq = 0
         self._sent = self._points(snapshot)
@@ -320,7 +320,7 @@ class _Node:
             found.append(self._message("DBIRTH", channel.name, metrics))
         return found
 
-    def changes(self, snapshot: Snapshot) -> list[Message]:
+    def changes(self, snapshot: MachineSnapshot) -> list[Message]:
         """Return what differs in value or quality from what was sent; an equal value of a later block is not news."""
         points = self._points(snapshot)
         new = {
@@ -341,7 +341,7 @@ class _Node:
         """Return the values of an earlier record."""
         # With the state of a channel that runs: its values were not old then.
         status = {"running": True, "channels": {channel.name: {} for channel in self._channels}}
-        points = points_of(self._channels, Snapshot(status, {record.source: record}))
+        points = points_of(self._channels, MachineSnapshot(status, {record.source: record}))
         found = []
         for channel in self._channels:
             if channel.source == record.source:
@@ -354,18 +354,20 @@ class _Node:
                 found.append(self._message("DDATA", channel.name, self._metrics(of_block, historical=True)))
         return found
 
-    def _points(self, snapshot: Snapshot) -> dict[PointPath, Point]:
+    def _points(self, snapshot: MachineSnapshot) -> dict[PointPath, MachinePoint]:
         found = points_of(self._channels, snapshot)
         return {path: point for path, point in found.items() if path[-1] not in _LEFT_OUT}
 
-    def _of(self, channel: Channel | None, points: Mapping[PointPath, Point]) -> dict[PointPath, Point]:
+    def _of(
+        self, channel: MachineChannel | None, points: Mapping[PointPath, MachinePoint]
+    ) -> dict[PointPath, MachinePoint]:
         """Return the points of a channel, or those of machine and bearings."""
         if channel is None:
             return {path: point for path, point in points.items() if len(path) < 3}
         return {path: point for path, point in points.items() if path[1:-1] == (channel.name,)}
 
     def _metrics(
-        self, points: Mapping[PointPath, Point], *, named: bool = False, historical: bool = False
+        self, points: Mapping[PointPath, MachinePoint], *, named: bool = False, historical: bool = False
     ) -> list[Metric]:
         now = _now()
         return [

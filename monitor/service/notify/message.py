@@ -43,7 +43,7 @@ _VALUES = (
 
 
 @dataclass(frozen=True)
-class Sender:
+class MessageSender:
     """What messages say of the machine.
 
     Attributes:
@@ -60,7 +60,7 @@ class Sender:
     advice: Mapping[str, str] = field(default_factory=lambda: dict(ADVICE))
 
     @classmethod
-    def of_config(cls, config: Config) -> Sender:
+    def of_config(cls, config: Config) -> MessageSender:
         """Return that of a configuration; without a fixed port, the page has no address."""
         web, page = config.web, config.notify.page_url
         if page is None and web.enabled and web.port:
@@ -68,7 +68,7 @@ class Sender:
         bearings = {section.name: section.bearing for section in config.channel}
         return cls(config.machine.name, config.machine.timezone, page, bearings, config.advice.texts)
 
-    def said(self, item: Item) -> Statement | None:
+    def said(self, item: MessageItem) -> Statement | None:
         """Return what is said of the channel of an event after its block; None where nothing is known of it."""
         body, channel = item.event.body, str(item.event.body.get("channel") or "")
         if body.get("kind") == "no_data":
@@ -88,7 +88,7 @@ class Sender:
 
 
 @dataclass(frozen=True)
-class Item:
+class MessageItem:
     """An event with the values of its channel in the record of its block, SI; empty where there is no record."""
 
     event: LoggedEvent
@@ -117,12 +117,12 @@ class Item:
         return clean(event_text(self.event.body, absolute=self.values.get("absolute_level") != "no"))
 
 
-def worst_of(items: Sequence[Item]) -> Item | None:
+def worst_of(items: Sequence[MessageItem]) -> MessageItem | None:
     """Return the worst of the events of a message, which gives it its title, what is said, and its picture."""
     return max(items, key=lambda item: badness(item.event.body), default=None)
 
 
-def compose(machine: Sender, items: Sequence[Item], left_out: int = 0) -> Message:
+def compose(machine: MessageSender, items: Sequence[MessageItem], left_out: int = 0) -> Message:
     """Return the message of events in the order of detection, at most :data:`MAX_LISTED`, and the number left out."""
     worst = worst_of(items)
     many = len(items) + left_out
@@ -161,11 +161,11 @@ def clean(text: object) -> str:
     return " ".join("".join(mark if mark.isprintable() else " " for mark in str(text)).split())
 
 
-def _line(machine: Sender, item: Item) -> str:
+def _line(machine: MessageSender, item: MessageItem) -> str:
     return "- " + ", ".join(part for part in (item.when(machine.zone), item.where, item.text) if part)
 
 
-def _details(machine: Sender, item: Item, said: Statement | None) -> list[str]:
+def _details(machine: MessageSender, item: MessageItem, said: Statement | None) -> list[str]:
     """Return the lines of a single event: how it stands and what to do; then what, where and since when."""
     event, values = item.event, item.values
     block = None if event.block is None else f"block {event.block}"
@@ -181,7 +181,7 @@ def _details(machine: Sender, item: Item, said: Statement | None) -> list[str]:
     return [f"{key:8} {text}" for key, text in rows if text]
 
 
-def _stage(machine: Sender, event: LoggedEvent, values: Mapping[str, Any]) -> str:
+def _stage(machine: MessageSender, event: LoggedEvent, values: Mapping[str, Any]) -> str:
     stage = values.get("stage")
     if stage is None:
         return ""
@@ -216,7 +216,7 @@ def _remaining(values: Mapping[str, Any]) -> str:
     return text + (f", until {volume(threshold)}" if threshold else "")
 
 
-def _plain(machine: Sender, item: Item) -> dict[str, Any]:
+def _plain(machine: MessageSender, item: MessageItem) -> dict[str, Any]:
     """Return an event for programs: its log entry, its sentence, what is said of its channel, and its state."""
     event, values = item.event, item.values
     absolute = values.get("absolute_level") != "no"

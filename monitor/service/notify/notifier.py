@@ -20,7 +20,15 @@ from monitor.records.store import Store
 from monitor.service.broker import NotifyError
 from monitor.service.children import Worker
 from monitor.service.notify.channels import NotificationChannel, configured_channels
-from monitor.service.notify.message import MAX_LISTED, Item, Sender, compose, draw_picture, picture_request, worst_of
+from monitor.service.notify.message import (
+    MAX_LISTED,
+    MessageItem,
+    MessageSender,
+    compose,
+    draw_picture,
+    picture_request,
+    worst_of,
+)
 from monitor.service.system import read_status
 from monitor.words.events import badness
 from monitor.words.numbers import count
@@ -43,7 +51,7 @@ class Notifier:
 
     def __init__(
         self,
-        machine: Sender,
+        machine: MessageSender,
         channels: Sequence[NotificationChannel],
         settings: NotifySection,
         store: Path,
@@ -72,7 +80,7 @@ class Notifier:
     @classmethod
     def from_settings(cls, config: Config, store: Path) -> Notifier:
         """Return one with the channels of a configuration, for the store at a path."""
-        return cls(Sender.of_config(config), configured_channels(config.notify), config.notify, store)
+        return cls(MessageSender.of_config(config), configured_channels(config.notify), config.notify, store)
 
     def wake(self) -> None:
         """Note that the log has something new; returns at once."""
@@ -140,7 +148,7 @@ class _Follower(Worker):
 
     def __init__(
         self,
-        machine: Sender,
+        machine: MessageSender,
         channel: NotificationChannel,
         settings: NotifySection,
         reader: _LogReader,
@@ -268,7 +276,7 @@ class _Follower(Worker):
         ranked = sorted(range(len(events)), key=lambda index: (-badness(events[index].body), -index))
         listed = [events[index] for index in sorted(ranked[:MAX_LISTED])]
         later = self._clocks.utc() - self._clocks.monotonic()
-        items = [Item(event, found=self._waiting_since[event.id] + later) for event in listed]
+        items = [MessageItem(event, found=self._waiting_since[event.id] + later) for event in listed]
         # Without a readable record the message lacks its values only.
         with contextlib.suppress(StoreError, ValueError), Store.open(self._reader.path, read_only=True) as store:
             items = [replace(item, values=_values(store, item.event)) for item in items]
@@ -285,7 +293,7 @@ class _Follower(Worker):
             _LOG.error("delivered by %s, but %s", self.name, warning)
         return warning
 
-    def _picture(self, items: Sequence[Item], status: Mapping[str, Any]) -> bytes | None:
+    def _picture(self, items: Sequence[MessageItem], status: Mapping[str, Any]) -> bytes | None:
         """Return the picture of the worst event, None where there is none, or the daemon ends."""
         worst = worst_of(items)
         if worst is None or self._ending:

@@ -15,14 +15,14 @@ from monitor.config.load import Config
 from monitor.config.outputs import SmtpSection
 from monitor.records.events import LoggedEvent
 from monitor.service.notify.channels import SmtpChannel
-from monitor.service.notify.message import Item, Sender, clean, compose
+from monitor.service.notify.message import MessageItem, MessageSender, clean, compose
 from monitor.words.events import badness, event_text, local_moment
 from monitor.words.statuses import fault_words
 from streams.block import STANDARD_GRAVITY
 from tests.support.receivers import Mail
 
 UTC = 1795269845.0  # 2026-11-21 14:04:05 UTC
-ROME = Sender("press", "Europe/Rome", "http://127.0.0.1:8710/", {"horizontal": "drive"})
+ROME = MessageSender("press", "Europe/Rome", "http://127.0.0.1:8710/", {"horizontal": "drive"})
 ALARM = {
     "kind": "alarm_raised",
     "channel": "horizontal",
@@ -55,8 +55,8 @@ def alarm(change: str, **more: Any) -> dict[str, Any]:
     return {"kind": f"alarm_{change}", "severity": "alert", **more}
 
 
-def item(body: dict[str, Any], values: dict[str, Any] | None = None, utc: float | None = UTC) -> Item:
-    return Item(LoggedEvent("17", "acq", 1234, utc, body), values or {})
+def item(body: dict[str, Any], values: dict[str, Any] | None = None, utc: float | None = UTC) -> MessageItem:
+    return MessageItem(LoggedEvent("17", "acq", 1234, utc, body), values or {})
 
 
 def test_an_alarm_says_all_that_somebody_on_the_way_wants_to_know() -> None:
@@ -150,9 +150,9 @@ def test_an_unknown_unit_is_not_called_g() -> None:
 
 def test_without_a_date_the_block_says_when() -> None:
     values = {"stage": "end_of_life", "t_fs": 7200.0, "t_fs_block": 4}
-    message = compose(Sender("press"), [item({"kind": "end_of_life", "channel": "x"}, values, None)])
+    message = compose(MessageSender("press"), [item({"kind": "end_of_life", "channel": "x"}, values, None)])
     assert "Since    block 1234\n" in message.text
-    found = Item(LoggedEvent("17", "acq", 1234, None, ALARM), found=UTC)
+    found = MessageItem(LoggedEvent("17", "acq", 1234, None, ALARM), found=UTC)
     text = compose(ROME, [found, found]).text
     assert "Since    found 2026-11-21 15:04:05 CET (14:04:05 UTC), block 1234\n" in text
     assert "- found 2026-11-21 15:04:05 CET (14:04:05 UTC), horizontal, danger" in text
@@ -163,7 +163,7 @@ def test_without_a_date_the_block_says_when() -> None:
 
 def test_a_notice_has_no_block_and_no_channel() -> None:
     body = {"kind": "no_data", "source": "acq", "text": "no block from source acq for 61 s"}
-    message = compose(ROME, [Item(LoggedEvent("n3", None, None, UTC, body))])
+    message = compose(ROME, [MessageItem(LoggedEvent("n3", None, None, UTC, body))])
     assert message.title == "press: acq: no data: no block from source acq for 61 s"
     assert "Source   acq" in message.text
     assert "Channel" not in message.text
@@ -228,7 +228,7 @@ NASTY = (
 def test_no_name_becomes_a_header_or_a_command(name: str) -> None:
     body = {**ALARM, "channel": name, "rule": name}
     other = {"kind": name, "channel": name, "text": name}
-    message = compose(Sender(name, page="http://127.0.0.1:8710/"), [item(body), item(other)], left_out=1)
+    message = compose(MessageSender(name, page="http://127.0.0.1:8710/"), [item(body), item(other)], left_out=1)
     assert len(message.title) <= 180
     assert clean(message.title) == message.title
     with Mail().serving() as server:
@@ -277,7 +277,7 @@ CONFIG: dict[str, Any] = {
 
 def test_the_page_is_named_where_it_can_be_known() -> None:
     def page(web: dict[str, Any], **notify: Any) -> str | None:
-        return Sender.of_config(Config.model_validate({**CONFIG, "web": web, "notify": notify})).page
+        return MessageSender.of_config(Config.model_validate({**CONFIG, "web": web, "notify": notify})).page
 
     assert page({}) == "http://127.0.0.1:8710/"
     assert page({"host": "::1", "port": 81, "cert_file": "c", "key_file": "k"}) == "https://[::1]:81/"

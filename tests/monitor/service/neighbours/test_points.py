@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from monitor.service.neighbours.points import _WORDS, Snapshot, Snapshots, StoredRecord, channels_of, points_of
+from monitor.service.neighbours.points import _WORDS, MachineSnapshot, Snapshots, StoredRecord, channels_of, points_of
 from tests.monitor.service.neighbours.machines import STATUS, Machine
 
 
@@ -14,7 +14,7 @@ def test_each_value_has_the_type_of_its_point(tmp_path: Path) -> None:
     types = {"float": float, "int": int, "text": str}
     words = dict.fromkeys(_WORDS, "words")
     record = StoredRecord("pump", "s", 1, "ok", "", "", 1.79e9, 0.5, {"x": words | {"rms": 1.0}})
-    found = points_of(channels_of(machine.config), Snapshot(STATUS, {"s": record}, 3))
+    found = points_of(channels_of(machine.config), MachineSnapshot(STATUS, {"s": record}, 3))
     machine.close()
     numbers = {path[-1] for path, point in found.items() if isinstance(point.value, str) and point.kind != "text"}
     # The share, and the numbers of blocks, are the only numbers among them.

@@ -16,7 +16,7 @@ from paho.mqtt.enums import CallbackAPIVersion
 from monitor.config.load import ConfigError
 from monitor.config.outputs import SparkplugSection
 from monitor.service.broker import BrokerLink
-from monitor.service.neighbours.points import Snapshot, channels_of
+from monitor.service.neighbours.points import MachineSnapshot, channels_of
 from monitor.service.neighbours.sparkplug import Metric, Payloads, Sparkplug, _Node
 from tests.monitor.service.neighbours.machines import STATUS, Machine
 from tests.support.broker import Broker
@@ -182,12 +182,12 @@ def test_after_a_cut_the_death_comes_then_births_and_what_was_missed(
 
 def test_numbers_of_messages_begin_anew_after_255(machine: Machine) -> None:
     node = _Node("spBv1.0/plant", "pump", channels_of(machine.config), Payloads(), 0)
-    messages = node.births(Snapshot(STATUS))
+    messages = node.births(MachineSnapshot(STATUS))
     for number in range(300):
-        messages += node.changes(Snapshot(STATUS, events=number))
+        messages += node.changes(MachineSnapshot(STATUS, events=number))
     assert len(messages) == 303
     check_numbers([(topic.split("/")[2], None, decode(content)) for topic, content in messages])
-    assert node.changes(Snapshot(STATUS, events=299)) == []
+    assert node.changes(MachineSnapshot(STATUS, events=299)) == []
 
 
 def test_negative_integers_travel_as_their_complement() -> None:
