@@ -21,11 +21,10 @@ from typing import Any, cast
 import numpy as np
 
 from benchmarks.catalogue.ratings import DERIVE
-from models.machine.bearing import Bearing, CatalogueEntry, kinematics
+from models.machine.bearing import Bearing, CatalogueEntry, kinematics, kinematics_uncertainty, with_count
 from models.machine.catalogue.designation import BALLS, ROLLERS, Family
 from models.machine.catalogue.ratings import Internal, dynamic_rating, static_rating
 from models.machine.catalogue.series import Estimate, Geometry, estimate, families, geometry, published_row, series_of
-from models.machine.kinematic_uncertainty import kinematics_uncertainty, with_count
 
 ROOT = Path(__file__).resolve().parents[2]
 

@@ -17,7 +17,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from models.machine.catalogue.ratings import Family, Internal, dynamic_rating, static_rating
-from models.machine.catalogue.series import Rule, families, geometry, series_of
+from models.machine.catalogue.series import DesignRule, families, geometry, series_of
 from models.words.numerics import find_root
 
 FOLDER = Path(__file__).resolve().parents[2] / "models" / "machine" / "catalogue"
@@ -52,7 +52,7 @@ def main() -> None:
         print(f'    "{series}": {rule},')
 
 
-def fitted_rules() -> dict[str, Rule]:
+def fitted_rules() -> dict[str, DesignRule]:
     """Return the rule of each series with ratings: means and relative standard deviations over even bore codes."""
     found: dict[str, list[tuple[float, float, float, float | None]]] = defaultdict(list)
     for base, family in families().items():
@@ -74,11 +74,11 @@ def fitted_rules() -> dict[str, Rule]:
     return {series: _rule(rows) for series, rows in found.items()}
 
 
-def _rule(rows: list[tuple[float, float, float, float | None]]) -> Rule:
+def _rule(rows: list[tuple[float, float, float, float | None]]) -> DesignRule:
     shares, rooms, pitches = [row[0] for row in rows], [row[1] for row in rows], [row[2] for row in rows]
     share, room = statistics.mean(shares), statistics.mean(rooms)
     lengths = [length for *_, length in rows if length is not None]
-    return Rule(
+    return DesignRule(
         round(share, 3),
         round(max(statistics.stdev(shares) / share, LEAST_SHARE_SPREAD), 3),
         round(room, 3),

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.machine.scene import Scene
-from models.solve.six_dof.kernels.period import Period, Trace, ball_period, blank_trace, mean_square
+from models.solve.six_dof.kernels.period import Period, PeriodTrace, ball_period, blank_trace, mean_square
 from models.solve.six_dof.kernels.period_setup import set_up
 from models.solve.six_dof.kernels.settled import R_LINES, R_STEPS, solve
 from models.solve.six_dof.kernels.step import STATUS_OK
@@ -52,7 +52,7 @@ def solve_scene(scene: Scene, accuracy: float, tolerance: float | None = None) -
     return Solved(period, state, found)
 
 
-def run(period: Period, state: NDArray[np.float64], trace: Trace) -> NDArray[np.float64]:
+def run(period: Period, state: NDArray[np.float64], trace: PeriodTrace) -> NDArray[np.float64]:
     """Return the state one period later, (2, 6), and write what the period records."""
     after = np.empty((2, 6))
     assert ball_period(state, after, trace, period) == STATUS_OK

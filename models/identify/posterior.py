@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from models.identify.problem import Fit, Problem
-from models.machine.rig_draws import rounded
+from models.machine.rig import rounded
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -23,7 +23,7 @@ from models.identify.search import lowest, planned_evaluations, search
 from models.identify.state import StateFile
 from models.identify.trials import FEATURES, Trials
 from models.identify.valleys import valley_choice
-from models.machine.rig_draws import RigPosterior, rounded
+from models.machine.rig import RigPosterior, rounded
 from models.words.errors import WrongInputError
 from models.work.program import program
 from models.work.runner import SERIAL

@@ -10,8 +10,7 @@ from typing import Any
 
 from models.lives.laws import LAWS, WEIGHTS
 from models.machine.bearing import Bearing, from_catalogue
-from models.machine.rig import Rig, RigParameters
-from models.machine.rig_draws import RigDraws, without_draws
+from models.machine.rig import Rig, RigDraws, RigParameters, without_draws
 from models.maps.plan import check_depth, version_of
 from models.solve.registry import RIGS
 

@@ -62,7 +62,7 @@ class Contact(NamedTuple):
     energy: float
 
 
-class Balance(NamedTuple):
+class BallBalance(NamedTuple):
     """Both contacts of a ball, the sum (axial, radial) of the forces on it, its size, and the energy."""
 
     inner: Contact
@@ -86,13 +86,13 @@ def contact_of(z: float, r: float, gap: float, k: float) -> Contact:
 
 
 @inlined
-def balance_of(u_z: float, u_r: float, p_z: float, p_r: float, c_f: float, races: Races) -> Balance:
+def balance_of(u_z: float, u_r: float, p_z: float, p_r: float, c_f: float, races: Races) -> BallBalance:
     """Return the forces on a ball at a place."""
     inner = contact_of(p_z - u_z, p_r - u_r, races.inner_gap, races.k_i)
     outer = contact_of(u_z, u_r, races.outer_gap, races.k_o)
     z = inner.force * inner.z - outer.force * outer.z
     r = inner.force * inner.r - outer.force * outer.r + c_f
-    return Balance(inner, outer, z, r, math.sqrt(z * z + r * r), inner.energy + outer.energy - c_f * u_r)
+    return BallBalance(inner, outer, z, r, math.sqrt(z * z + r * r), inner.energy + outer.energy - c_f * u_r)
 
 
 @inlined
@@ -142,7 +142,7 @@ def _begin(p_z: float, p_r: float, c_f: float, races: Races) -> tuple[float, flo
 
 
 @inlined
-def newton_step(now: Balance, longest: float) -> tuple[float, float]:
+def newton_step(now: BallBalance, longest: float) -> tuple[float, float]:
     """Return Newton's step from a place, limited in length."""
     izz, izr, irr = stiffness_of(now.inner)
     ozz, ozr, orr = stiffness_of(now.outer)
@@ -156,7 +156,7 @@ def newton_step(now: Balance, longest: float) -> tuple[float, float]:
 
 
 @inlined
-def settle_ball(p_z: float, p_r: float, c_f: float, races: Races) -> tuple[float, float, Balance]:
+def settle_ball(p_z: float, p_r: float, c_f: float, races: Races) -> tuple[float, float, BallBalance]:
     """Return a ball's place in equilibrium, and the forces there: Newton on the convex energy, steps halved."""
     u_z, u_r, _ = _begin(p_z, p_r, c_f, races)
     now = balance_of(u_z, u_r, p_z, p_r, c_f, races)

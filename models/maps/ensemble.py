@@ -19,7 +19,7 @@ import numpy as np
 from models.machine.bearing import kinematics
 from models.machine.scene import Scene
 from models.maps.data import Nodes
-from models.maps.nodes import Progress, StepError, compare_steps, scene_at
+from models.maps.nodes import NodeStepError, Progress, compare_steps, scene_at
 from models.maps.plan import MapPlan
 from models.solve.response import HARMONICS
 from models.solve.six_dof.kernels.lanes import LANES
@@ -204,7 +204,7 @@ def _statistics(plan: MapPlan, options: LaneOptions, values: NDArray[np.float64]
     )
 
 
-def step_error(plan: MapPlan, options: LaneOptions, count: int = LANES) -> StepError:
+def step_error(plan: MapPlan, options: LaneOptions, count: int = LANES) -> NodeStepError:
     """Return the error of the steps without slip, at ``count`` random nodes and floors, against twice as many steps."""
     rng = np.random.default_rng(_ERROR_SEED)
     floors = 1 if plan.floor.kind == "smooth" else plan.floors

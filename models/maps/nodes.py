@@ -41,7 +41,7 @@ _UNCERTAIN = ("m_r", "k_c", "c_i", "c_r", "alpha_c", "beta_c")
 
 
 @dataclass(frozen=True, eq=False)
-class StepError:
+class NodeStepError:
     """Relative error of the RMS and the lines due to the steps, measured at some nodes of a map."""
 
     rms: float
@@ -50,12 +50,12 @@ class StepError:
 
 def compare_steps(
     coarse: tuple[NDArray[np.float64], NDArray[np.float64]], fine: tuple[NDArray[np.float64], NDArray[np.float64]]
-) -> StepError:
+) -> NodeStepError:
     """Return the change by finer steps in RMS, shape (n,), and lines, shape (n, 6), as RMS over the nodes."""
     level = np.maximum(fine[0], _SILENCE)
     rms = np.where(fine[0] > _SILENCE, coarse[0] / level - 1.0, 0.0)
     lines = np.where(fine[0][:, None] > _SILENCE, (coarse[1] - fine[1]) / level[:, None], 0.0)
-    return StepError(float(np.sqrt(np.mean(rms**2))), np.sqrt(np.mean(lines**2, axis=0)))
+    return NodeStepError(float(np.sqrt(np.mean(rms**2))), np.sqrt(np.mean(lines**2, axis=0)))
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,8 +10,7 @@ from itertools import pairwise
 from typing import Any
 
 from models.machine.bearing import Bearing, from_catalogue
-from models.machine.rig import Rig, RigParameters
-from models.machine.rig_draws import RigDraws, without_draws
+from models.machine.rig import Rig, RigDraws, RigParameters, without_draws
 from models.machine.scene import PARTS, Floor, Part, Slip
 from models.solve.registry import IGNORES_DEPTH, RIGS
 from models.words.errors import WrongInputError

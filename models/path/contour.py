@@ -183,7 +183,7 @@ def _rough_floor(defect: Defect, r_b: float, radius: float) -> Edge | None:
 
 
 @dataclass(frozen=True, eq=False)
-class Pieces:
+class PathPieces:
     """Smooth pieces of all paths as cubics in equal cells, ready for a kernel.
 
     Attributes:
@@ -203,7 +203,7 @@ class Pieces:
         return np.diff(self.first) / (self.end - self.start)
 
 
-def pieces(paths: list[BallPath | PartPath]) -> Pieces:
+def pieces(paths: list[BallPath | PartPath]) -> PathPieces:
     """Return the paths between their kinks, values and one-sided slopes exact at the ends of all cells."""
     starts: list[float] = []
     ends: list[float] = []
@@ -234,15 +234,15 @@ def pieces(paths: list[BallPath | PartPath]) -> Pieces:
             ends.append(b)
             counts.append(count)
     first = np.concatenate(([0], np.cumsum(counts))).astype(np.int64)
-    return Pieces(np.array(starts), np.array(ends), first, np.concatenate(cells))
+    return PathPieces(np.array(starts), np.array(ends), first, np.concatenate(cells))
 
 
-def joined(parts: list[Pieces]) -> Pieces:
+def joined(parts: list[PathPieces]) -> PathPieces:
     """Return all pieces of several paths, in their order."""
     none = pieces([])
     cells = np.cumsum([0, *(len(part.cells) for part in parts)])
     first = [part.first[:-1] + offset for part, offset in zip(parts, cells[:-1], strict=True)]
-    return Pieces(
+    return PathPieces(
         np.concatenate([none.start, *(part.start for part in parts)]),
         np.concatenate([none.end, *(part.end for part in parts)]),
         np.concatenate([*first, cells[-1:]]).astype(np.int64),

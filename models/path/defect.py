@@ -42,7 +42,7 @@ _REACH = 1.0 - 1e-9
 
 
 @dataclass(frozen=True, eq=False)
-class RaceProfile:
+class FloorProfile:
     """A rough profile once around the race: periodic, twice continuously differentiable, zero mean.
 
     Attributes:
@@ -74,7 +74,7 @@ def profile_cutoff(floor: Floor, ball_radius: float) -> float:
 
 
 @lru_cache(maxsize=256)
-def race_profile(sd: float, pitch: float, cutoff: float, seed: int, race_radius: float) -> RaceProfile:
+def race_profile(sd: float, pitch: float, cutoff: float, seed: int, race_radius: float) -> FloorProfile:
     """Return the rough profile of a race: white Gaussian noise, low-passed around the circle, cubic between samples.
 
     The filter is the squared magnitude of a Butterworth filter of order 4 (as a forward and backward pass has), without
@@ -106,7 +106,7 @@ def race_profile(sd: float, pitch: float, cutoff: float, seed: int, race_radius:
     pieces, extrema = periodic_spline(angles, np.append(values, values[0]))
     coefficients = np.ascontiguousarray(pieces)
     coefficients.flags.writeable = False
-    return RaceProfile(coefficients, 2.0 * math.pi / samples, float(-extrema.min()), float(extrema.max()))
+    return FloorProfile(coefficients, 2.0 * math.pi / samples, float(-extrema.min()), float(extrema.max()))
 
 
 def edge_path(delta: NDArray[np.float64], r_o: float, r_b: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -156,7 +156,7 @@ class BallPath:
     half_width: float
     h_d: float
     position: float
-    profile: RaceProfile | None = None
+    profile: FloorProfile | None = None
     roughness: float = 0.0
 
     @property

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import glob
 import hashlib
+import logging
 import re
 import time
 from collections.abc import Callable, Generator
@@ -21,6 +22,8 @@ import numpy as np
 from numba.core import codegen
 from numba.core import event as events
 from numba.core.event import Event, Listener
+
+_log = logging.getLogger(__name__)
 
 # An integer of a kernel. To numba a literal argument is a type of its own, for which the function is compiled once
 # more; constants are therefore passed as np.int64.
@@ -108,6 +111,16 @@ def _stamp(compiled: Any, function: Callable[..., Any]) -> None:
     if hasattr(file, "_source_stamp"):
         file._source_stamp = fingerprint(Path(function.__code__.co_filename))
         file.save = partial(_save, file)
+        file._load_index = partial(_index, file, file._load_index)
+
+
+def _index(file: Any, load: Callable[[], dict[Any, str]]) -> dict[Any, str]:
+    """Return the index of a kernel, empty where it names types that are no longer there: then it is of another text."""
+    try:
+        return load()
+    except (AttributeError, ImportError) as error:
+        _log.debug("the index %s is left: %s", file._index_path, error)
+        return {}
 
 
 def _save(file: Any, key: object, code: object) -> None:

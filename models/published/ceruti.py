@@ -18,7 +18,7 @@ from models.machine.scene import Defect, Part, Scene
 from models.published.acceptance import AcceptanceRow, Status, highest_line
 from models.solve.rotor.elastic import trace_elastic
 from models.solve.rotor.rig import RotorRig
-from models.solve.rotor.solver import Trace, trace
+from models.solve.rotor.solver import RotorTrace, trace
 
 if TYPE_CHECKING:
     from models.words.request import Sensor
@@ -53,26 +53,26 @@ def damaged(part: Part, scene: Scene | None = None) -> Scene:
 
 
 @cache
-def run(scene: Scene, *, elastic: bool = False, step: float = STEP) -> Trace:
+def run(scene: Scene, *, elastic: bool = False, step: float = STEP) -> RotorTrace:
     """Return a run from the printed beginning, the middle of the clearance (Table 5.3)."""
     g = scene.clearance
     rest = np.array([g, 0.0, 0.0, 0.0, g, 0.0, g, 0.0])
     return (trace_elastic if elastic else trace)(scene, DURATION, step, rest=rest)
 
 
-def peak_value(found: Trace, sensor: Sensor, scene: Scene) -> float:
+def peak_value(found: RotorTrace, sensor: Sensor, scene: Scene) -> float:
     """Return half the range after the first turn of the cage, mm/s2."""
     signal = kept(found, sensor, scene)
     return 0.5 * _MILLIMETRES * float(np.max(signal) - np.min(signal))
 
 
-def kept(found: Trace, sensor: Sensor, scene: Scene) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
+def kept(found: RotorTrace, sensor: Sensor, scene: Scene) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
     """Return the acceleration of a sensor after the first turn of the cage, m/s2."""
     first = math.ceil(1.0 / kinematics(scene.bearing, scene.speed).ftf / found.step)
     return found.acceleration[first:, found.sensors.index(sensor)]
 
 
-def end_peak_value(found: Trace, scene: Scene, side: Sensor = "a") -> float:
+def end_peak_value(found: RotorTrace, scene: Scene, side: Sensor = "a") -> float:
     """Return the peak value of the second difference of an end's place, mm/s2: of an end without a mass."""
     place = (found.a if side == "a" else found.b).real
     first = math.ceil(1.0 / kinematics(scene.bearing, scene.speed).ftf / found.step)

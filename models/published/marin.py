@@ -18,7 +18,7 @@ from models.machine.hertz import point_contact_stiffness, relative_radii
 from models.machine.scene import Defect, Scene
 from models.published.acceptance import AcceptanceRow, Status, highest_line
 from models.solve.ball_inertia.rig import BallInertiaRig
-from models.solve.ball_inertia.solver import Trace, longest_stable_step, solve, trace
+from models.solve.ball_inertia.solver import BallTrace, longest_stable_step, solve, trace
 from models.solve.ring_impact.rig import STEEL_DENSITY
 from models.words.request import Request
 
@@ -49,7 +49,7 @@ def scene_of(balls: int, speed: float = SPEED, *, defect: Defect | None = None, 
 
 
 @cache
-def run(scene: Scene, step: float = STEP, duration: float = DURATION) -> Trace:
+def run(scene: Scene, step: float = STEP, duration: float = DURATION) -> BallTrace:
     """Return a run from the static deflection."""
     return trace(scene, duration, step)
 

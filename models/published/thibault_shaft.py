@@ -22,7 +22,7 @@ from models.published.acceptance import AcceptanceRow
 from models.published.thibault import BALL, CAGE_ANGLES, FAST, LEFT, PITCH, RIGHT, SLOW, row
 from models.solve.angular.plan import assemble
 from models.solve.angular.rig import AngularRig
-from models.solve.angular.solver import Trace, trace
+from models.solve.angular.solver import AngularTrace, trace
 
 REFERENCE = Scene(
     SLOW,
@@ -62,7 +62,7 @@ def interval(axial: float, speed: float) -> float:
 
 
 @cache
-def turning(scene: Scene) -> Trace:
+def turning(scene: Scene) -> AngularTrace:
     """Return the last 40 turns of a run, in steps of equal angle, after 0.3 s to settle."""
     step = 2.0 * math.pi * scene.speed * _STEP
     found = trace(scene, _SETTLE * scene.speed + _TURNS, step)
@@ -77,7 +77,7 @@ def turning(scene: Scene) -> Trace:
     )
 
 
-def order_spectrum(found: Trace, signal: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def order_spectrum(found: AngularTrace, signal: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return events per turn and single-sided amplitudes of a signal over equal angles, through a Hann window."""
     window = np.hanning(len(signal) + 2)[1:-1]
     amplitude = np.abs(np.fft.rfft((signal - signal.mean()) * window)) * (2.0 / float(window.sum()))

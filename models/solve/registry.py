@@ -18,8 +18,8 @@ from models.words.extras import Model, brought
 
 if TYPE_CHECKING:
     from models.machine.scene import Scene
+    from models.solve.engine.motion import Trajectories
     from models.solve.response import Response
-    from models.solve.trajectories import Trajectories
     from models.words.request import Request
 
 

@@ -13,8 +13,7 @@ from typing import Any
 import click
 import numpy as np
 
-from models.machine.rig import Rig
-from models.machine.rig_draws import RigDraws
+from models.machine.rig import Rig, RigDraws
 from models.machine.scene import PARTS, Floor, Slip
 from models.maps.build import MAX_NODES, build_map, build_refined_map
 from models.maps.check import check_map

@@ -13,7 +13,7 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import Field, StrictBool, field_validator, model_validator
 
 from models.machine.bearing import Bearing, CatalogueEntry, catalogue_entry
-from models.machine.catalogue.series import Origin
+from models.machine.catalogue.series import GeometryOrigin
 from models.machine.contact_estimates import element_mass, estimate_stiffness
 from models.machine.rig import Calibration, Rig
 from monitor.config.fields import Name, NotNegative, Positive, Section
@@ -103,7 +103,7 @@ class BearingSection(Section):
     def to_entry(self) -> CatalogueEntry:
         """Return the geometry in SI with the origin of each value; keys given here take precedence."""
         given = self._given()
-        origins = {name: Origin("configured") for name in given if name not in _NO_DIMENSIONS}
+        origins = {name: GeometryOrigin("configured") for name in given if name not in _NO_DIMENSIONS}
         if self.designation is None:
             bearing = Bearing(designation=self.name, source="configuration", **given)
             return CatalogueEntry(bearing, origins, ((bearing.n_elements, 1.0),), dimensions=self._dimensions())

@@ -12,8 +12,7 @@ from pydantic import Field, ValidationError, model_validator
 
 from models.machine.bearing import Bearing, CatalogueEntry
 from models.machine.contact_estimates import estimate_stiffness
-from models.machine.rig import Calibration, Rig, RigParameters
-from models.machine.rig_draws import PosteriorError, RigDraws, read_posterior
+from models.machine.rig import Calibration, PosteriorError, Rig, RigDraws, RigParameters, read_posterior
 from models.solve.nominal_rigs import nominal_rig
 from models.solve.rotor.rig import RotorRig
 from models.words.errors import WrongInputError

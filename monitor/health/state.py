@@ -10,8 +10,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any, TypeVar
 
-from models.machine.bearing import Bearing
-from models.machine.kinematic_uncertainty import KNOWN, KinematicUncertainty
+from models.machine.bearing import KNOWN, Bearing, KinematicUncertainty
 from models.machine.rig import Calibration
 from monitor.health.alarms import AlarmSettings, AlarmState
 from monitor.health.gears.naming import GearsState

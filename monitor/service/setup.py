@@ -10,8 +10,7 @@ from pathlib import Path
 from typing import Generic, TypeVar
 
 from models.lives.population import Population
-from models.machine.bearing import Bearing
-from models.machine.kinematic_uncertainty import kinematics_uncertainty
+from models.machine.bearing import Bearing, kinematics_uncertainty
 from models.machine.rig import Calibration, RigParameters
 from models.machine.scene import PARTS, Part
 from models.maps.data import OutsideMapError, RmsMap

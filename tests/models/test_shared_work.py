@@ -18,12 +18,11 @@ from models.lives.life import simulate_life, simulate_lives
 from models.lives.population import Population
 from models.machine.rig import Rig
 from models.machine.scene import Defect, Floor, Scene, Slip
-from models.maps.build import build_map
+from models.maps.build import build_map, refine_plan
 from models.maps.check import check_map, mean_levels
 from models.maps.data import RmsMap
 from models.maps.ensemble import ensemble_nodes
 from models.maps.plan import MapPlan
-from models.maps.refine import refine_plan
 from models.solve.six_dof.kernels.lanes import LANES
 from models.solve.six_dof.lane_group import Group, Workspace, group_bytes
 from models.solve.six_dof.lanes import LaneOptions, shared_grid, simulate_lanes

@@ -20,9 +20,8 @@ from models.machine.bearing import from_catalogue, kinematics
 from models.machine.scene import Defect, Part, Scene
 from models.published.acceptance import AcceptanceRow
 from models.published.beat import DEFECT_SIZE, inner_race_scene
-from models.solve.ring_impact.calibration import Measured, calibrate
 from models.solve.ring_impact.rig import RingImpactRig
-from models.solve.ring_impact.solver import noise_level, solve
+from models.solve.ring_impact.solver import MeasuredLevel, calibrate, noise_level, solve
 from models.words.request import Request
 from monitor.health.signal.features import BlockFeatures, FeatureSettings, block_features, fundamentals
 from streams.block import STANDARD_GRAVITY
@@ -145,7 +144,7 @@ def on_the_inner_race(size: float) -> Scene:
 
 def calibrated(data_dir: Path) -> RingImpactRig:
     x = features(recording(data_dir, "209_0"), CWRU_SPEED).indicators
-    measured = Measured(x.rms, x.kurtosis)
+    measured = MeasuredLevel(x.rms, x.kurtosis)
     return made_once("sassi_rig", lambda: calibrate(on_the_inner_race(0.53e-3), measured, REQUEST))
 
 

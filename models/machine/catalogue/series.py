@@ -23,7 +23,7 @@ from models.machine.catalogue.designation import BALLS, ROLLERS, Designation, Fa
 
 
 @dataclass(frozen=True)
-class Rule:
+class DesignRule:
     """Proportions of a series; spreads are relative standard deviations.
 
     Attributes:
@@ -44,31 +44,31 @@ class Rule:
 
 
 RULES = {
-    "60": Rule(0.586, 0.026, 1.71, 0.02),
-    "62": Rule(0.605, 0.078, 1.716, 0.032),
-    "63": Rule(0.612, 0.046, 1.682, 0.02),
-    "64": Rule(0.620, 0.06, 1.68, 0.04),
-    "160": Rule(0.570, 0.08, 1.75, 0.04, least_width=1.5),
-    "618": Rule(0.566, 0.051, 1.891, 0.028),
-    "619": Rule(0.592, 0.056, 1.765, 0.033),
-    "72": Rule(0.621, 0.034, 1.13, 0.022),
-    "73": Rule(0.619, 0.041, 1.135, 0.022),
-    "12": Rule(0.464, 0.082, 1.315, 0.055),
-    "13": Rule(0.459, 0.026, 1.281, 0.066),
-    "22": Rule(0.501, 0.063, 1.24, 0.026),
-    "23": Rule(0.557, 0.05, 1.208, 0.021),
-    "NU2": Rule(0.486, 0.028, 1.456, 0.02, 1.002, 0.457),
-    "NU3": Rule(0.494, 0.027, 1.389, 0.048, 1.006, 0.495),
-    "NU22": Rule(0.486, 0.028, 1.495, 0.056, 1.002, 0.559),
-    "NU23": Rule(0.494, 0.027, 1.389, 0.048, 1.006, 0.523),
-    "NU2E": Rule(0.551, 0.02, 1.239, 0.025, 1.011, 0.574),
-    "NU3E": Rule(0.547, 0.026, 1.231, 0.02, 1.011, 0.6),
-    "NU22E": Rule(0.551, 0.02, 1.239, 0.025, 1.011, 0.627),
-    "NU23E": Rule(0.547, 0.026, 1.231, 0.02, 1.011, 0.636),
-    "302": Rule(0.497, 0.048, 1.105, 0.02, 1.0, 0.621),
-    "303": Rule(0.499, 0.035, 1.095, 0.03, 1.0, 0.67),
-    "222": Rule(0.565, 0.035, 1.141, 0.02, 1.02, 0.371),
-    "223": Rule(0.557, 0.025, 1.135, 0.024, 1.02, 0.375),
+    "60": DesignRule(0.586, 0.026, 1.71, 0.02),
+    "62": DesignRule(0.605, 0.078, 1.716, 0.032),
+    "63": DesignRule(0.612, 0.046, 1.682, 0.02),
+    "64": DesignRule(0.620, 0.06, 1.68, 0.04),
+    "160": DesignRule(0.570, 0.08, 1.75, 0.04, least_width=1.5),
+    "618": DesignRule(0.566, 0.051, 1.891, 0.028),
+    "619": DesignRule(0.592, 0.056, 1.765, 0.033),
+    "72": DesignRule(0.621, 0.034, 1.13, 0.022),
+    "73": DesignRule(0.619, 0.041, 1.135, 0.022),
+    "12": DesignRule(0.464, 0.082, 1.315, 0.055),
+    "13": DesignRule(0.459, 0.026, 1.281, 0.066),
+    "22": DesignRule(0.501, 0.063, 1.24, 0.026),
+    "23": DesignRule(0.557, 0.05, 1.208, 0.021),
+    "NU2": DesignRule(0.486, 0.028, 1.456, 0.02, 1.002, 0.457),
+    "NU3": DesignRule(0.494, 0.027, 1.389, 0.048, 1.006, 0.495),
+    "NU22": DesignRule(0.486, 0.028, 1.495, 0.056, 1.002, 0.559),
+    "NU23": DesignRule(0.494, 0.027, 1.389, 0.048, 1.006, 0.523),
+    "NU2E": DesignRule(0.551, 0.02, 1.239, 0.025, 1.011, 0.574),
+    "NU3E": DesignRule(0.547, 0.026, 1.231, 0.02, 1.011, 0.6),
+    "NU22E": DesignRule(0.551, 0.02, 1.239, 0.025, 1.011, 0.627),
+    "NU23E": DesignRule(0.547, 0.026, 1.231, 0.02, 1.011, 0.636),
+    "302": DesignRule(0.497, 0.048, 1.105, 0.02, 1.0, 0.621),
+    "303": DesignRule(0.499, 0.035, 1.095, 0.03, 1.0, 0.67),
+    "222": DesignRule(0.565, 0.035, 1.141, 0.02, 1.02, 0.371),
+    "223": DesignRule(0.557, 0.025, 1.135, 0.024, 1.02, 0.375),
 }
 
 _LEAST_PROBABILITY = 0.02
@@ -159,7 +159,7 @@ _UNLETTERED_ANGLE_DEG = 30.0
 
 
 @dataclass(frozen=True)
-class Origin:
+class GeometryOrigin:
     """Where a value comes from.
 
     Attributes:
@@ -202,7 +202,7 @@ class Geometry:
     effective_length: float | None
     dynamic_load_rating: float | None
     source: str
-    origins: Mapping[str, Origin]
+    origins: Mapping[str, GeometryOrigin]
     clearance_range: tuple[float, float] | None = None
     notes: tuple[str, ...] = ()
     design_changed: bool = False
@@ -338,20 +338,20 @@ def uncertain_counts(count: int) -> tuple[tuple[int, float], ...]:
     return ((count, 0.5), (count - 1, 0.25), (count + 1, 0.25))
 
 
-def _contact_angle(row: Row, designation: Designation) -> tuple[float, Origin]:
+def _contact_angle(row: Row, designation: Designation) -> tuple[float, GeometryOrigin]:
     family = designation.family
     stated = next((suffix for suffix in designation.suffixes if suffix.angle_deg is not None), None)
     spread = _ANGLE_SPREAD_RAD.get(family, 0.0)
     if stated is not None and stated.angle_deg is not None:
-        return math.radians(stated.angle_deg), Origin("table", spread, f"suffix {stated.text}")
+        return math.radians(stated.angle_deg), GeometryOrigin("table", spread, f"suffix {stated.text}")
     if family == "angular_contact":
         note = "no letter: 30 degrees by JTEKT and NTN, 40 degrees by others"
-        return math.radians(_UNLETTERED_ANGLE_DEG), Origin("estimated", math.radians(5.0), note)
+        return math.radians(_UNLETTERED_ANGLE_DEG), GeometryOrigin("estimated", math.radians(5.0), note)
     if row.get("e"):
-        return math.atan(float(row["e"]) / 1.5), Origin("estimated", spread, f"e = 1.5 tan(angle), {JTEKT}")
+        return math.atan(float(row["e"]) / 1.5), GeometryOrigin("estimated", spread, f"e = 1.5 tan(angle), {JTEKT}")
     if family == "tapered":
-        return math.radians(_RULE_ANGLE_DEG[series_of(designation.base)]), Origin("estimated", 0.03, _BY_RULE)
-    return 0.0, Origin("table", 0.0, "radial bearing")
+        return math.radians(_RULE_ANGLE_DEG[series_of(designation.base)]), GeometryOrigin("estimated", 0.03, _BY_RULE)
+    return 0.0, GeometryOrigin("table", 0.0, "radial bearing")
 
 
 def _source(row: Row, family: Family) -> str:
@@ -360,21 +360,21 @@ def _source(row: Row, family: Family) -> str:
     return f"{standard} boundary dimensions {row['bore']} x {row['outside']} x {row['width']} mm; {rest}"
 
 
-def _origins(row: Row, found: Estimate, family: Family, angle: Origin) -> Mapping[str, Origin]:
+def _origins(row: Row, found: Estimate, family: Family, angle: GeometryOrigin) -> Mapping[str, GeometryOrigin]:
     note = _DERIVED if row["z"] else _BY_RULE
     count = found.counts[0][0]
     variance = sum(probability * (n / count - 1.0) ** 2 for n, probability in found.counts)
     pitch = _ROLLER_PITCH_SPREAD if family in ("tapered", "spherical") else _PITCH_SPREAD
     origins = {
-        "n_elements": Origin("estimated", math.sqrt(variance), note),
-        "element_diameter": Origin("estimated", found.size_spread, note),
-        "pitch_diameter": Origin("estimated", pitch, "mean of bore and outside diameter, or of both raceways"),
+        "n_elements": GeometryOrigin("estimated", math.sqrt(variance), note),
+        "element_diameter": GeometryOrigin("estimated", found.size_spread, note),
+        "pitch_diameter": GeometryOrigin("estimated", pitch, "mean of bore and outside diameter, or of both raceways"),
         "contact_angle": angle,
     }
     if found.effective_length is not None:
-        origins["effective_length"] = Origin("estimated", _LENGTH_SPREAD, note)
+        origins["effective_length"] = GeometryOrigin("estimated", _LENGTH_SPREAD, note)
     if row["dynamic"]:
-        origins["dynamic_load_rating"] = Origin("table", 0.0, JTEKT)
+        origins["dynamic_load_rating"] = GeometryOrigin("table", 0.0, JTEKT)
     return MappingProxyType(origins)
 
 

@@ -18,7 +18,7 @@ from models.machine.hertz import point_contact_semi_axes
 from models.machine.shaft_beam import PER_NODE, TURN_X, TURN_Y, TURN_Z, X, Y, Z, add_disc, shaft_matrices
 from models.solve.angular.kernels import ball_ring as spall
 from models.solve.angular.kernels import shaft as kernels
-from models.solve.angular.kernels.ball_ring import Ring
+from models.solve.angular.kernels.ball_ring import BallRing
 from models.solve.angular.rig import AngularRig
 from models.words.numerics import generalised_modes
 
@@ -195,7 +195,7 @@ def tangents(assembly: Assembly) -> NDArray[np.float64]:
     return found
 
 
-def lateral_modes(assembly: Assembly, tangent: NDArray[np.float64], scene: Scene) -> kernels.Modes:
+def lateral_modes(assembly: Assembly, tangent: NDArray[np.float64], scene: Scene) -> kernels.ShaftModes:
     """Return the modes of the shaft on its bearings, with the scene's loads as steady forces."""
     a, b, disc = assembly.rows
     stiffness, steady = assembly.stiffness.copy(), np.zeros(len(assembly.mass))
@@ -207,7 +207,7 @@ def lateral_modes(assembly: Assembly, tangent: NDArray[np.float64], scene: Scene
     return _modes(values, vectors, ratios, np.concatenate((a, b, disc[:2])), steady, assembly.rig.mode_limit)
 
 
-def torsion_modes(assembly: Assembly, scene: Scene) -> tuple[kernels.Modes, NDArray[np.float64]]:
+def torsion_modes(assembly: Assembly, scene: Scene) -> tuple[kernels.ShaftModes, NDArray[np.float64]]:
     """Return the modes of torsion between the couplings, the drive held to the nominal rotation by its governor.
 
     The first one is the rotation as a whole. Steady is the drive's torque, which balances load and bearings. Returned
@@ -252,13 +252,13 @@ def _modes(
     rows: NDArray[np.intp],
     steady: NDArray[np.float64],
     limit: float,
-) -> kernels.Modes:
+) -> kernels.ShaftModes:
     """Return modes at some rows, those beyond a limit, Hz, slowed to it at the same stiffness."""
     square, most = np.maximum(values, 0.0), (2.0 * math.pi * limit) ** 2
     slowed = square > most
     gain = np.where(slowed, most / np.maximum(square, most), 1.0)
     square = np.minimum(square, most)
-    return kernels.Modes(
+    return kernels.ShaftModes(
         square=square,
         damping=2.0 * np.where(slowed, SLOWED_RATIO, ratios) * np.sqrt(square),
         shape=np.ascontiguousarray(vectors[rows]),
@@ -269,7 +269,7 @@ def _modes(
 
 def prepare_plan(
     scene: Scene, assembly: Assembly, direction: float = 0.0, profile: SpeedProfile | None = None
-) -> kernels.Plan:
+) -> kernels.AngularPlan:
     """Return everything the kernel needs.
 
     Args:
@@ -282,7 +282,7 @@ def prepare_plan(
     if profile is not None:
         begin, nominal = profile.pieces
     nominal = 2.0 * math.pi * nominal
-    return kernels.Plan(
+    return kernels.AngularPlan(
         parameter=_parameters(
             scene, assembly, torsion, _twisted(torsion, assembly, _beginning(nominal) * inertia), direction
         ),
@@ -303,7 +303,7 @@ def _beginning(nominal: NDArray[np.float64]) -> float:
 
 
 def _parameters(
-    scene: Scene, assembly: Assembly, torsion: kernels.Modes, twisted: NDArray[np.float64], direction: float
+    scene: Scene, assembly: Assembly, torsion: kernels.ShaftModes, twisted: NDArray[np.float64], direction: float
 ) -> NDArray[np.float64]:
     rig, p = assembly.rig, np.zeros(kernels.P_SIZE)
     p[kernels.P_SPEED] = 2.0 * math.pi * scene.speed
@@ -324,14 +324,14 @@ def _parameters(
     return p
 
 
-def _twisted(torsion: kernels.Modes, assembly: Assembly, inertia: NDArray[np.float64]) -> NDArray[np.float64]:
+def _twisted(torsion: kernels.ShaftModes, assembly: Assembly, inertia: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the modes of torsion under the steady torques, those of inertia, and those of the bearings at rest."""
     torques = [ring.resistance_torque()[0] for ring in assembly.rings]
     push = torsion.steady + inertia + torques[0] * torsion.push[kernels.T_A] + torques[1] * torsion.push[kernels.T_B]
     return push / torsion.square
 
 
-def ring_of(statics: BallStatics, scene: Scene, support: str) -> Ring:
+def ring_of(statics: BallStatics, scene: Scene, support: str) -> BallRing:
     """Return a bearing for the kernel, with the scene's defects at a support."""
     races = statics.races()
     surfaces = np.zeros((2, spall.R_SIZE))
@@ -347,7 +347,7 @@ def ring_of(statics: BallStatics, scene: Scene, support: str) -> Ring:
         surfaces[place, spall.R_GROOVE] = grooves[place]
     angles = statics.angles()
     defects = [defect for defect in scene.defects if defect.moves_balls and defect.support == support]
-    return Ring(
+    return BallRing(
         races=races,
         surfaces=surfaces,
         spalls=np.array([_spall(defect, surfaces) for defect in defects]).reshape(len(defects), spall.S_SIZE),
@@ -368,7 +368,7 @@ def _spall(defect: Defect, surfaces: NDArray[np.float64]) -> NDArray[np.float64]
     return row
 
 
-def at_rest(plan: kernels.Plan, assembly: Assembly) -> NDArray[np.float64]:
+def at_rest(plan: kernels.AngularPlan, assembly: Assembly) -> NDArray[np.float64]:
     """Return the state at the beginning: the equilibrium at the scene's speed, turning at the first nominal one."""
     n, m = len(plan.lateral.square), len(plan.torsion.square)
     state = np.zeros(1 + 2 * n + 2 * m + 5)

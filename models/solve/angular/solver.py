@@ -81,7 +81,7 @@ _LEAST_ERROR = 1e-5
 
 
 @dataclass(frozen=True, eq=False)
-class Trace:
+class AngularTrace:
     """A run as it was integrated, in steps of equal angle, without filter.
 
     Attributes:
@@ -153,7 +153,7 @@ def solve(scene: Scene, request: Request) -> Response:
     return answer(motion, request, longest_step(scene, plan))
 
 
-def trace(scene: Scene, turns: float, step: float) -> Trace:
+def trace(scene: Scene, turns: float, step: float) -> AngularTrace:
     """Return angular speed, accelerations and forces over the angle from the beginning, with steps that are given.
 
     Args:
@@ -171,7 +171,7 @@ def trace(scene: Scene, turns: float, step: float) -> Trace:
     status = kernels.trace(at_rest(plan, assembly), rows, step, plan, kernels.new_work(plan))
     carried = rows[:, 2 + kernels.SENSORS :].reshape(len(rows), 2, CARRIED)
     finite = status == kernels.STATUS_OK
-    return Trace(step, rows[:, 0], rows[:, 1], rows[:, 2], rows[:, 3 : 2 + kernels.SENSORS], carried, finite)
+    return AngularTrace(step, rows[:, 0], rows[:, 1], rows[:, 2], rows[:, 3 : 2 + kernels.SENSORS], carried, finite)
 
 
 def _slope_over(scene: Scene, turns: float) -> float:
@@ -184,7 +184,7 @@ def _slope_over(scene: Scene, turns: float) -> float:
     return min(stop, 1.1 * 2.0 * turns / (speed + math.sqrt(max(left, 0.0))))
 
 
-def longest_step(scene: Scene, plan: kernels.Plan) -> float:
+def longest_step(scene: Scene, plan: kernels.AngularPlan) -> float:
     """Return the step to begin with, s, stable where the bearings are as stiff as under all loads at once."""
     highest = scene.speed if scene.speed_profile is None else scene.speed_profile.speed_range[1]
     turning = scene.unbalance * (2.0 * math.pi * highest) ** 2

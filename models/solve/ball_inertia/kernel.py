@@ -23,17 +23,15 @@ from models.platform.jit import inlined, kernel
 from models.solve.engine.kernel_stepping import (
     EXACT_ANGLES,
     MOST_CHANGES,
-    MOST_TRIALS,
     TINY,
     accept,
+    attempt,
     fill_depth,
     fill_half,
     fill_rest,
     fill_start,
-    found,
-    next_length,
-    to_end,
-    to_stage,
+    runge_kutta,
+    to_change,
 )
 
 if TYPE_CHECKING:
@@ -41,7 +39,7 @@ if TYPE_CHECKING:
 
     from models.platform.jit import Index
 
-# Places in ``Plan.parameter``, SI.
+# Places in ``BallPlan.parameter``, SI.
 P_CAGE = 0  # speeds of what turns, rad/s; they come first (``models.solve.engine.kernel_stepping.fill_start``)
 P_SHAFT = 1
 P_PITCH = 2  # radius of the pitch circle
@@ -68,7 +66,7 @@ STATUS_NOT_FINITE = 1
 RING = 4
 
 
-class Plan(NamedTuple):
+class BallPlan(NamedTuple):
     """All that stays the same over a run of N balls; see ``models.solve.engine.kernel_stepping`` for the intervals.
 
     Attributes:
@@ -88,7 +86,7 @@ class Plan(NamedTuple):
     offset: NDArray[np.float64]
 
 
-class Work(NamedTuple):
+class BallWork(NamedTuple):
     """Places for what a step needs; see ``new_work``.
 
     Attributes:
@@ -112,11 +110,11 @@ class Work(NamedTuple):
 
 
 @kernel
-def new_work(plan: Plan) -> Work:
+def new_work(plan: BallPlan) -> BallWork:
     """Return places for one run."""
     balls = plan.slots.shape[1]
     size = RING + 2 * balls
-    return Work(
+    return BallWork(
         np.zeros((3, 4)),
         np.zeros((2, 4)),
         np.zeros((3, 2 * balls)),
@@ -138,7 +136,7 @@ def _longer(square: float) -> float:
 
 
 @inlined
-def slope_of(z: NDArray[np.float64], node: Index, plan: Plan, work: Work, stage: Index) -> None:
+def slope_of(z: NDArray[np.float64], node: Index, plan: BallPlan, work: BallWork, stage: Index) -> None:
     """Write the time derivative of a state as the slope of a stage.
 
     rho is the distance of a ball from the centre of the inner ring, n the direction from there to it.
@@ -193,7 +191,7 @@ def slope_of(z: NDArray[np.float64], node: Index, plan: Plan, work: Work, stage:
 
 
 @inlined
-def _fill_overlap(z: NDArray[np.float64], node: Index, plan: Plan, work: Work) -> None:
+def _fill_overlap(z: NDArray[np.float64], node: Index, plan: BallPlan, work: BallWork) -> None:
     """Write the overlap of each contact, negative where there is a gap."""
     p, balls = plan.parameter, plan.slots.shape[1]
     c, s = work.turn[node, 0], work.turn[node, 1]
@@ -209,14 +207,14 @@ def _fill_overlap(z: NDArray[np.float64], node: Index, plan: Plan, work: Work) -
 
 
 @inlined
-def _hold(work: Work) -> None:
+def _hold(work: BallWork) -> None:
     """Write which contacts are closed, from their overlaps."""
     for k in range(work.closed.shape[0]):
         work.closed[k] = 1.0 if work.overlap[k] > 0.0 else 0.0
 
 
 @inlined
-def _gap(work: Work) -> float:
+def _gap(work: BallWork) -> float:
     """Return the least gap of a contact that counts as open, negative where it has closed, m."""
     least = math.inf
     for k in range(work.closed.shape[0]):
@@ -226,49 +224,24 @@ def _gap(work: Work) -> float:
 
 
 @inlined
-def _runge_kutta(h: float, plan: Plan, work: Work) -> None:
-    """Write into ``trial`` the state after a step, whose nodes and first slope are written."""
-    for stage in range(3):
-        to_stage(stage, h, work)
-        slope_of(work.trial, 2 if stage == 2 else 1, plan, work, stage + 1)
-    to_end(h, work)
-
-
-@kernel
-def _try(t: float, h: float, interval: Index, plan: Plan, work: Work) -> float:
-    """Take a part of a step into ``trial``, whose first slope is written; return what ``_gap`` says of it."""
-    fill_half(h, plan.parameter, work.half[1])
-    fill_rest(work.half[1], work.turn)
-    fill_depth(t, h, interval, plan, work.depth)
-    _runge_kutta(h, plan, work)
-    _fill_overlap(work.trial, np.int64(2), plan, work)
+def _gap_at(z: NDArray[np.float64], node: Index, plan: BallPlan, work: BallWork) -> float:
+    """Write the overlaps at a node; return what ``_gap`` says of them."""
+    _fill_overlap(z, node, plan, work)
     return _gap(work)
 
 
 @kernel
-def _to_contact(t: float, h: float, at_end: float, interval: Index, plan: Plan, work: Work) -> float:
-    """Step to the first contact that closes in a step of length h, at whose end ``_gap`` is ``at_end`` < 0.
-
-    Returns:
-        The length of the step, at whose end the contact is just closed.
-    """
-    _fill_overlap(work.state, np.int64(0), plan, work)
-    low, high, at_low, at_high = 0.0, h, max(_gap(work), 0.0), at_end
-    for trial in range(MOST_TRIALS):
-        if found(low, high, at_high):
-            break
-        middle = next_length(trial, low, high, at_low, at_high)
-        gap = _try(t, middle, interval, plan, work)
-        if gap < 0.0:
-            high, at_high = middle, gap
-        else:
-            low, at_low = middle, gap
-    _try(t, high, interval, plan, work)
-    return high
+def _try(t: float, h: float, interval: Index, plan: BallPlan, work: BallWork) -> float:
+    return attempt(slope_of, _gap_at, t, h, interval, plan, work)
 
 
 @kernel
-def _broken_step(t: float, end: float, i: int, plan: Plan, work: Work) -> int:
+def _to_contact(t: float, h: float, at_end: float, interval: Index, plan: BallPlan, work: BallWork) -> float:
+    return to_change(_try, _gap_at, t, h, at_end, interval, plan, work)
+
+
+@kernel
+def _broken_step(t: float, end: float, i: int, plan: BallPlan, work: BallWork) -> int:
     """Carry the state to ``end`` over edges and contacts that close.
 
     Returns:
@@ -300,7 +273,9 @@ def _broken_step(t: float, end: float, i: int, plan: Plan, work: Work) -> int:
 
 
 @kernel
-def run(state: NDArray[np.float64], wave: NDArray[np.float64], place: NDArray[np.float64], h: float, plan: Plan) -> int:
+def run(
+    state: NDArray[np.float64], wave: NDArray[np.float64], place: NDArray[np.float64], h: float, plan: BallPlan
+) -> int:
     """Carry a state from t = 0 over the steps of ``wave``, of h seconds each.
 
     Args:
@@ -337,9 +312,8 @@ def run(state: NDArray[np.float64], wave: NDArray[np.float64], place: NDArray[np
                 place[n, k] = work.state[k + 2]
         whole = plan.bounds[i + 1] - end > TINY
         if whole:
-            _runge_kutta(h, plan, work)
-            _fill_overlap(work.trial, np.int64(2), plan, work)
-            whole = _gap(work) >= 0.0
+            runge_kutta(slope_of, h, plan, work)
+            whole = _gap_at(work.trial, np.int64(2), plan, work) >= 0.0
         if whole:
             accept(work)
             _hold(work)

@@ -18,9 +18,9 @@ from models.machine.bearing import kinematics
 from models.solve.ball_inertia import kernel as kernels
 from models.solve.ball_inertia import solver as over_time
 from models.solve.ball_inertia.rig import BallInertiaRig
+from models.solve.engine.motion import ERROR_OF_WAVE
 from models.solve.registry import Solver, check_effects
 from models.solve.response import HARMONICS, Response, judged, levels_of_lines, lines_error
-from models.solve.six_dof.setup import ERROR_OF_WAVE
 from models.words.request import Request
 
 if TYPE_CHECKING:
@@ -114,7 +114,7 @@ def kernels_limit(period: float, longest: float) -> float:
 
 
 def _settle(
-    scene: Scene, begin: NDArray[np.float64], steps: int, plan: kernels.Plan, accuracy: float, coarse: _Orbit | None
+    scene: Scene, begin: NDArray[np.float64], steps: int, plan: kernels.BallPlan, accuracy: float, coarse: _Orbit | None
 ) -> _Orbit | None:
     """Return the motion that repeats with so many steps a period, None where none is come to.
 

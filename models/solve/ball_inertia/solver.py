@@ -32,11 +32,10 @@ from models.machine.bearing import kinematics
 from models.machine.hertz import BALL_EXPONENT, element_angles, in_series, static_equilibrium
 from models.solve.ball_inertia import kernel as kernels
 from models.solve.ball_inertia.rig import BallInertiaRig
-from models.solve.engine.motion import Motion, passage_rate
+from models.solve.engine.motion import Motion, Trajectories, passage_rate, settled
 from models.solve.engine.over_time import LOOKED_AT, SECONDS_A_CALL, answer, duration_of
 from models.solve.engine.passages import in_intervals, passages_over
 from models.solve.registry import Solver, check_effects
-from models.solve.trajectories import Trajectories, settled
 from models.words.checks import check_positive
 from models.words.request import Request
 
@@ -76,7 +75,7 @@ _REACH, _HALVINGS = 1e-3, 80
 
 
 @dataclass(frozen=True, eq=False)
-class Trace:
+class BallTrace:
     """A run as it was integrated, from rest, without filter.
 
     Attributes:
@@ -124,7 +123,7 @@ def solve(scene: Scene, request: Request) -> Response:
     return answer(motion, request, SHARE_OF_STABLE * longest_stable_step(scene))
 
 
-def trace(scene: Scene, duration: float, step: float) -> Trace:
+def trace(scene: Scene, duration: float, step: float) -> BallTrace:
     """Return acceleration and displacements at every step from the beginning, with steps that are given.
 
     Raises:
@@ -135,7 +134,7 @@ def trace(scene: Scene, duration: float, step: float) -> Trace:
     steps, plan = max(1, round(duration / step)), prepare_plan(scene, duration + step)
     wave, place = np.empty((steps, 1)), np.empty((steps, 2 + plan.slots.shape[1]))
     finite = kernels.run(at_rest(scene), wave, place, step, plan) == kernels.STATUS_OK
-    return Trace(step, wave[:, 0], place[:, :2], place[:, 2:], finite)
+    return BallTrace(step, wave[:, 0], place[:, :2], place[:, 2:], finite)
 
 
 def trajectories(scene: Scene, request: Request) -> Trajectories | None:
@@ -150,7 +149,7 @@ def trajectories(scene: Scene, request: Request) -> Trajectories | None:
     return settled(walk, scene, request, step=step, settle=settling(scene), points=SENSORS, clearance=free)
 
 
-def prepare_plan(scene: Scene, duration: float, direction: float = 0.0) -> kernels.Plan:
+def prepare_plan(scene: Scene, duration: float, direction: float = 0.0) -> kernels.BallPlan:
     """Return everything the kernel needs for a run of ``duration`` seconds.
 
     ``direction``: angle of the sensor from the load, rad.
@@ -161,7 +160,7 @@ def prepare_plan(scene: Scene, duration: float, direction: float = 0.0) -> kerne
         np.concatenate([np.zeros(0), *(column[k] for column in columns)]) for k in range(6)
     )
     cut = in_intervals(begin, end, duration)
-    return kernels.Plan(
+    return kernels.BallPlan(
         parameter=_parameters(scene, direction),
         slots=np.stack([np.cos(angles), np.sin(angles)]),
         bounds=cut.bounds,

@@ -1,17 +1,21 @@
 """Kernel parts of models whose Runge-Kutta steps end where a contact changes or an edge is met.
 
-Kernel: how far balls are relieved by the defects that they pass, in intervals known before the run.
+A model brings its kernels ``slope_of`` (the time derivative of a state at a node of the step), ``gap_of`` (the least
+gap of a contact at a node, negative where one has changed) and ``hold`` (which contacts are closed). How far balls are
+relieved by the defects that they pass is known before the run, in intervals between edges.
 """
 
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Protocol
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any, Protocol
+
+import numpy as np
 
 from models.platform.jit import inlined
 
 if TYPE_CHECKING:
-    import numpy as np
     from numpy.typing import NDArray
 
     from models.platform.jit import Index
@@ -27,6 +31,10 @@ MOST_CHANGES = 100
 """A step with more changes of contact than this is taken without looking for more."""
 EXACT_ANGLES = 32
 """The angles are computed afresh after so many steps; between, they are turned on."""
+
+
+Kernel = Callable[..., Any]
+"""A kernel that is handed to another, which is compiled for it."""
 
 
 class HasState(Protocol):
@@ -45,6 +53,25 @@ class HasState(Protocol):
     @property
     def trial(self) -> NDArray[np.float64]:
         """At a stage, then at the end, (size,)."""
+        ...
+
+
+class HasNodes(HasState, Protocol):
+    """Places of a step whose angles and depths are known at its nodes."""
+
+    @property
+    def turn(self) -> NDArray[np.float64]:
+        """Cosine and sine of each angle at the nodes, (3, 2 K)."""
+        ...
+
+    @property
+    def half(self) -> NDArray[np.float64]:
+        """The same of what they turn in half a whole step, and in half a part of one, (2, 2 K)."""
+        ...
+
+    @property
+    def depth(self) -> NDArray[np.float64]:
+        """How far each ball is relieved at the nodes, m, (3, N)."""
         ...
 
 
@@ -113,6 +140,59 @@ def accept(work: HasState) -> None:
 
 
 @inlined
+def runge_kutta(slope_of: Kernel, h: float, plan: HasPassages, work: HasState) -> None:
+    """Write into ``trial`` the state after a step, whose nodes and first slope are written."""
+    for stage in range(3):
+        to_stage(stage, h, work)
+        slope_of(work.trial, 2 if stage == 2 else 1, plan, work, stage + 1)
+    to_end(h, work)
+
+
+@inlined
+def attempt(
+    slope_of: Kernel, gap_of: Kernel, t: float, h: float, interval: Index, plan: HasPassages, work: HasNodes
+) -> float:
+    """Take a part of a step into ``trial``, whose first slope is written; return what ``gap_of`` says of its end."""
+    fill_half(h, plan.parameter, work.half[1])
+    fill_rest(work.half[1], work.turn)
+    fill_depth(t, h, interval, plan, work.depth)
+    runge_kutta(slope_of, h, plan, work)
+    return gap_of(work.trial, np.int64(2), plan, work)
+
+
+@inlined
+def to_change(
+    attempted: Kernel,
+    gap_of: Kernel,
+    t: float,
+    h: float,
+    at_end: float,
+    interval: Index,
+    plan: HasPassages,
+    work: HasNodes,
+) -> float:
+    """Step to the first change of contact in a step of length h, at whose end the gap is ``at_end`` < 0.
+
+    ``attempted`` is the model's ``attempt``.
+
+    Returns:
+        The length of the step, at whose end the change is just past.
+    """
+    low, high, at_low, at_high = 0.0, h, max(gap_of(work.state, np.int64(0), plan, work), 0.0), at_end
+    for trial in range(MOST_TRIALS):
+        if found(low, high, at_high):
+            break
+        middle = next_length(trial, low, high, at_low, at_high)
+        gap = attempted(t, middle, interval, plan, work)
+        if gap < 0.0:
+            high, at_high = middle, gap
+        else:
+            low, at_low = middle, gap
+    attempted(t, high, interval, plan, work)
+    return high
+
+
+@inlined
 def found(low: float, high: float, at_high: float) -> bool:
     """Return whether a change between two lengths of a step is found, of which the upper one is just past it."""
     return high - low <= TINY or -at_high <= TOUCHED
@@ -136,6 +216,11 @@ def next_length(trial: int, low: float, high: float, at_low: float, at_high: flo
 
 class HasPassages(Protocol):
     """A plan with records of passages in the intervals of ``models.solve.engine.passages``."""
+
+    @property
+    def parameter(self) -> NDArray[np.float64]:
+        """Begins with the speeds of the angles, rad/s."""
+        ...
 
     @property
     def bounds(self) -> NDArray[np.float64]:

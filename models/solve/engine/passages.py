@@ -37,7 +37,7 @@ class Passages(NamedTuple):
     offset: NDArray[np.float64]
 
 
-class Intervals(NamedTuple):
+class PassageIntervals(NamedTuple):
     """The time of a run, cut at all edges into I intervals.
 
     Attributes:
@@ -74,7 +74,7 @@ def passages_over(
     return Passages(times[0][keep], times[1][keep], number[keep].astype(np.int64), offset[keep])
 
 
-def in_intervals(begin: NDArray[np.float64], end: NDArray[np.float64], duration: float) -> Intervals:
+def in_intervals(begin: NDArray[np.float64], end: NDArray[np.float64], duration: float) -> PassageIntervals:
     """Return the intervals of a run in which the same passages last."""
     bounds = np.sort(np.concatenate((begin, end)))
     bounds = np.concatenate(([0.0], bounds[(bounds > 0.0) & (bounds < duration)]))
@@ -85,7 +85,7 @@ def in_intervals(begin: NDArray[np.float64], end: NDArray[np.float64], duration:
     record = np.repeat(np.arange(len(counts)), counts)
     interval = np.arange(len(record)) - np.repeat(np.cumsum(counts) - counts, counts) + low[record]
     first = np.concatenate(([0], np.cumsum(np.bincount(interval, minlength=len(bounds))))).astype(np.int64)
-    return Intervals(np.append(bounds, duration + 1.0), first, record[np.argsort(interval, kind="stable")])
+    return PassageIntervals(np.append(bounds, duration + 1.0), first, record[np.argsort(interval, kind="stable")])
 
 
 class Meetings(NamedTuple):

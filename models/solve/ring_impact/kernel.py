@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 RECTANGLE, HALF_SINE = 0, 1
 
 
-class Modes(NamedTuple):
+class RingModes(NamedTuple):
     """A system from the force on one of its masses to one displacement.
 
     Attributes:
@@ -35,7 +35,7 @@ class Modes(NamedTuple):
     direct: float
 
 
-class Pulses(NamedTuple):
+class ImpactPulses(NamedTuple):
     """Forces of one shape.
 
     Attributes:
@@ -59,7 +59,7 @@ class Turn(NamedTuple):
 
 
 @inlined
-def _during(rate: complex, since: float, pulses: Pulses) -> complex:
+def _during(rate: complex, since: float, pulses: ImpactPulses) -> complex:
     """Return q over w and force, ``since`` seconds after a pulse of unit height began and not after its end."""
     grown = cmath.exp(rate * since)
     if pulses.shape == RECTANGLE:
@@ -70,7 +70,7 @@ def _during(rate: complex, since: float, pulses: Pulses) -> complex:
 
 
 @inlined
-def _height(since: float, pulses: Pulses) -> float:
+def _height(since: float, pulses: ImpactPulses) -> float:
     if pulses.shape == RECTANGLE:
         return 1.0
     return math.sin(math.pi * since / pulses.width)
@@ -87,7 +87,7 @@ def _seen(z0: float, z1: float, z2: float, t: float, turn: Turn) -> float:
 
 @kernel
 def add_response(
-    wave: NDArray[np.float64], h: float, modes: Modes, pulses: Pulses, turn: Turn, q: NDArray[np.complex128]
+    wave: NDArray[np.float64], h: float, modes: RingModes, pulses: ImpactPulses, turn: Turn, q: NDArray[np.complex128]
 ) -> None:
     """Add to ``wave`` (n,) the acceleration, m/s2, at 0, h, 2 h and so on, that pulses from any time on have left.
 

@@ -22,7 +22,7 @@ from models.solve.rotor.solver import (
     EFFECTS,
     LONGEST_STEP,
     Rigid,
-    Trace,
+    RotorTrace,
     check_shaft,
     contact_step,
     cost_of,
@@ -37,8 +37,8 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from models.machine.scene import Scene
+    from models.solve.engine.motion import Trajectories
     from models.solve.response import Response
-    from models.solve.trajectories import Trajectories
     from models.words.request import Sensor
 
 ELASTIC_EFFECTS = EFFECTS | {"with_elastic_shaft"}
@@ -115,7 +115,7 @@ def solve(scene: Scene, request: Request) -> Response:
     return solve_motion(scene, request, shaft_of(scene, request.direction), "elastic")
 
 
-def trace_elastic(scene: Scene, duration: float, step: float, *, rest: NDArray[np.float64] | None = None) -> Trace:
+def trace_elastic(scene: Scene, duration: float, step: float, *, rest: NDArray[np.float64] | None = None) -> RotorTrace:
     """Return what ``models.solve.rotor.solver.trace`` returns, of an elastic shaft."""
     check_shaft(scene, ELASTIC_EFFECTS)
     begin = at_rest(scene, elastic=True) if rest is None else rest

@@ -46,7 +46,7 @@ def check_rotor(scene: Scene) -> RotorRig:
     return rig
 
 
-def prepare_plan(scene: Scene, duration: float, freedoms: int, direction: float = 0.0) -> kernels.Plan:
+def prepare_plan(scene: Scene, duration: float, freedoms: int, direction: float = 0.0) -> kernels.RotorPlan:
     """Return everything the kernels need for a run of ``duration`` seconds.
 
     ``freedoms``: 4 where the state is that of the disc alone, 8 where the ends of an elastic shaft have a mass.
@@ -57,7 +57,7 @@ def prepare_plan(scene: Scene, duration: float, freedoms: int, direction: float 
     begin, end, ball, depth, rate, offset = _meetings(scene, duration)
     cut = in_intervals(begin, end, duration)
     record = cut.record
-    return kernels.Plan(
+    return kernels.RotorPlan(
         parameter=_parameters(scene, rig, freedoms, direction),
         slots=np.stack([np.cos(np.concatenate(angles)), np.sin(np.concatenate(angles))]),
         of_a=np.array([len(angles[0])], dtype=np.int64),

@@ -17,14 +17,13 @@ import numpy as np
 
 from models.machine.bearing import kinematics
 from models.machine.hertz import contact_exponent
-from models.solve.engine.motion import Motion, passage_rate
+from models.solve.engine.motion import Motion, Trajectories, passage_rate, settled
 from models.solve.engine.over_time import LOOKED_AT, SECONDS_A_CALL, answer, duration_of
 from models.solve.registry import Solver, check_effects
 from models.solve.rotor.kernels import rigid as kernels
-from models.solve.rotor.kernels.forces import STATUS_OK, Plan
+from models.solve.rotor.kernels.forces import STATUS_OK, RotorPlan
 from models.solve.rotor.plan import at_rest, bearings_of, check_rotor, inverse_mass, prepare_plan, stiffness_of
 from models.solve.rotor.rig import RotorRig
-from models.solve.trajectories import Trajectories, settled
 from models.words.checks import check_positive
 from models.words.request import Request
 
@@ -67,7 +66,7 @@ _LEAST_ERROR = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
-class Trace:
+class RotorTrace:
     """A run as it was integrated, from rest, without filter.
 
     Attributes:
@@ -115,9 +114,9 @@ class Rigid:
     def __init__(self, scene: Scene, direction: float) -> None:
         """Keep what the plan is made of."""
         self.scene, self.direction = scene, direction
-        self._plan: tuple[float, Plan] | None = None
+        self._plan: tuple[float, RotorPlan] | None = None
 
-    def plan(self, duration: float) -> Plan:
+    def plan(self, duration: float) -> RotorPlan:
         """Return the plan of a run of at least ``duration`` seconds."""
         if self._plan is None or self._plan[0] < duration:
             self._plan = duration, prepare_plan(self.scene, duration, self.freedoms, self.direction)
@@ -187,7 +186,7 @@ def solve_motion(scene: Scene, request: Request, shaft: Rigid, solver: str) -> R
     return answer(motion, request, shaft.longest_step())
 
 
-def trace_of(scene: Scene, duration: float, step: float, shaft: Rigid, rest: NDArray[np.float64]) -> Trace:
+def trace_of(scene: Scene, duration: float, step: float, shaft: Rigid, rest: NDArray[np.float64]) -> RotorTrace:
     """Return a run from given positions at rest, (8,), as ``at_rest`` returns them, with steps that are given."""
     check_positive(duration=duration, step=step)
     rig, steps = scene.rig_as(RotorRig), max(1, round(duration / step))
@@ -196,10 +195,10 @@ def trace_of(scene: Scene, duration: float, step: float, shaft: Rigid, rest: NDA
     a, b = shaft.ends(place)
     line, tilt = place[:, 0] + 1j * place[:, 1], place[:, 2] + 1j * place[:, 3]
     turned = np.exp(1j * (2.0 * math.pi * scene.speed * step * np.arange(steps) + rig.bow_angle))
-    return Trace(step, wave, shaft.sensors, a, b, line + scene.bow * turned, tilt, finite)
+    return RotorTrace(step, wave, shaft.sensors, a, b, line + scene.bow * turned, tilt, finite)
 
 
-def trace(scene: Scene, duration: float, step: float, *, rest: NDArray[np.float64] | None = None) -> Trace:
+def trace(scene: Scene, duration: float, step: float, *, rest: NDArray[np.float64] | None = None) -> RotorTrace:
     """Return accelerations and displacements of a rotor with a rigid shaft, at every step from the beginning.
 
     Steps are taken as given: much longer ones than ``Rigid.longest_step`` may be unstable.

@@ -13,7 +13,7 @@ import numpy as np
 from models.machine.bearing import kinematics
 from models.machine.hertz import element_angles, static_equilibrium
 from models.machine.rig import Rig
-from models.path.defect import RaceProfile, ball_path, floor_angle, race_radius, wrap
+from models.path.defect import FloorProfile, ball_path, floor_angle, race_radius, wrap
 from models.solve.six_dof.kernels import lane_paths as paths
 from models.solve.six_dof.kernels import lanes as kernels
 from models.solve.six_dof.kernels.lanes import LANES
@@ -141,7 +141,7 @@ def _equilibrium(bearing: Bearing, load: float, k_c: float, clearance: float) ->
 
 
 @lru_cache(maxsize=8)
-def _stacked(profiles: tuple[RaceProfile, ...]) -> NDArray[np.float64]:
+def _stacked(profiles: tuple[FloorProfile, ...]) -> NDArray[np.float64]:
     """Return the pieces of rough floors, shape (profiles, pieces, 4)."""
     if not profiles:
         return np.zeros((1, 1, 4))
@@ -153,7 +153,7 @@ def _stacked(profiles: tuple[RaceProfile, ...]) -> NDArray[np.float64]:
 def _path_rows(scenes: Sequence[Scene], grid: Grid) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return the kernel's ``path`` and ``profiles``."""
     rows = np.zeros((paths.PATH_ROWS, LANES))
-    known: dict[RaceProfile, int] = {}
+    known: dict[FloorProfile, int] = {}
     r_o, r_b = float(grid.geometry[paths.G_R_O]), float(grid.geometry[paths.G_R_B])
     for i, scene in enumerate(scenes):
         path = ball_path(scene.bearing, scene.defect)

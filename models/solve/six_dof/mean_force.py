@@ -15,12 +15,13 @@ import numpy as np
 
 from models.machine.bearing import kinematics
 from models.machine.rig import Rig
+from models.solve.engine.motion import ERROR_OF_WAVE
 from models.solve.registry import Solver
 from models.solve.response import HARMONICS, Response, Status, judged, levels_of_lines, lines_error
 from models.solve.six_dof.kernels.lanes import LANES
 from models.solve.six_dof.lane_group import DEFAULT_STEP, MIN_STEPS, PERIODS, Group, Workspace
 from models.solve.six_dof.lanes import LaneOptions, shared_grid
-from models.solve.six_dof.setup import ERROR_OF_WAVE, LANE_EFFECTS, MODEL, check_scene
+from models.solve.six_dof.setup import LANE_EFFECTS, MODEL, check_scene
 from models.words.request import Request
 
 if TYPE_CHECKING:

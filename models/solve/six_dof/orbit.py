@@ -18,9 +18,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from models.solve.six_dof.kernels.lines import fourier_coefficients
 from models.solve.six_dof.kernels.orbit import SILENCE
-from models.solve.six_dof.kernels.period import ball_period, blank_trace, mean_square
+from models.solve.six_dof.kernels.period import ball_period, blank_trace, fourier_coefficients, mean_square
 from models.solve.six_dof.kernels.step import STATUS_OK
 
 if TYPE_CHECKING:
@@ -36,7 +35,7 @@ _PARTS = 5
 
 
 @dataclass(frozen=True, eq=False)
-class Motion:
+class PeriodicMotion:
     """A motion that was simulated on plainly.
 
     Attributes:
@@ -106,7 +105,9 @@ class Motion:
         return len(last) > 0 and bool(np.all(np.abs(last - level) <= distance * level))
 
 
-def simulate_on(period: Period, state: NDArray[np.float64], periods: int, tolerance: float, count: int) -> Motion:
+def simulate_on(
+    period: Period, state: NDArray[np.float64], periods: int, tolerance: float, count: int
+) -> PeriodicMotion:
     """Simulate plainly until the motion repeats or ``periods`` periods are over.
 
     Args:
@@ -126,7 +127,9 @@ def simulate_on(period: Period, state: NDArray[np.float64], periods: int, tolera
         done += 1
         if ball_period(state, after, trace, period) != STATUS_OK:
             none = np.empty(0)
-            return Motion(state, done, math.inf, False, power * math.nan, peak * math.nan, last * math.nan, none, none)
+            return PeriodicMotion(
+                state, done, math.inf, False, power * math.nan, peak * math.nan, last * math.nan, none, none
+            )
         state[:] = after
         squares = np.array([mean_square(trace, k) for k in (0, 1)])
         before, rms = rms, math.sqrt(squares[0])
@@ -143,7 +146,7 @@ def simulate_on(period: Period, state: NDArray[np.float64], periods: int, tolera
     kept = max(len(levels), 1)
     size = np.abs(last)
     phases = np.where(size > 0.0, last / np.where(size > 0.0, size, 1.0), 1.0)
-    return Motion(
+    return PeriodicMotion(
         state=state,
         periods=done,
         change=change,

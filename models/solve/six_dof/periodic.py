@@ -19,13 +19,12 @@ from models.machine.rig import Rig
 from models.solve.registry import Solver
 from models.solve.response import HARMONICS, Response, Status, band_lines, judged, levels_of_lines, lines_error
 from models.solve.six_dof.kernels import settled as kernels
-from models.solve.six_dof.kernels.lines import fourier_coefficients, largest
 from models.solve.six_dof.kernels.orbit import STATE_SCALE, jacobian, newton_steering
-from models.solve.six_dof.kernels.period import mean_square
+from models.solve.six_dof.kernels.period import fourier_coefficients, largest, mean_square
 from models.solve.six_dof.kernels.period_setup import set_up
 from models.solve.six_dof.kernels.settled import Effort
 from models.solve.six_dof.kernels.step import P_DIRECTION_1, P_DIRECTION_2, P_U_1
-from models.solve.six_dof.orbit import Motion, simulate_on
+from models.solve.six_dof.orbit import PeriodicMotion, simulate_on
 from models.solve.six_dof.setup import (
     LEAST_IN_SEGMENT,
     MODEL,
@@ -44,7 +43,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from models.machine.scene import Scene
-    from models.solve.six_dof.kernels.period import Period, Trace
+    from models.solve.six_dof.kernels.period import Period, PeriodTrace
 
 # Accuracy of the RMS that is asked for over that of the waveform (models.solve.six_dof.kernels.settled takes the RMS
 # for at least as wrong), and times that it is asked for again where the quantity is not met.
@@ -195,7 +194,7 @@ class _Orbit:
 
     period: Period
     state: NDArray[np.float64]
-    trace: Trace
+    trace: PeriodTrace
     found: NDArray[np.float64]
 
     @property
@@ -282,7 +281,7 @@ def _repeating(scene: Scene, orbit: _Orbit, request: Request, earlier: int = 0) 
     )
 
 
-def _not_repeating(scene: Scene, motion: Motion, orbit: _Orbit, request: Request, periods: int) -> Response:
+def _not_repeating(scene: Scene, motion: PeriodicMotion, orbit: _Orbit, request: Request, periods: int) -> Response:
     """Return the response of a motion that does not repeat."""
     return _response(
         *(scene, request, motion.coefficients, motion.power, motion.peak),

@@ -22,7 +22,7 @@ from models.machine.rig import Rig, natural_frequencies
 from models.path.defect import ball_path
 from models.solve.six_dof.kernels import path as kernel_path
 from models.solve.six_dof.kernels import step as kernels
-from models.solve.six_dof.kernels.period_setup import Point, arc_distance
+from models.solve.six_dof.kernels.period_setup import OperatingPoint, arc_distance
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -64,9 +64,6 @@ _FLOOR_SAMPLES = 2.0
 MOST_STEPS = 2_000_000
 # Highest resonance over the ball rate: the error estimate has been held against an oracle up to here.
 HIGHEST_RESONANCE = 1e5
-# Error of the RMS over the RMS of the change of the waveform by halving the steps, where no single period is solved:
-# what steps leave is mostly noise.
-ERROR_OF_WAVE = 0.125
 
 
 def check_scene(scene: Scene, effects: frozenset[str] = PERIODIC_EFFECTS) -> None:
@@ -142,14 +139,14 @@ def check_resonance(scene: Scene) -> None:
 
 
 @lru_cache(maxsize=512)
-def operating_point(scene: Scene) -> Point:
+def operating_point(scene: Scene) -> OperatingPoint:
     """Return what scenes share that differ from this one, which is healthy, in their defect only."""
     bearing = scene.bearing
     pitch = 2.0 * math.pi / bearing.n_elements
     offsets = np.linspace(0.0, pitch, bearing.rows, endpoint=False)
     places = [(offset + k * pitch, row) for row, offset in enumerate(offsets) for k in range(bearing.n_elements)]
     places.sort(key=lambda place: arc_distance(place[0], pitch, 0.0))
-    return Point(
+    return OperatingPoint(
         parameter=scene_parameters(scene),
         positions=np.array([start for start, _ in places]),
         rows=np.array([row for _, row in places], dtype=np.int64),

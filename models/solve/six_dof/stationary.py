@@ -23,7 +23,7 @@ from models.path.contour import part_paths
 from models.solve.response import HARMONICS
 from models.solve.six_dof.setup import TIME_EFFECTS, check_scene
 from models.solve.six_dof.stationary_record import (
-    Record,
+    StationaryRecord,
     cage_turns_of,
     placed,
     run_from_rest,
@@ -184,7 +184,7 @@ def _widest_gap(ratio: float, turns: int) -> float:
 
 def _first_record(
     scene: Scene, accuracy: float, per_turn: int, cage_turns: int, band: tuple[float, float] | None
-) -> tuple[Record, float]:
+) -> tuple[StationaryRecord, float]:
     """Return the first record, and the relative error of its RMS due to the steps, halved where that helps."""
     settling = settling_turns(kinematics(scene.bearing, scene.speed))
     record = take_record(scene, per_turn, cage_turns, band)
@@ -224,7 +224,7 @@ class _Fit:
     drift: float
 
 
-def _fit(records: list[Record]) -> _Fit:
+def _fit(records: list[StationaryRecord]) -> _Fit:
     """Fit the first harmonics of the phase to the mean squares of the turns, by least squares.
 
     The standard error of the constant is that of independent residuals, or of the means over two, four ...
@@ -251,7 +251,7 @@ def _fit(records: list[Record]) -> _Fit:
     return _Fit(float(found[0]), largest, abs(late - early))
 
 
-def _level(records: list[Record], error: float, accuracy: float, standard_error: float) -> StationaryLevel:
+def _level(records: list[StationaryRecord], error: float, accuracy: float, standard_error: float) -> StationaryLevel:
     """Return the level over all records; ``error`` is the relative one of the steps."""
     fit, lines = _fit(records), np.concatenate([r.lines for r in records])
     rms = math.sqrt(max(fit.power, 0.0))

@@ -85,7 +85,7 @@ def steps_in_turn(scene: Scene, lines: Kinematics, band: tuple[float, float] | N
 
 
 @dataclass(frozen=True, eq=False)
-class Record:
+class StationaryRecord:
     """One record, in a band where one was given.
 
     Attributes:
@@ -141,7 +141,7 @@ def run_from_rest(scene: Scene, per_turn: int, cage_turns: int) -> Values:
     return wave[:, 0].copy() if status == STATUS_OK else np.full(samples, math.nan)
 
 
-def take_record(scene: Scene, per_turn: int, cage_turns: int, band: tuple[float, float] | None) -> Record:
+def take_record(scene: Scene, per_turn: int, cage_turns: int, band: tuple[float, float] | None) -> StationaryRecord:
     """Return a record of ``cage_turns`` turns of the cage with so many steps in each, its beginning apart."""
     lines = kinematics(scene.bearing, scene.speed)
     settling = settling_turns(lines)
@@ -154,7 +154,9 @@ def take_record(scene: Scene, per_turn: int, cage_turns: int, band: tuple[float,
     times, phase = _turns(scene, lines, settling / lines.ftf, (settling + cage_turns) / lines.ftf)
     energy = np.concatenate(([0.0], np.cumsum(signal * signal)))
     at = np.interp(times / step - len(beginning), np.arange(len(energy)), energy)
-    return Record(np.diff(at) * (turn_rate(scene, lines) * step), phase, amplitude * amplitude, beginning, per_turn)
+    return StationaryRecord(
+        np.diff(at) * (turn_rate(scene, lines) * step), phase, amplitude * amplitude, beginning, per_turn
+    )
 
 
 def _turns(scene: Scene, lines: Kinematics, begin: float, end: float) -> tuple[Values, Values]:

@@ -35,7 +35,7 @@ from models.machine.bearing import kinematics
 from models.machine.hertz import element_angles
 from models.machine.rig import Rig
 from models.machine.speed_profile import constant
-from models.path.contour import Pieces, joined, part_paths, pieces
+from models.path.contour import PathPieces, joined, part_paths, pieces
 from models.solve.engine.motion import Motion, lead_in, passage_rate
 from models.solve.engine.over_time import LOOKED_AT, answer, duration_of
 from models.solve.registry import Solver
@@ -59,7 +59,7 @@ _SAME_TIME = 1e-10
 _NEAR_ANGLE = math.pi / 2.0 + math.atan(NEAR_SLOPE)
 
 
-def prepare_plan(scene: Scene, duration: float, lead: float = 0.0) -> kernels.Plan:
+def prepare_plan(scene: Scene, duration: float, lead: float = 0.0) -> kernels.TimePlan:
     """Return everything the kernel needs for a run of ``duration`` seconds (the sensor lies along the load).
 
     A profile of the speed begins after ``lead`` seconds.
@@ -94,7 +94,7 @@ def prepare_plan(scene: Scene, duration: float, lead: float = 0.0) -> kernels.Pl
     power = contact_power(bearing)
     none, moves = slots[:, :0].copy(), bool(waves) or len(record) > 0
     near = len(order) if waves else int(np.sum(off <= _NEAR_ANGLE))
-    return kernels.Plan(
+    return kernels.TimePlan(
         parameter=scene_parameters(scene),
         balls=Balls(slots, none, near, 0, power) if moves else Balls(none, slots, 0, near, power),
         bounds=bounds,
@@ -162,7 +162,7 @@ class _Meetings:
     offset: NDArray[np.float64]
 
 
-def _all_meetings(scene: Scene, paths: list[Pieces], rates: list[float], duration: float) -> _Meetings:
+def _all_meetings(scene: Scene, paths: list[PathPieces], rates: list[float], duration: float) -> _Meetings:
     """Return the passages over the pieces of all defects, which are counted through."""
     found = [
         _meetings(scene, defect, path, rate, duration)
@@ -182,7 +182,7 @@ def _all_meetings(scene: Scene, paths: list[Pieces], rates: list[float], duratio
     )
 
 
-def _meetings(scene: Scene, defect: Defect, path: Pieces, along: float, duration: float) -> _Meetings:
+def _meetings(scene: Scene, defect: Defect, path: PathPieces, along: float, duration: float) -> _Meetings:
     """Return all passages of balls over the pieces of one defect within the run."""
     bearing = scene.bearing
     rows = range(defect.first_row, defect.first_row + defect.rows)
@@ -316,7 +316,7 @@ class _FromRest:
         self._lead = lead
         self._scene, self._rate, self._direction = scene, request.rate, direction
         self._duration = duration_of(request, settle)
-        self._plan: kernels.Plan | None = None
+        self._plan: kernels.TimePlan | None = None
 
     def __call__(self, steps: int, oversampling: int) -> tuple[NDArray[np.float64], bool]:
         """Return the accelerations of casing and resonator, (steps, 2), and whether they are finite."""

@@ -11,11 +11,10 @@ from typing import Any
 
 import click
 
-from models.machine.bearing import Bearing, CatalogueEntry, kinematics
-from models.machine.catalogue.series import Origin
+from models.machine.bearing import Bearing, CatalogueEntry, kinematics, kinematics_uncertainty
+from models.machine.catalogue.series import GeometryOrigin
 from models.machine.contact_estimates import LINE_CONTACTS, LineContact, StiffnessEstimate, estimate_stiffness
 from models.machine.hertz import contact_stiffness, l10h_life
-from models.machine.kinematic_uncertainty import kinematics_uncertainty
 from models.machine.scene import Defect
 from models.published.thesis import published_figures
 from models.words.extras import brought
@@ -62,7 +61,7 @@ def origin_values(entry: CatalogueEntry) -> dict[str, Any]:
     }
 
 
-def _value(entry: CatalogueEntry, name: str, origin: Origin) -> dict[str, Any]:
+def _value(entry: CatalogueEntry, name: str, origin: GeometryOrigin) -> dict[str, Any]:
     _, factor, unit = _SHOWN[name]
     known = getattr(entry.bearing, name)
     # The spread of an angle is absolute, the others are relative.

@@ -15,7 +15,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from itertools import combinations
 
-from models.machine.kinematic_uncertainty import KNOWN, KinematicUncertainty
+from models.machine.bearing import KNOWN, KinematicUncertainty
 from monitor.health.signal.lines import SEARCH
 
 _DEVIATIONS = 2.0

@@ -18,8 +18,8 @@ from models.machine.hertz import mean_bearing_stiffness
 from models.machine.rig import Rig, RigParameters, natural_frequencies
 from models.machine.scene import EFFECTS, Defect, Floor, Scene
 from models.path.contour import part_paths
+from models.solve.engine.motion import Trajectories
 from models.solve.response import Response, SignalRecord
-from models.solve.trajectories import Trajectories
 from models.words.request import Sensor
 from monitor.report.figures.drawing import AXIS, BLUE, GREY, INK, PURPLE, SHADE, SOFT, VERMILION, legend_above
 from monitor.report.figures.sheet import Part, Sheet

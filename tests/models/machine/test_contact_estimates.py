@@ -7,7 +7,7 @@ from dataclasses import replace
 import pytest
 
 from models.machine.bearing import CatalogueEntry, catalogue, catalogue_entry
-from models.machine.catalogue.series import Origin, families
+from models.machine.catalogue.series import GeometryOrigin, families
 from models.machine.contact_estimates import estimate_stiffness
 from models.machine.hertz import contact_stiffness
 
@@ -47,7 +47,7 @@ def test_the_bound_holds_the_value_of_the_full_geometry(designation: str) -> Non
 
 def test_estimated_diameters_widen_the_bound() -> None:
     entry = catalogue_entry("6310")
-    exact = replace(entry, origins={**entry.origins, "element_diameter": Origin("measured")})
+    exact = replace(entry, origins={**entry.origins, "element_diameter": GeometryOrigin("measured")})
     wide, narrow = estimate_stiffness(entry), estimate_stiffness(exact)
     assert wide.value == narrow.value
     assert wide.low < narrow.low

@@ -7,9 +7,17 @@ from dataclasses import replace
 
 import pytest
 
-from models.machine.bearing import Bearing, CatalogueEntry, catalogue, catalogue_entry, kinematics
-from models.machine.catalogue.series import Origin, geometry
-from models.machine.kinematic_uncertainty import KNOWN, kinematics_uncertainty, with_count
+from models.machine.bearing import (
+    KNOWN,
+    Bearing,
+    CatalogueEntry,
+    catalogue,
+    catalogue_entry,
+    kinematics,
+    kinematics_uncertainty,
+    with_count,
+)
+from models.machine.catalogue.series import GeometryOrigin, geometry
 
 BEARING = Bearing("x", 12, 7.1e-3, 38.5e-3, math.radians(25.0))
 RATES = ("bpfo", "bpfi", "ftf", "bsf")
@@ -32,7 +40,7 @@ def test_measured_and_tabled_entries_are_taken_as_exact() -> None:
 )
 def test_spreads_follow_the_derivatives(ring: str, name: str, spread: float, moved: dict[str, float]) -> None:
     bearing = replace(BEARING, rotating_ring="inner" if ring == "inner" else "outer")
-    entry = CatalogueEntry(bearing, {name: Origin("estimated", spread)}, ((12, 1.0),))
+    entry = CatalogueEntry(bearing, {name: GeometryOrigin("estimated", spread)}, ((12, 1.0),))
     found = kinematics_uncertainty(entry)
     here, there = kinematics(bearing, 1.0), kinematics(replace(bearing, **moved), 1.0)
     for rate in RATES:

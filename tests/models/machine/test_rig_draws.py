@@ -12,8 +12,7 @@ import pytest
 
 from models.lives.life import draw_life
 from models.lives.population import Population
-from models.machine.rig import Rig
-from models.machine.rig_draws import PosteriorError, RigDraws, RigPosterior, read_posterior
+from models.machine.rig import PosteriorError, Rig, RigDraws, RigPosterior, read_posterior
 from models.maps.build import build_map
 from models.maps.file import load_map, save_map
 from models.maps.nodes import drawn_rig, rig_rows, simulate_node_row

@@ -9,10 +9,9 @@ import numpy as np
 import pytest
 
 from models.machine.scene import Slip
-from models.maps.build import build_refined_map
+from models.maps.build import _refined, build_refined_map, refine_plan
 from models.maps.check import interpolation_errors
 from models.maps.plan import MapError, MapPlan
-from models.maps.refine import _refined, refine_plan
 
 PLAN = MapPlan(
     load=(4000.0,),

@@ -14,13 +14,12 @@ from netCDF4 import Dataset
 
 from models.machine.bearing import from_catalogue
 from models.machine.scene import Floor, Part, Slip
-from models.maps.build import build_map, solver_of
+from models.maps.build import build_map, refine_plan, solver_of
 from models.maps.check import check_map
 from models.maps.data import RmsMap
 from models.maps.file import load_map, save_map
 from models.maps.nodes import MAP_ACCURACY, point_level, scene_at
 from models.maps.plan import MapError, MapPlan
-from models.maps.refine import refine_plan
 from models.path.contour import part_radius
 from models.solve.response import STATUSES
 from models.solve.simulate import simulate

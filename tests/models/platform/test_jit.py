@@ -103,6 +103,21 @@ def test_code_of_an_earlier_text_is_removed(tmp_path: Path) -> None:
     assert len(list(tmp_path.glob("*.nbc"))) == 2
 
 
+def test_an_index_of_types_that_are_gone_is_stale(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Numba reads the types of a signature before it compares the stamp."""
+    file: Any = IndexDataCacheFile(str(tmp_path), "f-1.py311", "old")
+    monkeypatch.setattr(jit, "Gone", type("Gone", (), {"__module__": jit.__name__}), raising=False)
+    jit._save(file, cast("Any", jit).Gone, "code")
+    monkeypatch.delattr(jit, "Gone")
+    later: Any = IndexDataCacheFile(str(tmp_path), "f-1.py311", "new")
+    with pytest.raises(AttributeError, match="Gone"):
+        later.load("int64")
+    later._load_index = partial(jit._index, later, later._load_index)
+    assert later.load("int64") is None
+    jit._save(later, "int64", "of int64")
+    assert later.load("int64") == "of int64"
+
+
 def test_compiling_is_timed_function_by_function_and_once() -> None:
     def inner(x: float) -> float:
         return x + 1.0

@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 from models.machine.scene import Defect, Scene
 from models.solve.response import PASSBAND, Response
 from models.solve.simulate import simulate
-from models.solve.six_dof.kernels.lines import lines
-from models.solve.six_dof.kernels.period import Trace
+from models.solve.six_dof.kernels.period import PeriodTrace, lines
 from models.words.request import Sensor
 
 SCENE = Scene(40.0, 4000.0, defect=Defect(math.radians(20.0), 20e-6))
@@ -142,7 +141,7 @@ def coefficients_of(
     """Return the kernel's Fourier coefficients, and the times and weights of the values."""
     time, weight, first = two_segments(duration)
     steps = int(first[-1])
-    trace = Trace(wave, weight, np.zeros((steps, 4)), np.zeros(steps, dtype=np.bool_))
+    trace = PeriodTrace(wave, weight, np.zeros((steps, 4)), np.zeros(steps, dtype=np.bool_))
     parts = lines(trace, time, first, count, 2)
     return parts[:, 0] + 1j * parts[:, 1], time, weight
 

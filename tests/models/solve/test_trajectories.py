@@ -11,10 +11,10 @@ import pytest
 from models.machine.bearing import from_catalogue
 from models.machine.scene import Scene
 from models.published.marin import scene_of
+from models.solve.engine.motion import MOST_TURNS, Trajectories, settled
 from models.solve.registry import trajectories
 from models.solve.rotor.rig import RotorRig
 from models.solve.simulate import simulate
-from models.solve.trajectories import MOST_TURNS, Trajectories, settled
 from models.words.request import Request
 
 SHORT = Request(duration=0.5)

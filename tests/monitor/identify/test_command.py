@@ -15,7 +15,7 @@ from click.testing import CliRunner
 
 from models.identify import posterior as sampling
 from models.machine.bearing import from_catalogue, kinematics
-from models.machine.rig_draws import read_posterior
+from models.machine.rig import read_posterior
 from monitor.cli import spallwatch
 from monitor.commands.common import InputError
 from monitor.commands.option import spread_names

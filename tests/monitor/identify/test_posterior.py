@@ -10,8 +10,7 @@ import pytest
 from click.testing import CliRunner
 
 from models.lives.population import Population
-from models.machine.rig import Rig
-from models.machine.rig_draws import RigPosterior
+from models.machine.rig import Rig, RigPosterior
 from models.maps.file import load_map
 from monitor.cli import spallwatch
 from monitor.commands import library as library_commands

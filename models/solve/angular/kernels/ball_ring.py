@@ -20,7 +20,7 @@ import numpy as np
 
 from models.machine.kernel_ball_statics import (
     SETTLED,
-    Balance,
+    BallBalance,
     Contact,
     Races,
     balance_of,
@@ -140,7 +140,7 @@ _DEEPEST = 2e-4
 _TURN = 2.0 * math.pi
 
 
-class Ring(NamedTuple):
+class BallRing(NamedTuple):
     """One bearing of N balls.
 
     Attributes:
@@ -164,7 +164,7 @@ class Ring(NamedTuple):
 
 
 @inlined
-def _touches(angle: float, turned: float, ring: Ring) -> bool:
+def _touches(angle: float, turned: float, ring: BallRing) -> bool:
     """Return whether a ball may be over a spall; ``turned`` is the angle of the inner race."""
     for k in range(ring.spalls.shape[0]):
         spall = ring.spalls[k]
@@ -178,7 +178,7 @@ def _touches(angle: float, turned: float, ring: Ring) -> bool:
 
 
 @inlined
-def _over(z: float, r: float, gap: float, place: Index, angle: float, middle: float, ring: Ring) -> Contact:
+def _over(z: float, r: float, gap: float, place: Index, angle: float, middle: float, ring: BallRing) -> Contact:
     """Return a contact as ``contact_of``, of a ball at a contact angle ``middle`` on a race with spalls."""
     distance = math.sqrt(z * z + r * r)
     d = distance - gap
@@ -198,14 +198,14 @@ def _balance_over(
     angle: float,
     turned: float,
     middles: tuple[float, float],
-    ring: Ring,
-) -> Balance:
+    ring: BallRing,
+) -> BallBalance:
     """Return the forces on a ball at a place, as ``balance_of``, without the energy."""
     inner = _over(p_z - u_z, p_r - u_r, ring.races.inner_gap, np.int64(INNER), angle - turned, middles[INNER], ring)
     outer = _over(u_z, u_r, ring.races.outer_gap, np.int64(OUTER), angle, middles[OUTER], ring)
     z = inner.force * inner.z - outer.force * outer.z
     r = inner.force * inner.r - outer.force * outer.r + c_f
-    return Balance(inner, outer, z, r, math.sqrt(z * z + r * r), 0.0)
+    return BallBalance(inner, outer, z, r, math.sqrt(z * z + r * r), 0.0)
 
 
 @inlined
@@ -215,7 +215,7 @@ def _middles(u_z: float, u_r: float, p_z: float, p_r: float) -> tuple[float, flo
 
 
 @kernel
-def _deepened(c_f: float, angle: float, ring: Ring) -> float:
+def _deepened(c_f: float, angle: float, ring: BallRing) -> float:
     """Return the deflection of the outer contact, m, that the centrifugal force alone makes over spalls."""
     low = (c_f / ring.races.k_o) ** (2.0 / 3.0)
     high = low
@@ -239,8 +239,8 @@ def _deepened(c_f: float, angle: float, ring: Ring) -> float:
 
 @kernel
 def _settle_over(
-    p_z: float, p_r: float, c_f: float, angle: float, turned: float, ring: Ring, warm: NDArray[np.float64]
-) -> Balance:
+    p_z: float, p_r: float, c_f: float, angle: float, turned: float, ring: BallRing, warm: NDArray[np.float64]
+) -> BallBalance:
     """Return the forces on a ball in equilibrium near spalls; ``warm`` is its last place and is overwritten.
 
     Newton's method on the sum of the forces, steps halved; the place of the contact ellipse across the race follows
@@ -277,13 +277,15 @@ def _settle_over(
 
 
 @inlined
-def _settle_near(p_z: float, p_r: float, c_f: float, outside: float, ring: Ring, warm: NDArray[np.float64]) -> Balance:
+def _settle_near(
+    p_z: float, p_r: float, c_f: float, outside: float, ring: BallRing, warm: NDArray[np.float64]
+) -> BallBalance:
     """Return the forces on a ball in equilibrium on sound races; ``warm`` is its last place and is overwritten."""
     races = ring.races
     free = contact_of(p_z, p_r - outside, races.inner_gap, races.k_i)
     if free.force <= 0.0:
         warm[0], warm[1] = 0.0, outside
-        return Balance(free, Contact(0.0, 1.0, c_f, 0.0, 0.0, 0.0), 0.0, 0.0, 0.0, 0.0)
+        return BallBalance(free, Contact(0.0, 1.0, c_f, 0.0, 0.0, 0.0), 0.0, 0.0, 0.0, 0.0)
     u_z, u_r = warm[0], warm[1]
     now = balance_of(u_z, u_r, p_z, p_r, c_f, races)
     longest = 0.1 * (races.inner_gap + races.outer_gap)
@@ -306,7 +308,7 @@ def carry(
     cage: float,
     c_f: float,
     turned: float,
-    ring: Ring,
+    ring: BallRing,
     warm: NDArray[np.float64],
     out: NDArray[np.float64],
 ) -> None:

@@ -28,7 +28,7 @@ from models.solve.angular.kernels.ball_ring import (
     S_POSITION,
     S_RACE,
     TORQUE,
-    Ring,
+    BallRing,
     carry,
     wrapped,
 )
@@ -71,7 +71,7 @@ def write_wave(written: int, steps: int, h: float, wave: NDArray[np.float64], no
     return written
 
 
-# Places in ``Plan.parameter``, SI.
+# Places in ``AngularPlan.parameter``, SI.
 P_SPEED = 0  # nominal, rad/s: of the steps
 P_LOSS = 1  # slope of the load's torque by speed, N m s
 P_UNBALANCE = 2  # kg m
@@ -99,7 +99,7 @@ _FARTHEST = 1e-2
 _INNER_PASSING = 0.8
 
 
-class Modes(NamedTuple):
+class ShaftModes(NamedTuple):
     """Mass-normalised modes, M of them, at R places.
 
     Attributes:
@@ -116,7 +116,7 @@ class Modes(NamedTuple):
     steady: NDArray[np.float64]
 
 
-class Plan(NamedTuple):
+class AngularPlan(NamedTuple):
     """All that stays the same over a run.
 
     Attributes:
@@ -131,17 +131,17 @@ class Plan(NamedTuple):
     """
 
     parameter: NDArray[np.float64]
-    lateral: Modes
-    torsion: Modes
+    lateral: ShaftModes
+    torsion: ShaftModes
     tangent: NDArray[np.float64]
-    ring_a: Ring
-    ring_b: Ring
+    ring_a: BallRing
+    ring_b: BallRing
     begin: NDArray[np.float64]
     nominal: NDArray[np.float64]
     inertia: NDArray[np.float64]
 
 
-class Work(NamedTuple):
+class AngularWork(NamedTuple):
     """Places for what a step needs; see ``new_work``.
 
     Attributes:
@@ -168,16 +168,16 @@ class Work(NamedTuple):
 
 
 @inlined
-def cages_at(plan: Plan) -> int:
+def cages_at(plan: AngularPlan) -> int:
     """Return where the angles of both cages, their mean cosines, and the floating ring stand in the state."""
     return 1 + 2 * plan.lateral.square.shape[0] + 2 * plan.torsion.square.shape[0]
 
 
 @kernel
-def new_work(plan: Plan) -> Work:
+def new_work(plan: AngularPlan) -> AngularWork:
     """Return places for one run."""
     size = cages_at(plan) + 5
-    return Work(
+    return AngularWork(
         np.zeros((4, size)),
         np.zeros(size),
         np.zeros(size),
@@ -192,7 +192,7 @@ def new_work(plan: Plan) -> Work:
 
 
 @inlined
-def _fill_places(z: NDArray[np.float64], plan: Plan, work: Work) -> None:
+def _fill_places(z: NDArray[np.float64], plan: AngularPlan, work: AngularWork) -> None:
     """Write displacements, and deviations of angle and speed, from the modes."""
     lateral, torsion = plan.lateral, plan.torsion
     n, m = lateral.square.shape[0], torsion.square.shape[0]
@@ -212,7 +212,7 @@ def _fill_places(z: NDArray[np.float64], plan: Plan, work: Work) -> None:
 
 
 @inlined
-def nominal_at(time: float, plan: Plan) -> tuple[float, float, float]:
+def nominal_at(time: float, plan: AngularPlan) -> tuple[float, float, float]:
     """Return angle, rad, speed and acceleration of the nominal rotation."""
     low, high = 0, plan.begin.shape[0]
     while high - low > 1:
@@ -236,10 +236,10 @@ def _bear(
     side: Index,
     nominal: tuple[float, float, float],
     out: NDArray[np.float64],
-    plan: Plan,
-    ring: Ring,
+    plan: AngularPlan,
+    ring: BallRing,
     warm: NDArray[np.float64],
-    work: Work,
+    work: AngularWork,
 ) -> None:
     """Write the forces on one inner ring beyond its tangent stiffness, and the rates of cage and floating ring."""
     p, cages = plan.parameter, cages_at(plan)
@@ -268,7 +268,7 @@ def _bear(
 
 
 @inlined
-def rates(z: NDArray[np.float64], plan: Plan, work: Work, out: NDArray[np.float64]) -> float:
+def rates(z: NDArray[np.float64], plan: AngularPlan, work: AngularWork, out: NDArray[np.float64]) -> float:
     """Write the time derivatives of a state; return the speed of the encoder, rad/s."""
     p, lateral, torsion = plan.parameter, plan.lateral, plan.torsion
     n, m = lateral.square.shape[0], torsion.square.shape[0]
@@ -304,7 +304,7 @@ def rates(z: NDArray[np.float64], plan: Plan, work: Work, out: NDArray[np.float6
 
 
 @inlined
-def _sense(speed: float, plan: Plan, work: Work, row: NDArray[np.float64]) -> None:
+def _sense(speed: float, plan: AngularPlan, work: AngularWork, row: NDArray[np.float64]) -> None:
     """Write the sensors from the first slope and its speed."""
     p, lateral = plan.parameter, plan.lateral
     n = lateral.square.shape[0]
@@ -320,7 +320,7 @@ def _sense(speed: float, plan: Plan, work: Work, row: NDArray[np.float64]) -> No
 
 
 @inlined
-def _at_edge(side: Index, step: float, plan: Plan, ring: Ring, work: Work) -> bool:
+def _at_edge(side: Index, step: float, plan: AngularPlan, ring: BallRing, work: AngularWork) -> bool:
     """Return whether a ball of a bearing is at an edge of a spall in a step, or nearly so."""
     p, cages = plan.parameter, cages_at(plan)
     spacing = 2.0 * math.pi / ring.angles.shape[0]
@@ -343,13 +343,15 @@ def _at_edge(side: Index, step: float, plan: Plan, ring: Ring, work: Work) -> bo
 
 
 @inlined
-def _usable(work: Work) -> bool:
+def _usable(work: AngularWork) -> bool:
     """Return whether a state is finite and the shaft is still in its bearings."""
     inside = abs(work.place[0]) + abs(work.place[1]) + abs(work.place[5]) + abs(work.place[6]) < _FARTHEST
     return inside and math.isfinite(work.state[TIME])
 
 
-def trace(state: NDArray[np.float64], rows: NDArray[np.float64], step: float, plan: Plan, work: Work) -> int:
+def trace(
+    state: NDArray[np.float64], rows: NDArray[np.float64], step: float, plan: AngularPlan, work: AngularWork
+) -> int:
     """Carry a state over the steps of ``rows``, of equal angle, rad; return a STATUS_ number.
 
     Args:
@@ -359,7 +361,9 @@ def trace(state: NDArray[np.float64], rows: NDArray[np.float64], step: float, pl
     return _carry_over(state, rows, np.zeros((0, SENSORS)), 0.0, step, plan, work)
 
 
-def run(state: NDArray[np.float64], wave: NDArray[np.float64], h: float, step: float, plan: Plan, work: Work) -> int:
+def run(
+    state: NDArray[np.float64], wave: NDArray[np.float64], h: float, step: float, plan: AngularPlan, work: AngularWork
+) -> int:
     """Carry a state from t = 0 in steps of some angle and write the sensors at equal times; return a STATUS_ number.
 
     Args:
@@ -371,7 +375,7 @@ def run(state: NDArray[np.float64], wave: NDArray[np.float64], h: float, step: f
 
 
 @inlined
-def _write_trace(speed: float, plan: Plan, work: Work, row: NDArray[np.float64]) -> None:
+def _write_trace(speed: float, plan: AngularPlan, work: AngularWork, row: NDArray[np.float64]) -> None:
     """Write a row of a trace from the first slope and its speed."""
     row[0] = work.state[TIME]
     row[1] = nominal_at(row[0], plan)[0] + work.turn[0, T_ENCODER]
@@ -382,7 +386,7 @@ def _write_trace(speed: float, plan: Plan, work: Work, row: NDArray[np.float64])
 
 
 @inlined
-def _parts(step: float, tracing: bool, plan: Plan, work: Work) -> tuple[int, float]:
+def _parts(step: float, tracing: bool, plan: AngularPlan, work: AngularWork) -> tuple[int, float]:
     """Return in how many parts a step is taken, as many where a ball meets an edge, and their length, rad."""
     length = step
     if not tracing:
@@ -400,8 +404,8 @@ def _carry_over(
     wave: NDArray[np.float64],
     h: float,
     step: float,
-    plan: Plan,
-    work: Work,
+    plan: AngularPlan,
+    work: AngularWork,
 ) -> int:
     """Do what ``trace`` does if ``rows`` has any, else what ``run`` does.
 

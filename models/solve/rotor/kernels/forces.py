@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
     from models.platform.jit import Index
 
-# Places in ``Plan.parameter``, SI.
+# Places in ``RotorPlan.parameter``, SI.
 P_CAGE = 0  # speeds of what turns, rad/s: cage A, cage B; they come first (``kernel_stepping.fill_start``)
 P_SHAFT = 2
 P_COUNT = 3  # degrees of freedom: 4 with a rigid shaft, 8 with an elastic one whose ends have a mass, as a float
@@ -51,7 +51,7 @@ STATUS_NOT_FINITE = 1
 _BALL_POWER = 1.5
 
 
-class Plan(NamedTuple):
+class RotorPlan(NamedTuple):
     """All that stays the same over a run of N balls with I intervals between the edges of defects.
 
     Attributes:
@@ -74,7 +74,7 @@ class Plan(NamedTuple):
     offset: NDArray[np.float64]
 
 
-class Work(NamedTuple):
+class RotorWork(NamedTuple):
     """Places for what a step needs; see ``new_work``.
 
     Attributes:
@@ -97,10 +97,10 @@ class Work(NamedTuple):
 
 
 @kernel
-def new_work(plan: Plan) -> Work:
+def new_work(plan: RotorPlan) -> RotorWork:
     """Return places for one run."""
     balls, size = plan.slots.shape[1], 2 * int(plan.parameter[P_COUNT])
-    return Work(
+    return RotorWork(
         np.zeros((3, 6)),
         np.zeros((2, 6)),
         np.zeros((3, balls)),
@@ -122,7 +122,7 @@ def power_of(delta: float, exponent: float) -> float:
 
 @inlined
 def force(
-    bearing: Index, end: tuple[float, float, float, float], node: Index, plan: Plan, work: Work
+    bearing: Index, end: tuple[float, float, float, float], node: Index, plan: RotorPlan, work: RotorWork
 ) -> tuple[float, float]:
     """Return the force of a bearing's loaded balls on its inner ring's support; ``end``: place and velocity."""
     p, at = plan.parameter, P_PER_BEARING + bearing * B_SIZE
@@ -187,7 +187,7 @@ def disc_acceleration(
 
 
 @inlined
-def slope_of(z: NDArray[np.float64], node: Index, plan: Plan, work: Work, stage: Index) -> None:
+def slope_of(z: NDArray[np.float64], node: Index, plan: RotorPlan, work: RotorWork, stage: Index) -> None:
     """Write the time derivative of a state as the slope of a stage."""
     p, out = plan.parameter, work.slope
     count = int(p[P_COUNT])
@@ -207,7 +207,7 @@ def slope_of(z: NDArray[np.float64], node: Index, plan: Plan, work: Work, stage:
 
 
 @inlined
-def overlap_of(z: NDArray[np.float64], bearing: Index, j: int, node: Index, plan: Plan, work: Work) -> float:
+def overlap_of(z: NDArray[np.float64], bearing: Index, j: int, node: Index, plan: RotorPlan, work: RotorWork) -> float:
     """Return the compression of a ball, negative where there is a gap, m."""
     end = end_of(z, bearing, plan.parameter)
     c, s = work.turn[node, 2 * bearing], work.turn[node, 2 * bearing + 1]

@@ -50,7 +50,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from models.platform.jit import Index
-    from models.solve.rotor.kernels.forces import Plan, Work
+    from models.solve.rotor.kernels.forces import RotorPlan, RotorWork
 
 _MOST_ITERATIONS = 60
 _BALANCED = 1e-11
@@ -62,7 +62,7 @@ Pair = tuple[float, float]
 
 @inlined
 def _balls(
-    e: Pair, before: Pair, bearing: Index, tau: float, plan: Plan, work: Work
+    e: Pair, before: Pair, bearing: Index, tau: float, plan: RotorPlan, work: RotorWork
 ) -> tuple[Pair, float, float, float]:
     """Return the force of the balls on the end at ``e``, and 11, 12 and 22 of its Jacobian."""
     p, at = plan.parameter, P_PER_BEARING + bearing * B_SIZE
@@ -103,7 +103,7 @@ def _shaft(above: Pair, e: Pair, bent: Pair, bearing: Index, tau: float, p: NDAr
 
 @kernel
 def _balance(
-    above: Pair, before: Pair, bent: Pair, bearing: Index, tau: float, plan: Plan, work: Work
+    above: Pair, before: Pair, bent: Pair, bearing: Index, tau: float, plan: RotorPlan, work: RotorWork
 ) -> tuple[float, float, float, float, int]:
     """Return the place of an end where shaft and balls are in balance, that force, and the iterations it took."""
     p = plan.parameter
@@ -151,8 +151,8 @@ def _step(
     i: int,
     z: NDArray[np.float64],
     f: NDArray[np.float64],
-    plan: Plan,
-    work: Work,
+    plan: RotorPlan,
+    work: RotorWork,
     tally: NDArray[np.int64],
 ) -> None:
     """Carry the state ``z`` and the acceleration of the disc ``f`` by ``tau``, which lies in interval i."""
@@ -196,7 +196,7 @@ def run_massless(
     wave: NDArray[np.float64],
     place: NDArray[np.float64],
     h: float,
-    plan: Plan,
+    plan: RotorPlan,
     tally: NDArray[np.int64],
 ) -> int:
     """Carry a state from t = 0 over the steps of ``wave``, of h seconds each.

@@ -23,17 +23,15 @@ from models.platform.jit import inlined, kernel
 from models.solve.engine.kernel_stepping import (
     EXACT_ANGLES,
     MOST_CHANGES,
-    MOST_TRIALS,
     TINY,
     accept,
+    attempt,
     fill_depth,
     fill_half,
     fill_rest,
     fill_start,
-    found,
-    next_length,
-    to_end,
-    to_stage,
+    runge_kutta,
+    to_change,
 )
 from models.solve.rotor.kernels.forces import (
     B_CLEARANCE,
@@ -58,11 +56,11 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from models.platform.jit import Index
-    from models.solve.rotor.kernels.forces import Plan, Work
+    from models.solve.rotor.kernels.forces import RotorPlan, RotorWork
 
 
 @kernel
-def hold(z: NDArray[np.float64], node: Index, plan: Plan, work: Work) -> None:
+def hold(z: NDArray[np.float64], node: Index, plan: RotorPlan, work: RotorWork) -> None:
     """Write which balls are loaded."""
     count = 0
     for bearing in range(2):
@@ -77,7 +75,7 @@ def hold(z: NDArray[np.float64], node: Index, plan: Plan, work: Work) -> None:
 
 
 @inlined
-def _worst(z: NDArray[np.float64], node: Index, plan: Plan, work: Work) -> float:
+def _worst(z: NDArray[np.float64], node: Index, plan: RotorPlan, work: RotorWork) -> float:
     """Return the least distance of a ball from zero, negative where it is on the other side than held, m."""
     p, least, n = plan.parameter, math.inf, 0
     loaded = work.loaded[0] + work.loaded[1]
@@ -97,48 +95,18 @@ def _worst(z: NDArray[np.float64], node: Index, plan: Plan, work: Work) -> float
     return least
 
 
-@inlined
-def _runge_kutta(h: float, plan: Plan, work: Work) -> None:
-    """Write into ``trial`` the state after a step, whose nodes and first slope are written."""
-    for stage in range(3):
-        to_stage(stage, h, work)
-        slope_of(work.trial, 2 if stage == 2 else 1, plan, work, stage + 1)
-    to_end(h, work)
+@kernel
+def _try(t: float, h: float, interval: Index, plan: RotorPlan, work: RotorWork) -> float:
+    return attempt(slope_of, _worst, t, h, interval, plan, work)
 
 
 @kernel
-def _try(t: float, h: float, interval: Index, plan: Plan, work: Work) -> float:
-    """Take a part of a step into ``trial``, whose first slope is written; return what ``_worst`` says of it."""
-    fill_half(h, plan.parameter, work.half[1])
-    fill_rest(work.half[1], work.turn)
-    fill_depth(t, h, interval, plan, work.depth)
-    _runge_kutta(h, plan, work)
-    return _worst(work.trial, np.int64(2), plan, work)
+def _to_change(t: float, h: float, at_end: float, interval: Index, plan: RotorPlan, work: RotorWork) -> float:
+    return to_change(_try, _worst, t, h, at_end, interval, plan, work)
 
 
 @kernel
-def _to_change(t: float, h: float, at_end: float, interval: Index, plan: Plan, work: Work) -> float:
-    """Step to the first change of contact in a step of length h, at whose end ``_worst`` is ``at_end`` < 0.
-
-    Returns:
-        The length of the step, at whose end the change is just past.
-    """
-    low, high, at_low, at_high = 0.0, h, max(_worst(work.state, np.int64(0), plan, work), 0.0), at_end
-    for trial in range(MOST_TRIALS):
-        if found(low, high, at_high):
-            break
-        middle = next_length(trial, low, high, at_low, at_high)
-        gap = _try(t, middle, interval, plan, work)
-        if gap < 0.0:
-            high, at_high = middle, gap
-        else:
-            low, at_low = middle, gap
-    _try(t, high, interval, plan, work)
-    return high
-
-
-@kernel
-def _broken_step(t: float, end: float, i: int, plan: Plan, work: Work) -> int:
+def _broken_step(t: float, end: float, i: int, plan: RotorPlan, work: RotorWork) -> int:
     """Carry the state, whose nodes at ``t`` are written, to ``end`` over edges and changes of contact.
 
     Returns:
@@ -168,7 +136,7 @@ def _broken_step(t: float, end: float, i: int, plan: Plan, work: Work) -> int:
 
 
 @inlined
-def _sense(n: int, plan: Plan, work: Work, wave: NDArray[np.float64]) -> None:
+def _sense(n: int, plan: RotorPlan, work: RotorWork, wave: NDArray[np.float64]) -> None:
     """Write the accelerations of A, B and C from the first slope."""
     p, slope = plan.parameter, work.slope
     count = int(p[P_COUNT])
@@ -183,7 +151,9 @@ def _sense(n: int, plan: Plan, work: Work, wave: NDArray[np.float64]) -> None:
 
 
 @kernel
-def run(state: NDArray[np.float64], wave: NDArray[np.float64], place: NDArray[np.float64], h: float, plan: Plan) -> int:
+def run(
+    state: NDArray[np.float64], wave: NDArray[np.float64], place: NDArray[np.float64], h: float, plan: RotorPlan
+) -> int:
     """Carry a state from t = 0 over the steps of ``wave``, of h seconds each.
 
     Args:
@@ -215,7 +185,7 @@ def run(state: NDArray[np.float64], wave: NDArray[np.float64], place: NDArray[np
                 place[n, k] = work.state[k]
         whole = plan.bounds[i + 1] - end > TINY
         if whole:
-            _runge_kutta(h, plan, work)
+            runge_kutta(slope_of, h, plan, work)
             whole = _worst(work.trial, np.int64(2), plan, work) >= 0.0
         if whole:
             accept(work)

@@ -14,7 +14,7 @@ from models.solve.six_dof.kernels.step import STATUS_OK
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from models.solve.six_dof.kernels.period import Period, Trace
+    from models.solve.six_dof.kernels.period import Period, PeriodTrace
 
 # Sizes of the state that count as one: displacements, velocities, and for the stiff resonator a smaller displacement.
 STATE_SCALE = np.array([1e-6, 1e-2, 1e-6, 1e-2, 2e-7, 1e-2])
@@ -84,7 +84,7 @@ def anderson(xs: NDArray[np.float64], fs: NDArray[np.float64], count: int, x: ND
 def settle(
     begin: NDArray[np.float64],
     state: NDArray[np.float64],
-    trace: Trace,
+    trace: PeriodTrace,
     period: Period,
     steering: NDArray[np.float64],
     plain: int,
@@ -144,7 +144,7 @@ def settle(
 
 
 @kernel
-def _wave_moved(trace: Trace, earlier: NDArray[np.float64]) -> float:
+def _wave_moved(trace: PeriodTrace, earlier: NDArray[np.float64]) -> float:
     """Return the RMS of the change of the casing's wave since the one in ``earlier``, m/s2, and write it there."""
     total = 0.0
     for i in range(earlier.shape[0]):

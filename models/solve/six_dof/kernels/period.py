@@ -6,6 +6,10 @@ contact changes within them, with the path interpolated between the nodes of the
 a step from its parts: a rule of quadrature that runs over the jump would be wrong by a share of the step.
 
 Kernels of quadrature weights over a ball period: fourth order between the places where contacts change.
+
+Kernel of the lines of a ball period.
+
+Kernel of the largest acceleration in a ball period, between the recorded values too.
 """
 
 from __future__ import annotations
@@ -21,7 +25,7 @@ from models.solve.six_dof.kernels.step import (
     STATUS_NOT_FINITE,
     STATUS_OK,
     Balls,
-    Nodes,
+    StepNodes,
     accelerations,
     contact,
     forces,
@@ -121,14 +125,14 @@ class Period(NamedTuple):
 
     parameter: NDArray[np.float64]
     balls: Balls
-    nodes: Nodes
+    nodes: StepNodes
     first: NDArray[np.int64]
     flow: NDArray[np.float64]
     time: NDArray[np.float64]
     weight: NDArray[np.float64]
 
 
-class Trace(NamedTuple):
+class PeriodTrace(NamedTuple):
     """What a period records; values in m/s2.
 
     Attributes:
@@ -148,14 +152,16 @@ class Trace(NamedTuple):
 
 
 @kernel
-def blank_trace(period: Period) -> Trace:
+def blank_trace(period: Period) -> PeriodTrace:
     """Return room for what a period records."""
     steps, values = period.nodes.turn.shape[0], period.time.shape[0]
-    return Trace(np.zeros((values, 2)), period.weight.copy(), np.zeros((steps, 4)), np.zeros(steps, dtype=np.bool_))
+    return PeriodTrace(
+        np.zeros((values, 2)), period.weight.copy(), np.zeros((steps, 4)), np.zeros(steps, dtype=np.bool_)
+    )
 
 
 @kernel
-def mean_square(trace: Trace, sensor: int) -> float:
+def mean_square(trace: PeriodTrace, sensor: int) -> float:
     """Return the mean square of a recorded period, m2/s4; ``sensor`` is 0 for the outer ring, 1 for the resonator."""
     total = 0.0
     for i in range(trace.weight.shape[0]):
@@ -167,7 +173,7 @@ def mean_square(trace: Trace, sensor: int) -> float:
 
 
 @inlined
-def _path_within(place: float, node: int, span: float, nodes: Nodes, n: int, within: Nodes) -> None:
+def _path_within(place: float, node: int, span: float, nodes: StepNodes, n: int, within: StepNodes) -> None:
     """Write d and omega_c d' at a place within step ``n`` of ``span`` s, from its three nodes (quintic Hermite).
 
     The place, from 0 to 1, is written to row 0, ``node``. In s from -1 to 1 over the step, the polynomial has the
@@ -222,7 +228,7 @@ def _divided_step(
     ``share`` is that of the step in the period.
     """
     p, turn, count = period.parameter, period.nodes.turn, period.balls.moved.shape[1]
-    within = Nodes(np.empty((1, 3, 2)), np.empty((1, 3, count)), np.empty((1, 3, count)), None)
+    within = StepNodes(np.empty((1, 3, 2)), np.empty((1, 3, count)), np.empty((1, 3, count)), None)
     zero, finest = np.int64(0), FINEST_OF_BALLS if period.balls.power == 0.5 else FINEST_OF_ROLLERS
     place, size = 0, finest // SUBSTEPS
     e, known = propagators(p, h * size / finest), size
@@ -259,7 +265,7 @@ def _divided_step(
 
 
 @kernel
-def ball_period(state: NDArray[np.float64], state_out: NDArray[np.float64], trace: Trace, period: Period) -> int:
+def ball_period(state: NDArray[np.float64], state_out: NDArray[np.float64], trace: PeriodTrace, period: Period) -> int:
     """Carry the state over one ball period and write its ``trace``; return a STATUS_ number.
 
     ``state`` and ``state_out`` (2, 6): see models.solve.six_dof.kernels.step.
@@ -288,3 +294,80 @@ def ball_period(state: NDArray[np.float64], state_out: NDArray[np.float64], trac
         state_out[0, k], state_out[1, k] = x1[k], x2[k]
         bad = bad or not math.isfinite(x1[k]) or not math.isfinite(x2[k])
     return STATUS_NOT_FINITE if bad else STATUS_OK
+
+
+@kernel
+def largest(wave: NDArray[np.float64], first: NDArray[np.int64], sensor: int, stride: int) -> float:
+    """Return the largest absolute value of a sensor, as seen at every ``stride``-th value of each segment.
+
+    Between three of them it is that of the parabola through them, where that has its vertex there. ``wave`` and
+    ``first``: see models.solve.six_dof.kernels.period.
+    """
+    found = 0.0
+    for k in range(first.shape[0] - 1):
+        start, end = first[k] + k, first[k + 1] + k
+        for n in range(start, end + 1, stride):
+            at = wave[n, sensor]
+            size = abs(at)
+            if n - stride >= start and n + stride <= end:
+                before, after = wave[n - stride, sensor], wave[n + stride, sensor]
+                slope, bend = 0.5 * (after - before), after - 2.0 * at + before
+                if at * bend < 0.0 and abs(slope) < abs(bend):
+                    size += 0.5 * slope * slope / abs(bend)
+            found = max(found, size)
+    return found
+
+
+@kernel
+def _fill_turns(angle: float, c: NDArray[np.float64], s: NDArray[np.float64]) -> None:
+    """Write cosine and sine of the multiples 0, 1, ... of an angle, each from the one before."""
+    c_1, s_1 = math.cos(angle), math.sin(angle)
+    c[0], s[0] = 1.0, 0.0
+    for i in range(1, c.shape[0]):
+        c[i], s[i] = c[i - 1] * c_1 - s[i - 1] * s_1, s[i - 1] * c_1 + c[i - 1] * s_1
+
+
+@kernel
+def lines(
+    trace: PeriodTrace, time: NDArray[np.float64], first: NDArray[np.int64], count: int, sensors: int
+) -> NDArray[np.float64]:
+    """Return the Fourier coefficients 0..count of a period, (sensors, 2, count + 1): sensor, real and imaginary part.
+
+    The values of each segment are equally spaced, so that each line turns by the same angle from one to the next.
+
+    Args:
+        trace, time, first: of the period (models.solve.six_dof.kernels.period).
+        count: of the last line.
+        sensors: 1 for the casing, 2 for the resonator as well.
+    """
+    wave, weight, duration = trace.wave, trace.weight, time[-1]
+    sums = np.zeros((sensors, 2, count + 1))
+    c, s, step_c, step_s = np.empty(count + 1), np.empty(count + 1), np.empty(count + 1), np.empty(count + 1)
+    for k in range(first.shape[0] - 1):
+        start, end = first[k] + k, first[k + 1] + k
+        _fill_turns(2.0 * math.pi * (time[end] - time[start]) / duration / (end - start), step_c, step_s)
+        for sensor in range(sensors):
+            real, imaginary = sums[sensor, 0], sums[sensor, 1]
+            _fill_turns(2.0 * math.pi * time[start] / duration, c, s)
+            for n in range(start, end + 1):
+                a = weight[n] * wave[n, sensor]
+                for i in range(count + 1):
+                    real[i] += a * c[i]
+                    imaginary[i] -= a * s[i]
+                    turned = c[i] * step_c[i] - s[i] * step_s[i]
+                    s[i] = s[i] * step_c[i] + c[i] * step_s[i]
+                    c[i] = turned
+        for n in range(first[k], first[k + 1]):
+            if trace.changed[n]:
+                _fill_turns(math.pi * (time[n + k] + time[n + k + 1]) / duration, c, s)
+                for sensor in range(sensors):
+                    for i in range(count + 1):
+                        sums[sensor, 0, i] += trace.parts[n, sensor] * c[i]
+                        sums[sensor, 1, i] -= trace.parts[n, sensor] * s[i]
+    return sums
+
+
+def fourier_coefficients(trace: PeriodTrace, period: Period, count: int) -> NDArray[np.complex128]:
+    """Return the Fourier coefficients 0..count of the accelerations of a period, shape (sensors, count + 1)."""
+    parts = lines(trace, period.time, period.first, count, 2)
+    return parts[:, 0] + 1j * parts[:, 1]

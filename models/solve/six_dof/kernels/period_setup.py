@@ -10,7 +10,7 @@ import numpy as np
 from models.platform.jit import kernel
 from models.solve.six_dof.kernels.path import D_HALF, D_POSITION, fill_path, segment_bounds
 from models.solve.six_dof.kernels.period import Period, add_quadrature
-from models.solve.six_dof.kernels.step import NEAR_SLOPE, P_OMEGA, P_PITCH, Balls, Nodes, propagators
+from models.solve.six_dof.kernels.step import NEAR_SLOPE, P_OMEGA, P_PITCH, Balls, StepNodes, propagators
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 _NEAR_ANGLE = math.pi / 2.0 + math.atan(NEAR_SLOPE)
 
 
-class Point(NamedTuple):
+class OperatingPoint(NamedTuple):
     """What all scenes share that differ in an outer-race defect only.
 
     Attributes:
@@ -48,7 +48,7 @@ def arc_distance(start: float, length: float, angle: float) -> float:
 
 @kernel
 def _split_positions(
-    path: NDArray[np.float64], point: Point, damaged_rows: tuple[int, int]
+    path: NDArray[np.float64], point: OperatingPoint, damaged_rows: tuple[int, int]
 ) -> tuple[NDArray[np.float64], int, Balls]:
     """Return the start of the moved balls, rad, how many of them, the first, the defect can touch, and all balls.
 
@@ -153,7 +153,7 @@ def _add_waves(
     bounds: NDArray[np.float64],
     first: NDArray[np.int64],
     omega: float,
-    nodes: Nodes,
+    nodes: StepNodes,
 ) -> None:
     """Add the waves of the outer race to the path of all balls, which start at ``starts``, rad."""
     for k in range(bounds.shape[0] - 1):
@@ -172,7 +172,7 @@ def _add_waves(
 def set_up(
     path: NDArray[np.float64],
     profile: NDArray[np.float64],
-    point: Point,
+    point: OperatingPoint,
     damaged_rows: tuple[int, int],
     steps: int,
     least: int,
@@ -193,7 +193,7 @@ def set_up(
     first = _first_steps(bounds, steps, least, fold, pitch)
     flow = _fill_flow(point.parameter, bounds, first)
     shape = (first[-1], 3, balls.moved.shape[1])
-    nodes = Nodes(fill_turn(bounds, first), np.zeros(shape), np.zeros(shape), None)
+    nodes = StepNodes(fill_turn(bounds, first), np.zeros(shape), np.zeros(shape), None)
     fill_path(path, profile, starts[:touched], bounds, first, omega, nodes.depth, nodes.rate)
     if point.waves.shape[0] > 0:
         _add_waves(point.waves, starts, bounds, first, omega, nodes)

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from models.platform.jit import kernel
-from models.solve.six_dof.kernels.lines import lines
 from models.solve.six_dof.kernels.orbit import (
     CALM_PERIODS,
     PLAIN_FIRST,
@@ -19,7 +18,7 @@ from models.solve.six_dof.kernels.orbit import (
     settle,
     spectral_radius,
 )
-from models.solve.six_dof.kernels.period import blank_trace
+from models.solve.six_dof.kernels.period import blank_trace, lines
 from models.solve.six_dof.kernels.period_setup import set_up
 from models.solve.six_dof.kernels.step import P_CLEARANCE, P_U_1
 from models.solve.six_dof.kernels.tangent import tangent_jacobian
@@ -27,8 +26,8 @@ from models.solve.six_dof.kernels.tangent import tangent_jacobian
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from models.solve.six_dof.kernels.period import Period, Trace
-    from models.solve.six_dof.kernels.period_setup import Point
+    from models.solve.six_dof.kernels.period import Period, PeriodTrace
+    from models.solve.six_dof.kernels.period_setup import OperatingPoint
 
 # Places in a row of ``found``.
 R_RMS = 0  # in the band, m/s2
@@ -148,12 +147,12 @@ def solve(
     path: NDArray[np.float64],
     profile: NDArray[np.float64],
     damaged_rows: tuple[int, int],
-    point: Point,
+    point: OperatingPoint,
     begin: NDArray[np.float64],
     steering: NDArray[np.float64],
     effort: Effort,
     found: NDArray[np.float64],
-) -> tuple[Period, NDArray[np.float64], Trace]:
+) -> tuple[Period, NDArray[np.float64], PeriodTrace]:
     """Settle one scene; return the last period, the state at its start, and its accelerations.
 
     The coarsest grid is searched from the state ``begin`` (2, 6), each finer one from the orbit of the one before, with

@@ -7,7 +7,7 @@ propagators. States in arrays have shape (2, 6). The contact force on the right-
 static load, so that the equilibrium is kept exactly.
 
 Ball directions are constant in a frame that turns with the cage: only the displacement is rotated, by the cage angle.
-A step knows its three nodes (beginning, middle, end) beforehand; ``Balls`` and ``Nodes`` hold them.
+A step knows its three nodes (beginning, middle, end) beforehand; ``Balls`` and ``StepNodes`` hold them.
 """
 
 from __future__ import annotations
@@ -84,7 +84,7 @@ class Balls(NamedTuple):
     power: float
 
 
-class Nodes(NamedTuple):
+class StepNodes(NamedTuple):
     """What is known beforehand of steps at their beginning, middle and end.
 
     Attributes:
@@ -189,7 +189,7 @@ def _contact(
     p: NDArray[np.float64],
     balls: Balls,
     power: float | None,
-    nodes: Nodes,
+    nodes: StepNodes,
     n: Index,
     node: Index,
     h: float,
@@ -236,7 +236,7 @@ def _contact(
 
 @inlined
 def contact(
-    x1: Axis, x2: Axis, p: NDArray[np.float64], balls: Balls, nodes: Nodes, n: Index, node: Index, h: float
+    x1: Axis, x2: Axis, p: NDArray[np.float64], balls: Balls, nodes: StepNodes, n: Index, node: Index, h: float
 ) -> tuple[float, float, float]:
     """Return the contact force on the outer ring minus the static one, N, along and across the load (Eqs. 35-48), and
     the sum of the powers of two of all balls in contact.
@@ -266,7 +266,7 @@ def _on_shaft(drive: NDArray[np.float64] | None, n: Index, node: Index) -> tuple
 
 @inlined
 def forces(
-    x1: Axis, x2: Axis, p: NDArray[np.float64], context: tuple[Balls, Nodes], n: Index, stage: Index, h: float
+    x1: Axis, x2: Axis, p: NDArray[np.float64], context: tuple[Balls, StepNodes], n: Index, stage: Index, h: float
 ) -> tuple[float, float, float, float, float]:
     """Return the contact force and that on the shaft, N, along and across the load, and the sum of ``contact``."""
     balls, nodes = context

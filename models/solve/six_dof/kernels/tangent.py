@@ -24,7 +24,7 @@ from models.solve.six_dof.kernels.step import (
     P_TURN,
     P_U_1,
     Balls,
-    Nodes,
+    StepNodes,
     forces,
     node_of,
     relative_motion,
@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     from models.solve.six_dof.kernels.period import Period
     from models.solve.six_dof.kernels.step import Axis
 
-    Context = tuple[Balls, Nodes, NDArray[np.float64]]
+    Context = tuple[Balls, StepNodes, NDArray[np.float64]]
 
 _SOFT = 1e-3
 # Per stage: slopes of the force with respect to displacement (4) and velocity (4).
@@ -52,7 +52,7 @@ def _slopes_of(
     p: NDArray[np.float64],
     balls: Balls,
     exponent: float | None,
-    nodes: Nodes,
+    nodes: StepNodes,
     n: Index,
     node: Index,
 ) -> tuple[float, float, float, float, float, float]:
@@ -88,7 +88,7 @@ def _slopes_of(
 
 @inlined
 def _slopes(
-    x1: Axis, x2: Axis, p: NDArray[np.float64], balls: Balls, nodes: Nodes, n: Index, node: Index
+    x1: Axis, x2: Axis, p: NDArray[np.float64], balls: Balls, nodes: StepNodes, n: Index, node: Index
 ) -> tuple[float, float, float, float, float, float]:
     """Return the slopes of the contact force with respect to displacement and speed in the frame of the cage.
 

@@ -25,7 +25,7 @@ from models.solve.six_dof.kernels.step import (
     STATUS_NOT_FINITE,
     STATUS_OK,
     Balls,
-    Nodes,
+    StepNodes,
     accelerations,
     forces,
     propagators,
@@ -41,7 +41,7 @@ if TYPE_CHECKING:
 SUBSTEPS = 8
 
 
-class Plan(NamedTuple):
+class TimePlan(NamedTuple):
     """All that stays the same over a run: S slots, I intervals between events.
 
     Attributes:
@@ -54,7 +54,7 @@ class Plan(NamedTuple):
         slot, piece, offset: of each record: the ball in ``slot`` is on ``piece`` at the path coordinate
             offset + rate * t.
         rate: rate of the path coordinate of each piece, rad/s.
-        origin, inverse_width, cells_first, cells: the pieces, see ``models.path.contour.Pieces``.
+        origin, inverse_width, cells_first, cells: the pieces, see ``models.path.contour.PathPieces``.
         waves: amplitude, m, rate of the phase in a slot, rad/s, its change by one turn, rad, and phase, rad, (W, 4).
         crests: cosine and sine of order times the slots' angles, (W, 2, S).
         push: amplitude, N, angular speed, rad/s, and phase of a force that turns with the shaft, and amplitude over
@@ -95,7 +95,7 @@ def _clock(t: float, interval: int, clock: NDArray[np.float64] | None) -> tuple[
 
 
 @inlined
-def _fill_turn(t: float, half: tuple[float, float], turned: int, plan: Plan, nodes: Nodes) -> None:
+def _fill_turn(t: float, half: tuple[float, float], turned: int, plan: TimePlan, nodes: StepNodes) -> None:
     """Write the cage angle at one speed; ``half`` is cosine and sine of its turn in half a step."""
     angle = plan.parameter[P_OMEGA] * t - turned * plan.parameter[P_PITCH]
     c, s = math.cos(angle), math.sin(angle)
@@ -105,7 +105,7 @@ def _fill_turn(t: float, half: tuple[float, float], turned: int, plan: Plan, nod
 
 
 @kernel
-def _fill_path(t: float, h: float, interval: int, plan: Plan, nodes: Nodes) -> None:
+def _fill_path(t: float, h: float, interval: int, plan: TimePlan, nodes: StepNodes) -> None:
     """Write how far the path has receded from every slot, and how fast, at the three nodes of a step."""
     for node in range(3):
         there, pace, _ = _clock(t + 0.5 * h * node, interval, plan.clock)
@@ -143,7 +143,7 @@ def _fill_push(t: float, h: float, push: NDArray[np.float64] | None, drive: NDAr
 
 
 @inlined
-def _fill_drive(t: float, h: float, interval: int, plan: Plan, nodes: Nodes) -> None:
+def _fill_drive(t: float, h: float, interval: int, plan: TimePlan, nodes: StepNodes) -> None:
     """Write cage angle, pace, and the force of a mass out of the axis of a shaft, whose speed changes."""
     turn, drive, push, clock = nodes.turn, nodes.drive, plan.push, plan.clock
     if drive is None or push is None or clock is None:
@@ -168,8 +168,8 @@ def _fill_shaft(
     h: float,
     half: tuple[float, float],
     interval: int,
-    plan: Plan,
-    nodes: Nodes,
+    plan: TimePlan,
+    nodes: StepNodes,
     clock: NDArray[np.float64] | None,
 ) -> None:
     """Write cage angle and what the shaft does."""
@@ -181,7 +181,7 @@ def _fill_shaft(
 
 
 @inlined
-def _fill(t: float, h: float, half: tuple[float, float], interval: int, plan: Plan, nodes: Nodes) -> None:
+def _fill(t: float, h: float, half: tuple[float, float], interval: int, plan: TimePlan, nodes: StepNodes) -> None:
     """Write all that is known beforehand of a step of length h that begins at t."""
     _fill_shaft(t, h, half, interval, plan, nodes, plan.clock)
     if plan.balls.moved.shape[1] > 0:
@@ -190,7 +190,7 @@ def _fill(t: float, h: float, half: tuple[float, float], interval: int, plan: Pl
 
 @kernel
 def _parts(
-    x1: Axis, x2: Axis, t: float, length: float, parts: Index, interval: int, plan: Plan, nodes: Nodes
+    x1: Axis, x2: Axis, t: float, length: float, parts: Index, interval: int, plan: TimePlan, nodes: StepNodes
 ) -> tuple[Axis, Axis, float, float, bool]:
     """Return what ``_step`` does, for a time of any length, taken in some parts."""
     h = length / parts
@@ -210,7 +210,7 @@ def _parts(
 
 @kernel
 def _broken_step(
-    x1: Axis, x2: Axis, t: float, end: float, i: int, plan: Plan, nodes: Nodes
+    x1: Axis, x2: Axis, t: float, end: float, i: int, plan: TimePlan, nodes: StepNodes
 ) -> tuple[Axis, Axis, float, float, int]:
     """Return both axes at ``end``, the contact force at ``t`` and the interval at ``end``: events lie between."""
     f1, f2, at_start = 0.0, 0.0, True
@@ -238,7 +238,7 @@ def _no_drive(push: NDArray[np.float64] | None) -> NDArray[np.float64] | None:
 
 
 @kernel
-def run(state: NDArray[np.float64], wave: NDArray[np.float64], h: float, plan: Plan) -> int:
+def run(state: NDArray[np.float64], wave: NDArray[np.float64], h: float, plan: TimePlan) -> int:
     """Carry ``state`` (2, 6), deviations from the static equilibrium at t = 0, over the samples of ``wave``.
 
     They are ``h`` seconds apart. ``state`` is overwritten; a STATUS_ number is returned.
@@ -246,7 +246,7 @@ def run(state: NDArray[np.float64], wave: NDArray[np.float64], h: float, plan: P
     x1 = (state[0, 0], state[0, 1], state[0, 2], state[0, 3], state[0, 4], state[0, 5])
     x2 = (state[1, 0], state[1, 1], state[1, 2], state[1, 3], state[1, 4], state[1, 5])
     size = plan.balls.moved.shape[1]
-    nodes = Nodes(np.empty((1, 3, 2)), np.zeros((1, 3, size)), np.zeros((1, 3, size)), _no_drive(plan.push))
+    nodes = StepNodes(np.empty((1, 3, 2)), np.zeros((1, 3, size)), np.zeros((1, 3, size)), _no_drive(plan.push))
     e = propagators(plan.parameter, h)
     angle = 0.5 * h * plan.parameter[P_OMEGA]
     half = (math.cos(angle), math.sin(angle))

@@ -30,7 +30,7 @@ from models.solve.angular.plan import (
     torsion_modes,
 )
 from models.solve.angular.rig import AngularRig
-from models.solve.angular.solver import Trace, longest_step, solve, trace
+from models.solve.angular.solver import AngularTrace, longest_step, solve, trace
 from models.words.request import Request
 from tests.support.effort import effort_count
 from tests.support.signals import record_of
@@ -42,7 +42,7 @@ FAST = replace(SCENE, speed=20000.0 / 60.0)
 TURN = 2.0 * math.pi
 
 
-def run(scene: Scene, turns: float = 1.0, step: float = 8e-6) -> Trace:
+def run(scene: Scene, turns: float = 1.0, step: float = 8e-6) -> AngularTrace:
     found = trace(scene, turns, TURN * scene.speed * step)
     assert found.finite
     assert found.unbalanced < 1e-6

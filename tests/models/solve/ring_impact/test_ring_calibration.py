@@ -11,9 +11,8 @@ from numpy.typing import NDArray
 
 from models.machine.bearing import from_catalogue
 from models.machine.scene import Defect, Scene
-from models.solve.ring_impact.calibration import Addition, Measured, calibrate, noise_to_add
 from models.solve.ring_impact.rig import RingImpactRig
-from models.solve.ring_impact.solver import noise_level
+from models.solve.ring_impact.solver import Addition, MeasuredLevel, calibrate, noise_level, noise_to_add
 from models.solve.simulate import simulate
 from models.words.request import Request
 
@@ -29,9 +28,9 @@ def record(scene: Scene) -> NDArray[np.float64]:
     return found.record.of()
 
 
-def measured(scene: Scene) -> Measured:
+def measured(scene: Scene) -> MeasuredLevel:
     x = record(scene)
-    return Measured(float(np.std(x)), float(np.mean(x**4) / np.mean(x**2) ** 2))
+    return MeasuredLevel(float(np.std(x)), float(np.mean(x**4) / np.mean(x**2) ** 2))
 
 
 def machine() -> RingImpactRig:
@@ -60,7 +59,7 @@ def test_gain_and_noise_of_a_machine_are_found_and_predict_its_other_defects() -
 @pytest.mark.parametrize("addition", ["quadrature", "linear"])
 def test_known_noise_leaves_the_impacts_the_rest(addition: Addition) -> None:
     alone = float(np.std(record(SCENE)))
-    found = calibrate(SCENE, Measured(5.0, noise=3.0), REQUEST, addition=addition)
+    found = calibrate(SCENE, MeasuredLevel(5.0, noise=3.0), REQUEST, addition=addition)
     impacts = 4.0 if addition == "quadrature" else 2.0
     assert found.gain == pytest.approx(impacts / alone, rel=1e-3)
     assert noise_level(replace(SCENE, rig=found)) == pytest.approx(3.0, rel=1e-9)
@@ -68,7 +67,7 @@ def test_known_noise_leaves_the_impacts_the_rest(addition: Addition) -> None:
 
 
 def test_rms_alone_is_all_impacts() -> None:
-    found = calibrate(SCENE, Measured(5.0), REQUEST)
+    found = calibrate(SCENE, MeasuredLevel(5.0), REQUEST)
     assert found.slip_noise == 0.0
     assert float(np.std(record(replace(SCENE, rig=found)))) == pytest.approx(5.0, rel=1e-3)
 
@@ -83,12 +82,12 @@ def test_noise_that_makes_up_an_rms() -> None:
 
 def test_what_cannot_be_calibrated_is_refused() -> None:
     with pytest.raises(ValueError, match="it is not hit"):
-        calibrate(replace(SCENE, load=0.0), Measured(5.0), REQUEST)
+        calibrate(replace(SCENE, load=0.0), MeasuredLevel(5.0), REQUEST)
     with pytest.raises(ValueError, match="does not lie between that of noise"):
-        calibrate(SCENE, Measured(5.0, kurtosis=500.0), REQUEST)
+        calibrate(SCENE, MeasuredLevel(5.0, kurtosis=500.0), REQUEST)
     with pytest.raises(ValueError, match="rms"):
-        Measured(0.0)
+        MeasuredLevel(0.0)
     with pytest.raises(ValueError, match="kurtosis"):
-        Measured(1.0, 0.9)
+        MeasuredLevel(1.0, 0.9)
     with pytest.raises(ValueError, match="noise"):
-        Measured(1.0, noise=1.0)
+        MeasuredLevel(1.0, noise=1.0)

@@ -14,7 +14,7 @@ from models.machine.bearing import from_catalogue, kinematics
 from models.machine.scene import Defect, Part, Scene
 from models.solve.response import PASSBAND
 from models.solve.ring_impact.hits import hits_on, short_bearing_film, zones_of
-from models.solve.ring_impact.kernel import HALF_SINE, RECTANGLE, Modes, Pulses, Turn, add_response
+from models.solve.ring_impact.kernel import HALF_SINE, RECTANGLE, ImpactPulses, RingModes, Turn, add_response
 from models.solve.ring_impact.rig import Pulse, RingImpactRig, RingSection
 from models.solve.ring_impact.solver import (
     SOLVER,
@@ -40,16 +40,16 @@ def on(part: Part, **changes: Any) -> Scene:
     return replace(SCENE, defect=replace(DEFECT, part=part), **changes)
 
 
-def wave_of(modes: Modes, pulses: Pulses, n: int, h: float, turn: Turn | None = None) -> NDArray[np.float64]:
+def wave_of(modes: RingModes, pulses: ImpactPulses, n: int, h: float, turn: Turn | None = None) -> NDArray[np.float64]:
     wave = np.zeros(n)
     add_response(wave, h, modes, pulses, turn or Turn(0.0, 0.0), np.empty((3, len(modes.rate)), np.complex128))
     return wave
 
 
-def pulses_of(scene: Scene, begin: float, end: float) -> Pulses:
+def pulses_of(scene: Scene, begin: float, end: float) -> ImpactPulses:
     rig = scene.rig_as(RingImpactRig)
     hits = hits_on(scene, 0, begin, end)
-    return Pulses(hits.start, hits.force, rig.pulse_width, SHAPES[rig.pulse])
+    return ImpactPulses(hits.start, hits.force, rig.pulse_width, SHAPES[rig.pulse])
 
 
 # Matrices and natural frequencies.
@@ -148,7 +148,7 @@ def test_response_is_that_of_scipy(part: Part, shape: Pulse) -> None:
     assert found.force == pytest.approx([f for _, f in expected], rel=1e-5)
     again = [(t + 0.4 * rig.pulse_width, 0.5 * f) for t, f in expected[:1]]
     driven = sorted(expected + again)
-    pulses = Pulses(np.array([t for t, _ in driven]), np.array([f for _, f in driven]), found.width, found.shape)
+    pulses = ImpactPulses(np.array([t for t, _ in driven]), np.array([f for _, f in driven]), found.width, found.shape)
     turn = Turn(0.4, 2.0 * math.pi * 31.0)
     n = int(end / h)
     t = h * np.arange(n, dtype=np.float64)
@@ -175,8 +175,8 @@ def test_steps_make_no_error(part: Part) -> None:
 def test_a_pulse_stands_where_it_is_between_two_samples() -> None:
     modes, h = modes_of(SCENE, "inner"), 1.0 / 48000.0
     for share in (0.0, 0.3, 0.77):
-        one = wave_of(modes, Pulses(np.array([share * h]), np.ones(1), RIG.pulse_width, RECTANGLE), 40, h)
-        finer = wave_of(modes, Pulses(np.array([0.0]), np.ones(1), RIG.pulse_width, RECTANGLE), 4000, 0.01 * h)
+        one = wave_of(modes, ImpactPulses(np.array([share * h]), np.ones(1), RIG.pulse_width, RECTANGLE), 40, h)
+        finer = wave_of(modes, ImpactPulses(np.array([0.0]), np.ones(1), RIG.pulse_width, RECTANGLE), 4000, 0.01 * h)
         late = round(share * 100)
         assert one[1:] == pytest.approx(finer[100 - late :: 100][:39], rel=1e-9, abs=1e-9 * np.max(np.abs(finer)))
 
@@ -238,7 +238,7 @@ def test_extreme_parameters(change: dict[str, float]) -> None:
     rig = scene.rig_as(RingImpactRig)
     mass, damping, stiffness = matrices(scene)
     h, n = 1e-5, 200
-    pulse = Pulses(np.zeros(1), np.ones(1), rig.pulse_width, RECTANGLE)
+    pulse = ImpactPulses(np.zeros(1), np.ones(1), rig.pulse_width, RECTANGLE)
     wave = wave_of(modes_of(scene, "inner"), pulse, n, h)
     inverse = np.linalg.inv(mass)
     system = np.zeros((7, 7))
@@ -266,7 +266,7 @@ def test_modes_that_coincide_are_parted() -> None:
     while high - low > 4e-14 * high:
         middle = 0.5 * (low + high)
         low, high = (middle, high) if real_ones(middle) == 0 else (low, middle)
-    pulse = Pulses(np.zeros(1), np.ones(1), RIG.pulse_width, RECTANGLE)
+    pulse = ImpactPulses(np.zeros(1), np.ones(1), RIG.pulse_width, RECTANGLE)
     waves = [
         wave_of(modes_of(replace(SCENE, rig=replace(RIG, c_of=c, c_if=c)), "outer"), pulse, 500, 2e-6)
         for c in (0.999 * high, low, high, 1.001 * high)

@@ -15,7 +15,7 @@ from models.solve.rotor.elastic import Massless, shaft_of, trace_elastic
 from models.solve.rotor.elastic import solve as solve_elastic
 from models.solve.rotor.plan import at_rest, prepare_plan
 from models.solve.rotor.rig import RotorRig
-from models.solve.rotor.solver import Rigid, Trace, solve, trace
+from models.solve.rotor.solver import Rigid, RotorTrace, solve, trace
 from models.solve.simulate import simulate
 from models.words.request import Request
 
@@ -112,7 +112,7 @@ def test_rest_is_a_rest() -> None:
             assert found.c[-1] == pytest.approx(rest[0] + 1j * rest[1], abs=1e-12)
 
 
-def fitted_order(runs: list[Trace]) -> float:
+def fitted_order(runs: list[RotorTrace]) -> float:
     """Return the slope of the error of a place of C over the step, of runs with halved steps; the last is exact."""
     errors = [abs(r.c[round(0.0199 / r.step)] - runs[-1].c[round(0.0199 / runs[-1].step)]) for r in runs[:-1]]
     return float(-np.polyfit(np.arange(len(errors)), np.log2(errors), 1)[0])

@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 
 from models.machine.scene import Defect, Scene
 from models.solve.simulate import simulate
-from models.solve.six_dof.kernels.lines import fourier_coefficients
 from models.solve.six_dof.kernels.orbit import (
     CALM_PERIODS,
     DEPTH,
@@ -25,8 +24,8 @@ from models.solve.six_dof.kernels.orbit import (
     settle,
     spectral_radius,
 )
-from models.solve.six_dof.kernels.period import blank_trace, mean_square
-from models.solve.six_dof.orbit import Motion, simulate_on
+from models.solve.six_dof.kernels.period import blank_trace, fourier_coefficients, mean_square
+from models.solve.six_dof.orbit import PeriodicMotion, simulate_on
 from models.solve.six_dof.periodic import steering
 from tests.oracles import orbit_oracle
 from tests.support.effort import effort_count
@@ -191,9 +190,11 @@ def test_newton_steering_needs_pivots_and_refuses_the_singular() -> None:
     assert np.array_equal(newton_steering(np.eye(12)), np.eye(12))
 
 
-def motion_of(levels: NDArray[np.float64]) -> Motion:
+def motion_of(levels: NDArray[np.float64]) -> PeriodicMotion:
     none = np.full(2, math.nan)
-    return Motion(np.zeros((2, 6)), len(levels), math.nan, False, none, none, np.zeros((2, 1), complex), levels, levels)
+    return PeriodicMotion(
+        np.zeros((2, 6)), len(levels), math.nan, False, none, none, np.zeros((2, 1), complex), levels, levels
+    )
 
 
 @pytest.mark.parametrize("seed", range(effort_count(quick=5, full=200)))

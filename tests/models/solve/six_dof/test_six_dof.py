@@ -20,7 +20,7 @@ from models.solve.six_dof.kernels import period as kernels
 from models.solve.six_dof.kernels.path import NUDGE
 from models.solve.six_dof.kernels.period import blank_trace, mean_square
 from models.solve.six_dof.kernels.period_setup import add_quadrature
-from models.solve.six_dof.kernels.step import P_OMEGA, P_PITCH, Nodes, oscillator
+from models.solve.six_dof.kernels.step import P_OMEGA, P_PITCH, StepNodes, oscillator
 from tests.oracles.six_dof_oracle import R_O, Case, OracleResponse, simulate_oracle
 from tests.support.effort import effort_count
 from tests.support.periods import period_of, run
@@ -164,8 +164,8 @@ def test_interpolation_within_a_step_is_that_of_a_quintic() -> None:
     nodes = [at(f) for f in (0.0, 0.5, 1.0)]
     depth, rate = (np.array([[node[i] for node in nodes]]) for i in (0, 1))
     for place in np.linspace(0.0, 1.0, 9):
-        within = Nodes(np.empty((1, 3, 2)), np.empty((1, 3, 3)), np.empty((1, 3, 3)), None)
-        kernels._path_within(place, 1, span, Nodes(within.turn, depth, rate, None), 0, within)
+        within = StepNodes(np.empty((1, 3, 2)), np.empty((1, 3, 3)), np.empty((1, 3, 3)), None)
+        kernels._path_within(place, 1, span, StepNodes(within.turn, depth, rate, None), 0, within)
         value, slope = at(place)
         assert within.depth[0, 1] == pytest.approx(value, abs=1e-12)
         assert within.rate[0, 1] == pytest.approx(slope, abs=1e-10)

@@ -5,8 +5,17 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from models.machine.bearing import CatalogueEntry, Kinematics, catalogue, catalogue_entry, kinematics
-from models.machine.kinematic_uncertainty import KNOWN, KinematicUncertainty, kinematics_uncertainty, with_count
+from models.machine.bearing import (
+    KNOWN,
+    CatalogueEntry,
+    Kinematics,
+    KinematicUncertainty,
+    catalogue,
+    catalogue_entry,
+    kinematics,
+    kinematics_uncertainty,
+    with_count,
+)
 from monitor.health.name.naming import Naming, name_fault
 from monitor.health.signal.features import FeatureSettings, block_features, fundamentals
 from monitor.health.signal.lines import SEARCH
