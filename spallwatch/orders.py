@@ -11,16 +11,13 @@ import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
 from models.machine.bearing import Bearing
-from monitor.health.signal.cyclic import RESOLUTION
-from monitor.health.signal.cyclic_study import CyclicStudy, cyclic_study, known_rotation
+from monitor.health.signal.cyclic import RESOLUTION, CyclicStudy, cyclic_study, known_rotation
 from monitor.health.signal.orders import order_spectrum as spectrum_of
 from monitor.health.signal.orders import warp_or_error
-from monitor.health.signal.rotation.fit import rotation_of
-from monitor.health.signal.rotation.ias_study import study
-from monitor.health.signal.rotation.profile import rotation_of_speed
+from monitor.health.signal.rotation.fit import rotation_of, rotation_of_speed
+from monitor.health.signal.rotation.ias import study
 from monitor.health.signal.rotation.repair import repaired
-from monitor.health.signal.rotation.rotation import Rotation, constant
-from monitor.health.signal.rotation.settings import TachoSettings
+from monitor.health.signal.rotation.rotation import Rotation, TachoSettings, constant
 from monitor.health.signal.transform import BlockTransform
 from spallwatch._arguments import Tacho, with_pulses
 from spallwatch.analysis import SignalError, refuse_several, signal_of

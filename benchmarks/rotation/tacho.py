@@ -20,7 +20,7 @@ from benchmarks.common import Row, arguments, interleaved_ms, print_table, write
 from models.machine.speed_profile import SpeedProfile, hunt, ramp
 from monitor.health.signal.condition import ConditionSettings
 from monitor.health.signal.rotation.found import FoundRotation, find_rotation
-from monitor.health.signal.rotation.settings import TachoSettings
+from monitor.health.signal.rotation.rotation import TachoSettings
 from streams.block import Block
 from streams.pulses import Pulses
 

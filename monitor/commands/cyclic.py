@@ -21,7 +21,7 @@ from monitor.commands.common import (
     read_config,
     read_machine,
 )
-from monitor.health.signal.cyclic_study import CyclicStudy, cyclic_study, known_rotation
+from monitor.health.signal.cyclic import CyclicStudy, cyclic_study, known_rotation
 
 
 @click.command("cyclic")

@@ -27,10 +27,9 @@ from monitor.commands.common import (
     read_config,
     read_machine,
 )
-from monitor.health.signal.family import FaultLines
-from monitor.health.signal.rotation.ias import clock_noise, interval_error
-from monitor.health.signal.rotation.ias_study import IasStudy, study
-from monitor.health.signal.rotation.settings import TachoSettings
+from monitor.health.signal.comb import FaultLines
+from monitor.health.signal.rotation.ias import IasStudy, clock_noise, interval_error, study
+from monitor.health.signal.rotation.rotation import TachoSettings
 from monitor.health.signal.settings import fundamentals
 
 _TEXT_LINES = 5

@@ -26,8 +26,7 @@ from monitor.commands.feature_files import NAMES, read_features
 from monitor.commands.history_files import is_records, library_settings, read_readings
 from monitor.health.rest.learned.fit import MIN_BLOCKS, LearnedRun, fit_runs
 from monitor.health.rest.learned.model import EndLevels, LearnedModel
-from monitor.health.rest.learned.scores import scores_out_of_run
-from monitor.health.rest.learned.weights import PhysicalRun, library_weight
+from monitor.health.rest.learned.scores import PhysicalRun, library_weight, scores_out_of_run
 from monitor.health.size.library.forecaster import LibraryState
 from monitor.health.size.library.forecaster import step as ask_library
 from monitor.records.learned_file import SUFFIXES, save_learned

@@ -13,7 +13,7 @@ from monitor.config.fields import Count, Finite, Name, NotNegative, Positive, Sc
 from monitor.config.opcua import OpcUaCondition
 from monitor.health.signal.condition import ConditionSettings
 from monitor.health.signal.quality import SpeedLimits
-from monitor.health.signal.rotation.settings import TachoSettings
+from monitor.health.signal.rotation.rotation import TachoSettings
 from monitor.health.signal.waterfall import WaterfallSettings
 from monitor.words.zones import machine_class
 from streams.revolutions import BlockRevolutions

@@ -23,13 +23,12 @@ from monitor.health.output import ChannelOutput
 from monitor.health.rest.trend import TimeToAlarm
 from monitor.health.signal.average import RecentSpectra
 from monitor.health.signal.bands import BandVotes, candidate_bands
+from monitor.health.signal.comb import comb_depth
 from monitor.health.signal.condition import Quantity, known_sd
-from monitor.health.signal.family import comb_depth
 from monitor.health.signal.features import FAULTS, BlockFeatures, FeatureSettings, block_features, fundamentals
 from monitor.health.signal.interference import MESH_SD, all_combs, wheel_turns
 from monitor.health.signal.quality import Verdict, check_samples
-from monitor.health.signal.rotation.pulse_counts import PulseCounts
-from monitor.health.signal.rotation.rotation import Rotation
+from monitor.health.signal.rotation.rotation import PulseCounts, Rotation
 from monitor.health.signal.search import family_searches, slip_searches
 from monitor.health.signal.transform import Band
 from monitor.health.size import Damage, Remaining

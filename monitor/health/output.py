@@ -28,12 +28,11 @@ from monitor.health.record import plain
 from monitor.health.rest.trend import TimeToAlarm
 from monitor.health.rotation_values import rotation_values, speed_course
 from monitor.health.schema import HINT, VERDICT
+from monitor.health.signal.comb import FaultLines
 from monitor.health.signal.condition import Quantity
-from monitor.health.signal.family import FaultLines
 from monitor.health.signal.features import FAULTS, SPECTRUM_LINES, BlockFeatures, fundamentals
 from monitor.health.signal.quality import Verdict
-from monitor.health.signal.rotation.pulse_counts import PulseCounts
-from monitor.health.signal.rotation.rotation import Rotation
+from monitor.health.signal.rotation.rotation import PulseCounts, Rotation
 from monitor.health.signal.transform import Band
 from monitor.health.signal.velocity import NO_ABSOLUTE_LEVEL
 from monitor.health.signal.waterfall import SpectrumRow

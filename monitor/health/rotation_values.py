@@ -7,8 +7,7 @@ from typing import Any
 import numpy as np
 
 from monitor.health.signal.orders import MAX_SPEED_RATIO
-from monitor.health.signal.rotation.pulse_counts import PulseCounts
-from monitor.health.signal.rotation.rotation import Rotation
+from monitor.health.signal.rotation.rotation import PulseCounts, Rotation
 
 COURSE_POINTS = 65
 """Points of the course of the speed that are kept with a spectrum."""

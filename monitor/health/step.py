@@ -35,7 +35,6 @@ from monitor.health.output import (
     stage_events,
 )
 from monitor.health.record import Record, storable
-from monitor.health.signal.block_view import WAVEFORM_SAMPLES, BlockView
 from monitor.health.signal.condition import ConditionSettings, load_of, speed_flags, speed_of
 from monitor.health.signal.indicators import span_of
 from monitor.health.signal.interference import all_combs
@@ -51,6 +50,7 @@ from monitor.health.signal.quality import (
 )
 from monitor.health.signal.rotation.found import FoundRotation, find_rotation, with_phase
 from monitor.health.signal.rotation.ias import with_ias
+from monitor.health.signal.spectra import WAVEFORM_SAMPLES, BlockView
 from monitor.health.signal.transform import MIN_SAMPLES
 from monitor.health.signal.waterfall import SpectrumChange, WaterfallState
 from monitor.health.signal.waterfall import step as waterfall_step

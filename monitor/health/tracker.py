@@ -18,15 +18,13 @@ from monitor.health.rest.learned.history import StageHistory
 from monitor.health.rest.learned.model import LearnedModel
 from monitor.health.rest.learned.pool import pool
 from monitor.health.size import Damage, DamageInput, EdvStatus, Remaining, TtStatus, edv
-from monitor.health.size.calibration import mark_forecast, mark_volume, relate
-from monitor.health.size.comparison import beside
+from monitor.health.size.calibration import beside, mark_forecast, mark_volume, relate
 from monitor.health.size.filter.particle_filter import FilterSettings, FilterState
 from monitor.health.size.filter.particle_filter import step as filter_step
-from monitor.health.size.level_set import LevelMap
+from monitor.health.size.level_set import LevelMap, map_of_block
 from monitor.health.size.library.forecaster import LibrarySettings, LibraryState
 from monitor.health.size.library.forecaster import step as library_step
 from monitor.health.size.library.model import Library
-from monitor.health.size.over_speeds import map_of_block
 
 if TYPE_CHECKING:
     from models.machine.scene import Part

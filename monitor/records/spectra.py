@@ -17,8 +17,8 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from monitor.health.signal.block_view import BlockView, RawSpectra
 from monitor.health.signal.kurtogram import Kurtogram
+from monitor.health.signal.spectra import BlockView, RawSpectra
 from monitor.health.signal.waterfall import Kind, SpectrumChange, SpectrumRow
 from monitor.records.database import SharedConnection
 

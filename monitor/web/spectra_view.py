@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 
 from monitor.health.schema import DOMAINS
-from monitor.health.signal.block_view import BlockView
-from monitor.health.signal.coherence_view import kept_coherence
-from monitor.health.signal.coincidence import shared_lines
+from monitor.health.signal.cyclic import kept_coherence
+from monitor.health.signal.settings import shared_lines
+from monitor.health.signal.spectra import BlockView
 from monitor.health.signal.waterfall import SpectrumRow
 from monitor.records.spectra import (
     binned,

@@ -211,9 +211,9 @@ clearance_factor | number without trend | | Clf | | \
     peak over squared mean of the root of the absolute value | {_CERUTI}
 mean | mean | | mean | | mean acceleration | {_CERUTI}
 skewness | record only | | SK | | skewness | {_CERUTI}
-v_eq_filter | volume | | | | V_eq by the filter, where it runs beside the library | monitor/health/size/comparison.py
-v_eq_filter_lower | volume | | | | lower end of the interval of v_eq_filter | monitor/health/size/comparison.py
-v_eq_filter_upper | volume | | | | upper end of the interval of v_eq_filter | monitor/health/size/comparison.py
+v_eq_filter | volume | | | | V_eq by the filter, where it runs beside the library | monitor/health/size/calibration.py
+v_eq_filter_lower | volume | | | | lower end of the interval of v_eq_filter | monitor/health/size/calibration.py
+v_eq_filter_upper | volume | | | | upper end of the interval of v_eq_filter | monitor/health/size/calibration.py
 p_no_growth | record only | | | | probability that V_eq stands still | monitor/health/size
 p_crossed | record only | | | | probability that a further run ends at or below the present level of RMS | \
     monitor/health/rest/learned

@@ -24,9 +24,9 @@ from monitor.health import onset as detect
 from monitor.health.gears import naming as gears
 from monitor.health.name import machine
 from monitor.health.rest import quadratic as forecast
+from monitor.health.rest import trend
 from monitor.health.rest.learned import forecaster as learned
 from monitor.health.rest.learned.fit import fit_runs
-from monitor.health.rest.trend import stage as trend
 from monitor.health.signal import waterfall
 from monitor.health.size import DamageInput, edv
 from monitor.health.size.filter import particle_filter
@@ -122,19 +122,19 @@ def take_machine(state: Any, i: int) -> tuple[Any, Any]:
 TAKE: dict[str, Take] = {
     "alarms.rules": lambda state, i: alarms.step(state, block(i + 1, float(i)), alarms.AlarmSettings((RULE,))),
     "channel": take_channel,
-    "damage.filter.particle_filter": take_filter,
-    "damage.learned.forecaster": take_learned,
-    "damage.library.forecaster": take_library,
-    "damage.thesis.edv": lambda state, i: edv.step(state, RMS[i], map_slice=MAP.narrow()),
-    "damage.thesis.forecast": lambda state, i: forecast.step(
+    "size.filter.particle_filter": take_filter,
+    "rest.learned.forecaster": take_learned,
+    "size.library.forecaster": take_library,
+    "size.edv": lambda state, i: edv.step(state, RMS[i], map_slice=MAP.narrow()),
+    "rest.quadratic": lambda state, i: forecast.step(
         state, TIMES[i], THRESHOLD * (0.1 + (i / COUNT) ** 2), thresholds=(THRESHOLD,)
     ),
-    "damage.tracker": take_damage,
-    "detect.onset": take_detect,
+    "tracker": take_damage,
+    "onset.detector": take_detect,
     "gears.naming": lambda state, i: gears.step(state, wheels()[i], PAIR, RULES),
-    "machine": take_machine,
-    "trend.stage": take_trend,
-    "waterfall": take_waterfall,
+    "name.machine": take_machine,
+    "rest.trend": take_trend,
+    "signal.waterfall": take_waterfall,
 }
 STAGES = dict(found_stages())
 each_stage = pytest.mark.parametrize("name", sorted(STAGES))

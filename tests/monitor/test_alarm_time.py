@@ -13,8 +13,7 @@ import pytest
 from monitor.commands.replay import summary_lines
 from monitor.health.alarms import AlarmSettings
 from monitor.health.output import ChannelOutput, record_values
-from monitor.health.rest.trend import TimeToAlarm, TrendInput, TtaStatus
-from monitor.health.rest.trend.stage import step
+from monitor.health.rest.trend import TimeToAlarm, TrendInput, TtaStatus, step
 from monitor.health.signal.quality import Verdict
 from monitor.health.state import ChannelState
 from monitor.service.neighbours.points import StoredRecord, channel_message

@@ -17,11 +17,10 @@ from monitor.health.output import ChannelOutput, record_values, spectrum_row
 from monitor.health.record import Record
 from monitor.health.rotation_values import rotation_values
 from monitor.health.schema import DOMAINS, ROTATION_STATUSES
-from monitor.health.signal.block_view import BlockView, RawSpectra
 from monitor.health.signal.condition import Quantity
 from monitor.health.signal.quality import Verdict, rejected
-from monitor.health.signal.rotation.pulse_counts import PulseCounts
-from monitor.health.signal.rotation.rotation import Rotation
+from monitor.health.signal.rotation.rotation import PulseCounts, Rotation
+from monitor.health.signal.spectra import BlockView, RawSpectra
 from monitor.health.signal.waterfall import SpectrumChange
 from monitor.health.state import ChannelState
 from monitor.records.dataset import from_dataset, to_dataset

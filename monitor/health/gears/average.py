@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from monitor.health.signal.periodic import between, grid_bins
+from monitor.health.signal.orders import between, grid_bins
 from monitor.health.signal.plans import next_smooth
 from monitor.health.signal.rotation.rotation import Rotation
 

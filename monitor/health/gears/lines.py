@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from monitor.health.signal.family import FaultLines
+from monitor.health.signal.comb import FaultLines
 
 MIN_CAGE_SPACING_BINS = 24.0
 """Bins between the lines of a cage beside gears: among their many lines, closer ones stand on some by accident."""

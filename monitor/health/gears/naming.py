@@ -6,7 +6,7 @@ Of the last two, the rise that all wheels share is taken off: load, speed and no
 stands out. FM0, NA4 and the sideband level are recorded and do not name: load moves them.
 
 The highest excess counts as the highest of as many as there are values and wheels
-(:mod:`monitor.health.onset.threshold`), so that a block of a healthy machine exceeds the threshold at the stated rate.
+(:mod:`monitor.health.onset.detector`), so that a block of a healthy machine exceeds the threshold at the stated rate.
 A wheel is named after ``persist_blocks`` in a row in which it stands highest, and until ``close_blocks`` in a row stay
 below half of the threshold or another wheel takes its place.
 
@@ -23,7 +23,7 @@ from typing import Any
 
 from monitor.health.gears.indicators import GearIndicators
 from monitor.health.gears.settings import GearSettings
-from monitor.health.onset.threshold import one_of, threshold_for
+from monitor.health.onset.detector import one_of, threshold_for
 
 GEARS_STATE_VERSION = 1
 VALUES = ("fm4", "m6a", "residual", "sideband")

@@ -34,8 +34,7 @@ from numpy.typing import NDArray
 from models.machine.bearing import Kinematics
 from monitor.health.gears.lines import Wheels
 from monitor.health.name.sidebands import TURNS, own_lines, parent_depth
-from monitor.health.signal.comb import LineSpectrum, comb_grid
-from monitor.health.signal.family import FaultLines, combs_depth
+from monitor.health.signal.comb import FaultLines, LineSpectrum, comb_grid, combs_depth
 from monitor.health.signal.features import FAULTS, N_HARMONICS, fundamentals, highest_rival
 from monitor.health.signal.lines import SEARCH, CombQuery, find_lines
 from monitor.health.signal.search import UNVERIFIED_SLIP, FamilySearch, stated_searches

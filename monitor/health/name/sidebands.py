@@ -12,8 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.machine.bearing import Kinematics
-from monitor.health.signal.comb import LineSpectrum, comb_grid
-from monitor.health.signal.family import FaultLines, combs_depth
+from monitor.health.signal.comb import FaultLines, LineSpectrum, comb_grid, combs_depth
 from monitor.health.signal.lines import SEARCH
 from monitor.health.signal.search import SLIP
 

@@ -5,7 +5,7 @@ their ratio to the noise floor under them: an impulsive episode raises the whole
 alike, and does not show a damaged part.
 
 The score is the length of the vector of two positive standardised excesses over the baseline: of RMS, and of the part
-whose lines stand highest (:mod:`monitor.health.onset.threshold`). The drift of a healthy machine (load, temperature,
+whose lines stand highest (:mod:`monitor.health.onset.detector`). The drift of a healthy machine (load, temperature,
 lubricant) is part of the standard deviation; without it a baseline of quiet hours turns any later warm day into an
 alarm. Where speed and load vary, levels are taken relative to what is learned of their dependence on these
 (:mod:`monitor.health.onset.dependence`).
@@ -15,7 +15,7 @@ from __future__ import annotations
 
 from monitor.health.onset.baseline import median_and_sd
 from monitor.health.onset.dependence import Dependence, LevelsBy
-from monitor.health.onset.detector import raised_lines, step
+from monitor.health.onset.detector import exceedance_rate, raised_lines, step, threshold_for
 from monitor.health.onset.state import (
     END_OF_LIFE,
     FEATURES,
@@ -34,7 +34,6 @@ from monitor.health.onset.state import (
     Mark,
     Relearned,
 )
-from monitor.health.onset.threshold import exceedance_rate, threshold_for
 
 __all__ = [
     "END_OF_LIFE",

@@ -1,13 +1,32 @@
-"""One block through the detector: baseline, score, final stage that opens and closes, end of life."""
+"""One block through the detector: baseline, score, final stage that opens and closes, end of life.
+
+The end of life: peaks that reach a limit, in the final stage, at a level that stays up.
+
+A knock, a restart or a loose part gives one or several high peaks; a bearing that is worn out gives them block after
+block, and its level lies high between them. So the peaks must be consecutive and, over twice as many blocks and one,
+the median of the peaks must reach half the limit and that of RMS the level of an alarm.
+
+The score that a healthy block exceeds at a stated rate, and what it costs to listen to several parts.
+
+Of the lines of several parts the highest excess z counts. Any of m may be the one that chance lifts, however they
+depend on each other (the lines of two parts can share bins, all share a floor): P(max z > x) <= m Q(x), with Q the
+upper tail of the normal distribution. So z gives up 2 ln m of its square,
+
+    g = sqrt(max(z^2 - 2 ln m, 0)),    m Q(z) <= Q(g),
+
+since Q(x) = phi(x) M(x), phi(g) = m phi(z), and Mills' ratio M falls: g exceeds any value at most as often as one
+standard normal excess does, and the threshold is that of the level and one family of lines.
+"""
 
 from __future__ import annotations
 
 import math
+import statistics
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from functools import cache
 
 from monitor.health.onset.baseline import learn, learn_lines, learn_lower, learn_wider
-from monitor.health.onset.end_of_life import count_peaks
 from monitor.health.onset.state import (
     HEALTHY,
     LINES,
@@ -21,7 +40,95 @@ from monitor.health.onset.state import (
     Mark,
     Relearned,
 )
-from monitor.health.onset.threshold import one_of, threshold_for
+
+
+def one_of(excess: float, count: int) -> float:
+    """Return what the highest of ``count`` standardised excesses is worth as the only one, at least 0."""
+    if count <= 1 or excess <= 0.0:
+        return max(excess, 0.0)
+    return math.sqrt(max(excess * excess - 2.0 * math.log(count), 0.0))
+
+
+def exceedance_rate(threshold: float, groups: int = 2) -> float:
+    """Return how often the score of a healthy block exceeds ``threshold`` (positive).
+
+    The score is the length of ``groups`` independent standard normal excesses, negative ones set to zero: the number of
+    positive ones is binomial, and the length of k of them has the chi distribution of k degrees of freedom.
+    """
+    return sum(math.comb(groups, k) * _chi_tail(threshold, k) for k in range(1, groups + 1)) / 2.0**groups
+
+
+def _chi_tail(x: float, freedom: int) -> float:
+    """Return the upper tail of the chi distribution, in closed form."""
+    half = 0.5 * x * x
+    if freedom % 2:
+        total, term = math.erfc(x / math.sqrt(2.0)), math.sqrt(2.0 / math.pi) * x * math.exp(-half)
+        for k in range(3, freedom + 1, 2):
+            total, term = total + term, term * x * x / k
+        return total
+    total = term = math.exp(-half)
+    for k in range(1, freedom // 2):
+        term *= half / k
+        total += term
+    return total
+
+
+@cache
+def threshold_for(false_alarms_per_1000_blocks: float, groups: int = 2) -> float:
+    """Return the score that a healthy block exceeds at the stated rate.
+
+    Raises:
+        ValueError: the rate is not between 1e-9 and 500 per 1000 blocks.
+    """
+    rate = false_alarms_per_1000_blocks / 1000.0
+    if not 1e-12 <= rate <= 0.5:
+        raise ValueError(f"false_alarms_per_1000_blocks must be between 1e-9 and 500, got {rate * 1000:g}")
+    low, high = 0.0, 10.0
+    for _ in range(60):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if exceedance_rate(middle, groups) > rate else (low, middle)
+    return 0.5 * (low + high)
+
+
+_PEAK_SHARE = 0.5
+
+
+def count_peaks(
+    state: DetectState,
+    block: DetectInput,
+    mark: Mark,
+    settings: DetectSettings,
+    threshold: float,
+    level: float | None = None,
+) -> DetectState:
+    """Latch the end of life at the first of the consecutive blocks that reach the peak.
+
+    Args:
+        state: after the onset of this block.
+        threshold: of the score.
+        level: RMS over what is learned at the condition of the block, or None.
+    """
+    if state.t_eol is not None or block.peak is None:
+        return state
+    reference = state.reference_rms
+    rms = block.rms if level is None or reference is None else level * reference
+    recent = (*state.recent, (block.peak, rms))[-(2 * settings.end_of_life_blocks + 1) :]
+    if block.peak < settings.end_of_life_peak:
+        return replace(state, recent=recent, high_peaks=0, first_high_peak=None)
+    first, count = state.first_high_peak or mark, state.high_peaks + 1
+    state = replace(state, recent=recent, high_peaks=count, first_high_peak=first)
+    if state.t_fs is None or count < settings.end_of_life_blocks or not _is_sustained(state, settings, threshold):
+        return state
+    return replace(state, t_eol=first, quiet=0, quiet_since=None)
+
+
+def _is_sustained(state: DetectState, settings: DetectSettings, threshold: float) -> bool:
+    if state.baseline is None:
+        return False
+    peak, rms = (statistics.median(values) for values in zip(*state.recent, strict=True))
+    level = state.baseline.ln_rms + threshold * math.hypot(state.baseline.ln_rms_sd, settings.rms_drift)
+    return peak >= _PEAK_SHARE * settings.end_of_life_peak and rms > math.exp(level)
+
 
 _ONSET_SHARE = 0.5
 """t_fs is where the score rose for good above this share of the threshold; below it, an episode is quiet."""

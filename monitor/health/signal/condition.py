@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 from models.machine.bearing import Bearing
 from monitor.health.signal.lines import SEARCH
 from monitor.health.signal.quality import SpeedLimits, check_speed
-from monitor.health.signal.rotation.rotation import Rotation
-from monitor.health.signal.rotation.settings import TachoSettings
+from monitor.health.signal.rotation.rotation import Rotation, TachoSettings
 from monitor.health.signal.speed import SpeedStatus, estimate_speed
 
 _KNOWN = 0.003

@@ -13,18 +13,24 @@ element bearing vibrations", Measurement 75 (2015) 29-39, doi 10.1016/j.measurem
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from models.machine.bearing import Bearing, kinematics
 from models.words.numerics import gamma_quantile
 from monitor.health.signal.plans import next_smooth
+from monitor.health.signal.rotation.fit import rotation_of
+from monitor.health.signal.rotation.repair import repaired
+from monitor.health.signal.rotation.ridge import angle_from_vibration
 from monitor.health.signal.rotation.rotation import Rotation, constant
+from monitor.health.signal.settings import fundamentals
+from monitor.health.signal.waterfall import SpectrumRow
 
 Domain = Literal["order", "hertz"]
-
 RESOLUTION = 100.0
 """About the spacing of frequencies, Hz: the window is one over it, and must be shorter than from impact to impact."""
 MIN_WINDOWS = 64
@@ -214,3 +220,152 @@ def noise_limit(enhanced: NDArray[np.float64], bins: int) -> float:
     shape = max(1.0, _INDEPENDENT * bins)
     each = 1.0 - FALSE_ALARM / enhanced.size
     return float(np.median(enhanced)) * gamma_quantile(shape, each) / gamma_quantile(shape, 0.5)
+
+
+HARMONICS = 4
+"""Lines of each part that are looked at."""
+SLIP = 0.02
+
+
+@dataclass(frozen=True)
+class CyclicLine:
+    """The first line of a part of the bearing.
+
+    Attributes:
+        order: by its kinematics, events per revolution.
+        found: order of the highest value near it.
+        coherence: there, mean over the band.
+        stands_out: whether that exceeds the limit of noise.
+        frequency: at which the coherence is highest there, Hz.
+    """
+
+    order: float
+    found: float
+    coherence: float
+    stands_out: bool
+    frequency: float
+
+
+@dataclass(frozen=True, eq=False)
+class CyclicStudy:
+    """Coherence of a recording, the angle of its shaft, and the first lines of a bearing, events per revolution."""
+
+    found: CyclicCoherence
+    rotation: Rotation
+    orders: dict[str, float]
+
+    def lines(self) -> dict[str, CyclicLine]:
+        """Return what stands at the first line of each part that the coherence reaches."""
+        return lines_of(self.found, self.orders)
+
+
+def lines_of(found: CyclicCoherence, orders: Mapping[str, float]) -> dict[str, CyclicLine]:
+    """Return what stands at the first line of each part that a coherence reaches.
+
+    Args:
+        orders: first line of each part, in the unit of the cyclic frequencies.
+    """
+    result: dict[str, CyclicLine] = {}
+    for part, order in orders.items():
+        near = np.abs(found.cyclic / order - 1.0) <= SLIP
+        if near.any():
+            place = int(np.argmax(np.where(near, found.enhanced, -np.inf)))
+            top = float(found.enhanced[place])
+            loudest = float(found.frequency[int(np.argmax(found.coherence[:, place]))])
+            result[part] = CyclicLine(order, float(found.cyclic[place]), top, top > found.limit, loudest)
+    return result
+
+
+def cyclic_study(
+    samples: NDArray[np.floating],
+    rate: float,
+    bearing: Bearing,
+    rotation: Rotation,
+    band: tuple[float, float] | None = None,
+    resolution: float = RESOLUTION,
+) -> CyclicStudy:
+    """Return the coherence of a block up to the fourth line of the inner race, as far as the sampling rate allows.
+
+    Raises:
+        ValueError: see ``cyclic_coherence``.
+    """
+    lines = kinematics(bearing, 1.0)
+    highest = min((HARMONICS + 0.5) * lines.bpfi, 0.24 * rate / rotation.speed_range[1])
+    found = cyclic_coherence(samples, rate, highest, rotation, band, resolution)
+    return CyclicStudy(found, rotation, fundamentals(lines))
+
+
+def known_rotation(
+    samples: NDArray[np.floating],
+    rate: float,
+    bearing: Bearing,
+    speed: float | None = None,
+    limits: tuple[float, float] | None = None,
+    pulses: NDArray[np.float64] | None = None,
+    per_revolution: int = 1,
+) -> Rotation:
+    """Return the angle of the shaft over a block by what is known of it.
+
+    Args:
+        speed: where it is steady, Hz.
+        limits: lowest and highest speed, Hz, between which the angle is found in the vibration.
+        pulses: times of the pulses of a tacho, s from the first sample.
+        per_revolution: pulses of a turn.
+
+    Raises:
+        ValueError: none of the three is given, or no angle is found.
+    """
+    duration = samples.size / rate
+    if pulses is not None:
+        found = repaired(pulses, duration, per_revolution)
+        if found.train is None:
+            raise ValueError(f"the pulses give no angle of the shaft: {found.status}")
+        return rotation_of(found.train, duration)
+    if limits is not None:
+        rotation, status = angle_from_vibration(samples, rate, bearing, limits)
+        if rotation is None:
+            raise ValueError(f"no angle of the shaft is found between {limits[0]:g} and {limits[1]:g} Hz: {status}")
+        return rotation
+    if speed is None:
+        raise ValueError("the speed is not known: give one, or the range in which it is found in the vibration")
+    return constant(speed, duration)
+
+
+VIEW_HARMONICS = 4.2
+"""Cyclic frequencies reach beyond the fourth line of the part with the highest first one."""
+
+
+def kept_coherence(row: SpectrumRow) -> CyclicCoherence:
+    """Return the coherence of the waveform of a row with a view, over the demodulated band and orders of the shaft.
+
+    Raises:
+        ValueError: the row has no view or no speed, or its waveform is too short.
+    """
+    if row.view is None or not row.speed > 0.0 or not row.lines:
+        raise ValueError("nothing is kept of the samples of this block, or its speed is not known")
+    rate, samples = row.view.rate, np.asarray(row.view.waveform, dtype=np.float64)
+    duration = samples.size / rate
+    rotation = constant(row.speed, duration)
+    if row.speed_course is not None:
+        rotation = rotation_of_course(row.speed_course, row.view.samples / rate, duration)
+    highest = VIEW_HARMONICS * max(row.lines.values()) / row.speed
+    highest = min(highest, 0.25 * rate / rotation.speed_range[1])
+    return cyclic_coherence(samples, rate, highest, rotation, row.band)
+
+
+def rotation_of_course(course: Sequence[float], whole: float, duration: float) -> Rotation:
+    """Return the rotation over the beginning of a block.
+
+    Args:
+        course: speed at equal steps of the whole block, Hz.
+        whole, duration: of the block, and of its beginning, s.
+    """
+    speed = np.asarray(course, dtype=np.float64)
+    step = whole / (speed.size - 1)
+    # The trapezoids, and what they lack where the speed is curved.
+    slope = np.gradient(speed, step)
+    pieces = 0.5 * step * (speed[:-1] + speed[1:]) - step * step / 12.0 * np.diff(slope)
+    turns = np.concatenate(([0.0], np.cumsum(pieces)))
+    last = min(speed.size, int(np.ceil(duration / step)) + 2)
+    time = np.arange(last, dtype=np.float64) * step
+    return Rotation(time, turns[:last], speed[:last], duration)

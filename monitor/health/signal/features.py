@@ -16,9 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from monitor.health.signal.average import RecentSpectra
-from monitor.health.signal.block_view import RawSpectra
-from monitor.health.signal.comb import LineSpectrum, beside_shaft, line_spectrum, over_shaft
-from monitor.health.signal.family import FaultLines
+from monitor.health.signal.comb import FaultLines, LineSpectrum, beside_shaft, line_spectrum, over_shaft
 from monitor.health.signal.floor import MIN_FLOOR_BINS
 from monitor.health.signal.foreign import ForeignComb, beside_combs
 from monitor.health.signal.indicators import TimeIndicators, sample_range, time_indicators
@@ -45,6 +43,7 @@ from monitor.health.signal.shaft import (
     measurable,
     measure_shaft,
 )
+from monitor.health.signal.spectra import RawSpectra
 from monitor.health.signal.transform import AmplitudeSpectrum, Band, EnvelopeSpectrum, get_transform
 from monitor.health.signal.velocity import Velocity
 

@@ -15,8 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from monitor.health.signal.comb import LineSpectrum
-from monitor.health.signal.family import NEAR_BINS, combs_depth
+from monitor.health.signal.comb import NEAR_BINS, LineSpectrum, combs_depth
 from monitor.health.signal.interference import MIN_SPACING_BINS
 from monitor.health.signal.settings import N_HARMONICS
 

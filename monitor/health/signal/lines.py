@@ -17,8 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.words.numerics import f_quantile
-from monitor.health.signal.comb import GRID_STEP, LineSpectrum, comb_grid
-from monitor.health.signal.family import HANN_POWER, NEAR_BINS, FaultLines
+from monitor.health.signal.comb import GRID_STEP, HANN_POWER, NEAR_BINS, FaultLines, LineSpectrum, comb_grid
 
 FALSE_ALARM = 1e-4
 """Probability that pure noise is called detected, for one family in one spectrum; ``fault_lines`` sets its threshold by

@@ -17,16 +17,12 @@ from monitor.health.signal.transform import Band
 
 FAULTS = ("outer", "inner", "ball", "cage")
 """The fault families, in the order of the ``fault`` dimension of the records."""
-
 N_HARMONICS = 5
 """Harmonics of each family in the envelope spectrum (Eq. 96)."""
-
 N_RAW_HARMONICS = 6
 """BPFO harmonics of the raw spectrum; A* takes the first five (Eq. 57)."""
-
 SPECTRUM_LINES = 6.5
 """An envelope spectrum that is kept or drawn reaches this many times the first line of the highest family."""
-
 _RAW_MARGIN_BINS, SOUGHT_MARGIN_BINS = 210, 10
 
 
@@ -142,3 +138,36 @@ def reach(settings: FeatureSettings, fault: str) -> float:
     """Return the highest factor of the nominal frequency at which a family is sought."""
     search = settings.searches.get(fault)
     return 1.0 + settings.search if search is None else max(search.places) * (search.centre + search.width)
+
+
+WIDTH_BINS = 2.0
+"""Two lines of a Hann-windowed signal that are closer are one peak."""
+Line = tuple[str, int]
+"""A family and the order of a line in it."""
+
+
+def shared_lines(
+    fundamentals: Mapping[str, float], resolution: float, orders: int = N_HARMONICS
+) -> tuple[tuple[Line, ...], ...]:
+    """Return the groups of lines of different families that stand on one peak, in the order of their frequency.
+
+    Args:
+        fundamentals: first line of each family, Hz; families whose first lines coincide share all of them.
+        resolution: spacing of the bins, Hz.
+        orders: lines of each family.
+    """
+    lines = [
+        (order * first, family, order)
+        for family, first in fundamentals.items()
+        if first > 0.0
+        for order in range(1, orders + 1)
+    ]
+    lines.sort(key=lambda line: line[0])
+    groups: list[list[tuple[float, str, int]]] = []
+    for line in lines:
+        if groups and line[0] - groups[-1][-1][0] < WIDTH_BINS * resolution:
+            groups[-1].append(line)
+        else:
+            groups.append([line])
+    several = (group for group in groups if len({family for _, family, _ in group}) > 1)
+    return tuple(tuple((family, order) for _, family, order in group) for group in several)

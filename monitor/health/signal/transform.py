@@ -19,10 +19,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from monitor.health.signal.block_view import raw_spectra
 from monitor.health.signal.indicators import MIN_RANGE, sample_range
-from monitor.health.signal.interference import Comb, fixed_combs, remove_lines
-from monitor.health.signal.order_lines import envelope_beside
+from monitor.health.signal.interference import Comb, envelope_beside, fixed_combs, remove_lines
 from monitor.health.signal.orders import Warp, angle_amplitude, order_amplitude, warp_of
 from monitor.health.signal.plans import Effort, FftPlan, Precision, envelope_length, planning, previous_smooth
 from monitor.health.signal.rotation.rotation import Rotation
@@ -30,6 +28,7 @@ from monitor.health.signal.spectra import AmplitudeSpectrum as AmplitudeSpectrum
 from monitor.health.signal.spectra import Band as Band
 from monitor.health.signal.spectra import BlockSpectra as BlockSpectra
 from monitor.health.signal.spectra import EnvelopeSpectrum as EnvelopeSpectrum
+from monitor.health.signal.spectra import raw_spectra
 from monitor.health.signal.velocity import velocity_of
 
 MIN_SAMPLES = 64

@@ -14,8 +14,8 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from monitor.health.signal.block_view import BlockView
 from monitor.health.signal.kurtogram import Kurtogram
+from monitor.health.signal.spectra import BlockView
 
 Kind = Literal["newest", "kept", "pinned"]
 """How long a spectrum is kept: until the next one comes, until it is thinned out, always."""

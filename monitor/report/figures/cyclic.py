@@ -12,9 +12,7 @@ from matplotlib.colors import PowerNorm
 from matplotlib.figure import FigureBase
 from numpy.typing import NDArray
 
-from monitor.health.signal.coherence_view import kept_coherence
-from monitor.health.signal.cyclic import FALSE_ALARM, CyclicCoherence
-from monitor.health.signal.cyclic_study import HARMONICS, lines_of
+from monitor.health.signal.cyclic import FALSE_ALARM, HARMONICS, CyclicCoherence, kept_coherence, lines_of
 from monitor.health.signal.rotation.rotation import Rotation
 from monitor.health.signal.waterfall import SpectrumRow
 from monitor.report.figures.drawing import GREY, INK, Picture, legend_above, places_kept

@@ -11,8 +11,8 @@ from matplotlib.figure import FigureBase
 from numpy.typing import NDArray
 
 from monitor.health.schema import FAULTS
-from monitor.health.signal.block_view import RawSpectra
-from monitor.health.signal.rotation.ias_study import IasStudy
+from monitor.health.signal.rotation.ias import IasStudy
+from monitor.health.signal.spectra import RawSpectra
 from monitor.health.signal.waterfall import SpectrumRow
 from monitor.report.figures.drawing import (
     BLUE,

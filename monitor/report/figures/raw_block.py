@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from monitor.health.schema import FAULTS
-from monitor.health.signal.block_view import BlockView
+from monitor.health.signal.spectra import BlockView
 from monitor.health.signal.velocity import VELOCITY_BAND
 from monitor.health.signal.waterfall import SpectrumRow
 from monitor.report.figures.drawing import (

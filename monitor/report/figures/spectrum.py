@@ -13,7 +13,7 @@ from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
 from monitor.health.schema import FAULTS
-from monitor.health.signal.coincidence import shared_lines
+from monitor.health.signal.settings import shared_lines
 from monitor.health.signal.waterfall import SpectrumRow
 from monitor.report.figures.drawing import (
     BLUE,

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from monitor.health.signal.block_view import BlockView, RawSpectra, raw_spectra
+from monitor.health.signal.spectra import BlockView, RawSpectra, raw_spectra
 from monitor.health.signal.transform import BlockTransform
 from monitor.records.spectra import kept_blocks, pack_view, read_block_view, read_spectra, unpack_view, viewed_blocks
 from monitor.records.store import Store

@@ -25,11 +25,11 @@ from numpy.typing import NDArray
 from monitor.health.signal.rotation.intervals import (
     MIN_TURNS,
     Intervals,
+    PulseTrain,
     TooFewPulsesError,
     UnevenPulsesError,
     intervals,
 )
-from monitor.health.signal.rotation.train import PulseTrain
 
 ENCODER_VERSION = 1
 

@@ -6,17 +6,107 @@ the errors of single marks average out, and motion that is faster than a turn is
 
 What comes again each turn, the eccentricity of a wheel or a shaft that swings with its own turns, is told apart by
 neither: unless the errors of the marks are given, its size is part of the stated standard deviation.
+
+The angle before the first pulse of a block and after its last, by a polynomial over time through pulses beside.
+
+Its degree and the pulses that it takes are those that best tell pulses of the block from the ones before them, and from
+the ones after; how well they do is the error that is stated.
 """
 
 from __future__ import annotations
+
+import math
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from monitor.health.signal.rotation.banded import solved, spline_slopes
-from monitor.health.signal.rotation.ends import Predictor, best_predictor, end_knot
+from monitor.health.signal.rotation.intervals import PulseTrain
 from monitor.health.signal.rotation.rotation import Rotation
-from monitor.health.signal.rotation.train import PulseTrain
+
+_TRIED = ((1, 3), (2, 5), (2, 9), (3, 6))
+"""Degree and pulses of the polynomials that are tried."""
+_PLACES = 24
+"""Places in the block at which they are tried, in both directions."""
+_SLOWER = 2.0
+"""Largest ratio, either way, of the speed at an end to the mean of the last two pulses."""
+
+
+@dataclass(frozen=True)
+class Predictor:
+    """How the angle beyond pulses is told.
+
+    Attributes:
+        degree: of the polynomial over time.
+        pulses: that it takes.
+        sd: standard deviation of its error at the next pulse, in marks.
+    """
+
+    degree: int
+    pulses: int
+    sd: float
+
+
+def best_predictor(times: NDArray[np.float64], marks: NDArray[np.float64]) -> Predictor:
+    """Choose how the angle beyond pulses is told.
+
+    Args:
+        times: shape (pulse,), s, rising; at least three.
+        marks: shape (pulse,), how many marks had passed, rising.
+    """
+    found: list[Predictor] = []
+    for degree, pulses in _TRIED:
+        if times.size <= pulses:
+            continue
+        first = np.unique(np.linspace(0, times.size - pulses - 1, _PLACES).astype(np.intp))
+        forward = first[:, np.newaxis] + np.arange(pulses + 1)
+        window = np.concatenate((forward, forward[:, ::-1]))
+        told = _told(times[window[:, :-1]], marks[window[:, :-1]], times[window[:, -1]], degree)
+        away = told - marks[window[:, -1]]
+        found.append(Predictor(degree, pulses, float(np.sqrt(np.mean(np.square(away))))))
+    if found:
+        return min(found, key=lambda predictor: predictor.sd)
+    return Predictor(1, 2, 0.5)
+
+
+def _told(
+    times: NDArray[np.float64], marks: NDArray[np.float64], at: NDArray[np.float64], degree: int
+) -> NDArray[np.float64]:
+    """Return the polynomials through windows of pulses, (window, pulse), at a time of each, (window,), in marks."""
+    span = times[:, -1:] - times[:, :1]
+    powers = np.arange(degree + 1.0)
+    design: NDArray[np.float64] = np.power(((times - at[:, np.newaxis]) / span)[:, :, np.newaxis], powers)
+    across = design.transpose(0, 2, 1)
+    base = marks[:, :1]
+    # The first coefficient is the value at the time itself.
+    found = np.linalg.solve(across @ design, across @ (marks - base)[:, :, np.newaxis])
+    return found[:, 0, 0] + base[:, 0]
+
+
+def end_knot(
+    times: NDArray[np.float64], marks: NDArray[np.float64], at: float, predictor: Predictor
+) -> tuple[float, float]:
+    """Return the marks that have passed at a time beyond pulses, and the marks per second there.
+
+    Args:
+        times: shape (pulse,), s; the last ones are the nearest to ``at``, before it or after.
+        marks: shape (pulse,).
+        at: s.
+        predictor: how it is told.
+    """
+    time, mark = times[-predictor.pulses :] - at, marks[-predictor.pulses :] - marks[-1]
+    unit = float(np.ptp(time))
+    powers = np.arange(min(predictor.degree, time.size - 1) + 1.0)
+    design: NDArray[np.float64] = np.power((time / unit)[:, np.newaxis], powers)
+    found = np.asarray(np.linalg.solve(design.T @ design, design.T @ mark), dtype=np.float64)
+    speed, last = float(found[1]) / unit, float((marks[-1] - marks[-2]) / (times[-1] - times[-2]))
+    ahead = at - float(times[-1])
+    mean = float(found[0]) / ahead
+    if not (last / _SLOWER < speed < last * _SLOWER and last / _SLOWER < mean < last * _SLOWER):
+        return float(marks[-1]) + last * ahead, last
+    return float(marks[-1] + found[0]), speed
+
 
 _DIRECT_MARKS = 4
 _PIECES_A_TURN, _MIN_PIECES, _PULSES_A_PIECE, _MIN_PULSES = 2, 256, 3, 16
@@ -30,7 +120,6 @@ _NUMERIC = 3e-7
 _RIDGE = 1e-9
 Knots = tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]
 """Times, s, marks that have passed, and marks per second, shape (knot,) each."""
-
 _FOURTH = float(np.sqrt(70.0))
 """Standard deviation of the fourth difference of white noise of one unit."""
 
@@ -215,3 +304,49 @@ def _each_turn(train: PulseTrain) -> float:
     mark = every[inside] % length
     by_mark = np.bincount(mark, away, length) / np.maximum(np.bincount(mark, minlength=length), 1)
     return float(np.std(by_mark)) / length
+
+
+GAIN_SD = 1e-3
+"""Relative standard deviation of the calibration of a speed signal, which the signal itself does not show."""
+_MAX_SPEED_PIECES, _SAMPLES_A_PIECE, _MIN_SPEED_PIECES = 256, 8, 4
+_STOPPED = 0.02
+"""A part of the block below this share of the highest speed stands still."""
+
+
+def rotation_of_speed(speed: NDArray[np.floating], rate: float) -> tuple[Rotation | None, str]:
+    """Return the angle of a shaft over a block and "ok", or None and why there is none.
+
+    The signal is integrated; the knots of the angle are the ends of up to 256 equal pieces.
+
+    Args:
+        speed: shape (sample,), Hz.
+        rate: Hz.
+    """
+    pieces = min(_MAX_SPEED_PIECES, speed.size // _SAMPLES_A_PIECE)
+    if pieces < _MIN_SPEED_PIECES:
+        return None, "too_few"
+    if not (np.isfinite(speed.min()) and np.isfinite(speed.max())):
+        return None, "irregular"
+    sums = np.cumsum(speed, dtype=np.float64)
+    at = np.rint(np.linspace(0, speed.size - 1, pieces + 1)).astype(np.intp)
+    turns = (sums[at] - 0.5 * (speed[at].astype(np.float64) + float(speed[0]))) / rate
+    time = at / rate
+    mean = np.diff(turns) / np.diff(time)
+    highest = float(mean.max())
+    if highest <= 0.0 or float(mean.min()) < -_STOPPED * highest:
+        return None, "stopped" if highest == 0.0 and not np.any(mean) else "reversed"
+    if float(mean.min()) < _STOPPED * highest:
+        return None, "stopped"
+    slopes = limited(time, turns, spline_slopes(time, turns))
+    noise = float(np.sqrt(np.mean(np.square(np.diff(mean, 2))) / 6.0))
+    duration = speed.size / rate
+    overall = (turns[-1] - turns[0]) / time[-1]
+    return Rotation(
+        time,
+        turns,
+        slopes,
+        duration,
+        "profile",
+        turns_sd=noise * duration / pieces * math.sqrt(pieces / 6.0),
+        speed_sd=math.hypot(noise / math.sqrt(pieces) / overall, GAIN_SD),
+    ), "ok"

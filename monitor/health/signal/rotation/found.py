@@ -11,13 +11,10 @@ from numpy.typing import NDArray
 from models.machine.bearing import Bearing
 from monitor.health.signal.condition import ConditionSettings
 from monitor.health.signal.rotation.encoder import EncoderState, encoder_step
-from monitor.health.signal.rotation.fit import rotation_of
-from monitor.health.signal.rotation.profile import rotation_of_speed
-from monitor.health.signal.rotation.pulse_counts import PulseCounts
+from monitor.health.signal.rotation.fit import rotation_of, rotation_of_speed
 from monitor.health.signal.rotation.repair import Repaired, repaired
 from monitor.health.signal.rotation.ridge import angle_from_vibration
-from monitor.health.signal.rotation.rotation import Rotation
-from monitor.health.signal.rotation.settings import TachoSettings
+from monitor.health.signal.rotation.rotation import PulseCounts, Rotation, TachoSettings
 from streams.block import Block
 from streams.tacho import directions, edge_times
 

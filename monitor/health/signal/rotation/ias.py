@@ -6,11 +6,10 @@ neighbouring intervals with opposite signs, so that what white jitter and the ro
 with the order, and is small where the lines of a bearing are. To invert each interval first would bring the noise of
 high orders down to them. A change of the speed by a share ``a`` reads wrong by ``a**2`` at most, relatively.
 
-What varies over more than eight turns (:mod:`monitor.health.signal.rotation.slow`) is divided out first: a run-up does
-not leak into low orders, and an error of the marks stays on multiples of the shaft. Amplitudes are right within 2 %
-from 0.2 events per revolution on, within 0.1 % from 1 on, up to a quarter of the marks a
-turn. What the marks are off and
-what turns with their wheel cannot be told apart.
+What varies over more than eight turns (:func:`.intervals.slow_course`) is divided out first: a run-up does not leak
+into low orders, and an error of the marks stays on multiples of the shaft. Amplitudes are right within 2 % from 0.2
+events per revolution on, within 0.1 % from 1 on, up to a quarter of the marks a turn. What the marks are off and what
+turns with their wheel cannot be told apart.
 """
 
 from __future__ import annotations
@@ -23,22 +22,26 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.machine.bearing import Bearing, kinematics
-from monitor.health.signal.block_view import HIGHEST_BINS, MAX_FINE_LINES, BlockView, RawSpectra
-from monitor.health.signal.comb import LineSpectrum, beside_shaft, line_spectrum
-from monitor.health.signal.family import FaultLines
+from monitor.health.signal.comb import FaultLines, LineSpectrum, beside_shaft, line_spectrum
 from monitor.health.signal.lines import CombQuery, find_lines
-from monitor.health.signal.rotation.intervals import Intervals, TooFewPulsesError, UnevenPulsesError, intervals
-from monitor.health.signal.rotation.repair import Repaired
-from monitor.health.signal.rotation.train import PulseTrain
+from monitor.health.signal.rotation.encoder import Pattern, pattern_of
+from monitor.health.signal.rotation.intervals import (
+    Intervals,
+    PulseTrain,
+    TooFewPulsesError,
+    UnevenPulsesError,
+    intervals,
+)
+from monitor.health.signal.rotation.repair import Repaired, repaired
+from monitor.health.signal.rotation.rotation import TachoSettings
 from monitor.health.signal.search import FamilySearch, slip_searches
 from monitor.health.signal.settings import N_HARMONICS, fundamentals
+from monitor.health.signal.spectra import HIGHEST_BINS, MAX_FINE_LINES, BlockView, RawSpectra
 
 FINE_ORDERS = 100.0
 """Events per revolution up to which each line is kept to be looked at."""
-
 MIN_MARKS = 16
 """Marks a turn without which there is no spectrum: it ends at half of them."""
-
 _HANN_POWER = 1.5
 _SHAFT_BINS = 2
 
@@ -245,3 +248,65 @@ def with_ias(
 def _hann(count: int) -> NDArray[np.float64]:
     """Return the periodic Hann window, whose transform is zero but for three bins."""
     return 0.5 - 0.5 * np.cos(np.arange(count) * (2.0 * math.pi / count))
+
+
+_REASONS = {
+    "too_few": "fewer than four pulses",
+    "irregular": "intervals between pulses do not follow one speed; are pulses_per_revolution and the level right?",
+    "stopped": "pulses begin late or end early: the shaft did not turn all the time",
+}
+
+
+@dataclass(frozen=True, eq=False)
+class IasStudy:
+    """What a recording of pulses says.
+
+    Attributes:
+        train: repaired pulses.
+        missing, extra: marks without a pulse, and pulses without a mark.
+        spectrum: of the angular speed.
+        wheel: what repeats each turn in this recording: error of the marks, and what turns with the shaft.
+        removed: whether that was taken out of the spectrum.
+    """
+
+    train: PulseTrain
+    missing: int
+    extra: int
+    spectrum: IasSpectrum
+    wheel: Pattern
+    removed: bool
+
+    def lines(self, fundamentals: Mapping[str, float]) -> dict[str, FaultLines]:
+        """Return :func:`monitor.health.signal.rotation.ias.ias_lines` of the spectrum."""
+        return ias_lines(self.spectrum, fundamentals)
+
+
+def study(
+    times: NDArray[np.float64],
+    tacho: TachoSettings,
+    *,
+    resolution: float = 0.0,
+    remove_wheel: bool = False,
+) -> IasStudy:
+    """Return what the pulses of a recording say of the speed.
+
+    Args:
+        times: shape (pulse,), s, never falling.
+        tacho: the wheel.
+        resolution: to which the times are known, s.
+        remove_wheel: take out what repeats each turn, where it does.
+
+    Raises:
+        ValueError: the pulses cannot be numbered, or are too few (see :func:`intervals`); the message says why.
+    """
+    if times.size < 2:
+        raise ValueError(f"{times.size} pulses")
+    from_first = times - times[0]
+    found = repaired(from_first, float(from_first[-1]), tacho.per_revolution, tacho.missing_teeth, resolution)
+    if found.train is None:
+        raise ValueError(f"{times.size} pulses: {_REASONS.get(found.status, found.status)}")
+    plain = intervals(found.train)
+    wheel = pattern_of(plain)
+    removed = remove_wheel and wheel.repeatable
+    used = intervals(found.train, wheel.error) if removed else plain
+    return IasStudy(found.train, found.missing, found.extra, ias_spectrum(used, tacho.ratio), wheel, removed)

@@ -1,4 +1,11 @@
-"""The elapsed times of a wheel from mark to mark: its speed at equal steps of angle."""
+# pyright: reportMissingTypeStubs=false, reportUnknownVariableType=false, reportUnknownArgumentType=false
+"""The elapsed times of a wheel from mark to mark: its speed at equal steps of angle.
+
+The slow course of a quantity that is known at equal steps: a cubic spline through least squares.
+
+Its knots stand one cell apart. A spline of equal cells takes up what varies over two cells and more, and leaves what
+swings once a cell or faster: of a line with f cycles a cell it takes about sinc(f)^4, nothing at all at whole f.
+"""
 
 from __future__ import annotations
 
@@ -8,18 +15,121 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.words.errors import SpallwatchError
-from monitor.health.signal.rotation.slow import slow_course
-from monitor.health.signal.rotation.train import PulseTrain
+
+
+@dataclass(frozen=True, eq=False)
+class PulseTrain:
+    """Times at which the marks of a turning wheel passed, each with the number of its mark.
+
+    Attributes:
+        times: shape (pulse,), s from the first sample of the block, rising; at least two.
+        numbers: shape (pulse,), int64, rising: the marks are counted in the order in which they pass, also those whose
+            pulse is missing, so that the wheel turns once in ``per_revolution``.
+        per_revolution: places of marks on the wheel, those that are left empty for the index included.
+        indexed: whether ``numbers`` are counted from the index of the wheel (an empty place, or a track of its own):
+            then ``numbers % per_revolution`` is the same mark in each block.
+    """
+
+    times: NDArray[np.float64]
+    numbers: NDArray[np.int64]
+    per_revolution: int
+    indexed: bool = False
+
+    def __post_init__(self) -> None:
+        """Raise ValueError where times and numbers do not fit together or do not rise."""
+        if self.times.ndim != 1 or self.times.shape != self.numbers.shape or self.times.size < 2:
+            shapes = f"{self.times.shape} and {self.numbers.shape}"
+            raise ValueError(f"times and numbers of pulses must have one shape (pulse,) from 2 on, got {shapes}")
+        if self.numbers.dtype.kind != "i":
+            raise ValueError(f"numbers of pulses must be whole, got {self.numbers.dtype}")
+        if not (np.all(np.diff(self.times) > 0.0) and np.all(np.diff(self.numbers) > 0)):
+            raise ValueError("times and numbers of pulses must rise")
+        if self.per_revolution < 1:
+            raise ValueError(f"pulses a revolution must be 1 or more, got {self.per_revolution}")
+
+    @property
+    def turns(self) -> NDArray[np.float64]:
+        """Revolutions of the wheel at each pulse, shape (pulse,), by marks at equal angles."""
+        return self.numbers / self.per_revolution
+
+    @property
+    def turned(self) -> float:
+        """Revolutions from the first pulse to the last."""
+        return float(self.numbers[-1] - self.numbers[0]) / self.per_revolution
+
+
+_PIECES = 4
+"""Cubic pieces of a basis function, and basis functions over a cell."""
+
+
+def slow_course(values: NDArray[np.float64], cell: int) -> NDArray[np.float64]:
+    """Return the slow course of values at equal steps.
+
+    Args:
+        values: shape (step,).
+        cell: steps of a cell, at least; cells become longer where the last one would be less than half full.
+
+    Returns:
+        Shape (step,), in the unit of the values; their least-squares polynomial of third order where they are less than
+        one cell.
+
+    Raises:
+        ValueError: fewer than four values, or a cell of less than four steps.
+    """
+    if values.ndim != 1 or values.size < _PIECES or cell < _PIECES:
+        raise ValueError(
+            f"expected values of shape (step,) from 4 on and cells of 4 steps or more, got shape {values.shape} and "
+            f"cells of {cell}"
+        )
+    cells, steps = _division(values.size, cell)
+    basis = _basis(steps)
+    padded = np.zeros(cells * steps)
+    padded[: values.size] = values
+    # No matrix products: BLAS would start threads, which take longer than the sums.
+    moments = np.einsum("cs,ks->ck", padded.reshape(cells, steps), basis)
+    last = basis[:, : values.size - (cells - 1) * steps]
+    size = cells + _PIECES - 1
+    right, bands = np.zeros(size), np.zeros((_PIECES, size))
+    for first in range(_PIECES):
+        right[first : first + cells] += moments[:, first]
+        for second in range(first, _PIECES):
+            products = np.full(cells, np.sum(basis[first] * basis[second]))
+            products[-1] = np.sum(last[first] * last[second])
+            bands[second - first, first : first + cells] += products
+    weights = _solved(bands, right)
+    over = np.lib.stride_tricks.sliding_window_view(weights, _PIECES)
+    return np.einsum("ck,ks->cs", over, basis).reshape(-1)[: values.size]
+
+
+def _division(size: int, cell: int) -> tuple[int, int]:
+    """Return how many cells of how many steps cover so many values, the last one at least half full."""
+    for cells in range(max(1, size // cell), 1, -1):
+        steps = -(-size // cells)
+        if size - (cells - 1) * steps >= 0.5 * steps:
+            return cells, steps
+    return 1, size
+
+
+def _basis(steps: int) -> NDArray[np.float64]:
+    """Return the four cubic B-splines over a cell at the middles of its steps, shape (4, steps)."""
+    u = (np.arange(steps) + 0.5) / steps
+    v = 1.0 - u
+    return np.stack([v**3, 3.0 * u**3 - 6.0 * u**2 + 4.0, 3.0 * v**3 - 6.0 * v**2 + 4.0, u**3]) / 6.0
+
+
+def _solved(bands: NDArray[np.float64], right: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the solution of a banded positive definite system, its lower bands in rows."""
+    from scipy.linalg import solveh_banded
+
+    return np.asarray(solveh_banded(bands, right, lower=True, check_finite=False))
+
 
 CELL_TURNS = 4
 """Turns between two knots of the slow course of the speed."""
-
 MIN_TURNS = 16
 """Turns of the wheel that are needed: multiples of the shaft are 16 bins of a spectrum apart then."""
-
 MIN_MARKS = 2
 """Marks a turn that are needed: of one alone, nothing differs from turn to turn."""
-
 _FAST_PRIMES = (2, 3, 5, 7, 11)
 
 

@@ -4,6 +4,11 @@ Within a short window the speed is taken to grow at a steady relative rate; the 
 shaft that grows so turns by equal angles, and its lines are then sharp at all orders at once (the fan-chirp transform:
 Weruaga and Kepesi, "The fan-chirp transform for non-stationary harmonic signals", Signal Processing 87 (2007)
 1504-1522, doi 10.1016/j.sigpro.2007.01.006).
+
+Whether the lines of a signal read along an angle stand at their orders throughout the block.
+
+The spectrum of the whole block gives the lines; in each short part of the block they must be found at the same orders,
+and not somewhat above or below, where they stand in the parts in which a path has lost the shaft, or gained a turn.
 """
 
 from __future__ import annotations
@@ -224,3 +229,136 @@ def _comb_weights(
             np.add.at(weights, (below, column), sign * (1.0 - upper))
             np.add.at(weights, (below + 1, column), sign * upper)
     return weights
+
+
+_BENDS = np.arange(-3, 4)
+"""Steps of growth from one window to the next."""
+_BEND_COST = 0.3
+"""Cost of the square of such a step, in ln of power."""
+_SLACK = (-1, 0, 1)
+_SLACK_COST = 0.5
+"""Steps of speed beside what the growth asks for, and the cost of one."""
+
+
+def best_path(plane: Plane) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
+    """Return ln of the speed and its growth over the times of the plane, and the mean score along them.
+
+    Returns:
+        ln of the speed, shape (time,); growth, 1/s, shape (time,); mean of the score over time.
+    """
+    n_time, n_growth, n_speed = plane.score.shape
+    hop = float(plane.time[1] - plane.time[0])
+    sources, costs = _moves(plane, hop)
+    value = plane.score[0].astype(np.float32)
+    choices = np.empty((n_time, n_growth * n_speed), dtype=np.int8)
+    flat = np.full(n_growth * n_speed + 1, -np.inf, dtype=np.float32)
+    cell = np.arange(n_growth * n_speed, dtype=np.intp)
+    for at in range(1, n_time):
+        flat[:-1] = value.ravel()
+        reached = flat.take(sources) - costs[:, None]
+        chosen = reached.argmax(axis=0)
+        choices[at] = chosen
+        value = reached[chosen, cell].reshape(n_growth, n_speed) + plane.score[at]
+    place = int(value.argmax())
+    total = float(value.ravel()[place]) / n_time
+    places = np.empty(n_time, dtype=np.intp)
+    places[-1] = place
+    for at in range(n_time - 1, 0, -1):
+        place = int(sources[choices[at, place], place])
+        places[at - 1] = place
+    return plane.log_speed[places % n_speed], plane.growth[places // n_speed], total
+
+
+def _moves(plane: Plane, hop: float) -> tuple[NDArray[np.intp], NDArray[np.float32]]:
+    """Return where each cell can be reached from.
+
+    Returns:
+        Flat index of the cell before, the index beyond the last where there is none, shape (move, cell); and the cost
+        of each move, shape (move,).
+    """
+    n_growth, n_speed = plane.growth.size, plane.log_speed.size
+    step = float(plane.log_speed[1] - plane.log_speed[0])
+    growth_at, speed_at = np.divmod(np.arange(n_growth * n_speed), n_speed)
+    sources: list[NDArray[np.intp]] = []
+    costs: list[float] = []
+    for bend in _BENDS:
+        before = growth_at - bend
+        inside = (before >= 0) & (before < n_growth)
+        mean = 0.5 * (plane.growth[growth_at] + plane.growth[np.clip(before, 0, n_growth - 1)])
+        for slack in _SLACK:
+            speed = speed_at - np.rint(mean * hop / step).astype(np.intp) - slack
+            reachable = inside & (speed >= 0) & (speed < n_speed)
+            sources.append(np.where(reachable, before * n_speed + speed, n_growth * n_speed))
+            costs.append(_BEND_COST * float(bend) ** 2 + _SLACK_COST * abs(slack))
+    return np.array(sources), np.array(costs, dtype=np.float32)
+
+
+PART_TURNS, PART_HOP = 12.0, 4.0
+"""Length of a part, and from one to the next, turns."""
+MAX_LINES = 48
+MIN_HEIGHT = 1.5
+"""Lines that are looked for at most, and the least height of one over the whole block, ln of power."""
+_APART, _REACH, _STEPS = 0.2, 4.0, 7
+"""Orders by which the lines of another place stand apart, in the mean; the reach of the search and its steps, in it."""
+_LEAST_APART, _MOST_APART = 0.02, 0.08
+"""Limits of that shift, relative."""
+_MIN_AGREEMENT, _MAX_AGREEMENT = -1.0, 4.0
+_LINE_SURROUNDINGS = 1.5
+"""Limits of a line in a part, ln of power over its surroundings, and half their width, orders."""
+
+
+def agreement(
+    rows: NDArray[np.float32], per_turn: float, heights: tuple[NDArray[np.float64], ...], resolution: float
+) -> NDArray[np.float64]:
+    """Return how much higher the lines stand at their orders than at any shifted ones, in each part of a block.
+
+    Args:
+        rows: signal and envelope by angle, shape (2, sample).
+        per_turn: samples per turn.
+        heights: of the bins of both spectra over the whole block, each (bin,), ln of power over the floor.
+        resolution: orders per bin.
+
+    Returns:
+        Mean height of the lines less that of the best shifted ones, shape (part,); empty where there are no lines.
+    """
+    lines = [_highest(height, resolution, 0.4 * per_turn) for height in heights]
+    total = sum(float(weight.sum()) for _, weight in lines)
+    if not total > 0.0:
+        return np.zeros(0)
+    points = round(PART_TURNS * per_turn)
+    count = max(1, int((rows.shape[1] - points) / (PART_HOP * per_turn)) + 1)
+    starts = np.rint(np.linspace(0.0, float(rows.shape[1] - points), count)).astype(np.intp)
+    window = np.hanning(points + 2)[1:-1].astype(np.float32)
+    n_fft = next_smooth(2 * points)
+    spacing = per_turn / n_fft
+    mean_order = sum(float(orders @ weight) for orders, weight in lines) / total
+    apart = min(max(_APART / mean_order, _LEAST_APART), _MOST_APART)
+    shifts = np.arange(-round(_REACH * _STEPS), round(_REACH * _STEPS) + 1) * (apart / _STEPS)
+    score = np.zeros((count, shifts.size))
+    for row, (orders, weight) in zip(rows, lines, strict=True):
+        pieces = row[starts[:, None] + np.arange(points)] * window
+        level = _levels(np.fft.rfft(pieces, n_fft, axis=1), round(_LINE_SURROUNDINGS / spacing))
+        places = np.rint(np.outer(1.0 + shifts, orders) / spacing).astype(np.intp)
+        score += level[:, np.minimum(places, level.shape[1] - 1)] @ weight
+    score /= total
+    here = score[:, np.abs(shifts) < 1.5 * apart / _STEPS].max(axis=1)
+    return here - score[:, np.abs(shifts) > 0.99 * apart].max(axis=1)
+
+
+def _highest(
+    height: NDArray[np.float64], resolution: float, most: float
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return orders and heights of the highest lines up to an order."""
+    inner = height[1:-1]
+    top = (inner >= height[:-2]) & (inner > height[2:]) & (inner > MIN_HEIGHT)
+    places = np.flatnonzero(top) + 1
+    places = places[places * resolution < most / (1.0 + _REACH * _MOST_APART)]
+    chosen = places[np.argsort(-height[places], kind="stable")[:MAX_LINES]]
+    return chosen.astype(np.float64) * resolution, height[chosen]
+
+
+def _levels(spectrum: NDArray[np.complexfloating], half: int) -> NDArray[np.float32]:
+    """Return ln of the power of each bin over that of its surroundings, limited; shape (part, bin)."""
+    level = np.log(np.square(np.abs(spectrum)) + np.finfo(np.float32).tiny)
+    level -= surroundings(level, half)
+    return np.clip(level, _MIN_AGREEMENT, _MAX_AGREEMENT)

@@ -17,11 +17,9 @@ from numpy.typing import NDArray
 
 from models.machine.bearing import Bearing, kinematics
 from monitor.health.signal.floor import MIN_FLOOR_BINS, noise_floor
-from monitor.health.signal.rotation.path import best_path
 from monitor.health.signal.rotation.phase import correct, corrected, rows_by_angle
-from monitor.health.signal.rotation.plane import LowRows, low_rows, plane_of
+from monitor.health.signal.rotation.plane import LowRows, agreement, best_path, low_rows, plane_of
 from monitor.health.signal.rotation.rotation import Rotation, constant
-from monitor.health.signal.rotation.throughout import agreement
 from monitor.health.signal.speed import SpeedEstimate, SpeedStatus, highest_line, speed_of_spectra, whitened
 from monitor.health.signal.transform import AmplitudeSpectrum
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -12,7 +13,6 @@ from models.machine.speed_profile import time_of_turns
 
 _SETTLED = 1e-13
 """Newton's method ends where no time moves by more than this share of the block: mostly after three steps."""
-
 _PARTS = 32
 """Parts of a block whose mean speeds tell how steeply it changes: jitter of the pulses averages out in each."""
 
@@ -127,3 +127,49 @@ def constant(speed: float, duration: float, source: str = "configured") -> Rotat
     """Return the rotation at one speed, Hz."""
     time = np.array([0.0, duration])
     return Rotation(time, speed * time, np.full(2, speed), duration, source)
+
+
+@dataclass(frozen=True)
+class PulseCounts:
+    """Repairs of the pulses of one block.
+
+    Attributes:
+        missing: pulses that were put in, those of teeth that are known to be missing not counted.
+        extra: pulses that were left out.
+        encoder_error: rms of the learned geometric error of the marks, rad of the shaft with the marks; None until
+            it is learned.
+    """
+
+    missing: int = 0
+    extra: int = 0
+    encoder_error: float | None = None
+
+
+@dataclass(frozen=True)
+class TachoSettings:
+    """Marks on a shaft, and the channel in which their pulses are recorded.
+
+    Attributes:
+        channel: of the pulses, None where they are not a channel.
+        channel_b: second track of a quadrature encoder, for the direction, or None.
+        per_revolution: marks of a whole turn, missing teeth included; a source that states its own takes precedence.
+        missing_teeth: consecutive teeth that a wheel lacks once a turn (2 of a 60-2 wheel).
+        ratio: turns of the shaft of the bearing per turn of the shaft with the marks.
+        level: threshold in the unit of the channel, None: half way between its levels.
+        edge: the edge of a pulse that counts.
+        of_source: whether the source gives the times of the pulses.
+    """
+
+    channel: str | None = None
+    channel_b: str | None = None
+    per_revolution: int = 1
+    missing_teeth: int = 0
+    ratio: float = 1.0
+    level: float | None = None
+    edge: Literal["rising", "falling"] = "rising"
+    of_source: bool = False
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """The channels of pulses."""
+        return tuple(name for name in (self.channel, self.channel_b) if name is not None)

@@ -16,9 +16,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from monitor.health.size.library.acceleration import accelerated
 from monitor.health.size.library.plausible import Limits
-from monitor.health.size.library.regression import Regression
+from monitor.health.size.library.regression import Regression, accelerated
 from monitor.health.size.library.summaries import OFFSET, LevelHistory, extrapolations, summarise
 
 Array = NDArray[np.float64]

@@ -15,7 +15,7 @@ from monitor.health.gears.interference import gear_interference
 from monitor.health.gears.lines import Wheels
 from monitor.health.gears.settings import GearPairing, GearSettings, GearWheel
 from monitor.health.name.naming import name_fault
-from monitor.health.signal.family import FaultLines
+from monitor.health.signal.comb import FaultLines
 from monitor.health.signal.features import BlockFeatures, FeatureSettings, block_features, fundamentals
 from monitor.health.signal.interference import (
     MIN_SPACING_BINS,

@@ -10,9 +10,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from monitor.health.held import HeldName
 from monitor.health.name.evidence import Heard, parts_of
-from monitor.health.name.machine import MachineState, step
+from monitor.health.name.machine import HeldName, MachineState, step
 from monitor.health.output import name_events
 from monitor.health.schema import FAULTS
 from monitor.words.events import badness, event_text

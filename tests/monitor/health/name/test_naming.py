@@ -21,8 +21,7 @@ from monitor.health.name.naming import (
     score_threshold,
 )
 from monitor.health.signal.average import RecentSpectra
-from monitor.health.signal.comb import line_spectrum
-from monitor.health.signal.family import FaultLines, comb_depth
+from monitor.health.signal.comb import FaultLines, comb_depth, line_spectrum
 from monitor.health.signal.features import FAULTS, N_HARMONICS, FeatureSettings, block_features, fundamentals
 from monitor.health.signal.floor import noise_floor
 from monitor.health.signal.lines import SEARCH, fault_lines

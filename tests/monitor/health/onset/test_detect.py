@@ -22,7 +22,7 @@ from monitor.health.onset import (
     threshold_for,
 )
 from monitor.health.onset.dependence import UNKNOWN
-from monitor.health.onset.threshold import one_of
+from monitor.health.onset.detector import one_of
 from tests.support.effort import effort_count
 
 SETTINGS = DetectSettings()

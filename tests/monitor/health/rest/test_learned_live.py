@@ -17,7 +17,7 @@ from monitor.health.rest.learned.forecaster import LearnedSettings, LearnedState
 from monitor.health.rest.learned.forecaster import step as learned_step
 from monitor.health.rest.learned.model import LearnedModel
 from monitor.health.rest.learned.pool import pool
-from monitor.health.rest.learned.weights import PhysicalRun, library_weight
+from monitor.health.rest.learned.scores import PhysicalRun, library_weight
 from monitor.health.size import DamageInput, EdvStatus, Remaining, TtStatus
 from monitor.health.size.library.forecaster import QUANTILES, LibrarySettings
 from monitor.health.tracker import DamageGate, DamageSettings, DamageState, step

@@ -14,10 +14,19 @@ from hypothesis import strategies as st
 from scipy.stats import t as student_t
 
 from monitor.health.alarms import AlarmSettings, Level, Rule
+from monitor.health.rest.growth import AHEAD, PRIOR, SHAPES, STOPS, crossing, segments
 from monitor.health.rest.learned.history import MAX_BINS, StageHistory
-from monitor.health.rest.trend import TimeToAlarm, TrendInput, TrendSettings, TrendState, TtaStatus, step
-from monitor.health.rest.trend.growth import AHEAD, PRIOR, SHAPES, STOPS, crossing, segments
-from monitor.health.rest.trend.stage import DEFAULT_FACTOR, MIN_BLOCKS, crossing_of
+from monitor.health.rest.trend import (
+    DEFAULT_FACTOR,
+    MIN_BLOCKS,
+    TimeToAlarm,
+    TrendInput,
+    TrendSettings,
+    TrendState,
+    TtaStatus,
+    crossing_of,
+    step,
+)
 
 BASELINE = (math.log(0.5), 0.05)
 NO_RULES = AlarmSettings()

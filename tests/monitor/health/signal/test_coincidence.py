@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from monitor.health.signal.coincidence import WIDTH_BINS, shared_lines
+from monitor.health.signal.settings import WIDTH_BINS, shared_lines
 
 
 def test_three_bpfo_that_are_two_bpfi_are_one_peak() -> None:

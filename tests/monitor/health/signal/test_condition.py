@@ -16,8 +16,7 @@ from monitor.config.load import ConfigError, validate
 from monitor.health.record import Record
 from monitor.health.signal.condition import ConditionSettings, Quantity, known_sd, load_of, speed_of
 from monitor.health.signal.quality import SpeedLimits
-from monitor.health.signal.rotation.rotation import Rotation
-from monitor.health.signal.rotation.settings import TachoSettings
+from monitor.health.signal.rotation.rotation import Rotation, TachoSettings
 from monitor.health.signal.speed import SpeedStatus, estimate_speed
 from monitor.service.setup import source_settings, source_spec
 from streams.block import Block

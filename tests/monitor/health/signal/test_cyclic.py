@@ -11,8 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from models.machine.bearing import from_catalogue
-from monitor.health.signal.cyclic import CyclicCoherence, cyclic_coherence
-from monitor.health.signal.cyclic_study import cyclic_study, known_rotation
+from monitor.health.signal.cyclic import CyclicCoherence, cyclic_coherence, cyclic_study, known_rotation
 from monitor.health.signal.rotation.rotation import Rotation, constant
 from tests.support.cyclic import DEPTH, DURATION, ORDER, RATE, hunting, modulated
 

@@ -7,7 +7,7 @@ import math
 import pytest
 
 from monitor.health.size import Damage, EdvStatus
-from monitor.health.size.comparison import beside
+from monitor.health.size.calibration import beside
 
 OK = EdvStatus.OK
 LIBRARY = Damage(OK, 2e-8, 1.5e-8, 2.6e-8, p_no_growth=0.1)

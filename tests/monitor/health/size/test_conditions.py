@@ -20,8 +20,7 @@ from monitor.health.rest.trend import step as trend_step
 from monitor.health.retrace import retrace
 from monitor.health.signal.condition import ConditionSettings
 from monitor.health.size import DamageInput, EdvStatus
-from monitor.health.size.level_set import LevelMap
-from monitor.health.size.over_speeds import map_of_block, speeds_of
+from monitor.health.size.level_set import LevelMap, map_of_block, speeds_of
 from monitor.health.state import ChannelSettings, SourceSettings, SourceState
 from monitor.health.tracker import DamageState
 from streams.block import Block

@@ -13,11 +13,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from monitor.health.size import EdvStatus, TtStatus
-from monitor.health.size.library.acceleration import ACCELERATION, accelerated
-from monitor.health.size.library.fit import FitSettings, fit_library, fit_regression
+from monitor.health.size.library.fit import SHARES, FitSettings, crps, fit_library, fit_regression
 from monitor.health.size.library.forecaster import QUANTILES, LibrarySettings, LibraryState, step
 from monitor.health.size.library.model import LINES, quantiles_of
-from monitor.health.size.library.scores import SHARES, crps
+from monitor.health.size.library.regression import ACCELERATION, accelerated
 from tests.oracles.toy_lives import INTERVAL, THRESHOLD, toy_library, toy_life, toy_lives
 from tests.support.effort import effort_count
 from tests.support.followed_lives import Answer, blocks_of, follow

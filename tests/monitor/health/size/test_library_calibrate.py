@@ -10,9 +10,9 @@ import pytest
 
 from monitor.health.size import DamageInput
 from monitor.health.size.library.calibrate import RecordedRun, calibrate
+from monitor.health.size.library.fit import crps
 from monitor.health.size.library.forecaster import LibrarySettings, LibraryState, step
 from monitor.health.size.library.model import Library
-from monitor.health.size.library.scores import crps
 from monitor.records.library_file import load_library, save_library
 from tests.oracles.toy_lives import THRESHOLD, toy_library, toy_life
 from tests.support.effort import effort_count

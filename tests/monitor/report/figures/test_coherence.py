@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from monitor.health.rotation_values import COURSE_POINTS
-from monitor.health.signal.block_view import WAVEFORM_SAMPLES, BlockView, RawSpectra
-from monitor.health.signal.coherence_view import kept_coherence, rotation_of_course
+from monitor.health.signal.cyclic import kept_coherence, rotation_of_course
+from monitor.health.signal.spectra import WAVEFORM_SAMPLES, BlockView, RawSpectra
 from monitor.health.signal.waterfall import SpectrumRow
 from monitor.report.figures.cyclic import block_coherence
 from monitor.report.runs import Channel, Run

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from monitor.health.signal.block_view import BlockView
+from monitor.health.signal.spectra import BlockView
 from monitor.health.signal.transform import BlockTransform
 from monitor.health.signal.waterfall import SpectrumRow
 from monitor.report.figures.raw_block import raw_block

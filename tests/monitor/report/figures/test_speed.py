@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from monitor.health.signal.block_view import BlockView, RawSpectra
+from monitor.health.signal.spectra import BlockView, RawSpectra
 from monitor.health.signal.waterfall import SpectrumRow
 from monitor.report.comparison import speeds
 from monitor.report.figures.ias import ias_picture

@@ -19,8 +19,7 @@ from monitor.health.signal.rotation.encoder import (
     encoder_step,
     pattern_of,
 )
-from monitor.health.signal.rotation.intervals import intervals
-from monitor.health.signal.rotation.train import PulseTrain
+from monitor.health.signal.rotation.intervals import PulseTrain, intervals
 from tests.monitor.health.signal.rotation.wheels import MARKS, Floats, eccentric, thinned, wheel
 
 TURNS = 200

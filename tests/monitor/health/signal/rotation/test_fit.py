@@ -7,8 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from monitor.health.signal.rotation.fit import rotation_of
-from monitor.health.signal.rotation.profile import GAIN_SD, rotation_of_speed
+from monitor.health.signal.rotation.fit import GAIN_SD, rotation_of, rotation_of_speed
 from monitor.health.signal.rotation.repair import repaired
 from monitor.health.signal.rotation.rotation import Rotation
 from tests.monitor.health.signal.rotation.shafts import Angle, even, hunting, marks, run_up, with_faults

@@ -12,7 +12,7 @@ import pytest
 from monitor.config.load import validate
 from monitor.health.signal.condition import ConditionSettings
 from monitor.health.signal.rotation.found import FoundRotation, find_rotation, with_phase
-from monitor.health.signal.rotation.settings import TachoSettings
+from monitor.health.signal.rotation.rotation import TachoSettings
 from monitor.service.setup import source_settings
 from streams.block import Block
 from streams.pulses import Pulses

@@ -21,9 +21,14 @@ from monitor.health.signal.rotation.ias import (
     interval_error,
     view_of,
 )
-from monitor.health.signal.rotation.intervals import MIN_TURNS, TooFewPulsesError, UnevenPulsesError, intervals
-from monitor.health.signal.rotation.slow import slow_course
-from monitor.health.signal.rotation.train import PulseTrain
+from monitor.health.signal.rotation.intervals import (
+    MIN_TURNS,
+    PulseTrain,
+    TooFewPulsesError,
+    UnevenPulsesError,
+    intervals,
+    slow_course,
+)
 from tests.monitor.health.signal.rotation.wheels import MARKS, eccentric, thinned, wheel
 
 TURNS, SPEED = 100, 40.0

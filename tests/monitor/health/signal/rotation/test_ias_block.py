@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from monitor.config.load import validate
-from monitor.health.signal.block_view import RawSpectra
+from monitor.health.signal.spectra import RawSpectra
 from monitor.service.setup import source_settings
 from streams.block import Block
 from streams.pulses import Pulses

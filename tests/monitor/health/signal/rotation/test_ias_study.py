@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from monitor.health.signal.rotation.ias_study import study
-from monitor.health.signal.rotation.settings import TachoSettings
+from monitor.health.signal.rotation.ias import study
+from monitor.health.signal.rotation.rotation import TachoSettings
 from tests.monitor.health.signal.rotation.wheels import MARKS, eccentric, wheel
 
 LINES = [(k * 4.63, 1e-4 * k, float(k)) for k in range(1, 6)]

@@ -7,8 +7,7 @@ import pytest
 from numpy.typing import NDArray
 
 from models.machine.bearing import kinematics
-from monitor.health.signal.rotation.path import best_path
-from monitor.health.signal.rotation.plane import Plane
+from monitor.health.signal.rotation.plane import Plane, best_path
 from monitor.health.signal.rotation.ridge import angle_from_vibration
 from monitor.health.signal.rotation.rotation import Rotation, constant
 from tests.support.ridge import BEARING, DURATION, RATE, shaken, turning

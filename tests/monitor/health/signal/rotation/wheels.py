@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from monitor.health.signal.rotation.train import PulseTrain
+from monitor.health.signal.rotation.intervals import PulseTrain
 
 Floats = NDArray[np.float64]
 MARKS = 256

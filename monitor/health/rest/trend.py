@@ -17,9 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from monitor.health.alarms import SEVERITIES, AlarmSettings, Level, LevelState, Rule, applies, limit_of, move_level
+from monitor.health.rest.growth import Crossing, crossing, segments
 from monitor.health.rest.learned.history import StageHistory
 from monitor.health.rest.settings import check_forecast
-from monitor.health.rest.trend.growth import Crossing, crossing, segments
 
 STATE_VERSION = 1
 DEFAULT_FACTOR = 4.0
