@@ -13,8 +13,7 @@ from models.words.errors import WrongInputError
 from monitor.health.name.naming import Naming
 from monitor.health.record import Record
 from monitor.health.signal.transform import BlockTransform
-from monitor.health.step import SourceOutput
-from monitor.pipeline import Pipeline
+from monitor.pipeline import Pipeline, SourceOutput
 from monitor.records.dataset import to_dataset
 from monitor.records.filing import Filing, Stored
 from monitor.records.packing import pack

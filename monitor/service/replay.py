@@ -22,8 +22,7 @@ from monitor.health.signal.quality import FLAGS, REJECTIONS
 from monitor.health.signal.transform import EnvelopeSpectrum
 from monitor.health.size.library.model import Library
 from monitor.health.state import ChannelSettings, SourceSettings, SourceState
-from monitor.health.step import SourceOutput
-from monitor.pipeline import Pipeline, PipelineOptions, RecordingStep
+from monitor.pipeline import Pipeline, PipelineOptions, RecordingStep, SourceOutput
 from monitor.records.database import StoreError
 from monitor.records.filing import published_files
 from monitor.records.ledger import keep_dating, read_dating
