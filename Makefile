@@ -64,7 +64,7 @@ test: $(READY)
 PORTABLE := tests/monitor/commands/test_demo.py \
 	tests/monitor/service/test_replay.py tests/monitor/service/test_daemon.py tests/monitor/service/test_child_process.py \
 	tests/monitor/service/test_publisher_life.py tests/monitor/service/test_present_status.py tests/monitor/web/test_api.py \
-	tests/monitor/web/test_api_stores.py tests/streams/test_folder.py
+	tests/monitor/web/test_api_stores.py tests/streams/folder/test_folder.py
 
 without-posix: $(READY)
 	@# In processes from which tests/without_posix takes what only POSIX has.

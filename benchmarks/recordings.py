@@ -24,7 +24,7 @@ from monitor.health.signal.features import FAULTS
 from monitor.health.state import ChannelSettings, SourceSettings, SourceState
 from monitor.health.step import step
 from monitor.service.setup import open_configured, source_settings
-from streams.block import Block, Rejected
+from streams.types.block import Block, Rejected
 
 ROOT = Path(__file__).resolve().parents[1]
 EXAMPLES = ROOT / "examples"

@@ -30,7 +30,7 @@ from benchmarks.signals import HealthyMachine, bearing_lines, impacts
 from monitor.config.load import validate
 from monitor.health import onset as detect
 from monitor.records.store import Store
-from streams.recording import Recording
+from streams.recording.source import Recording
 
 SAMPLES, RATE, SPEED = 128_000, 25_600.0, 30.0
 TARGET_MS = 5.0

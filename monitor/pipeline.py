@@ -29,8 +29,8 @@ from monitor.records.events import EventLog
 from monitor.records.filing import MAX_BLOCK
 from monitor.records.ledger import StoreLedger, write_progress
 from monitor.records.store import Store
-from streams.block import Block, Rejected
-from streams.source import Delivery, FileProgress, LiveSource, Source
+from streams.types.block import Block, Rejected
+from streams.types.source import Delivery, FileProgress, LiveSource, Source
 
 _LOG = logging.getLogger(__name__)
 _RETRY_S = 1.0

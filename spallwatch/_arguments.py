@@ -15,8 +15,8 @@ from models.machine.bearing import Bearing
 from models.words.errors import WrongInputError
 from monitor.config.fields import plain_name
 from monitor.config.load import Config, load_config, validate
-from streams.pulses import Pulses
-from streams.tacho import edge_times
+from streams.turns.pulses import Pulses
+from streams.turns.tacho import edge_times
 
 SOURCE = "signal"
 _NAME = "bearing"

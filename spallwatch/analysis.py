@@ -21,8 +21,8 @@ from monitor.service.setup import source_settings
 from spallwatch._arguments import SOURCE, Tacho, configuration, plain_names, with_pulses
 from spallwatch.recordings import to_signal
 from spallwatch.records import readable
-from streams.block import Block
-from streams.pulses import Pulses
+from streams.turns.pulses import Pulses
+from streams.types.block import Block
 
 _LEDGER = (
     *("source", "name", "content_hash", "status", "flags", "reason", "events", "sequence"),

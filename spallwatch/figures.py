@@ -28,7 +28,7 @@ from monitor.report.figures.spectrum import FAULT_MARKS, ORDERS
 from monitor.words.statuses import FAULT_NAMES
 from spallwatch.analysis import SignalError
 from spallwatch.bearings import as_bearing
-from streams.block import STANDARD_GRAVITY
+from streams.types.block import STANDARD_GRAVITY
 
 _P = ParamSpec("_P")
 _LINES = {"outer": "bpfo", "inner": "bpfi", "ball": "bsf", "cage": "ftf"}

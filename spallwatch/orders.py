@@ -22,7 +22,7 @@ from monitor.health.signal.transform import BlockTransform
 from spallwatch._arguments import Tacho, with_pulses
 from spallwatch.analysis import SignalError, refuse_several, signal_of
 from spallwatch.bearings import as_bearing
-from streams.tacho import edge_times
+from streams.turns.tacho import edge_times
 
 
 @dataclass(frozen=True)

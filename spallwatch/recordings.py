@@ -14,11 +14,11 @@ import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
 from models.words.errors import WrongInputError
-from streams.block import Block, Rejected, to_si
+from streams.files.survey import survey
 from streams.open import open_source
-from streams.samples import ReaderError
-from streams.spec import DEFAULT_BLOCK_SECONDS, ChannelSpec, SourceError, SourceSpec
-from streams.survey import survey
+from streams.types.block import Block, Rejected, to_si
+from streams.types.samples import ReaderError
+from streams.types.spec import DEFAULT_BLOCK_SECONDS, ChannelSpec, SourceError, SourceSpec
 
 _NAME = "recording"
 

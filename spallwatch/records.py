@@ -15,7 +15,7 @@ from models.machine.bearing import Bearing
 from models.words.errors import WrongInputError
 from monitor.health.schema import SCHEMA_VERSION, VARIABLES
 from monitor.records.dataset import INT_FILL, NO_VALUE, words
-from streams.spec import DEFAULT_BLOCK_SECONDS
+from streams.types.spec import DEFAULT_BLOCK_SECONDS
 
 if TYPE_CHECKING:
     from monitor.config.load import Config

@@ -7,15 +7,15 @@ from contextlib import ExitStack
 from typing import TYPE_CHECKING
 
 from models.work.redact import redact
-from streams.dating import Dating
-from streams.source import Ledger, LiveSource, Source
-from streams.spec import SourceError, SourceSpec, parse_address, refuse_credentials
+from streams.dates.dating import Dating
+from streams.types.source import Ledger, LiveSource, Source
+from streams.types.spec import SourceError, SourceSpec, parse_address, refuse_credentials
 
 if TYPE_CHECKING:
-    from streams.files import Files
+    from streams.files.container import Files
     from streams.folder.source import FolderSource
     from streams.link.arrivals import Receiver
-    from streams.reading import ReadingState
+    from streams.recording.state import ReadingState
 
 
 def open_source(
@@ -33,11 +33,11 @@ def open_source(
             recording, its data set nor the configuration.
     """
     # Imported here, because the parsers load pandas and the rig the bearing model: open_live needs neither.
-    from streams.recording import open_recording
+    from streams.recording.source import open_recording
 
     scheme, colon, rest = spec.url.partition(":")
     if scheme == "rig" and colon:
-        from streams.rig import open_rig
+        from streams.rig.bench import open_rig
 
         return open_rig(spec.url, spec.name)
     if "://" in spec.url:

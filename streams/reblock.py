@@ -10,11 +10,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from streams.block import Block, Rejected
-from streams.large import forget_pages
-from streams.pulses import Pulses
-from streams.revolutions import BlockRevolutions
-from streams.samples import RATE_TOLERANCE, Origin, ReaderError, Samples
+from streams.turns.pulses import Pulses
+from streams.turns.revolutions import BlockRevolutions
+from streams.types.block import Block, Rejected
+from streams.types.large import forget_pages
+from streams.types.samples import RATE_TOLERANCE, Origin, ReaderError, Samples
 
 MIN_BLOCK_SHARE = 0.9
 """A last block of at least this part of the full length is kept."""
@@ -22,7 +22,7 @@ MIN_BLOCK_SHARE = 0.9
 _TIME_TOLERANCE_S = 1e-3
 
 PlaceTime = Callable[[int, float], tuple[float | None, float] | None]
-"""Gives start and elapsed time of a block by its number and length, see :meth:`streams.dater.Dater.place_time`."""
+"""Gives start and elapsed time of a block by number and length, see :meth:`streams.dates.dater.Dater.place_time`."""
 
 
 @dataclass(frozen=True, eq=False)

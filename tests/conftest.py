@@ -139,7 +139,7 @@ class _ProcessGuard:
 
         @functools.wraps(original)
         def start(*args: Any, **options: Any) -> Any:
-            if not self.allowed and "streams.readers.worker" not in str(args[1:]):
+            if not self.allowed and "streams.files.parse.worker" not in str(args[1:]):
                 pytest.fail("a test that starts a process needs the marker process", pytrace=False)
             return original(*args, **options)
 

@@ -21,7 +21,7 @@ import pytest
 
 import spallwatch as sw
 from monitor.health.record import Record
-from streams.block import STANDARD_GRAVITY
+from streams.types.block import STANDARD_GRAVITY
 from tests.streams.tcp_peers import receiving
 from tests.support.commands import run_command
 from tests.support.committing import committing

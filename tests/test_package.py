@@ -144,7 +144,7 @@ from monitor.records.store import Store
 from monitor.health.state import SourceState
 from monitor.health.step import step
 from monitor.service.setup import source_settings
-from streams.block import Block
+from streams.types.block import Block
 config = validate({
     "bearing": [{"name": "b", "designation": "6205"}], "operating": {"speed_hz": 30.0},
     "source": [{"name": "s"}],

@@ -13,7 +13,7 @@ The amplitude that a sensor picks up beside the bearing at the lines of BPFO is 
 from __future__ import annotations
 
 from models.lives.population import Population
-from streams.block import STANDARD_GRAVITY
+from streams.types.block import STANDARD_GRAVITY
 
 THRESHOLD = 0.05e-6
 """V_eq to forecast, m2."""

@@ -49,7 +49,7 @@ from monitor.report.score.issued import Issued, read_issued
 from monitor.report.score.scoring import End, mean_of_runs, score_run
 from monitor.service.libraries import prior_words
 from monitor.service.setup import open_configured, source_settings
-from streams.block import Block, Rejected
+from streams.types.block import Block, Rejected
 
 Floats = NDArray[np.float64]
 

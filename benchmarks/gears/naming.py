@@ -35,8 +35,8 @@ from monitor.health.gears.naming import (
 )
 from monitor.health.gears.settings import GearPairing, GearSettings, GearWheel
 from monitor.health.gears.stage import readings_of
-from streams.block import Rejected
-from streams.rig import open_rig
+from streams.rig.bench import open_rig
+from streams.types.block import Rejected
 
 RULES = GearNamingSettings()
 LEARNED = 2 * MIN_LEARNED

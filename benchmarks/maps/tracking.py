@@ -37,7 +37,7 @@ from monitor.health.size import EdvStatus, Remaining, TtStatus, edv
 from monitor.health.size.edv import EdvState
 from monitor.health.size.level_set import LevelMap
 from monitor.service.setup import to_slice
-from streams.rig import CHANNELS, INTERVAL, SimulatedRig, draw_life
+from streams.rig.bench import CHANNELS, INTERVAL, SimulatedRig, draw_life
 
 Floats = NDArray[np.float64]
 

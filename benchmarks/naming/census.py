@@ -28,7 +28,7 @@ from typing import Any
 from benchmarks.common import Row, circumstances, print_table, write_json
 from benchmarks.naming.truth import FINDABLE, comb_depth, envelope_spectrum
 from benchmarks.recordings import CASES, OTHER_ENDS, Case, recordings_folder, watch
-from streams.block import Block
+from streams.types.block import Block
 
 SPEED_ERRORS = (-0.06, -0.04, -0.02, 0.0, 0.02, 0.04, 0.06)
 VERDICTS = ("right", "joined", "silent", "wrong", "healthy named", "quiet", "disputed")

@@ -32,7 +32,7 @@ from models.machine.bearing import from_catalogue
 from monitor.config.load import Config
 from monitor.health.state import SourceSettings
 from monitor.service.setup import source_settings
-from streams.block import Block
+from streams.types.block import Block
 
 VERDICTS = ("right", "joined", "silent", "wrong", "healthy named", "quiet")
 _SLIPS = (0.96, 1.0)

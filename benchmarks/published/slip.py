@@ -17,7 +17,7 @@ import numpy as np
 from models.machine.scene import Scene, Slip
 from models.solve.six_dof.lanes import LaneOptions, simulate_lanes
 from models.solve.six_dof.time_domain import simulate_time
-from streams.block import STANDARD_GRAVITY
+from streams.types.block import STANDARD_GRAVITY
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

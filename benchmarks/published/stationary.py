@@ -32,7 +32,7 @@ from benchmarks.published.slip import (
 from models.machine.scene import Defect, Scene
 from models.published.thesis import EXTENTS_DEG, SEEDED_DEPTH
 from models.solve.simulate import simulate
-from streams.block import STANDARD_GRAVITY
+from streams.types.block import STANDARD_GRAVITY
 
 if TYPE_CHECKING:
     from models.solve.response import Response

@@ -20,10 +20,10 @@ from benchmarks.common import arguments, print_table, write_json
 from benchmarks.recordings import recordings_folder
 from models.machine.bearing import Bearing, from_catalogue
 from monitor.health.signal.speed import SpeedStatus, estimate_speed
-from streams.block import Block
 from streams.open import open_source
-from streams.rig import SimulatedRig
-from streams.spec import ChannelSpec, SourceSpec
+from streams.rig.bench import SimulatedRig
+from streams.types.block import Block
+from streams.types.spec import ChannelSpec, SourceSpec
 
 LIMITS = (10.0, 60.0)
 _DATA = recordings_folder()

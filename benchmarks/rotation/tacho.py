@@ -21,8 +21,8 @@ from models.machine.speed_profile import SpeedProfile, hunt, ramp
 from monitor.health.signal.condition import ConditionSettings
 from monitor.health.signal.rotation.found import FoundRotation, find_rotation
 from monitor.health.signal.rotation.rotation import TachoSettings
-from streams.block import Block
-from streams.pulses import Pulses
+from streams.turns.pulses import Pulses
+from streams.types.block import Block
 
 HELD_OUT = 9000
 """First of the seeds; ``--quick`` takes those from 0 on, with which the constants were chosen."""

@@ -30,8 +30,8 @@ from benchmarks.common import Row, arguments, print_table, write_json
 from monitor.records.store import Store
 from streams.link.sender import LinkError, TcpLink
 from streams.link.wire import Frame, encode_frame
-from streams.samples import Samples
-from streams.spec import Address
+from streams.types.samples import Samples
+from streams.types.spec import Address
 
 BLOCKS, QUICK_BLOCKS = 100_000, 2_000
 RATE, SAMPLES = 2560.0, 256

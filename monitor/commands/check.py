@@ -80,8 +80,8 @@ def _rig_limits(source: SourceSection) -> list[str]:
     """Return in which ways a simulated rig differs from the bench of the thesis, or why it cannot be simulated."""
     if source.url is None or not source.url.startswith("rig:"):
         return []
-    from streams.rig import open_rig
-    from streams.spec import SourceError
+    from streams.rig.bench import open_rig
+    from streams.types.spec import SourceError
 
     try:
         return list(open_rig(source.url, source.name).limits)
@@ -154,7 +154,7 @@ def _assumed(config: Config) -> Iterator[str]:
 def _access_problems(source: SourceSection) -> Iterator[str]:
     """Yield why other machines could send without proof, or no machine at all."""
     from streams.link.auth import key_weakness, read_key, receiver_context
-    from streams.spec import SourceError, parse_address
+    from streams.types.spec import SourceError, parse_address
 
     name, url = f"source {source.name!r}", source.url or ""
     if not url.startswith(("tcp://", "mqtt://")):

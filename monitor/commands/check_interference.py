@@ -13,7 +13,7 @@ from monitor.config.removed import removed_lines
 from monitor.health.output import ChannelOutput
 from monitor.health.signal.interference import Interference, all_combs
 from monitor.health.signal.interference_search import Proposal, propose
-from streams.block import Block
+from streams.types.block import Block
 
 _DEPTH = 0.1
 """The best family of the bearing, if it is this deep, is taken for damage, named or not: its lines are not proposed."""

@@ -10,7 +10,7 @@ from monitor.config.source import SourceSection
 from monitor.words.numbers import count
 
 if TYPE_CHECKING:
-    from streams.block import Block
+    from streams.types.block import Block
 
 
 @dataclass(frozen=True)
@@ -39,7 +39,7 @@ class TachoView:
 def tacho_view(block: Block, config: Config, section: SourceSection) -> TachoView | None:
     """Return what the tacho of a source shows in a block; None where none is configured, and none comes with it."""
     from monitor.health.signal.rotation.found import find_rotation
-    from streams.tacho import edge_times
+    from streams.turns.tacho import edge_times
 
     condition = config.operating.to_condition(pulses=section.pulses is not None)
     tacho = condition.tacho

@@ -80,9 +80,9 @@ def command(
 
 def _read(path: Path, column: str | None, rate: float | None, block_s: float) -> tuple[Any, float, float | None]:
     """Return the samples of the first block of a file, its rate, and the speed that it states."""
-    from streams.block import Block
     from streams.open import open_source
-    from streams.spec import ChannelSpec, SourceSpec
+    from streams.types.block import Block
+    from streams.types.spec import ChannelSpec, SourceSpec
 
     chosen = None if column is None else int(column) if column.isdigit() else column
     row = ChannelSpec("vibration", column=chosen, unit="unknown", any_unit=True)

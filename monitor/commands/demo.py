@@ -22,7 +22,7 @@ from monitor.commands.sole_writer import hold_output
 from monitor.config.load import Config, validate
 from monitor.config.source import ChannelSection
 from monitor.words.numbers import duration, interval
-from streams.rig import machine_of
+from streams.rig.bench import machine_of
 
 if TYPE_CHECKING:
     from models.lives.population import Population

@@ -12,7 +12,7 @@ from monitor.commands.common import InputError
 from monitor.commands.history_files import open_csv
 from monitor.health.onset import LINES, DetectInput
 from monitor.health.rest.learned.onset import Onset, find_onset, stated_onset
-from streams.block import STANDARD_GRAVITY
+from streams.types.block import STANDARD_GRAVITY
 
 _LINES = tuple(f"{name}_g" for name in LINES)
 NAMES = ("elapsed_s", "rms_g", *_LINES, "outer_floor_g", "peak_g", "kurtosis", "v_eq_mm2")

@@ -19,7 +19,7 @@ from monitor.health.size.library.forecaster import LibrarySettings
 from monitor.health.size.library.model import Library
 from monitor.records.database import replacing
 from monitor.records.library_file import load_library
-from streams.block import STANDARD_GRAVITY
+from streams.types.block import STANDARD_GRAVITY
 
 HARMONICS = tuple(f"harmonic_{k}_g" for k in range(1, 7))
 SUFFIXES = (".csv", ".json", ".nc")

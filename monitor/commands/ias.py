@@ -115,8 +115,8 @@ def command(
 
 def _text(path: Path) -> tuple[NDArray[np.float64], int | None]:
     """Return the times in a text, s, and the pulses a revolution that it states."""
-    from streams.readers.pulse_text import pulse_column
-    from streams.samples import ReaderError
+    from streams.files.formats.pulse_text import pulse_column
+    from streams.types.samples import ReaderError
 
     try:
         found = pulse_column(path.read_bytes(), str(path)).pulses
@@ -130,10 +130,10 @@ def _text(path: Path) -> tuple[NDArray[np.float64], int | None]:
 
 def _sampled(path: Path, tacho: TachoSettings, rate: float | None) -> NDArray[np.float64]:
     """Return the times of the pulses in a channel, s."""
-    from streams.block import Block
     from streams.open import open_source
-    from streams.spec import ChannelSpec, SourceSpec
-    from streams.tacho import edge_times
+    from streams.turns.tacho import edge_times
+    from streams.types.block import Block
+    from streams.types.spec import ChannelSpec, SourceSpec
 
     name = str(tacho.channel)
     row = ChannelSpec("pulses", column=int(name) if name.isdigit() else name, unit="unknown", any_unit=True)

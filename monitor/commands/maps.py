@@ -41,7 +41,7 @@ from monitor.commands.model_parameters import effects_of
 from monitor.config.load import Config
 from monitor.words.calibration import rig_line
 from monitor.words.numbers import floor_of_defect
-from streams.block import STANDARD_GRAVITY
+from streams.types.block import STANDARD_GRAVITY
 
 _COARSE = 0.02
 """Error between nodes above which a finer grid is advised."""

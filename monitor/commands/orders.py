@@ -18,7 +18,7 @@ from monitor.health.output import ChannelOutput
 from monitor.health.signal.features import fundamentals
 from monitor.health.signal.orders import OrderSpectrum, order_spectrum
 from monitor.health.state import ChannelSettings
-from streams.block import STANDARD_GRAVITY, Block, to_si
+from streams.types.block import STANDARD_GRAVITY, Block, to_si
 
 MOST_LINES = 12
 """Highest lines that are listed."""

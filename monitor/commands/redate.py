@@ -18,11 +18,11 @@ from monitor.config.load import Config, ConfigError
 from monitor.config.source import SourceSection
 
 if TYPE_CHECKING:
-    from streams.block import Block
-    from streams.dating import Dating
-    from streams.files import Files
-    from streams.given import Loaded
-    from streams.spec import SourceSpec
+    from streams.dates.dating import Dating
+    from streams.files.container import Files
+    from streams.recording.repeats import Loaded
+    from streams.types.block import Block
+    from streams.types.spec import SourceSpec
 
 _MAX_OPENED = 100
 """Waiting files that ``check`` looks at."""
@@ -41,7 +41,7 @@ def command(source: str, config_path: Path | None, as_json: bool, quiet: bool) -
     """
     from monitor.records.ledger import keep_dating, read_dating
     from monitor.records.store import Store
-    from streams.dating import Dating
+    from streams.dates.dating import Dating
 
     config = read_config(config_path)
     find_source(config, source)
@@ -84,9 +84,9 @@ def preview_dating(config: Config, section: SourceSection) -> DatingPreview | No
         ConfigError: the configuration contradicts the kept choice.
     """
     from monitor.service.setup import source_spec
-    from streams.recognise import data_set_of
-    from streams.recording import Recording
-    from streams.spec import SourceError
+    from streams.files.recognise import data_set_of
+    from streams.recording.source import Recording
+    from streams.types.spec import SourceError
 
     watched = section.url is not None and section.url.startswith("folder:")
     if section.url is None or not (watched or _is_path(section.url)):
@@ -125,8 +125,8 @@ def preview_dating(config: Config, section: SourceSection) -> DatingPreview | No
 
 def _kept_dating(spec: SourceSpec, config: Config) -> Dating | None:
     from monitor.records.database import StoreError
-    from streams.dating import kept_dating
-    from streams.spec import SourceError
+    from streams.dates.dating import kept_dating
+    from streams.types.spec import SourceError
 
     with ExitStack() as opened:
         ledger = _open_ledger(config.machine.state_dir / "state.db", opened)
@@ -141,8 +141,8 @@ def _kept_dating(spec: SourceSpec, config: Config) -> Dating | None:
 
 def _first_and_last_files(name: str, url: str) -> tuple[list[str], Files, tuple[str, ...]]:
     """Return names and files of a source, of a large folder the first and the last, and what is wrong with folders."""
-    from streams.files import Folder, natural_key, open_files
-    from streams.listing import CLOSED, list_files, shown
+    from streams.files.container import Folder, natural_key, open_files
+    from streams.types.listing import CLOSED, list_files, shown
 
     root = Path(url.removeprefix("folder:"))
     if not (url.startswith("folder:") or root.is_dir()):
@@ -200,9 +200,9 @@ def keep_previews(config: Config, previews: Mapping[str, DatingPreview]) -> dict
 
 def _looked_at(loaded: Sequence[Loaded], config: Config) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Return what files hold in words, and what is wrong or doubtful with them."""
-    from streams.plausible import doubts, level_of, of_one_g
-    from streams.samples import Samples
-    from streams.stamps import utc_text
+    from streams.files.plausible import doubts, level_of, of_one_g
+    from streams.types.samples import Samples
+    from streams.types.stamps import utc_text
 
     words: list[str] = []
     problems: list[str] = []
@@ -230,7 +230,7 @@ def _looked_at(loaded: Sequence[Loaded], config: Config) -> tuple[tuple[str, ...
 
 def _first_items(recording: Any) -> tuple[Any, Any]:
     """Return the first block and the first rejection before it, among the first items of a recording."""
-    from streams.block import Rejected
+    from streams.types.block import Rejected
 
     refused = None
     for item in islice(recording, _MAX_OPENED):
@@ -241,7 +241,7 @@ def _first_items(recording: Any) -> tuple[Any, Any]:
 
 
 def _utc_text(seconds: float) -> str:
-    from streams.stamps import utc_text
+    from streams.types.stamps import utc_text
 
     return utc_text(seconds)
 

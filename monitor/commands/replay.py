@@ -21,8 +21,8 @@ from monitor.words.numbers import duration, interval
 from monitor.words.rotation import speed_words
 from monitor.words.statuses import bearing_words, named_words, speed_doubt
 from monitor.words.zones import zone_words
-from streams.listing import shown
-from streams.remote import bare, local_source
+from streams.files.remote import bare, local_source
+from streams.types.listing import shown
 
 if TYPE_CHECKING:
     from monitor.commands.replay_many import Recording

@@ -33,8 +33,8 @@ from monitor.commands.shared_folders import (
     seen,
 )
 from monitor.config.load import ConfigError, load_config
-from streams.remote import bare, expand, is_remote, local_source
-from streams.spec import SourceError
+from streams.files.remote import bare, expand, is_remote, local_source
+from streams.types.spec import SourceError
 
 MARKER = "replay.json"
 """File beside the store of a recording whose replay is complete: of what, and its summary."""

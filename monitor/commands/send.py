@@ -14,7 +14,7 @@ from monitor.commands import option
 from monitor.commands.common import InputError, emit, progress_bar, read_config
 
 if TYPE_CHECKING:
-    from streams.source import Source
+    from streams.types.source import Source
 
 _FILE = option.Place(path_type=Path, dir_okay=False, exists=True)
 
@@ -79,7 +79,7 @@ def command(
     from streams.link.auth import read_key, sender_context
     from streams.link.sender import Link, Sender, TcpLink
     from streams.link.wire import WireError
-    from streams.spec import NetworkSpec, parse_address
+    from streams.types.spec import NetworkSpec, parse_address
 
     address = parse_address(url, "--to")
     source = _recording(path, config_path, kind, rate_hz, block_s, pulses)
@@ -117,7 +117,7 @@ def _recording(
     path: str, config_path: Path | None, kind: str, rate: float | None, block_s: Any, pulses: str | None
 ) -> Source:
     from streams.open import open_source
-    from streams.spec import SourceSpec
+    from streams.types.spec import SourceSpec
 
     if config_path is None:
         stem = re.sub(r"[^A-Za-z0-9_.-]", "-", Path(path).name)[:64] or "recording"

@@ -35,7 +35,7 @@ def reset(source: str, first: int, config_path: Path | None, as_json: bool, quie
     from monitor.records.events import EventLog, write_notice
     from monitor.records.ledger import StoreLedger
     from monitor.records.store import Store
-    from streams.source import StreamCount
+    from streams.types.source import StreamCount
 
     values: dict[str, Any] = {}
     with (

@@ -26,7 +26,7 @@ from monitor.health.size.library.model import Library
 from monitor.service.calibration import rig_of_library, weakest_calibration
 from monitor.service.setup import part_map
 from monitor.words.calibration import uncalibrated_sentence
-from streams.block import STANDARD_GRAVITY
+from streams.types.block import STANDARD_GRAVITY
 
 _Column = tuple[str, str, str]
 _COLUMNS: tuple[_Column, ...] = (

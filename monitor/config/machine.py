@@ -16,8 +16,8 @@ from monitor.health.signal.quality import SpeedLimits
 from monitor.health.signal.rotation.rotation import TachoSettings
 from monitor.health.signal.waterfall import WaterfallSettings
 from monitor.words.zones import machine_class
-from streams.revolutions import BlockRevolutions
-from streams.spec import ChannelSpec
+from streams.turns.revolutions import BlockRevolutions
+from streams.types.spec import ChannelSpec
 
 ColumnName = str | int
 

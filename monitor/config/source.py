@@ -11,8 +11,8 @@ from pydantic import Field, field_validator, model_validator
 
 from monitor.config.fields import Band, Blocks, Name, NotNegative, Positive, Scale, Section
 from monitor.health.signal.quality import bands_above_nyquist
-from streams.readers.stated import known_unit
-from streams.spec import UNITS, NetworkSpec, SourceSpec, dating_problem, pulses_problem
+from streams.files.statements import known_unit
+from streams.types.spec import UNITS, NetworkSpec, SourceSpec, dating_problem, pulses_problem
 
 _DATING_KEYS = ("time_from", "time_name", "interval_s", "date_order")
 _FILE_KEYS = (

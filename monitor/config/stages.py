@@ -11,7 +11,7 @@ from monitor.config.fields import Blocks, Positive, Section
 from monitor.health.onset import FEATURES, DetectSettings, LevelsBy
 from monitor.health.size.filter.prior import GrowthPrior
 from monitor.health.tracker import ForecastMethod, TrackMethod
-from streams.block import STANDARD_GRAVITY
+from streams.types.block import STANDARD_GRAVITY
 
 DetectFeature = Literal["rms", "h_or", "h_ir", "h_ball", "h_cage"]
 Method = TypeVar("Method", TrackMethod, ForecastMethod)

@@ -17,9 +17,9 @@ from monitor.health.signal.bands import VOTES_NEEDED
 from monitor.records.condense import condense
 from monitor.records.database import MAGIC
 from monitor.records.store import Store
-from streams.block import Block, Rejected
-from streams.reading import VERSION, ReadingState, ResumableSource
-from streams.source import Source
+from streams.recording.state import VERSION, ReadingState, ResumableSource
+from streams.types.block import Block, Rejected
+from streams.types.source import Source
 
 _FULL_S = 86400.0
 """Full records stay in the store for a day of record time: the day that the next part completes."""
@@ -89,7 +89,7 @@ class HistorySource:
         self.continues(began[0] if began else None, repetitions, undated=undated)
 
     def state(self) -> ReadingState | None:
-        """Return the state of the recording that is being read, as :meth:`streams.reading.ResumableSource.state`."""
+        """Return the state of the recording being read, as :meth:`streams.recording.state.ResumableSource.state`."""
         return self._source.state() if isinstance(self._source, ResumableSource) else None
 
     def continues(self, began: float | None, repetitions: Iterable[Rejected], *, undated: bool = False) -> None:

@@ -6,7 +6,7 @@ import os
 from pathlib import Path
 from urllib.parse import unquote, urlsplit
 
-from streams.remote import is_remote
+from streams.files.remote import is_remote
 
 
 def local_path(url: str) -> Path | None:

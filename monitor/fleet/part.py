@@ -33,10 +33,10 @@ from monitor.records.publish import days, file_name
 from monitor.records.store import Store as RecordStore
 from monitor.service.replay import Replay, ReplayExtent, kept_dating, replay_source
 from monitor.service.setup import open_configured
-from streams.reading import ReadingState, ResumableSource
-from streams.remote import is_remote
-from streams.remote_folder import opened_remote
-from streams.source import Source
+from streams.files.remote import is_remote
+from streams.files.remote_folder import opened_remote
+from streams.recording.state import ReadingState, ResumableSource
+from streams.types.source import Source
 
 _SCRATCH = "spallwatch-archive-"
 PART_BLOCKS = 5000

@@ -21,8 +21,8 @@ from monitor.fleet.local import without_file_scheme
 from monitor.fleet.manifest import Entry, ManifestError, read_manifest
 from monitor.fleet.occupied import Overlap
 from monitor.fleet.setup import send_setup
-from streams.files import natural_key
-from streams.remote import bare, expand, is_remote
+from streams.files.remote import bare, expand, is_remote
+from streams.types.listing import natural_key
 
 _NOT_IN_NAMES = re.compile(r"[^A-Za-z0-9_.+-]+")
 _MAX_NAME = 80

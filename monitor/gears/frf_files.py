@@ -27,9 +27,9 @@ from numpy.typing import NDArray
 
 from models.gears.transfer.frf import FrequencyResponses
 from models.words.errors import WrongInputError
-from streams.readers.stated import known_unit
-from streams.readers.uff import is_si, universal_file
-from streams.samples import ReaderError
+from streams.files.formats.uff import is_si, universal_file
+from streams.files.statements import known_unit
+from streams.types.samples import ReaderError
 
 Complex = NDArray[np.complex128]
 CSV_UNITS: dict[str, tuple[str, str, float]] = {

@@ -13,7 +13,7 @@ from click.core import ParameterSource
 
 from monitor.commands.common import InputError, check_suffix, emit, finite
 from monitor.gears.kinematics import read_gears
-from streams.block import STANDARD_GRAVITY
+from streams.types.block import STANDARD_GRAVITY
 
 if TYPE_CHECKING:
     from monitor.gears.forces import GearRun

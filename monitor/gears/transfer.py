@@ -23,7 +23,7 @@ from monitor.commands.common import InputError, finite, output_errors
 from monitor.gears.config.section import GearSection
 from monitor.gears.forces import GearRun
 from monitor.gears.frf_files import read_frf
-from streams.block import STANDARD_GRAVITY
+from streams.types.block import STANDARD_GRAVITY
 
 Array = NDArray[np.float64]
 

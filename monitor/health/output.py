@@ -38,7 +38,7 @@ from monitor.health.signal.velocity import NO_ABSOLUTE_LEVEL
 from monitor.health.signal.waterfall import SpectrumRow
 from monitor.health.size import Damage, Remaining
 from monitor.words.zones import MAX_SPEED, MIN_SPEED, MachineClass
-from streams.block import Block
+from streams.types.block import Block
 
 Events = list[dict[str, Any]]
 

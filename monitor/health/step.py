@@ -55,7 +55,7 @@ from monitor.health.signal.transform import MIN_SAMPLES
 from monitor.health.signal.waterfall import SpectrumChange, WaterfallState
 from monitor.health.signal.waterfall import step as waterfall_step
 from monitor.health.state import ChannelSettings, ChannelState, SourceSettings, SourceState
-from streams.block import Block, Rejected, to_si
+from streams.types.block import Block, Rejected, to_si
 
 _MAX_REASON = 500
 """Characters of a reason that comes from outside."""

@@ -43,7 +43,7 @@ from monitor.identify.trial_files import HEALTHY, Measuring, TrialFile, tracked_
 from monitor.identify.trial_folder import read_tests
 from monitor.identify.verdict import judge, verdict_lines
 from monitor.records.database import replacing
-from streams.block import STANDARD_GRAVITY
+from streams.types.block import STANDARD_GRAVITY
 
 _REASONS = {
     "wide": "the ends of its interval differ by more than a factor of four",

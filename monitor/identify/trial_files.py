@@ -25,7 +25,7 @@ from monitor.health.signal.features import N_HARMONICS, fundamentals
 from monitor.health.signal.lines import fault_lines
 from monitor.health.signal.transform import Band, get_transform
 from monitor.service.setup import open_configured
-from streams.block import STANDARD_GRAVITY, Block, Rejected, to_si
+from streams.types.block import STANDARD_GRAVITY, Block, Rejected, to_si
 
 _CONDITION = ("load_newton", "speed_hz")
 _FEATURES = ("rms_g", "a_star_g")

@@ -24,10 +24,9 @@ from models.path.contour import part_radius
 from models.published.thesis import EXTENTS_DEG
 from monitor.commands.common import InputError
 from monitor.identify.trial_files import Measuring, TrialFile, measure, read_trials
-from streams.datasets import FerraraName, ferrara_name
-from streams.files import unpacked_name
-from streams.listing import walk_files
-from streams.recognise import FORMATS
+from streams.files.datasets import FerraraName, ferrara_name
+from streams.files.recognise import FORMATS
+from streams.types.listing import unpacked_name, walk_files
 
 INDEX = "tests.csv"
 _NUMBER = r"\d+(?:[.,]\d+)?"

@@ -15,7 +15,7 @@ from monitor.records.condense import identity_of
 from monitor.records.database import UNFIT, UnstorableError
 from monitor.records.filing import content_digest, file_record, ledger_digest, states_digest
 from monitor.records.packing import pack
-from streams.block import Rejected
+from streams.types.block import Rejected
 
 Commit = Literal["committed", "duplicate", "changed"]
 

@@ -15,7 +15,7 @@ from typing import Any, Literal, Self
 from models.platform.portable import FileLock, sync_file, sync_folder
 from models.words.errors import WrongInputError
 from monitor.records.tables import APPLICATION_ID, STORE_VERSION, add_unversioned, create_tables, migrate_tables
-from streams.listing import NETWORK_FILE_SYSTEMS, file_system_type
+from streams.types.listing import NETWORK_FILE_SYSTEMS, file_system_type
 
 _MAX_IDLE_LOG_BYTES = 64 << 20
 """Size to which the write-ahead log is cut after a checkpoint."""

@@ -23,9 +23,9 @@ from monitor.records.filing import LAST_QUERY, MAX_BLOCK
 from monitor.records.quarantine import QUICK, SLOW, HandlingNotes, count_deaths
 from monitor.records.quarantine import TABLE as _DEATHS
 from monitor.records.store import Store
-from streams.block import Rejected
-from streams.limits import LARGE_BYTES
-from streams.source import MAX_DEATHS, PENDING, POISONED, RELEASED, FileProgress, StreamCount
+from streams.types.block import Rejected
+from streams.types.limits import LARGE_BYTES
+from streams.types.source import MAX_DEATHS, PENDING, POISONED, RELEASED, FileProgress, StreamCount
 
 _TABLES = (
     """CREATE TABLE IF NOT EXISTS files (
@@ -51,13 +51,13 @@ _MAX_ALIKE = 8
 DATING = "dating:"
 """Begins the keys in the table ``meta`` of what dates the blocks of each source."""
 _FRAME_NAME = re.compile(r"\[(\d+):(\d+)\]$")
-"""End of the name of a block of a stream that was reset, see :meth:`streams.source.StreamCount.name_of`."""
+"""End of the name of a block of a stream that was reset, see :meth:`streams.types.source.StreamCount.name_of`."""
 SALVAGED_UP_TO = "salvaged_up_to"
 """Key in the table ``meta`` of the id of the last block that a salvage left in the store."""
 
 
 class StoreLedger(Closing):
-    """A :class:`streams.source.Ledger` on an open store; reading is allowed from any thread.
+    """A :class:`streams.types.source.Ledger` on an open store; reading is allowed from any thread.
 
     All methods raise :class:`StoreError` where the database cannot be read or written.
     """
@@ -243,7 +243,7 @@ class StoreLedger(Closing):
 
 
 def read_dating(store: Store, source: str) -> dict[str, Any] | None:
-    """Return what dates the blocks of a source (:class:`streams.dating.Dating`), or None."""
+    """Return what dates the blocks of a source (:class:`streams.dates.dating.Dating`), or None."""
     found = store.rows("SELECT value FROM meta WHERE key = ?", f"{DATING}{source}")
     return json.loads(found[0][0]) if found else None
 

@@ -40,7 +40,7 @@ from monitor.records.filing import (
 )
 from monitor.records.rollup import OPEN_BUDGET_S, check_features, roll_up
 from monitor.records.spectra import write_changes
-from streams.block import Rejected
+from streams.types.block import Rejected
 
 _CHUNK_RECORDS = 500
 """Records read at a time: no transaction stays open while blocks are committed."""

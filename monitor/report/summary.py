@@ -19,7 +19,7 @@ from monitor.report.runs import Channel, Run
 from monitor.report.score import scoring
 from monitor.report.score.issued import ScoreError, issued_of, running_time
 from monitor.report.verdict import ChannelVerdict
-from streams.block import STANDARD_GRAVITY
+from streams.types.block import STANDARD_GRAVITY
 
 _BINS = 120
 _SIZES = 200

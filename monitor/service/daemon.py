@@ -28,7 +28,7 @@ from monitor.service.start import inspect
 from monitor.service.summary import run_attributes
 from monitor.service.system import DiskGuard, ServiceManager, StatusFile, full_disk, is_running
 from monitor.words.events import event_text
-from streams.source import POISONED
+from streams.types.source import POISONED
 
 _LOG = logging.getLogger(__name__)
 _MIN_STATUS_S, _MAX_STATUS_S = 1.0, 5.0

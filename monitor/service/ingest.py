@@ -20,8 +20,8 @@ from monitor.records.ledger import StoreLedger
 from monitor.records.store import Store
 from monitor.service.setup import source_settings, source_spec
 from streams.open import open_live
-from streams.source import Backlog, Delivery, LiveSource
-from streams.spec import SourceError
+from streams.types.source import Backlog, Delivery, LiveSource
+from streams.types.spec import SourceError
 
 _LOG = logging.getLogger(__name__)
 _POLL_S = 0.2

@@ -33,10 +33,10 @@ from monitor.service.calibration import uncalibrated_lines
 from monitor.service.neighbours.condition import RecordedCondition
 from monitor.service.setup import only_source, open_configured, source_settings
 from monitor.service.summary import bearing_summaries, channel_summary, run_attributes, with_words
-from streams.block import STANDARD_GRAVITY, Block
-from streams.dating import Dating
-from streams.reading import ResumableSource
-from streams.source import FileSource, Source
+from streams.dates.dating import Dating
+from streams.recording.state import ResumableSource
+from streams.types.block import STANDARD_GRAVITY, Block
+from streams.types.source import FileSource, Source
 
 _FILE_COUNTS = ("offered", "accepted", "rejected", "ignored", "pending")
 

@@ -36,13 +36,13 @@ from monitor.records.learned_file import LearnedFileError, is_learned, load_lear
 from monitor.records.library_file import LibraryError, load_library
 from monitor.service.calibration import calibration_of
 from monitor.words.zones import MACHINE_CLASSES
-from streams.block import STANDARD_GRAVITY
-from streams.dating import Dating
-from streams.files import Files
+from streams.dates.dating import Dating
+from streams.files.container import Files
 from streams.open import open_source
-from streams.reading import ReadingState
-from streams.source import Source
-from streams.spec import ChannelSpec, SourceError, SourceSpec
+from streams.recording.state import ReadingState
+from streams.types.block import STANDARD_GRAVITY
+from streams.types.source import Source
+from streams.types.spec import ChannelSpec, SourceError, SourceSpec
 
 Slice = TypeVar("Slice")
 

@@ -18,9 +18,9 @@ from monitor.records.ledger import StoreLedger
 from monitor.records.recover.loss import damage_of
 from monitor.records.store import Store
 from monitor.service.setup import source_settings, source_spec
-from streams.dating import kept_dating
+from streams.dates.dating import kept_dating
 from streams.open import check_live
-from streams.spec import SourceError, SourceSpec
+from streams.types.spec import SourceError, SourceSpec
 
 
 @dataclass(frozen=True)

@@ -22,7 +22,7 @@ from monitor.service.calibration import other_models
 from monitor.words.advice import ADVICE, state_of
 from monitor.words.features import columns, first
 from monitor.words.situation import Situation
-from streams.block import STANDARD_GRAVITY
+from streams.types.block import STANDARD_GRAVITY
 
 _ROTATION = ("speed_min", "speed_max", "acceleration", "revolutions", "encoder_error", "level_rms")
 _ROTATION_WORDS = ("domain", "rotation_status", "pulses_missing", "pulses_extra", "level_status")

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 from monitor.words.numbers import duration, times_first, volume
-from streams.block import STANDARD_GRAVITY
+from streams.types.block import STANDARD_GRAVITY
 
 ACCELERATION, VELOCITY, PURE = "m s-2", "m s-1", "1"
 

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from streams.beside import pulse_file_of
+from streams.files.beside import pulse_file_of
+from streams.files.pulse_files import is_pulse_file
 from streams.folder.copying import HOLD
-from streams.listing import Stat
-from streams.pulse_files import is_pulse_file
+from streams.types.listing import Stat
 
 
 class Awaited:

@@ -5,14 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Literal
 
+from streams.files.load import Loader
 from streams.folder.entry import Entry
 from streams.folder.raw import Raw, is_more_of
 from streams.folder.reading import Result
 from streams.folder.register import ARCHIVED, Register
-from streams.listing import stat_file, unshown
-from streams.load import Loader
-from streams.samples import Samples
-from streams.source import PENDING, FileProgress, Ledger
+from streams.types.listing import stat_file, unshown
+from streams.types.samples import Samples
+from streams.types.source import PENDING, FileProgress, Ledger
 
 
 @dataclass(frozen=True)

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from typing import Literal
 
 from streams.folder.copying import Order
-from streams.listing import Stat
-from streams.samples import Origin
-from streams.source import FileProgress
+from streams.types.listing import Stat
+from streams.types.samples import Origin
+from streams.types.source import FileProgress
 
 Phase = Literal["queued", "deferred", "reading", "held", "delivered"]
 

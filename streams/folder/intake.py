@@ -8,22 +8,22 @@ from collections.abc import Iterable, Iterator
 from copy import copy
 from dataclasses import replace
 
-from streams.block import Block, Rejected
-from streams.datasets import FileFacts
-from streams.dater import UndatedError
-from streams.files import unpacked_name
+from streams.dates.dater import UndatedError
+from streams.files.datasets import FileFacts
+from streams.files.load import Loader, cutter_of, renamed
 from streams.folder.copies import Copies
 from streams.folder.copying import Order
 from streams.folder.entry import Entry
 from streams.folder.raw import Raw, UnfinishedError, count_block, is_more_of
 from streams.folder.reading import Background, Result, Task, read_file
 from streams.folder.register import MAX_INCOMPLETE_S, Register
-from streams.given import copy_error, taken_error
-from streams.load import Loader, cutter_of, renamed
 from streams.reblock import Cut, Numbering, Reblocker
-from streams.samples import ReaderError, Samples
-from streams.source import ACCEPTED, MAX_DEATHS, PENDING, POISONED, Delivery, FileProgress, Ledger
-from streams.spec import SourceSpec
+from streams.recording.repeats import copy_error, taken_error
+from streams.types.block import Block, Rejected
+from streams.types.listing import unpacked_name
+from streams.types.samples import ReaderError, Samples
+from streams.types.source import ACCEPTED, MAX_DEATHS, PENDING, POISONED, Delivery, FileProgress, Ledger
+from streams.types.spec import SourceSpec
 
 _MAX_AHEAD_FILES = 8
 _MAX_AHEAD_BYTES = 1 << 26

@@ -7,14 +7,14 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from models.words.errors import SpallwatchError
-from streams.digest import content_hash
-from streams.files import read_guarded, refuse_special
+from streams.files.container import read_guarded, refuse_special
+from streams.files.digest import content_hash
+from streams.files.parse.complete import whole_part
 from streams.folder.entry import Entry
-from streams.listing import Stat, stat_file
-from streams.readers.complete import whole_part
 from streams.reblock import Cut
-from streams.samples import ReaderError
-from streams.source import ACCEPTED, HEAD_BYTES, PENDING, FileProgress
+from streams.types.listing import Stat, stat_file
+from streams.types.samples import ReaderError
+from streams.types.source import ACCEPTED, HEAD_BYTES, PENDING, FileProgress
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,7 +38,7 @@ def read_raw(root: Path, entry: Entry, growing: str | None) -> Raw:
     """Return the bytes of a file; of a ``growing`` format those whose samples are final.
 
     Raises:
-        ReaderError: as :func:`streams.files.read_guarded`, but for a file that changes.
+        ReaderError: as :func:`streams.files.container.read_guarded`, but for a file that changes.
         UnfinishedError: it has changed since it was selected.
     """
     refuse_special(entry.stat, root, entry.path)

@@ -10,13 +10,13 @@ from concurrent.futures import Future
 from dataclasses import dataclass
 from typing import Any
 
-from streams.datasets import FileFacts
+from streams.files.datasets import FileFacts
+from streams.files.load import Loader
+from streams.files.parse.child import ReaderProcess, use_process
 from streams.folder.entry import Entry
 from streams.folder.raw import Raw, read_raw
-from streams.limits import LARGE_BYTES, ChildLimits
-from streams.load import Loader
-from streams.readers.child import ReaderProcess, use_process
-from streams.samples import ReaderError, Samples
+from streams.types.limits import LARGE_BYTES, ChildLimits
+from streams.types.samples import ReaderError, Samples
 
 Result = Samples | ReaderError | None
 """Of reading a file; None where its bytes are those that are known already."""

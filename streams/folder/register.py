@@ -9,13 +9,12 @@ import threading
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 
-from streams.files import natural_key
+from streams.files.sidecar import is_sidecar
 from streams.folder.awaited import Awaited
 from streams.folder.copying import HOLD, CopyDetector, Order
 from streams.folder.entry import Entry
-from streams.listing import Stat, is_likely_same, shown, unshown
-from streams.readers.sidecar import is_sidecar
-from streams.source import ACCEPTED, PENDING, POISONED, RELEASED, Backlog, FileProgress, Ledger
+from streams.types.listing import Stat, is_likely_same, natural_key, shown, unshown
+from streams.types.source import ACCEPTED, PENDING, POISONED, RELEASED, Backlog, FileProgress, Ledger
 
 MAX_INCOMPLETE_S = 600.0
 """Time without a change after which an incomplete file is rejected."""

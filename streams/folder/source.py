@@ -12,21 +12,21 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
-from streams.datasets import DataSet
-from streams.dater import Dater
-from streams.dating import Dating, kept_dating
-from streams.files import Folder, check_readable, natural_key
+from streams.dates.dater import Dater
+from streams.dates.dating import Dating, kept_dating
+from streams.files.container import Folder, check_readable
+from streams.files.datasets import DataSet
+from streams.files.load import Loader, is_cut, is_dated_by_choice
+from streams.files.pulse_files import is_pulse_file
+from streams.files.recognise import data_set_of
 from streams.folder.copying import Order
 from streams.folder.intake import Intake
 from streams.folder.reading import Background, Task
 from streams.folder.register import MAX_INCOMPLETE_S, Register
 from streams.folder.watch import Watch
-from streams.listing import CLOSED, Stat, is_skipped, shown, stat_file, walk_files
-from streams.load import Loader, is_cut, is_dated_by_choice
-from streams.pulse_files import is_pulse_file
-from streams.recognise import data_set_of
-from streams.source import MAX_DEATHS, MAX_IGNORED_NAMES, Backlog, Delivery, Ledger, LiveSource
-from streams.spec import SourceError, SourceSpec
+from streams.types.listing import CLOSED, Stat, is_skipped, natural_key, shown, stat_file, walk_files
+from streams.types.source import MAX_DEATHS, MAX_IGNORED_NAMES, Backlog, Delivery, Ledger, LiveSource
+from streams.types.spec import SourceError, SourceSpec
 
 _LOG = logging.getLogger(__name__)
 _MAX_NOTED = 8

@@ -10,7 +10,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from streams.listing import NETWORK_FILE_SYSTEMS, file_system_type
+from streams.types.listing import NETWORK_FILE_SYSTEMS, file_system_type
 
 _LOG = logging.getLogger(__name__)
 _MAX_NAMES = 10_000

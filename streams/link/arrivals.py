@@ -12,14 +12,14 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from streams.block import Block, Rejected
-from streams.digest import content_hash
+from streams.files.digest import content_hash
 from streams.link.frame_item import item_of_frame
 from streams.link.pulse_frame import Held, HeldPulses, decode_pulses
 from streams.link.refusals import LINK, Refusals
 from streams.link.wire import PULSES, JumpError, WireError, decode_frame, frame_version
-from streams.source import Backlog, Delivery, Ledger, LiveSource, StreamCount
-from streams.spec import MAX_FRAME, NetworkSpec, SourceError, SourceSpec, parse_address
+from streams.types.block import Block, Rejected
+from streams.types.source import Backlog, Delivery, Ledger, LiveSource, StreamCount
+from streams.types.spec import MAX_FRAME, NetworkSpec, SourceError, SourceSpec, parse_address
 
 
 @dataclass(eq=False)
@@ -52,7 +52,7 @@ class Arrivals:
     """The queue of one receiver.
 
     The thread that reads calls :meth:`take`, the one that commits the rest. A frame is a block; their numbers are the
-    same until the stream is reset (:class:`streams.source.StreamCount`).
+    same until the stream is reset (:class:`streams.types.source.StreamCount`).
     A frame received again before its commit is discarded; after it, it is delivered as a rejection ``duplicate`` or
     ``changed``, and the committed block stays. Where numbers are skipped, a rejection ``incomplete`` under the last of
     them states which are missing; but where the sender states that it did send the one before, that one was lost on

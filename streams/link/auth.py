@@ -13,7 +13,7 @@ from pathlib import Path
 
 from models.platform.portable import others_may
 from streams.link.wire import HELLO_MAGIC
-from streams.spec import SourceError
+from streams.types.spec import SourceError
 
 NONCE_BYTES = 32
 """Random bytes that the receiver answers to a hello of version 2."""

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from streams.block import Block, Rejected
+from streams.files.load import agreed_rate, choose_channels
+from streams.files.pulse_times import fitting_pulses
 from streams.link.pulse_frame import Held
 from streams.link.wire import Frame
-from streams.load import agreed_rate, choose_channels
-from streams.readers.pulse_times import fitting_pulses
 from streams.reblock import samples_hash
-from streams.samples import ReaderError, Samples
-from streams.spec import SourceSpec
+from streams.types.block import Block, Rejected
+from streams.types.samples import ReaderError, Samples
+from streams.types.spec import SourceSpec
 
 
 def item_of_frame(spec: SourceSpec, frame: Frame, held: Held | None, name: str, number: int) -> Block | Rejected:

@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from models.words.errors import SpallwatchError
-from streams.spec import UNITS
+from streams.types.spec import UNITS
 
 MAX_SEQUENCE = 2**63 - 1
 MAX_PER_REVOLUTION = 1_000_000

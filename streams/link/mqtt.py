@@ -19,7 +19,7 @@ from streams.link.arrivals import Receiver, Ticket
 from streams.link.refusals import JUMP, LINK
 from streams.link.sender import LinkError
 from streams.link.wire import ACK, JumpError, WireError
-from streams.spec import Address, NetworkSpec, SourceError, SourceSpec
+from streams.types.spec import Address, NetworkSpec, SourceError, SourceSpec
 
 COMMITTED = "/committed"
 """Suffix of the topic with the number committed last."""

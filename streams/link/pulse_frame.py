@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from streams.block import Block
+from streams.files.pulse_times import checked_pulses
 from streams.link.header import WireError, header_of, per_revolution_of
 from streams.link.wire import (
     FRAME_MAGIC,
@@ -26,10 +26,10 @@ from streams.link.wire import (
     sealed,
     whole_frame,
 )
-from streams.pulses import Pulses
-from streams.readers.pulse_times import checked_pulses
-from streams.samples import ReaderError
-from streams.spec import MAX_FRAME
+from streams.turns.pulses import Pulses
+from streams.types.block import Block
+from streams.types.samples import ReaderError
+from streams.types.spec import MAX_FRAME
 
 _FLOAT64 = 4
 _MAX_HELD = 32

@@ -12,12 +12,12 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from models.words.errors import SpallwatchError
-from streams.block import Block, Rejected
 from streams.link.auth import NONCE_BYTES, proof
 from streams.link.pulse_frame import block_frames
 from streams.link.wire import ACK, PROVEN, REFUSED, VERSION, WireError, hello
-from streams.source import Source
-from streams.spec import Address
+from streams.types.block import Block, Rejected
+from streams.types.source import Source
+from streams.types.spec import Address
 
 _WINDOW_FRAMES, _WINDOW_BYTES = 32, 64 << 20
 _FIRST_PAUSE_S, _MAX_PAUSE_S = 0.1, 10.0

@@ -18,7 +18,7 @@ from streams.link.auth import NONCE_BYTES, is_proof, key_weakness, read_key, rec
 from streams.link.peer import ClosedError, Peer, Phase
 from streams.link.refusals import JUMP, KEY, LINK
 from streams.link.wire import ACK, PROVEN, JumpError, WireError, hello_stream, hello_version, refusal
-from streams.spec import NetworkSpec, SourceError, SourceSpec
+from streams.types.spec import NetworkSpec, SourceError, SourceSpec
 
 _LOG = logging.getLogger(__name__)
 _TICK = 0.25

@@ -16,10 +16,10 @@ from typing import Any
 import numpy as np
 from google_crc32c import value as crc32c
 
-from streams.block import Block
 from streams.link.header import MAX_SEQUENCE, WireError, header_of, stated_frame, stated_rows
-from streams.samples import Samples
-from streams.spec import MAX_FRAME
+from streams.types.block import Block
+from streams.types.samples import Samples
+from streams.types.spec import MAX_FRAME
 
 VERSION = 1
 PULSES = 2

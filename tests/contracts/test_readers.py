@@ -1,7 +1,7 @@
 """The contract of every reader: consistent samples from a good file, a ReaderError that names it from any other bytes.
 
-Readers are found, not listed: each function ``read_...`` of ``streams.readers`` that returns Samples. A new reader
-needs a file of its format in ``tests/streams/format_makers.py``.
+Readers are found, not listed: each function ``read_...`` of ``streams.files.formats`` that returns Samples. A new
+reader needs a file of its format in ``tests/streams/format_makers.py``.
 """
 
 from __future__ import annotations
@@ -16,9 +16,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-import streams.readers
-from streams.readers.child import isolated
-from streams.samples import ReaderError, Samples
+import streams.files.formats
+from streams.files.parse.child import isolated
+from streams.types.samples import ReaderError, Samples
 from tests.streams.format_makers import MAKERS, signal
 from tests.support.effort import effort_count
 
@@ -32,7 +32,7 @@ MAKER_OF = {"hdf5": "x.h5", "plain_npy": "x.npy", "layout": "x.csv", "netcdf": "
 
 
 def found_readers() -> Iterator[tuple[str, Reader]]:
-    for module in pkgutil.iter_modules(streams.readers.__path__, "streams.readers."):
+    for module in pkgutil.iter_modules(streams.files.formats.__path__, "streams.files.formats."):
         for name, function in inspect.getmembers(importlib.import_module(module.name), inspect.isfunction):
             own = function.__module__ == module.name
             if own and name.startswith("read_") and function.__annotations__.get("return") == "Samples":

@@ -19,7 +19,7 @@ import xarray as xr
 from monitor.records.store import Store
 from streams.link.sender import LinkError, TcpLink
 from streams.link.wire import block_frame, encode_frame
-from streams.spec import parse_address
+from streams.types.spec import parse_address
 from tests.support.daemon_kill import published_blocks
 from tests.support.daemons import call, free_port, start, tcp_machine_text
 from tests.support.effort import effort_count

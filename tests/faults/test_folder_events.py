@@ -15,10 +15,10 @@ import pytest
 
 from streams.folder.source import FolderSource
 from streams.folder.watch import Watch
-from streams.listing import file_system_type
 from streams.open import open_live
-from streams.source import LiveSource
-from streams.spec import SourceError, SourceSpec
+from streams.types.listing import file_system_type
+from streams.types.source import LiveSource
+from streams.types.spec import SourceError, SourceSpec
 from tests.streams.folders import CHANNELS, RATE, csv_bytes, noise
 from tests.support.effort import effort_count
 from tests.support.memory_ledger import MemoryLedger

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from streams.block import Block, Rejected
+from streams.types.block import Block, Rejected
 from tests.streams.folders import Rig
 from tests.support.effort import effort_count
 

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from streams.listing import list_files
+from streams.types.listing import list_files
 from tests.streams.folders import csv_bytes, noise
 from tests.support.daemons import ROOT, call, make_machine, start_program, status
 from tests.support.folder_permissions import BOUND

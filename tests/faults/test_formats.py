@@ -23,7 +23,7 @@ from monitor.config.load import Config, validate
 from monitor.records.store import Store
 from monitor.service.ingest import Ingest
 from monitor.service.replay import replay
-from streams.listing import unshown
+from streams.types.listing import unshown
 from tests.streams.format_makers import (
     MAKERS,
     RATE,

@@ -18,7 +18,7 @@ from monitor.service.ingest import Ingest
 from streams.link.sender import Sender, TcpLink
 from streams.link.tcp import TcpReceiver
 from streams.link.wire import HEAD, HELLO, block_frame, encode_frame, hello
-from streams.spec import parse_address
+from streams.types.spec import parse_address
 from tests.support.effort import effort_count
 from tests.support.network_kill import Made, block, config
 from tests.support.waiting import PATIENCE_S, wait_until

@@ -8,12 +8,12 @@ from collections import Counter
 import numpy as np
 import pytest
 
-from streams.block import Block, Rejected
-from streams.digest import content_hash
+from streams.files.digest import content_hash
+from streams.files.parse.child import shared_process
 from streams.link.wire import WireError, decode_frame
 from streams.open import open_source
-from streams.readers.child import shared_process
-from streams.spec import ChannelSpec, SourceSpec
+from streams.types.block import Block, Rejected
+from streams.types.spec import ChannelSpec, SourceSpec
 from tests.streams.format_makers import MAKERS, RATE, signal
 from tests.support.effort import effort_count
 from tests.support.fuzz import BINARY, COLUMN_OF, mutate, mutated_frames

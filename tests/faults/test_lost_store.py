@@ -29,8 +29,8 @@ from monitor.records.recover.report import SalvageReport
 from monitor.records.recover.salvage import open_or_salvage
 from monitor.records.snapshot import snapshot_path
 from monitor.records.store import Store
-from streams.block import Block, Rejected
-from streams.source import FileProgress
+from streams.types.block import Block, Rejected
+from streams.types.source import FileProgress
 from tests.streams.folders import csv_bytes, noise
 from tests.support.daemons import make_machine, start, status
 from tests.support.effort import effort_count

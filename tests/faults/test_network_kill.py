@@ -17,7 +17,7 @@ from monitor.service.ingest import Ingest
 from streams.link.mqtt import MqttLink
 from streams.link.sender import Link, Sender, TcpLink
 from streams.reblock import samples_hash
-from streams.spec import parse_address
+from streams.types.spec import parse_address
 from tests.support.broker import Broker
 from tests.support.effort import effort_count
 from tests.support.forks import Fork, Messages

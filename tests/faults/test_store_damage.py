@@ -21,7 +21,7 @@ from monitor.records.recover import salvage
 from monitor.records.recover.report import SalvageReport
 from monitor.records.recover.salvage import open_or_salvage
 from monitor.records.store import Store
-from streams.source import FileProgress
+from streams.types.source import FileProgress
 from tests.support.effort import effort_count
 from tests.support.store_damage import PAGE, CutOff, CutOffError, zero
 

@@ -24,7 +24,7 @@ from monitor.health.record import Record
 from monitor.records.database import StoreError
 from monitor.records.ledger import StoreLedger, write_progress
 from monitor.records.store import Store
-from streams.source import FileProgress
+from streams.types.source import FileProgress
 from tests.support.effort import effort_count
 from tests.support.forks import Fork, Messages
 from tests.support.store_kill import block

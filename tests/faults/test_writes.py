@@ -26,9 +26,9 @@ import pytest
 from monitor.health.record import Record
 from monitor.records.database import StoreError
 from monitor.records.store import Store
-from streams.block import Block
 from streams.link.sender import Sender, TcpLink
-from streams.spec import parse_address
+from streams.types.block import Block
+from streams.types.spec import parse_address
 from tests.support.daemon_kill import published_blocks
 from tests.support.daemons import free_port, start, start_program, status, tcp_machine_text
 from tests.support.effort import effort_count

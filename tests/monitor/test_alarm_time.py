@@ -18,7 +18,7 @@ from monitor.health.signal.quality import Verdict
 from monitor.health.state import ChannelState
 from monitor.service.neighbours.points import StoredRecord, channel_message
 from monitor.words.statuses import TTA_REFUSALS
-from streams.block import STANDARD_GRAVITY
+from streams.types.block import STANDARD_GRAVITY
 from tests.support.report import one, page_of_records
 
 FOUND = TimeToAlarm(TtaStatus.OK, 7200.0, 3600.0, 14400.0, 2.0 * STANDARD_GRAVITY, "alert", 0.01)

@@ -31,7 +31,7 @@ from monitor.service.neighbours.points import StoredRecord, channel_values
 from monitor.service.replay import replay
 from monitor.words.rotation import DOMAINS as DOMAIN_WORDS
 from monitor.words.rotation import ROTATION_REFUSALS, speed_words
-from streams.block import Block
+from streams.types.block import Block
 from tests.support import varying_speed
 from tests.support.pipeline import base
 from tests.support.velocity_signals import RATE

@@ -23,7 +23,7 @@ MAX_FILES = 93
 """Files that the second block of a folder enters, the child that reads it apart; docs/ARCHITECTURE.md says how many."""
 MILESTONES = (
     "streams/folder/source.py",
-    "streams/load.py",
+    "streams/files/load.py",
     "streams/reblock.py",
     "monitor/health/step.py",
     "monitor/records/block_writer.py",

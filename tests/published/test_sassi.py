@@ -24,7 +24,7 @@ from models.solve.ring_impact.rig import RingImpactRig
 from models.solve.ring_impact.solver import MeasuredLevel, calibrate, noise_level, solve
 from models.words.request import Request
 from monitor.health.signal.features import BlockFeatures, FeatureSettings, block_features, fundamentals
-from streams.block import STANDARD_GRAVITY
+from streams.types.block import STANDARD_GRAVITY
 from tests.support.accepted import rows_of
 from tests.support.once import made_once
 

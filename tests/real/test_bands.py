@@ -17,7 +17,7 @@ from scipy.io import loadmat
 from models.machine.bearing import Bearing, kinematics
 from monitor.health.signal.bands import candidate_bands, find_band
 from monitor.health.signal.features import BlockFeatures, FeatureSettings, block_features, fundamentals
-from streams.block import STANDARD_GRAVITY
+from streams.types.block import STANDARD_GRAVITY
 from tests.support.effort import effort_count
 
 pytestmark = pytest.mark.real

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from streams.block import Block
+from streams.types.block import Block
 from tests.support.effort import effort_count
 from tests.support.recordings import CASES, Case, watch
 

@@ -21,7 +21,7 @@ from monitor.health.record import Record
 from monitor.records.store import Store
 from monitor.service.replay import replay
 from monitor.service.setup import open_configured, source_settings
-from streams.block import Block, Rejected
+from streams.types.block import Block, Rejected
 from tests.conftest import recordings_folder
 from tests.support.effort import effort_count
 from tests.support.recordings import RUNS, Run, example

@@ -13,9 +13,9 @@ import pytest
 import scipy.io
 from numpy.testing import assert_array_equal
 
-from streams.block import Block
 from streams.open import open_source
-from streams.spec import ChannelSpec, SourceSpec
+from streams.types.block import Block
+from streams.types.spec import ChannelSpec, SourceSpec
 from tests.oracles.text_oracle import parse_slowly
 from tests.support.effort import effort_count
 

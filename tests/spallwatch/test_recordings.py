@@ -9,7 +9,7 @@ import pytest
 import xarray as xr
 
 import spallwatch as sw
-from streams.block import STANDARD_GRAVITY
+from streams.types.block import STANDARD_GRAVITY
 
 RATE = 2000.0
 

@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 import soundfile
 
-from streams.block import Block, Rejected
 from streams.open import open_source
-from streams.spec import SourceSpec
+from streams.types.block import Block, Rejected
+from streams.types.spec import SourceSpec
 from tests.streams.folders import CHANNELS, RATE, Rig, csv_bytes, noise
 
 START = datetime(2024, 1, 31, 23, 0, 0, tzinfo=UTC).timestamp()

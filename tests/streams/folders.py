@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from streams.block import Block, Rejected
 from streams.folder.source import Clock, FolderSource
-from streams.spec import ChannelSpec, SourceSpec
+from streams.types.block import Block, Rejected
+from streams.types.spec import ChannelSpec, SourceSpec
 from tests.support.memory_ledger import MemoryLedger
 
 RATE = 1000.0

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from streams.samples import Samples
+from streams.types.samples import Samples
 
 
 def pid(data: bytes, name: str) -> int:

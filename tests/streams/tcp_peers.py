@@ -9,11 +9,11 @@ from contextlib import contextmanager
 
 import numpy as np
 
-from streams.block import Block, Rejected
 from streams.link.sender import TcpLink
 from streams.link.tcp import TcpReceiver
 from streams.link.wire import block_frame, encode_frame, hello
-from streams.spec import NetworkSpec, SourceSpec, parse_address
+from streams.types.block import Block, Rejected
+from streams.types.spec import NetworkSpec, SourceSpec, parse_address
 from tests.support.memory_ledger import MemoryLedger
 from tests.support.waiting import PATIENCE_S
 

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from streams.reblock import Reblocker, samples_hash
-from streams.samples import Samples
+from streams.types.samples import Samples
 from tests.oracles.reblock_oracle import blocks_of_runs
 from tests.support.reblock import cut_up, flushed
 

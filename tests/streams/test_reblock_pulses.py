@@ -8,9 +8,9 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from streams.pulses import Pulses
 from streams.reblock import Numbering, Reblocker, samples_hash
-from streams.samples import Samples
+from streams.turns.pulses import Pulses
+from streams.types.samples import Samples
 from tests.support.reblock import cut_up, flushed
 
 RATE = 1000.0 / 3.0

@@ -12,10 +12,10 @@ import pytest
 import soundfile
 from numpy.testing import assert_array_equal
 
-from streams.block import Block, Rejected
 from streams.open import open_source
-from streams.source import Source
-from streams.spec import ChannelSpec, SourceError, SourceSpec
+from streams.types.block import Block, Rejected
+from streams.types.source import Source
+from streams.types.spec import ChannelSpec, SourceError, SourceSpec
 from tests.streams.makers import mat_file, pronostia_csv
 
 A = (ChannelSpec("a", column=1, unit="g"),)
@@ -180,7 +180,7 @@ def test_importing_the_protocol_loads_no_parser() -> None:
 def test_reading_a_recording_loads_no_compiler(tmp_path: Path) -> None:
     (tmp_path / "acc_00001.csv").write_bytes(pronostia_csv(1))
     code = (
-        "import sys; from streams.spec import SourceSpec; from streams.open import open_source; "
+        "import sys; from streams.types.spec import SourceSpec; from streams.open import open_source; "
         f"blocks = list(open_source(SourceSpec('x', {str(tmp_path)!r}))); "
         "sys.exit(len(blocks) != 1 or bool({'numba', 'xarray', 'netCDF4', 'matplotlib'} & set(sys.modules)))"
     )
@@ -203,8 +203,8 @@ def test_rig_is_opened_by_its_own_module(monkeypatch: pytest.MonkeyPatch) -> Non
         calls.append((url, name))
         return Rig()
 
-    module = ModuleType("streams.rig")
+    module = ModuleType("streams.rig.bench")
     monkeypatch.setattr(module, "open_rig", open_rig, raising=False)
-    monkeypatch.setitem(sys.modules, "streams.rig", module)
+    monkeypatch.setitem(sys.modules, "streams.rig.bench", module)
     assert isinstance(open_at("rig:ferrara?seed=3"), Rig)
     assert calls == [("rig:ferrara?seed=3", "test")]

@@ -6,8 +6,8 @@ import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from streams.block import Block, Rejected
-from streams.source import LiveSource
+from streams.types.block import Block, Rejected
+from streams.types.source import LiveSource
 from tests.support.memory_ledger import MemoryLedger
 
 

@@ -19,7 +19,7 @@ from tests.support.pace import quicken
 
 PRELOADED = [
     *("monitor.service.publisher", "monitor.records.publish", "monitor.records.moved_days", "netCDF4", "dask.array"),
-    *("monitor.web.server", "streams.readers.worker", "streams.readers.text", "pandas"),
+    *("monitor.web.server", "streams.files.parse.worker", "streams.files.formats.text", "pandas"),
 ]
 """What those children import."""
 
@@ -141,9 +141,9 @@ def address_of_forks() -> str:
 def fork_children_too(address: str) -> None:
     """Let the children of this forked process be forked where it was."""
     import monitor.service.children
-    import streams.readers.child
+    import streams.files.parse.child
 
     server = cast("Any", multiprocessing.forkserver)._forkserver
     server._forkserver_address, server.ensure_running = address, lambda: None
-    for user in (monitor.service.children, streams.readers.child):
+    for user in (monitor.service.children, streams.files.parse.child):
         vars(user)["subprocess"] = SUBPROCESS

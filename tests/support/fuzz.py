@@ -7,8 +7,8 @@ import struct
 import numpy as np
 from google_crc32c import value as crc32c
 
-from streams.block import Block
 from streams.link.wire import block_frame, encode_frame
+from streams.types.block import Block
 from tests.streams.format_makers import MAKERS, RATE, signal
 
 BINARY = [name for name in MAKERS if name != "x.csv"]

@@ -14,8 +14,8 @@ from monitor.records.ledger import StoreLedger
 from monitor.records.store import Store
 from monitor.service.ingest import Ingest
 from monitor.service.setup import source_settings
-from streams.block import Block, Rejected
-from streams.source import Backlog, Delivery, FileProgress, Ledger
+from streams.types.block import Block, Rejected
+from streams.types.source import Backlog, Delivery, FileProgress, Ledger
 from tests.support.folder_kill import config
 
 RATE = 2560.0

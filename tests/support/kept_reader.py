@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import ClassVar
 
 from models.platform.portable import after_fork
-from streams.readers.child import ReaderProcess, _Pipes
+from streams.files.parse.child import ReaderProcess, _Pipes
 
 
 class KeptReader(ReaderProcess):

@@ -12,15 +12,15 @@ import netCDF4
 import numpy as np
 import soundfile
 
-from streams.large import FileBytes
-from streams.readers.hdf5 import read_hdf5
-from streams.readers.mat import read_mat
-from streams.readers.netcdf import read_netcdf
-from streams.readers.npy_wav import read_npy, read_wav
-from streams.readers.tdms import read_tdms
-from streams.readers.text import read_layout
-from streams.readers.uff import read_uff
-from streams.samples import Samples
+from streams.files.formats.hdf5 import read_hdf5
+from streams.files.formats.mat import read_mat
+from streams.files.formats.netcdf import read_netcdf
+from streams.files.formats.npy_wav import read_npy, read_wav
+from streams.files.formats.tdms import read_tdms
+from streams.files.formats.text import read_layout
+from streams.files.formats.uff import read_uff
+from streams.types.large import FileBytes
+from streams.types.samples import Samples
 from tests.streams.format_makers import (
     csv_bytes,
     hdf5_bytes,

@@ -9,8 +9,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
-from streams.block import Block, Rejected
-from streams.source import PENDING, RELEASED, FileProgress, StreamCount
+from streams.types.block import Block, Rejected
+from streams.types.source import PENDING, RELEASED, FileProgress, StreamCount
 
 
 class MemoryLedger:

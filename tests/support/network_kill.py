@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from monitor.config.load import Config, validate
-from streams.block import Block
+from streams.types.block import Block
 
 _RATE, _SAMPLES = 2560.0, 256
 

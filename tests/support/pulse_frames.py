@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from streams.block import Block
-from streams.pulses import Pulses
+from streams.turns.pulses import Pulses
+from streams.types.block import Block
 from tests.streams.tcp_peers import block
 
 

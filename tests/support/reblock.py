@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from streams.reblock import Cut, Reblocker
-from streams.samples import Samples
+from streams.types.samples import Samples
 
 
 def cut_up(run: NDArray[np.float64], sizes: list[int]) -> list[tuple[int, NDArray[np.float64]]]:

@@ -12,7 +12,7 @@ from monitor.health.signal.waterfall import SpectrumChange
 from monitor.health.state import Stored
 from monitor.records.store import Store
 from monitor.service.setup import source_settings
-from streams.block import Block, Rejected
+from streams.types.block import Block, Rejected
 from tests.support.pipeline import DETECT, RATE, SPEED, life
 from tests.support.steps import Steps
 

@@ -14,7 +14,7 @@ from monitor.health.record import Record
 from monitor.health.signal.condition import ConditionSettings
 from monitor.health.state import SourceSettings, SourceState, Stored
 from monitor.health.step import step
-from streams.block import Block
+from streams.types.block import Block
 from tests.monitor.health.gears.signals import RATE, Meshing, pair
 from tests.support.pipeline import base
 

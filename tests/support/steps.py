@@ -11,7 +11,7 @@ from monitor.health.record import Record
 from monitor.health.signal.waterfall import SpectrumChange
 from monitor.health.state import SourceSettings, SourceState, Stored
 from monitor.health.step import SourceOutput, step
-from streams.block import Block, Rejected
+from streams.types.block import Block, Rejected
 
 
 class Steps:

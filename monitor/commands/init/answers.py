@@ -9,8 +9,8 @@ from datetime import UTC, datetime
 from typing import Any
 
 from models.machine import bearing as bearings
-from streams.spec import UNITS
-from streams.stamps import ORDERS, Order
+from streams.types.spec import UNITS
+from streams.types.stamps import ORDERS, Order
 
 _NUMBER = r"([-+]?\d+(?:[.,]\d+)?(?:[eE][-+]?\d+)?)"
 _SPEED = re.compile(rf"\s*{_NUMBER}\s*(hz|1/s|rps|rpm|upm|1/min|u/min|/min)?\s*", re.IGNORECASE)
@@ -167,7 +167,7 @@ def read_rate(text: str) -> dict[str, Any]:
 
 def read_unit(text: str) -> dict[str, Any]:
     """Return one of the units."""
-    from streams.readers.stated import multiple_of
+    from streams.files.statements import multiple_of
 
     unit, factor = multiple_of(text.strip())
     known = {name.lower(): name for name in UNITS} | {"m/s^2": "m/s2", "m/s²": "m/s2"}
@@ -249,7 +249,7 @@ def read_interval(text: str) -> dict[str, Any]:
 
 def read_pattern(text: str) -> dict[str, Any]:
     """Return a strptime pattern of dates in names."""
-    from streams.stamps import compiled
+    from streams.types.stamps import compiled
 
     compiled(text.strip())
     return {"time_name": text.strip()}

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from monitor.commands.init.answers import AnsweredBearing, Answers
 from monitor.config.fields import plain_name
-from streams.survey import Survey, SurveyedRow
+from streams.files.survey import Survey, SurveyedRow
 
 _BEARING = "bearing"
 

@@ -29,13 +29,13 @@ from monitor.commands.init.questions import (
 from monitor.commands.init.text import Draft, configuration_text, level_in_g, machine_name
 from monitor.config.load import Config, load_config
 from monitor.words.numbers import duration
-from streams.beside import is_beside
-from streams.listing import shown
-from streams.plausible import doubts
-from streams.samples import ReaderError
-from streams.spec import SourceError
-from streams.stamps import stamp_in_name, utc_text
-from streams.survey import Survey, survey
+from streams.files.beside import is_beside
+from streams.files.plausible import doubts
+from streams.files.survey import Survey, survey
+from streams.types.listing import shown
+from streams.types.samples import ReaderError
+from streams.types.spec import SourceError
+from streams.types.stamps import stamp_in_name, utc_text
 
 
 def _words(reader: Callable[[str], dict[str, Any]]) -> Callable[[Any, Any, str | None], dict[str, Any]]:

@@ -10,12 +10,12 @@ from monitor.commands.init import answers as read
 from monitor.commands.init.answers import Answers
 from monitor.commands.init.channels import channel_names, check_bearings, has_all_bearings
 from monitor.words.numbers import duration
-from streams.date_patterns import NameReading, find_readings, nearest_change
-from streams.listing import shown
-from streams.plausible import doubts
-from streams.samples import COUNTS, FRACTIONS
-from streams.stamps import ORDERS, Stamp, evidence, stamp_in_name, utc_text
-from streams.survey import Survey, SurveyedRow
+from streams.dates.date_patterns import NameReading, find_readings, nearest_change
+from streams.files.plausible import doubts
+from streams.files.survey import Survey, SurveyedRow
+from streams.types.listing import shown
+from streams.types.samples import COUNTS, FRACTIONS
+from streams.types.stamps import ORDERS, Stamp, evidence, stamp_in_name, utc_text
 
 _DAY = 86400.0
 
@@ -235,7 +235,7 @@ def _date_questions(survey: Survey, answers: Answers, zone: str, now: float, las
 def _order_question(survey: Survey, zone: str) -> Question:
     stamp: Stamp | None = None
     if survey.stamp is not None:
-        from streams.stamps import read_stamp
+        from streams.types.stamps import read_stamp
 
         stamp = read_stamp(survey.stamp, zone)
     else:

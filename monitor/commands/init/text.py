@@ -13,10 +13,10 @@ from monitor.commands.init.answers import Answers
 from monitor.commands.init.channels import bearing_of, bearing_sections, channel_names
 from monitor.commands.init.questions import needs_scale, unit_of
 from monitor.health.onset.state import DetectSettings
-from streams.listing import shown
-from streams.plausible import Level, of_one_g
-from streams.samples import COUNTS, FRACTIONS
-from streams.survey import Survey, SurveyedRow, as_pattern
+from streams.files.plausible import Level, of_one_g
+from streams.files.survey import Survey, SurveyedRow, as_pattern
+from streams.types.listing import shown
+from streams.types.samples import COUNTS, FRACTIONS
 
 _MAX_WHOLE_S = 30.0
 """Length of a file, s, up to which it is one block."""

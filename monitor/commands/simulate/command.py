@@ -43,7 +43,7 @@ from monitor.commands.simulate.speed import (
 from monitor.records.database import replacing
 from monitor.words.numbers import floor_of_defect
 from monitor.words.sensors import MEASURED, data_name, unit_in_names, unit_of_sensor
-from streams.block import STANDARD_GRAVITY
+from streams.types.block import STANDARD_GRAVITY
 
 if TYPE_CHECKING:
     from models.solve.response import Response

@@ -15,7 +15,7 @@ from monitor.health.signal.interference import all_combs
 from monitor.health.signal.rotation.found import find_rotation
 from monitor.health.signal.transform import Band
 from monitor.health.state import ChannelSettings, SourceSettings
-from streams.block import Block
+from streams.types.block import Block
 
 _MOST_VOTES = 5
 _Row = tuple[Block, NDArray[np.floating]]

@@ -19,7 +19,7 @@ from monitor.identify.report.subject import TITLES, Extent, Subject, Values
 from monitor.report.figures.drawing import AXIS, BLUE, INK, VERMILION
 from monitor.report.figures.sheet import Part
 from monitor.words.numbers import count, figure
-from streams.block import STANDARD_GRAVITY
+from streams.types.block import STANDARD_GRAVITY
 
 _MAX_PANELS, _MAX_SERIES, _MAX_ROWS, _MAX_TICKS = 6, len(SHAPES), 36, 8
 _FEATURE_COLOURS = {"rms": BLUE, "a_star": VERMILION}

@@ -17,7 +17,7 @@ from monitor.identify.report.front import one_at_a_time
 from monitor.identify.report.subject import ENDS, MEANINGS, TITLES, Extent, Parameter, Subject
 from monitor.report.tables import Cell, Column, Table
 from monitor.words.numbers import count, figure
-from streams.block import STANDARD_GRAVITY
+from streams.types.block import STANDARD_GRAVITY
 
 
 def parameter_table(subject: Subject) -> Table:

@@ -23,7 +23,7 @@ from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 from numpy.typing import NDArray
 
 from monitor.words.numbers import Clock
-from streams.block import STANDARD_GRAVITY
+from streams.types.block import STANDARD_GRAVITY
 
 BLUE, VERMILION, GREEN, PURPLE, SKY, ORANGE, GREY = (
     *("#0072b2", "#d55e00", "#008a63", "#a3527f", "#56b4e9", "#b07a00", "#5f6670"),

@@ -36,7 +36,7 @@ from monitor.report.figures.drawing import (
 from monitor.report.runs import Channel, Run
 from monitor.report.verdict import ChannelContext
 from monitor.words.numbers import count, figure, volume
-from streams.block import STANDARD_GRAVITY
+from streams.types.block import STANDARD_GRAVITY
 
 _COLOURS = 18
 _VOLUMES = {0.005: 0.4, 0.02: 0.62, 0.05: 0.8, 0.1: 0.97}

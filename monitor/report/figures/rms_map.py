@@ -22,7 +22,7 @@ from monitor.report.figures.sheet import Part, Sheet
 from monitor.words.calibration import rig_words
 from monitor.words.numbers import count, figure
 from monitor.words.sensors import PLACES
-from streams.block import STANDARD_GRAVITY
+from streams.types.block import STANDARD_GRAVITY
 
 Values = NDArray[np.float64]
 

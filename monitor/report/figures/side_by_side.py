@@ -36,7 +36,7 @@ from monitor.report.options import Options
 from monitor.report.summary import ChannelSummary, RunSummary
 from monitor.report.tables import Column, Table
 from monitor.words.numbers import count
-from streams.block import STANDARD_GRAVITY
+from streams.types.block import STANDARD_GRAVITY
 
 _NAMED = 8
 """Up to so many lines have names and styles of their own."""

@@ -23,7 +23,7 @@ from monitor.service.broker import NotifyError, read_secret
 from monitor.service.children import ServerProcess, end_with_parent, report_line
 from monitor.service.neighbours.opcua_server import MISSING, OpcUaError, Report
 from monitor.words.numbers import count
-from streams.block import Block
+from streams.types.block import Block
 
 if TYPE_CHECKING:
     from asyncua.client.client import Client

@@ -9,8 +9,8 @@ import pytest
 from numpy.typing import NDArray
 
 from models.gears.rig_sound import LEVEL_BAND, RigGears, gear_sound, gears_of, replayed_turns
-from streams.rig import RATE, open_rig
-from streams.spec import SourceError
+from streams.rig.bench import RATE, open_rig
+from streams.types.spec import SourceError
 
 URL = "rig:ferrara?seed=3"
 

@@ -9,8 +9,8 @@ from models.work.redact import redact
 from models.work.runner import Runner
 from models.work.serial import SerialExecutor
 from models.work.storage_error import ObjectStorageError
-from streams.remote import RemoteError, expand, fetched
-from streams.spec import SourceError
+from streams.files.remote import RemoteError, expand, fetched
+from streams.types.spec import SourceError
 from tests.models.work.tasks import Shared, scaled, work
 from tests.support.effort import effort_count
 from tests.support.faulty_storage import TRANSIENT, Fault, at_random, faulty_storage, no_fault, without_pauses

@@ -16,7 +16,7 @@ import pytest
 
 from monitor.records.ledger import StoreLedger, keep_dating
 from monitor.records.store import Store
-from streams.dating import Dating
+from streams.dates.dating import Dating
 from tests.support.commands import run_command
 from tests.support.daemons import RATE, ROOT, free_port
 from tests.support.folder_permissions import BOUND

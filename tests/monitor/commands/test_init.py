@@ -22,7 +22,7 @@ from monitor.commands.init.command import command
 from monitor.commands.init.text import _pair
 from monitor.config.load import Config, load_config
 from monitor.service.setup import open_configured
-from streams.block import STANDARD_GRAVITY, Block, to_si
+from streams.types.block import STANDARD_GRAVITY, Block, to_si
 from tests.support.commands import run_command
 
 ANSWERS = {

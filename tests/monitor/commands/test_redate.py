@@ -18,8 +18,8 @@ from monitor.records.ledger import StoreLedger, read_dating
 from monitor.records.store import Store
 from monitor.service.ingest import Ingest
 from monitor.web.api import is_dated
-from streams.dating import Dating
-from streams.stamps import utc_text
+from streams.dates.dating import Dating
+from streams.types.stamps import utc_text
 from tests.streams.folders import RATE, noise
 from tests.support.commands import run_command
 from tests.support.waiting import wait_until

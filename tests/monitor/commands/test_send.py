@@ -12,10 +12,10 @@ from click.testing import CliRunner
 
 from monitor.cli import spallwatch
 from monitor.commands.common import InputError
-from streams.block import Block
 from streams.link.sender import SendError
 from streams.link.tcp import TcpReceiver
-from streams.spec import NetworkSpec, SourceError, SourceSpec
+from streams.types.block import Block
+from streams.types.spec import NetworkSpec, SourceError, SourceSpec
 from tests.streams.tcp_peers import receiving
 from tests.support.committing import committing
 from tests.support.memory_ledger import MemoryLedger

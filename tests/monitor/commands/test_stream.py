@@ -24,7 +24,7 @@ from monitor.words.events import event_text
 from streams.link.sender import Sender, SendError, TcpLink
 from streams.link.tcp import TcpReceiver
 from streams.link.wire import block_frame, encode_frame, hello
-from streams.spec import parse_address
+from streams.types.spec import parse_address
 from tests.support.commands import run_command
 from tests.support.daemon import running
 from tests.support.daemons import free_port, status, tcp_machine_text

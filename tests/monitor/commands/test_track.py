@@ -34,7 +34,7 @@ from monitor.records.dataset import words
 from monitor.records.histories import claims_calibration
 from monitor.records.library_file import save_library
 from monitor.service.setup import to_slice
-from streams.block import STANDARD_GRAVITY
+from streams.types.block import STANDARD_GRAVITY
 from tests.oracles.toy_lives import THRESHOLD, ToyLife, toy_library, toy_life
 
 

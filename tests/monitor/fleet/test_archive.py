@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-import streams.files
+import streams.files.container
 from models.words.errors import WrongInputError
 from models.work.folder_store import FolderStore
 from models.work.runner import Runner
@@ -93,7 +93,7 @@ def test_a_history_in_parts_is_that_of_one_go(replayed, recordings, request):
 
 
 TIMES = ("seconds", "blocks_per_second", "records")
-_READ = streams.files.read_regular
+_READ = streams.files.container.read_regular
 
 
 @pytest.mark.parametrize(("history", "block_s"), [("each", '"file"'), ("continued", "0.05")])
@@ -107,7 +107,9 @@ def test_a_folder_in_parts_has_the_refusals_and_the_summary_of_one_go(tmp_path, 
     (tmp_path / "m.toml").write_text(config)
     one = replay(load_config(tmp_path / "m.toml"), str(tmp_path / "in"), tmp_path / "one").summary
     opened: list[str] = []
-    monkeypatch.setattr(streams.files, "read_regular", lambda root, path: opened.append(path) or _READ(root, path))
+    monkeypatch.setattr(
+        streams.files.container, "read_regular", lambda root, path: opened.append(path) or _READ(root, path)
+    )
     manifest = EACH.format('"in"') + f'history = "{history}"\n'
     assert make_archive(tmp_path, manifest, config=config, part_blocks=4).done == 1
     folder = tmp_path / f"out/m/{'in' if history == 'each' else 'history'}"

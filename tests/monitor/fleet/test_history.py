@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 
 from monitor.fleet.history import HistorySource, Position
 from monitor.health.signal.bands import VOTES_NEEDED
-from streams.block import Block, Rejected
-from streams.spec import SourceError
+from streams.types.block import Block, Rejected
+from streams.types.spec import SourceError
 
 HOUR = 3600.0
 Items = list[Block | Rejected]

@@ -10,7 +10,7 @@ import pytest
 
 import spallwatch as sw
 from models.fleet.object_store import ObjectStore
-from streams.block import STANDARD_GRAVITY
+from streams.types.block import STANDARD_GRAVITY
 from tests.monitor.fleet.fleet_files import CONFIG, write_files
 from tests.support.commands import run_command
 from tests.support.effort import effort_count

@@ -28,7 +28,7 @@ from monitor.gears.transfer import (
     motion_values,
     pressure_values,
 )
-from streams.block import STANDARD_GRAVITY
+from streams.types.block import STANDARD_GRAVITY
 from tests.support.commands import run_command
 from tests.support.gear_forces import RATE, VARIED, run_of, toml
 

@@ -35,8 +35,8 @@ from monitor.records.library_file import save_library
 from monitor.records.store import Store
 from monitor.service.libraries import build_library
 from monitor.service.replay import Replay, replay
-from streams.block import Block
-from streams.rig import CHANNELS, SimulatedRig, open_rig
+from streams.rig.bench import CHANNELS, SimulatedRig, open_rig
+from streams.types.block import Block
 from tests.support.effort import effort_count
 from tests.support.once import made_once
 
@@ -347,7 +347,7 @@ def test_the_rig_reads_no_map(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_the_rig_does_not_even_import_maps() -> None:
     code = (
         "import sys\n"
-        "from streams.rig import open_rig\n"
+        "from streams.rig.bench import open_rig\n"
         "list(open_rig('rig:ferrara?seed=13&healthy_blocks=1&blocks=2', 'rig'))\n"
         "print(*sorted(name for name in sys.modules if name.startswith('models.maps')))"
     )

@@ -23,7 +23,7 @@ from monitor.config.bearing import RigSection
 from monitor.config.load import Config, ConfigError, load_config, validate
 from monitor.identify import command as identify
 from monitor.identify.trial_files import Measuring, read_trials, tracked_channel
-from streams.block import STANDARD_GRAVITY
+from streams.types.block import STANDARD_GRAVITY
 from tests.models.identify.cases import CONDITIONS, TRUTH, simulated_trials
 from tests.support.commands import run_command
 from tests.support.commands_identify import MACHINE, RATE

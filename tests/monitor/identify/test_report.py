@@ -31,7 +31,7 @@ from monitor.identify.report.page import write_identification
 from monitor.identify.report.profiles import lowest
 from monitor.identify.report.subject import Extent, Subject
 from monitor.report.page import lay_out
-from streams.block import STANDARD_GRAVITY
+from streams.types.block import STANDARD_GRAVITY
 from tests.models.identify.cases import BAND, space_of
 from tests.monitor.conftest import ARRANGE
 from tests.support.identify import stand_in

@@ -14,8 +14,8 @@ from monitor.health.record import Record
 from monitor.records.database import StoreError
 from monitor.records.ledger import StoreLedger, write_progress
 from monitor.records.store import Store
-from streams.block import Block, Rejected
-from streams.source import FileProgress, Ledger
+from streams.types.block import Block, Rejected
+from streams.types.source import FileProgress, Ledger
 from tests.support.effort import effort_count
 from tests.support.memory_ledger import MemoryLedger
 

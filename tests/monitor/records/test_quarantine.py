@@ -10,7 +10,7 @@ import pytest
 
 from monitor.records.ledger import ReleaseError, StoreLedger, release, write_progress
 from monitor.records.store import Store
-from streams.source import FileProgress
+from streams.types.source import FileProgress
 
 
 @contextmanager

@@ -24,7 +24,7 @@ from monitor.records.store import Store
 from monitor.service.ingest import Ingest
 from monitor.service.replay import replay
 from monitor.service.setup import source_settings
-from streams.block import Block, Rejected
+from streams.types.block import Block, Rejected
 from tests.support.effort import effort_count
 from tests.support.ingest import Queue
 from tests.support.pipeline import FIRST_BAD, RATE, SPEED, life

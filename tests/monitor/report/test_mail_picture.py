@@ -20,7 +20,7 @@ from monitor.records.database import StoreError
 from monitor.records.store import Store
 from monitor.report.mail_picture import Wanted, _draw_spectrum, draw
 from monitor.service.notify.message import draw_picture, picture_request
-from streams.block import STANDARD_GRAVITY
+from streams.types.block import STANDARD_GRAVITY
 from tests.support.trends import block
 
 START = 1.7e9

@@ -11,7 +11,7 @@ import xarray as xr
 
 from monitor.report.report import build_report, write_trends
 from monitor.report.runs import ReportError, read_runs
-from streams.block import STANDARD_GRAVITY
+from streams.types.block import STANDARD_GRAVITY
 from tests.support.score import DAY, record, stored
 
 

@@ -21,7 +21,7 @@ from monitor.service.daemon import Acknowledgements
 from monitor.service.ingest import Ingest
 from monitor.service.machine_status import channel_condition, shown_alarms
 from monitor.service.setup import source_settings
-from streams.block import Block, Rejected
+from streams.types.block import Block, Rejected
 from tests.streams.folders import csv_bytes, noise
 from tests.support.daemon import last, running
 from tests.support.daemons import call, make_machine, start, status

@@ -12,7 +12,7 @@ import pytest
 
 from monitor.records.store import Store
 from monitor.service.system import ServiceManager
-from streams.source import Delivery
+from streams.types.source import Delivery
 from tests.support.daemon import last, put, running
 from tests.support.daemons import make_machine, status
 from tests.support.effort import effort_count

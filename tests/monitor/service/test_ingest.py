@@ -18,8 +18,8 @@ from monitor.records.database import StoreError
 from monitor.records.ledger import SALVAGED_UP_TO, StoreLedger
 from monitor.records.store import Store
 from monitor.service.ingest import Ingest, Turns
-from streams.block import Rejected
-from streams.source import Delivery, LiveSource
+from streams.types.block import Rejected
+from streams.types.source import Delivery, LiveSource
 from tests.support.folder_kill import config
 from tests.support.ingest import Queue, block, ingest_of, settings_of, steps
 

@@ -18,8 +18,8 @@ from monitor.records.ledger import StoreLedger
 from monitor.records.store import Store
 from monitor.service.ingest import Ingest
 from monitor.service.setup import source_settings
-from streams.block import Block, Rejected
-from streams.source import Delivery
+from streams.types.block import Block, Rejected
+from streams.types.source import Delivery
 from tests.support.daemon import last, put, running
 from tests.support.daemons import make_machine, status
 from tests.support.folder_kill import config

@@ -18,7 +18,7 @@ from monitor.service.notify.channels import SmtpChannel
 from monitor.service.notify.message import MessageItem, MessageSender, clean, compose
 from monitor.words.events import badness, event_text, local_moment
 from monitor.words.statuses import fault_words
-from streams.block import STANDARD_GRAVITY
+from streams.types.block import STANDARD_GRAVITY
 from tests.support.receivers import Mail
 
 UTC = 1795269845.0  # 2026-11-21 14:04:05 UTC

@@ -20,7 +20,7 @@ from monitor.records.condense import condense
 from monitor.records.store import Published, Store
 from monitor.service.neighbours.points import StoredRecord, channel_message, state_message
 from monitor.service.record_mqtt import PLACE, RecordMqtt
-from streams.block import STANDARD_GRAVITY
+from streams.types.block import STANDARD_GRAVITY
 from tests.support.broker import Broker
 from tests.support.effort import effort_count
 from tests.support.proxy import Proxy

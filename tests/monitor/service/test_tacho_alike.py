@@ -18,11 +18,11 @@ from monitor.records.store import Store
 from monitor.service.ingest import Ingest
 from monitor.service.replay import replay
 from monitor.service.setup import open_configured
-from streams.block import Block
 from streams.link.pulse_frame import block_frames
 from streams.link.sender import TcpLink
 from streams.link.tcp import TcpReceiver
-from streams.spec import parse_address
+from streams.types.block import Block
+from streams.types.spec import parse_address
 from tests.support.waiting import PATIENCE_S
 
 RATE = 2048

@@ -15,8 +15,8 @@ from monitor.health.signal.rotation.fit import rotation_of, rotation_of_speed
 from monitor.health.signal.rotation.repair import Repaired, repaired
 from monitor.health.signal.rotation.ridge import angle_from_vibration
 from monitor.health.signal.rotation.rotation import PulseCounts, Rotation, TachoSettings
-from streams.block import Block
-from streams.tacho import directions, edge_times
+from streams.turns.tacho import directions, edge_times
+from streams.types.block import Block
 
 _WRONG_WAY = 0.02
 """Share of edges in the other direction from which on the shaft counts as one that turned back."""

@@ -20,8 +20,8 @@ from monitor.health.signal.foreign import ForeignComb, beside_combs
 from monitor.health.state import ChannelSettings, SourceSettings, SourceState
 from monitor.health.step import SourceOutput
 from monitor.health.step import step as source_step
-from streams.block import Block
-from streams.pulses import Pulses
+from streams.turns.pulses import Pulses
+from streams.types.block import Block
 from tests.support.signals import bearing_lines, impacts
 
 RATE, SECONDS, SPEED = 12800.0, 2.0, 30.0

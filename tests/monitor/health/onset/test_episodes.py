@@ -18,7 +18,7 @@ from monitor.health.signal.condition import ConditionSettings
 from monitor.health.state import SourceSettings, SourceState
 from monitor.health.tracker import DamageState
 from monitor.words.events import event_text
-from streams.block import Block
+from streams.types.block import Block
 from tests.support.pipeline import DETECT, RATE, SPEED, TRACKED, life
 from tests.support.steps import Steps
 

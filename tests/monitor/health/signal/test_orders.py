@@ -29,8 +29,8 @@ from monitor.health.signal.recording_bands import recording_bands
 from monitor.health.signal.rotation.rotation import Rotation, constant
 from monitor.health.signal.transform import BlockTransform
 from monitor.health.state import ChannelSettings, SourceSettings
-from streams.block import Block
-from streams.pulses import Pulses
+from streams.turns.pulses import Pulses
+from streams.types.block import Block
 from tests.support.effort import effort_count
 from tests.support.signals import bearing_lines
 

@@ -23,7 +23,7 @@ from monitor.health.size import DamageInput, EdvStatus
 from monitor.health.size.level_set import LevelMap, map_of_block, speeds_of
 from monitor.health.state import ChannelSettings, SourceSettings, SourceState
 from monitor.health.tracker import DamageState
-from streams.block import Block
+from streams.types.block import Block
 from tests.support.signals import bearing_lines
 from tests.support.steps import Steps
 

@@ -16,7 +16,7 @@ from monitor.health import tracker as damage
 from monitor.health.signal.features import FeatureSettings, block_features, fundamentals
 from monitor.health.size import DamageInput
 from monitor.service.setup import part_map
-from streams.rig import SimulatedRig, machine_of
+from streams.rig.bench import SimulatedRig, machine_of
 from tests.support.effort import effort_count
 
 BAND = (0.0, 9500.0)

@@ -9,7 +9,7 @@ from monitor.config.load import Config, load_config
 from monitor.health.record import Record
 from monitor.records.store import Store
 from monitor.service.system import StatusFile
-from streams.block import STANDARD_GRAVITY
+from streams.types.block import STANDARD_GRAVITY
 
 _CONFIG = """
 [machine]

@@ -26,7 +26,7 @@ from monitor.service.ingest import Ingest
 from monitor.service.neighbours.condition import ConditionProcess, Readings, follow
 from monitor.service.neighbours.opcua_server import OpcUaError
 from monitor.service.replay import replay
-from streams.block import Block
+from streams.types.block import Block
 from tests.support.daemons import free_port
 from tests.support.effort import effort_count
 from tests.support.waiting import PATIENCE_S, wait_until

@@ -16,8 +16,8 @@ from monitor.health.signal.condition import ConditionSettings
 from monitor.health.signal.rotation.found import find_rotation
 from monitor.health.state import SourceSettings
 from monitor.service.setup import source_settings
-from streams.block import Block
-from streams.pulses import Pulses
+from streams.turns.pulses import Pulses
+from streams.types.block import Block
 from tests.monitor.health.signal.rotation.wheels import eccentric, wheel
 from tests.support.steps import Steps
 

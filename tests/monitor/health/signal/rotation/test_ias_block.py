@@ -12,8 +12,8 @@ import pytest
 from monitor.config.load import validate
 from monitor.health.signal.spectra import RawSpectra
 from monitor.service.setup import source_settings
-from streams.block import Block
-from streams.pulses import Pulses
+from streams.turns.pulses import Pulses
+from streams.types.block import Block
 from tests.monitor.health.signal.rotation.wheels import MARKS, wheel
 from tests.support.steps import Steps
 

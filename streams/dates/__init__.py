@@ -1,0 +1,1 @@
+"""What dates a file."""

@@ -1,0 +1,337 @@
+"""Dates the files of a source by a header, a name, a count, or the time of the last change.
+
+The choice is made once, at the first file that can be read: live and replayed files go through the same
+:class:`Dater`.
+"""
+
+from __future__ import annotations
+
+import logging
+import math
+from collections.abc import Callable, Iterable
+from dataclasses import replace
+
+from models.words.errors import SpallwatchError
+from streams.dates.counting import folder_of, numbers_of, place_in_names
+from streams.dates.dating import Dating, check_kept, wanted_by
+from streams.types.listing import printable
+from streams.types.samples import Samples
+from streams.types.spec import SourceSpec
+from streams.types.stamps import Order, Stamp, evidence, read_stamp, stamp_in_name, utc_text
+
+_LOG = logging.getLogger(__name__)
+
+_LENGTH_TOLERANCE = 0.1
+"""Share by which a file may be longer than the time to the next one."""
+
+
+class UndatedError(SpallwatchError):
+    """The date of a file cannot be told yet; it waits, and the message says for what."""
+
+    def __init__(self, reason: str) -> None:
+        """Take the reason, which may hold names that are no UTF-8."""
+        super().__init__(printable(reason))
+
+
+class Dater:
+    """Dates the files of one source."""
+
+    def __init__(
+        self,
+        spec: SourceSpec,
+        kept: Dating | None = None,
+        *,
+        cut: bool = False,
+        several: bool = True,
+        keep: Callable[[Dating], None] = lambda choice: None,
+        names: Callable[[], Iterable[str]] = tuple,
+    ) -> None:
+        """Begin with the kept choice of a source, if there is one.
+
+        Args:
+            cut: files are cut into blocks of ``block_s``.
+            several: there may be more than one file.
+            keep: stores a choice before it is used.
+            names: gives the paths of the files that are known.
+
+        Raises:
+            SourceError: the configuration contradicts the choice.
+        """
+        self.choice = kept or Dating()
+        check_kept(spec, self.choice)
+        self.remarks: dict[str, str] = {}
+        """Sentences for people: what is not used, what has no date."""
+        self._spec, self._cut, self._several = spec, cut, several
+        self._keep, self._names = keep, names
+        self._conflicts: dict[str, str] = {}
+        self._open: set[str] = set()
+        self._scanned: set[str] = set()
+        self._evidence: dict[Order, str] = {}
+
+    def name_time(self, path: str) -> float | None:
+        """Return the time in the name of a file where names are what dates, None where it is not known."""
+        if self.choice.by != "name":
+            return None
+        stamp = self._name_stamp(path)
+        if stamp is None:
+            return None
+        return stamp.fixed if self.choice.order is None else stamp.at(self.choice.order)
+
+    def date(self, samples: Samples, path: str, mtime: float | None, *, whole: bool = True) -> Samples:
+        """Return the samples of a file, at a settled rate, with start and elapsed time, None where not known.
+
+        Args:
+            samples: of the whole file, or of the part that is there where it is not ``whole``.
+            path: of the file.
+            mtime: time of its last change, s since 1970 UTC.
+            whole: the file will not grow.
+
+        Raises:
+            UndatedError: other files must be seen first, or they contradict this one.
+        """
+        if self.choice.by is None:
+            self._choose(samples, path)
+        choice = self.choice
+        length = samples.values.shape[1] / samples.known_rate
+        if choice.by == "count" and samples.start is not None and choice.start is None:
+            # Nothing dates the source, but this file states its date.
+            return samples
+        if choice.by == "count":
+            return self._counted(samples, path, length, whole)
+        if choice.by == "mtime":
+            start = None if mtime is None else mtime - length
+            return replace(samples, start=start, elapsed=None, joins=False)
+        if choice.by == "name":
+            stamp = self._name_stamp(path)
+            start = None if stamp is None else self._resolved(stamp, path)
+            samples = replace(samples, start=start, elapsed=None, joins=False)
+        elif choice.by == "header" and samples.start is not None:
+            self._wait_for_open(path)
+        elif choice.by == "header":
+            stamp = self._header_stamp(samples)
+            samples = replace(samples, start=None if stamp is None else self._resolved(stamp, path))
+        if samples.start is None and choice.by in ("header", "name"):
+            self._remark("undated", f"{path} has no date in its {choice.by}: its blocks have none")
+        return samples
+
+    def note_own(self, name: str, start: float | None) -> None:
+        """Remark which keys are not used because the files of a data set state their time."""
+        spec = self._spec
+        keys = {"time_from": spec.time_from, "time_name": spec.time_name, "interval_s": spec.interval}
+        keys["start_utc"] = None if start is None else spec.start
+        unused = [key for key, value in keys.items() if value is not None]
+        if unused:
+            self._remark("own", f"{', '.join(unused)} not used: files of {name} state their time")
+
+    @property
+    def conflicts(self) -> tuple[str, ...]:
+        """The files that contradict the order of day and month."""
+        return tuple(self._conflicts)
+
+    def forget(self, path: str) -> bool:
+        """Forget what a file that is gone or rejected stated; return whether others waited for it."""
+        waited = path in self._open or path in self._conflicts
+        self._open.discard(path)
+        self._conflicts.pop(path, None)
+        return waited
+
+    def place_time(self, sequence: int, length: float) -> tuple[float | None, float] | None:
+        """Return start and elapsed time of a block of ``length`` s that is counted by its number, else None."""
+        choice = self.choice
+        if choice.by != "count" or choice.group is not None or choice.step is None or not self._several:
+            return None
+        if length > choice.step * (1.0 + _LENGTH_TOLERANCE):
+            self._remark_long(f"block {sequence}", length, choice.step)
+            return None
+        elapsed = (sequence - 1) * choice.step
+        return (None if choice.start is None else choice.start + elapsed), elapsed
+
+    def depends_on_order(self, samples: Samples) -> bool:
+        """Return whether the order of day and month in headers must be told over all files."""
+        stamp = self._header_stamp(samples) if self.choice.by == "header" and samples.start is None else None
+        return stamp is not None and stamp.open
+
+    def check_names(self) -> None:
+        """Resolve the dates in all names; UndatedError where they leave the order of day and month open."""
+        if self.choice.by == "name":
+            for path in self._names():
+                stamp = self._name_stamp(path)
+                if stamp is not None:
+                    self._resolved(stamp, path)
+
+    def _header_stamp(self, samples: Samples) -> Stamp | None:
+        return None if samples.stamp is None else read_stamp(samples.stamp, self._spec.timezone)
+
+    def _name_stamp(self, path: str) -> Stamp | None:
+        return stamp_in_name(path, self._spec.timezone, self._spec.time_name)
+
+    def _set(self, choice: Dating) -> None:
+        self._keep(choice)
+        self.choice = choice
+
+    def _remark(self, kind: str, text: str) -> None:
+        if kind not in self.remarks:
+            self.remarks[kind] = printable(text)
+            _LOG.warning("source %s: %s", self._spec.name, self.remarks[kind])
+
+    def _remark_long(self, what: str, length: float, step: float) -> None:
+        self._remark("long", f"{what} has {length:g} s, but {step:g} s lie between two starts: it has no date; "
+                             "give interval_s")  # fmt: skip
+
+    def _choose(self, samples: Samples, path: str) -> None:
+        """Make the choice at a file that could be read."""
+        spec, by = self._spec, wanted_by(self._spec)
+        if by is None:
+            by = "count"
+            if samples.start is not None or self._header_stamp(samples) is not None:
+                by = "header"
+            elif self._name_stamp(path) is not None:
+                by = "name"
+        order = spec.date_order if by in ("header", "name") else None
+        choice = Dating(by, order=order, decided_by=None if order is None else "configuration", example=path)
+        if by == "name":
+            choice = replace(choice, pattern=spec.time_name)
+        elif by == "count":
+            choice = self._count_choice(choice, samples, path)
+        self._set(choice)
+        _LOG.info("source %s: blocks are dated %s", spec.name, choice.describe())
+        if by != "count" and spec.start is not None:
+            self._remark("start_utc", f"start_utc is not used: blocks are dated {choice.describe()}")
+        if by == "count" and spec.start is None and self._several:
+            self._remark(
+                "nothing",
+                f"nothing dates its blocks (no date in header or name of {path}, no start_utc): seconds are counted "
+                f"from the first block, {choice.describe()}; give start_utc, and interval_s if files are further apart",
+            )
+
+    def _count_choice(self, choice: Dating, samples: Samples, path: str) -> Dating:
+        spec = self._spec
+        step = spec.interval
+        block = None if spec.block_s == "file" or not self._cut else spec.block_s
+        if step is not None and block is not None and math.isclose(step, block):
+            # Blocks that follow each other are the default of files that are cut.
+            step = None
+        choice = replace(choice, start=spec.start, interval=spec.interval, step=step)
+        if not self._several:
+            return choice
+        found = place_in_names(path, [*self._names()])
+        if found is not None:
+            group, numbers, first = found
+            return replace(choice, group=group, numbers=numbers, first=first, folder=folder_of(path))
+        if step is None:
+            rate, count = samples.known_rate, samples.values.shape[1]
+            step = (count if block is None else max(1, round(block * rate))) / rate
+        return replace(choice, step=step)
+
+    def _counted(self, samples: Samples, path: str, length: float, whole: bool) -> Samples:
+        """Date a file by the number in its name; one that is counted by its blocks is left as it is."""
+        choice = self.choice
+        if not self._several:
+            return replace(samples, start=choice.start, elapsed=0.0)
+        if samples.start is not None and self._spec.time_from is None:
+            self._remark("header", f"{path} states {utc_text(samples.start)}, but blocks are dated {choice.describe()}")
+        if choice.group is None:
+            return _without_time(samples)
+        found = numbers_of(path)
+        if len(found) != choice.numbers or folder_of(path) != choice.folder:
+            self._remark("undated", f"{path} has no number like {choice.example}: its blocks have no date")
+            return _without_time(samples)
+        number, example = found[-choice.group].value, numbers_of(choice.example)
+        if path != choice.example and number == example[-choice.group].value and found != example:
+            raise UndatedError(
+                f"{path}: has number {number} like {choice.example}, so another number of the names counts; "
+                f"choose again by: spallwatch redate {self._spec.name}"
+            )
+        place, before = number - choice.first, choice.step
+        step = self._settled_step(path, length, whole)
+        if place and before is not None and step != before:
+            self._remark("grew", f"{path} had {before:g} s when its end seemed to be seen, and now has {length:g} s: "
+                                 "its first blocks are dated too early; give interval_s")  # fmt: skip
+        if step is None and place:
+            raise UndatedError(f"{path}: waits for its end: its length is the time between files")
+        if step is not None and length > step * (1.0 + _LENGTH_TOLERANCE):
+            self._remark_long(path, length, step)
+            return _without_time(samples)
+        elapsed = place * (step or 0.0)
+        start = None if choice.start is None else choice.start + elapsed
+        return replace(samples, start=start, elapsed=elapsed, joins=False)
+
+    def _settled_step(self, path: str, length: float, whole: bool) -> float | None:
+        """Return the time between files, chosen at the first whole one; None before.
+
+        A growing file that is whole because it did not change for long may grow again; the next one ends it.
+        """
+        choice = self.choice
+        if choice.growing not in ("", path):
+            self._set(replace(choice, step=choice.step or choice.grown, growing="", grown=None))
+        elif whole and not choice.growing and choice.step is None:
+            self._set(replace(choice, step=length))
+        elif (choice.growing and length != choice.grown) or (choice.step is None and (whole or not choice.growing)):
+            # Kept, so that after a restart the next file need not wait for another one.
+            self._set(replace(choice, step=length if whole else None, growing=path, grown=length))
+        return self.choice.step
+
+    def _resolved(self, stamp: Stamp, path: str) -> float:
+        """Return the time of a stamp by the order of day and month over all files.
+
+        Raises:
+            UndatedError: the order is not decided, or files disagree.
+        """
+        self._conflicts.pop(path, None)
+        if stamp.open and self.choice.order is None:
+            self._decide(stamp, path)
+        order = self.choice.order
+        if not stamp.open or (order is None and stamp.fixed is not None):
+            self._wait_for_open(path)
+            return stamp.fixed or 0.0
+        if order is None:
+            self._open.add(path)
+            raise UndatedError(
+                f"{path}: {stamp.text!r} is {utc_text(stamp.day_first or 0.0)} (day first) or "
+                f"{utc_text(stamp.month_first or 0.0)} (month first), and no file decides which; "
+                + self._remedy("day_first or month_first")
+            )
+        found = stamp.at(order)
+        if found is None:
+            self._conflicts[path] = stamp.text
+            raise UndatedError(
+                f"{path}: {stamp.text!r} cannot be {order.replace('_', ' ')}, as {self.choice.decided_by} has it; "
+                + self._remedy(stamp.orders[0])
+            )
+        if self._conflicts and stamp.fixed is None and self.choice.decided_by != "configuration":
+            other, text = next(iter(self._conflicts.items()))
+            raise UndatedError(f"{path}: waits while {other} ({text!r}) and {self.choice.decided_by} disagree")
+        return found
+
+    def _wait_for_open(self, path: str) -> None:
+        """Raise UndatedError while other files wait for the order of day and month: this one may come after them."""
+        if self.choice.order is None and self._open - {path}:
+            raise UndatedError(f"{path}: waits for {min(self._open)}, until a file tells day and month apart")
+
+    def _decide(self, stamp: Stamp, path: str) -> None:
+        stamps = [(path, stamp)]
+        if self.choice.by == "name":
+            names = set(self._names())
+            if not names >= self._scanned:
+                # What removed files stated counts no more.
+                self._scanned, self._evidence = set(), {}
+            new, self._scanned = sorted(names - self._scanned), names
+            stamps += [(name, found) for name in new if (found := self._name_stamp(name)) is not None]
+        decided = self._evidence = evidence(stamps) | self._evidence
+        if len(decided) > 1:
+            one, two = decided.values()
+            raise UndatedError(f"{one} and {two} disagree on the order of day and month; " + self._remedy("..."))
+        for order, by in decided.items():
+            self._set(replace(self.choice, order=order, decided_by=by))
+
+    def _remedy(self, order: str) -> str:
+        name = ' or time_name = "%d-%m-%Y_%H-%M-%S"' if self.choice.by == "name" else ""
+        return (
+            f"set [[source]] date_order = {order}{name}, and where blocks are dated already: "
+            f"spallwatch redate {self._spec.name}"
+        )
+
+
+def _without_time(samples: Samples) -> Samples:
+    """Return samples that have no time of their own and are not joined by it."""
+    return replace(samples, start=None, elapsed=None, joins=False)

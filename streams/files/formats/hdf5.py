@@ -1,0 +1,282 @@
+"""HDF5 files through h5py, guarded against links out of the file and wrong sizes.
+
+netCDF-4 and MAT files of version 7.3 are HDF5 files with conventions.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from fnmatch import fnmatchcase
+from math import prod
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from streams.files.parse.complete import hdf5_size
+from streams.files.parse.worker import from_disk
+from streams.files.pulse_times import matches_pulses, only_one, own_facts, sought, with_pulses
+from streams.files.statements import (
+    STORED,
+    Facts,
+    check_lengths,
+    common_rate,
+    known_unit,
+    plain_key,
+    scaled_integers,
+    stated_rate,
+    stated_time,
+    stated_unit,
+)
+from streams.types import large
+from streams.types.large import NOT_OF_CONTENT, Data, FileBytes, array_on_disk, forget_pages, longest_axis, parts_along
+from streams.types.limits import max_loaded_bytes
+from streams.types.samples import DIGITAL, VALUES, ReaderError, Samples, check_rows, may_be_rows, rows_of, stack_rows
+
+SIGNATURE = b"\x89HDF\r\n\x1a\n"
+_HIDDEN = "#"
+"""Beginning of the names under which MATLAB keeps its own data."""
+_MAX_DEPTH = 16
+_MAX_OBJECTS = 10_000
+_MAX_ATTRIBUTES = 256
+_MAX_TEXT_BYTES = 4096
+_MAX_LISTED = 400
+
+
+@dataclass(frozen=True)
+class Found:
+    """An h5py data set under its path.
+
+    ``facts`` are the attributes of file, groups and data set, the nearest winning; ``own`` those of the data set alone.
+    """
+
+    path: str
+    dataset: Any
+    facts: Facts
+    own: Facts = field(default_factory=dict)
+
+
+@from_disk
+def read_hdf5(
+    data: Data, name: str, patterns: Sequence[str] = (), zone: str = "UTC", pulses: str | None = None
+) -> Samples:
+    """Read the numeric data sets of an HDF5 file.
+
+    Rate, unit and time of the first sample are taken from the attributes of the data set, else of the groups that hold
+    it, else of the file. Each vector gives a row, a matrix one for each vector of it, named ``PATH_1`` and so on.
+
+    Args:
+        patterns: of the paths of the wanted data sets, such as ``run1/acc*``; none: all.
+        zone: IANA name of the zone of stamps that name none.
+        pulses: pattern of the path of the times of pulses; see :mod:`.pulse_times`.
+
+    Raises:
+        ReaderError: ``empty``; ``refused`` for links, external storage, virtual data sets and more than
+            :mod:`streams.types.limits` allows; ``incomplete`` where the file breaks off or samples were never written;
+            ``wrong_shape`` where nothing matches or lengths differ; ``wrong_rate`` where rates differ; ``unreadable``.
+    """
+    with open_hdf5(data, name) as file:
+        found: list[Found] = []
+        vectors: list[Found] = []
+        marks: list[Found] = []
+        for item in walk(file, name, sought(patterns, pulses)):
+            if matches_pulses(pulses, item.path, item.path.rpartition("/")[0]):
+                marks.append(item)
+                continue
+            found.append(item)
+            shape = item.dataset.shape
+            if shape and max(shape) >= 2 and may_be_rows(item.dataset.dtype, shape):
+                vectors.append(item)
+                # Before any is loaded, and before the rest is listed.
+                check_rows(len(vectors), name, "vectors")
+        arrays: list[tuple[str, NDArray[np.floating], Facts]] = []
+        budget = Budget(name, len(data))
+        for item in vectors:
+            array, facts = scaled_integers(load(item, name, budget), item.facts)
+            arrays.append((item.path, rows_of(array, f"{name}: data set {item.path}"), facts))
+            budget.add_rows(len(arrays[-1][1]))
+        held = ", ".join(f"{item.path}{list(item.dataset.shape or ())}"[:60] for item in found[:12]) or "no data set"
+        samples = join_arrays(arrays, name, zone, f"no vector matches {', '.join(patterns) or '*'}; {held}")
+        tacho = None if pulses is None else only_one(marks, pulses, name)
+        if tacho is None:
+            return samples
+        own, where = own_facts(tacho.own, tacho.facts), f"{name}: data set {tacho.path}"
+        return with_pulses(samples, load(tacho, name, budget), own, zone, where, stated_time(tacho.own, zone)[0])
+
+
+class Budget:
+    """Rows and bytes that the arrays of one file may have together."""
+
+    def __init__(self, name: str, stored: int) -> None:
+        """Take the name of the file and its size in bytes."""
+        self._name, self._allowed = name, max_loaded_bytes(stored)
+        self._bytes = self._rows = 0
+
+    def add_bytes(self, count: int) -> None:
+        """Count an array before it is loaded; ``refused`` where all are too large."""
+        self._bytes += count
+        if self._bytes > self._allowed:
+            reason = f"claims {self._bytes} bytes when loaded, {self._allowed} are allowed"
+            raise ReaderError("refused", f"{self._name}: {reason}")
+
+    def add_rows(self, count: int) -> None:
+        """Count the rows of an array; ``refused`` where there are too many."""
+        self._rows += count
+        check_rows(self._rows, self._name, "vectors")
+
+
+def join_arrays(arrays: Sequence[tuple[str, NDArray[np.floating], Facts]], name: str, zone: str, none: str) -> Samples:
+    """Join arrays of shape (row, sample), with their names and what is stated of each.
+
+    A row is named as its array, ``NAME_1`` and so on where it has several. ``zone`` is the IANA name of the zone of
+    stamps that name none, ``none`` the reason to give where there is no array.
+
+    Raises:
+        ReaderError: ``wrong_shape`` without rows or for different lengths, ``wrong_rate`` for different rates.
+    """
+    if not arrays:
+        raise ReaderError("wrong_shape", f"{name}: {none}")
+    rows: list[NDArray[np.floating]] = []
+    names: list[str] = []
+    facts: list[Facts] = []
+    numbers = [item for item in arrays if item[2].get(STORED) != DIGITAL]
+    lengths = {item[1].shape[1] for item in numbers}
+    # Truth values come last, so that they do not move the numbers of the others; some are flags of something else.
+    digital = [item for item in arrays if item[2].get(STORED) == DIGITAL and lengths <= {item[1].shape[1]}]
+    for key, array, stated in (*numbers, *digital):
+        rows.extend(array)
+        names.extend([key] if len(array) == 1 else [f"{key}_{i}" for i in range(1, len(array) + 1)])
+        facts.extend([stated] * len(array))
+    check_lengths([row.size for row in rows], names, "vectors", name, _MAX_LISTED)
+    rates = (stated_rate(item, f"{name}: {key}") for item, key in zip(facts, names, strict=True))
+    times = [stated_time(item, zone) for item in facts]
+    short = tuple(key.rpartition("/")[2] for key in names)
+    return Samples(
+        stack_rows(rows),
+        names=tuple(names),
+        channels=short if len(set(short)) == len(short) else tuple(names),
+        rate=common_rate(rates, "rows", name),
+        start=next((start for start, _ in times if start is not None), None),
+        stamp=next((stamp for _, stamp in times if stamp is not None), None),
+        units=tuple(known_unit(stated_unit(item)) for item in facts),
+        stored=tuple(str(item.get(STORED, VALUES)) for item in facts),
+    )
+
+
+@contextmanager
+def open_hdf5(data: Data, name: str) -> Iterator[Any]:
+    """Open an HDF5 file in memory; while it is open any failure is a ReaderError."""
+    if not data:
+        raise ReaderError("empty", f"{name}: the file has 0 bytes")
+    # The library does not check for bytes in memory that the file is as long as its superblock says.
+    base = next((place for place in (0, 512, 1024, 2048) if data[place : place + 8] == SIGNATURE), None)
+    if base is None:
+        raise ReaderError("unreadable", f"{name}: not an HDF5 file")
+    declared = hdf5_size(data, base)
+    if declared is not None and declared > len(data):
+        raise ReaderError("incomplete", f"{name}: {declared} bytes are declared, {len(data)} are there")
+    try:
+        import h5py
+    except ImportError as error:
+        raise ReaderError("unreadable", f'{name}: needs h5py: pip install "spallwatch[hdf5]"') from error
+    try:
+        with h5py.File(data.path, "r") if isinstance(data, FileBytes) else _image(h5py, data) as file:
+            yield file
+    except (ReaderError, *NOT_OF_CONTENT):
+        raise
+    except Exception as error:  # Any exception may come of corrupt input.
+        raise ReaderError("unreadable", f"{name}: not a readable HDF5 file ({str(error)[:200]})") from error
+
+
+def _image(h5py: Any, data: bytes) -> Any:
+    return h5py.File(h5py.h5f.open_file_image(data))
+
+
+def walk(file: Any, name: str, patterns: Sequence[str] = (), separator: str = "/") -> Iterator[Found]:
+    """Yield the data sets whose paths match a pattern (none: all), along hard links.
+
+    Raises:
+        ReaderError: ``refused`` where a matching path is a soft or external link, or the file has too many objects.
+    """
+    count = 0
+    seen: set[Any] = set()
+    stack: list[tuple[str, Any, Facts]] = [("", file, attributes(file))]
+    while stack:
+        prefix, group, inherited = stack.pop()
+        below: list[tuple[str, Any, Facts]] = []
+        for key in sorted(group):
+            if key.startswith(_HIDDEN):
+                continue
+            count += 1
+            path = f"{prefix}{separator}{key}" if prefix else key
+            if count > _MAX_OBJECTS or path.count(separator) > _MAX_DEPTH:
+                raise ReaderError("refused", f"{name}: more than {_MAX_OBJECTS} objects or {_MAX_DEPTH} levels")
+            matches = not patterns or any(fnmatchcase(path, pattern) for pattern in patterns)
+            kind = type(group.get(key, getlink=True)).__name__
+            if kind != "HardLink":
+                if matches:
+                    raise ReaderError("refused", f"{name}: {path[:100]} is a link ({kind}), which are never followed")
+                continue
+            item = group[key]
+            own = attributes(item)
+            if hasattr(item, "keys"):
+                if hash(item.id) not in seen:
+                    seen.add(hash(item.id))
+                    below.append((path, item, {**inherited, **own}))
+            elif hasattr(item, "shape") and matches:
+                yield Found(path, item, {**inherited, **own}, own)
+        stack.extend(reversed(below))
+
+
+def attributes(item: Any) -> dict[str, object]:
+    """Return the attributes that are one number or one text, under plain keys."""
+    found: dict[str, object] = {}
+    for key in list(item.attrs)[:_MAX_ATTRIBUTES]:
+        attribute = item.attrs.get_id(key)
+        if prod(attribute.shape or ()) != 1 or attribute.dtype.itemsize > _MAX_TEXT_BYTES:
+            continue
+        value = np.asarray(item.attrs[key]).reshape(-1)[0]
+        if isinstance(value, bytes):
+            value = value.decode("utf-8", "replace")
+        if isinstance(value, str):
+            found[plain_key(key)] = str(value)[:_MAX_TEXT_BYTES]
+        elif isinstance(value, np.number) and np.isrealobj(value):
+            found[plain_key(key)] = float(value)
+    return found
+
+
+def load(item: Found, name: str, budget: Budget) -> NDArray[Any]:
+    """Read a data set once its claims are checked; ReaderError as :func:`read_hdf5`."""
+    dataset, where = item.dataset, f"{name}: data set {item.path[:100]}"
+    if dataset.external:
+        raise ReaderError("refused", f"{where} lies in other files, which are never read")
+    if dataset.is_virtual:
+        raise ReaderError("refused", f"{where} is virtual, made of other files, which are never read")
+    if dataset.dtype.hasobject or dataset.dtype.names is not None:
+        raise ReaderError("unreadable", f"{where}: expected numbers, got type {dataset.dtype}")
+    shape = dataset.shape or ()
+    declared = prod(shape) * dataset.dtype.itemsize
+    budget.add_bytes(declared)
+    if dataset.chunks is None:
+        stored = dataset.id.get_storage_size()
+        if stored < declared:
+            raise ReaderError("incomplete", f"{where} claims {declared} bytes, {stored} are there")
+    else:
+        expected = prod(-(-size // chunk) for size, chunk in zip(shape, dataset.chunks, strict=True))
+        written = dataset.id.get_num_chunks()
+        if written < expected:
+            raise ReaderError("incomplete", f"{where}: {expected} chunks are promised, {written} were written")
+    return np.asarray(dataset[()]) if declared < large.MAX_IN_MEMORY else _on_disk(dataset)
+
+
+def _on_disk(dataset: Any) -> NDArray[Any]:
+    """Read a data set in pieces of whole chunks, so that each is unpacked once."""
+    found = array_on_disk(dataset.shape, dataset.dtype)
+    axis = longest_axis(dataset.shape)
+    least = 1 if dataset.chunks is None else dataset.chunks[axis]
+    for part in parts_along(dataset.shape, dataset.dtype.itemsize, axis, least):
+        found[part] = dataset[part]
+        forget_pages(found)
+    return found

@@ -1,0 +1,165 @@
+"""netCDF files: the classic formats through scipy, netCDF-4 as HDF5."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Sequence
+from fnmatch import fnmatchcase
+from typing import Any
+
+import numpy as np
+import scipy.io
+from numpy.typing import NDArray
+
+from streams.files.formats.hdf5 import Budget, Found, join_arrays, load, open_hdf5, walk
+from streams.files.parse.worker import from_disk
+from streams.files.pulse_times import matches_pulses, only_one, own_facts, with_pulses
+from streams.files.statements import STORED, Facts, plain_key, rate_of_times, seconds_utc, stated_rate
+from streams.types.large import NOT_OF_CONTENT, Data, FileBytes, elementwise, is_any, stream_of
+from streams.types.samples import SCALED, ReaderError, Samples, rows_of, stored_as
+
+_TIMES = ("time", "t")
+
+_Variables = tuple[dict[str, tuple[NDArray[Any], Facts]], dict[str, Facts]]
+"""Variables with what is stated of each, by itself or around it; and what each states itself."""
+
+
+@from_disk
+def read_netcdf(
+    data: Data, name: str, patterns: Sequence[str] = (), zone: str = "UTC", pulses: str | None = None
+) -> Samples:
+    """Read the numeric variables of a netCDF file, a row for each vector.
+
+    Rate, unit and time of the first sample come from the attributes as in :func:`streams.files.formats.hdf5.read_hdf5`,
+    else rate and time from a coordinate ``time`` in ``seconds since ...``. ``scale_factor``, ``add_offset`` and fill
+    values are applied; a fill value becomes NaN.
+
+    Raises:
+        ReaderError: as :func:`streams.files.formats.hdf5.read_hdf5`, whose arguments it takes; without patterns it
+            reads all variables but coordinates.
+    """
+    if not data:
+        raise ReaderError("empty", f"{name}: the file has 0 bytes")
+    arrays, owned = _classic(data, name) if data[:3] == b"CDF" else _netcdf4(data, name)
+    coordinates = {key for key, (_, facts) in arrays.items() if facts.get("class") == "DIMENSION_SCALE"}
+    chosen: list[tuple[str, NDArray[np.floating], Facts]] = []
+    marks = [key for key in arrays if matches_pulses(pulses, key, key.rpartition("/")[0])]
+    time = _time(arrays, name, zone)
+    for key, (array, facts) in arrays.items():
+        wanted = (
+            any(fnmatchcase(key, p) for p in patterns) if patterns else key not in coordinates and key not in _TIMES
+        )
+        if not wanted or key in marks or array.dtype.kind not in "fiu" or array.size < 2:
+            continue
+        facts = {**facts, STORED: _stored(array, facts)}
+        rows = rows_of(_unpacked(array, facts), f"{name}: variable {key}")
+        both = {**time, **facts} if rows.shape[1] == time.get("length") else facts
+        chosen.append((key, rows, both))
+    held = ", ".join(f"{key}{list(array.shape)}" for key, (array, _) in list(arrays.items())[:12]) or "no variable"
+    samples = join_arrays(chosen, name, zone, f"no vector matches {', '.join(patterns) or '*'}; it holds {held}")
+    tacho = None if pulses is None else only_one(marks, pulses, name)
+    if tacho is None:
+        return samples
+    times, facts = arrays[tacho]
+    own = own_facts(owned.get(tacho, {}), facts)
+    return with_pulses(samples, _unpacked(times, own), own, zone, f"{name}: variable {tacho}")
+
+
+def _netcdf4(data: Data, name: str) -> _Variables:
+    arrays: dict[str, tuple[NDArray[Any], Facts]] = {}
+    owned: dict[str, Facts] = {}
+    budget = Budget(name, len(data))
+    with open_hdf5(data, name) as file:
+        for item in walk(file, name):
+            if _is_variable(item):
+                arrays[item.path], owned[item.path] = (load(item, name, budget), item.facts), item.own
+                budget.add_rows(1)
+    return arrays, owned
+
+
+def _is_variable(item: Found) -> bool:
+    # A dimension without values is stored as a data set that says so in its name.
+    named = str(item.own.get("name", "")).startswith("This is a netCDF dimension but not a netCDF variable")
+    return not named and item.dataset.dtype.kind in "fiu" and bool(item.dataset.shape)
+
+
+def _classic(data: Data, name: str) -> _Variables:
+    found: dict[str, tuple[NDArray[Any], Facts]] = {}
+    owned: dict[str, Facts] = {}
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            mapped = isinstance(data, FileBytes)
+            with (
+                stream_of(data) as stream,
+                scipy.io.netcdf_file(stream, "r", mmap=mapped, maskandscale=False) as file,
+            ):
+                shared = _facts(file._attributes)
+                for key, variable in file.variables.items():
+                    owned[str(key)] = own = _facts(variable._attributes)
+                    found[str(key)] = variable.data if mapped else np.array(variable.data), {**shared, **own}
+    except NOT_OF_CONTENT:
+        raise
+    except Exception as error:  # Any exception may come of corrupt input.
+        raise ReaderError("unreadable", f"{name}: not a readable netCDF file ({type(error).__name__})") from error
+    if not found and len(data) > 32:
+        raise ReaderError("unreadable", f"{name}: holds no variable")
+    return found, owned
+
+
+def _facts(values: dict[str, Any]) -> dict[str, object]:
+    facts: dict[str, object] = {}
+    for key, value in values.items():
+        array = np.asarray(value).reshape(-1)
+        if isinstance(value, bytes):
+            facts[plain_key(key)] = value.decode("utf-8", "replace")
+        elif array.size == 1 and array.dtype.kind in "fiu":
+            facts[plain_key(key)] = float(array[0])
+    return facts
+
+
+def _stored(array: NDArray[Any], facts: Facts) -> str:
+    packed = any(isinstance(facts.get(key), float) for key in ("scalefactor", "addoffset"))
+    return SCALED if packed and array.dtype.kind in "iu" else stored_as(array.dtype)
+
+
+def _unpacked(array: NDArray[Any], facts: Facts) -> NDArray[Any]:
+    fills = [fill for key in ("fillvalue", "missingvalue") if isinstance(fill := facts.get(key), float)]
+    scale, offset = facts.get("scalefactor"), facts.get("addoffset")
+    packed = isinstance(scale, float) or isinstance(offset, float)
+    factor, zero = scale if isinstance(scale, float) else 1.0, offset if isinstance(offset, float) else 0.0
+
+    def holes(part: NDArray[Any]) -> NDArray[np.bool]:
+        return np.logical_or.reduce([part == fill for fill in fills])
+
+    has_holes = bool(fills) and is_any(holes, array)
+
+    def unpacked(part: NDArray[Any]) -> NDArray[Any]:
+        values = part * factor + zero if packed else part
+        return np.where(holes(part), np.nan, values.astype(np.float64)) if has_holes else values
+
+    return elementwise(unpacked, array) if packed or has_holes else array
+
+
+def _time(arrays: dict[str, tuple[NDArray[Any], Facts]], name: str, zone: str) -> dict[str, object]:
+    """Return what a coordinate of times states, and its length."""
+    key = next((key for key in _TIMES if key in arrays), None)
+    if key is None:
+        return {}
+    times, facts = arrays[key]
+    words = str(facts.get("units", "")).strip().split(maxsplit=2)
+    if (
+        times.ndim != 1
+        or times.dtype.kind not in "fiu"
+        or not words
+        or words[0] not in ("s", "sec", "second", "seconds")
+    ):
+        return {}
+    found: dict[str, object] = {"length": len(times)}
+    rate = None if stated_rate(facts, name) is not None else rate_of_times(times, name)
+    if rate is not None:
+        found["rate"] = rate
+    epoch = seconds_utc(words[2].replace(" UTC", "+00:00"), zone) if len(words) == 3 and words[1] == "since" else None
+    if epoch is not None and len(times):
+        found["start"] = epoch + float(times[0])
+    return found

@@ -1,0 +1,191 @@
+"""TDMS files of LabVIEW through nptdms, with the declared lengths checked."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Sequence
+from fnmatch import fnmatchcase
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from streams.files.parse.worker import from_disk
+from streams.files.pulse_times import matches_pulses, only_one, with_pulses
+from streams.files.statements import (
+    Facts,
+    check_lengths,
+    common_rate,
+    known_unit,
+    plain_key,
+    seconds_utc,
+    stated_rate,
+    stated_unit,
+)
+from streams.types import large
+from streams.types.large import NOT_OF_CONTENT, Data, contiguous, empty_rows, forget_pages, stream_of
+from streams.types.limits import max_loaded_bytes
+from streams.types.samples import ReaderError, Samples, check_rows, stack_rows, stored_as
+
+_LEAD_IN = 28
+_OPEN_END = 0xFFFFFFFFFFFFFFFF
+_LABVIEW_ZERO = -2082844800.0
+"""Seconds from 1970 to 1904-01-01, the stamp of a waveform whose time was never set."""
+
+
+@from_disk
+def read_tdms(
+    data: Data, name: str, patterns: Sequence[str] = (), zone: str = "UTC", pulses: str | None = None
+) -> Samples:
+    """Read the numeric channels of a TDMS file, a row for each, scaled as it says.
+
+    Rate (``wf_increment``), time of the first sample (``wf_start_time`` and ``wf_start_offset``) and unit
+    (``unit_string``) are taken from the properties of the channels.
+
+    Args:
+        patterns: of the channels that are wanted, as ``CHANNEL`` or ``GROUP/CHANNEL``; none: all.
+        zone: IANA name of the zone of stamps that name none.
+        pulses: pattern of the channel, or of the group of the one channel, of pulses; see :mod:`.pulse_times`.
+
+    Raises:
+        ReaderError: ``empty``; ``incomplete`` where a segment is shorter than declared; ``refused`` above
+            the limits; ``wrong_shape`` where no channel matches or their lengths differ; ``wrong_rate`` where
+            their rates do; ``unreadable``.
+    """
+    if not data:
+        raise ReaderError("empty", f"{name}: the file has 0 bytes")
+    _check_segments(data, name)
+    tdms = _nptdms()
+    try:
+        with stream_of(data) as stream, tdms.TdmsFile.open(stream) as file:
+            channels = [channel for group in file.groups() for channel in group.channels()]
+            check_rows(len(channels), name, "channels")
+            tacho = [channel for channel in channels if matches_pulses(pulses, *_titles(channel), channel.group_name)]
+            wanted = _wanted([channel for channel in channels if channel not in tacho], name, patterns)
+            declared = sum(len(channel) * 8 for channel in (*wanted, *tacho))
+            allowed = max_loaded_bytes(len(data))
+            if declared > allowed:
+                raise ReaderError("refused", f"{name}: claims {declared} bytes when loaded, {allowed} are allowed")
+            rows = [_values(channel) for channel in wanted]
+            properties = [_properties(channel) for channel in wanted]
+            lengths = [len(channel) for channel in wanted]
+            types = [row.dtype for row in rows]
+            titles = [(str(channel.group_name), str(channel.name)) for channel in wanted]
+            marks = [(_titles(channel)[1], _values(channel), _properties(channel)) for channel in tacho]
+    except (ReaderError, *NOT_OF_CONTENT):
+        raise
+    except Exception as error:  # Any exception may come of corrupt input.
+        raise ReaderError("unreadable", f"{name}: not a readable TDMS file ({type(error).__name__})") from error
+    for row, length, title in zip(rows, lengths, titles, strict=True):
+        if len(row) != length:
+            raise ReaderError("incomplete", f"{name}: channel {title[1]}: {length} samples promised, {len(row)} there")
+    short = [title for _, title in titles]
+    check_lengths(lengths, short, "channels", name)
+    rates = (stated_rate(facts, f"{name}: {title}") for facts, title in zip(properties, short, strict=True))
+    names = tuple(f"{group}/{title}" for group, title in titles)
+    samples = Samples(
+        _stacked(rows),
+        names=names,
+        channels=tuple(short) if len(set(short)) == len(short) else names,
+        rate=common_rate(rates, "channels", name),
+        start=_start(properties, zone),
+        units=tuple(known_unit(stated_unit(facts)) for facts in properties),
+        stored=tuple(stored_as(dtype) for dtype in types),
+    )
+    if pulses is None:
+        return samples
+    title, times, facts = only_one(marks, pulses, name) or (None, None, None)
+    if title is None or times is None or facts is None:
+        return samples
+    return with_pulses(samples, times, facts, zone, f"{name}: channel {title}", _start([facts], zone))
+
+
+def _titles(channel: Any) -> tuple[str, str]:
+    """Return the names by which a channel is found: its own, and that of its group before it."""
+    return str(channel.name), f"{channel.group_name}/{channel.name}"
+
+
+def _values(channel: Any) -> NDArray[Any]:
+    """Return the scaled values of a channel; many of them are read piece by piece, and are on disk."""
+    length = len(channel)
+    if 8 * length < large.MAX_IN_MEMORY:
+        return np.asarray(channel[:])
+    step = max(1, large.PIECE_BYTES // 8)
+    first = np.asarray(channel[:step])
+    found = empty_rows((length,), first.dtype)
+    for begin in range(0, length, step):
+        part = first if begin == 0 else np.asarray(channel[begin : begin + step])
+        if len(part) < min(step, length - begin):
+            return found[: begin + len(part)]
+        found[begin : begin + step] = part
+        forget_pages(found)
+    return found
+
+
+def _properties(channel: Any) -> dict[str, Any]:
+    return {plain_key(str(key)): value for key, value in channel.properties.items()}
+
+
+def _nptdms() -> Any:
+    try:
+        import nptdms
+        from nptdms.log import log_manager
+    except ImportError as error:
+        raise ReaderError("unreadable", 'TDMS files need nptdms: pip install "spallwatch[tdms]"') from error
+    # On a string that it cannot decode it logs the bytes of the file.
+    log_manager.set_level(60)
+    return nptdms
+
+
+def _check_segments(data: Data, name: str) -> None:
+    """Compare declared lengths with the data; nptdms silently reads what there is."""
+    position = 0
+    while position < len(data):
+        lead = data[position : position + _LEAD_IN]
+        if not b"TDSm".startswith(lead[:4]):
+            raise ReaderError("unreadable", f"{name}: not a TDMS file (no segment begins at byte {position})")
+        if len(lead) < _LEAD_IN:
+            raise ReaderError("incomplete", f"{name}: breaks off in the head of a segment, after {len(data)} bytes")
+        order = ">" if struct.unpack_from("<I", lead, 4)[0] & (1 << 6) else "<"
+        following, raw = struct.unpack_from(order + "QQ", lead, 12)
+        if following == _OPEN_END:
+            raise ReaderError("incomplete", f"{name}: the segment at byte {position} was never closed")
+        end = position + _LEAD_IN + following
+        if end > len(data):
+            raise ReaderError("incomplete", f"{name}: {end} bytes are declared, {len(data)} are there")
+        if raw > following:
+            raise ReaderError("unreadable", f"{name}: the segment at byte {position} contradicts itself")
+        position = end
+
+
+def _wanted(channels: Sequence[Any], name: str, patterns: Sequence[str]) -> list[Any]:
+    numeric = [c for c in channels if c.dtype is not None and np.dtype(c.dtype).kind in "fiub" and len(c)]
+    found = [
+        channel
+        for channel in numeric
+        if not patterns or any(fnmatchcase(title, p) for p in patterns for title in _titles(channel))
+    ]
+    if not found:
+        held = ", ".join(f"{c.group_name}/{c.name}"[:60] for c in channels[:12]) or "no channel"
+        status = "wrong_shape" if numeric else "empty"
+        raise ReaderError(
+            status, f"{name}: no channel with numbers matches {', '.join(patterns) or '*'}; it holds {held}"
+        )
+    numbers = [channel for channel in found if np.dtype(channel.dtype).kind != "b"]
+    lengths = {len(channel) for channel in numbers}
+    # Truth values come last, so that they do not move the numbers of the others; some are flags of something else.
+    return [*numbers, *(channel for channel in found if channel not in numbers and lengths <= {len(channel)})]
+
+
+def _stacked(rows: list[NDArray[Any]]) -> NDArray[np.floating]:
+    exact = all(row.dtype.itemsize <= (4 if row.dtype.kind == "f" else 2) for row in rows)
+    return stack_rows([contiguous(row, np.float32 if exact else np.float64) for row in rows])
+
+
+def _start(properties: Sequence[Facts], zone: str) -> float | None:
+    for facts in properties:
+        start = seconds_utc(facts.get("wfstarttime"), zone)
+        if start is not None and start > _LABVIEW_ZERO + 1.0:
+            offset = facts.get("wfstartoffset", 0.0)
+            return start + (float(offset) if isinstance(offset, int | float) and abs(offset) < 1e9 else 0.0)
+    return None

@@ -1,0 +1,160 @@
+"""Universal files through pyuff: data set 58, functions at nodes, text and binary."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from fnmatch import fnmatchcase
+from typing import Any
+
+import numpy as np
+
+from streams.files.parse.worker import from_disk, memory_file
+from streams.files.statements import check_lengths, common_rate, known_unit, nice_rate, seconds_utc
+from streams.types.large import NOT_OF_CONTENT, Data, FileBytes
+from streams.types.samples import ReaderError, Samples, stack_rows
+
+_TIME_RESPONSES = (0, 1)
+_REAL = (2, 4)
+_ACCELERATION = 12
+_DIRECTIONS = {1: "+X", -1: "-X", 2: "+Y", -2: "-Y", 3: "+Z", -3: "-Z"}
+Function = dict[str, Any]
+_TAG = b"    -1"
+
+
+@from_disk
+def read_uff(data: Data, name: str, patterns: Sequence[str] = (), zone: str = "UTC") -> Samples:
+    """Read the time responses of a universal file, a row for each.
+
+    The rate is that of the abscissa (which must be even), the unit that of the ordinate's label, else m/s2 for
+    accelerations where data set 164 says SI; the time of the first sample is ID line 3.
+
+    Args:
+        patterns: of ID line 1, or of ``NODE:DIRECTION`` such as ``12:+Z``; none: all time responses.
+        zone: IANA name of the zone of the stamp.
+
+    Raises:
+        ReaderError: ``empty``; ``incomplete`` where a data set is not closed or too short; ``wrong_shape`` where
+            nothing matches or lengths differ; ``wrong_rate`` for uneven abscissas and different rates; ``unreadable``.
+    """
+    with universal_file(data, name) as file:
+        functions = _functions(file, name, patterns)
+        si = is_si(file)
+    if not functions:
+        raise ReaderError(
+            "wrong_shape", f"{name}: no time response of data set 58 matches {', '.join(patterns) or '*'}"
+        )
+    return _described(functions, si, name, zone)
+
+
+@contextmanager
+def universal_file(data: Data, name: str) -> Iterator[Any]:
+    """Give the bytes as a ``pyuff.UFF``; whatever goes wrong with it inside the context is a ReaderError.
+
+    Raises:
+        ReaderError: ``empty``, ``incomplete`` where a data set is not closed, or ``unreadable``.
+    """
+    if not data:
+        raise ReaderError("empty", f"{name}: the file has 0 bytes")
+    tags = _count_tags(data)
+    if not tags:
+        raise ReaderError("unreadable", f"{name}: not a universal file")
+    if tags % 2:
+        raise ReaderError("incomplete", f"{name}: breaks off within a data set, after {len(data)} bytes")
+    try:
+        import pyuff
+    except ImportError as error:
+        raise ReaderError("unreadable", f'{name}: needs pyuff: pip install "spallwatch[uff]"') from error
+    try:
+        if isinstance(data, FileBytes):
+            yield pyuff.UFF(data.path)
+            return
+        with memory_file(data) as path:
+            yield pyuff.UFF(path)
+    except (ReaderError, *NOT_OF_CONTENT):
+        raise
+    except Exception as error:  # Any exception may come of corrupt input.
+        raise ReaderError("unreadable", f"{name}: not a readable universal file ({type(error).__name__})") from error
+
+
+def _functions(file: Any, name: str, patterns: Sequence[str]) -> list[Function]:
+    """Read the wanted functions; pyuff does not compare lengths with the header."""
+    found: list[Function] = []
+    for index, kind in enumerate(file.get_set_types()):
+        if int(kind) != 58:
+            continue
+        function = file.read_sets(index)
+        titles = (str(function.get("id1", "")).strip(), _node(function))
+        if int(function["func_type"]) not in _TIME_RESPONSES:
+            continue
+        if patterns and not any(fnmatchcase(title, pattern) for title in titles for pattern in patterns):
+            continue
+        where = f"{name}: {titles[0][:40]}"
+        if int(function["ord_data_type"]) not in _REAL:
+            kind = function["ord_data_type"]
+            raise ReaderError("unreadable", f"{where}: expected real numbers, found data type {kind}")
+        if int(function["abscissa_spacing"]) != 1:
+            raise ReaderError("wrong_rate", f"{where}: the samples are not evenly spaced")
+        found.append(function)
+    return found
+
+
+def _count_tags(data: Data) -> int:
+    """Count the lines that open and close data sets."""
+    held = data.mapped() if isinstance(data, FileBytes) else data
+    count, place = 0, held.find(_TAG)
+    while place >= 0:
+        alone = place == 0 or held[place - 1] in b"\r\n"
+        rest = held[place + len(_TAG) : place + 82].partition(b"\n")[0]
+        count += alone and not rest.strip()
+        place = held.find(_TAG, place + 1)
+    return count
+
+
+def _node(function: Function) -> str:
+    direction = int(function.get("rsp_dir") or 0)
+    return f"{int(function.get('rsp_node') or 0)}:{_DIRECTIONS.get(direction, direction)}"
+
+
+def is_si(file: Any) -> bool:
+    """Return whether the first data set 164 of a ``pyuff.UFF`` says SI; False without one."""
+    for index, kind in enumerate(file.get_set_types()):
+        if int(kind) == 164:
+            return int(file.read_sets(index).get("units_code", 0)) == 1
+    return False
+
+
+def _described(functions: list[Function], si: bool, name: str, zone: str) -> Samples:
+    rows, rates, units, titles, nodes = [], [], [], [], []
+    for function in functions:
+        promised, values = int(function["num_pts"]), np.asarray(function["data"], dtype=np.float64)
+        title = str(function.get("id1", "")).strip()
+        if len(values) < promised:
+            raise ReaderError("incomplete", f"{name}: {title[:40]}: {promised} samples promised, {len(values)} there")
+        if len(values) > promised:
+            raise ReaderError("unreadable", f"{name}: {title[:40]}: {promised} samples promised, {len(values)} there")
+        if not promised:
+            raise ReaderError("empty", f"{name}: {title[:40]}: holds no samples")
+        step = float(function["abscissa_inc"])
+        if not 1e-12 < step < 1e12:
+            raise ReaderError("wrong_rate", f"{name}: {title[:40]}: the step between samples is {step:g} s")
+        rows.append(values)
+        rates.append(1.0 / step)
+        unit = known_unit(function.get("ordinate_axis_units_lab"))
+        acceleration = int(function.get("ordinate_spec_data_type") or 0) == _ACCELERATION
+        units.append(unit or ("m/s2" if acceleration and si else None))
+        titles.append(title)
+        nodes.append(_node(function))
+    check_lengths([len(row) for row in rows], [""] * len(rows), "functions", name)
+    common_rate((min(rates), max(rates)), "functions", name, joint=" to ")
+    names = tuple(title if title and title != "NONE" and titles.count(title) == 1 else node
+                  for title, node in zip(titles, nodes, strict=True))  # fmt: skip
+    return Samples(
+        stack_rows(rows),
+        names=names,
+        channels=tuple(nodes) if len(set(nodes)) == len(nodes) else names,
+        # The header holds six digits of the step.
+        rate=nice_rate(rates[0], 1e-5),
+        start=next((s for f in functions if (s := seconds_utc(str(f.get("id3", "")), zone)) is not None), None),
+        units=tuple(units),
+    )

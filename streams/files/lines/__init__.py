@@ -1,0 +1,1 @@
+"""Texts of numbers: their heads, their rows, their dates."""

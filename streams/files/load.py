@@ -1,0 +1,378 @@
+"""From the bytes of a file to samples, for followed folders and recordings alike."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Sequence
+from dataclasses import replace
+from fnmatch import fnmatchcase
+from pathlib import Path
+from typing import TYPE_CHECKING
+from zoneinfo import ZoneInfo
+
+import numpy as np
+
+from streams.files.digest import changed_error
+from streams.files.parse.complete import declared_size
+from streams.files.pulse_times import fitting_pulses
+from streams.files.statements import multiple_of
+from streams.reblock import MIN_BLOCK_SHARE, Reblocker
+from streams.types.block import STANDARD_GRAVITY
+from streams.types.large import Data, FileBytes, NoRoomError, elementwise
+from streams.types.limits import max_blocks
+from streams.types.samples import DIGITAL, FRACTIONS, RATE_TOLERANCE, SCALED, VALUES, ReaderError, Samples
+from streams.types.spec import UNITS, ChannelSpec, SourceSpec
+
+if TYPE_CHECKING:
+    # At run time the receivers of frames, which call this module too, need no parser.
+    from streams.dates.dater import Dater
+    from streams.files.datasets import DataSet, FileFacts
+
+_LOG = logging.getLogger(__name__)
+_MAX_LISTED = 1000
+"""Characters of names in a message."""
+
+
+def is_dated_by_choice(spec: SourceSpec, data_set: DataSet) -> bool:
+    """Return whether files of a data set are dated by the choice for their source.
+
+    Those of published data sets are unrelated recordings unless the configuration says otherwise.
+    """
+    return data_set.plain or any(
+        value is not None for value in (spec.start, spec.time_from, spec.time_name, spec.interval)
+    )
+
+
+def is_cut(spec: SourceSpec, data_set: DataSet) -> bool:
+    """Return whether files are cut into blocks of one length, not taken as one block each."""
+    return not (data_set.snapshot or spec.block_s == "file")
+
+
+def cutter_of(spec: SourceSpec, data_set: DataSet) -> Reblocker | None:
+    """Return what cuts the samples of a source into blocks, None where each file is one."""
+    if not is_cut(spec, data_set) or spec.block_s == "file":
+        return None
+    return Reblocker(spec.block_s, spec.block_revolutions)
+
+
+class Loader:
+    """Loads the files of one source.
+
+    ``root`` is the resolved folder or archive that holds them; its name may state run and condition.
+    """
+
+    def __init__(
+        self, spec: SourceSpec, data_set: DataSet, root: Path, *, several: bool = True, dater: Dater | None = None
+    ) -> None:
+        """Prepare.
+
+        Args:
+            several: there may be more than one file: undated ones have no known distance in time then.
+            dater: dates the files of which the data set states no date; None: they have none.
+        """
+        self.root, self.data_set, self.dater = root, data_set, dater
+        self._spec, self._several = spec, several
+        self._zone = ZoneInfo(spec.timezone)
+
+    def facts(self, path: str) -> FileFacts | None:
+        """Return what the path of a file states; None for a file of another kind."""
+        facts = self.data_set.facts(path, str(self.root), self._zone)
+        time = None if facts is None or self.dater is None else self.dater.name_time(path)
+        return facts if facts is None or time is None else replace(facts, order=((0, time, ""), *facts.order))
+
+    @property
+    def ignored(self) -> str:
+        """Why files without :meth:`facts` are ignored."""
+        return f"of another format than {self.data_set.name} ({self.data_set.files})"
+
+    def load(
+        self,
+        raw: Data,
+        path: str,
+        facts: FileFacts,
+        name: str | None = None,
+        *,
+        changed: float | None = None,
+        whole: bool = True,
+    ) -> Samples:
+        """Return the configured channels of a file, with rate, units and times settled.
+
+        Args:
+            raw: the bytes of the file as stored.
+            path: of the file below the root.
+            facts: stated by its path.
+            name: of the file in messages, default the path.
+            changed: time of the last change of the file, s since 1970 UTC.
+            whole: the file will not grow.
+
+        Raises:
+            ReaderError: with a sentence that names the file; ``unreadable`` for any other exception of a parser.
+            UndatedError: see :meth:`streams.dates.dater.Dater.date`.
+        """
+        samples = self.load_undated(raw, path, facts, name or path)
+        return self.date(samples, path, facts, changed, whole=whole)
+
+    def date(
+        self, samples: Samples, path: str, facts: FileFacts, changed: float | None, *, whole: bool = True
+    ) -> Samples:
+        """Return what :meth:`load_undated` gave with its times; arguments and errors as :meth:`load`."""
+        if self.dater is None or facts.start is not None or facts.elapsed is not None:
+            start, elapsed = self._times(samples, facts)
+            if self.dater is not None:
+                self.dater.note_own(self.data_set.name, start if elapsed is None else None)
+            return fitting_pulses(replace(samples, start=start, elapsed=elapsed), path)
+        return fitting_pulses(self.dater.date(samples, path, changed, whole=whole), path)
+
+    def load_undated(self, raw: Data, path: str, facts: FileFacts, name: str) -> Samples:
+        """Return the same without times but those that the file states; ReaderError as :meth:`load`."""
+        samples = self.read(raw, path, name)
+        self._check_length(samples, name)
+        samples = choose_channels(samples, self._spec.channels, self.data_set.unit, name, self._spec.range_g)
+        rate = agreed_rate((samples.rate, facts.rate), self._spec.rate, name)
+        self._check_blocks(samples.values.shape[1], rate, len(raw), name)
+        return replace(
+            samples,
+            rate=rate,
+            speed=samples.speed if samples.speed is not None else facts.speed,
+            load=samples.load if samples.load is not None else facts.load,
+        )
+
+    def read(self, raw: Data, path: str, name: str) -> Samples:
+        """Return all rows of a file and what the file itself states; ReaderError as :meth:`load`."""
+        try:
+            promised = declared_size(raw, path)
+            if promised is not None and promised > len(raw):
+                raise ReaderError("incomplete", f"{path}: {len(raw)} bytes are there, its header promises {promised}")
+            if not raw:
+                raise ReaderError("empty", f"{path}: the file has 0 bytes")
+            samples = self.data_set.read(raw, path)
+            if isinstance(raw, FileBytes) and raw.is_changed:
+                raise changed_error(path)
+            return samples
+        except NoRoomError:
+            raise
+        except Exception as error:
+            if isinstance(raw, FileBytes) and raw.is_changed:
+                raise changed_error(name) from error
+            if isinstance(error, ReaderError):
+                raise renamed(error, path, name) from error
+            # Third-party parsers raise any exception on damaged files; one file must not stop the others.
+            _LOG.warning("%s: the reader failed", name, exc_info=True)
+            raise ReaderError("unreadable", f"{name}: the reader failed ({type(error).__name__})") from error
+
+    def levels(self, raw: Data, path: str) -> dict[str, str]:
+        """Return in words what states the level of each channel of a file; ReaderError as :meth:`load`."""
+        samples, unit = self.read(raw, path, path), self.data_set.unit
+        samples = replace(samples, units=tuple(stated or unit for stated in samples.units))
+        written = samples.units
+        samples, _ = in_own_units(samples)
+        found = {}
+        for channel in self._spec.channels:
+            row = _row_of(samples, channel, path)
+            found[channel.name] = _level(
+                samples, row, channel, _unit_of(samples, row, channel, path), self._spec.range_g
+            )
+            if written[row] != samples.units[row] and channel.scale is None:
+                found[channel.name] += f", from {written[row]}"
+        return found
+
+    def _check_length(self, samples: Samples, name: str) -> None:
+        expected, found = self.data_set.samples, samples.values.shape[1]
+        if expected is None:
+            return
+        if found < MIN_BLOCK_SHARE * expected:
+            raise ReaderError("short", f"{name}: {found} samples, {expected} were expected")
+        if found > expected:
+            raise ReaderError("wrong_shape", f"{name}: {found} samples, {expected} were expected")
+
+    def _check_blocks(self, length: int, rate: float, stored: int, name: str) -> None:
+        if self.data_set.snapshot or self._spec.block_s == "file":
+            return
+        count, allowed = length / max(1, round(self._spec.block_s * rate)), max_blocks(stored)
+        if count > allowed:
+            reason = f"{count:.0f} blocks of {self._spec.block_s:g} s, {allowed} are allowed for {stored} bytes"
+            raise ReaderError("refused", f"{name}: {reason}")
+
+    def _times(self, samples: Samples, facts: FileFacts) -> tuple[float | None, float | None]:
+        """Return (start, elapsed) of the first sample of a file of a data set, None where not stated.
+
+        A stamp precedes the configured start, and leaves no elapsed. Without stamps or numbers in known intervals only
+        a recording of one file has times: nothing states the time between two files.
+        """
+        stamp = facts.start if facts.start is not None else samples.start
+        if stamp is not None:
+            return stamp, None
+        if facts.elapsed is None and self._several:
+            return None, None
+        elapsed = facts.elapsed or 0.0
+        return None if self._spec.start is None else self._spec.start + elapsed, elapsed
+
+
+def renamed(error: ReaderError, path: str, name: str) -> ReaderError:
+    """Return an error that calls a file by its printable name instead of its path."""
+    return error if path == name else ReaderError(error.status, str(error).replace(path, name))
+
+
+def choose_channels(
+    samples: Samples, channels: Sequence[ChannelSpec], unit: str | None, where: str, range_g: float | None = None
+) -> Samples:
+    """Select the rows of the configured channels, with their names and units.
+
+    Args:
+        channels: none: every row, by the data set's names.
+        unit: of every row by the data set, or None.
+        range_g: full scale in g of rows that are stored as fractions of it, where no scale is given.
+
+    Raises:
+        ReaderError: ``wrong_shape`` where a channel matches no row or several; ``wrong_unit`` where the file states
+            another unit than the configuration, or neither states one, or nothing states the level of integers.
+    """
+    if unit is not None:
+        samples = replace(samples, units=tuple(stated or unit for stated in samples.units))
+    samples, multiples = in_own_units(samples)
+    if not channels:
+        # A row of truth values is of a tacho or a switch.
+        kept = [row for row, stored in enumerate(samples.stored) if stored != DIGITAL]
+        if not kept:
+            raise ReaderError("wrong_shape", f"{where}: holds only rows that are on or off, and no vibration")
+        samples, multiples = samples.select(kept), tuple(multiples[row] for row in kept)
+        for row, (name, stated) in enumerate(zip(samples.names, samples.units, strict=True)):
+            _check_unit(stated, name, where)
+            _factor_of(samples, row, ChannelSpec(name, unit=stated), None, f"{where}: {name}")
+        return _times(samples, multiples)
+    rows = [_row_of(samples, channel, where) for channel in channels]
+    units = tuple(_unit_of(samples, row, channel, where) for row, channel in zip(rows, channels, strict=True))
+    both = zip(rows, channels, units, strict=True)
+    factors = [
+        _factor_of(samples, row, replace(channel, unit=unit), range_g, f"{where}: channel {channel.name}")
+        * (multiples[row] if channel.scale is None and not channel.any_unit else 1.0)
+        for row, channel, unit in both
+    ]
+    return _times(samples.select(rows, tuple(channel.name for channel in channels), units), factors)
+
+
+def in_own_units(samples: Samples) -> tuple[Samples, tuple[float, ...]]:
+    """Return the samples with our unit for each multiple of it, such as V for mV, and the factors still to apply."""
+    both = [multiple_of(unit) for unit in samples.units]
+    units = tuple(None if unit is None else own for unit, (own, _) in zip(samples.units, both, strict=True))
+    return replace(samples, units=units), tuple(factor for _, factor in both)
+
+
+def _times(samples: Samples, factors: Sequence[float]) -> Samples:
+    if all(factor == 1.0 for factor in factors):
+        return samples
+    column = np.array(factors, samples.values.dtype)[:, np.newaxis]
+    return replace(samples, values=elementwise(lambda values: values * column, samples.values, 1))
+
+
+def _check_unit(stated: str | None, name: str, where: str) -> None:
+    if stated is None:
+        raise ReaderError("wrong_unit", f"{where}: no unit is stated; give [[channel]] unit")
+    if stated not in UNITS:
+        raise ReaderError("wrong_unit", f"{where}: {name} is in {stated!r}; expected one of {', '.join(UNITS)}")
+    if stated == "V":
+        raise ReaderError("wrong_unit", f"{where}: in V; give [[channel]] sensitivity_mv_per_g or a side-car")
+
+
+def _row_of(samples: Samples, channel: ChannelSpec, where: str) -> int:
+    both = list(zip(samples.names, samples.channels, strict=True))
+    if channel.key is not None:
+        wanted = f"key {channel.key!r}"
+        found = [i for i, names in enumerate(both) if any(fnmatchcase(name, channel.key) for name in names)]
+    elif isinstance(channel.column, int):
+        wanted = f"column {channel.column}"
+        found = [i for i, column in enumerate(samples.columns) if column == channel.column]
+    elif channel.column is not None:
+        wanted = f"column {channel.column!r}"
+        found = [i for i, names in enumerate(both) if channel.column in names]
+    else:
+        wanted = "its name"
+        found = [i for i, names in enumerate(both) if channel.name in names]
+        if not found and len(both) == 1:
+            found = [0]
+    if len(found) != 1:
+        count = "no column" if not found else f"{len(found)} columns"
+        pairs = (f"{title} ({name})" for name, title in both)
+        held = ", ".join(samples.names if samples.names == samples.channels else pairs)[:_MAX_LISTED]
+        raise ReaderError("wrong_shape", f"{where}: channel {channel.name}: {count} by {wanted}; the file has {held}")
+    return found[0]
+
+
+def _unit_of(samples: Samples, row: int, channel: ChannelSpec, where: str) -> str:
+    if channel.any_unit:
+        return "unknown"
+    stated, configured = samples.units[row], channel.unit
+    where = f"{where}: channel {channel.name}"
+    if samples.scaled and channel.scale not in (None, 1.0):
+        reason = f"the side-car scales it already, and so does scale = {channel.scale:g}"
+        raise ReaderError("wrong_unit", f"{where}: {reason}")
+    if stated is None and configured is None:
+        raise ReaderError("wrong_unit", f"{where}: no unit is stated; give [[channel]] unit")
+    if configured is not None and stated not in (None, "unknown", configured):
+        hint = f'; write unit = "{stated}"' if stated in UNITS else ""
+        raise ReaderError("wrong_unit", f"{where}: the recording is in {stated}, unit = {configured!r}{hint}")
+    if configured is None and (stated not in UNITS or stated == "V"):
+        raise ReaderError("wrong_unit", f"{where}: the recording is in {stated}; give [[channel]] unit")
+    return configured or stated or "unknown"
+
+
+def _factor_of(samples: Samples, row: int, channel: ChannelSpec, range_g: float | None, where: str) -> float:
+    """Return the factor that ``range_g`` gives a row that no scale is given for; 1 for all others.
+
+    Raises:
+        ReaderError: ``wrong_unit`` where the row holds integers and nothing states what they mean.
+    """
+    stored = samples.stored[row]
+    if stored in (VALUES, SCALED, DIGITAL) or channel.unit == "unknown" or channel.scale is not None:
+        return 1.0
+    if stored == FRACTIONS and range_g is not None and not samples.scaled:
+        of_one_g = {"m/s2": STANDARD_GRAVITY, "V": 1e-3 * (channel.sensitivity_mv_per_g or 0.0)}
+        return range_g * of_one_g.get(channel.unit or "g", 1.0)
+    meant, other = f"the {channel.unit} of one count", ""
+    if stored == FRACTIONS:
+        meant, other = f"the {channel.unit} at full scale", ", or [[source]] range_g, the g at full scale"
+    raise ReaderError(
+        "wrong_unit",
+        f"{where}: holds {stored}, and nothing states their level; give [[channel]] scale, {meant} "
+        f"(a side-car may too){other}",
+    )
+
+
+def _level(samples: Samples, row: int, channel: ChannelSpec, unit: str, range_g: float | None) -> str:
+    """Return in words what states the level of a row: its unit and, of integers, what they mean."""
+    stated, stored, scale = samples.units[row], samples.stored[row], channel.scale
+    parts = [f"{unit} ({'configured' if stated is None else 'stated by the file or its side-car'})"]
+    if unit == "V":
+        parts.append(f"{channel.sensitivity_mv_per_g:g} mV per g")
+    if stored == SCALED:
+        parts.append("integers, scaled as the file or its side-car states")
+    elif stored != VALUES and unit != "unknown":
+        meant = "full scale is" if stored == FRACTIONS else "one count is"
+        level = "not stated"
+        if scale is not None:
+            level = f"{scale:g} {unit} (scale)"
+        elif stored == FRACTIONS and range_g is not None:
+            level = f"{range_g:g} g (range_g)"
+        parts.append(f"integers, {meant} {level}")
+    elif samples.scaled:
+        parts.append("scaled by the side-car")
+    elif scale not in (None, 1.0):
+        parts.append(f"times {scale:g} (scale)")
+    return ", ".join(parts)
+
+
+def agreed_rate(stated: Sequence[float | None], configured: float | None, where: str) -> float:
+    """Return the rate in Hz on which the ``stated`` and ``configured`` ones agree.
+
+    Raises:
+        ReaderError: ``wrong_rate`` where they differ by more than 1e-4 of it or none is stated.
+    """
+    rates = [rate for rate in (*stated, configured) if rate is not None]
+    if not rates:
+        raise ReaderError("wrong_rate", f"{where}: no sampling rate is stated; give [[source]] rate_hz")
+    if any(abs(rate - rates[0]) > RATE_TOLERANCE * rates[0] for rate in rates):
+        said = " and ".join(f"{rate:g} Hz" for rate in dict.fromkeys(rates))
+        own = [rate for rate in stated if rate is not None]
+        hint = f"; write rate_hz = {own[0]:.10g}" if own and all(rate == own[0] for rate in own) else ""
+        raise ReaderError("wrong_rate", f"{where}: the recording and rate_hz do not agree: {said}{hint}")
+    return rates[0]

@@ -1,0 +1,1 @@
+"""Unsafe parsers in a child process."""

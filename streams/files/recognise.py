@@ -1,0 +1,274 @@
+"""Recognise the files of a recording by configuration, names and content."""
+
+from __future__ import annotations
+
+import importlib.util
+import re
+from collections.abc import Callable, Iterable
+from dataclasses import replace
+from pathlib import Path, PurePosixPath
+from typing import Any
+from zoneinfo import ZoneInfo
+
+from streams.files.beside import FOLDER_NAMES, is_beside
+from streams.files.container import Files, Item, is_archive
+from streams.files.datasets import DATA_SETS, DataSet, FileFacts
+from streams.files.formats.hdf5 import read_hdf5
+from streams.files.formats.mat import mat_variables, read_mat
+from streams.files.formats.netcdf import read_netcdf
+from streams.files.formats.npy_wav import read_plain_npy, read_wav
+from streams.files.formats.tdms import read_tdms
+from streams.files.formats.text import first_characters, read_layout
+from streams.files.formats.uff import read_uff
+from streams.files.parse.child import isolated
+from streams.files.pulse_files import is_pulse_file, with_pulse_files
+from streams.files.sidecar import apply_sidecar, find_sidecar
+from streams.types.large import Data
+from streams.types.listing import natural_key, unpacked_name
+from streams.types.samples import ReaderError, Samples
+from streams.types.spec import SourceError, SourceSpec
+
+FORMATS = {
+    "csv": (".csv", ".txt", ".tsv", ".dat", ".asc", ".lvm"),
+    "npy": (".npy",),
+    "wav": (".wav", ".flac"),
+    "mat": (".mat",),
+    "tdms": (".tdms",),
+    "hdf5": (".h5", ".hdf5", ".hdf"),
+    "uff": (".uff", ".unv", ".bunv", ".uf"),
+    "netcdf": (".nc", ".nc4", ".cdf"),
+}
+"""The plain formats and their file endings."""
+
+_ALIASES = {"text": "csv", "lvm": "csv", "flac": "wav", "h5": "hdf5", "uff58": "uff", "unv": "uff", "nc": "netcdf"}
+_STATE_RATE = ("csv", "wav", "mat", "tdms", "hdf5", "uff", "netcdf")
+_STATE_UNIT = ("csv", "mat", "tdms", "hdf5", "uff", "netcdf")
+_EXTRAS = {"tdms": ("nptdms", "tdms"), "hdf5": ("h5py", "hdf5"), "uff": ("pyuff", "uff")}
+_MATRICES = ("mat", "hdf5", "netcdf")
+_HOLD_PULSES = ("mat", "hdf5", "netcdf", "tdms")
+_XJTU_HEADER = "Horizontal_vibration_signals"
+
+
+def plain(kind: str, spec: SourceSpec, endings: tuple[str, ...]) -> DataSet:
+    """Describe the files of a plain format with some ``endings`` (none: all).
+
+    The keys of the configured channels select the variables of a file.
+
+    Raises:
+        SourceError: the format needs a library that is not installed.
+    """
+    if kind in _EXTRAS and importlib.util.find_spec(_EXTRAS[kind][0]) is None:
+        library, extra = _EXTRAS[kind]
+        raise SourceError(
+            f"[[source]] {spec.name}: {kind} files need {library}, which is not installed: "
+            f'pip install "spallwatch[{extra}]"'
+        )
+    keys = [channel.key for channel in spec.channels if channel.key is not None]
+    # A matrix gives rows NAME_1, NAME_2, ...
+    keys += [key[: match.start()] for key in keys if (match := re.search(r"_\d+$", key)) and kind in _MATRICES]
+    if len(spec.channels) > sum(channel.key is not None for channel in spec.channels):
+        # A channel that is found by its column or name may be any variable.
+        keys = []
+    zone = spec.timezone
+    inside = None if is_beside(spec.pulses) else spec.pulses
+    if inside is not None and kind not in _HOLD_PULSES:
+        raise SourceError(
+            f"[[source]] {spec.name}: pulses = {inside!r}: files of {kind} hold no array of pulses besides their "
+            "channels; give a file beside them, such as {stem}.pulses.csv, or [operating] tacho_channel"
+        )
+    readers: dict[str, Callable[[Data, str], Samples]] = {
+        "csv": isolated(read_layout, zone),
+        "npy": read_plain_npy,
+        "wav": isolated(read_wav),
+        "mat": isolated(read_mat, keys or ["*"], zone, inside),
+        "tdms": isolated(read_tdms, keys, zone, inside),
+        "hdf5": isolated(read_hdf5, keys, zone, inside),
+        "uff": isolated(read_uff, keys, zone),
+        "netcdf": isolated(read_netcdf, keys, zone, inside),
+    }
+
+    def facts(path: str, place: str, zone: ZoneInfo) -> FileFacts | None:
+        meant = not endings or unpacked_name(path).lower().endswith(endings)
+        return FileFacts(natural_key(path)) if meant else None
+
+    shown = ", ".join(f"*{ending}" for ending in endings) or "any name"
+    rate, unit = kind in _STATE_RATE, kind in _STATE_UNIT
+    return DataSet(
+        kind, shown, facts, readers[kind], unit=None, states_rate=rate, states_unit=unit, plain=True, endings=endings
+    )
+
+
+def data_set_of(spec: SourceSpec, files: Files, kind: str, endings: tuple[str, ...] | None = None) -> DataSet:
+    """Return the data set or format of a recording ("auto": recognised), with side-cars.
+
+    ``endings``: of the files of a plain format that was recognised before; no file is opened then.
+
+    Raises:
+        SourceError: the name is not known, nothing is recognised, or a library is missing.
+    """
+    known = endings is not None and kind in FORMATS
+    found = plain(kind, spec, endings or ()) if known else _found_data_set(spec, files, kind)
+    if is_beside(spec.pulses):
+        if files.sequential:
+            raise SourceError(f"[[source]] {spec.name}: pulses = {spec.pulses!r}: archives have no files beside files")
+        return with_pulse_files(_with_sidecars(found, spec, files), spec, files.root)
+    if spec.pulses is not None and not found.plain:
+        raise SourceError(f"[[source]] {spec.name}: pulses = {spec.pulses!r}: {found.name} has none that is known")
+    return found if files.sequential else _with_sidecars(found, spec, files)
+
+
+def one_run(paths: Iterable[str], name: str, data_set: DataSet) -> list[str]:
+    """Return the paths; SourceError where they are of several runs."""
+    kept = list(paths)
+    if data_set.snapshot:
+        folders = sorted({path.rpartition("/")[0] or "." for path in kept})
+        if len(folders) > 1:
+            shown = ", ".join(folders[:5])
+            raise SourceError(f"[[source]] {name}: url: holds several runs ({shown}); name the folder of one of them")
+    return kept
+
+
+def _with_sidecars(data_set: DataSet, spec: SourceSpec, files: Files) -> DataSet:
+    """Return the data set with a reader that applies the side-car of each file."""
+    root = files.root
+
+    def read(data: Data, path: str) -> Samples:
+        sidecar = find_sidecar(root, path, spec.timezone)
+        samples = data_set.read(data, path)
+        return samples if sidecar is None else apply_sidecar(samples, sidecar, path)
+
+    there = _has_sidecars(root, files)
+    states_rate, states_unit = data_set.states_rate or there, data_set.states_unit or there
+    return replace(data_set, read=read, states_rate=states_rate, states_unit=states_unit)
+
+
+def _has_sidecars(root: Path, files: Files) -> bool:
+    """Return whether there may be side-cars, of single files or of a folder."""
+    if any((root / name).exists() for name in FOLDER_NAMES):
+        return True
+    if files.several:
+        names = {item.path.rpartition("/")[2] for item in files}
+    else:
+        names = {path.name for path in root.iterdir()}
+    return any(name in names for name in FOLDER_NAMES) or any(
+        name.endswith(".json") and name.removesuffix(".json") in names for name in names
+    )
+
+
+def _found_data_set(spec: SourceSpec, files: Files, kind: str) -> DataSet:
+    where = f"[[source]] {spec.name}"
+    wanted = kind.strip().lower()
+    wanted = _ALIASES.get(wanted, wanted)
+    if wanted in FORMATS:
+        return plain(wanted, spec, FORMATS[wanted] if files.several else ())
+    if wanted != "auto":
+        named = DATA_SETS.get(re.sub(r"[-\s]", "_", wanted))
+        if named is None:
+            known = ", ".join(["auto", *FORMATS, *DATA_SETS])
+            raise SourceError(f"{where}: format or data set {kind!r} is not known; expected one of {known}")
+        return named
+    found: DataSet | None = None
+    paths: list[str] = []
+    unfilled: list[Item] = []
+    try:
+        for item in files:
+            if is_pulse_file(spec.pulses, item.path):
+                continue
+            paths.append(item.path)
+            if not item.filled:
+                unfilled.append(item)
+                continue
+            named = _recognised_by_name(item, files)
+            if named is not None:
+                return named
+            found = found or _recognised_by_content(item, spec, files)
+            if found is not None and found.name in DATA_SETS:
+                return found
+    except ReaderError as error:
+        if found is None:
+            raise SourceError(f"{where}: url: {error}") from error
+    # A file without content, or one that is refused, counts only where there is no other.
+    by_name = (_recognised_by_name(item, files) or _recognised_by_ending(item, spec, files) for item in unfilled)
+    found = found or next((data_set for data_set in by_name if data_set is not None), None)
+    if found is None:
+        raise SourceError(f"{where}: url: {files.root} {_nothing(paths)}")
+    return found
+
+
+def _recognised_by_name(item: Item, files: Files) -> DataSet | None:
+    names = ("pronostia", "ims", "paderborn")
+    return next((DATA_SETS[name] for name in names if _is_named_as(name, item, files)), None)
+
+
+def _recognised_by_ending(item: Item, spec: SourceSpec, files: Files) -> DataSet | None:
+    """Return the plain format that an ending stands for; among several files a .txt may be anything."""
+    ending = PurePosixPath(unpacked_name(item.path)).suffix.lower()
+    kind = next((kind for kind, endings in FORMATS.items() if ending in endings), None)
+    unclear = kind == "csv" and ending != ".csv" and files.several
+    return None if kind is None or unclear else plain(kind, spec, (ending,))
+
+
+def _nothing(paths: list[str]) -> str:
+    if not paths:
+        return "holds no files"
+    archives = [path for path in paths if is_archive(path)]
+    if archives:
+        return f"holds archives ({', '.join(archives[:5])}); name one of them"
+    endings = ", ".join(ending for endings in FORMATS.values() for ending in endings)
+    return (
+        f"holds nothing that is recognised; expected a known data set ({', '.join(DATA_SETS)}) "
+        f"or files ending in {endings}; or give format"
+    )
+
+
+def _is_named_as(name: str, item: Item, files: Files) -> bool:
+    """Return whether a file is named as those of a data set."""
+    return DATA_SETS[name].facts(item.path, str(files.root), ZoneInfo("UTC")) is not None
+
+
+def _recognised_by_content(item: Item, spec: SourceSpec, files: Files) -> DataSet | None:
+    """Return the data set or format that one file shows, or None."""
+    ending = PurePosixPath(unpacked_name(item.path)).suffix.lower()
+    kind = next((kind for kind, endings in FORMATS.items() if ending in endings), None)
+    if kind is None:
+        return None
+    if kind == "mat":
+        return _recognised_mat(item, files) or plain(kind, spec, (ending,))
+    if kind == "csv" and ending != ".csv" and files.several and not _is_numbers(item):
+        # It may be a README.txt.
+        return None
+    if (
+        kind == "csv"
+        and _is_named_as("xjtu_sy", item, files)
+        and _XJTU_HEADER in (_asked(first_characters, item) or "")
+    ):
+        return DATA_SETS["xjtu_sy"]
+    return plain(kind, spec, (ending,))
+
+
+def _is_numbers(item: Item) -> bool:
+    return _asked(read_layout, item) is not None
+
+
+def _asked(function: Callable[[bytes, str], Any], item: Item) -> Any:
+    """Return what a function finds in a file, called in the child process; None where it cannot be read."""
+    try:
+        return isolated(function)(item.read(), item.path)
+    except ReaderError:
+        return None
+
+
+def _recognised_mat(item: Item, files: Files) -> DataSet | None:
+    """Return the data set that the variables of a MAT file show, or None."""
+    listed = _asked(mat_variables, item)
+    if listed is None:
+        return None
+    variables = {name: (tuple(shape), kind) for name, (shape, kind) in listed.items()}
+    if any(name.startswith("X") and name.endswith(("_DE_time", "_FE_time", "_BA_time")) for name in variables):
+        return DATA_SETS["cwru"]
+    if variables.get("bearing", ((), ""))[1] == "struct":
+        return DATA_SETS["mfpt"]
+    if {"Data", "SampleFrequency"} <= variables.keys():
+        return DATA_SETS["uestc"]
+    vectors = [shape for shape, kind in variables.values() if kind == "double" and max(shape, default=0) > 1]
+    return DATA_SETS["hit_sm"] if vectors == [(262144, 1)] and _is_named_as("hit_sm", item, files) else None

@@ -1,0 +1,173 @@
+"""Side-cars: a file beside a recording states what the recording itself does not.
+
+``FILE.json`` beside ``FILE``, else ``spallwatch.json`` or ``spallwatch.toml`` in its folder, which then counts for all
+files of the folder. Keys: ``rate_hz``, ``start_utc``, ``unit``, ``scale``, ``sensitivity_mv_per_g``, ``speed_hz``,
+``load_newton``, ``channels``.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+import tomllib
+from collections.abc import Container
+from dataclasses import dataclass, replace
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from streams.files.beside import FOLDER_NAMES, sidecar_paths
+from streams.files.container import read_guarded
+from streams.files.statements import seconds_utc
+from streams.types.large import elementwise
+from streams.types.samples import SCALED, VALUES, ReaderError, Samples
+from streams.types.spec import UNITS
+
+_MAX_SIDECAR_BYTES = 1 << 16
+
+
+@dataclass(frozen=True)
+class SideCar:
+    """The content of a side-car in SI units, None where it states nothing.
+
+    ``scale`` is the factor from the stored numbers to the unit; with a sensitivity rows in V are given in g.
+    """
+
+    path: str
+    rate: float | None = None
+    start: float | None = None
+    unit: str | None = None
+    scale: float | None = None
+    sensitivity_mv_per_g: float | None = None
+    speed: float | None = None
+    load: float | None = None
+    channels: tuple[str, ...] | None = None
+
+
+def is_sidecar(path: str, recordings: Container[str]) -> bool:
+    """Return whether a file is a side-car, of its folder or of one of some recordings."""
+    return path.rpartition("/")[2] in FOLDER_NAMES or (
+        path.endswith(".json") and path.removesuffix(".json") in recordings
+    )
+
+
+def find_sidecar(root: Path, path: str, zone: str = "UTC") -> SideCar | None:
+    """Return the side-car of the file at ``path`` below the resolved root, or None.
+
+    ``zone`` is the IANA name of the zone of a start that names none.
+
+    Raises:
+        ReaderError: ``unreadable`` where it is no valid side-car, naming the key; ``refused`` as for any file.
+    """
+    for candidate in sidecar_paths(path):
+        if not os.path.lexists(f"{root}/{candidate}"):
+            continue
+        return _parsed(read_guarded(root, candidate, max_bytes=_MAX_SIDECAR_BYTES), candidate, zone)
+    return None
+
+
+def _parsed(raw: bytes, path: str, zone: str) -> SideCar:
+    try:
+        text = raw.decode("utf-8-sig")
+        values: Any = tomllib.loads(text) if path.endswith(".toml") else json.loads(text)
+    except (ValueError, RecursionError) as error:
+        raise ReaderError("unreadable", f"{path}: not a readable side-car ({str(error)[:200]})") from error
+    if not isinstance(values, dict):
+        raise ReaderError("unreadable", f"{path}: expected a table of keys, got {type(values).__name__}")
+    known = {"rate_hz", "start_utc", "unit", "scale", "sensitivity_mv_per_g", "speed_hz", "load_newton", "channels"}
+    unknown = sorted(set(values) - known)
+    if unknown:
+        raise ReaderError("unreadable", f"{path}: unknown key {unknown[0][:40]!r}; expected {', '.join(sorted(known))}")
+    unit = values.get("unit")
+    if unit is not None and unit not in UNITS:
+        raise ReaderError("wrong_unit", f"{path}: unit must be one of {', '.join(UNITS)}, got {str(unit)[:40]!r}")
+    return SideCar(
+        path=path,
+        rate=_number(values, "rate_hz", path, positive=True),
+        start=_start(values, path, zone),
+        unit=unit,
+        scale=_number(values, "scale", path),
+        sensitivity_mv_per_g=_number(values, "sensitivity_mv_per_g", path, positive=True),
+        speed=_number(values, "speed_hz", path),
+        load=_number(values, "load_newton", path),
+        channels=_channels(values, path),
+    )
+
+
+def _number(values: dict[str, Any], key: str, path: str, positive: bool = False) -> float | None:
+    value = values.get(key)
+    if value is None:
+        return None
+    good = isinstance(value, int | float) and not isinstance(value, bool) and abs(value) <= sys.float_info.max
+    if not good or (positive and value <= 0) or (key == "scale" and value == 0):
+        wanted = "a positive number" if positive else "a finite number" + (" that is not zero" * (key == "scale"))
+        raise ReaderError("unreadable", f"{path}: {key} must be {wanted}, got {str(value)[:40]!r}")
+    return float(value)
+
+
+def _start(values: dict[str, Any], path: str, zone: str) -> float | None:
+    value = values.get("start_utc")
+    if value is None:
+        return None
+    start = seconds_utc(value, zone) if isinstance(value, str | int | float | datetime) else None
+    if start is None:
+        raise ReaderError("unreadable", f"{path}: start_utc must be an ISO 8601 time, got {str(value)[:40]!r}")
+    return start
+
+
+def _channels(values: dict[str, Any], path: str) -> tuple[str, ...] | None:
+    value = values.get("channels")
+    if value is None:
+        return None
+    if not isinstance(value, list) or not all(isinstance(item, str) and item for item in value):
+        raise ReaderError("unreadable", f"{path}: channels must be a list of names, got {str(value)[:60]!r}")
+    if len(set(value)) != len(value):
+        raise ReaderError("unreadable", f"{path}: channels must differ")
+    return tuple(value)
+
+
+def _scaled(stored: str) -> str:
+    return VALUES if stored == VALUES else SCALED
+
+
+def apply_sidecar(samples: Samples, sidecar: SideCar, name: str) -> Samples:
+    """Add what a side-car states to the samples of its file, scaled or converted to g.
+
+    Raises:
+        ReaderError: ``wrong_rate``, ``wrong_unit`` or ``wrong_shape`` where file and side-car contradict.
+    """
+    where = f"{name}: {sidecar.path}"
+    if sidecar.rate is not None and samples.rate is not None and abs(sidecar.rate - samples.rate) > 1e-4 * samples.rate:
+        raise ReaderError("wrong_rate", f"{where} states {sidecar.rate:g} Hz, the file {samples.rate:g} Hz")
+    own = {unit for unit in samples.units if unit is not None}
+    if sidecar.unit is not None and own - {"unknown", sidecar.unit}:
+        raise ReaderError("wrong_unit", f"{where} states {sidecar.unit}, the file {', '.join(sorted(own))}")
+    if sidecar.channels is not None and len(sidecar.channels) != len(samples.names):
+        count = len(sidecar.channels)
+        raise ReaderError("wrong_shape", f"{where} names {count} channels, the file has {len(samples.names)} rows")
+    units = tuple(sidecar.unit or unit for unit in samples.units)
+    values, factor = samples.values, sidecar.scale or 1.0
+    if sidecar.sensitivity_mv_per_g is not None:
+        if set(units) != {"V"}:
+            raise ReaderError("wrong_unit", f"{where}: sensitivity_mv_per_g is for rows in V, these are in {units[0]}")
+        factor *= 1e3 / sidecar.sensitivity_mv_per_g
+        units = ("g",) * len(units)
+    if factor != 1.0:
+        # What leaves the range of the numbers becomes inf or nan, which the quality stage names.
+        with np.errstate(over="ignore", invalid="ignore"):
+            values = elementwise(lambda numbers: numbers * factor, values)
+    return replace(
+        samples,
+        values=values,
+        channels=sidecar.channels or samples.channels,
+        rate=samples.rate if samples.rate is not None else sidecar.rate,
+        start=samples.start if samples.start is not None else sidecar.start,
+        speed=samples.speed if samples.speed is not None else sidecar.speed,
+        load=samples.load if samples.load is not None else sidecar.load,
+        units=units,
+        scaled=samples.scaled or sidecar.scale is not None or sidecar.sensitivity_mv_per_g is not None,
+        stored=samples.stored if sidecar.scale is None else tuple(map(_scaled, samples.stored)),
+    )

@@ -1,0 +1,350 @@
+"""What the files of a recording state about themselves, before anything is configured."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from streams.files.container import Files, Item, open_files
+from streams.files.datasets import DataSet
+from streams.files.load import Loader, in_own_units
+from streams.files.plausible import Level, level_of
+from streams.files.pulse_files import is_pulse_file, pulse_pattern
+from streams.files.recognise import data_set_of
+from streams.files.sidecar import is_sidecar
+from streams.files.statements import multiple_of, nice_rate, plain_key, rate_of_times
+from streams.turns.tacho_rows import TachoRow, is_called_tacho, tacho_row
+from streams.types.listing import natural_key, shown
+from streams.types.samples import ReaderError, Samples
+from streams.types.spec import UNITS, ChannelSpec, SourceError, SourceSpec
+
+Kind = Literal["vibration", "speed", "load", "tacho", "time", "other"]
+
+_MAX_TRIED = 5
+"""Files that are tried from each end until one can be read."""
+_BEHIND = re.compile(r"[\[(]([^\])]*)[\])]\s*$")
+_TIMES = {"t", "time", "times", "zeit", "timestamp", "zeits"}
+_SPEEDS = re.compile(r"rpm|\bspeed|drehzahl|tacho|umdrehung|1/min|min-1|\bgiri", re.IGNORECASE)
+_LOADS = re.compile(r"\bload|\bforce|kraft|\blast\b", re.IGNORECASE)
+_OTHERS = re.compile(
+    r"temp|°|\bdegc\b|current|strom|druck|press|\bbar\b|humid|feuchte|torque|moment|counter|\bindex\b|\bsample\b|\bnr\b"
+    r"|\bno\.?\b",
+    re.IGNORECASE,
+)
+_RPM_IN_NAME = re.compile(r"(?<![\d.])(\d{2,5}(?:\.\d+)?)[ _-]?(?:rpm|upm|u[_-]?min)", re.IGNORECASE)
+
+
+@dataclass(frozen=True)
+class SurveyedRow:
+    """A row of the files.
+
+    Attributes:
+        name: short name by the file or its data set.
+        title: name in the file, by which a channel finds it.
+        column: its number, from 1.
+        kind: what it seems to measure.
+        unit: "g", "m/s2", "V" or "unknown" where the file states one of them, or a multiple; else None.
+        written: the unit as the file spells it, "" where it states none.
+        factor: from the stored numbers to ``unit``, of a multiple.
+        stored: how the numbers are stored (:mod:`streams.types.samples`).
+        level: of the first file that can be read, in ``unit``.
+        tacho: its pulses in that file, None where it is no tacho.
+    """
+
+    name: str
+    title: str
+    column: int
+    kind: Kind
+    unit: str | None
+    written: str
+    factor: float
+    stored: str
+    level: Level
+    tacho: TachoRow | None = None
+
+
+@dataclass(frozen=True)
+class Survey:
+    """What is known of a recording.
+
+    Attributes:
+        place: the folder, file or archive.
+        data_set: name of the format or data set; ``plain`` where it is a format of files of any origin.
+        paths: of its files in natural order; ``ignored`` those of another format.
+        first: path of the first file that can be read, ``last`` of the last one.
+        rows: of the first file.
+        rate: Hz, as the files state it, or ``rate_from`` a row of times alone; None where neither does.
+        seconds: lengths of the first and the last file, None without a rate.
+        starts: times that the headers of the first and the last file state, s since 1970 UTC, None where they do not.
+        stamp: that of the first file, where its order of day and month is open, as it is written.
+        speed: of the shaft as the first file or the names state it, Hz; ``speed_from`` says which.
+        load: N, as the first file states it.
+        scaled: whether a side-car scales the rows, ``has_sidecar`` whether there is one.
+        changed: times of the last change of the first and the last file, s since 1970 UTC.
+        refused: files that cannot be read, with the reason.
+        values: samples of the first file, shape (row, sample).
+        chosen: whether only the longest rows are read, of files whose rows differ in length.
+        pulses: pattern of the files of pulses beside the others, or name of an array of them; None: there are none.
+    """
+
+    place: Path
+    data_set: DataSet
+    paths: tuple[str, ...]
+    ignored: tuple[str, ...]
+    first: str
+    last: str
+    rows: tuple[SurveyedRow, ...]
+    rate: float | None
+    rate_from: str | None
+    samples: tuple[int, int]
+    starts: tuple[float | None, float | None]
+    stamp: str | None
+    speed: float | None
+    speed_from: str
+    load: float | None
+    scaled: bool
+    changed: tuple[float | None, float | None]
+    refused: tuple[str, ...]
+    values: Samples
+    chosen: bool = False
+    pulses: str | None = None
+
+    @property
+    def is_folder(self) -> bool:
+        """Whether files may follow."""
+        return self.place.is_dir()
+
+    @property
+    def start(self) -> float | None:
+        """Time that the header of the first file states, s since 1970 UTC, or None."""
+        return self.starts[0]
+
+    @property
+    def vibration(self) -> tuple[SurveyedRow, ...]:
+        """The rows that seem to be vibration."""
+        return tuple(row for row in self.rows if row.kind == "vibration")
+
+    @property
+    def tacho(self) -> SurveyedRow | None:
+        """The row of a tacho, that with the most pulses; None where there is none."""
+        rows = [row for row in self.rows if row.tacho is not None]
+        return max(rows, key=lambda row: 0 if row.tacho is None else row.tacho.pulses, default=None)
+
+    def seconds(self, rate: float) -> tuple[float, float]:
+        """Return the lengths of the first and the last file at a rate, s."""
+        return self.samples[0] / rate, self.samples[1] / rate
+
+
+def survey(path: str, kind: str = "auto", zone: str = "UTC") -> Survey:
+    """Look at the files of a path.
+
+    Args:
+        path: a file, a folder or an archive.
+        kind: name of a format or data set; "auto": recognised.
+        zone: IANA name of the zone of times that name none.
+
+    Raises:
+        SourceError: there is no such path, or nothing in it is recognised.
+        ReaderError: none of the files that were tried can be read; it names each reason.
+    """
+    spec = SourceSpec("survey", path, format=kind, timezone=zone)
+    files = open_files("survey", path)
+    spec = replace(spec, pulses=None if files.sequential else pulse_pattern([item.path for item in files]))
+    data_set = data_set_of(spec, files, kind)
+    try:
+        return _surveyed(spec, path, files, data_set)
+    except ReaderError as error:
+        longest, shorter = _rows_by_length(str(error))
+        if not longest:
+            raise
+    channels = tuple(ChannelSpec(title, key=as_pattern(title)) for title in longest)
+    tachos = [title for title in shorter if is_called_tacho(title)]
+    pulses = as_pattern(tachos[0]) if len(tachos) == 1 and spec.pulses is None else spec.pulses
+    spec = replace(spec, channels=channels)
+    try:
+        with_pulses = replace(spec, pulses=pulses)
+        return replace(_surveyed(with_pulses, path, files, data_set_of(with_pulses, files, data_set.name)), chosen=True)
+    except (ReaderError, SourceError):
+        # What is called so holds no times.
+        return replace(_surveyed(spec, path, files, data_set_of(spec, files, data_set.name)), chosen=True)
+
+
+def as_pattern(title: str) -> str:
+    """Return the key that matches a title and nothing else."""
+    return re.sub(r"([*?\[])", r"[\1]", title)
+
+
+def _rows_by_length(reason: str) -> tuple[list[str], list[str]]:
+    """Return the names of the longest rows of a file, and of the others, by the reason why it was refused."""
+    # Each file that was tried lists its rows.
+    listed = re.search(r"of different lengths: (.*?)(?:; |$)", reason)
+    found = [] if listed is None else re.findall(r"([^,]+?) (\d+)(?:, |$)", listed[1])
+    sizes = {name.strip(): int(size) for name, size in found}
+    longest = max(sizes.values(), default=0)
+    return [name for name in sizes if sizes[name] == longest], [name for name in sizes if sizes[name] < longest]
+
+
+def _surveyed(spec: SourceSpec, path: str, files: Files, data_set: DataSet) -> Survey:
+    loader = Loader(spec, data_set, files.root)
+    known: list[tuple[Item, float | None, float | None]] = []
+    others: list[str] = []
+    read: dict[str, Samples] = {}
+    refused: dict[str, str] = {}
+    for item in files:
+        facts = loader.facts(item.path)
+        if facts is None:
+            others.append(item.path)
+        else:
+            known.append((item, facts.rate, facts.speed))
+            if files.sequential and not read and len(refused) < _MAX_TRIED:
+                # The members of an archive can be read in its order only.
+                _try(loader, item, read, refused)
+    if not files.sequential:
+        known.sort(key=lambda entry: natural_key(entry[0].path))
+        for ends in (known, known[::-1]):
+            for item, _, _ in ends[:_MAX_TRIED]:
+                if item.path in read or _try(loader, item, read, refused):
+                    break
+    paths = tuple(item.path for item, _, _ in known)
+    if not read:
+        reasons = "; ".join(refused.values()) or f"{shown(path)}: holds no file"
+        raise ReaderError("unreadable", reasons)
+    others = [other for other in others if not is_pulse_file(spec.pulses, other)]
+    ignored = tuple(other for other in others if not is_sidecar(other, dict.fromkeys(paths)))
+    place = {item.path: (item, rate, speed) for item, rate, speed in known}
+    first, last = next(iter(read)), list(read)[-1]
+    found = _found(
+        files.root if files.several else Path(path), data_set, place, paths, ignored, first, last, read, refused
+    )
+    return replace(found, pulses=spec.pulses)
+
+
+def _try(loader: Loader, item: Item, read: dict[str, Samples], refused: dict[str, str]) -> bool:
+    """Read a file into ``read``, or note in ``refused`` why it cannot be; return whether it was read."""
+    try:
+        read[item.path] = loader.read(item.read(), item.path, item.path)
+    except ReaderError as error:
+        refused[item.path] = str(error)
+    return item.path in read
+
+
+def _found(
+    place: Path,
+    data_set: DataSet,
+    known: dict[str, tuple[Item, float | None, float | None]],
+    paths: tuple[str, ...],
+    ignored: tuple[str, ...],
+    first: str,
+    last: str,
+    read: dict[str, Samples],
+    refused: dict[str, str],
+) -> Survey:
+    samples, ending = read[first], read[last]
+    rows = surveyed_rows(samples, data_set.unit, samples.rate if samples.rate is not None else known[first][1])
+    rate, rate_from = samples.rate if samples.rate is not None else known[first][1], None
+    if rate is None:
+        rate, rate_from = _rate_by_row(samples, rows)
+    speed, speed_from = samples.speed if samples.speed is not None else known[first][2], "stated by the files"
+    if speed is None:
+        speed, speed_from = _speed_in_names([place.name, *paths]), "by the names"
+    return Survey(
+        place=place,
+        data_set=data_set,
+        paths=paths,
+        ignored=ignored,
+        first=first,
+        last=last,
+        rows=rows,
+        rate=None if rate is None else nice_rate(rate, 1e-6),
+        rate_from=rate_from,
+        samples=(samples.values.shape[1], ending.values.shape[1]),
+        starts=(samples.start, ending.start),
+        stamp=samples.stamp,
+        speed=speed,
+        speed_from=speed_from if speed is not None else "",
+        load=samples.load,
+        scaled=samples.scaled,
+        changed=(known[first][0].changed(), known[last][0].changed()),
+        refused=tuple(refused.values()),
+        values=samples,
+    )
+
+
+def surveyed_rows(samples: Samples, unit: str | None, rate: float | None = None) -> tuple[SurveyedRow, ...]:
+    """Return what each row of a file is; ``unit`` is that of all rows by the data set, or None, ``rate`` in Hz."""
+    written = tuple(stated or unit or "" for stated in samples.units)
+    own, factors = in_own_units(replace(samples, units=tuple(text or None for text in written)))
+    rows = [
+        SurveyedRow(
+            name=name,
+            title=title,
+            column=column,
+            kind=_kind(title, row, text, is_ours=unit is not None),
+            unit=stated if stated in UNITS else None,
+            written=text,
+            factor=factor,
+            stored=stored,
+            level=level_of(row).times(factor),
+        )
+        for name, title, column, row, text, stated, factor, stored in zip(
+            samples.channels, samples.names, samples.columns, samples.values, written, own.units, factors,
+            samples.stored, strict=True,
+        )
+    ]  # fmt: skip
+    if unit is None:
+        told = [_with_tacho(row, values, rate) for row, values in zip(rows, samples.values, strict=True)]
+        # Where nothing else is left, a row is no tacho.
+        rows = told if any(row.kind == "vibration" for row in told) else rows
+    if not any(row.kind == "vibration" for row in rows):
+        rows = [replace(row, kind="vibration") if row.kind == "other" and not row.written else row for row in rows]
+    return tuple(rows)
+
+
+def _with_tacho(row: SurveyedRow, values: NDArray[np.floating], rate: float | None) -> SurveyedRow:
+    """Return a row as that of a tacho where it is one."""
+    if row.kind in ("time", "load"):
+        return row
+    found = tacho_row(values, f"{row.title} {row.written}", rate)
+    return row if found is None else replace(row, kind="tacho", tacho=found)
+
+
+def _kind(title: str, row: Sequence[float], unit: str, *, is_ours: bool) -> Kind:
+    """Return what a row seems to measure, by its title and its unit."""
+    last = re.split(r"[/.]", title)[-1]
+    if is_ours:
+        return "vibration"
+    if plain_key(last) in _TIMES and len(row) > 1 and bool(row[1] > row[0]):
+        return "time"
+    behind = _BEHIND.search(title)
+    words = f"{title} {unit or (behind[1] if behind else '')}"
+    if _SPEEDS.search(words):
+        return "speed"
+    if _LOADS.search(words) or unit in ("N", "kN"):
+        return "load"
+    known = multiple_of(unit)[0] in UNITS
+    return "other" if (unit and not known) or (not known and _OTHERS.search(words)) else "vibration"
+
+
+def _rate_by_row(samples: Samples, rows: Sequence[SurveyedRow]) -> tuple[float | None, str | None]:
+    """Return the rate that a row of times gives, and its title."""
+    for row, values in zip(rows, samples.values, strict=True):
+        if row.kind == "time":
+            try:
+                rate = rate_of_times(values, row.title)
+            except ReaderError:
+                continue
+            if rate is not None:
+                return rate, row.title
+    return None, None
+
+
+def _speed_in_names(names: Sequence[str]) -> float | None:
+    """Return the speed that names state in rpm, Hz; None where none does, or they differ."""
+    found = {float(match[1]) / 60.0 for name in names for match in _RPM_IN_NAME.finditer(name)}
+    return found.pop() if len(found) == 1 else None

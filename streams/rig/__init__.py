@@ -1,0 +1,1 @@
+"""A simulated rig with a bearing that wears out."""

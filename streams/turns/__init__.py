@@ -1,0 +1,1 @@
+"""Turns of a shaft: pulses, tachos, blocks by revolutions."""

@@ -1,0 +1,1 @@
+"""What flows and what is asked: samples, blocks, sources and their configuration."""

@@ -1,0 +1,180 @@
+"""Dates in headers and in names of files, as loggers write them, and which number of a name counts."""
+
+from __future__ import annotations
+
+from datetime import UTC, datetime
+
+import numpy as np
+import pytest
+
+from streams.dates.counting import place_in_names
+from streams.files.formats.text import read_layout
+from streams.files.statements import plain_key, stated_time
+from streams.types.stamps import compiled, evidence, read_stamp, stamp_in_name, utc_text
+
+EVENING = datetime(2024, 1, 31, 23, 59, 58, tzinfo=UTC).timestamp()
+
+
+@pytest.mark.parametrize(
+    ("name", "more"),
+    [
+        ("2024-01-31T23-59-58.npy", 0.0),
+        ("press_2024-01-31_23-59-58_x.csv", 0.0),
+        ("2024.01.31.23.59.58.wav", 0.0),
+        ("2024-01-31 23.59.58.wav", 0.0),
+        ("2024-01-31T23:59:58Z.npy", 0.0),
+        ("2024-01-31T23-59-58+0100.npy", -3600.0),
+        ("20240131_235958.npy", 0.0),
+        ("rec20240131T235958.npy", 0.0),
+        ("20240131235958.h5", 0.0),
+        ("20240131-235958_123.npy", 0.123),
+        ("20240131_235958.123456.npy", 0.123456),
+        ("20240131235958250.npy", 0.25),
+        ("20240131_235958_0001.npy", 0.0),
+        ("31.01.2024_23.59.58.csv", 0.0),
+        ("31-01-2024_23-59-58.csv", 0.0),
+        ("01-31-2024_11-59-58 PM.csv", 0.0),
+        ("2024-01-31_23-59.csv", -58.0),
+        ("2024-01-31/23-59-58.npy", 0.0),
+        ("20240131/a_235958.npy", None),
+        ("20240131/235958.npy", 0.0),
+        ("rec_0001.npy", None),
+        ("20240131.npy", None),
+        ("2024-01-31_0001.npy", None),
+        ("20240131_240000.npy", None),
+        ("20240231_235958.npy", None),
+        ("20240131_235958_20240201_000458.npy", None),
+        ("20240131_235958_20240131_235958.npy", 0.0),
+        ("1231231231231234.npy", None),
+    ],
+)
+def test_dates_in_names(name: str, more: float | None) -> None:
+    stamp = stamp_in_name(name, "UTC")
+    assert (None if stamp is None else stamp.fixed or stamp.at(stamp.orders[0])) == (
+        None if more is None else pytest.approx(EVENING + more, abs=1e-6)
+    )
+
+
+def test_a_name_is_in_the_zone_of_the_machine() -> None:
+    stamp = stamp_in_name("20240201_005958.npy", "Europe/Berlin")
+    assert stamp is not None
+    assert stamp.fixed == EVENING
+
+
+@pytest.mark.parametrize(
+    ("pattern", "name"),
+    [
+        ("%Y%m%d_%H%M%S", "press_20240131_235958_7.npy"),
+        ("%d-%m-%Y_%H-%M-%S", "31-01-2024_23-59-58.npy"),
+        ("%m-%d-%Y_%H-%M-%S", "01-31-2024_23-59-58.npy"),
+        ("%y%m%d%H%M%S", "240131235958.wav"),
+        ("%Y%j-%H%M%S", "2024031-235958.wav"),
+        ("%Y-%m-%d/%H%M%S", "2024-01-31/235958.wav"),
+        ("x%d%b%Y %I.%M.%S%p", "x31Jan2024 11.59.58PM.wav"),
+    ],
+)
+def test_dates_by_a_pattern(pattern: str, name: str) -> None:
+    stamp = stamp_in_name(name, "UTC", pattern)
+    assert stamp is not None
+    assert stamp.fixed == EVENING
+    assert stamp_in_name("rec_0001.npy", "UTC", pattern) is None
+
+
+@pytest.mark.parametrize("pattern", ["%H%M%S", "%Y%m", "%Q%Y%m%d", "%Y%Y%m%d", "%Y%m%d%"])
+def test_patterns_that_date_nothing_are_refused(pattern: str) -> None:
+    with pytest.raises(ValueError, match="%"):
+        compiled(pattern)
+
+
+@pytest.mark.parametrize(
+    ("text", "day", "month"),
+    [
+        ("2024-01-31T23:59:58", "2024-01-31T23:59:58Z", "2024-01-31T23:59:58Z"),
+        ("2024/01/31 23:59:58", "2024-01-31T23:59:58Z", "2024-01-31T23:59:58Z"),
+        ("31.01.2024 23:59:58", "2024-01-31T23:59:58Z", "2024-01-31T23:59:58Z"),
+        ("03.04.2024 10:00:00 Uhr", "2024-04-03T10:00:00Z", "2024-04-03T10:00:00Z"),
+        ("03.04.24, 10:00", "2024-04-03T10:00:00Z", "2024-04-03T10:00:00Z"),
+        ("31-Jan-2024 23:59:58", "2024-01-31T23:59:58Z", "2024-01-31T23:59:58Z"),
+        ("03/04/2024 10:00:00.250", "2024-04-03T10:00:00.250Z", "2024-03-04T10:00:00.250Z"),
+        ("03/04/24 10:00:00,25", "2024-04-03T10:00:00.250Z", "2024-03-04T10:00:00.250Z"),
+        ("3/4/2024 10:00:00 PM", "2024-04-03T22:00:00Z", "2024-03-04T22:00:00Z"),
+        ("03-04-2024 12:00:00 am", "2024-04-03T00:00:00Z", "2024-03-04T00:00:00Z"),
+        ("13/04/2024 10:00:00", "2024-04-13T10:00:00Z", None),
+        ("04/13/2024 10:00:00 +02:00", None, "2024-04-13T08:00:00Z"),
+        ("04.13.2024 10:00:00", None, "2024-04-13T10:00:00Z"),
+        ("13/13/2024 10:00:00", None, None),
+        ("24-03-04 10:00:00", None, None),
+        ("03/04/2024", None, None),
+        ("soon", None, None),
+    ],
+)
+def test_stamps_have_the_readings_that_their_text_allows(text: str, day: str | None, month: str | None) -> None:
+    stamp = read_stamp(text, "UTC")
+    found = (None, None) if stamp is None else (stamp.day_first, stamp.month_first)
+    assert tuple(None if time is None else utc_text(time) for time in found) == (day, month)
+
+
+def test_only_open_stamps_decide_the_order() -> None:
+    texts = {"a": "03/04/2024 10:00", "b": "2024-04-13 10:00", "c": "31.01.2024 10:00", "d": "04/13/2024 10:00"}
+    stamps = [(name, stamp) for name, text in texts.items() if (stamp := read_stamp(text, "UTC")) is not None]
+    assert evidence(stamps) == {"month_first": "d ('04/13/2024 10:00')"}
+
+
+HEADERS = [
+    "Start: 2024-01-31 23:59:58",
+    "Timestamp=2024-01-31T23:59:58Z",
+    "Date: 2024-01-31\nTime: 23:59:58",
+    "Date\t2024/01/31\nTime\t23:59:58,000000",
+    "Date,31.01.2024\nTime,23:59:58",
+    "Date/Time: 2024/01/31 23:59:58",
+    "Acquisition Date: 31-Jan-2024 23:59:58",
+    "Recording start: 2024-01-31 23:59:58",
+    "Datum: 31.01.2024\nUhrzeit: 23:59:58",
+    "Datum;31.01.2024\nUhrzeit;23:59:58",
+    "Datum/Uhrzeit: 31.01.2024 23:59:58",
+    "Startzeit: 31.01.2024 23:59:58",
+    "Startdatum: 31.01.2024\nStartzeit: 23:59:58",
+    "Messbeginn: 31.01.2024, 23:59:58 Uhr",
+    "Aufnahmezeit; 31.01.2024 23:59:58",
+    "Zeitstempel = 2024-01-31T23:59:58",
+]
+
+
+@pytest.mark.parametrize("head", HEADERS)
+@pytest.mark.parametrize("below", ["", "x[g]\n"])
+def test_headers_of_loggers_state_the_start(head: str, below: str) -> None:
+    samples = read_layout(f"{head}\n{below}1\n2\n3\n".encode(), "a.csv")
+    assert (samples.start, samples.stamp) == (EVENING, None)
+    np.testing.assert_array_equal(samples.values, [[1, 2, 3]])
+
+
+def test_an_open_order_stays_a_text() -> None:
+    samples = read_layout(b"Date,03/04/2024\nTime,10:00:00\n1\n2\n", "a.csv")
+    assert (samples.start, samples.stamp) == (None, "03/04/2024 10:00:00")
+
+
+def test_a_day_or_a_time_of_day_alone_is_no_start() -> None:
+    for head in ({"Date": "31.01.2024"}, {"Time": "23:59:58"}, {"Uhrzeit": "23:59:58"}, {"Messzeit": "10 s"}):
+        assert stated_time({plain_key(key): value for key, value in head.items()}, "UTC") == (None, None)
+
+
+@pytest.mark.parametrize(
+    ("names", "expected"),
+    [
+        (["rec_0001.npy"], (1, 1, 1)),
+        (["rec_0000.npy", "rec_0001.npy"], (1, 1, 0)),
+        (["f9.csv", "f10.csv"], (1, 1, 1)),
+        (["f48211.csv"], (1, 1, 48211)),
+        (["motor2_0005_ch1.npy"], (2, 3, 1)),
+        (["motor2_5_ch1.npy", "motor2_6_ch1.npy"], (2, 3, 1)),
+        (["rec_0005_25600Hz.npy"], (1, 1, 1)),
+        (["0005.mp3"], (1, 1, 1)),
+        (["measured.001"], (1, 1, 1)),
+        (["a.npy"], None),
+        (["a/1.npy", "b/1.npy"], None),
+        (["5_1.npy", "5_2.npy", "6_1.npy", "6_2.npy"], None),
+        (["12.npy", "a1_3c4.npy", "b1_4_5.npy", "7_7_7.npy"], None),
+    ],
+)
+def test_which_number_counts(names: list[str], expected: tuple[int, int, int] | None) -> None:
+    assert place_in_names(names[0], names) == expected
