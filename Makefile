@@ -24,31 +24,12 @@ help:
 	@echo "make uninstall-service  takes it away; configurations, state and records stay"
 	@echo "make clean  remove the virtual environment and what demo and tests left"
 
-# Install what the file of names $(1) has of the lock. pip takes one package after the other: four of them at once.
-install = rm -rf $(VENV)/lock && mkdir $(VENV)/lock && \
-	awk 'NR == FNR { split($$1, name, "=="); wanted[name[1]]; next } \
-		/^[^ ]/ { split($$1, name, "=="); take = name[1] in wanted; part += take } \
-		take { print > ("$(VENV)/lock/" part % 4) }' $(1) requirements.lock && \
-	ls $(VENV)/lock/* | xargs -n 1 -P 4 $(BIN)/python -m pip install -qq --disable-pip-version-check --no-compile --no-deps --require-hashes -r
-# All cores at once, which pip does not; some packages ship files that are not meant for this Python. Tests of
-# packages, and the many services of moto, are a third of all and hardly ever imported.
-compile = $(BIN)/python -m compileall -qq -j 0 -x '/(tests|moto)/' $(VENV)/lib || true
-
 $(DEMO_READY): requirements.lock deploy/demo_packages.txt pyproject.toml
-	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { echo "spallwatch needs Python 3.11 or newer; set PYTHON=/path/to/python3.11"; exit 2; }
-	$(PYTHON) -m venv $(VENV)
-	@# The kernels of a scene take longest: they are compiled while all other packages are installed.
-	printf '%s\n' llvmlite numba numpy scipy google-crc32c >$(VENV)/first
-	$(call install,$(VENV)/first)
-	@{ $(BIN)/python -c 'from models.warmup import compile_part as compile; compile("one settled scene")' || true; } & \
-		{ $(call install,deploy/demo_packages.txt); } && { $(compile); } && \
-		$(BIN)/python -m pip install -qq --disable-pip-version-check --no-deps --no-build-isolation -e . && wait
-	@touch $@
+	PYTHON='$(PYTHON)' .ci/setup demo
 
 $(READY): $(DEMO_READY)
-	$(call install,requirements.lock)
-	@$(compile)
-	@touch $@
+	@# Where a finished one was kept, nothing is left to be done.
+	@test $(READY) -nt $(DEMO_READY) || .ci/setup all
 
 setup: $(READY)
 
@@ -57,7 +38,7 @@ demo: $(DEMO_READY)
 
 test: $(READY)
 	@# Kernels are compiled and assertions rewritten once, not by each of the workers at the same time.
-	@test -d tests/__pycache__ || $(REWRITE) & $(BIN)/spallwatch warmup --quiet && wait
+	@test -d tests/__pycache__ || $(REWRITE) & .ci/kernels all $(BIN)/spallwatch warmup --quiet && wait
 	$(BIN)/python -m pytest --numprocesses auto --dist worksteal
 
 # Tests of replay, run, page and demo whose own code needs nothing that only POSIX has.

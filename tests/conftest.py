@@ -20,6 +20,7 @@ from hypothesis import HealthCheck, settings
 from numpy.typing import NDArray
 
 from tests.support.broker import broker_program
+from tests.support.durations import Durations
 from tests.support.effort import effort_count
 from tests.support.once import share_in
 
@@ -77,6 +78,12 @@ def missing_for_cluster() -> str:
     needed = ("distributed", "fsspec", "zarr", "s3fs", "moto", "flask", "flask_cors")
     missing = [name for name in needed if importlib.util.find_spec(name) is None]
     return f"missing for clusters and object storage: {', '.join(missing)}" if missing else ""
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Keep what each test takes."""
+    steers = "PYTEST_XDIST_WORKER" not in os.environ
+    config.pluginmanager.register(Durations(_REPOSITORY / ".cache" / "durations.json", steers=steers))
 
 
 def pytest_xdist_auto_num_workers(config: pytest.Config) -> int:
