@@ -43,7 +43,7 @@ _MACHINE = "demo"
 _TESTED = "test_bearing"
 _ONE = "This is one life of many. "
 SHIPPED = Path(__file__).with_name("demo_library.npz")
-"""The library of the demo (``benchmarks.demo_libraries`` makes it)."""
+"""The library of the demo (``benchmarks.forecast.demo_libraries`` makes it)."""
 _OURS = ("state.db", "state.db-*", "state.db.lock", "days.lock", "report.html", ".report.html.tmp", "records")
 """What a demo leaves in its folder, be it that it was killed."""
 _RECORDS = ("demo-*.nc", "demo-state.json", ".demo-*.tmp")

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from monitor.health.size.library.model import Library
 
 SHIPPED = Path(__file__).with_name("demo_quadratic.npz")
-"""The library of quadratic growth (``benchmarks.demo_libraries`` makes it)."""
+"""The library of quadratic growth (``benchmarks.forecast.demo_libraries`` makes it)."""
 LIVES = 300
 _COLUMNS = 150
 _ERROR = TrackingError(sd=(0.1, 0.4))

@@ -1,7 +1,7 @@
 """Make the libraries that ship for the demo: of simulated lives at its load and speed, and of quadratic growth alone.
 
-Run as ``python -m benchmarks.demo_libraries``. The same machine makes the same bits again where the kernels were
-compiled before; another one agrees to rounding.
+Run as ``python -m benchmarks.forecast.demo_libraries``. The same machine makes the same bits again where the kernels
+were compiled before; another one agrees to rounding.
 """
 
 from __future__ import annotations
