@@ -33,8 +33,7 @@ from models.machine.scene import Defect, Floor, Scene
 from models.maps.build import build_map
 from models.maps.check import check_map
 from models.maps.data import RmsMap
-from models.maps.nodes import scene_at
-from models.maps.plan import MapPlan
+from models.maps.plan import MapPlan, scene_at
 from models.solve.response import Response
 from models.solve.simulate import simulate
 from models.solve.six_dof.kernels.period import Period, blank_trace, mean_square

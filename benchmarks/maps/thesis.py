@@ -25,8 +25,8 @@ from benchmarks.common import Row, arguments, print_table, write_json
 from models.machine.scene import Floor, Slip
 from models.maps.build import build_map, build_refined_map
 from models.maps.data import RmsMap
-from models.maps.nodes import scene_at, simulate_node_row, simulate_point
-from models.maps.plan import MapPlan
+from models.maps.nodes import simulate_node_row, simulate_point
+from models.maps.plan import MapPlan, scene_at
 
 Floats = NDArray[np.float64]
 SEED = 90

@@ -19,8 +19,8 @@ import numpy as np
 from models.machine.bearing import kinematics
 from models.machine.scene import Scene
 from models.maps.data import Nodes
-from models.maps.nodes import NodeStepError, Progress, compare_steps, scene_at
-from models.maps.plan import MapPlan
+from models.maps.nodes import NodeStepError, Progress, compare_steps
+from models.maps.plan import MapPlan, scene_at
 from models.solve.response import HARMONICS
 from models.solve.six_dof.kernels.lanes import LANES
 from models.solve.six_dof.lane_group import PERIODS, block_steps, group_bytes

@@ -13,9 +13,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from models.machine.bearing import kinematics
-from models.maps.nodes import MAP_ACCURACY, NodeRow, scene_at
-from models.maps.plan import LINES, MapError, MapPlan
-from models.solve.response import HARMONICS, STATUSES, row_of
+from models.maps.plan import LINES, MAP_ACCURACY, MapError, MapPlan, scene_at
+from models.solve.response import HARMONICS, row_of
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -155,21 +154,3 @@ def scene_levels(
         if level.status != "not_converged":
             rms[i], lines[i] = level.rms, level.harmonics
     return rms, lines
-
-
-def model_row(plan: MapPlan, load: float, speed: float, h_d: float, extents: NDArray[np.float64], seed: int) -> NodeRow:
-    """Return a row of a plan; nodes without damage are those of the healthy bearing, simulated once."""
-    found = NodeRow.zeros(len(extents))
-    healthy: ModelLevel | None = None
-    for d, extent in enumerate(extents.tolist()):
-        if extent > 0.0 and h_d > 0.0:
-            level = model_level(plan, (load, speed, h_d, extent), seed)
-        else:
-            healthy = level = healthy or model_level(plan, (load, speed, 0.0, 0.0), seed)
-        found.rms[d], found.se[d], found.spread[d] = level.rms, level.se, level.spread
-        found.error[d] = level.error if level.status != "not_converged" else 1.0
-        found.harmonics[d] = level.harmonics
-        # The steps change a line by no more than the level, in proportion.
-        found.harmonics_error[d] = found.error[d] * level.rms
-        found.status[d] = STATUSES.index(level.status)
-    return found

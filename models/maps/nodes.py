@@ -14,7 +14,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from models.machine.rig import Rig
-from models.machine.scene import Defect, Scene
+from models.machine.scene import Scene
+from models.maps.plan import MAP_ACCURACY, scene_at
 from models.solve.response import HARMONICS, STATUSES
 
 if TYPE_CHECKING:
@@ -27,8 +28,6 @@ if TYPE_CHECKING:
 
 Progress = Callable[[int, int], None]
 
-# Relative error of the RMS that is asked of each node.
-MAP_ACCURACY = 2e-3
 # Bytes of a row beside the program, at most.
 ROW_MEMORY = 64_000_000
 # Seconds of a scene of a row at this speed and above, Hz, and of one by another model; roughly.
@@ -114,24 +113,6 @@ def scene_seconds(plan: MapPlan) -> float:
     return _SCENE_SECONDS * max(1.0, _QUICK_SPEED / min(plan.speed))
 
 
-def scene_at(plan: MapPlan, load: float, speed: float, h_d: float, dphi_d: float, seed: int = 0) -> Scene:
-    """Return the scene of one point of a plan; ``seed`` counts its floors from zero."""
-    floor = replace(plan.floor, seed=plan.floor.seed + seed)
-    defect = Defect(dphi_d, h_d, floor, plan.position, plan.rows, plan.part)
-    return Scene(
-        speed,
-        load,
-        plan.bearing,
-        plan.rig,
-        defect,
-        plan.clearance,
-        plan.model,
-        slip=plan.slip,
-        second_bearing=plan.second_bearing,
-        axial_load=plan.axial_load,
-    )
-
-
 def simulate_point(plan: MapPlan, scene: Scene, factor: int = 1) -> Response:
     """Return one settled scene of a plan, with the accuracy of its nodes divided by ``factor``."""
     from models.solve.simulate import simulate
@@ -191,12 +172,32 @@ def simulate_node_row(
         ValueError: if a scene is outside the model.
     """
     if plan.model != Rig.model:
-        from models.maps.model_nodes import model_row
-
-        return model_row(plan, load, speed, h_d, extents, seed)
+        return _model_row(plan, load, speed, h_d, extents, seed)
     if plan.part == "outer":
         return _periodic_row(plan, load, speed, h_d, extents, seed)
     return _stationary_row(plan, load, speed, h_d, extents, seed)
+
+
+def _model_row(
+    plan: MapPlan, load: float, speed: float, h_d: float, extents: NDArray[np.float64], seed: int
+) -> NodeRow:
+    """Return a row of a plan; nodes without damage are those of the healthy bearing, simulated once."""
+    from models.maps.model_nodes import model_level
+
+    found = NodeRow.zeros(len(extents))
+    healthy = None
+    for d, extent in enumerate(extents.tolist()):
+        if extent > 0.0 and h_d > 0.0:
+            level = model_level(plan, (load, speed, h_d, extent), seed)
+        else:
+            healthy = level = healthy or model_level(plan, (load, speed, 0.0, 0.0), seed)
+        found.rms[d], found.se[d], found.spread[d] = level.rms, level.se, level.spread
+        found.error[d] = level.error if level.status != "not_converged" else 1.0
+        found.harmonics[d] = level.harmonics
+        # The steps change a line by no more than the level, in proportion.
+        found.harmonics_error[d] = found.error[d] * level.rms
+        found.status[d] = STATUSES.index(level.status)
+    return found
 
 
 def _periodic_row(

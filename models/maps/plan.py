@@ -5,16 +5,18 @@ from __future__ import annotations
 import hashlib
 import json
 import math
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from itertools import pairwise
 from typing import Any
 
 from models.machine.bearing import Bearing, from_catalogue
 from models.machine.rig import Rig, RigDraws, RigParameters, without_draws
-from models.machine.scene import PARTS, Floor, Part, Slip
+from models.machine.scene import PARTS, Defect, Floor, Part, Scene, Slip
 from models.solve.registry import IGNORES_DEPTH, RIGS
 from models.words.errors import WrongInputError
 
+# Relative error of the RMS that is asked of each node.
+MAP_ACCURACY = 2e-3
 # Increment when the results of the six-degree-of-freedom model change: older maps are then rebuilt.
 MODEL_VERSION = 5
 # The same of the other models, 1 of those that are not named.
@@ -214,3 +216,21 @@ class MapPlan:
     def model_version(self) -> int:
         """Version of the results of the model."""
         return version_of(self.model)
+
+
+def scene_at(plan: MapPlan, load: float, speed: float, h_d: float, dphi_d: float, seed: int = 0) -> Scene:
+    """Return the scene of one point of a plan; ``seed`` counts its floors from zero."""
+    floor = replace(plan.floor, seed=plan.floor.seed + seed)
+    defect = Defect(dphi_d, h_d, floor, plan.position, plan.rows, plan.part)
+    return Scene(
+        speed,
+        load,
+        plan.bearing,
+        plan.rig,
+        defect,
+        plan.clearance,
+        plan.model,
+        slip=plan.slip,
+        second_bearing=plan.second_bearing,
+        axial_load=plan.axial_load,
+    )

@@ -13,8 +13,7 @@ from models.machine.scene import Defect, Floor, Slip
 from models.maps.build import build_map, solver_of
 from models.maps.ensemble import ensemble_nodes, ensemble_options, ensemble_rms, step_error
 from models.maps.file import load_map, save_map
-from models.maps.nodes import scene_at
-from models.maps.plan import MapError, MapPlan
+from models.maps.plan import MapError, MapPlan, scene_at
 from models.solve.response import STATUSES
 from models.solve.simulate import simulate
 from models.solve.six_dof.kernels.lanes import LANES

@@ -17,8 +17,8 @@ from models.maps.check import check_map
 from models.maps.data import RmsMap
 from models.maps.file import load_map, save_map
 from models.maps.model_nodes import model_level
-from models.maps.nodes import drawn_rig, scene_at
-from models.maps.plan import MapError, MapPlan
+from models.maps.nodes import drawn_rig
+from models.maps.plan import MapError, MapPlan, scene_at
 from models.solve.angular.rig import AngularRig
 from models.solve.ball_inertia.rig import BallInertiaRig
 from models.solve.nominal_rigs import nominal_rig

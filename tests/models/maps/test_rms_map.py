@@ -17,8 +17,8 @@ from models.maps.build import build_map
 from models.maps.check import check_map, rms_and_most
 from models.maps.data import RmsMap
 from models.maps.file import cached_map, default_map_path, load_map, save_map
-from models.maps.nodes import MAP_ACCURACY, drawn_rig, scene_at
-from models.maps.plan import MapError, MapPlan
+from models.maps.nodes import drawn_rig
+from models.maps.plan import MAP_ACCURACY, MapError, MapPlan, scene_at
 from models.solve.response import HARMONICS, STATUSES
 from models.solve.simulate import simulate
 from tests.support.rigs import six_dof

@@ -18,8 +18,8 @@ from models.maps.build import build_map, refine_plan, solver_of
 from models.maps.check import check_map
 from models.maps.data import RmsMap
 from models.maps.file import load_map, save_map
-from models.maps.nodes import MAP_ACCURACY, point_level, scene_at
-from models.maps.plan import MapError, MapPlan
+from models.maps.nodes import point_level
+from models.maps.plan import MAP_ACCURACY, MapError, MapPlan, scene_at
 from models.path.contour import part_radius
 from models.solve.response import STATUSES
 from models.solve.simulate import simulate

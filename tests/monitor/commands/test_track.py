@@ -18,8 +18,8 @@ from models.machine.rig import Rig
 from models.maps.build import build_map
 from models.maps.data import RmsMap
 from models.maps.file import save_map
-from models.maps.nodes import scene_at, simulate_point
-from models.maps.plan import MapPlan
+from models.maps.nodes import simulate_point
+from models.maps.plan import MapPlan, scene_at
 from monitor.commands import forecast as forecast_command
 from monitor.commands import track as track_command
 from monitor.commands.common import InputError

@@ -20,8 +20,7 @@ from models.machine.scene import Defect, Floor, Scene, Slip
 from models.maps.build import build_map
 from models.maps.data import RmsMap
 from models.maps.file import save_map
-from models.maps.nodes import MAP_ACCURACY
-from models.maps.plan import MapPlan
+from models.maps.plan import MAP_ACCURACY, MapPlan
 from models.path.defect import ball_path
 from models.solve.simulate import simulate
 from monitor.cli import main
