@@ -7,7 +7,7 @@ The state is frozen, versioned and writable as JSON. A store keeps its parts und
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from typing import Any, TypeVar
 
 from models.machine.bearing import KNOWN, Bearing, KinematicUncertainty
@@ -30,6 +30,7 @@ from monitor.health.signal.transform import Band
 from monitor.health.signal.waterfall import WaterfallSettings, WaterfallState
 from monitor.health.size.filter.particle_filter import FilterState
 from monitor.health.size.library.forecaster import LibraryState
+from monitor.health.stored import StoredState
 from monitor.health.tracker import DamageSettings, DamageState
 from monitor.words.zones import MachineClass
 
@@ -155,7 +156,7 @@ class Named:
 
 
 @dataclass(frozen=True)
-class ChannelState:
+class ChannelState(StoredState):
     """One channel between two blocks: its stages up to the forecast.
 
     Attributes:
@@ -171,6 +172,10 @@ class ChannelState:
         trend: levels since the onset.
     """
 
+    VERSIONS = (1, 2, STATE_VERSION)
+    LATER = frozenset({"speed_factors", "trend"})
+
+    version: int = STATE_VERSION
     detect: DetectState = field(default_factory=DetectState)
     bands: tuple[Band, ...] = ()
     band_source: str = "provisional"
@@ -183,67 +188,22 @@ class ChannelState:
     damage: DamageState = field(default_factory=DamageState)
     named: Named | None = None
     trend: TrendState = field(default_factory=TrendState)
-    version: int = STATE_VERSION
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return the state as plain values for JSON; floats come back as they were."""
-        return {
-            "version": self.version,
-            "detect": self.detect.to_dict(),
-            "bands": [list(band) for band in self.bands],
-            "band_source": self.band_source,
-            "votes": None if self.votes is None else self.votes.to_dict(),
-            "spectra": self.spectra.to_list(),
-            "speed_factors": list(self.speed_factors),
-            "running_time": self.running_time,
-            "last_time": self.last_time,
-            "was_running": self.was_running,
-            "damage": self.damage.to_dict(),
-            "named": None if self.named is None else asdict(self.named),
-            "trend": self.trend.to_dict(),
-        }
 
     @classmethod
-    def from_dict(cls, stored: Mapping[str, Any]) -> ChannelState:
-        """Return the state that :meth:`to_dict` gave.
-
-        Raises:
-            ValueError: it was written in an unknown layout.
-        """
-        version = stored.get("version")
-        if version not in (1, 2, STATE_VERSION):
-            raise ValueError(f"channel state: version {STATE_VERSION} expected, got {version!r}")
-        return cls(
-            detect=DetectState.from_dict(stored["detect"]),
-            bands=tuple((float(low), float(high)) for low, high in stored["bands"]),
-            band_source=stored["band_source"],
-            votes=None if stored["votes"] is None else BandVotes.from_dict(stored["votes"]),
-            spectra=RecentSpectra.from_list(stored["spectra"]),
-            speed_factors=tuple(stored.get("speed_factors", ())),
-            running_time=stored["running_time"],
-            last_time=stored["last_time"],
-            was_running=stored["was_running"],
-            damage=DamageState.from_dict(stored["damage"] if version > 1 else _damage_of_version_1(stored)),
-            named=None if stored["named"] is None else _named(stored["named"]),
-            trend=TrendState.from_dict(stored["trend"]) if "trend" in stored else TrendState(),
-        )
-
-
-def _named(stored: Mapping[str, Any]) -> Named:
-    values = dict(stored)
-    candidates: Any = values.pop("candidates", ())
-    return Named(**values, candidates=tuple(candidates))
-
-
-def _damage_of_version_1(stored: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the damage part of a state of version 1, which kept only time and RMS of a pending block."""
-    return {
-        "pending": [[time, rms, None, None, None] for time, rms in stored["pending"]],
-        "edv": stored["edv"],
-        "filter": FilterState().to_dict(),
-        "forecast": stored["forecast"],
-        "library": LibraryState().to_dict(),
-    }
+    def upgraded(cls, stored: Mapping[str, Any]) -> Mapping[str, Any]:
+        """Return a state of version 1, which kept only time and RMS of a pending block, as later ones are."""
+        if stored["version"] > 1:
+            return stored
+        damage = {
+            "pending": [[time, rms, None, None, None] for time, rms in stored["pending"]],
+            "edv": stored["edv"],
+            "filter": FilterState().to_dict(),
+            "forecast": stored["forecast"],
+            "library": LibraryState().to_dict(),
+        }
+        return {name: value for name, value in stored.items() if name not in ("pending", "edv", "forecast")} | {
+            "damage": damage
+        }
 
 
 _Part = TypeVar("_Part", OrderState, ChannelState, AlarmState, WaterfallState, EncoderState, GearsState)

@@ -11,6 +11,7 @@ from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Literal
 
+from models.machine.scene import Part
 from monitor.health.rest import quadratic as forecast
 from monitor.health.rest.learned.forecaster import LearnedSettings, LearnedState
 from monitor.health.rest.learned.forecaster import step as learned_step
@@ -25,9 +26,9 @@ from monitor.health.size.level_set import LevelMap, map_of_block
 from monitor.health.size.library.forecaster import LibrarySettings, LibraryState
 from monitor.health.size.library.forecaster import step as library_step
 from monitor.health.size.library.model import Library
+from monitor.health.stored import StoredState
 
 if TYPE_CHECKING:
-    from models.machine.scene import Part
     from models.maps import data as map_data
 
 MapAt = Callable[[float | None, float | None], "tuple[LevelMap | None, EdvStatus | None]"]
@@ -77,7 +78,7 @@ class DamageSettings:
 
     track_method: TrackMethod = "thesis"
     forecast_method: ForecastMethod = "thesis"
-    maps: Mapping[Part, PartMap] = field(default_factory=dict["Part", PartMap])
+    maps: Mapping[Part, PartMap] = field(default_factory=dict[Part, PartMap])
     edv: edv.EdvSettings = field(default_factory=edv.EdvSettings)
     forecast: forecast.ForecastSettings = field(default_factory=forecast.ForecastSettings)
     thresholds: tuple[float, ...] = (0.05e-6,)
@@ -123,7 +124,7 @@ class DamageSettings:
 
 
 @dataclass(frozen=True)
-class DamageState:
+class DamageState(StoredState):
     """State of the trackers and forecasts of a channel.
 
     Attributes:
@@ -132,8 +133,10 @@ class DamageState:
         first_v_eq: first V_eq that was tracked for this part, m2, or None.
     """
 
-    pending: tuple[DamageInput, ...] = ()
+    LATER = frozenset({"first_v_eq", "part", "learned"})
+
     part: Part | None = None
+    pending: tuple[DamageInput, ...] = ()
     edv: edv.EdvState = field(default_factory=edv.EdvState)
     filter: FilterState = field(default_factory=FilterState)
     forecast: forecast.ForecastState = field(default_factory=forecast.ForecastState)
@@ -141,37 +144,11 @@ class DamageState:
     learned: LearnedState = field(default_factory=LearnedState)
     first_v_eq: float | None = None
 
-    def to_dict(self) -> dict[str, Any]:
-        """Return the state as plain values for JSON."""
-        return {
-            "part": self.part,
-            "pending": [block.to_list() for block in self.pending],
-            "edv": self.edv.to_dict(),
-            "filter": self.filter.to_dict(),
-            "forecast": self.forecast.to_dict(),
-            "library": self.library.to_dict(),
-            "learned": self.learned.to_dict(),
-            "first_v_eq": self.first_v_eq,
-        }
-
     @classmethod
-    def from_dict(cls, stored: Mapping[str, Any]) -> DamageState:
-        """Restore a state written by :meth:`to_dict`.
-
-        In an older one, the first V_eq is that of the thesis' forecast; by another method, the next value becomes it.
-        """
-        forecasts = forecast.ForecastState.from_dict(stored["forecast"])
-        earliest = None if forecasts.fit is None or forecasts.fit.v_first <= 0.0 else forecasts.fit.v_first
-        return cls(
-            pending=tuple(DamageInput.from_list(kept) for kept in stored["pending"]),
-            part=stored.get("part"),
-            edv=edv.EdvState.from_dict(stored["edv"]),
-            filter=FilterState.from_dict(stored["filter"]),
-            forecast=forecasts,
-            library=LibraryState.from_dict(stored["library"]),
-            learned=LearnedState.from_dict(stored["learned"]) if "learned" in stored else LearnedState(),
-            first_v_eq=stored.get("first_v_eq", earliest),
-        )
+    def upgraded(cls, stored: Mapping[str, Any]) -> Mapping[str, Any]:
+        """Return an older state with the first V_eq of the thesis' forecast; other methods take their next value."""
+        first = (stored["forecast"]["fit"] or {}).get("v_first", 0.0)
+        return {"first_v_eq": None if first <= 0.0 else first, **stored}
 
 
 @dataclass(frozen=True)

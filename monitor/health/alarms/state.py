@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from typing import Any, Literal
 
 from monitor.health.onset import HEALTHY
+from monitor.health.stored import StoredState
 
 NORMAL, MAINTENANCE, OUT_OF_SPECIFICATION = "normal", "maintenance_required", "out_of_specification"
 CHECK, FAILURE, NO_DATA, BAD_DATA = "check_function", "failure", "no_data", "bad_data"
@@ -149,8 +150,10 @@ class RuleState:
 
 
 @dataclass(frozen=True)
-class AlarmState:
+class AlarmState(StoredState):
     """State of the alarms of a channel; version 1."""
+
+    VERSIONS = (1,)
 
     version: int = 1
     seen: int = 0
@@ -163,30 +166,6 @@ class AlarmState:
         """Return the state of a level, a fresh one for a new rule."""
         known = self.rules.get(rule)
         return LevelState() if known is None else getattr(known, severity)
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return the state as plain values for JSON."""
-        return asdict(self)
-
-    @classmethod
-    def from_dict(cls, values: Mapping[str, Any]) -> AlarmState:
-        """Restore a state written by :meth:`to_dict`.
-
-        Raises:
-            ValueError: the state has another version.
-        """
-        if values.get("version") != 1:
-            raise ValueError(f"alarm state of version {values.get('version')!r}, expected 1")
-        rules = {
-            name: RuleState(
-                learned=tuple(rule["learned"]),
-                baseline=None if rule["baseline"] is None else (rule["baseline"][0], rule["baseline"][1]),
-                alert=LevelState(**rule["alert"]),
-                danger=LevelState(**rule["danger"]),
-            )
-            for name, rule in values["rules"].items()
-        }
-        return cls(1, values["seen"], tuple(values["recent_bad"]), values["refusing"], rules, values["condition"])
 
 
 @dataclass(frozen=True)

@@ -18,12 +18,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field, replace
-from typing import Any
+from dataclasses import dataclass, field, replace
 
 from monitor.health.gears.indicators import GearIndicators
 from monitor.health.gears.settings import GearSettings
 from monitor.health.onset.detector import one_of, threshold_for
+from monitor.health.stored import StoredState
 
 GEARS_STATE_VERSION = 1
 VALUES = ("fm4", "m6a", "residual", "sideband")
@@ -75,7 +75,7 @@ class Learned:
 
 
 @dataclass(frozen=True)
-class GearsState:
+class GearsState(StoredState):
     """What is known of the wheels of one channel between two blocks.
 
     Attributes:
@@ -89,6 +89,8 @@ class GearsState:
         turns: turns per turn of the bearing's shaft of each wheel: with others, what was learned has no meaning.
     """
 
+    VERSIONS = (GEARS_STATE_VERSION,)
+
     learned: Mapping[str, Learned] = field(default_factory=dict[str, Learned])
     speed: tuple[float, float] | None = None
     load: tuple[float, float] | None = None
@@ -99,24 +101,6 @@ class GearsState:
     quiet: int = 0
     turns: Mapping[str, float] = field(default_factory=dict[str, float])
     version: int = GEARS_STATE_VERSION
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return the state as plain values for JSON."""
-        return asdict(self)
-
-    @classmethod
-    def from_dict(cls, stored: Mapping[str, Any]) -> GearsState:
-        """Return the state that :meth:`to_dict` gave; raise ValueError for another version."""
-        if stored.get("version") != GEARS_STATE_VERSION:
-            raise ValueError(f"gears state: version {GEARS_STATE_VERSION} expected, got {stored.get('version')!r}")
-        values = dict(stored)
-        learned = {
-            name: Learned(one["count"], tuple(one["mean"]), tuple(one["squares"]), one["variance"])
-            for name, one in values.pop("learned").items()
-        }
-        ranges = {name: None if (found := values.pop(name)) is None else tuple(found) for name in ("speed", "load")}
-        name, blocks = values.pop("rival")
-        return cls(learned=learned, rival=(name, blocks), **ranges, **values)
 
 
 @dataclass(frozen=True)

@@ -79,10 +79,6 @@ class Ballot:
         wanted = set(parts)
         return sum(mean for name, mean in self.named.items() if wanted & parts_of(name))
 
-    def to_dict(self) -> dict[str, Any]:
-        """Return plain values for JSON."""
-        return {"blocks": self.blocks, "silent": self.silent, "named": dict(self.named)}
-
     @property
     def leading(self) -> str | None:
         """The deepest name where it stands out of the silence, or None."""
@@ -128,17 +124,6 @@ class Voice:
                 below[name] = before + share * ((name in louder) - before)
         below = {name: found for name, found in below.items() if found > _FORGOTTEN}
         return Voice(self.recent.after(heard, _RECENT), since_onset, 0, time, below)
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return plain values for JSON."""
-        since_onset = None if self.since_onset is None else self.since_onset.to_dict()
-        return {
-            "recent": self.recent.to_dict(),
-            "since_onset": since_onset,
-            "missed": self.missed,
-            "time": self.time,
-            "below": dict(self.below),
-        }
 
 
 def heard_in(channels: Mapping[str, Mapping[str, Any]], time: float | None = None) -> dict[str, Heard]:

@@ -25,12 +25,13 @@ its place. Hints do not count. With the final stage what is held ends.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from monitor.health.name.evidence import SILENCE, Ballot, Heard, Voice, louder_bearings, parts_of
 from monitor.health.onset import DetectSettings
 from monitor.health.schema import FAULTS, HINT, VERDICT
+from monitor.health.stored import StoredState
 
 
 @dataclass(frozen=True)
@@ -59,15 +60,6 @@ class HeldName:
         blocks = self.blocks + 1 if fault == self.rival else 1
         return HeldName(fault) if blocks >= persist_blocks else HeldName(self.fault, fault, blocks)
 
-    def to_dict(self) -> dict[str, Any]:
-        """Return plain values for JSON."""
-        return asdict(self)
-
-    @classmethod
-    def from_dict(cls, stored: Mapping[str, Any]) -> HeldName:
-        """Return what :meth:`to_dict` gave."""
-        return cls(stored["fault"], stored["rival"], stored["blocks"])
-
 
 MACHINE_STATE_VERSION = 3
 _ENTER = {HINT: 0.5, VERDICT: 0.1}
@@ -83,40 +75,16 @@ seconds, beside one of another source."""
 
 
 @dataclass(frozen=True)
-class MachineState:
+class MachineState(StoredState):
     """What the channels of one source said, and what is said of its bearings: by block, and held."""
+
+    VERSIONS = (1, 2, MACHINE_STATE_VERSION)
+    LATER = frozenset({"held"})
 
     voices: Mapping[str, Voice] = field(default_factory=dict[str, Voice])
     named: Mapping[str, str] = field(default_factory=dict[str, str])
     held: Mapping[str, HeldName] = field(default_factory=dict[str, HeldName])
     version: int = MACHINE_STATE_VERSION
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return the state as plain values for JSON."""
-        return {
-            "voices": {name: voice.to_dict() for name, voice in self.voices.items()},
-            "named": dict(self.named),
-            "held": {name: held.to_dict() for name, held in self.held.items()},
-            "version": self.version,
-        }
-
-    @classmethod
-    def from_dict(cls, stored: Mapping[str, Any]) -> MachineState:
-        """Return the state that :meth:`to_dict` gave, or version 1 or 2; raise ValueError for another version."""
-        if stored.get("version") not in (1, 2, MACHINE_STATE_VERSION):
-            raise ValueError(f"machine state: version {MACHINE_STATE_VERSION} expected, got {stored.get('version')!r}")
-        voices = {
-            name: Voice(
-                Ballot(**voice["recent"]),
-                None if voice["since_onset"] is None else Ballot(**voice["since_onset"]),
-                voice["missed"],
-                voice["time"],
-                voice.get("below", {}),
-            )
-            for name, voice in stored["voices"].items()
-        }
-        held = {name: HeldName.from_dict(values) for name, values in stored.get("held", {}).items()}
-        return cls(voices, stored["named"], held)
 
 
 @dataclass(frozen=True)

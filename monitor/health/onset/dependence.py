@@ -18,7 +18,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -108,13 +108,6 @@ class Dependence:
         if "load" in self.by and load is not None:
             inside = inside and self.load[0] - _MARGIN["load"] <= load <= self.load[1] + _MARGIN["load"]
         return inside
-
-    @classmethod
-    def from_dict(cls, stored: dict[str, Any]) -> Dependence:
-        """Restore what ``dataclasses.asdict`` gave, from JSON too."""
-        fields = {name: tuple(value) for name, value in stored.items()}
-        fields["covariance"] = tuple(tuple(row) for row in stored["covariance"])
-        return cls(**fields)
 
 
 def steady_ranges(conditions: Sequence[Condition], by: Sequence[str], levels_by: LevelsBy) -> dict[str, Range]:

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from typing import Any
 
 from monitor.health.onset.dependence import (
@@ -16,6 +16,7 @@ from monitor.health.onset.dependence import (
     condition_of,
     leaves,
 )
+from monitor.health.stored import StoredState
 
 LEARNING, HEALTHY, FINAL, END_OF_LIFE = "learning", "healthy", "final", "end_of_life"
 STAGES = (LEARNING, HEALTHY, FINAL, END_OF_LIFE)
@@ -166,7 +167,7 @@ class Relearned:
 
 
 @dataclass(frozen=True)
-class DetectState:
+class DetectState(StoredState):
     """State of the detector.
 
     Attributes:
@@ -188,6 +189,9 @@ class DetectState:
         kept: points by which the baseline was learned.
         held: those of healthy blocks outside, with which it will be learned wider.
     """
+
+    VERSIONS = (1, 2, _VERSION)
+    LATER = frozenset({"kept", "held", "outside"})
 
     version: int = _VERSION
     seen: int = 0
@@ -220,58 +224,18 @@ class DetectState:
             return FINAL
         return LEARNING if self.baseline is None else HEALTHY
 
+    @classmethod
+    def upgraded(cls, stored: Mapping[str, Any]) -> Mapping[str, Any]:
+        """Return the values of an earlier version; before version 3 no block had a condition."""
+        fields = dict(stored if stored["version"] > 1 else _of_version_1(stored))
+        for name in ("learned", "kept", "held"):
+            fields[name] = [point if len(point) > 3 else (*point, UNKNOWN) for point in fields.get(name, ())]
+        return fields
+
     @property
     def reference_rms(self) -> float | None:
         """RMS of the baseline at its reference condition, or None while there is none."""
         return None if self.baseline is None else math.exp(self.baseline.ln_rms)
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return the state as plain values for JSON."""
-        return asdict(self)
-
-    @classmethod
-    def from_dict(cls, values: Mapping[str, Any]) -> DetectState:
-        """Restore a state written by :meth:`to_dict`, or by an earlier version; raise ValueError for another version.
-
-        Before version 3, no block had a condition.
-        """
-        version = values.get("version")
-        if version not in (1, 2, _VERSION):
-            raise ValueError(f"detector state of version {version!r}, expected {_VERSION}")
-        fields: dict[str, Any] = {**(values if version > 1 else _of_version_1(values)), "version": _VERSION}
-        for name in ("learned", "kept", "held"):
-            fields[name] = tuple(
-                (time, rms, tuple(lines), tuple(condition[0]) if condition else UNKNOWN)
-                for time, rms, lines, *condition in fields.get(name, ())
-            )
-        if fields["baseline"] is not None:
-            fields["baseline"] = _baseline(**fields["baseline"])
-        for name in ("elevated", "t_fs", "t_fs_known", "quiet_since", "first_high_peak", "t_eol"):
-            fields[name] = _mark(fields[name])
-        fields["recent"] = tuple((peak, rms) for peak, rms in fields["recent"])
-        marks = ({name: Mark(**mark) for name, mark in episode.items()} for episode in fields["episodes"])
-        fields["episodes"] = tuple(Episode(**episode) for episode in marks)
-        return cls(**fields)
-
-
-def _mark(stored: Mapping[str, Any] | None) -> Mark | None:
-    return None if stored is None else Mark(**stored)
-
-
-def _baseline(
-    ln_rms: float,
-    ln_rms_sd: float,
-    lines: Mapping[str, Sequence[float]],
-    by: Mapping[str, dict[str, Any]] | None = None,
-    steady: Mapping[str, Sequence[float]] | None = None,
-) -> Baseline:
-    return Baseline(
-        ln_rms,
-        ln_rms_sd,
-        {name: (middle, spread) for name, (middle, spread) in lines.items()},
-        {name: Dependence.from_dict(one) for name, one in (by or {}).items()},
-        {name: (low, high) for name, (low, high) in (steady or {}).items()},
-    )
 
 
 def _of_version_1(values: Mapping[str, Any]) -> dict[str, Any]:

@@ -11,11 +11,11 @@ Loan, Matrix Computations, section 5.1.8), which does not square the condition o
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
-from typing import Any
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 from monitor.health.size import Remaining, TtStatus
+from monitor.health.stored import StoredState
 
 STATE_VERSION = 1
 DISTINCT = 1e-12
@@ -151,7 +151,7 @@ class Crossing:
 
 
 @dataclass(frozen=True)
-class ForecastState:
+class ForecastState(StoredState):
     """State of the forecast, of constant size.
 
     Attributes:
@@ -159,37 +159,14 @@ class ForecastState:
         t_last: time of the latest point, s.
     """
 
+    VERSIONS = (STATE_VERSION,)
+
     fit: RunningFit | None = None
     t_last: float | None = None
     v_last: float | None = None
     v_most: float = 0.0
     crossings: tuple[Crossing, ...] = ()
     version: int = STATE_VERSION
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return the state as plain values for JSON."""
-        stored = asdict(self)
-        return {**stored, "crossings": list(stored["crossings"])}
-
-    @classmethod
-    def from_dict(cls, stored: Mapping[str, Any]) -> ForecastState:
-        """Restore a state written by :meth:`to_dict`.
-
-        Raises:
-            ValueError: the state has another version.
-        """
-        if stored.get("version") != STATE_VERSION:
-            raise ValueError(f"forecast state: version {STATE_VERSION} expected, got {stored.get('version')!r}")
-        return cls(
-            fit=None if stored["fit"] is None else RunningFit(**stored["fit"]),
-            t_last=stored["t_last"],
-            v_last=stored["v_last"],
-            v_most=stored["v_most"],
-            crossings=tuple(
-                Crossing(c["threshold"], c["t"], None if c["fit"] is None else QuadraticFit(**c["fit"]))
-                for c in stored["crossings"]
-            ),
-        )
 
 
 def step(

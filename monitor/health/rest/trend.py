@@ -8,10 +8,8 @@ blocks in a row.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from enum import StrEnum
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +18,7 @@ from monitor.health.alarms import SEVERITIES, AlarmSettings, Level, LevelState, 
 from monitor.health.rest.growth import Crossing, crossing, segments
 from monitor.health.rest.learned.history import StageHistory
 from monitor.health.rest.settings import check_forecast
+from monitor.health.stored import StoredState
 
 STATE_VERSION = 1
 DEFAULT_FACTOR = 4.0
@@ -129,7 +128,7 @@ class TimeToAlarm:
 
 
 @dataclass(frozen=True)
-class TrendState:
+class TrendState(StoredState):
     """State of the stage, of bounded size.
 
     Attributes:
@@ -138,36 +137,12 @@ class TrendState:
         danger: the same of the second.
     """
 
+    VERSIONS = (STATE_VERSION,)
+
     history: StageHistory | None = None
     alert: LevelState = field(default_factory=LevelState)
     danger: LevelState = field(default_factory=LevelState)
     version: int = STATE_VERSION
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return the state as plain values for JSON, bit for bit."""
-        history = None if self.history is None else self.history.to_dict()
-        return {
-            "history": history,
-            "alert": asdict(self.alert),
-            "danger": asdict(self.danger),
-            "version": self.version,
-        }
-
-    @classmethod
-    def from_dict(cls, stored: Mapping[str, Any]) -> TrendState:
-        """Restore a state written by :meth:`to_dict`.
-
-        Raises:
-            ValueError: the state has another version.
-        """
-        if stored.get("version") != STATE_VERSION:
-            raise ValueError(f"trend state: version {STATE_VERSION} expected, got {stored.get('version')!r}")
-        history = stored["history"]
-        return cls(
-            history=None if history is None else StageHistory.from_dict(history),
-            alert=LevelState(**stored["alert"]),
-            danger=LevelState(**stored["danger"]),
-        )
 
 
 @dataclass(frozen=True)

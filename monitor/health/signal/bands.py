@@ -15,7 +15,6 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,6 +26,7 @@ from monitor.health.signal.orders import Warp, order_amplitude, warp_of
 from monitor.health.signal.plans import envelope_length
 from monitor.health.signal.rotation.rotation import Rotation
 from monitor.health.signal.transform import Band, band_bins, fast_length
+from monitor.health.stored import StoredState
 
 _PARTS = (2, 3, 4, 6, 8, 12)
 _TOP_SHARE = 0.98
@@ -234,7 +234,7 @@ def _same(one: Band, other: Band) -> bool:
 
 
 @dataclass(frozen=True)
-class BandVotes:
+class BandVotes(StoredState):
     """How many blocks chose each band.
 
     Attributes:
@@ -282,13 +282,3 @@ class BandVotes:
         if not self.counts:
             raise ValueError("no block has voted for a band")
         return max(self.counts, key=lambda item: (item[1], item[0][1] - item[0][0]))[0]
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return the votes as plain values for JSON."""
-        return {"counts": [[list(band), count] for band, count in self.counts]}
-
-    @classmethod
-    def from_dict(cls, stored: Mapping[str, Any]) -> BandVotes:
-        """Restore votes written by :meth:`to_dict`."""
-        counts: Sequence[Any] = stored["counts"]
-        return cls(tuple(((float(low), float(high)), int(count)) for (low, high), count in counts))

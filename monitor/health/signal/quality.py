@@ -8,13 +8,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from monitor.health.signal.indicators import span_of
+from monitor.health.stored import StoredState
 
 REJECTIONS = (
     "empty",
@@ -201,7 +201,7 @@ def check_speed(speed: tuple[float, float] | None, acceleration: float | None, l
 
 
 @dataclass(frozen=True)
-class OrderState:
+class OrderState(StoredState):
     """Position in the stream of one source; version 1.
 
     Attributes:
@@ -210,21 +210,12 @@ class OrderState:
         interval: usual block interval, s, or None before the second.
     """
 
+    VERSIONS = (1,)
+
     version: int = 1
     sequence: int = 0
     time: float | None = None
     interval: float | None = None
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return the state as plain values for JSON."""
-        return asdict(self)
-
-    @classmethod
-    def from_dict(cls, values: Mapping[str, Any]) -> OrderState:
-        """Restore a state written by :meth:`to_dict`; raise ValueError for another version."""
-        if values.get("version") != 1:
-            raise ValueError(f"order state of version {values.get('version')!r}, expected 1")
-        return cls(**values)
 
 
 def check_order(

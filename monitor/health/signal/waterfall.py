@@ -8,14 +8,15 @@ before it, the one with which it became known and two after it, a first interval
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, replace
-from typing import Any, Literal
+from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from monitor.health.signal.kurtogram import Kurtogram
 from monitor.health.signal.spectra import BlockView
+from monitor.health.stored import StoredState
 
 Kind = Literal["newest", "kept", "pinned"]
 """How long a spectrum is kept: until the next one comes, until it is thinned out, always."""
@@ -105,7 +106,7 @@ class WaterfallSettings:
 
 
 @dataclass(frozen=True)
-class WaterfallState:
+class WaterfallState(StoredState):
     """The waterfall of a channel between two blocks; version 1.
 
     Attributes:
@@ -115,22 +116,13 @@ class WaterfallState:
         to_pin: how many of the next ones are pinned.
     """
 
+    VERSIONS = (1,)
+
     version: int = 1
     interval: float | None = None
     count: int = 0
     last: float | None = None
     to_pin: int = 0
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return the state as plain values for JSON."""
-        return asdict(self)
-
-    @classmethod
-    def from_dict(cls, values: Mapping[str, Any]) -> WaterfallState:
-        """Return the state that :meth:`to_dict` gave; refuse another version."""
-        if values.get("version") != 1:
-            raise ValueError(f"waterfall state of version {values.get('version')!r}, expected 1")
-        return cls(**values)
 
 
 def step(

@@ -14,15 +14,16 @@ under another load or speed, if the damage grows the same under both; it does no
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass, replace
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from monitor.health.size import Damage, EdvStatus
 from monitor.health.size.level_set import LevelMap, LevelPoint, least_volume, step_back, widened_steps
+from monitor.health.stored import StoredState
 
 if TYPE_CHECKING:
     from models.maps.data import RmsMap
@@ -53,7 +54,7 @@ class EdvSettings:
 
 
 @dataclass(frozen=True)
-class EdvState:
+class EdvState(StoredState):
     """State of the tracker.
 
     Attributes:
@@ -63,32 +64,13 @@ class EdvState:
         stopped: the status that ended the tracking, or None.
     """
 
+    VERSIONS = (STATE_VERSION,)
+
     window: tuple[float, ...] = ()
     dphi_d: float | None = None
     h_d: float | None = None
     stopped: EdvStatus | None = None
     version: int = STATE_VERSION
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return the state as plain values for JSON."""
-        return {**asdict(self), "window": list(self.window)}
-
-    @classmethod
-    def from_dict(cls, stored: Mapping[str, Any]) -> EdvState:
-        """Restore a state written by :meth:`to_dict`.
-
-        Raises:
-            ValueError: the state has another version.
-        """
-        if stored.get("version") != STATE_VERSION:
-            raise ValueError(f"edv state: version {STATE_VERSION} expected, got {stored.get('version')!r}")
-        stopped = stored["stopped"]
-        return cls(
-            window=tuple(stored["window"]),
-            dphi_d=stored["dphi_d"],
-            h_d=stored["h_d"],
-            stopped=None if stopped is None else EdvStatus(stopped),
-        )
 
 
 def step(

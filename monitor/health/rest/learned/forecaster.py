@@ -6,9 +6,7 @@ It needs RMS alone, in any unit, and the RMS of the healthy machine; without rec
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any
 
 from monitor.health.rest.learned.fit import MIN_POINTS
 from monitor.health.rest.learned.history import StageHistory
@@ -16,6 +14,7 @@ from monitor.health.rest.learned.model import Distribution, LearnedModel
 from monitor.health.rest.settings import check_forecast
 from monitor.health.size import DamageInput, Remaining, TtStatus
 from monitor.health.size.library.forecaster import QUANTILES
+from monitor.health.stored import StoredState
 
 STATE_VERSION = 1
 
@@ -40,30 +39,16 @@ class LearnedSettings:
 
 
 @dataclass(frozen=True)
-class LearnedState:
+class LearnedState(StoredState):
     """State of the forecasts, of bounded size; ``history`` is None before the first block of the final stage.
 
     It depends on no model, so that another model continues it.
     """
 
+    VERSIONS = (STATE_VERSION,)
+
     history: StageHistory | None = None
     version: int = STATE_VERSION
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return the state as plain values for JSON, bit for bit."""
-        return {"history": None if self.history is None else self.history.to_dict(), "version": self.version}
-
-    @classmethod
-    def from_dict(cls, stored: Mapping[str, Any]) -> LearnedState:
-        """Restore a state written by :meth:`to_dict`.
-
-        Raises:
-            ValueError: the state has another version.
-        """
-        if stored.get("version") != STATE_VERSION:
-            raise ValueError(f"learned state: version {STATE_VERSION} expected, got {stored.get('version')!r}")
-        history = stored["history"]
-        return cls(None if history is None else StageHistory.from_dict(history))
 
 
 def step(

@@ -7,13 +7,13 @@ of equal numbers of blocks, which are merged in pairs when they are full.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from statistics import median
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+
+from monitor.health.stored import StoredState
 
 Array = NDArray[np.float64]
 
@@ -29,7 +29,7 @@ _SHRINKING_BINS = 4.0
 
 
 @dataclass(frozen=True)
-class StageHistory:
+class StageHistory(StoredState):
     """Levels since t_fs.
 
     Attributes:
@@ -86,24 +86,6 @@ class StageHistory:
         points = np.array((*self.bins, *([(at / blocks, total / blocks)] if blocks else [])))
         growths = (_growth(points, self.elapsed, share) for share in WINDOWS)
         return np.array([math.log(self.elapsed), self.level - ln_baseline, *growths])
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return the history as plain values for JSON, bit for bit."""
-        return asdict(self)
-
-    @classmethod
-    def from_dict(cls, stored: Mapping[str, Any]) -> StageHistory:
-        """Restore a history written by :meth:`to_dict`."""
-        at, total, blocks = stored["filling"]
-        return cls(
-            origin=stored["origin"],
-            latest=stored["latest"],
-            count=stored["count"],
-            recent=tuple(stored["recent"]),
-            bins=tuple((time, level) for time, level in stored["bins"]),
-            bin_blocks=stored["bin_blocks"],
-            filling=(at, total, blocks),
-        )
 
 
 def _growth(points: Array, elapsed: float, share: float) -> float:

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -33,6 +33,7 @@ from monitor.health.size.library.model import (
 )
 from monitor.health.size.library.plausible import Watch, step_score
 from monitor.health.size.library.summaries import LevelHistory
+from monitor.health.stored import StoredState
 
 STATE_VERSION = 3
 QUANTILES = (0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95)
@@ -103,7 +104,7 @@ class Conditions:
 
 
 @dataclass(frozen=True)
-class LibraryState:
+class LibraryState(StoredState):
     """State of the forecaster, of bounded size.
 
     Attributes:
@@ -114,6 +115,9 @@ class LibraryState:
         standing: latest answered blocks in succession at which V_eq probably stands still.
     """
 
+    VERSIONS = (1, 2, STATE_VERSION)
+    LATER = frozenset({"watch", "standing"})
+
     library: str = ""
     features: str = ""
     history: LevelHistory | None = None
@@ -122,39 +126,13 @@ class LibraryState:
     standing: int = 0
     version: int = STATE_VERSION
 
-    def to_dict(self) -> dict[str, Any]:
-        """Return the state as plain values for JSON, bit for bit."""
-        return {
-            "library": self.library,
-            "features": self.features,
-            "history": None if self.history is None else self.history.to_dict(),
-            "conditions": asdict(self.conditions),
-            "watch": asdict(self.watch),
-            "standing": self.standing,
-            "version": self.version,
-        }
-
     @classmethod
-    def from_dict(cls, stored: Mapping[str, Any]) -> LibraryState:
-        """Restore a state written by :meth:`to_dict`.
-
-        One of version 1 has seen no blocks but those of its history; before version 3 no standstill was counted.
-
-        Raises:
-            ValueError: the state has another version.
-        """
-        if stored.get("version") not in (1, 2, STATE_VERSION):
-            raise ValueError(f"library state: version {STATE_VERSION} expected, got {stored.get('version')!r}")
-        history = None if stored["history"] is None else LevelHistory.from_dict(stored["history"])
-        watch = Watch() if history is None else Watch(history.t_first + history.elapsed)
-        return cls(
-            library=stored["library"],
-            features=stored["features"],
-            history=history,
-            conditions=Conditions(**stored["conditions"]),
-            watch=Watch(**stored["watch"]) if "watch" in stored else watch,
-            standing=stored.get("standing", 0),
-        )
+    def upgraded(cls, stored: Mapping[str, Any]) -> Mapping[str, Any]:
+        """Return a state of version 1, which has seen no blocks but those of its history, as later ones are."""
+        if "watch" in stored or stored["history"] is None:
+            return stored
+        history = LevelHistory.from_dict(stored["history"])
+        return {**stored, "watch": {"seen": history.t_first + history.elapsed}}
 
 
 def step(

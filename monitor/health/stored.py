@@ -1,0 +1,110 @@
+"""States as plain values for JSON, by the declared fields of their dataclasses; every number comes back as it was."""
+
+from __future__ import annotations
+
+import types
+from collections.abc import Callable, Mapping
+from dataclasses import fields, is_dataclass
+from enum import Enum
+from functools import cache
+from typing import Any, ClassVar, Self, Union, get_args, get_origin, get_type_hints
+
+_Decoder = Callable[[Any], Any]
+_PLAIN = frozenset({bool, int, float, str, type(None)})
+
+
+class StoredState:
+    """A frozen dataclass that a store keeps; the order of its fields is that of the keys.
+
+    Attributes:
+        VERSIONS: layouts that are read, the present one last; () where the state that holds it has the version.
+        LATER: fields that a readable layout may lack; they take their defaults.
+    """
+
+    VERSIONS: ClassVar[tuple[int, ...]] = ()
+    LATER: ClassVar[frozenset[str]] = frozenset()
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the state as plain values for JSON, bit for bit."""
+        return {name: _plain(getattr(self, name)) for name in _names(type(self))}
+
+    @classmethod
+    def from_dict(cls, stored: Mapping[str, Any]) -> Self:
+        """Restore a state that :meth:`to_dict` gave, in any of ``VERSIONS``.
+
+        Raises:
+            ValueError: another version.
+            KeyError, TypeError: fields are missing or unknown.
+        """
+        version = stored.get("version")
+        if cls.VERSIONS and version not in cls.VERSIONS:
+            words = "".join(f" {letter.lower()}" if letter.isupper() else letter for letter in cls.__name__).strip()
+            raise ValueError(f"{words}: version {cls.VERSIONS[-1]} expected, got {version!r}")
+        values = {name: value for name, value in cls.upgraded(stored).items() if name != "version"}
+        missing = set(_names(cls)) - {"version"} - values.keys() - cls.LATER
+        if missing:
+            raise KeyError(f"{cls.__name__}: {', '.join(sorted(missing))}")
+        return _restored(cls, values)
+
+    @classmethod
+    def upgraded(cls, stored: Mapping[str, Any]) -> Mapping[str, Any]:
+        """Return the values of an earlier version as the present one has them."""
+        return stored
+
+
+def _plain(value: Any) -> Any:
+    kind = type(value)
+    if kind in _PLAIN or isinstance(value, float | str):
+        return value
+    if kind is tuple:
+        return [one if type(one) in _PLAIN else _plain(one) for one in value]
+    if isinstance(value, Mapping):
+        return {name: _plain(one) for name, one in value.items()}  # pyright: ignore[reportUnknownVariableType]
+    own = getattr(value, "to_dict", None) or getattr(value, "to_list", None)
+    return own() if own is not None else {name: _plain(getattr(value, name)) for name in _names(kind)}
+
+
+@cache
+def _names(kind: type[Any]) -> tuple[str, ...]:
+    return tuple(field.name for field in fields(kind))
+
+
+@cache
+def _decoders(kind: type[Any]) -> dict[str, _Decoder]:
+    hints = get_type_hints(kind)
+    return {name: _decoder(hints[name]) for name in _names(kind)}
+
+
+def _restored(kind: type[Any], values: Mapping[str, Any]) -> Any:
+    decoders = _decoders(kind)
+    unknown = values.keys() - decoders.keys()
+    if unknown:
+        raise TypeError(f"{kind.__name__} has no {', '.join(sorted(unknown))}")
+    return kind(**{name: decoders[name](value) for name, value in values.items()})
+
+
+def _decoder(kind: Any) -> _Decoder:
+    """Return the function that brings back a value of a declared type from JSON."""
+    origin, parts = get_origin(kind), get_args(kind)
+    if origin in (Union, types.UnionType):
+        inner = next((_decoder(part) for part in parts if part is not types.NoneType), _same)
+        return lambda value: None if value is None else inner(value)
+    if origin is tuple and parts[-1] is Ellipsis:
+        each = _decoder(parts[0])
+        return tuple if each is _same else lambda value: tuple(map(each, value))
+    if origin is tuple:
+        each_of = tuple(_decoder(part) for part in parts)
+        return lambda value: tuple(decode(one) for decode, one in zip(each_of, value, strict=True))
+    if isinstance(origin, type) and issubclass(origin, Mapping):
+        one_of = _decoder(parts[1])
+        return lambda value: {name: one_of(one) for name, one in value.items()}
+    own = getattr(kind, "from_dict", None) or getattr(kind, "from_list", None)
+    if own is not None:
+        return own
+    if is_dataclass(kind):
+        return lambda value: _restored(kind, value)
+    return kind if isinstance(kind, type) and issubclass(kind, Enum) else _same
+
+
+def _same(value: Any) -> Any:
+    return value
