@@ -15,7 +15,7 @@ from models.machine.rig import Calibration
 from monitor.health.alarms import AlarmSettings, AlarmState
 from monitor.health.gears.naming import GearsState
 from monitor.health.gears.settings import GearSettings
-from monitor.health.name.evidence import Heard, Voice
+from monitor.health.name.evidence import BlockEvidence, ChannelEvidence
 from monitor.health.name.machine import MachineState
 from monitor.health.onset import DetectSettings, DetectState
 from monitor.health.record import Record
@@ -218,8 +218,8 @@ def _machine(stored: Mapping[str, Any] | None, channels: Mapping[str, ChannelSta
     if stored is not None:
         return MachineState.from_dict(stored)
     voices = {
-        name: Voice().after(
-            Heard(fault=state.named.fault, depth=state.named.depth, final=state.detect.t_fs is not None)
+        name: ChannelEvidence().after(
+            BlockEvidence(fault=state.named.fault, depth=state.named.depth, final=state.detect.t_fs is not None)
         )
         for name, state in channels.items()
         if state.named is not None

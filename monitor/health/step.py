@@ -18,7 +18,7 @@ from monitor.health.alarms import step as alarms_step
 from monitor.health.channel import ChannelBlock, analyse, check_channel, conclude
 from monitor.health.gears.stage import gear_events, gears_step
 from monitor.health.name.crosstalk import ChannelView, beside_neighbours
-from monitor.health.name.evidence import heard_in
+from monitor.health.name.evidence import evidence_of_record
 from monitor.health.name.machine import BearingVerdict
 from monitor.health.name.machine import step as machine_step
 from monitor.health.onset import DetectState
@@ -140,7 +140,7 @@ def take_record(
         verdicts: by channel, none where the block was rejected as a whole.
     """
     alarms, events = alarm_step(state, record, verdicts, settings, acknowledgements)
-    heard = heard_in(record.channels, record.time)
+    heard = evidence_of_record(record.channels, record.time)
     machine, bearings = machine_step(state.machine, heard, settings.bearings, settings.persist_blocks)
     events += name_events(record.sequence, bearings)
     return replace(state, alarms=alarms, machine=machine), events, bearings

@@ -53,7 +53,7 @@ class StoredState:
 
 
 def _plain(value: Any) -> Any:
-    kind = type(value)
+    kind: type[Any] = type(value)
     if kind in _PLAIN or isinstance(value, float | str):
         return value
     if kind is tuple:
@@ -101,7 +101,7 @@ def _decoder(kind: Any) -> _Decoder:
     own = getattr(kind, "from_dict", None) or getattr(kind, "from_list", None)
     if own is not None:
         return own
-    if is_dataclass(kind):
+    if isinstance(kind, type) and is_dataclass(kind):
         return lambda value: _restored(kind, value)
     return kind if isinstance(kind, type) and issubclass(kind, Enum) else _same
 

@@ -147,8 +147,9 @@ class DamageState(StoredState):
     @classmethod
     def upgraded(cls, stored: Mapping[str, Any]) -> Mapping[str, Any]:
         """Return an older state with the first V_eq of the thesis' forecast; other methods take their next value."""
-        first = (stored["forecast"]["fit"] or {}).get("v_first", 0.0)
-        return {"first_v_eq": None if first <= 0.0 else first, **stored}
+        fit: Mapping[str, Any] | None = stored["forecast"]["fit"]
+        first = None if fit is None or fit["v_first"] <= 0.0 else fit["v_first"]
+        return {"first_v_eq": first, **stored}
 
 
 @dataclass(frozen=True)

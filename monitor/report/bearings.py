@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from monitor.health.name.evidence import Heard, heard_in
+from monitor.health.name.evidence import BlockEvidence, evidence_of_record
 from monitor.health.name.machine import BearingVerdict, MachineState, patience_of, step, weigh
 from monitor.report.runs import Channel, Run
 from monitor.words.statuses import BASES, fault_words, level_words
@@ -94,7 +94,7 @@ def _source_state(channels: Sequence[Channel], bearings: Mapping[str, Sequence[s
     return state
 
 
-def _heard(channel: Channel, *, dated: bool) -> Iterator[Heard | None]:
+def _heard(channel: Channel, *, dated: bool) -> Iterator[BlockEvidence | None]:
     """Yield what each block said in the order of their numbers, None where it holds nothing of the channel."""
     # A wrong clock sorts a block to another place in time.
     rows = np.argsort(channel.sequence, kind="stable")[-_BLOCKS:]
@@ -107,7 +107,7 @@ def _heard(channel: Channel, *, dated: bool) -> Iterator[Heard | None]:
             continue
         measured = zip(_NUMBERS, known, strict=True)
         values |= {name: number if math.isfinite(number) else None for name, number in measured}
-        yield heard_in({"": values}, time if dated and math.isfinite(time) else None)[""]
+        yield evidence_of_record({"": values}, time if dated and math.isfinite(time) else None)[""]
 
 
 def _words(channel: Channel, name: str) -> NDArray[np.object_]:

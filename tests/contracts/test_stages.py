@@ -115,7 +115,10 @@ def wheels() -> list[gears.GearsInput]:
 
 
 def take_machine(state: Any, i: int) -> tuple[Any, Any]:
-    heard = {"x": machine.Heard(fault=(None, "inner|ball")[i % 2], depth=0.3, final=i > MIDDLE), "y": machine.Heard()}
+    heard = {
+        "x": machine.BlockEvidence(fault=(None, "inner|ball")[i % 2], depth=0.3, final=i > MIDDLE),
+        "y": machine.BlockEvidence(),
+    }
     return machine.step(state, heard, {"bearing": ("x", "y")})
 
 

@@ -1,4 +1,4 @@
-"""What one channel says of its bearing: of each block, of recent ones, and of those since an onset."""
+"""Evidence of one channel for the damaged part of its bearing: of a block, of recent blocks, and since an onset."""
 
 from __future__ import annotations
 
@@ -11,23 +11,23 @@ from monitor.health.schema import FAULTS
 from monitor.health.signal.foreign import LOUDER
 from monitor.health.signal.quality import Verdict
 
-SILENCE = 0.2
+UNNAMED_DEPTH = 0.2
 """Depth that a block without a name counts against those that name a part: the least at which one is named."""
 _RECENT, _EPISODE = 50, 5000
-"""Usable blocks that a ballot remembers: the recent one, and that since an onset."""
+"""Memory of the means, usable blocks: of recent evidence, and of evidence since an onset."""
 _FORGOTTEN = 1e-4
-"""Mean depth below which a name has left a ballot."""
-_HEARD = 0.25
-"""Share of a channel's own evidence, silence included, from which its name counts as disagreement."""
+"""Mean depth below which a name is dropped."""
+_MIN_LEADING_SHARE = 0.25
+"""Share of a channel's evidence, blocks without a name included, from which its name counts as disagreement."""
 
 
 @dataclass(frozen=True)
-class Heard:
-    """What one block of a channel said.
+class BlockEvidence:
+    """Evidence of one block of a channel.
 
     Attributes:
         usable: the machine ran, the sensor worked, the block was in order.
-        paused: the machine stood still or ran beyond its speeds, or the block came late: nothing could be heard.
+        paused: the machine was stopped or outside its speeds, or the block came late; the block counts neither way.
         fault: the named part, several joined by "|", or None.
         depth: of its lines, over the mean envelope.
         final: the final stage of the channel has begun and is not over.
@@ -47,8 +47,8 @@ class Heard:
 
 
 @dataclass(frozen=True)
-class Ballot:
-    """What a channel named in recent usable blocks. A new one holds one silent block, so that one block is not all.
+class MeanEvidence:
+    """Running mean of the evidence of usable blocks; one block without a name begins it, so that none decides alone.
 
     Attributes:
         blocks: that are remembered.
@@ -60,19 +60,19 @@ class Ballot:
     silent: float = 1.0
     named: Mapping[str, float] = field(default_factory=dict[str, float])
 
-    def after(self, heard: Heard, memory: int) -> Ballot:
-        """Return the ballot after one more usable block."""
+    def after(self, block: BlockEvidence, memory: int) -> MeanEvidence:
+        """Return the mean after one more usable block."""
         blocks = min(self.blocks + 1, memory)
-        silent = self.silent + ((0.0 if parts_of(heard.fault) else 1.0) - self.silent) / blocks
-        if not self.named and heard.fault is None:
-            return Ballot(blocks, silent)
-        names = {*self.named, *([heard.fault] if heard.fault is not None else [])}
+        silent = self.silent + ((0.0 if parts_of(block.fault) else 1.0) - self.silent) / blocks
+        if not self.named and block.fault is None:
+            return MeanEvidence(blocks, silent)
+        names = {*self.named, *([block.fault] if block.fault is not None else [])}
         means = {name: self.named.get(name, 0.0) for name in sorted(names)}
         means = {
-            name: mean + ((max(heard.depth, SILENCE) if name == heard.fault else 0.0) - mean) / blocks
+            name: mean + ((max(block.depth, UNNAMED_DEPTH) if name == block.fault else 0.0) - mean) / blocks
             for name, mean in means.items()
         }
-        return Ballot(blocks, silent, {name: mean for name, mean in means.items() if mean > _FORGOTTEN})
+        return MeanEvidence(blocks, silent, {name: mean for name, mean in means.items() if mean > _FORGOTTEN})
 
     def naming(self, parts: Iterable[str]) -> float:
         """Return the mean depth of the names that hold one of some parts."""
@@ -81,17 +81,17 @@ class Ballot:
 
     @property
     def leading(self) -> str | None:
-        """The deepest name where it stands out of the silence, or None."""
+        """The deepest name where its share of the evidence suffices, or None."""
         named = {name: mean for name, mean in self.named.items() if parts_of(name)}
         best = max(named, key=lambda name: (named[name], name), default=None)
-        if best is None or named[best] < _HEARD * (named[best] + SILENCE * self.silent):
+        if best is None or named[best] < _MIN_LEADING_SHARE * (named[best] + UNNAMED_DEPTH * self.silent):
             return None
         return best
 
 
 @dataclass(frozen=True)
-class Voice:
-    """What a channel named, of recent blocks and since the onset of the final stage that is open.
+class ChannelEvidence:
+    """Evidence of a channel: of recent blocks, and since the onset of the final stage that is open.
 
     Attributes:
         missed: blocks since the latest usable one.
@@ -100,22 +100,22 @@ class Voice:
             ``LOUDER`` times as much.
     """
 
-    recent: Ballot = field(default_factory=Ballot)
-    since_onset: Ballot | None = None
+    recent: MeanEvidence = field(default_factory=MeanEvidence)
+    since_onset: MeanEvidence | None = None
     missed: int = 0
     time: float | None = None
     below: Mapping[str, float] = field(default_factory=dict[str, float])
 
-    def after(self, heard: Heard | None, louder: frozenset[str] = frozenset()) -> Voice:
-        """Return the voice after a block of its source, which holds nothing of the channel where that is None.
+    def after(self, block: BlockEvidence | None, louder: frozenset[str] = frozenset()) -> ChannelEvidence:
+        """Return the evidence after a block of its source; ``block`` is None where it has nothing of the channel.
 
         Args:
             louder: the bearings whose level had risen by ``LOUDER`` times as much.
         """
-        if heard is None or not heard.usable:
-            return self if heard is not None and heard.paused else replace(self, missed=self.missed + 1)
-        since_onset = (self.since_onset or Ballot()).after(heard, _EPISODE) if heard.final else None
-        time = self.time if heard.time is None else heard.time
+        if block is None or not block.usable:
+            return self if block is not None and block.paused else replace(self, missed=self.missed + 1)
+        since_onset = (self.since_onset or MeanEvidence()).after(block, _EPISODE) if block.final else None
+        time = self.time if block.time is None else block.time
         below: dict[str, float] = {}
         if since_onset is not None:
             share = 1.0 / min(since_onset.blocks, _RECENT)
@@ -123,16 +123,18 @@ class Voice:
                 before = self.below.get(name, 0.0)
                 below[name] = before + share * ((name in louder) - before)
         below = {name: found for name, found in below.items() if found > _FORGOTTEN}
-        return Voice(self.recent.after(heard, _RECENT), since_onset, 0, time, below)
+        return ChannelEvidence(self.recent.after(block, _RECENT), since_onset, 0, time, below)
 
 
-def heard_in(channels: Mapping[str, Mapping[str, Any]], time: float | None = None) -> dict[str, Heard]:
-    """Return what the values of a record say, by channel; ``time`` is that of its block, UTC s."""
-    found: dict[str, Heard] = {}
+def evidence_of_record(
+    channels: Mapping[str, Mapping[str, Any]], time: float | None = None
+) -> dict[str, BlockEvidence]:
+    """Return the evidence in the values of a record, by channel; ``time`` is that of its block, UTC s."""
+    found: dict[str, BlockEvidence] = {}
     for name, values in channels.items():
         flags = (values.get("quality_flags") or "").split("|")
         verdict = Verdict(values.get("quality_status") or "ok", tuple(flag for flag in flags if flag))
-        found[name] = Heard(
+        found[name] = BlockEvidence(
             usable=verdict.for_baseline,
             paused=verdict.accepted and bool({"stopped", "late", "out_of_order", "outside_speed"} & set(flags)),
             fault=values.get("fault_candidates") or values.get("fault"),
@@ -152,13 +154,15 @@ def _rise(values: Mapping[str, Any]) -> float | None:
     return rms * rms - baseline * baseline
 
 
-def louder_bearings(heard: Mapping[str, Heard], bearings: Mapping[str, Sequence[str]]) -> dict[str, frozenset[str]]:
-    """Return the other bearings whose level has risen by ``LOUDER`` times as much as that of a channel.
+def louder_bearings(
+    evidence: Mapping[str, BlockEvidence], bearings: Mapping[str, Sequence[str]]
+) -> dict[str, frozenset[str]]:
+    """Return, by channel, the other bearings whose level rose by ``LOUDER`` times as much as its own.
 
-    Of channels whose level has risen, and not the lines of their bearing.
+    Only channels whose level rose without the lines of their own bearing are given.
     """
     rises = {
-        bearing: [one.rise for name in names if (one := heard.get(name)) is not None and one.usable and one.rise]
+        bearing: [one.rise for name in names if (one := evidence.get(name)) is not None and one.usable and one.rise]
         for bearing, names in bearings.items()
     }
     highest = {bearing: max(found) for bearing, found in rises.items() if found}
@@ -168,11 +172,11 @@ def louder_bearings(heard: Mapping[str, Heard], bearings: Mapping[str, Sequence[
         )
         for bearing, names in bearings.items()
         for name in names
-        if (own := heard.get(name)) is not None and not own.raised and own.rise is not None and own.rise > 0.0
+        if (own := evidence.get(name)) is not None and not own.raised and own.rise is not None and own.rise > 0.0
     }
 
 
 @cache
 def parts_of(fault: str | None) -> frozenset[str]:
-    """Return the parts that a name holds; none of no name or one that is no part."""
+    """Split a name into parts; other words give an empty set."""
     return frozenset(part for part in (fault or "").split("|") if part in FAULTS)

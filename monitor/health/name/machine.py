@@ -1,25 +1,23 @@
-"""One verdict a bearing: what the channels that listen to it name, weighed together.
+"""One verdict a bearing, by the evidence of all channels that listen to it.
 
-Each channel has a ballot: how deep, on the mean of its recent usable blocks, the lines of each named part stood, and in
-which share of the blocks no part was named. Evidence for a part is the sum of its depths over the channels, a name of
-two parts counting for both. A channel with an open final stage has a second ballot, of all blocks since the onset was
+The evidence of a channel is the depth of the lines of each named part, on the mean of its recent usable blocks, and the
+share of blocks in which no part was named. Evidence for a part is the sum of its depths over the channels, a name of
+two parts counting for both. A channel with an open final stage has a second mean, of all blocks since the onset was
 known. What these name is a verdict and outweighs hints: names of a machine without an onset or without a baseline. How
 well a name is supported is always a matter of the recent blocks: lines that spread under their own noise lower it, and
 the verdict stays.
 
 A name also stays until another has half as much evidence again, so that it does not change from block to block. All
-follows from the values of records: a restart, a replay and a report over the same records say the same. A verdict that
-has held and gives way to another part is an event (``monitor/health/name/machine.py``).
+follows from the values of records: a restart, a replay and a report over the same records say the same. A
+persistent name that is replaced is an event.
 
 A level that rose may come from a neighbour. Where a bearing has an onset and no part is named in it, while a verdict
 names a part of another whose level has risen by twice the power and more, in most blocks, the onset is said to be
 ``level_of`` that one. It stays an onset: lines tell whose damage they show, a level does not.
 
-The part that a verdict names, once it has held, and when it gives way to another.
-
-A name counts after as many usable blocks in a row as an onset needs (``persist_blocks``). From then on it is held: a
-name that shares a part with it ("inner|ball" for "inner") leaves it as it is; another has to hold for as long to take
-its place. Hints do not count. With the final stage what is held ends.
+The name of a verdict becomes persistent after as many usable blocks in a row as an onset needs (``persist_blocks``). A
+name that shares a part with it ("inner|ball" for "inner") does not change it; another name replaces it after as many
+blocks in a row. Hints do not count. The persistent name ends with the final stage.
 """
 
 from __future__ import annotations
@@ -28,18 +26,25 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from monitor.health.name.evidence import SILENCE, Ballot, Heard, Voice, louder_bearings, parts_of
+from monitor.health.name.evidence import (
+    UNNAMED_DEPTH,
+    BlockEvidence,
+    ChannelEvidence,
+    MeanEvidence,
+    louder_bearings,
+    parts_of,
+)
 from monitor.health.onset import DetectSettings
 from monitor.health.schema import FAULTS, HINT, VERDICT
 from monitor.health.stored import StoredState
 
 
 @dataclass(frozen=True)
-class HeldName:
-    """The name of a bearing's verdict that has held.
+class PersistentName:
+    """The persistent name of a bearing's verdict.
 
     Attributes:
-        fault: None until one has held.
+        fault: None until a name has persisted.
         rival: the latest name that shares no part with it, while it is named.
         blocks: usable blocks in a row that named the rival.
     """
@@ -48,54 +53,54 @@ class HeldName:
     rival: str | None = None
     blocks: int = 0
 
-    def after(self, fault: str | None, persist_blocks: int) -> HeldName:
-        """Return what is held after one more usable block of an open final stage.
+    def after(self, fault: str | None, persist_blocks: int) -> PersistentName:
+        """Return the persistent name after one more usable block of an open final stage.
 
         Args:
             fault: name of the verdict, None where there is none.
             persist_blocks: usable blocks in a row after which a name is held.
         """
         if fault is None or parts_of(fault) & parts_of(self.fault):
-            return HeldName(self.fault)
+            return PersistentName(self.fault)
         blocks = self.blocks + 1 if fault == self.rival else 1
-        return HeldName(fault) if blocks >= persist_blocks else HeldName(self.fault, fault, blocks)
+        return PersistentName(fault) if blocks >= persist_blocks else PersistentName(self.fault, fault, blocks)
 
 
 MACHINE_STATE_VERSION = 3
 _ENTER = {HINT: 0.5, VERDICT: 0.1}
 _HOLD = {HINT: 0.25, VERDICT: 0.0}
-"""Share of the recent evidence, silence included, that names a part at all: to begin to name one, and to go on."""
+"""Least share of the recent evidence, blocks without a name included, to begin to name a part, and to go on."""
 _LEAD = 1.5
 """How much more evidence than the present name another needs."""
 _APART = 0.1
 """Share of the evidence for a part that leaves out another, from which the two are told apart."""
 _STALE, _PATIENCE_S = 50, 30 * 86400.0
-"""Unusable blocks in a row after which a channel has no voice beside others; so many of the slowest source, and so many
-seconds, beside one of another source."""
+"""Unusable blocks in a row after which a channel is left out; beside another source so many blocks of the slowest one,
+and at least so many seconds."""
 
 
 @dataclass(frozen=True)
 class MachineState(StoredState):
-    """What the channels of one source said, and what is said of its bearings: by block, and held."""
+    """Evidence of the channels of one source; the names of its bearings, of the latest block and persistent."""
 
     VERSIONS = (1, 2, MACHINE_STATE_VERSION)
     LATER = frozenset({"held"})
 
-    voices: Mapping[str, Voice] = field(default_factory=dict[str, Voice])
+    voices: Mapping[str, ChannelEvidence] = field(default_factory=dict[str, ChannelEvidence])
     named: Mapping[str, str] = field(default_factory=dict[str, str])
-    held: Mapping[str, HeldName] = field(default_factory=dict[str, HeldName])
+    held: Mapping[str, PersistentName] = field(default_factory=dict[str, PersistentName])
     version: int = MACHINE_STATE_VERSION
 
 
 @dataclass(frozen=True)
 class BearingVerdict:
-    """What the channels of a bearing say together.
+    """The damaged part of a bearing, by the evidence of all its channels.
 
     Attributes:
         fault: the damaged part, several joined by "|" that cannot be told apart, or None.
         basis: "hint" or "verdict", None without a name.
-        support: 0 to 1: depth of the lines that are named so over that of all named lines and of silence, which
-            counts as often as the least silent channel was silent. None without a name.
+        support: 0 to 1: depth of the lines with this name over that of all named lines and of blocks without a name,
+            as many as in the channel with fewest. None without a name.
         disagreement: by channel, the name of those that name another part.
         channels: that listen to it.
         level_of: the bearing with whose damage the level has risen, where an onset shows no part of its own.
@@ -124,30 +129,31 @@ class BearingVerdict:
 
 def step(
     state: MachineState,
-    heard: Mapping[str, Heard],
+    evidence: Mapping[str, BlockEvidence],
     bearings: Mapping[str, Sequence[str]],
     persist_blocks: int = DetectSettings.persist_blocks,
 ) -> tuple[MachineState, dict[str, BearingVerdict]]:
     """Take one block of a source.
 
     Args:
-        heard: by channel; one that is not in it gave nothing usable.
+        evidence: of the block by channel; a missing channel gave nothing usable.
         bearings: channels of the source by the bearing that they listen to.
         persist_blocks: usable blocks in a row after which the name of a verdict is held.
     """
     channels = [name for names in bearings.values() for name in names]
-    louder = louder_bearings(heard, bearings)
+    louder = louder_bearings(evidence, bearings)
     voices = {
-        name: state.voices.get(name, Voice()).after(heard.get(name), louder.get(name, frozenset())) for name in channels
+        name: state.voices.get(name, ChannelEvidence()).after(evidence.get(name), louder.get(name, frozenset()))
+        for name in channels
     }
     said = weigh([replace(state, voices=voices)], bearings)
     named = {bearing: found.fault for bearing, found in said.items() if found.fault is not None}
-    held: dict[str, HeldName] = {}
+    held: dict[str, PersistentName] = {}
     for bearing, found in said.items():
-        final = [heard.get(name) for name in bearings[bearing] if voices[name].since_onset is not None]
+        final = [evidence.get(name) for name in bearings[bearing] if voices[name].since_onset is not None]
         if not final:
             continue
-        held[bearing] = before = state.held.get(bearing, HeldName())
+        held[bearing] = before = state.held.get(bearing, PersistentName())
         if any(one is not None and one.usable for one in final):
             held[bearing] = before.after(found.fault if found.basis == VERDICT else None, persist_blocks)
         if before.fault not in (None, held[bearing].fault):
@@ -158,17 +164,17 @@ def step(
 def weigh(
     states: Sequence[MachineState], bearings: Mapping[str, Sequence[str]], patience: float | None = None
 ) -> dict[str, BearingVerdict]:
-    """Return what is said of each bearing of a machine.
+    """Return the verdict on each bearing of a machine.
 
     Args:
         states: of its sources, in any order.
         bearings: all channels by the bearing that they listen to.
-        patience: s without a usable block after which a channel has no voice beside one with a later block, or None.
+        patience: s without a usable block after which a channel is left out beside one with a later block, or None.
     """
     voices = {name: voice for state in states for name, voice in state.voices.items()}
     found = {
         bearing: _weigh_one(
-            {name: voices.get(name, Voice()) for name in sorted(names)},
+            {name: voices.get(name, ChannelEvidence()) for name in sorted(names)},
             frozenset(part for state in states for part in parts_of(state.named.get(bearing))),
             patience,
         )
@@ -178,13 +184,13 @@ def weigh(
     for bearing, verdict in found.items():
         if verdict.basis != VERDICT and damaged:
             since_onset = [
-                voices[name] for name in verdict.channels if voices.get(name, Voice()).since_onset is not None
+                voices[name] for name in verdict.channels if voices.get(name, ChannelEvidence()).since_onset is not None
             ]
             found[bearing] = replace(verdict, level_of=_level_of(since_onset, damaged))
     return found
 
 
-def _level_of(voices: Sequence[Voice], damaged: Sequence[str]) -> str | None:
+def _level_of(voices: Sequence[ChannelEvidence], damaged: Sequence[str]) -> str | None:
     """Return the damaged bearing with which the level of channels with an onset has risen in most of their blocks."""
     least = {name: min((voice.below.get(name, 0.0) for voice in voices), default=0.0) for name in damaged}
     best = max(damaged, key=lambda name: (least[name], name))
@@ -196,31 +202,31 @@ def patience_of(intervals: Iterable[float | None]) -> float:
     return max(_PATIENCE_S, _STALE * max((interval or 0.0 for interval in intervals), default=0.0))
 
 
-def _weigh_one(voices: Mapping[str, Voice], before: frozenset[str], patience: float | None) -> BearingVerdict:
-    """Weigh the voices of one bearing; ``before`` are the parts that were named until now."""
+def _weigh_one(voices: Mapping[str, ChannelEvidence], before: frozenset[str], patience: float | None) -> BearingVerdict:
+    """Combine the evidence of the channels of one bearing; ``before`` are the parts named until now."""
     if not any(voice.recent.named or (voice.since_onset and voice.since_onset.named) for voice in voices.values()):
         return BearingVerdict(channels=tuple(voices))
-    live = {name: voice for name, voice in voices.items() if _has_voice(voice, voices.values(), patience)} or voices
+    live = {name: voice for name, voice in voices.items() if _is_weighed(voice, voices.values(), patience)} or voices
     recent = {name: voice.recent for name, voice in live.items()}
-    total = sum(ballot.naming(FAULTS) for ballot in recent.values())
-    silence = SILENCE * min(ballot.silent for ballot in recent.values())
+    total = sum(one.naming(FAULTS) for one in recent.values())
+    unnamed = UNNAMED_DEPTH * min(one.silent for one in recent.values())
     since_onset = [voice.since_onset for voice in live.values() if voice.since_onset is not None]
-    for basis, ballots in ((VERDICT, since_onset), (HINT, list(recent.values()))):
-        name = _chosen(ballots, before)
+    for basis, observed in ((VERDICT, since_onset), (HINT, list(recent.values()))):
+        name = _chosen(observed, before)
         parts = parts_of(name)
-        if name is None or total < (_HOLD if parts & before else _ENTER)[basis] * (total + silence):
+        if name is None or total < (_HOLD if parts & before else _ENTER)[basis] * (total + unnamed):
             continue
         return BearingVerdict(
             fault=name,
             basis=basis,
-            support=sum(ballot.naming(parts) for ballot in recent.values()) / (total + silence),
+            support=sum(one.naming(parts) for one in recent.values()) / (total + unnamed),
             disagreement=_others(live, parts),
             channels=tuple(voices),
         )
     return BearingVerdict(channels=tuple(voices))
 
 
-def _others(voices: Mapping[str, Voice], parts: frozenset[str]) -> dict[str, str]:
+def _others(voices: Mapping[str, ChannelEvidence], parts: frozenset[str]) -> dict[str, str]:
     """Return by channel the name of those that name none of some parts: since their onset, or recently."""
     found = {
         name: (voice.since_onset and voice.since_onset.leading) or voice.recent.leading
@@ -229,7 +235,7 @@ def _others(voices: Mapping[str, Voice], parts: frozenset[str]) -> dict[str, str
     return {name: other for name, other in found.items() if other is not None and not parts & parts_of(other)}
 
 
-def _has_voice(voice: Voice, all_voices: Iterable[Voice], patience: float | None) -> bool:
+def _is_weighed(voice: ChannelEvidence, all_voices: Iterable[ChannelEvidence], patience: float | None) -> bool:
     if voice.missed >= _STALE:
         return False
     if patience is None or voice.time is None:
@@ -238,9 +244,9 @@ def _has_voice(voice: Voice, all_voices: Iterable[Voice], patience: float | None
     return newest - voice.time <= patience
 
 
-def _chosen(ballots: Sequence[Ballot], before: frozenset[str]) -> str | None:
+def _chosen(observed: Sequence[MeanEvidence], before: frozenset[str]) -> str | None:
     """Return the part with most evidence, with those that the same blocks name and no others tell apart."""
-    evidence = {part: sum(ballot.naming([part]) for ballot in ballots) for part in FAULTS}
+    evidence = {part: sum(one.naming([part]) for one in observed) for part in FAULTS}
     best = max(FAULTS, key=lambda part: evidence[part] * (_LEAD if part in before else 1.0))
     if evidence[best] == 0.0:
         return None
@@ -250,8 +256,8 @@ def _chosen(ballots: Sequence[Ballot], before: frozenset[str]) -> str | None:
             continue
         apart = sum(
             mean
-            for ballot in ballots
-            for name, mean in ballot.named.items()
+            for one in observed
+            for name, mean in one.named.items()
             if best in parts_of(name) and part not in parts_of(name)
         )
         limit = _APART

@@ -23,6 +23,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from monitor.health.stored import StoredState
+
 Array = NDArray[np.float64]
 LevelsBy = Literal["none", "speed", "load", "speed_and_load", "auto"]
 Condition = tuple[float | None, float | None, float | None, float | None]
@@ -66,7 +68,7 @@ def condition_of(speed: float | None, span: tuple[float, float] | None, load: fl
 
 
 @dataclass(frozen=True)
-class Dependence:
+class Dependence(StoredState):
     """The shape of a level over speed and load, 0 at a reference.
 
     Attributes:

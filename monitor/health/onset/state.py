@@ -191,7 +191,7 @@ class DetectState(StoredState):
     """
 
     VERSIONS = (1, 2, _VERSION)
-    LATER = frozenset({"kept", "held", "outside"})
+    LATER = frozenset({"quiet", "lower_since", "returned", "outside", "kept", "held"})
 
     version: int = _VERSION
     seen: int = 0

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from monitor.health.name.evidence import Heard, heard_in
+from monitor.health.name.evidence import BlockEvidence, evidence_of_record
 from monitor.health.name.machine import BearingVerdict, MachineState, step, weigh
 from monitor.health.onset import Baseline, DetectState
 from monitor.health.retrace import retrace
@@ -195,10 +195,10 @@ def test_lines_too_close_to_separate_stay() -> None:
     np.testing.assert_array_equal(left.power, spectrum.power)
 
 
-NEIGHBOUR = Heard(fault="outer", depth=0.6, final=True, rise=9.0, raised=True)
+NEIGHBOUR = BlockEvidence(fault="outer", depth=0.6, final=True, rise=9.0, raised=True)
 
 
-def told(own: Heard, neighbour: Heard = NEIGHBOUR, count: int = 30) -> BearingVerdict:
+def told(own: BlockEvidence, neighbour: BlockEvidence = NEIGHBOUR, count: int = 30) -> BearingVerdict:
     """Return what is said of bearing "b" after blocks with its own and the neighbour's channel."""
     bearings, state = {"a": ("x",), "b": ("y",)}, MachineState()
     found: dict[str, BearingVerdict] = {}
@@ -211,32 +211,34 @@ def told(own: Heard, neighbour: Heard = NEIGHBOUR, count: int = 30) -> BearingVe
 @pytest.mark.parametrize(
     ("own", "neighbour", "level_of"),
     [
-        (Heard(final=True, rise=4.0), NEIGHBOUR, "a"),
-        (Heard(final=True, rise=5.0), NEIGHBOUR, None),
-        (Heard(final=True, rise=4.0, raised=True), NEIGHBOUR, None),
-        (Heard(final=True, rise=-0.1), NEIGHBOUR, None),
-        (Heard(final=True), NEIGHBOUR, None),
-        (Heard(rise=4.0), NEIGHBOUR, None),
-        (Heard(final=True, rise=4.0, fault="inner", depth=0.5), NEIGHBOUR, None),
-        (Heard(final=True, rise=4.0), replace(NEIGHBOUR, fault=None), None),
-        (Heard(final=True, rise=4.0), replace(NEIGHBOUR, final=False), None),
-        (Heard(final=True, rise=4.0), replace(NEIGHBOUR, usable=False), None),
+        (BlockEvidence(final=True, rise=4.0), NEIGHBOUR, "a"),
+        (BlockEvidence(final=True, rise=5.0), NEIGHBOUR, None),
+        (BlockEvidence(final=True, rise=4.0, raised=True), NEIGHBOUR, None),
+        (BlockEvidence(final=True, rise=-0.1), NEIGHBOUR, None),
+        (BlockEvidence(final=True), NEIGHBOUR, None),
+        (BlockEvidence(rise=4.0), NEIGHBOUR, None),
+        (BlockEvidence(final=True, rise=4.0, fault="inner", depth=0.5), NEIGHBOUR, None),
+        (BlockEvidence(final=True, rise=4.0), replace(NEIGHBOUR, fault=None), None),
+        (BlockEvidence(final=True, rise=4.0), replace(NEIGHBOUR, final=False), None),
+        (BlockEvidence(final=True, rise=4.0), replace(NEIGHBOUR, usable=False), None),
     ],
     ids=[
         *("said", "more than half", "own lines", "no rise", "not known", "no onset", "own part"),
         *("neighbour not named", "only a hint of it", "neighbour not usable"),
     ],
 )
-def test_a_level_is_said_to_be_the_neighbours(own: Heard, neighbour: Heard, level_of: str | None) -> None:
+def test_a_level_is_said_to_be_the_neighbours(
+    own: BlockEvidence, neighbour: BlockEvidence, level_of: str | None
+) -> None:
     assert told(own, neighbour).level_of == level_of
 
 
 def test_the_values_of_a_record_give_the_rise() -> None:
     values = {"rms": 5.0, "rms_baseline": 3.0, "absolute_level": "yes", "raised": "outer|cage", "t_fs_block": 3}
-    found = heard_in({"x": values})["x"]
+    found = evidence_of_record({"x": values})["x"]
     assert (found.rise, found.raised) == (16.0, True)
     for missing in ({"rms_baseline": None}, {"absolute_level": "no"}, {"rms": None}):
-        assert heard_in({"x": values | missing})["x"].rise is None
+        assert evidence_of_record({"x": values | missing})["x"].rise is None
 
 
 def test_a_state_of_version_1_is_read() -> None:

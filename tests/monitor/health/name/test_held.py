@@ -10,8 +10,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from monitor.health.name.evidence import Heard, parts_of
-from monitor.health.name.machine import HeldName, MachineState, step
+from monitor.health.name.evidence import BlockEvidence, parts_of
+from monitor.health.name.machine import MachineState, PersistentName, step
 from monitor.health.output import name_events
 from monitor.health.schema import FAULTS
 from monitor.words.events import badness, event_text
@@ -21,11 +21,11 @@ PERSIST = 5
 MANY = 60
 
 
-def names(fault: str | None, count: int, depth: float = 0.4, *, final: bool = True) -> list[Heard]:
-    return [Heard(fault=fault, depth=depth, final=final)] * count
+def names(fault: str | None, count: int, depth: float = 0.4, *, final: bool = True) -> list[BlockEvidence]:
+    return [BlockEvidence(fault=fault, depth=depth, final=final)] * count
 
 
-def changes(blocks: Iterable[Heard]) -> list[tuple[int, str | None, str | None]]:
+def changes(blocks: Iterable[BlockEvidence]) -> list[tuple[int, str | None, str | None]]:
     """Return number of the block, part before and part after of each event."""
     state, found = MachineState(), []
     for number, heard in enumerate(blocks, 1):
@@ -35,7 +35,7 @@ def changes(blocks: Iterable[Heard]) -> list[tuple[int, str | None, str | None]]
     return found
 
 
-def first_named(blocks: Iterable[Heard], fault: str) -> int:
+def first_named(blocks: Iterable[BlockEvidence], fault: str) -> int:
     """Return the first block at which the verdict has a name."""
     state = MachineState()
     for number, heard in enumerate(blocks, 1):
@@ -51,7 +51,7 @@ def test_another_part_is_an_event_once_its_name_has_held() -> None:
     assert changes(blocks) == [(since + PERSIST - 1, "outer", "inner")]
     assert changes(blocks[: since + PERSIST - 2]) == []
     # Blocks that name no part do not count.
-    pause = [Heard(usable=False, paused=True)] * 3
+    pause = [BlockEvidence(usable=False, paused=True)] * 3
     assert changes([*blocks[:since], *pause, *blocks[since:]]) == [(since + PERSIST + 2, "outer", "inner")]
 
 
@@ -68,20 +68,20 @@ def test_another_part_is_an_event_once_its_name_has_held() -> None:
     ],
     ids=["same", "hints", "hint, then verdict", "silence", "joined", "the next stage", "flicker"],
 )
-def test_no_event(blocks: list[Heard]) -> None:
+def test_no_event(blocks: list[BlockEvidence]) -> None:
     assert changes(blocks) == []
 
 
 @pytest.mark.parametrize("flicker", [("inner", None), ("inner", "ball"), ("inner", "outer"), ("inner|ball", "inner")])
 def test_a_name_that_comes_and_goes_is_not_held(flicker: tuple[str | None, ...]) -> None:
-    held = HeldName("outer")
+    held = PersistentName("outer")
     for _ in range(20):
         for fault in flicker:
             held = held.after(fault, PERSIST)
     assert held.fault == "outer"
     for _ in range(PERSIST):
         held = held.after("ball", PERSIST)
-    assert held == HeldName("ball")
+    assert held == PersistentName("ball")
 
 
 @given(st.lists(st.sampled_from((*FAULTS, "inner|ball", "ball|cage", None)), max_size=80))

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from monitor.health.name.evidence import SILENCE, Heard, heard_in, parts_of
+from monitor.health.name.evidence import UNNAMED_DEPTH, BlockEvidence, evidence_of_record, parts_of
 from monitor.health.name.machine import (
     BearingVerdict,
     MachineState,
@@ -27,14 +27,14 @@ from tests.support.signals import bearing_lines
 
 TEST_BEARING, _ = bearing_lines("PRONOSTIA", 30.0)
 NAMES = (*FAULTS, "inner|ball", "ball|cage")
-HINTED = Heard(fault="outer", depth=0.4)
-FINAL = Heard(fault="outer", depth=0.4, final=True)
-NOTHING = Heard()
-REJECTED = Heard(usable=False)
-STOPPED = Heard(usable=False, paused=True)
+HINTED = BlockEvidence(fault="outer", depth=0.4)
+FINAL = BlockEvidence(fault="outer", depth=0.4, final=True)
+NOTHING = BlockEvidence()
+REJECTED = BlockEvidence(usable=False)
+STOPPED = BlockEvidence(usable=False, paused=True)
 
 
-def said(blocks: Iterable[Mapping[str, Heard]], *channels: str) -> list[BearingVerdict]:
+def said(blocks: Iterable[Mapping[str, BlockEvidence]], *channels: str) -> list[BearingVerdict]:
     """Return what is said of the one bearing after each block."""
     state, found = MachineState(), []
     for heard in blocks:
@@ -43,27 +43,27 @@ def said(blocks: Iterable[Mapping[str, Heard]], *channels: str) -> list[BearingV
     return found
 
 
-def alone(*blocks: Heard) -> BearingVerdict:
+def alone(*blocks: BlockEvidence) -> BearingVerdict:
     return said([{"x": heard} for heard in blocks], "x")[-1]
 
 
-def both(x: Sequence[Heard], y: Sequence[Heard]) -> BearingVerdict:
+def both(x: Sequence[BlockEvidence], y: Sequence[BlockEvidence]) -> BearingVerdict:
     return said([{"x": one, "y": other} for one, other in zip(x, y, strict=True)], "x", "y")[-1]
 
 
-def names(fault: str, depth: float = 0.4, *, final: bool = False, count: int = 60) -> list[Heard]:
-    return [Heard(fault=fault, depth=depth, final=final)] * count
+def names(fault: str, depth: float = 0.4, *, final: bool = False, count: int = 60) -> list[BlockEvidence]:
+    return [BlockEvidence(fault=fault, depth=depth, final=final)] * count
 
 
 def test_a_single_recording_gets_a_hint_whose_support_is_not_full() -> None:
     found = alone(HINTED)
     assert (found.fault, found.basis, found.disagreement) == ("outer", "hint", {})
-    assert found.support == pytest.approx(0.4 / (0.4 + SILENCE))
+    assert found.support == pytest.approx(0.4 / (0.4 + UNNAMED_DEPTH))
 
 
 def test_support_is_the_share_of_recent_blocks_weighted_by_depth() -> None:
     found = alone(*[NOTHING, HINTED] * 200)
-    assert found.support == pytest.approx(0.4 / (0.4 + SILENCE), abs=0.02)
+    assert found.support == pytest.approx(0.4 / (0.4 + UNNAMED_DEPTH), abs=0.02)
     assert alone(*names("outer", count=400)).support == pytest.approx(1.0, abs=1e-3)
 
 
@@ -78,7 +78,7 @@ def test_support_is_the_share_of_recent_blocks_weighted_by_depth() -> None:
     ],
     ids=["no block", "silent", "named long ago", "nothing usable", "once in many"],
 )
-def test_no_name(blocks: list[Heard]) -> None:
+def test_no_name(blocks: list[BlockEvidence]) -> None:
     state, found = MachineState(), weigh([], {"bearing": ("x",)})
     for heard in blocks:
         state, found = step(state, {"x": heard}, {"bearing": ("x",)})
@@ -88,7 +88,7 @@ def test_no_name(blocks: list[Heard]) -> None:
 def test_a_name_is_a_verdict_only_in_a_final_stage_of_a_channel_that_names_it() -> None:
     assert alone(*names("outer")).basis == "hint"
     assert alone(*names("outer", final=True)).basis == "verdict"
-    onset_elsewhere = both(names("outer"), [Heard(final=True)] * 60)
+    onset_elsewhere = both(names("outer"), [BlockEvidence(final=True)] * 60)
     assert (onset_elsewhere.fault, onset_elsewhere.basis) == ("outer", "hint")
     # One stray name since the onset is none yet.
     assert alone(*[NOTHING] * 60, FINAL).fault is None
@@ -110,7 +110,7 @@ def test_when_the_final_stage_closes_the_verdict_is_a_hint_again_and_goes_with_i
 
 
 def test_lines_that_drown_in_their_own_noise_keep_the_verdict_and_lose_support() -> None:
-    found = alone(*names("outer", final=True), *[Heard(final=True)] * 1000)
+    found = alone(*names("outer", final=True), *[BlockEvidence(final=True)] * 1000)
     assert (found.fault, found.basis) == ("outer", "verdict")
     assert found.support == pytest.approx(0.0, abs=0.01)
 
@@ -156,7 +156,7 @@ def test_a_name_does_not_flicker() -> None:
     """Names of two parts that come in turn, silence between: a change needs half as much evidence again."""
     changes = [a.fault != b.fault for a, b in itertools.pairwise(often_named())]
     assert sum(changes[50:]) == 0
-    blocks = [Heard(fault="outer" if i % 13 < 7 else "inner", depth=0.3, final=True) for i in range(600)]
+    blocks = [BlockEvidence(fault="outer" if i % 13 < 7 else "inner", depth=0.3, final=True) for i in range(600)]
     found = [verdict.fault for verdict in said([{"x": heard} for heard in blocks], "x")]
     assert set(found[10:]) == {"outer"}
     assert said([{"x": heard} for heard in (*blocks, *names("inner", final=True, count=800))], "x")[-1].fault == "inner"
@@ -176,7 +176,7 @@ def test_a_channel_without_usable_blocks_loses_its_voice_beside_others_only() ->
     assert one.disagreement == {}
 
 
-def source_of(channel: str, blocks: Iterable[Heard]) -> MachineState:
+def source_of(channel: str, blocks: Iterable[BlockEvidence]) -> MachineState:
     state = MachineState()
     for heard in blocks:
         state, _ = step(state, {channel: heard}, {"bearing": (channel,)})
@@ -212,10 +212,10 @@ def test_bearings_are_weighed_apart() -> None:
 
 def test_the_values_of_a_record_say_whether_a_channel_was_heard() -> None:
     values = {"fault": "outer", "fault_depth": 0.5, "t_fs_block": 7, "quality_status": "gap", "quality_flags": "gap"}
-    found = heard_in({"x": values}, 1.0)["x"]
-    assert found == Heard(fault="outer", depth=0.5, final=True, time=1.0)
+    found = evidence_of_record({"x": values}, 1.0)["x"]
+    assert found == BlockEvidence(fault="outer", depth=0.5, final=True, time=1.0)
     for status, flags, paused in (("nan", None, False), ("flat", "flat", False), ("stopped", "stopped|gap", True)):
-        heard = heard_in({"x": {"quality_status": status, "quality_flags": flags}})["x"]
+        heard = evidence_of_record({"x": {"quality_status": status, "quality_flags": flags}})["x"]
         assert (heard.usable, heard.paused, heard.final) == (False, paused, False)
 
 
@@ -259,7 +259,7 @@ def test_the_sources_of_a_machine_are_weighed_together() -> None:
 
 channel_of = st.lists(
     st.builds(
-        Heard,
+        BlockEvidence,
         usable=st.sampled_from((True, True, True, False)),
         fault=st.sampled_from((None, *NAMES)),
         depth=st.floats(0.2, 2.0),
@@ -270,13 +270,13 @@ channel_of = st.lists(
 machines = st.dictionaries(st.sampled_from("abcde"), channel_of, min_size=1, max_size=4)
 
 
-def states_of(machine: Mapping[str, Sequence[Heard]]) -> list[MachineState]:
+def states_of(machine: Mapping[str, Sequence[BlockEvidence]]) -> list[MachineState]:
     """Each channel a source of its own, without a memory of what was named."""
     return [replace(source_of(name, blocks), named={}) for name, blocks in machine.items()]
 
 
 @given(machines, st.randoms(use_true_random=False))
-def test_the_order_of_channels_does_not_matter(machine: dict[str, list[Heard]], random: object) -> None:
+def test_the_order_of_channels_does_not_matter(machine: dict[str, list[BlockEvidence]], random: object) -> None:
     states, channels = states_of(machine), list(machine)
     found = weigh(states, {"bearing": channels})
     random.shuffle(states)  # pyright: ignore[reportAttributeAccessIssue]
@@ -285,7 +285,7 @@ def test_the_order_of_channels_does_not_matter(machine: dict[str, list[Heard]], 
 
 
 @given(machines)
-def test_what_is_said_is_in_its_ranges_and_consistent(machine: dict[str, list[Heard]]) -> None:
+def test_what_is_said_is_in_its_ranges_and_consistent(machine: dict[str, list[BlockEvidence]]) -> None:
     found = weigh(states_of(machine), {"bearing": tuple(machine)})["bearing"]
     assert (found.fault is None) == (found.basis is None) == (found.support is None)
     if found.support is None:
@@ -301,7 +301,7 @@ def test_what_is_said_is_in_its_ranges_and_consistent(machine: dict[str, list[He
 
 @given(machines, st.floats(0.2, 2.0), st.integers(1, 60), st.booleans())
 def test_a_channel_that_agrees_never_lowers_the_support(
-    machine: dict[str, list[Heard]], depth: float, count: int, final: bool
+    machine: dict[str, list[BlockEvidence]], depth: float, count: int, final: bool
 ) -> None:
     before = weigh(states_of(machine), {"bearing": tuple(machine)})["bearing"]
     if before.fault is None or before.support is None:
@@ -315,13 +315,13 @@ def test_a_channel_that_agrees_never_lowers_the_support(
 
 
 @given(machines, st.integers(1, 60))
-def test_a_silent_channel_changes_nothing_but_a_list(machine: dict[str, list[Heard]], count: int) -> None:
+def test_a_silent_channel_changes_nothing_but_a_list(machine: dict[str, list[BlockEvidence]], count: int) -> None:
     before = weigh(states_of(machine), {"bearing": tuple(machine)})["bearing"]
     after = weigh(states_of(machine | {"z": [NOTHING] * count}), {"bearing": (*machine, "z")})["bearing"]
     assert replace(after, channels=before.channels) == before
 
 
 @given(machines)
-def test_a_state_goes_through_json(machine: dict[str, list[Heard]]) -> None:
+def test_a_state_goes_through_json(machine: dict[str, list[BlockEvidence]]) -> None:
     for state in states_of(machine):
         assert MachineState.from_dict(json.loads(json.dumps(state.to_dict()))) == state

@@ -396,5 +396,5 @@ def test_a_state_of_version_1_goes_on():
 
 
 def test_a_state_of_another_version_is_refused():
-    with pytest.raises(ValueError, match="version 4"):
+    with pytest.raises(ValueError, match="detect state: version 3 expected, got 4"):
         DetectState.from_dict({**DetectState().to_dict(), "version": 4})

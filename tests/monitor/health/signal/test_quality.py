@@ -136,7 +136,7 @@ def test_a_clock_from_the_future_is_flagged_live():
 def test_order_state_survives_json():
     state, _ = check_order(OrderState(), 1, 0.1, dated=False)
     assert OrderState.from_dict(state.to_dict()) == state
-    with pytest.raises(ValueError, match="version 9"):
+    with pytest.raises(ValueError, match="order state: version 1 expected, got 9"):
         OrderState.from_dict({**state.to_dict(), "version": 9})
 
 
