@@ -63,22 +63,6 @@ def by_moment(rows: Sequence[Row], keys: Mapping[str, str], columns: Sequence[st
     return markdown([*keys, *columns], lines)
 
 
-def target_table(rows: Sequence[Row]) -> str:
-    """Return targets beside what was found; figures that miss theirs are bold."""
-    groups: dict[tuple[str, str], list[Row]] = {}
-    for row in rows:
-        groups.setdefault((row["figure"], row["method"]), []).append(row)
-    lines = []
-    for (figure, method), moments in sorted(groups.items(), key=lambda item: item[0][0]):
-        targets = [row["asked"] for row in moments]
-        targets = targets[:1] if len(set(targets)) == 1 else targets
-        found = " / ".join(
-            f"{row['found']:.3f}" if row["met"] == "yes" else f"**{row['found']:.3f}**" for row in moments
-        )
-        lines.append([figure, method, " / ".join(targets), found])
-    return markdown(["figure", "method", "target", "found"], lines)
-
-
 def bound_table(rows: Sequence[Row]) -> str:
     """Return how far the forecasters are from the bound."""
     groups: dict[str, list[Row]] = {}
@@ -103,10 +87,8 @@ def tables(results: Mapping[str, Any]) -> dict[str, str]:
     law = {"law": "law", "method": "method"}
     return {
         "methods": by_moment(results["methods"], {"method": "method"}, every),
-        "targets": target_table(results["asked"]),
         "laws": by_moment(results["by_law"], law, figures),
         "unseen laws": by_moment(results["unseen_law"], {"law left out": "law left out", "method": "method"}, figures),
-        "speeds": by_moment(results["by_speed"], {"shaft speed, Hz": "speed_hz", "method": "method"}, figures),
         "bound": bound_table(results["bound"]),
     }
 

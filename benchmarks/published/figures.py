@@ -3,7 +3,7 @@
 python -m benchmarks.published.figures [--quick] [--json FILE] [--document docs/evidence/published-figures.md]
 
 One line for each place and quantity; --json holds every figure. ``--quick`` changes nothing: it takes a few seconds.
-``--document`` renews the three tables in that file, between the lines that MARKS and the like name.
+``--document`` renews the two tables in that file, between the lines that MARKS and the like name.
 """
 
 from __future__ import annotations
@@ -31,10 +31,6 @@ MARKS: Marks = ("<!-- table of benchmarks.published.figures -->\n", "<!-- end of
 ACCEPTANCE_MARKS: Marks = (
     "<!-- acceptance table of benchmarks.published.figures -->\n",
     "<!-- end of the acceptance table -->\n",
-)
-UNCOMPUTED_MARKS: Marks = (
-    "<!-- uncomputed table of benchmarks.published.figures -->\n",
-    "<!-- end of the uncomputed table -->\n",
 )
 # The rows of each model.
 ACCEPTANCE: tuple[Callable[[], list[AcceptanceRow]], ...] = (
@@ -65,7 +61,7 @@ def group_rows(figures: list[Figure]) -> list[Row]:
                 "obtained": f"{poorest.obtained:.6g}",
                 "difference %": None if bound else _signed(100.0 * poorest.difference),
                 "verdict": verdict(group),
-                "note": poorest.note,
+                "note": "" if verdict(group) == "reproduced" else poorest.note,
             }
         )
     return rows
@@ -114,16 +110,14 @@ def acceptance_table(accepted: list[AcceptanceRow]) -> list[Row]:
     """Return what the document says of acceptance rows."""
     return [
         {
-            "test": row.test,
             "source": row.source,
             "quantity": row.quantity,
             "unit": row.unit,
             "printed": row.printed,
             "obtained": f"{row.obtained:.4g}",
             "difference %": _signed(100.0 * row.difference),
-            "tolerance %": None if row.tolerance is None else f"{100.0 * row.tolerance:g}",
             "status": row.status,
-            "note": row.note,
+            "note": "" if row.status in ("EXACT", "REPRO") else row.note,
         }
         for row in accepted
     ]
@@ -170,7 +164,6 @@ def tables_of_the_page() -> dict[Marks, str]:
     return {
         MARKS: markdown_table(group_rows(published_figures())),
         ACCEPTANCE_MARKS: markdown_table(acceptance_table(acceptance_rows())),
-        UNCOMPUTED_MARKS: markdown_table(uncomputed_table()),
     }
 
 

@@ -42,7 +42,7 @@ how far the machine's own growth lies from it. Here it is asked about lives that
 
 Only the model of the bearing is shared with the library. **What this cannot show**: how far that model is from a real
 machine. The library is that of `library build` with default settings for 3000 to 5000 N and 20 to 45 Hz. Its prior was
-widened after the first score: scatter of each figure as recorded (`benchmarks/block_scatter.py`: RMS 1 to 8 %, lines 2
+widened after the first score: scatter of each figure as recorded (RMS 1 to 8 %, lines 2
 to 20 %), load and speed that are known wrongly, V_eq at the onset from 0.0004 mm3/mm, and 2 to 20 h to the threshold in
 place of 2.5 to 15 h: the 95 % in place of the 90 % prediction interval of a further life after the six of Table 22.
 That is also the range of the lives judged, so that none of them is shorter or longer any more.
@@ -167,28 +167,19 @@ def _origin(found: Mapping[str, Any]) -> str:
 def page() -> str:
     """Return the page."""
     parts = [_HEAD]
-    judged, before = _read("unseen"), _read("unseen_baseline")
-    flags, flags_before = _read("unseen_nonsense"), _read("unseen_nonsense_baseline")
+    judged, flags = _read("unseen"), _read("unseen_nonsense")
     parts.append("## V_eq and TT\n")
     if judged is None:
         parts.append("Not judged yet: `python -m benchmarks.unseen.judge --judged`.\n")
     else:
         parts += [f"Scored once. {_origin(judged)}\n", methods_table(judged["methods"])]
         parts += ["### What was asked\n", asked_table(judged["asked"]), "### By law\n", laws_table(judged["laws"])]
-    first = _read("unseen_first")
-    if first is not None:
-        parts += ["### The first score\n", f"Lives that are development lives now. {_origin(first)}\n"]
-        parts.append(methods_table(first["methods"]))
-    if before is not None:
-        parts += ["### The program before\n", f"The program at 2e061b8, on lives of the same kind. {_origin(before)}\n"]
-        parts += [methods_table(before["methods"]), laws_table(before["laws"])]
     parts.append("## Flags\n")
     parts.append(_FLAGS)
-    for found, words in ((flags, "Judged."), (flags_before, "The program at 2e061b8, on lives of the same kind.")):
-        if found is not None:
-            parts += [f"{words} {_origin(found)}\n", causes_table(found["causes"]), sound_table(found["sound"])]
-        elif words == "Judged.":
-            parts.append("Not judged yet: `python -m benchmarks.unseen.nonsense --judged --json FILE`.\n")
+    if flags is None:
+        parts.append("Not judged yet: `python -m benchmarks.unseen.nonsense --judged --json FILE`.\n")
+    else:
+        parts += [f"Judged. {_origin(flags)}\n", causes_table(flags["causes"]), sound_table(flags["sound"])]
     return "\n".join(parts)
 
 

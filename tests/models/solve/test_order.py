@@ -2,7 +2,7 @@
 
 Healthy races and gentle waves, under loads that press all balls of the loaded zone: what is left of the opening and
 closing of contacts at its ends is below the error of the coarsest steps. Slopes are fitted to the logarithms of error
-and step. Where contacts open at speed the order is lower, as docs/evidence/speed-against-error.md says.
+and step. Where contacts open at speed the order is lower, as docs/evidence/engine.md says.
 """
 
 from __future__ import annotations
