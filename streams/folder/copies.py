@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 from streams.files.load import Loader
-from streams.folder.entry import Entry
+from streams.folder.life import Entry
 from streams.folder.raw import Raw, is_more_of
 from streams.folder.reading import Result
 from streams.folder.register import ARCHIVED, Register
@@ -54,7 +54,7 @@ class Copies:
         digest = raw.progress.content_hash
         first = self._waiting_with(digest)
         if first is not None and first is not entry and not _is_constant(result):
-            return Copy("copy", 0 if first.base is None else first.base.samples, first.key)
+            return Copy("copy", 0 if first.state.base is None else first.state.base.samples, first.key)
         for known in self.ledger.files_like(self.name, raw.progress.head_hash, digest):
             if known.path == entry.key or not known.samples or not is_more_of(raw, known):
                 continue
@@ -66,7 +66,7 @@ class Copies:
                     return Copy("longer", known.samples, original, known)
                 continue
             root, here = str(self.loader.root), unshown(known.path)
-            if ARCHIVED not in known.path and known.inode == entry.stat.inode and stat_file(root, here) is None:
+            if ARCHIVED not in known.path and known.inode == entry.state.stat.inode and stat_file(root, here) is None:
                 return Copy("rename", known.samples, original, known)
             if not _is_constant(result):
                 return Copy("copy", known.samples, original, known)
@@ -74,15 +74,16 @@ class Copies:
 
     def _is_gone(self, known: FileProgress) -> bool:
         waiting = self.register.waiting.get(unshown(known.path))
-        return waiting is None or waiting.absent is not None
+        return waiting is None or waiting.state.absent is not None
 
     def _waiting_with(self, digest: str) -> Entry | None:
         """Return the file with this content that is read but not committed as a whole, unless it is gone."""
         entry = self._waiting.get(digest)
         if entry is None:
             return None
-        current = entry.read is None or entry.read.content_hash == digest
-        if current and entry.absent is None and self.register.waiting.get(entry.path) is entry:
+        read = entry.state.read
+        current = read is None or read.content_hash == digest
+        if current and entry.state.absent is None and self.register.waiting.get(entry.path) is entry:
             return entry
         del self._waiting[digest]
         return None

@@ -13,7 +13,19 @@ from streams.files.datasets import FileFacts
 from streams.files.load import Loader, cutter_of, renamed
 from streams.folder.copies import Copies
 from streams.folder.copying import Order
-from streams.folder.entry import Entry
+from streams.folder.life import (
+    BlockDelivered,
+    ChangedMeanwhile,
+    Committed,
+    Continued,
+    Drained,
+    Emitted,
+    Entry,
+    Postponed,
+    ReadingBegun,
+    ReadingEnded,
+    Retried,
+)
 from streams.folder.raw import Raw, UnfinishedError, count_block, is_more_of
 from streams.folder.reading import Background, Result, Task, read_file
 from streams.folder.register import MAX_INCOMPLETE_S, Register
@@ -131,9 +143,7 @@ class Intake:
             self._uncommitted.pop(item.sequence, None)
         entries: tuple[Entry, ...] = delivery.token
         for entry, progress in zip(entries, delivery.progress, strict=True):
-            entry.outstanding -= 1
-            entry.base = progress
-            if not entry.outstanding and entry.phase == "delivered" and progress.verdict != PENDING:
+            if self._register.tell(entry, Committed(progress)):
                 self._finish(entry, progress)
 
     def _finish(self, entry: Entry, progress: FileProgress) -> None:
@@ -145,9 +155,9 @@ class Intake:
         facts = self._loader.facts(entry.path)
         self.undated.pop(entry, None)
         if facts is None:
-            self._register.remove(entry, entry.counted)
+            self._register.remove(entry, entry.state.counted)
             return None
-        if entry.absent is not None:
+        if entry.state.absent is not None:
             reason = f"{entry.key}: is gone, before all of it could be read"
             self._reject(entry, None, facts, ReaderError("unreadable", reason))
             return None
@@ -155,23 +165,24 @@ class Intake:
             reason = f"{entry.key}: the monitor died repeatedly while it handled this file; it is set aside"
             self._reject(entry, None, facts, ReaderError(POISONED, reason))
             return None
-        entry.read_at, entry.phase = now, "reading"
+        self._register.tell(entry, ReadingBegun(now))
         self._files += 1
-        last = entry.read or entry.base
-        done = entry.base is not None and entry.base.verdict != PENDING
+        base = entry.state.base
+        last = entry.state.read or base
+        done = base is not None and base.verdict != PENDING
         known = last.content_hash if last is not None and done else None
         # The thread must not see later changes of the entry.
         seen, loader = copy(entry), self._loader
         kind = loader.data_set.name if self._is_growing(entry) else None
         task = self._background.start(
-            lambda: read_file(loader, seen, facts, kind, known), (entry.key,), entry.stat.size
+            lambda: read_file(loader, seen, facts, kind, known), (entry.key,), entry.state.stat.size
         )
         return entry, facts, task
 
     def _load(self, entry: Entry, facts: FileFacts, task: Task, now: float) -> _Loaded | None:
         """Return a file that was read; None where it waits, is known already or is rejected."""
         raw: Raw | None = None
-        entry.phase = "delivered"
+        self._register.tell(entry, ReadingEnded())
         try:
             read: tuple[Raw, Result] = task.future.result()
             raw, result = read
@@ -180,31 +191,31 @@ class Intake:
             if isinstance(result, ReaderError):
                 raise result
             if result is None:
-                self._register.queue(entry)
+                self._register.tell(entry, Retried())
                 return None
             changed, growing = raw.progress.mtime_ns / 1e9, self._is_growing(entry)
             samples = self._loader.date(result, entry.path, facts, changed, whole=not growing)
         except UnfinishedError as error:
-            self._requeue(entry, error, now)
+            self._register.tell(entry, ChangedMeanwhile(error.stat, now))
             return None
         except UndatedError as error:
             self.undated[entry] = str(error)
             if self._is_growing(entry):
                 self._register.await_end(entry)
             else:
-                self._register.defer(entry, now + MAX_INCOMPLETE_S)
+                self._register.tell(entry, Postponed(now + MAX_INCOMPLETE_S))
             return None
         except ReaderError as error:
             retry = _MAX_RETRY_SETTLES * self._spec.settle_s if error.status in _RETRIED else 0.0
             wait = _MAX_WAIT_S.get(error.status, retry)
-            if now - entry.changed < wait and entry.absent is None:
-                self._register.defer(entry, entry.changed + wait)
+            if now - entry.state.changed < wait and entry.state.absent is None:
+                self._register.tell(entry, Postponed(entry.state.changed + wait))
             else:
                 self._reject(entry, raw, facts, error)
             return None
         except BaseException:
             # The ledger failed; the file keeps its place.
-            self._register.queue(entry)
+            self._register.tell(entry, Retried())
             raise
         if self._is_reordered(entry):
             return None
@@ -213,7 +224,7 @@ class Intake:
 
     def _is_growing(self, entry: Entry) -> bool:
         """Return whether a file may get longer, and is read before it is whole."""
-        return self._grows and not entry.whole and unpacked_name(entry.path) == entry.path
+        return self._grows and not entry.state.whole and unpacked_name(entry.path) == entry.path
 
     def _is_reordered(self, entry: Entry) -> bool:
         """Return whether this file settled what dates the files, and others may come before it now."""
@@ -223,27 +234,20 @@ class Intake:
         self._dated_by = (dater.choice.by, dater.choice.order)
         if dater.choice.by != "name" and not self.undated:
             return False
-        self._register.queue(entry)
+        self._register.tell(entry, Retried())
         self._retry_undated()
         self._register.reorder()
         return True
 
     def _retry_undated(self) -> None:
         for waiting in self.undated:
-            if waiting.phase == "deferred":
-                self._register.queue(waiting)
+            if waiting.state.phase == "deferred":
+                self._register.tell(waiting, Retried())
         self.undated.clear()
 
     def _is_overtaken(self, entry: Entry) -> bool:
         """Return whether later files were taken already; a rejection must not cut them."""
         return self._latest_order is not None and entry.order < self._latest_order
-
-    def _requeue(self, entry: Entry, error: UnfinishedError, now: float) -> None:
-        entry.changed, entry.closed = now, False
-        if error.stat is None:
-            entry.absent = now
-        entry.stat = error.stat or entry.stat
-        self._register.queue(entry)
 
     def _reject(self, entry: Entry, raw: Raw | None, facts: FileFacts, error: ReaderError) -> None:
         self._deliver_batch()
@@ -256,8 +260,8 @@ class Intake:
         number, status = self._number_of(entry, facts), error.status
         if number is not None and not self._is_free(number):
             status = "changed"
-        stat = entry.stat
-        known = entry.base or (raw.progress if raw is not None else FileProgress(entry.key, 0, 0, 0))
+        stat = entry.state.stat
+        known = entry.state.base or (raw.progress if raw is not None else FileProgress(entry.key, 0, 0, 0))
         progress = replace(
             known, path=entry.key, size=stat.size, mtime_ns=stat.mtime_ns, inode=stat.inode, verdict=status
         )
@@ -266,16 +270,17 @@ class Intake:
 
     def _resolve_known(self, entry: Entry, raw: Raw, facts: FileFacts, result: Result) -> bool:
         """Compare with known content; return whether the file has nothing new."""
-        last = entry.read or entry.base
+        base = entry.state.base
+        last = entry.state.read or base
         if last is not None:
             touched = last.content_hash == raw.progress.content_hash
-            if touched and entry.base is not None and entry.base.verdict != PENDING:
-                progress = replace(raw.progress, samples=entry.base.samples, verdict=entry.base.verdict)
+            if touched and base is not None and base.verdict != PENDING:
+                progress = replace(raw.progress, samples=base.samples, verdict=base.verdict)
                 self._ledger.remember(self.name, [progress])
                 self._register.finish(entry, progress)
                 return True
             if touched or (self._grows and is_more_of(raw, last)):
-                entry.fed = max(entry.fed, 0 if entry.base is None else entry.base.samples)
+                self._register.tell(entry, Continued(0 if base is None else base.samples))
                 return False
             self._deliver_batch()
             if self._reblocker is not None:
@@ -290,7 +295,7 @@ class Intake:
             return False
         if copied.kind == "longer":
             # A log that was copied and continued in the copy: its beginning is committed.
-            entry.fed = copied.samples
+            self._register.tell(entry, Continued(copied.samples))
             return False
         if copied.kind == "rename" and copied.known is not None:
             self._register.adopt(entry, copied.known)
@@ -320,14 +325,15 @@ class Intake:
 
         That of a released file is taken by its rejection, so it gets the next one.
         """
-        return facts.number if self._reblocker is None and not entry.released else None
+        return facts.number if self._reblocker is None and not entry.state.released else None
 
     def _is_free(self, number: int) -> bool:
         return number not in self._uncommitted and self._ledger.content_of(self.name, number) is None
 
     def _emit(self, entry: Entry, raw: Raw, facts: FileFacts, samples: Samples) -> Iterator[None]:
         """Deliver the blocks of a file; yield after each."""
-        entry.read, entry.total = raw.progress, samples.values.shape[1]
+        begin = min(entry.state.fed, samples.values.shape[1])
+        self._register.tell(entry, Emitted(raw.progress, samples.values.shape[1], self._reblocker is not None))
         self._latest_order = entry.order if self._latest_order is None else max(self._latest_order, entry.order)
         if self._reblocker is None:
             number = self._number_of(entry, facts)
@@ -337,9 +343,6 @@ class Intake:
             block = self._numbers.block(samples, entry.key, raw.progress.content_hash, number)
             self._deliver(block, [(entry, progress)])
             return
-        begin = min(entry.fed, entry.total)
-        entry.fed = entry.total
-        entry.phase = "held"
         rest = replace(samples, values=samples.values[:, begin:], origin=entry, offset=begin)
         yield from self._deliver_cuts(self._reblocker.feed(rest))
         if (samples.start is None or not samples.joins) and not self._grows:
@@ -354,21 +357,24 @@ class Intake:
         """Cut off samples that have waited too long for more."""
         if self._reblocker is None or not self._reblocker.held:
             return False
-        if any(now - entry.changed < MAX_INCOMPLETE_S for entry in self._reblocker.origins if isinstance(entry, Entry)):
+        if any(
+            now - entry.state.changed < MAX_INCOMPLETE_S
+            for entry in self._reblocker.origins
+            if isinstance(entry, Entry)
+        ):
             return False
         self._flush(self._reblocker)
         return True
 
     def _mark_delivered(self, entry: Entry) -> None:
         """Mark a file whose samples are all delivered, acknowledged or not."""
-        if entry.phase != "held" or (self._reblocker is not None and entry in self._reblocker.origins):
+        if self._reblocker is not None and entry in self._reblocker.origins:
             return
-        if not entry.outstanding and entry.read is not None:
+        if self._register.tell(entry, Drained()) and entry.state.read is not None:
             # A growing file was read and had nothing new.
-            progress = replace(entry.read, path=entry.key, samples=entry.total, verdict=ACCEPTED)
+            progress = replace(entry.state.read, path=entry.key, samples=entry.total, verdict=ACCEPTED)
             self._ledger.remember(self.name, [progress])
             self._finish(entry, progress)
-        entry.phase = "delivered"
 
     def _deliver_batch(self) -> None:
         """Deliver all blocks of the files read ahead."""
@@ -383,18 +389,18 @@ class Intake:
     def _deliver_cuts(self, cuts: Iterable[Cut]) -> Iterator[None]:
         for cut in cuts:
             pairs = list(count_block(cut))
-            self._deliver(self._numbers.cut(cut), pairs)
+            self._deliver(self._numbers.cut(cut), pairs, blocks=not cut.missing)
             for entry, _ in pairs:
                 self._mark_delivered(entry)
             yield
 
-    def _deliver(self, item: Block | Rejected, pairs: list[tuple[Entry, FileProgress]]) -> None:
+    def _deliver(
+        self, item: Block | Rejected, pairs: list[tuple[Entry, FileProgress]], *, blocks: bool = False
+    ) -> None:
         if not (isinstance(item, Rejected) and item.is_repetition):
             self._uncommitted[item.sequence] = item.content_hash
             self._numbers.note(item)
         self._delivered += 1
         for entry, _ in pairs:
-            entry.outstanding += 1
-            if entry.phase != "held":
-                entry.phase = "delivered"
+            self._register.tell(entry, BlockDelivered(int(blocks)))
         self.ready.append(Delivery(item, tuple(entry for entry, _ in pairs), tuple(progress for _, progress in pairs)))

@@ -10,7 +10,7 @@ from models.words.errors import SpallwatchError
 from streams.files.container import read_guarded, refuse_special
 from streams.files.digest import content_hash
 from streams.files.parse.complete import whole_part
-from streams.folder.entry import Entry
+from streams.folder.life import Entry
 from streams.reblock import Cut
 from streams.types.listing import Stat, stat_file
 from streams.types.samples import ReaderError
@@ -41,7 +41,7 @@ def read_raw(root: Path, entry: Entry, growing: str | None) -> Raw:
         ReaderError: as :func:`streams.files.container.read_guarded`, but for a file that changes.
         UnfinishedError: it has changed since it was selected.
     """
-    refuse_special(entry.stat, root, entry.path)
+    refuse_special(entry.state.stat, root, entry.path)
     try:
         data = read_guarded(root, entry.path, may_grow=growing is not None)
     except ReaderError as error:
@@ -50,7 +50,7 @@ def read_raw(root: Path, entry: Entry, growing: str | None) -> Raw:
             raise UnfinishedError(after) from error
         raise
     after = stat_file(str(root), entry.path)
-    if after is None or (after != entry.stat and growing is None):
+    if after is None or (after != entry.state.stat and growing is None):
         raise UnfinishedError(after)
     size = len(data)
     if growing is not None:
@@ -69,12 +69,12 @@ def is_more_of(raw: Raw, known: FileProgress) -> bool:
 
 
 def count_block(cut: Cut) -> Iterator[tuple[Entry, FileProgress]]:
-    """Count a block under the files of which it has samples; give each with its progress once it is committed."""
+    """Give the files of which a block has samples, each with its progress once the block is committed."""
     for entry, end in cut.used:
-        if not isinstance(entry, Entry) or entry.read is None:
+        if not isinstance(entry, Entry) or entry.state.read is None:
             continue
-        entry.blocks += not cut.missing
-        verdict = PENDING
-        if end >= entry.total and not entry.read.is_part:
-            verdict = ACCEPTED if entry.blocks or (entry.base and entry.base.samples) else "short"
-        yield entry, replace(entry.read, path=entry.key, samples=end, verdict=verdict)
+        read, state, verdict = entry.state.read, entry.state, PENDING
+        if end >= state.total and not read.is_part:
+            in_blocks = state.blocks or not cut.missing or (state.base and state.base.samples)
+            verdict = ACCEPTED if in_blocks else "short"
+        yield entry, replace(read, path=entry.key, samples=end, verdict=verdict)

@@ -13,7 +13,7 @@ from typing import Any
 from streams.files.datasets import FileFacts
 from streams.files.load import Loader
 from streams.files.parse.child import ReaderProcess, use_process
-from streams.folder.entry import Entry
+from streams.folder.life import Entry
 from streams.folder.raw import Raw, read_raw
 from streams.types.limits import LARGE_BYTES, ChildLimits
 from streams.types.samples import ReaderError, Samples

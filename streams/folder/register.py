@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import heapq
 import itertools
-import math
 import threading
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
@@ -12,7 +11,19 @@ from dataclasses import replace
 from streams.files.sidecar import is_sidecar
 from streams.folder.awaited import Awaited
 from streams.folder.copying import HOLD, CopyDetector, Order
-from streams.folder.entry import Entry
+from streams.folder.life import (
+    Entry,
+    FileEvent,
+    FileState,
+    Missing,
+    Observed,
+    Postponed,
+    Removed,
+    Renamed,
+    Replaced,
+    Retried,
+    Taken,
+)
 from streams.types.listing import Stat, is_likely_same, natural_key, shown, unshown
 from streams.types.source import ACCEPTED, PENDING, POISONED, RELEASED, Backlog, FileProgress, Ledger
 
@@ -59,15 +70,14 @@ class Register:
         self._rejected = sum(counts.values())
         for progress in ledger.pending_files(source):
             # Absent until a scan finds them, so that a removed one is given up in time.
-            entry = self._enter(unshown(progress.path), Stat(-1, 0, 0), now, progress)
-            entry.absent = now
+            self.tell(self._enter(unshown(progress.path), Stat(-1, 0, 0), now, progress), Missing(now))
 
     def update(self, listing: Mapping[str, Stat], now: float) -> Iterator[None]:
         """Compare a listing of the whole folder with the files known; yield after each file of it."""
         gone = [path for path in self._done if path not in listing]
         here = {path: stat.inode for path, stat in listing.items()}
         moved = {known.inode: path for path, known in self._done.items() if here.get(path) != known.inode}
-        moved |= {entry.stat.inode: path for path, entry in self.waiting.items() if here.get(path) != entry.stat.inode}
+        moved |= {e.state.stat.inode: path for path, e in self.waiting.items() if here.get(path) != e.state.stat.inode}
         if moved:
             for path, stat in listing.items():
                 if stat.inode in moved and path not in self._done and path not in self.waiting:
@@ -81,18 +91,13 @@ class Register:
         self._awaited.keep(listing)
         self._note_ignored()
         for path, entry in self.waiting.items():
-            if path in listing:
-                entry.absent = None
-            elif entry.absent is None:
-                entry.absent = now
+            if path not in listing:
+                self.tell(entry, Missing(now))
 
     def observe(self, path: str, stat: Stat, now: float, closed: bool = False) -> None:
         """Record the status of a file; ``closed``: just closed after writing or moved in."""
         self._awaited.note(path, stat, now)
         entry = self.waiting.get(path)
-        if entry is not None and entry.phase == "reading":
-            # A later scan meets the same change, once the file as it was is read.
-            return
         if entry is None:
             done = self._done.get(path)
             if path in self._others or (done is not None and done.is_of(stat)):
@@ -108,18 +113,18 @@ class Register:
                 self._others.add(path)
                 return
             self._done.pop(path, None)
-            entry = self._enter(path, stat, now, known)
-            entry.released = released
-        if entry.absent is not None:
-            entry.absent = None
-            if entry.phase == "deferred":
-                self.queue(entry)
-        if stat != entry.stat:
-            entry.stat, entry.changed, entry.closed, entry.due = stat, now, False, math.inf
-            if entry.phase in ("deferred", "held"):
-                self.queue(entry)
-        if closed:
-            entry.closed = True
+            entry = self._enter(path, stat, now, known, released=released)
+        self.tell(entry, Observed(stat, now, closed))
+
+    def tell(self, entry: Entry, event: FileEvent) -> bool:
+        """Let an event happen to a file; return whether it is to be remembered or finished by who tells it."""
+        actions = entry.happen(event)
+        if "queue" in actions:
+            self._deferred.pop(entry.path, None)
+            heapq.heappush(self._heap, (entry.order, entry.path, next(self._tie), entry))
+        elif "defer" in actions:
+            self._deferred[entry.path] = entry
+        return "remember" in actions or "finish" in actions
 
     def paths(self) -> list[str]:
         """Return the paths of the files that wait or are done."""
@@ -128,7 +133,8 @@ class Register:
     def taken_paths(self) -> list[str]:
         """Return the paths of the files that are there and of which samples are in blocks."""
         done = (path for path, known in self._done.items() if known.samples)
-        begun = (path for path, e in self.waiting.items() if e.base is not None and e.base.samples and e.absent is None)
+        waiting = ((path, entry.state) for path, entry in self.waiting.items())
+        begun = (path for path, state in waiting if state.base and state.base.samples and state.absent is None)
         return [*done, *begun]
 
     def reorder(self) -> None:
@@ -138,14 +144,14 @@ class Register:
         self._taken = None
         for path, entry in list(self.waiting.items()):
             order = self._order_of(path)
-            if order is None and entry.base is None:
+            if order is None and entry.state.base is None:
                 del self.waiting[path]
                 self._deferred.pop(path, None)
                 self._others.add(path)
                 continue
             entry.order = order or entry.order
-            if entry.phase == "queued":
-                self.queue(entry)
+            if entry.state.phase == "queued":
+                self.tell(entry, Retried())
         self._note_ignored()
 
     def _note_ignored(self) -> None:
@@ -167,17 +173,17 @@ class Register:
         """The paths of the files that are ignored, as of the latest listing, in natural order."""
         return self._ignored
 
-    def _enter(self, path: str, stat: Stat, now: float, known: FileProgress | None) -> Entry:
+    def _enter(self, path: str, stat: Stat, now: float, known: FileProgress | None, *, released: bool = False) -> Entry:
         order = self._order_of(path) or ()
-        entry = Entry(shown(path), path=path, stat=stat, order=order, seen=now, changed=now, base=known)
-        if known is not None and known.verdict != PENDING:
-            entry.counted = known.verdict
+        counted = known.verdict if known is not None and known.verdict != PENDING else None
+        state = FileState(stat=stat, changed=now, base=known, counted=counted, released=released)
+        entry = Entry(shown(path), path=path, order=order, seen=now, state=state)
         with self._lock:
-            self._count(entry.counted, -1)
+            self._count(counted, -1)
             self.waiting[path] = entry
         if order:
             self._copying.note(order, now)
-        self.queue(entry)
+        self.tell(entry, Retried())
         return entry
 
     def _renamed(self, before: str, path: str, stat: Stat) -> None:
@@ -187,27 +193,22 @@ class Register:
         any file that changes.
         """
         entry = self.waiting.get(before)
-        known = self._done.get(before) if entry is None else entry.base
+        known = self._done.get(before) if entry is None else entry.state.base
         if entry is not None:
-            grown = entry.base is not None or entry.read is not None
-            if not is_likely_same(entry.stat.size, entry.stat == stat, stat, grown) or self._order_of(path) is None:
+            state, order = entry.state, self._order_of(path)
+            grown = state.base is not None or state.read is not None
+            if not is_likely_same(state.stat.size, state.stat == stat, stat, grown) or order is None:
                 return
             with self._lock:
                 self.waiting[path] = self.waiting.pop(before)
             self._deferred.pop(before, None)
-            entry.path, entry.key, entry.absent = path, shown(path), None
-            entry.order = self._order_of(path) or ()
-            if entry.phase in ("queued", "deferred"):
-                self.queue(entry)
+            entry.path, entry.key, entry.order = path, shown(path), order
+            self.tell(entry, Renamed(None if known is None else self._restore(known, entry.key)))
         elif known is None or not is_likely_same(known.size, known.is_of(stat), stat, True):
             return
-        if known is not None:
-            moved = self._restore(known, shown(path))
-            if entry is None:
-                del self._done[before]
-                self._done[path] = moved
-            else:
-                entry.base = moved
+        else:
+            del self._done[before]
+            self._done[path] = self._restore(known, shown(path))
 
     def _restore(self, known: FileProgress, key: str) -> FileProgress:
         """Store the progress of a file under another name."""
@@ -215,25 +216,14 @@ class Register:
         self._ledger.move(self._source, known.path, moved)
         return moved
 
-    def queue(self, entry: Entry) -> None:
-        """Put a file in the queue, at its place in the order."""
-        self._deferred.pop(entry.path, None)
-        entry.phase = "queued"
-        heapq.heappush(self._heap, (entry.order, entry.path, next(self._tie), entry))
-
-    def defer(self, entry: Entry, due: float, *, awaits_end: bool = False) -> None:
-        """Skip a file until it changes, or until ``due``."""
-        entry.phase, entry.due, entry.awaits_end = "deferred", due, awaits_end
-        self._deferred[entry.path] = entry
-
     def is_settled(self, entry: Entry, now: float) -> bool:
         """Return whether a file seems to be complete.
 
         That it was closed is enough only after another file in order: many may be copied in any order.
         """
-        if now - entry.changed >= self._settle:
+        if now - entry.state.changed >= self._settle:
             return True
-        return entry.closed and self._taken is not None and entry.order > self._taken
+        return entry.state.closed and self._taken is not None and entry.order > self._taken
 
     def _is_whole(self, entry: Entry, now: float) -> bool:
         """Return whether the last line of a file counts as complete.
@@ -243,11 +233,11 @@ class Register:
         if not self.is_settled(entry, now):
             return False
         later = bool(self._heap) and self._heap[0][0] > entry.order
-        return entry.closed or later or now - entry.changed >= HOLD * self._settle
+        return entry.state.closed or later or now - entry.state.changed >= HOLD * self._settle
 
     def await_end(self, entry: Entry) -> None:
         """Defer a file that is read before its end until it counts as whole."""
-        self.defer(entry, entry.changed + HOLD * self._settle, awaits_end=True)
+        self.tell(entry, Postponed(entry.state.changed + HOLD * self._settle, awaits_end=True))
 
     def take(self, now: float, period: float | None) -> Entry | None:
         """Return the next file in order, or None where all have to wait.
@@ -263,17 +253,16 @@ class Register:
         found: Entry | None = None
         while self._heap:
             item = heapq.heappop(self._heap)
-            entry = item[3]
-            if entry.phase != "queued" or self.waiting.get(entry.path) is not entry:
+            entry, state = item[3], item[3].state
+            if state.phase != "queued" or self.waiting.get(entry.path) is not entry:
                 continue
-            if entry.absent is not None and now - entry.absent < MAX_INCOMPLETE_S:
-                self.defer(entry, entry.absent + MAX_INCOMPLETE_S)
-            elif entry.stat.regular and entry.stat.size == 0 and now - entry.changed < MAX_INCOMPLETE_S:
-                self.defer(entry, entry.changed + MAX_INCOMPLETE_S)
+            if state.absent is not None and now - state.absent < MAX_INCOMPLETE_S:
+                self.tell(entry, Postponed(state.absent + MAX_INCOMPLETE_S))
+            elif state.stat.regular and state.stat.size == 0 and now - state.changed < MAX_INCOMPLETE_S:
+                self.tell(entry, Postponed(state.changed + MAX_INCOMPLETE_S))
             elif self._is_ready(entry, now, period):
                 found = entry
-                entry.whole = self._is_whole(entry, now)
-                entry.phase = "delivered"
+                self.tell(entry, Taken(self._is_whole(entry, now)))
                 self._taken = entry.order
                 break
             else:
@@ -285,17 +274,19 @@ class Register:
         return found
 
     def _is_ready(self, entry: Entry, now: float, period: float | None) -> bool:
-        if not entry.stat.regular or entry.absent is not None:
+        state = entry.state
+        if not state.stat.regular or state.absent is not None:
             return True
         if self.is_settled(entry, now):
-            return not self._awaited.holds(entry.path, entry.changed, now)
-        return period is not None and now - max(entry.seen, entry.read_at) >= max(period, self._settle)
+            return not self._awaited.holds(entry.path, state.changed, now)
+        return period is not None and now - max(entry.seen, state.read_at) >= max(period, self._settle)
 
     def _requeue_due(self, now: float) -> None:
         """Queue the deferred files that are due, and those that count as whole by now."""
         for entry in list(self._deferred.values()):
-            if entry.due <= now or (entry.awaits_end and not entry.whole and self._is_whole(entry, now)):
-                self.queue(entry)
+            state = entry.state
+            if state.due <= now or (state.awaits_end and not state.whole and self._is_whole(entry, now)):
+                self.tell(entry, Retried())
 
     def _is_copying(self, now: float) -> bool:
         first = next(iter(self.waiting.values()), None)
@@ -316,7 +307,7 @@ class Register:
                 del self.waiting[entry.path]
                 self._count(verdict, 1)
         self._deferred.pop(entry.path, None)
-        entry.phase = "delivered"
+        self.tell(entry, Removed())
 
     def release(self, key: str) -> None:
         """Forget a poisoned file, so that the next scan enters it."""
@@ -329,18 +320,17 @@ class Register:
     def adopt(self, entry: Entry, known: FileProgress) -> None:
         """Record that a file is a known one that was renamed."""
         self.remove(entry, None)
-        self._done[entry.path] = self._restore(replace(known, mtime_ns=entry.stat.mtime_ns), entry.key)
+        self._done[entry.path] = self._restore(replace(known, mtime_ns=entry.state.stat.mtime_ns), entry.key)
 
     def renew(self, entry: Entry) -> None:
         """Treat the content as another file; the former content keeps its verdict."""
-        base = entry.base
+        base = entry.state.base
         if base is not None:
             verdict = ACCEPTED if base.verdict == PENDING else base.verdict
             self._restore(replace(base, verdict=verdict), f"{base.path}{ARCHIVED}{base.content_hash}")
             with self._lock:
                 self._count(verdict, 1)
-        entry.base = entry.counted = None
-        entry.fed = entry.total = entry.blocks = 0
+        self.tell(entry, Replaced())
 
     def _count(self, verdict: str | None, by: int) -> None:
         if verdict == ACCEPTED:

@@ -313,8 +313,8 @@ class FolderSource(LiveSource):
     def _recognise(self, now: float) -> bool:
         """Recognise the kind of the first files; return whether that succeeded."""
         register = self._register
-        for entry in [entry for entry in register.waiting.values() if entry.absent is not None]:
-            if now - (entry.absent or 0.0) >= MAX_INCOMPLETE_S:
+        for entry in [entry for entry in register.waiting.values() if entry.state.absent is not None]:
+            if now - (entry.state.absent or 0.0) >= MAX_INCOMPLETE_S:
                 _LOG.warning("source %s: %s is gone before it could be recognised", self.name, entry.key)
                 register.remove(entry, None)
         patience = 0.0
@@ -336,11 +336,14 @@ class FolderSource(LiveSource):
         """Begin to read the first settled files; None where there are none."""
         register, ledger = self._register, self._open_ledger
         ready = {
-            entry.path: entry.stat
+            entry.path: entry.state.stat
             for entry in register.waiting.values()
             if register.is_settled(entry, now)
-            and entry.absent is None
-            and ((entry.stat.regular and entry.stat.size > 0) or now - entry.changed >= MAX_INCOMPLETE_S)
+            and entry.state.absent is None
+            and (
+                (entry.state.stat.regular and entry.state.stat.size > 0)
+                or now - entry.state.changed >= MAX_INCOMPLETE_S
+            )
         }
         poisoned = [path for path in ready if ledger.deaths(self.name, shown(path)) >= MAX_DEATHS]
         if poisoned and len(poisoned) == len(ready):
