@@ -12,11 +12,14 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pyfftw
 
 Row = Mapping[str, float | int | str | None]
+Tables = Mapping[str, Any]
+"""Rows, or one row, by the name of their table."""
 
 CALIBRATION_SAMPLES = 128_000
 REFERENCE_MS = 0.35
@@ -29,6 +32,25 @@ def arguments(description: str) -> argparse.Namespace:
     parser.add_argument("--json", type=Path, metavar="FILE", help="write the same figures to this file")
     parser.add_argument("--quick", action="store_true", help="fewer repetitions: ends within a minute")
     return parser.parse_args()
+
+
+def benchmark(description: str | None) -> Callable[[Callable[[bool], Tables]], Callable[[bool], Tables]]:
+    """Make a script of the last function of a module: it is called with ``quick``, its tables are printed and written.
+
+    Nothing runs where the module is imported.
+    """
+
+    def decorate(function: Callable[[bool], Tables]) -> Callable[[bool], Tables]:
+        if function.__module__ == "__main__":
+            options = arguments(description or "")
+            tables = function(options.quick)
+            for title, rows in tables.items():
+                if rows:
+                    print_table(title, [rows] if isinstance(rows, Mapping) else rows)
+            write_json(options.json, tables)
+        return function
+
+    return decorate
 
 
 def effort_count(*, quick: int, full: int) -> int:

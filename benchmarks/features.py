@@ -23,15 +23,7 @@ from numpy.typing import NDArray
 from scipy import signal
 
 from benchmarks import plain_features as oracle
-from benchmarks.common import (
-    REFERENCE_MS,
-    Row,
-    arguments,
-    calibration_kernel,
-    interleaved_ms,
-    print_table,
-    write_json,
-)
+from benchmarks.common import REFERENCE_MS, Row, Tables, benchmark, calibration_kernel, interleaved_ms
 from monitor.health.signal import plans
 from monitor.health.signal.comb import line_spectrum
 from monitor.health.signal.features import FAULTS, FeatureSettings, block_features
@@ -200,30 +192,18 @@ def false_alarm_table(quick: bool) -> list[Row]:
     return [{"stated": p, "families of noise": spectra, "detected": k, "rate": k / spectra} for p, k in alarms.items()]
 
 
-def main() -> None:
+@benchmark("Speed and error of the features of a block.")
+def main(quick: bool) -> Tables:
     """Run, print, write."""
-    options = arguments("Speed and error of the features of a block.")
-    tables = [envelope_rows(n, rate, options.quick) for n, rate in LENGTHS]
+    tables = [envelope_rows(n, rate, quick) for n, rate in LENGTHS]
     paths, difference = [row for rows, _ in tables for row in rows], [row for _, row in tables]
-    features = all_features_table(options.quick)
-    lines = line_table(options.quick)
-    alarms = false_alarm_table(options.quick)
-    print_table(f"1. Block in, envelope spectrum out (target: {TARGET_RATIO:g} times faster at 128,000 samples)", paths)
-    print_table("2. Difference of the textbook's band from the brick wall", difference)
-    print_table(f"3. All features (target: {TARGET_ALL_MS:g} ms where the kernel takes {REFERENCE_MS:g} ms)", features)
-    print_table("4. Amplitude of a line", lines)
-    print_table("5. Noise called detected", alarms)
-    write_json(
-        options.json,
-        {
-            "envelope_path": paths,
-            "butterworth_difference": difference,
-            "all_features": features,
-            "line_amplitude": lines,
-            "false_alarms": alarms,
-        },
-    )
-
-
-if __name__ == "__main__":
-    main()
+    features = all_features_table(quick)
+    lines = line_table(quick)
+    alarms = false_alarm_table(quick)
+    return {
+        "envelope_path": paths,
+        "butterworth_difference": difference,
+        "all_features": features,
+        "line_amplitude": lines,
+        "false_alarms": alarms,
+    }

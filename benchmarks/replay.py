@@ -25,7 +25,7 @@ import numpy as np
 import monitor.health.channel
 import monitor.health.step
 import monitor.service.replay
-from benchmarks.common import REFERENCE_MS, Row, arguments, calibration_kernel, print_table, write_json
+from benchmarks.common import REFERENCE_MS, Row, Tables, benchmark, calibration_kernel
 from benchmarks.signals import HealthyMachine, bearing_lines, impacts
 from monitor.config.load import validate
 from monitor.health import onset as detect
@@ -146,14 +146,9 @@ def measure(blocks: int, channels: int, rounds: int) -> Row:
     }
 
 
-def main() -> None:
+@benchmark("Processor time of a replay, by stage.")
+def main(quick: bool) -> Tables:
     """Run, print, write."""
-    options = arguments("Processor time of a replay, by stage.")
-    rounds = 1 if options.quick else 5
-    rows = [measure(12 if options.quick else blocks, channels, rounds) for channels, blocks in ((1, 192), (4, 96))]
-    print_table(f"A block of {SAMPLES} samples and channel (target {TARGET_MS} ms at a kernel of {REFERENCE_MS})", rows)
-    write_json(options.json, {"replay": rows})
-
-
-if __name__ == "__main__":
-    main()
+    rounds = 1 if quick else 5
+    rows = [measure(12 if quick else blocks, channels, rounds) for channels, blocks in ((1, 192), (4, 96))]
+    return {"replay": rows}

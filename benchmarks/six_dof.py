@@ -27,7 +27,7 @@ from multiprocessing.synchronize import Barrier
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.common import Row, arguments, calibration_kernel, interleaved_ms, print_table, write_json
+from benchmarks.common import Row, Tables, benchmark, calibration_kernel, interleaved_ms
 from benchmarks.engine.periods import Solved, period_of, run, simulate_plainly, solve_scene
 from models.machine.scene import Defect, Floor, Scene
 from models.maps.build import build_map
@@ -321,22 +321,15 @@ def _calibration_wall(context: SpawnContext, count: int) -> float:
     return seconds
 
 
-def main() -> None:
+@benchmark("Six-degree-of-freedom model: error against time.")
+def main(quick: bool) -> Tables:
     """Print the tables and write the JSON file if one was asked for."""
-    options = arguments("Six-degree-of-freedom model: error against time.")
     simulate(Scene(40.0, 4000.0))
-    tables = {
-        "reference": reference_rows(2 if options.quick else 4),
-        "settled scenes": error_rows(40 if options.quick else 240),
-        "integrated": integrated_rows(5 if options.quick else 20),
-        "settling": settling_rows(12 if options.quick else 24),
-        "map": [map_row(40 if options.quick else 400)],
-        "cores": [core_row(1 if options.quick else 3)],
+    return {
+        "reference": reference_rows(2 if quick else 4),
+        "settled scenes": error_rows(40 if quick else 240),
+        "integrated": integrated_rows(5 if quick else 20),
+        "settling": settling_rows(12 if quick else 24),
+        "map": [map_row(40 if quick else 400)],
+        "cores": [core_row(1 if quick else 3)],
     }
-    for title, rows in tables.items():
-        print_table(title, rows)
-    write_json(options.json, tables)
-
-
-if __name__ == "__main__":
-    main()

@@ -19,7 +19,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from benchmarks.common import Row, arguments, print_table, write_json
+from benchmarks.common import Row, Tables, benchmark
 from benchmarks.engine.periods import solve_scene
 from models.machine.rig import Rig
 from models.machine.scene import Defect, Floor, Part, Scene, Slip
@@ -185,17 +185,11 @@ def cost_rows(rounds: int) -> list[Row]:
     return rows
 
 
-def main() -> None:
+@benchmark(__doc__ or "")
+def main(quick: bool) -> Tables:
     """Print the tables."""
-    options = arguments(__doc__ or "")
-    scenes: Sequence[int] = (24, 8) if options.quick else (120, 40)
+    scenes: Sequence[int] = (24, 8) if quick else (120, 40)
     bounds = bound_rows("periodic", periodic_errors, scenes[0], 7)
     bounds += bound_rows("time_domain", turning_errors, scenes[1], 8)
-    costs = cost_rows(3 if options.quick else 15)
-    print_table("Stated errors against true ones", bounds)
-    print_table("Processor time of one scene", costs)
-    write_json(options.json, {"bounds": bounds, "costs": costs})
-
-
-if __name__ == "__main__":
-    main()
+    costs = cost_rows(3 if quick else 15)
+    return {"bounds": bounds, "costs": costs}

@@ -15,7 +15,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from benchmarks.common import Row, arguments, calibration_kernel, interleaved_ms, print_table, write_json
+from benchmarks.common import Row, Tables, benchmark, calibration_kernel, interleaved_ms
 from benchmarks.engine.periods import solve_scene
 from benchmarks.six_dof import ACCURACIES, random_scenes
 from models.machine.bearing import catalogue_entry
@@ -111,14 +111,9 @@ def _ms(scene: Scene, accuracy: float) -> float:
     return float(np.median(times))
 
 
-def main() -> None:
+@benchmark("The periodic engine away from the thesis' bench.")
+def main(quick: bool) -> Tables:
     """Print the table and write the JSON file if one was asked for."""
-    options = arguments("The periodic engine away from the thesis' bench.")
     simulate(Scene(40.0, 4000.0, defect=Defect(0.1, 1e-5)))
-    rows = [row for name in FAMILIES for row in family_rows(name, 4 if options.quick else 16)]
-    print_table("families", rows)
-    write_json(options.json, {"families": rows})
-
-
-if __name__ == "__main__":
-    main()
+    rows = [row for name in FAMILIES for row in family_rows(name, 4 if quick else 16)]
+    return {"families": rows}

@@ -15,7 +15,7 @@ import time
 
 import numpy as np
 
-from benchmarks.common import Row, arguments, print_table, write_json
+from benchmarks.common import Row, Tables, benchmark
 from models.fe.extra import require_skfem
 from models.fe.solid.elastic import ElasticBody
 
@@ -82,21 +82,16 @@ def _resident() -> int:
         return 1024 * next(int(line.split()[1]) for line in status if line.startswith("VmRSS"))
 
 
-def main() -> None:
+@benchmark(__doc__ or "")
+def main(quick: bool) -> Tables:
     """Measure all bodies."""
-    options = arguments(__doc__ or "")
     rows: list[Row] = []
     context = multiprocessing.get_context("spawn")
     for name, ratio in SHAPES.items():
-        for unknowns in UNKNOWNS[:3] if options.quick else UNKNOWNS:
+        for unknowns in UNKNOWNS[:3] if quick else UNKNOWNS:
             count = (unknowns / 24.0 / math.prod(ratio)) ** (1.0 / 3.0)
             shape = tuple(max(1, round(part * count)) for part in ratio)
             with context.Pool(1) as pool:
                 rows.append({"body": name, **pool.apply(measure, (shape,))})
             print(rows[-1], flush=True)
-    print_table("Factorisation", rows)
-    write_json(options.json, {"factorisation": rows})
-
-
-if __name__ == "__main__":
-    main()
+    return {"factorisation": rows}

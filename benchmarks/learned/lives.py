@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.common import Row, arguments, print_table, write_json
+from benchmarks.common import Row, Tables, benchmark
 from monitor.health.rest.learned import fit
 from monitor.health.rest.learned.fit import LearnedRun, Moments, moments_of
 from monitor.health.rest.learned.scores import SCORED_SHARES, covers, crps_share
@@ -158,11 +158,11 @@ def score(drawn: Sequence[Drawn], chosen: Mapping[str, Any]) -> Row:
     return {"CRPS, three": crps, "cover, three": coverage, "CRPS, all": crps_all, "cover, all": coverage_all}
 
 
-def main() -> None:
+@benchmark(__doc__ or "")
+def main(quick: bool) -> Tables:
     """Draw, score, print."""
-    options = arguments(__doc__ or "")
-    sizes = (6,) if options.quick else (3, 6, 12)
-    drawn = {runs: draw_kinds(6 if options.quick else 30, runs, SEED) for runs in sizes}
+    sizes = (6,) if quick else (3, 6, 12)
+    drawn = {runs: draw_kinds(6 if quick else 30, runs, SEED) for runs in sizes}
     choices: dict[str, dict[str, Any]] = {"as long again": {"RIDGE": (1e9,) * 5, "PRIOR_RUNS": 1e9}}
     ridges = ((3.0,) * 5, (6.0,) * 5, (10.0,) * 5, (6.0, 2.0, 6.0, 6.0, 6.0), (6.0, 3.0, 10.0, 10.0, 10.0), fit.RIDGE)
     choices |= {"ridge " + " ".join(f"{value:g}" for value in ridge): {"RIDGE": ridge} for ridge in ridges}
@@ -172,9 +172,4 @@ def main() -> None:
     for name, choice in choices.items():
         for runs, kinds in drawn.items():
             rows.append({"choice": name, "runs": runs, **score(kinds, {**CHOSEN, **choice})})
-    print_table("Runs of simulated kinds of machine, learned from others of the kind", rows)
-    write_json(options.json, {"seed": {"kinds": SEED}, "rows": rows})
-
-
-if __name__ == "__main__":
-    main()
+    return {"seed": {"kinds": SEED}, "rows": rows}

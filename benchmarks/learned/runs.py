@@ -27,7 +27,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.common import Row, arguments, print_table, write_json
+from benchmarks.common import Row, Tables, benchmark
 from benchmarks.learned.lives import constants
 from benchmarks.learned.opponents import LEVELS, Forecast, learned, opponents
 from benchmarks.onset.windows import WINDOWS, inputs_of
@@ -250,13 +250,13 @@ def cost_table(runs: Sequence[Run], updates: int) -> list[Row]:
     ]
 
 
-def main() -> None:
+@benchmark("Learned forecasts on recorded runs to failure, leave one run out.")
+def main(quick: bool) -> Tables:
     """Read, score, print."""
-    options = arguments("Learned forecasts on recorded runs to failure, leave one run out.")
     folder = recordings_folder()
     if not folder.is_dir():
         print("no recordings: SPALLWATCH_DATA names no folder")
-        return
+        return {}
     runs = read_runs(folder)
     lives = [
         {
@@ -274,15 +274,9 @@ def main() -> None:
         "1. At shares of the final stage, CRPS over it": share_table(runs),
         "2. At other moments": other_moments_table(runs),
         "3. One axis, fewer blocks": [one_row(label, read_runs(folder, axis, every)) for label, axis, every in axes],
-        "4. By the number of runs learned from": number_table(runs, 2 if options.quick else 6),
+        "4. By the number of runs learned from": number_table(runs, 2 if quick else 6),
         "5. Other constants": constants_table(runs),
         "6. Levels at the end, times the baseline": end_table(runs),
-        "7. An update": cost_table(runs, 2000 if options.quick else 100_000),
+        "7. An update": cost_table(runs, 2000 if quick else 100_000),
     }
-    for title, rows in tables.items():
-        print_table(title, rows)
-    write_json(options.json, {title.split(". ")[1]: list(rows) for title, rows in tables.items()})
-
-
-if __name__ == "__main__":
-    main()
+    return {title.split(". ")[1]: list(rows) for title, rows in tables.items()}

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
-from benchmarks.common import Row, arguments, print_table, write_json
+from benchmarks.common import Row, Tables, benchmark
 from models.machine.scene import Floor, Slip
 from models.maps.build import build_map, build_refined_map
 from models.maps.data import RmsMap
@@ -195,25 +195,19 @@ def _median(values: Floats) -> float:
     return 100.0 * float(np.median(values))
 
 
-def main() -> None:
+@benchmark("RMS maps: errors between nodes, loads and speeds; spread over floors and rig parameters.")
+def main(quick: bool) -> Tables:
     """Print the tables and write the JSON file if one was asked for."""
-    options = arguments("RMS maps: errors between nodes, loads and speeds; spread over floors and rig parameters.")
     build_map(plan_of(3, 3))
-    levels = Levels(options.quick)
-    steps = (5.0, 1.0) if options.quick else (5.0, 2.5, 1.0, 0.5, 0.25, 0.1)
+    levels = Levels(quick)
+    steps = (5.0, 1.0) if quick else (5.0, 2.5, 1.0, 0.5, 0.25, 0.1)
     tables = {
-        "grid": grid_rows(options.quick),
+        "grid": grid_rows(quick),
         "loads": load_rows(levels),
-        "speeds": speed_rows("settled", levels, steps, 5 if options.quick else 16),
-        "spread": spread_rows(options.quick),
+        "speeds": speed_rows("settled", levels, steps, 5 if quick else 16),
+        "spread": spread_rows(quick),
     }
-    slipping = Levels(True, Slip(0.01), 4 if options.quick else 32)
-    slow = (5.0,) if options.quick else (5.0, 2.5, 1.0)
-    tables["speeds"] += speed_rows("slip up to 0.01 rad", slipping, slow, 2 if options.quick else 8)
-    for title, rows in tables.items():
-        print_table(title, rows)
-    write_json(options.json, tables)
-
-
-if __name__ == "__main__":
-    main()
+    slipping = Levels(True, Slip(0.01), 4 if quick else 32)
+    slow = (5.0,) if quick else (5.0, 2.5, 1.0)
+    tables["speeds"] += speed_rows("slip up to 0.01 rad", slipping, slow, 2 if quick else 8)
+    return tables

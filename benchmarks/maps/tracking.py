@@ -24,7 +24,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.common import Row, arguments, print_table, write_json
+from benchmarks.common import Row, Tables, benchmark
 from models.machine.bearing import kinematics
 from models.machine.scene import Floor
 from models.maps.file import cached_map
@@ -358,10 +358,10 @@ def forecast_rows(lives: Sequence[Heard], tracked: Mapping[str, Sequence[Tracked
     return rows
 
 
-def main() -> None:
+@benchmark("How far the thesis' tracker and forecast are from the truth on the simulated rig.")
+def main(quick: bool) -> Tables:
     """Run the tables and print them, and write them where asked."""
-    options = arguments("How far the thesis' tracker and forecast are from the truth on the simulated rig.")
-    count, rough, rigs = (8, 1, 2) if options.quick else (300, 3, 10)
+    count, rough, rigs = (8, 1, 2) if quick else (300, 3, 10)
     maps, background = make_maps(rough), background_power()
     lives = [hear(FIRST_SEED + k, background) for k in range(count)]
     tracked = {name: [track(life, map_slice) for life in lives] for name, map_slice in maps.items()}
@@ -372,12 +372,4 @@ def main() -> None:
         "whole": lambda: [score_whole(name, lives, found) for name, found in tracked.items()],
         "forecasts": lambda: forecast_rows(lives, tracked),
     }
-    figures: dict[str, list[Row]] = {}
-    for title, table in tables.items():
-        figures[title] = table()
-        print_table(title, figures[title])
-    write_json(options.json, figures)
-
-
-if __name__ == "__main__":
-    main()
+    return {title: table() for title, table in tables.items()}

@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.common import Row, arguments, print_table, write_json
+from benchmarks.common import Row, Tables, benchmark
 from benchmarks.naming.faults import Gear, Plan, Seeded, draw, realise
 from benchmarks.naming.seeded import block_of, settings_of
 from benchmarks.recordings import Steps
@@ -119,10 +119,10 @@ def limit(named: int, count: int) -> float:
     return high
 
 
-def main() -> None:
+@benchmark("Names on records without damage.")
+def main(quick: bool) -> Tables:
     """Run, print, write."""
-    options = arguments("Names on records without damage.")
-    count = 50 if options.quick else RECORDS
+    count = 50 if quick else RECORDS
     rows: list[Row] = []
     noted: list[Row] = []
     for kind in KINDS:
@@ -141,11 +141,4 @@ def main() -> None:
             "limit_95_%": 100.0 * limit(names, total),
         }
     )
-    print_table("Records without damage", rows)
-    if noted:
-        print_table("Named", noted)
-    write_json(options.json, {"undamaged": rows, "named": noted})
-
-
-if __name__ == "__main__":
-    main()
+    return {"undamaged": rows, "named": noted}

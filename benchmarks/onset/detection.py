@@ -24,7 +24,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.common import Row, arguments, calibration_kernel, interleaved_ms, print_table, write_json
+from benchmarks.common import Row, Tables, benchmark, calibration_kernel, interleaved_ms
 from benchmarks.recordings import RUNS, History, Run, histories, recordings_folder
 from benchmarks.signals import HealthyMachine, bearing_lines, impacts
 from models.machine.bearing import kinematics
@@ -335,30 +335,20 @@ def time_table(quick: bool) -> list[Row]:
     return rows
 
 
-def main() -> None:
+@benchmark("Onset detection: recordings, sensitivity, false alarms, time.")
+def main(quick: bool) -> Tables:
     """Run, print, write."""
-    options = arguments("Onset detection: recordings, sensitivity, false alarms, time.")
     tables: dict[str, list[Row]] = {}
     folder = recordings_folder()
     if folder.is_dir():
-        runs = RUNS[:3] if options.quick else RUNS
+        runs = RUNS[:3] if quick else RUNS
         found = {run: histories(run, folder) for run in runs}
         tables["runs"] = [row for run, channels in found.items() for row in run_rows(run, channels)]
-        print_table("1. Runs to failure (window of t_fs, known by)", tables["runs"])
         tables["sensitivity"] = sensitivity_rows(found)
-        print_table("2. Settings varied: t_fs/known of each channel", tables["sensitivity"])
     else:
         print("no recordings: SPALLWATCH_DATA names no folder")
-    tables["healthy_samples"], scatter = sample_table(options.quick)
-    print_table("3. Healthy machines, samples through all stages", tables["healthy_samples"])
-    tables["healthy_features"] = feature_table(options.quick, scatter[0.1])
-    print_table("4. Healthy machines, features only", tables["healthy_features"])
-    tables["steps"] = step_table(options.quick, scatter[0.1])
-    print_table("5. Share of steps known within 20 blocks", tables["steps"])
-    tables["time"] = time_table(options.quick)
-    print_table("6. Time of a block", tables["time"])
-    write_json(options.json, tables)
-
-
-if __name__ == "__main__":
-    main()
+    tables["healthy_samples"], scatter = sample_table(quick)
+    tables["healthy_features"] = feature_table(quick, scatter[0.1])
+    tables["steps"] = step_table(quick, scatter[0.1])
+    tables["time"] = time_table(quick)
+    return tables

@@ -27,7 +27,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.common import Row, arguments, print_table, write_json
+from benchmarks.common import Row, Tables, benchmark
 from benchmarks.onset.detection import cusum, three_sigma
 from benchmarks.onset.windows import WINDOWS, Window, inputs_of
 from benchmarks.recordings import recordings_folder
@@ -259,31 +259,20 @@ def healthy(machines: int, blocks: int, seed: int) -> Row:
     }
 
 
-def main() -> None:
+@benchmark("Onsets: runs to failure, each part, episodes, healthy machines.")
+def main(quick: bool) -> Tables:
     """Run, print, write."""
-    options = arguments("Onsets: runs to failure, each part, episodes, healthy machines.")
-    quick = options.quick
     tables: dict[str, list[Row]] = {}
     if recordings_folder().is_dir():
         tables["runs"], tables["counts"] = run_tables()
-        print_table("1. Eleven runs to failure, both axes", tables["runs"])
-        print_table("2. Onsets by rule", tables["counts"])
     else:
         print("no recordings: SPALLWATCH_DATA names no folder")
     tables["episodes"] = [
         come_and_go(2 if quick else 100, factor, length, HELD_OUT_SEED + place)
         for place, (factor, length) in enumerate(((1.5, 20), (2.0, 20), (2.0, 100), (4.0, 100), (4.0, 7), (4.0, 4)))
     ]
-    print_table("3. Episodes that come and go", tables["episodes"])
     parts = ("outer", "inner", "ball", "cage")
     tables["parts"] = [growing(part, 1 if quick else 5, HELD_OUT_SEED + 100 + i) for i, part in enumerate(parts)]
-    print_table("4. Blocks from the first damage to its detection", tables["parts"])
     tables["rates"] = rates(200_000 if quick else 4_000_000)
-    print_table("5. Exceedances of healthy scores, stated 1 in 1000", tables["rates"])
     tables["healthy"] = [healthy(*((1, 200) if quick else (30, 2140)), seed=HELD_OUT_SEED + 200)]
-    print_table("6. Healthy machines through features and detector", tables["healthy"])
-    write_json(options.json, tables)
-
-
-if __name__ == "__main__":
-    main()
+    return tables

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from scipy.io import loadmat
 
-from benchmarks.common import REFERENCE_MS, arguments, calibration_kernel, interleaved_ms, print_table, write_json
+from benchmarks.common import REFERENCE_MS, Tables, benchmark, calibration_kernel, interleaved_ms
 from benchmarks.recordings import recordings_folder
 from benchmarks.rotation.ridge_signals import (
     BEARING,
@@ -237,21 +237,15 @@ def times() -> dict[str, Any]:
     return {**{f"{name}_ms": value for name, value in ms.items()}, "scale": REFERENCE_MS / ms["kernel"]}
 
 
-def main() -> None:
+@benchmark(__doc__ or "")
+def main(quick: bool) -> Tables:
     """Print the tables."""
-    options = arguments(__doc__ or "")
     tables: dict[str, Any] = {"times": [times()]}
     for name in SETS:
-        rows = list(trials(name, 1 if options.quick else 4))
+        rows = list(trials(name, 1 if quick else 4))
         for key in ("profile", "snr_db"):
             tables[f"{name}, by {key}"] = summary(rows, key)
-    tables["no shaft"] = [without_shaft(12 if options.quick else 150)]
+    tables["no shaft"] = [without_shaft(12 if quick else 150)]
     if _DATA.is_dir():
         tables["recordings"] = [real_row(*item) for item in recordings()]
-    for title, rows in tables.items():
-        print_table(title, rows)
-    write_json(options.json, tables)
-
-
-if __name__ == "__main__":
-    main()
+    return tables

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.common import arguments, print_table, write_json
+from benchmarks.common import Tables, benchmark
 from benchmarks.recordings import recordings_folder
 from models.machine.bearing import Bearing, from_catalogue
 from monitor.health.signal.speed import SpeedStatus, estimate_speed
@@ -98,16 +98,10 @@ def noise(count: int) -> dict[str, Any]:
     }
 
 
-def main() -> None:
+@benchmark(__doc__ or "")
+def main(quick: bool) -> Tables:
     """Print the tables."""
-    options = arguments(__doc__ or "")
     rows = [_row(*item) for item in recordings()] if _DATA.is_dir() else []
-    rows += list(simulated(2 if options.quick else 8))
-    quiet = noise(20 if options.quick else 300)
-    print_table("Shaft speed from the signal, searched from 10 to 60 Hz", rows)
-    print_table("White noise", [quiet])
-    write_json(options.json, {"rows": rows, "noise": quiet})
-
-
-if __name__ == "__main__":
-    main()
+    rows += list(simulated(2 if quick else 8))
+    quiet = noise(20 if quick else 300)
+    return {"rows": rows, "noise": quiet}

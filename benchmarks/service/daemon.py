@@ -25,7 +25,7 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.common import Row, arguments, print_table, write_json
+from benchmarks.common import Row, Tables, benchmark
 from models.maps.file import cached_map, save_map
 from models.maps.plan import MapPlan
 from models.work.choose import local_runner
@@ -127,13 +127,8 @@ def rows(rounds: int) -> list[Row]:
     return found
 
 
-def main() -> None:
+@benchmark("start and stop of the daemon")
+def main(quick: bool) -> Tables:
     """Measure, print, and write what was asked for."""
-    options = arguments("start and stop of the daemon")
-    table = rows(5 if options.quick else 20)
-    print_table("start and stop of the daemon (wall clock, target: ready in 3 s, stopped in 5 s)", table)
-    write_json(options.json, {"start": table})
-
-
-if __name__ == "__main__":
-    main()
+    table = rows(5 if quick else 20)
+    return {"start": table}
