@@ -29,7 +29,8 @@ from benchmarks.recordings import RUNS, History, Run, histories, recordings_fold
 from benchmarks.signals import HealthyMachine, bearing_lines, impacts
 from models.machine.bearing import kinematics
 from monitor.health import onset as detect
-from monitor.health.channel import ChannelBlock, check_channel, detect_input, step
+from monitor.health.channel import check_channel, detect_input, step
+from monitor.health.later_stages import ChannelBlock
 from monitor.health.name.naming import name_fault
 from monitor.health.signal.condition import Quantity
 from monitor.health.signal.features import FeatureSettings, block_features, fundamentals

@@ -33,7 +33,8 @@ from benchmarks.onset.windows import WINDOWS, Window, inputs_of
 from benchmarks.recordings import recordings_folder
 from benchmarks.signals import HealthyMachine, bearing_lines, impacts
 from monitor.health import onset as detect
-from monitor.health.channel import ChannelBlock, detect_input
+from monitor.health.channel import detect_input
+from monitor.health.later_stages import ChannelBlock
 from monitor.health.onset.detector import one_of, threshold_for
 from monitor.health.signal.condition import Quantity
 from monitor.health.signal.features import FeatureSettings, block_features, fundamentals

@@ -7,75 +7,33 @@ from __future__ import annotations
 
 import statistics
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import partial
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from models.machine.bearing import Kinematics, kinematics
 from monitor.health import onset as detect
-from monitor.health.after_onset import level_status, time_to_alarm, track
 from monitor.health.gears.lines import Wheels
+from monitor.health.later_stages import ChannelBlock, later_stages, level_status
 from monitor.health.name.naming import Naming, name_fault
 from monitor.health.output import ChannelOutput
-from monitor.health.rest.trend import TimeToAlarm
 from monitor.health.signal.average import RecentSpectra
 from monitor.health.signal.bands import BandVotes, candidate_bands
 from monitor.health.signal.comb import comb_depth
-from monitor.health.signal.condition import Quantity, known_sd
+from monitor.health.signal.condition import known_sd
 from monitor.health.signal.features import FAULTS, BlockFeatures, FeatureSettings, block_features, fundamentals
 from monitor.health.signal.interference import MESH_SD, all_combs, wheel_turns
 from monitor.health.signal.quality import Verdict, check_samples
-from monitor.health.signal.rotation.rotation import PulseCounts, Rotation
 from monitor.health.signal.search import family_searches, slip_searches
 from monitor.health.signal.transform import Band
-from monitor.health.size import Damage, Remaining
 from monitor.health.state import ChannelSettings, ChannelState, Named
 
 PART_LINES: dict[str, str] = dict(zip(detect.LINES, FAULTS, strict=True))
 """The fault family of each sum of lines that the detector listens to."""
 HELD_BLOCKS = 5
 """Blocks that must show the shaft before its speed is taken for blocks that do not."""
-
-
-@dataclass(frozen=True, eq=False)
-class ChannelBlock:
-    """One channel of a block.
-
-    Attributes:
-        samples: shape (sample,), m/s2, or any unit where that is unknown.
-        rate: sampling rate, Hz.
-        sequence: number of the block in its source, from 1.
-        time: seconds of its first sample, UTC where dated, else since the first block; None where unknown.
-        verdict: of quality, the flags of the block included.
-        speed: of the shaft, Hz; known wherever the block is accepted.
-        load: N.
-        span: least and largest sample, where known.
-        rotation: angle of the shaft over the block, None where only its mean speed is known.
-        rotation_status: "ok", or why there is no angle; None where there is no source of one.
-        pulses: what was repaired in the pulses, None without pulses.
-        recorded_range: least and highest speed, Hz, of a block whose record alone is left.
-    """
-
-    samples: NDArray[np.floating]
-    rate: float
-    sequence: int
-    time: float | None
-    verdict: Verdict
-    speed: Quantity = field(default_factory=Quantity)
-    load: Quantity = field(default_factory=Quantity)
-    span: tuple[float, float] | None = None
-    rotation: Rotation | None = None
-    rotation_status: str | None = None
-    pulses: PulseCounts | None = None
-    recorded_range: tuple[float, float] | None = None
-
-    @property
-    def speed_range(self) -> tuple[float, float] | None:
-        """Least and highest speed, Hz, where they are known."""
-        return self.recorded_range if self.rotation is None else self.rotation.speed_range
 
 
 def check_channel(
@@ -196,40 +154,6 @@ def conclude(
     )
 
 
-class LaterStages(NamedTuple):
-    """What the stages from the detector on say of a block."""
-
-    detection: detect.DetectOutput
-    damage: Damage | None
-    forecasts: tuple[Remaining, ...]
-    to_alarm: TimeToAlarm
-
-
-def later_stages(
-    state: ChannelState,
-    block: ChannelBlock,
-    settings: ChannelSettings,
-    given: detect.DetectInput,
-    harmonics: tuple[float, ...] | None,
-    named: Named | None,
-) -> tuple[ChannelState, LaterStages]:
-    """Take an accepted block, of which the samples or a record are there, through the stages from the detector on.
-
-    Args:
-        given: for the detector; its RMS is that of the block, m/s2, or any unit where that is unknown.
-        harmonics: amplitudes of the first six BPFO lines, m/s2, or None where one is unresolved.
-        named: the part that the block names.
-    """
-    state = _run_clock(state, block)
-    detector, detection = detect.step(state.detect, given, settings.detect)
-    state = replace(state, detect=detector)
-    if block.verdict.for_baseline:
-        state = _latch_name(state, named)
-    state, damage, forecasts = track(state, block, settings, given.rms, harmonics, detection)
-    state, to_alarm = time_to_alarm(state, block, settings, given.rms, detection)
-    return state, LaterStages(detection, damage, forecasts, to_alarm)
-
-
 def _bands(
     state: ChannelState, settings: ChannelSettings, rate: float, lines: Kinematics
 ) -> tuple[tuple[Band, ...], str]:
@@ -239,18 +163,6 @@ def _bands(
     if state.bands:
         return state.bands, state.band_source
     return (candidate_bands(rate, max(lines.bpfo, lines.bpfi, 2.0 * lines.bsf))[0],), "provisional"
-
-
-def _run_clock(state: ChannelState, block: ChannelBlock) -> ChannelState:
-    """Advance the damage time, which is the time that the machine ran; between two running blocks it runs."""
-    flags = set(block.verdict.flags)
-    if block.time is None or {"late", "out_of_order", "clock"} & flags:
-        return state
-    running = "stopped" not in flags
-    gained = 0.0
-    if running and state.was_running and state.last_time is not None and block.time > state.last_time:
-        gained = block.time - state.last_time
-    return replace(state, running_time=state.running_time + gained, last_time=block.time, was_running=running)
 
 
 def _vote(state: ChannelState, block: ChannelBlock, asked: FeatureSettings) -> ChannelState:
@@ -365,20 +277,3 @@ def _named(naming: Naming, sequence: int) -> Named | None:
         naming.candidates,
         not naming.verified,
     )
-
-
-def _latch_name(state: ChannelState, named: Named | None) -> ChannelState:
-    """Keep the name of the fault: the present one before the final stage, that of the highest score in it.
-
-    A part that is decided takes the place of one that is not.
-    """
-    kept = state.named
-    if state.detect.t_fs is None and state.detect.t_eol is None:
-        return replace(state, named=named)
-    if named is None or (kept is not None and _weight(named) <= _weight(kept)):
-        return state
-    return replace(state, named=named)
-
-
-def _weight(named: Named) -> tuple[bool, float]:
-    return not named.candidates, named.standing

@@ -16,11 +16,12 @@ from numpy.typing import NDArray
 
 from monitor.health import onset as detect
 from monitor.health.alarms import AlarmAcknowledgement
-from monitor.health.channel import PART_LINES, ChannelBlock, is_for_detector, later_stages, shallow_lines
+from monitor.health.channel import PART_LINES, is_for_detector, shallow_lines
 from monitor.health.gears.naming import GearsInput, GearsState
 from monitor.health.gears.naming import step as gears_step
 from monitor.health.gears.stage import rules_of
 from monitor.health.gears.values import recorded_readings
+from monitor.health.later_stages import ChannelBlock, later_stages
 from monitor.health.name.naming import score_threshold
 from monitor.health.onset import DetectInput, DetectOutput
 from monitor.health.record import Record

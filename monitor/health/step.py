@@ -15,8 +15,9 @@ from typing import Any
 
 from monitor.health.alarms import AlarmAcknowledgement, AlarmInput, AlarmState, acknowledged
 from monitor.health.alarms import step as alarms_step
-from monitor.health.channel import ChannelBlock, analyse, check_channel, conclude
+from monitor.health.channel import analyse, check_channel, conclude
 from monitor.health.gears.stage import gear_events, gears_step
+from monitor.health.later_stages import ChannelBlock
 from monitor.health.name.crosstalk import ChannelView, beside_neighbours
 from monitor.health.name.evidence import evidence_of_record
 from monitor.health.name.machine import BearingVerdict
@@ -29,12 +30,11 @@ from monitor.health.output import (
     baseline_events,
     issued_forecasts,
     name_events,
-    record_values,
     release_events,
-    spectrum_row,
     stage_events,
 )
 from monitor.health.record import Record, storable
+from monitor.health.record_values import record_values, spectrum_row
 from monitor.health.signal.condition import ConditionSettings, load_of, speed_flags, speed_of
 from monitor.health.signal.indicators import span_of
 from monitor.health.signal.interference import all_combs

@@ -15,7 +15,7 @@ from monitor.config.removed import removed_lines
 from monitor.health.gears.values import gears_summary, primary_fault
 from monitor.health.name.machine import patience_of, weigh
 from monitor.health.onset import Episode, Mark
-from monitor.health.output import basis_of
+from monitor.health.record_values import basis_of
 from monitor.health.schema import VERDICT
 from monitor.health.state import ChannelSettings, SourceSettings, SourceState, channels_by_bearing
 from monitor.service.calibration import other_models

@@ -12,7 +12,8 @@ import pytest
 
 from monitor.commands.replay import summary_lines
 from monitor.health.alarms import AlarmSettings
-from monitor.health.output import ChannelOutput, record_values
+from monitor.health.output import ChannelOutput
+from monitor.health.record_values import record_values
 from monitor.health.rest.trend import TimeToAlarm, TrendInput, TtaStatus, step
 from monitor.health.signal.quality import Verdict
 from monitor.health.state import ChannelState

@@ -12,10 +12,11 @@ import pytest
 
 from monitor.commands.replay import summary_lines
 from monitor.config.load import load_config
-from monitor.health.channel import ChannelBlock, step
-from monitor.health.output import ChannelOutput, record_values, spectrum_row
+from monitor.health.channel import step
+from monitor.health.later_stages import ChannelBlock
+from monitor.health.output import ChannelOutput
 from monitor.health.record import Record
-from monitor.health.rotation_values import rotation_values
+from monitor.health.record_values import record_values, rotation_values, spectrum_row
 from monitor.health.schema import DOMAINS, ROTATION_STATUSES
 from monitor.health.signal.condition import Quantity
 from monitor.health.signal.quality import Verdict, rejected

@@ -10,8 +10,9 @@ import pytest
 from pydantic import ValidationError
 
 from monitor.config.machine import MachineSection
-from monitor.health.channel import ChannelBlock, step
-from monitor.health.output import record_values
+from monitor.health.channel import step
+from monitor.health.later_stages import ChannelBlock
+from monitor.health.record_values import record_values
 from monitor.health.signal.condition import Quantity
 from monitor.health.signal.quality import Verdict
 from monitor.health.state import ChannelState

@@ -9,10 +9,12 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-from monitor.health.channel import ChannelBlock, check_channel, step
+from monitor.health.channel import check_channel, step
+from monitor.health.later_stages import ChannelBlock
 from monitor.health.onset import DetectSettings
-from monitor.health.output import ChannelOutput, record_values
+from monitor.health.output import ChannelOutput
 from monitor.health.record import Record
+from monitor.health.record_values import record_values
 from monitor.health.signal.condition import Quantity
 from monitor.health.signal.quality import Verdict, with_flags
 from monitor.health.size.level_set import LevelMap

@@ -13,7 +13,8 @@ from pathlib import Path
 from monitor.config.load import Config, load_config
 from monitor.config.source import SourceSection
 from monitor.health import onset as detect
-from monitor.health.channel import ChannelBlock, detect_input
+from monitor.health.channel import detect_input
+from monitor.health.later_stages import ChannelBlock
 from monitor.health.name.naming import Naming
 from monitor.health.output import ChannelOutput
 from monitor.health.record import Record

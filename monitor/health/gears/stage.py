@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from monitor.health.channel import ChannelBlock
 from monitor.health.gears.angle import angle_of_mesh
 from monitor.health.gears.average import wheel_average
 from monitor.health.gears.indicators import gear_indicators, shared_orders
@@ -22,6 +21,7 @@ from monitor.health.gears.naming import (
     step,
 )
 from monitor.health.gears.settings import GearSettings
+from monitor.health.later_stages import ChannelBlock
 from monitor.health.name.crosstalk import ChannelView
 from monitor.health.onset import LEARNING
 from monitor.health.output import ChannelOutput

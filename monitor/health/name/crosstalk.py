@@ -14,7 +14,8 @@ from dataclasses import dataclass, replace
 
 from models.machine.bearing import kinematics
 from monitor.health import onset as detect
-from monitor.health.channel import PART_LINES, Analysed, ChannelBlock, detect_input, is_for_detector
+from monitor.health.channel import PART_LINES, Analysed, detect_input, is_for_detector
+from monitor.health.later_stages import ChannelBlock
 from monitor.health.signal.features import features_beside
 from monitor.health.signal.foreign import ForeignComb
 from monitor.health.signal.orders import same_axis

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from monitor.health.alarms import SEVERITIES, AlarmSettings, Level, LevelState, Rule, applies, limit_of, move_level
 from monitor.health.rest.growth import Crossing, crossing, segments
 from monitor.health.rest.learned.history import StageHistory
-from monitor.health.rest.settings import check_forecast
+from monitor.health.size import check_forecast
 from monitor.health.stored import StoredState
 
 STATE_VERSION = 1

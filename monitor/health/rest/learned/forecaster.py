@@ -11,8 +11,7 @@ from dataclasses import dataclass, replace
 from monitor.health.rest.learned.fit import MIN_POINTS
 from monitor.health.rest.learned.history import StageHistory
 from monitor.health.rest.learned.model import Distribution, LearnedModel
-from monitor.health.rest.settings import check_forecast
-from monitor.health.size import DamageInput, Remaining, TtStatus
+from monitor.health.size import DamageInput, Remaining, TtStatus, check_forecast
 from monitor.health.size.library.forecaster import QUANTILES
 from monitor.health.stored import StoredState
 

@@ -20,8 +20,7 @@ from typing import Any
 
 import numpy as np
 
-from monitor.health.rest.settings import check_forecast
-from monitor.health.size import Damage, DamageInput, EdvStatus, Remaining, TtStatus
+from monitor.health.size import Damage, DamageInput, EdvStatus, Remaining, TtStatus, check_forecast
 from monitor.health.size.library.model import (
     LINES,
     NO_GROWTH,

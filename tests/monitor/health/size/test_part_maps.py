@@ -9,10 +9,12 @@ import pytest
 from numpy.typing import NDArray
 
 from models.machine.scene import Part
-from monitor.health.channel import ChannelBlock, check_channel, step
+from monitor.health.channel import check_channel, step
+from monitor.health.later_stages import ChannelBlock
 from monitor.health.onset import DetectSettings
-from monitor.health.output import ChannelOutput, record_values
+from monitor.health.output import ChannelOutput
 from monitor.health.record import Record
+from monitor.health.record_values import record_values
 from monitor.health.retrace import retrace
 from monitor.health.signal.condition import ConditionSettings, Quantity
 from monitor.health.size import DamageInput, EdvStatus

@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from monitor.health.rotation_values import COURSE_POINTS
+from monitor.health.record_values import COURSE_POINTS
 from monitor.health.signal.cyclic import kept_coherence, rotation_of_course
 from monitor.health.signal.spectra import WAVEFORM_SAMPLES, BlockView, RawSpectra
 from monitor.health.signal.waterfall import SpectrumRow
