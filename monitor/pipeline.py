@@ -28,6 +28,7 @@ from monitor.records.database import StoreError, UnstorableError
 from monitor.records.events import EventLog
 from monitor.records.filing import MAX_BLOCK
 from monitor.records.ledger import StoreLedger, write_progress
+from monitor.records.queries import state_block
 from monitor.records.store import Store
 from streams.types.block import Block, Rejected
 from streams.types.source import Delivery, FileProgress, LiveSource, Source
@@ -330,11 +331,10 @@ def resumed_state(store: Store, settings: SourceSettings) -> SourceState:
         StoreError: the store cannot be read or written, or a state in it is of another version.
     """
     source = settings.name
-    found = store.rows("SELECT block FROM stage_states WHERE name = ?", f"source:{source}")
-    block = found[0][0] if found else 0
+    block = state_block(store, f"source:{source}")
     try:
         state = SourceState.begin(settings, store.load_states(), store.record(source, store.last(source)))
-        records = (row.to_record() for row in store.stored("source = ? AND blocks.id > ?", source, block))
+        records = store.records_after(source, block)
         after = retrace(state, records, settings)
     except (KeyError, TypeError, ValueError) as error:
         raise StoreError(f"{store.path}: a state in it is of another version ({error})") from error

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sqlite3
 import time
 from pathlib import Path
 from typing import Any
@@ -32,7 +31,7 @@ def reset(source: str, first: int, config_path: Path | None, as_json: bool, quie
     """
     config = read_config(config_path)
     _check(config, source)
-    from monitor.records.events import EventLog, write_notice
+    from monitor.records.events import EventLog
     from monitor.records.ledger import StoreLedger
     from monitor.records.store import Store
     from streams.types.source import StreamCount
@@ -45,15 +44,15 @@ def reset(source: str, first: int, config_path: Path | None, as_json: bool, quie
     ):
         before = ledger.stream(source)
 
-        def note(connection: sqlite3.Connection, count: StreamCount) -> None:
+        def notice_of(count: StreamCount) -> dict[str, Any]:
             last = before.frame_of(before.last)
             text = (
                 f"the stream of source {source} begins anew after frame {last}: frame {first} is block {count.number}"
             )
             values.update(source=source, last=last, first=first, block=count.number, resets=count.resets)
-            write_notice(connection, time.time(), {"kind": "stream_reset", **values, "text": text})
+            return {"kind": "stream_reset", **values, "text": text}
 
-        ledger.reset_stream(source, first, note)
+        ledger.reset_stream(source, first, time.time(), notice_of)
         publish_change(store, config.machine.records_dir)
     lines = [
         f"the stream of {source} begins anew: its next frame has number {first} and becomes block {values['block']}; "

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import sqlite3
 import zlib
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import AbstractContextManager, closing
+from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
 from itertools import islice
 from pathlib import Path
@@ -14,8 +13,10 @@ from models.words.errors import WrongInputError
 from models.work.codec import decode, encode
 from monitor.config.load import ConfigError
 from monitor.health.signal.bands import VOTES_NEEDED
+from monitor.records.compact import rebuild
 from monitor.records.condense import condense
 from monitor.records.database import MAGIC
+from monitor.records.queries import first_start, has_undated, refusals_of
 from monitor.records.store import Store
 from streams.recording.state import VERSION, ReadingState, ResumableSource
 from streams.types.block import Block, Rejected
@@ -74,19 +75,17 @@ class HistorySource:
 
     def after(self, store: Path) -> None:
         """Continue the blocks of a store."""
-        undated = has_undated(store, self.name)
         with Store.open(store, read_only=True) as found:
-            condensed = found.rows("SELECT began FROM condensed_sources WHERE source = ?", self.name)
-            query = "SELECT time FROM blocks WHERE source = ? AND time IS NOT NULL ORDER BY id LIMIT 1"
-            began = [row[0] for row in (*condensed, *found.rows(query, self.name)) if row[0] is not None]
-            query = "SELECT sequence, name, status, content_hash, times FROM refusals WHERE source = ?"
-            refused = found.rows(query, self.name)
+            undated, first = has_undated(found, self.name), first_start(found, self.name)
+            refused = refusals_of(found, self.name)
         repetitions = (
-            Rejected(self.name, sequence, name, status, f"{name}: in an earlier part", digest)
-            for sequence, name, status, digest, times in refused
-            for _ in range(times)
+            Rejected(
+                self.name, item.sequence, item.name, item.status, f"{item.name}: in an earlier part", item.content_hash
+            )
+            for item in refused
+            for _ in range(item.times)
         )
-        self.continues(began[0] if began else None, repetitions, undated=undated)
+        self.continues(first, repetitions, undated=undated)
 
     def state(self) -> ReadingState | None:
         """Return the state of the recording being read, as :meth:`streams.recording.state.ResumableSource.state`."""
@@ -139,14 +138,7 @@ def end_of(store: Path, source: str) -> int | None:
     """
     with Store.open(store, read_only=True) as found:
         last = found.last(source)
-    return None if last < VOTES_NEEDED or has_undated(store, source) else last
-
-
-def has_undated(store: Path, source: str) -> bool:
-    """Return whether blocks of a source that were not refused have no date."""
-    with Store.open(store, read_only=True) as found:
-        query = "SELECT 1 FROM blocks WHERE source = ? AND time IS NULL AND elapsed IS NOT NULL LIMIT 1"
-        return bool(found.rows(query, source))
+        return None if last < VOTES_NEEDED or has_undated(found, source) else last
 
 
 def _continued(item: Block | Rejected, blocks: int, began: float | None, *, undated: bool) -> Block | Rejected:
@@ -186,13 +178,10 @@ def packed_state(path: Path, reading: ReadingState | None) -> bytes:
     stay, since all are in one file.
     """
     with Store.open(path) as store:
-        if not store.rows("SELECT 1 FROM blocks WHERE day IS NULL LIMIT 1"):
-            with store.transaction() as connection:
-                while condense(connection, _FULL_S, _ALL):
-                    pass
-    with closing(sqlite3.connect(path, isolation_level=None)) as connection:
-        connection.execute("VACUUM")
-        connection.execute("PRAGMA wal_checkpoint(TRUNCATE)")
+        if not has_undated(store):
+            while condense(store, _FULL_S, _ALL):
+                pass
+    rebuild(path)
     store = path.read_bytes()
     return zlib.compress(store if reading is None else encode(KeptState(store, reading)), 1)
 

@@ -27,9 +27,9 @@ from monitor.fleet.history import HistorySource, Position, end_of, packed_state,
 from monitor.fleet.local import count_files
 from monitor.fleet.result import RESULT_NAME, RecordingResult, RecordsFile, Shape
 from monitor.fleet.setup import ArchiveError, Machine, load_setup
-from monitor.records.condense import condensed_on
 from monitor.records.filing import SECONDS_PER_DAY
 from monitor.records.publish import days, file_name
+from monitor.records.queries import is_condensed, last_published, newest_day
 from monitor.records.store import Store as RecordStore
 from monitor.service.replay import Replay, ReplayExtent, kept_dating, replay_source
 from monitor.service.setup import open_configured
@@ -266,18 +266,17 @@ class _Replayed:
 
     def _fetch_days(self, store: RecordStore) -> None:
         """Fetch the files of days of earlier parts that blocks of this part belong to, so that they are extended."""
-        with store.maintenance() as connection:
-            for day, last_block in days(store):
-                name = file_name(store.machine, day)
-                written = store.rows("SELECT last_block FROM published WHERE file = ?", name)
-                if not written or written[0][0] >= last_block or not condensed_on(connection, day):
-                    continue
-                data = self._records.read(f"{self._part.machine}/{self._part.name}/{name}")
-                if data is None:
-                    raise ArchiveError(f"{self._records.url}: {self._part.machine}/{self._part.name}/{name} is missing")
-                path = self._out / "records" / name
-                path.parent.mkdir(parents=True, exist_ok=True)
-                path.write_bytes(data)
+        for day, last_block in days(store):
+            name = file_name(store.machine, day)
+            written = last_published(store, name)
+            if written is None or written >= last_block or not is_condensed(store, day):
+                continue
+            data = self._records.read(f"{self._part.machine}/{self._part.name}/{name}")
+            if data is None:
+                raise ArchiveError(f"{self._records.url}: {self._part.machine}/{self._part.name}/{name} is missing")
+            path = self._out / "records" / name
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.write_bytes(data)
 
     def _settled(self, replayed: Replay, reached: Position, last: bool, problem: str | None) -> PartResult:
         """Write what is complete, and unless it is the last part, the state from which the next one goes on."""
@@ -327,7 +326,7 @@ class _Replayed:
 
     def _newest_day(self) -> int | None:
         with RecordStore.open(self._out / "state.db", read_only=True) as store:
-            return store.rows("SELECT max(day) FROM blocks")[0][0]
+            return newest_day(store)
 
     def _kept_state(self) -> str:
         data = packed_state(self._out / "state.db", self._reading)

@@ -7,9 +7,13 @@ import sqlite3
 from collections.abc import Callable
 from contextlib import closing
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from monitor.records.database import release_lock, take_lock
+from monitor.records.database import Readable, StoreError, release_lock, take_lock
 from monitor.records.tables import APPLICATION_ID
+
+if TYPE_CHECKING:
+    from monitor.records.store import Store
 
 _LOG = logging.getLogger(__name__)
 RESERVE_BYTES = 4 << 20
@@ -37,15 +41,41 @@ def shrinks(connection: sqlite3.Connection) -> bool:
     return _pragma(connection, "auto_vacuum") == _INCREMENTAL
 
 
-def shorten(connection: sqlite3.Connection, pages: int) -> int:
-    """Give at most so many pages back, as a transaction of its own; return how many it were."""
-    spare = (free_bytes_in(connection) - RESERVE_BYTES) // _pragma(connection, "page_size")
-    if spare <= 0 or not shrinks(connection):
+def reusable_bytes(store: Readable) -> int:
+    """Return the bytes inside a store that new blocks can take; 0 where it can be shortened, or not be read."""
+    try:
+        with store.connection() as connection:
+            return 0 if shrinks(connection) else free_bytes_in(connection)
+    except StoreError:
         return 0
-    before = _pragma(connection, "page_count")
-    # Each step of the statement frees a page, and only a script is stepped to its end.
-    connection.executescript(f"PRAGMA incremental_vacuum({min(pages, spare)})")
-    return before - _pragma(connection, "page_count")
+
+
+def stored_bytes(store: Store) -> int:
+    """Return the bytes that a store takes on the disk, or where it cannot be shortened, those that hold rows."""
+    with store.connection() as connection:
+        return file_bytes(store.path) if shrinks(connection) else used_bytes(connection)
+
+
+def shorten(store: Readable, pages: int) -> int:
+    """Give at most so many pages back, as a transaction of its own; return how many it were."""
+    with store.connection() as connection:
+        spare = (free_bytes_in(connection) - RESERVE_BYTES) // _pragma(connection, "page_size")
+        if spare <= 0 or not shrinks(connection):
+            return 0
+        before = _pragma(connection, "page_count")
+        # Each step of the statement frees a page, and only a script is stepped to its end.
+        connection.executescript(f"PRAGMA incremental_vacuum({min(pages, spare)})")
+        return before - _pragma(connection, "page_count")
+
+
+def rebuild(path: Path) -> None:
+    """Rebuild a closed store as one file without free pages; StoreError where that fails."""
+    try:
+        with closing(sqlite3.connect(path, isolation_level=None)) as connection:
+            connection.execute("VACUUM")
+            connection.execute("PRAGMA wal_checkpoint(TRUNCATE)")
+    except sqlite3.Error as error:
+        raise StoreError(f"{path}: {error}") from error
 
 
 def settle_layout(path: Path, free: Callable[[Path], int], beat: Callable[[], object] = lambda: None) -> bool:

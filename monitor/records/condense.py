@@ -14,6 +14,7 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, NamedTuple
 
+from monitor.records.database import Writable
 from monitor.records.rollup import rolled_up_to
 from monitor.records.tables import CONDENSED_VERSION
 
@@ -102,18 +103,23 @@ def sources_of(connection: sqlite3.Connection) -> list[str]:
     return found
 
 
-def condense(connection: sqlite3.Connection, full_s: float, most: int, *, by_number: bool = False) -> int:
-    """Condense at most ``most`` of the oldest blocks within a transaction of the writer; return how many it settled.
+def condense(store: Writable, full_s: float, most: int, *, by_number: bool = False) -> int:
+    """Condense at most ``most`` of the oldest blocks in one transaction; return how many it settled.
 
     A block is condensed where it is older than ``full_s`` before the newest one, in the rollup, and in the published
     file of its day. Blocks whose time does not say how old they are go with older ones behind them.
 
     Args:
-        connection: of the writer.
+        store: of the writer.
         full_s: age up to which full records stay, s of record time.
         most: blocks in one step.
         by_number: where no time is usable, condense all but the newest 20,000 blocks instead of none.
     """
+    with store.transaction() as connection:
+        return _condense(connection, full_s, most, by_number=by_number)
+
+
+def _condense(connection: sqlite3.Connection, full_s: float, most: int, *, by_number: bool) -> int:
     last = condensed_up_to(connection)
     rows = [_Candidate(*row) for row in connection.execute(_CANDIDATES, (last, max(most, _SCANNED_BLOCKS)))]
     old = _old_of(connection, rows, full_s, by_number=by_number)[:most]

@@ -8,9 +8,9 @@ import sqlite3
 import threading
 import time
 from collections.abc import Iterable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import AbstractContextManager, contextmanager, suppress
 from pathlib import Path
-from typing import Any, Literal, Self
+from typing import Any, Literal, Protocol, Self
 
 from models.platform.portable import FileLock, sync_file, sync_folder
 from models.words.errors import WrongInputError
@@ -191,6 +191,26 @@ def _check_version(connection: sqlite3.Connection, path: Path) -> int:
     return int(found)
 
 
+class Readable(Protocol):
+    """A store that can be read: that of the writer, a connection beside it, or the reader of the page."""
+
+    def rows(self, query: str, *values: Any) -> list[Any]:
+        """Return all rows of a query."""
+        ...
+
+    def connection(self) -> AbstractContextManager[sqlite3.Connection]:
+        """Lend the connection; a failure becomes a StoreError."""
+        ...
+
+
+class Writable(Readable, Protocol):
+    """A store that can be written."""
+
+    def transaction(self) -> AbstractContextManager[sqlite3.Connection]:
+        """Run statements as one transaction, rolled back where anything fails."""
+        ...
+
+
 class SharedConnection(Closing):
     """A connection beside that of the store's writer, for one statement at a time from any thread.
 
@@ -218,7 +238,7 @@ class SharedConnection(Closing):
         self._lock = threading.Lock()
         self._connection = _opened(path, "rw" if write else "ro", any_thread=True)
         try:
-            with self.use() as connection:
+            with self.connection() as connection:
                 if write:
                     connection.execute(f"PRAGMA synchronous = {synchronous}")
                 for statement in tables:
@@ -228,7 +248,7 @@ class SharedConnection(Closing):
             raise
 
     @contextmanager
-    def use(self) -> Iterator[sqlite3.Connection]:
+    def connection(self) -> Iterator[sqlite3.Connection]:
         """Lock the connection for several statements of one thread."""
         with self._lock:
             try:
@@ -238,7 +258,7 @@ class SharedConnection(Closing):
 
     def rows(self, query: str, *values: Any) -> list[Any]:
         """Return all rows of a statement."""
-        with self.use() as connection:
+        with self.connection() as connection:
             return connection.execute(query, values).fetchall()
 
     def close(self) -> None:

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from monitor.records.database import SharedConnection
+from monitor.records.database import Readable, SharedConnection
 
 _TABLES = (
     "CREATE TABLE IF NOT EXISTS notices (id INTEGER PRIMARY KEY, utc REAL NOT NULL, body TEXT NOT NULL)",
@@ -88,8 +88,13 @@ def tables_of(connection: sqlite3.Connection) -> set[str]:
     return {name for (name,) in connection.execute("SELECT name FROM sqlite_master WHERE type = 'table'")}
 
 
-def count_unacknowledged(connection: sqlite3.Connection) -> int:
+def count_unacknowledged(store: Readable) -> int:
     """Return how many events and notices of a store need an acknowledgement."""
+    with store.connection() as connection:
+        return _count_unacknowledged(connection)
+
+
+def _count_unacknowledged(connection: sqlite3.Connection) -> int:
     tables = tables_of(connection)
     skipped = ", ".join(f"'{kind}'" for kind in WITHOUT_ACKNOWLEDGEMENT)
     total = 0
@@ -136,7 +141,7 @@ class EventLog(SharedConnection):
 
     def notice(self, utc: float, body: Mapping[str, Any]) -> str:
         """Add a notice, and return its name in the log."""
-        with self.use() as connection:
+        with self.connection() as connection:
             return write_notice(connection, utc, body)
 
     def acknowledge(self, name: str, who: str, note: str, utc: float) -> LoggedEvent:
@@ -161,8 +166,7 @@ class EventLog(SharedConnection):
 
     def unacknowledged(self) -> int:
         """Return how many events and notices still need an acknowledgement."""
-        with self.use() as connection:
-            return count_unacknowledged(connection)
+        return count_unacknowledged(self)
 
     def acknowledged_alarms(self, after: int = 0) -> Iterator[tuple[int, float, LoggedEvent]]:
         """Yield number, time (UTC seconds since 1970) and alarm of each acknowledgement after a number, in order."""

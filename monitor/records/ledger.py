@@ -19,9 +19,11 @@ from monitor.health.record import storable
 from monitor.records.block_writer import count_refusal
 from monitor.records.condense import identity_of, numbers_with
 from monitor.records.database import Closing, SharedConnection
+from monitor.records.events import write_notice
 from monitor.records.filing import LAST_QUERY, MAX_BLOCK
 from monitor.records.quarantine import QUICK, SLOW, HandlingNotes, count_deaths
 from monitor.records.quarantine import TABLE as _DEATHS
+from monitor.records.queries import first_start
 from monitor.records.store import Store
 from streams.types.block import Rejected
 from streams.types.limits import LARGE_BYTES
@@ -110,25 +112,24 @@ class StoreLedger(Closing):
         return known
 
     def reset_stream(
-        self, source: str, first: int, beside: Callable[[sqlite3.Connection, StreamCount], None]
+        self, source: str, first: int, utc: float, notice_of: Callable[[StreamCount], Mapping[str, Any]]
     ) -> StreamCount:
         """Let the next frame of a stream have the number ``first``, while the numbers of its blocks go on.
 
-        ``beside`` writes in the same transaction, given how the stream counts from now on.
+        In the same transaction a notice at ``utc`` (seconds since 1970) is added to the event log, which must exist;
+        ``notice_of`` is given how the stream counts from now on.
         """
         before = self.stream(source)
         count = StreamCount(before.resets + 1, first, before.last + 1, before.last)
         with self._store.transaction() as connection:
             values = (source, count.resets, count.first, count.number)
             connection.execute("INSERT INTO stream_resets VALUES (?, ?, ?, ?)", values)
-            beside(connection, count)
+            write_notice(connection, utc, notice_of(count))
         return count
 
     def began(self, source: str) -> float | None:
         """Return the start of the first dated block of a source, seconds since 1970 UTC, or None."""
-        condensed = self._first("SELECT began FROM condensed_sources WHERE source = ?", source)
-        query = "SELECT time FROM blocks WHERE source = ? AND time IS NOT NULL ORDER BY id LIMIT 1"
-        return self._first(query, source) if condensed is None else condensed
+        return first_start(self._reader, source)
 
     def content_of(self, source: str, sequence: int) -> str | None:
         """Return the content hash of the block committed under a number, or None."""
@@ -276,7 +277,7 @@ def release(path: Path, name: str) -> list[tuple[str, str]]:
         ReleaseError: no poisoned file has that name.
         StoreError: the database cannot be opened, read or written.
     """
-    with SharedConnection(path, write=True, tables=_TABLES) as shared, shared.use() as connection:
+    with SharedConnection(path, write=True, tables=_TABLES) as shared, shared.connection() as connection:
         connection.execute("BEGIN IMMEDIATE")
         # A file that stands for the kind of all others cannot be rejected before that is known.
         unsaid = f"SELECT source, path FROM deaths WHERE times >= {MAX_DEATHS}"

@@ -207,7 +207,7 @@ def missing_files(store: Store, records_dir: Path) -> list[str]:
 def delete_oldest(store: Store, records_dir: Path, size: int, utc: float) -> list[str]:
     """Delete the oldest published days, at least ``size`` bytes, but none of which the store has full records."""
     deleted: list[str] = []
-    with store.maintenance() as connection:
+    with store.connection() as connection:
         end = condensed_up_to(connection)
     for name, day, last_block in _condensed_files(store):
         path = records_dir / name
@@ -224,13 +224,13 @@ def _condensed_files(store: Store) -> list[tuple[str, int | None, int]]:
     query = (
         "SELECT file, published.day, last_block FROM published JOIN condensed_days AS old ON published.day IS old.day"
     )
-    with store.maintenance() as connection:
+    with store.connection() as connection:
         return store.rows(f"{query} ORDER BY published.day") if has_condensed(connection) else []
 
 
 def _condensed(store: Store, day: int | None) -> int:
     """Return how many blocks of a day have no full record in the store."""
-    with store.maintenance() as connection:
+    with store.connection() as connection:
         return condensed_on(connection, day)
 
 

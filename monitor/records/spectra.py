@@ -12,7 +12,7 @@ import sqlite3
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from monitor.health.signal.kurtogram import Kurtogram
 from monitor.health.signal.spectra import BlockView, RawSpectra
 from monitor.health.signal.waterfall import Kind, SpectrumChange, SpectrumRow
-from monitor.records.database import SharedConnection
+from monitor.records.database import Readable, SharedConnection, Writable
 
 _KINDS: dict[Kind, int] = {"newest": 0, "kept": 1, "pinned": 2}
 _HALF_RANGE = 32768.0
@@ -32,14 +32,6 @@ _MAX_THINNED = 64
 _SPEEDS_DIFFER = 0.02
 """Share by which mean speeds of spectra may differ where they are seen over Hz by default."""
 _ROW = "source, channel, sequence, time, header, amplitude"
-
-
-class Queryable(Protocol):
-    """A store, or a connection to one."""
-
-    def rows(self, query: str, *values: Any) -> list[Any]:
-        """Return all rows of a query."""
-        ...
 
 
 def write_changes(connection: sqlite3.Connection, changes: Iterable[SpectrumChange]) -> None:
@@ -104,19 +96,20 @@ def _put(connection: sqlite3.Connection, change: SpectrumChange) -> None:
         )
 
 
-def thin_spectra(connection: sqlite3.Connection, older_s: float) -> int:
-    """Delete kept spectra within an open transaction, a few at a time; return how many.
+def thin_spectra(store: Writable, older_s: float) -> int:
+    """Delete kept spectra, a few at a time; return how many.
 
     Of those older than ``older_s`` before the newest kept one of their channel, the first of each week stays. Pinned
     ones stay.
     """
-    rows = connection.execute(
+    query = (
         "SELECT rowid FROM (SELECT rowid, row_number() OVER (PARTITION BY source, channel, CAST(time / ?1 AS INTEGER)"
         " ORDER BY sequence) AS place FROM spectra AS old WHERE kind = 1 AND time < (SELECT max(time) FROM spectra"
-        " AS new WHERE new.source = old.source AND new.channel = old.channel) - ?2) WHERE place > 1 LIMIT ?3",
-        (_WEEK_S, older_s, _MAX_THINNED),
-    ).fetchall()
-    connection.executemany("DELETE FROM spectra WHERE rowid = ?", rows)
+        " AS new WHERE new.source = old.source AND new.channel = old.channel) - ?2) WHERE place > 1 LIMIT ?3"
+    )
+    with store.transaction() as connection:
+        rows = connection.execute(query, (_WEEK_S, older_s, _MAX_THINNED)).fetchall()
+        connection.executemany("DELETE FROM spectra WHERE rowid = ?", rows)
     return len(rows)
 
 
@@ -129,7 +122,7 @@ def pack_amplitude(amplitude: NDArray[np.floating]) -> tuple[bytes, float]:
 
 
 def read_spectra(
-    place: Path | Queryable,
+    place: Path | Readable,
     channel: str,
     *,
     source: str | None = None,
@@ -152,7 +145,7 @@ def read_spectra(
 
 
 def read_block_view(
-    place: Path | Queryable, channel: str, *, source: str | None = None, at: int | None = None
+    place: Path | Readable, channel: str, *, source: str | None = None, at: int | None = None
 ) -> SpectrumRow | None:
     """Return the spectrum of a block with its view, by default the newest; None without, as of earlier versions.
 
@@ -175,7 +168,7 @@ def read_block_view(
     return None
 
 
-def viewed_blocks(place: Queryable, channel: str, *, source: str | None = None) -> list[int]:
+def viewed_blocks(place: Readable, channel: str, *, source: str | None = None) -> list[int]:
     """Return the numbers of the blocks with a view, in order."""
     if not place.rows("SELECT 1 FROM pragma_table_info('spectra') WHERE name = 'view'"):
         return []
@@ -234,7 +227,7 @@ def _parts(header: Mapping[str, Any], blob: bytes, kinds: Sequence[str]) -> list
     ]
 
 
-def read_ias(place: Queryable, source: str, *, until: int | None = None) -> SpectrumRow | None:
+def read_ias(place: Readable, source: str, *, until: int | None = None) -> SpectrumRow | None:
     """Return the latest kept spectrum of a source with one of the angular speed; None where there is none.
 
     Args:
@@ -253,7 +246,7 @@ def read_ias(place: Queryable, source: str, *, until: int | None = None) -> Spec
 
 
 def read_kurtogram(
-    place: Path | Queryable, channel: str, *, source: str | None = None, until: int | None = None
+    place: Path | Readable, channel: str, *, source: str | None = None, until: int | None = None
 ) -> SpectrumRow | None:
     """Return the latest kept spectrum with a kurtogram, up to the block of number ``until``; None where there is none.
 
@@ -267,7 +260,7 @@ def read_kurtogram(
     return _row_of(rows[0]) if rows else None
 
 
-def kept_blocks(place: Path | Queryable, channel: str, *, source: str | None = None) -> list[tuple[int, float | None]]:
+def kept_blocks(place: Path | Readable, channel: str, *, source: str | None = None) -> list[tuple[int, float | None]]:
     """Return number and time of the blocks with a kept spectrum, in order."""
     conditions, values = _conditions(channel, source, None, None)
     query = f"SELECT sequence, time FROM spectra WHERE {conditions} ORDER BY sequence"
@@ -345,7 +338,7 @@ def _row_of(row: tuple[Any, ...]) -> SpectrumRow:
     )
 
 
-def _read(place: Path | Queryable, query: str, values: tuple[Any, ...]) -> list[Any]:
+def _read(place: Path | Readable, query: str, values: tuple[Any, ...]) -> list[Any]:
     """Return the rows of a query; none where the store is older than the table."""
     if isinstance(place, Path):
         with SharedConnection(place) as connection:

@@ -228,6 +228,10 @@ class Store(Closing):
         """Yield the records in the order of commitment."""
         return (row.to_record() for row in self.stored())
 
+    def records_after(self, source: str, block: int) -> Iterator[Record]:
+        """Yield the records of a source after a number of the ledger."""
+        return (row.to_record() for row in self.stored("source = ? AND blocks.id > ?", source, block))
+
     def record(self, source: str, sequence: int) -> Record | None:
         """Return one record, or None where that block is not committed."""
         row = next(self.stored("source = ? AND sequence = ?", source, sequence), None)
@@ -289,11 +293,11 @@ class Store(Closing):
 
     def rows(self, query: str, *values: Any) -> list[Any]:
         """Return all rows of a query over the tables."""
-        with self.maintenance() as connection:
+        with self.connection() as connection:
             return connection.execute(query, values).fetchall()
 
     @contextmanager
-    def maintenance(self) -> Iterator[sqlite3.Connection]:
+    def connection(self) -> Iterator[sqlite3.Connection]:
         """Lend the connection for statements outside a transaction."""
         try:
             yield self._connection

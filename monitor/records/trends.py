@@ -10,6 +10,7 @@ import numpy as np
 
 from monitor.health.schema import STATUSES
 from monitor.records.condense import condensed_span
+from monitor.records.database import Readable
 from monitor.records.rollup import (
     ENTRY_QUERY,
     FEATURES,
@@ -95,7 +96,7 @@ class _Span:
 
 
 def read_trends(
-    connection: sqlite3.Connection,
+    store: Readable,
     key: SeriesKey,
     since: float | None = None,
     until: float | None = None,
@@ -107,17 +108,18 @@ def read_trends(
     even where they reach beyond the range.
 
     Args:
-        connection: to the store, outside a transaction.
+        store: outside a transaction.
         key: the channel.
         since, until: ends of the range, s, inclusive, or None for the first or last record.
         points: greatest number of rows; at least 2.
     """
     # One snapshot: a commit may move blocks from the tail to the rollup meanwhile.
-    connection.execute("BEGIN")
-    try:
-        return _read(connection, key, since, until, max(points, 2))
-    finally:
-        connection.execute("ROLLBACK")
+    with store.connection() as connection:
+        connection.execute("BEGIN")
+        try:
+            return _read(connection, key, since, until, max(points, 2))
+        finally:
+            connection.execute("ROLLBACK")
 
 
 def _read(

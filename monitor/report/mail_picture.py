@@ -96,9 +96,8 @@ def draw(wanted: Wanted) -> bytes:
         StoreError: the store cannot be read.
     """
     with SharedConnection(wanted.store) as shared:
-        with shared.use() as connection:
-            key = SeriesKey(wanted.source, wanted.channel, wanted.dated)
-            trends = read_trends(connection, key, None, wanted.until, _POINTS)
+        key = SeriesKey(wanted.source, wanted.channel, wanted.dated)
+        trends = read_trends(shared, key, None, wanted.until, _POINTS)
         before = None if wanted.block is None else wanted.block + 1
         rows = read_spectra(shared, wanted.channel, source=wanted.source, before=before, newest=1)
     if not trends.time.size:

@@ -22,8 +22,8 @@ from monitor.records.database import StoreError
 from monitor.records.dataset import words
 from monitor.records.moved_days import absence_text, moved_days
 from monitor.records.publish import PublishError, day_dataset, days
+from monitor.records.queries import condensed_blocks
 from monitor.records.store import Store
-from monitor.records.tables import CONDENSED_VERSION
 from monitor.report.beside import Beside, read_beside
 from monitor.words.numbers import count
 
@@ -212,9 +212,7 @@ def _with_absence(dataset: xr.Dataset, text: str | None) -> xr.Dataset:
 
 def _condensed_text(store: Store) -> str | None:
     """Return how many blocks of a store have no full record there as a sentence, or None."""
-    if int(store.meta()["schema_version"]) < CONDENSED_VERSION:
-        return None
-    blocks = store.rows("SELECT sum(blocks) FROM condensed_days")[0][0]
+    blocks = condensed_blocks(store)
     return f"full records of {count(blocks, 'older block')} are in the published files only" if blocks else None
 
 

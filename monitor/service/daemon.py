@@ -16,6 +16,7 @@ from monitor.health.record import Record
 from monitor.records.compact import settle_layout
 from monitor.records.database import StoreError, free_bytes
 from monitor.records.events import EventLog
+from monitor.records.queries import LogMarks, log_marks
 from monitor.records.recover.salvage import open_or_salvage
 from monitor.records.store import Store
 from monitor.service.calibration import uncalibrated_lines
@@ -41,9 +42,6 @@ _COUNT_SHARE = 50.0
 """Least ratio of the time between two counts of unacknowledged events to the duration of one."""
 _STUCK = frozenset(("disk", "store", "events"))
 """Problems with which no block is committed or no acknowledgement taken."""
-_MARKS = """
-SELECT (SELECT max(id) FROM acknowledgements), (SELECT max(id) FROM events), (SELECT max(id) FROM notices)
-"""
 
 
 class Acknowledgements:
@@ -57,18 +55,18 @@ class Acknowledgements:
         self._store, self._log, self._ingest = store, log, ingest
         self._seen = 0
         self._count_due = float("-inf")
-        self._marks: tuple[int | None, ...] | None = None
+        self._marks: LogMarks | None = None
         self.unacknowledged = 0
         """Events and notices that are not acknowledged, as of the latest count."""
 
     def poll(self) -> None:
         """Take new acknowledgements; raise StoreError where the database cannot be read."""
-        marks = self._store.rows(_MARKS)[0]
+        marks = log_marks(self._store)
         if marks == self._marks:
             return
-        if (marks[0] or 0) > self._seen:
+        if marks.acknowledgements > self._seen:
             self._take()
-            self._seen = max(self._seen, marks[0])
+            self._seen = max(self._seen, marks.acknowledgements)
         began = time.monotonic()
         if began >= self._count_due:
             self.unacknowledged = self._log.unacknowledged()

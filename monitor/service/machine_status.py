@@ -33,6 +33,7 @@ from monitor.health.record import Record
 from monitor.health.state import SourceState
 from monitor.records.database import StoreError
 from monitor.records.events import EventLog
+from monitor.records.queries import latest_flow_notices
 from monitor.records.store import Store
 from monitor.service.ingest import Ingest
 from monitor.service.summary import bearing_summaries, channel_summary, with_words
@@ -44,12 +45,6 @@ _LOG = logging.getLogger(__name__)
 _DEFAULT_LIMIT_S = 600.0
 _MIN_LIMIT_S = 60.0
 _SILENT_INTERVALS = 10.0
-_LATEST_KINDS = """
-SELECT json_extract(body, '$.source'), json_extract(body, '$.kind') FROM notices
-WHERE json_extract(body, '$.kind') IN ('no_data', 'data_again') ORDER BY id
-"""
-
-
 _SEVERITY_OF = {FAILURE: "danger", MAINTENANCE: "alert"}
 _STAGES = {FAILURE: ("end_of_life", "the end of life was reached"), MAINTENANCE: ("final", "the final stage has begun")}
 
@@ -109,7 +104,7 @@ class SilenceLog:
         """Read the latest notice of each source; ``channels`` are names by source, ``clock`` gives UTC seconds."""
         self._log, self._clock = log, clock
         self._channels = {source: list(names) for source, names in channels.items()}
-        latest = dict(store.rows(_LATEST_KINDS))
+        latest = latest_flow_notices(store)
         self._silent = {source: latest.get(source) == "no_data" for source in channels}
         self.problem: str | None = None
         """Why a notice cannot be logged, or None; it is tried again."""

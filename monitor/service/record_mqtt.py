@@ -13,15 +13,22 @@ from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple
 from urllib.parse import quote
 
 from monitor.config.load import Config
 from monitor.config.outputs import RecordMqttSection
-from monitor.records.condense import condensed_up_to, has_condensed, identity_of
 from monitor.records.database import SharedConnection, StoreError, replacing
+from monitor.records.queries import (
+    LedgerPlace,
+    StoredRecord,
+    condensed_place,
+    newest_id,
+    place_at,
+    place_of,
+    records_after,
+)
 from monitor.service.broker import BrokerError, BrokerLink, Sessions
-from monitor.service.neighbours.points import StoredRecord, channel_message, records_after, state_message
+from monitor.service.neighbours.points import channel_message, state_message
 
 _LOG = logging.getLogger(__name__)
 PLACE = "published-mqtt.json"
@@ -34,19 +41,11 @@ _STATE_S = 1.0
 _ENDING_TURN_S = 0.05
 
 
-class _At(NamedTuple):
-    """A position in the ledger; source "" and number 0 before the first block."""
-
-    number: int
-    source: str
-    sequence: int
-
-
 @dataclass
 class _Sent:
     """A block that was sent, and the number of its messages that are not confirmed yet."""
 
-    at: _At
+    at: LedgerPlace
     missing: int
 
 
@@ -73,8 +72,8 @@ class RecordMqtt(Sessions):
         self._store = state_dir / "state.db"
         self._topic = f"{section.topic}/{quote(machine, safe='')}"
         self._place: int | None = None
-        self._written: _At | None = None
-        self._reached: _At | None = None
+        self._written: LedgerPlace | None = None
+        self._reached: LedgerPlace | None = None
         self._sent: deque[_Sent] = deque()
         self._waiting: dict[int, _Sent] = {}
         self._state: str | None = None
@@ -102,19 +101,16 @@ class RecordMqtt(Sessions):
     def _begin(self, store: SharedConnection) -> int:
         """Return the ledger number after which to begin: where an earlier run ended, else the present end."""
         path = self._state_dir / PLACE
-        end = store.rows("SELECT coalesce(max(id), 0) FROM blocks")[0][0]
+        end = newest_id(store)
         try:
             found = json.loads(path.read_text(encoding="utf-8"))
             if found["source"] is None:
                 return 0
-            known = store.rows(
-                "SELECT id FROM blocks WHERE source = ? AND sequence = ?", found["source"], found["sequence"]
-            )
-            if known:
-                return known[0][0]
-            with store.use() as connection:
-                oldest = condensed_up_to(connection) if has_condensed(connection) else 0
-            if oldest and identity_of(store.rows, found["source"], found["sequence"]) is not None:
+            known = place_of(store, found["source"], found["sequence"])
+            if known is not None:
+                return known.id
+            oldest = condensed_place(store, found["source"], found["sequence"])
+            if oldest is not None:
                 _LOG.warning("records left the store before they were published over MQTT; going on after them")
                 return oldest
             _LOG.warning("the block at which publishing over MQTT ended is not in the store; going on with new ones")
@@ -122,9 +118,8 @@ class RecordMqtt(Sessions):
             pass
         except (OSError, ValueError, KeyError, TypeError) as error:
             _LOG.warning("%s cannot be read (%s); publishing over MQTT goes on with new records", path, error)
-        last = store.rows("SELECT id, source, sequence FROM blocks WHERE id = ?", end)
         # The position in an empty store is kept, too, so that no record is skipped.
-        self._reached = _At(*last[0]) if last else _At(0, "", 0)
+        self._reached = place_at(store, end) or LedgerPlace(0, "", 0)
         self._write_place()
         return end
 
@@ -197,7 +192,7 @@ class RecordMqtt(Sessions):
     def _publish(self, link: BrokerLink, number: int, record: StoredRecord) -> None:
         source = record.source
         names = self._channels.get(source) or tuple(record.channels)
-        item = _Sent(_At(number, source, record.sequence), len(names))
+        item = _Sent(LedgerPlace(number, source, record.sequence), len(names))
         self._sent.append(item)
         for name in names:
             topic = "/".join((self._topic, quote(source, safe=""), quote(name, safe="")))
@@ -215,7 +210,7 @@ class RecordMqtt(Sessions):
                 item.missing -= 1
         while self._sent and not self._sent[0].missing:
             self._reached = self._sent.popleft().at
-            self._place = self._reached.number
+            self._place = self._reached.id
         return bool(confirmed)
 
     def _publish_state(self, link: BrokerLink, *, ending: bool) -> None:

@@ -11,7 +11,7 @@ import time
 from collections.abc import Callable
 
 from monitor.config.machine import RetentionSection
-from monitor.records.compact import file_bytes, free_bytes_in, shorten, shrinks, used_bytes
+from monitor.records.compact import reusable_bytes, shorten, stored_bytes
 from monitor.records.condense import condense
 from monitor.records.database import StoreError
 from monitor.records.events import EventLog
@@ -73,11 +73,7 @@ class Retention:
 
     def reusable_bytes(self) -> int:
         """Return the bytes inside the store that new blocks can take, where it cannot be shortened."""
-        try:
-            with self._store.maintenance() as connection:
-                return 0 if shrinks(connection) else free_bytes_in(connection)
-        except StoreError:
-            return 0
+        return reusable_bytes(self._store)
 
     def tick(self, files: PublishedFiles, *, idle: bool, disk: str | None) -> None:
         """Do one step if it is due.
@@ -120,16 +116,14 @@ class Retention:
 
     def _condense(self, full_s: float, *, by_number: bool) -> int:
         began = time.monotonic()
-        with self._store.transaction() as connection:
-            done = condense(connection, full_s, self._blocks, by_number=by_number)
+        done = condense(self._store, full_s, self._blocks, by_number=by_number)
         if done:
             self._blocks = _adapted(self._blocks, time.monotonic() - began, _MIN_BLOCKS, _MAX_BLOCKS)
         return done
 
     def _shorten(self) -> int:
         began = time.monotonic()
-        with self._store.maintenance() as connection:
-            done = shorten(connection, self._pages)
+        done = shorten(self._store, self._pages)
         if done:
             self._pages = _adapted(self._pages, time.monotonic() - began, _MIN_PAGES, _MAX_PAGES)
         return done
@@ -141,8 +135,7 @@ class Retention:
             spectra_s = MIN_FULL_S if spectra_s is None else min(spectra_s, MIN_FULL_S)
         if spectra_s is None or self._monotonic() < self._spectra_due:
             return 0
-        with self._store.transaction() as connection:
-            done = thin_spectra(connection, spectra_s)
+        done = thin_spectra(self._store, spectra_s)
         if not done:
             self._spectra_due = self._monotonic() + _SPECTRA_S
         return done
@@ -152,9 +145,7 @@ class Retention:
         if self._section.max_gb is None or self._monotonic() < self._measure_due:
             return
         self._measure_due = self._monotonic() + _MEASURE_S
-        with self._store.maintenance() as connection:
-            store = file_bytes(self._store.path) if shrinks(connection) else used_bytes(connection)
-        total = store + files.size
+        total = stored_bytes(self._store) + files.size
         self._over = total if total > self._section.max_gb * 1e9 else None
 
     def _cap_problem(self) -> str | None:

@@ -15,6 +15,7 @@ from monitor.health.state import SourceSettings
 from monitor.pipeline import resumed_state
 from monitor.records.database import StoreError, refuse_network_share, refuse_unsuitable
 from monitor.records.ledger import StoreLedger
+from monitor.records.queries import has_ledger
 from monitor.records.recover.loss import damage_of
 from monitor.records.store import Store
 from monitor.service.setup import source_settings, source_spec
@@ -78,7 +79,7 @@ def store_refusals(config: Config, found: Inspection) -> Iterator[str]:
         with Store.open(path, machine=config.machine.name, create=False, read_only=True) as store:
             for settings in found.settings.values():
                 resumed_state(store, settings)
-            if not store.rows("SELECT 1 FROM sqlite_master WHERE name = 'files'"):
+            if not has_ledger(store):
                 return
             with StoreLedger(store) as ledger:
                 for spec in found.specs:

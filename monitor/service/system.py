@@ -20,7 +20,7 @@ from typing import Any, Self
 from models.platform.portable import FileLock, local_datagrams
 from monitor.config.load import Config
 from monitor.records.backup import read_note
-from monitor.records.compact import free_bytes_in, shrinks
+from monitor.records.compact import reusable_bytes
 from monitor.records.database import Closing, SharedConnection, StoreError, free_bytes
 
 _PRIORITIES = ((logging.CRITICAL, 2), (logging.ERROR, 3), (logging.WARNING, 4), (logging.INFO, 6))
@@ -174,8 +174,8 @@ class DiskGuard:
 def _reusable(store: Path) -> int:
     """Return the bytes inside a store that new blocks can take."""
     try:
-        with SharedConnection(store) as shared, shared.use() as connection:
-            return 0 if shrinks(connection) else free_bytes_in(connection)
+        with SharedConnection(store) as shared:
+            return reusable_bytes(shared)
     except StoreError:
         return 0
 

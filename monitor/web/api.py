@@ -16,7 +16,7 @@ from monitor.config.stages import method_or_best
 from monitor.health.signal.features import fundamentals
 from monitor.health.signal.quality import FLAGS, REJECTIONS
 from monitor.records.database import StoreError
-from monitor.records.packing import columns_of, numbers_of, places_of
+from monitor.records.queries import LedgerBlock, is_dated, newest_id, refused_counts, staged_values
 from monitor.records.rollup import SeriesKey
 from monitor.records.trends import TrendTable, read_trends
 from monitor.web.answers import Query, numbers, optional_number, times, whole_number, without_folders
@@ -45,16 +45,28 @@ def blocks(machine: Machine, query: Query) -> dict[str, Any]:
     limit = whole_number(query, "limit", 200, 1, 1000)
     source = query.get("source") or None
     sources = machine.status().values.get("sources", {})
-    refused = machine.store.rows("SELECT source, status, sum(times) FROM refusals GROUP BY source, status")
     counts = machine.tally.counts(source)
-    for name, status, times_refused in refused:
+    for (name, status), times_refused in refused_counts(machine.store).items():
         if source in (None, name):
             counts[status] = counts.get(status, 0) + times_refused
     return {
         "counts": counts,
         "counting": not machine.tally.complete,
         "pending": sum(found["pending"] for name, found in sources.items() if source in (None, name)),
-        "blocks": machine.tally.others(limit, source),
+        "blocks": [listed(block) for block in machine.tally.others(limit, source)],
+    }
+
+
+def listed(block: LedgerBlock) -> dict[str, Any]:
+    """Return a block of the ledger as the page lists it, without folders."""
+    return {
+        "source": block.source,
+        "block": block.sequence,
+        "name": block.name.replace("\\", "/").rpartition("/")[2],
+        "time_s": block.time,
+        "dated": bool(block.dated),
+        "status": block.status,
+        "reason": without_folders(block.reason),
     }
 
 
@@ -74,7 +86,7 @@ def channel(machine: Machine, name: str) -> dict[str, Any]:
         "machine": machine.name,
         "channel": name,
         "source": section.source,
-        "dated": is_dated(machine, section.source),
+        "dated": is_dated(machine.store, section.source),
         "unit": "g" if absolute else "unknown",
         "timezone": config.machine.timezone,
         "bearing": {"name": section.bearing, **_bearing(bearing)},
@@ -149,19 +161,7 @@ def _level(level: Mapping[str, Any], absolute: bool) -> dict[str, Any]:
 
 def latest_values(machine: Machine, source: str, name: str) -> dict[str, float]:
     """Return marks, speed and load of a channel from its latest record that has a stage, SI."""
-    query = (
-        "SELECT layout, row FROM blocks JOIN records ON block = id WHERE source = ? ORDER BY sequence DESC"
-        f" LIMIT {_RECENT}"
-    )
-    with machine.store.connection() as connection:
-        for layout, row in connection.execute(query, (source,)):
-            (text,) = connection.execute("SELECT layout FROM layouts WHERE id = ?", (layout,)).fetchone()
-            places = places_of(text, (*_MARKS, "stage")).get(name)
-            if places is None or places[-1] < 0:
-                continue
-            found = columns_of(numbers_of(row)[None, :], places)[0]
-            return {key: value for key, value in zip(_MARKS, found.tolist(), strict=False) if value == value}
-    return {}
+    return staged_values(machine.store, source, name, _MARKS)
 
 
 def records(machine: Machine, name: str, query: Query) -> dict[str, Any]:
@@ -169,9 +169,8 @@ def records(machine: Machine, name: str, query: Query) -> dict[str, Any]:
     section = machine.channel(name)
     points = whole_number(query, "points", _POINTS, 10, MAX_POINTS)
     since, until = optional_number(query, "from"), optional_number(query, "to")
-    dated = is_dated(machine, section.source)
-    with machine.store.connection() as connection:
-        found = read_trends(connection, SeriesKey(section.source, name, bool(dated)), since, until, points)
+    dated = is_dated(machine.store, section.source)
+    found = read_trends(machine.store, SeriesKey(section.source, name, bool(dated)), since, until, points)
     return {
         "machine": machine.name,
         "channel": name,
@@ -208,18 +207,6 @@ def _counted(table: TrendTable, statuses: tuple[str, ...]) -> list[int]:
     return total.tolist()
 
 
-def is_dated(machine: Machine, source: str) -> bool | None:
-    """Return whether the blocks of a source have dates, None where they have no time at all.
-
-    Blocks rejected without a time do not count.
-    """
-    query = "SELECT day FROM blocks WHERE source = ? AND time_status = 'given' ORDER BY sequence DESC LIMIT 1"
-    rows = machine.store.rows(query, source)
-    if rows:
-        return rows[0][0] is not None
-    return None if machine.store.rows("SELECT 1 FROM blocks WHERE source = ? LIMIT 1", source) else False
-
-
 def health(site: Machines) -> tuple[int, dict[str, Any]]:
     """Return the HTTP status, and ``ok`` or ``failing`` with the reasons.
 
@@ -239,7 +226,7 @@ def _reasons(machine: Machine) -> Iterator[str]:
     if status.age is None or status.age > _MAX_STATUS_AGE_S:
         yield f"the daemon said nothing for {status.age or 0.0:.0f} s"
     try:
-        machine.store.rows("SELECT max(id) FROM blocks")
+        newest_id(machine.store)
     except StoreError as error:
         yield f"the store cannot be read: {without_folders(str(error))}"
     for what in ("store", "disk"):

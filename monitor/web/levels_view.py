@@ -28,21 +28,20 @@ def levels(machine: Machine, query: Query) -> dict[str, Any]:
         raise RequestError(400, f"channels must name 1 to {MAX_CHANNELS} channels, separated by commas")
     known = [name for name in dict.fromkeys(wanted) if name in machine.channels]
     sources = dict.fromkeys(machine.channels[name].source for name in known)
-    dated = {source: bool(is_dated(machine, source)) for source in sources}
+    dated = {source: bool(is_dated(machine.store, source)) for source in sources}
     found: dict[str, Any] = {}
-    with machine.store.connection() as connection:
-        for name in known:
-            section = machine.channels[name]
-            absolute = section.unit != "unknown"
-            table = read_trends(connection, SeriesKey(section.source, name, dated[section.source]), points=POINTS)
-            high = table.high["rms"] * FEATURES["rms"].of_si(absolute=absolute)
-            there = np.flatnonzero(np.isfinite(high))
-            shown = numbers(high[there], 4)
-            found[name] = {
-                "unit": "g" if absolute else "unknown",
-                "dated": dated[section.source],
-                "time_s": times(table.time[there]),
-                "rms_g": shown,
-                "latest_g": shown[-1] if shown else None,
-            }
+    for name in known:
+        section = machine.channels[name]
+        absolute = section.unit != "unknown"
+        table = read_trends(machine.store, SeriesKey(section.source, name, dated[section.source]), points=POINTS)
+        high = table.high["rms"] * FEATURES["rms"].of_si(absolute=absolute)
+        there = np.flatnonzero(np.isfinite(high))
+        shown = numbers(high[there], 4)
+        found[name] = {
+            "unit": "g" if absolute else "unknown",
+            "dated": dated[section.source],
+            "time_s": times(table.time[there]),
+            "rms_g": shown,
+            "latest_g": shown[-1] if shown else None,
+        }
     return {"machine": machine.name, "channels": found}

@@ -12,9 +12,9 @@ from typing import Any
 from monitor.config.load import Config
 from monitor.config.source import ChannelSection
 from monitor.records.database import StoreError
+from monitor.records.reader import LatestValues, LedgerTally, StoreReader
 from monitor.service.system import present_status
 from monitor.web.answers import RequestError, without_folders
-from monitor.web.reading import LatestValues, LedgerTally, StoreReader
 
 _LOG = logging.getLogger(__name__)
 _FRESH_S = 0.2

@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from monitor.health.tracker import part_of
-from monitor.records.packing import columns_of, numbers_of, places_of
+from monitor.records.queries import is_dated, values_since
 from monitor.service.calibration import weakest_calibration
 from monitor.web.answers import RequestError, numbers, times
-from monitor.web.api import calibration, is_dated, latest_values
+from monitor.web.api import calibration, latest_values
 from monitor.web.machines import Machine
 from monitor.words.features import FEATURES
 
@@ -56,7 +56,7 @@ def map_of(machine: Machine, channel: str) -> dict[str, Any]:
         "fault": part,
         "v_eq": rms_map.volume_words,
         "calibrated": weakest_calibration(calibration(machine, section), rms_map.plan.rig.calibrated),
-        "dated": is_dated(machine, section.source),
+        "dated": is_dated(machine.store, section.source),
         "track": _track(machine, section.source, channel, latest.get("t_fs_block")),
     }
 
@@ -95,23 +95,7 @@ def _track(machine: Machine, source: str, channel: str, first: float | None) -> 
     names = ("time_s", *_COLUMNS)
     if first is None:
         return {name: [] for name in names}
-    with machine.store.connection() as connection:
-        last = connection.execute("SELECT max(sequence) FROM blocks WHERE source = ?", (source,)).fetchone()[0]
-        step = max(1, -(-(last - int(first) + 1) // _MAX_POINTS))
-        rows = connection.execute(
-            "SELECT axis_time, layout, row FROM blocks JOIN records ON block = id WHERE source = ? AND sequence >= ?"
-            " AND (sequence % ? = ? OR sequence = ?) ORDER BY sequence",
-            (source, int(first), step, last % step, last),
-        ).fetchall()
-        layouts = {
-            number: places_of(text, _TRACK).get(channel)
-            for number, text in connection.execute("SELECT id, layout FROM layouts")
-        }
-    points = [
-        (time, *columns_of(numbers_of(row)[None, :], places)[0])
-        for time, layout, row in rows
-        if (places := layouts.get(layout)) is not None
-    ]
-    table = np.array([point for point in points if np.isfinite(point[3])], dtype=float).reshape(-1, 4)
+    found = values_since(machine.store, source, channel, _TRACK, int(first), _MAX_POINTS)
+    table = found[np.isfinite(found[:, 3])]
     scaled = [numbers(table[:, place + 1] / FEATURES[name].unit.si) for place, name in enumerate(_TRACK)]
     return dict(zip(names, (times(table[:, 0]), *scaled), strict=True))

@@ -24,9 +24,9 @@ from monitor import __version__
 from monitor.health.alarms import SEVERITIES
 from monitor.health.onset import STAGES
 from monitor.records.database import StoreError
+from monitor.records.reader import NAMES
 from monitor.web.event_view import unacknowledged
 from monitor.web.machines import Machines
-from monitor.web.reading import NAMES
 from monitor.words.features import FEATURES, Feature
 from monitor.words.statuses import STATES
 

@@ -13,9 +13,9 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from monitor.records.database import StoreError
-from monitor.records.rollup import ENTRY_QUERY, BlockEntry, read_points
-from monitor.records.trends import TrendTable
-from monitor.web.api import columns, is_dated
+from monitor.records.queries import LogMarks, is_dated, newest_id, trends_after
+from monitor.records.rollup import SeriesKey
+from monitor.web.api import columns
 from monitor.web.event_view import marker, unacknowledged
 from monitor.web.machines import Machine, Machines
 from monitor.web.spectra_view import newest_block
@@ -47,7 +47,7 @@ class _Seen:
     version: int = -1
     values: Mapping[str, Any] = field(default_factory=dict)
     newest: int | None = None
-    marker: tuple[int, ...] | None = None
+    marker: LogMarks | None = None
     spectra: dict[str, int | None] = field(default_factory=dict)
 
 
@@ -248,21 +248,15 @@ def _without_age(channel: Mapping[str, Any] | None) -> dict[str, Any]:
 
 def _newest_id(machine: Machine) -> int:
     """Return the number of the newest block in the ledger, 0 where there is no block or no store."""
-    if machine.store.identity() is None:
-        return 0
-    return machine.store.rows("SELECT coalesce(max(id), 0) FROM blocks")[0][0]
+    return 0 if machine.store.identity() is None else newest_id(machine.store)
 
 
 def _records_after(machine: Machine, channel: str, after: int, until: int) -> dict[str, Any]:
     """Return the newest records of a channel with ledger numbers above ``after``, up to ``until``."""
     section = machine.channel(channel)
-    dated = is_dated(machine, section.source)
-    query = f"{ENTRY_QUERY} WHERE id > ? AND id <= ? AND +source = ? ORDER BY id DESC LIMIT ?"
-    with machine.store.connection() as connection:
-        rows = connection.execute(query, (after, until, section.source, _MAX_RECORDS)).fetchall()
-        entries = [entry for row in reversed(rows) if (entry := BlockEntry(*row)).dated == bool(dated)]
-        entries.sort(key=lambda entry: (entry.time, entry.id))
-        table = TrendTable.of_points(read_points(connection, entries, channel), dated=bool(dated))
+    dated = is_dated(machine.store, section.source)
+    key = SeriesKey(section.source, channel, bool(dated))
+    table = trends_after(machine.store, key, after, until, _MAX_RECORDS)
     return {
         "machine": machine.name,
         "channel": channel,

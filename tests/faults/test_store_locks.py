@@ -16,9 +16,9 @@ import pytest
 
 from monitor.health.record import Record
 from monitor.records.database import StoreError, release_lock, take_lock
+from monitor.records.reader import StoreReader
 from monitor.records.recover.published import gather
 from monitor.records.store import Store
-from monitor.web.reading import StoreReader
 from tests.support.daemons import ROOT
 from tests.support.forks import Fork, Messages
 from tests.support.waiting import wait_until

@@ -48,8 +48,7 @@ def appearances(folder: Path) -> dict[str, Any]:
     with Store.open(folder / "state.db", machine="m") as store:
         store.commit_many([(record, {}) for record in records])
         dataset = to_dataset(store.stored(), dated=False, attributes={})
-        connection = store._connection
-        trends = read_trends(connection, SeriesKey(records[0].source, "one", False), None, None, 100)
+        trends = read_trends(store, SeriesKey(records[0].source, "one", False), None, None, 100)
     level = AlarmLevel(feature="margin", alert_g=1e-3, on_delay_blocks=1)  # pyright: ignore[reportArgumentType]
     given = AlarmInput(1, usable=True, bad=False, values=records[-1].channels["one"])
     _, alarm = alarm_step(AlarmState(), given, AlarmSettings((level.to_rule(),)))

@@ -17,7 +17,8 @@ from monitor.health.record_values import record_values
 from monitor.health.rest.trend import TimeToAlarm, TrendInput, TtaStatus, step
 from monitor.health.signal.quality import Verdict
 from monitor.health.state import ChannelState
-from monitor.service.neighbours.points import StoredRecord, channel_message
+from monitor.records.queries import StoredRecord
+from monitor.service.neighbours.points import channel_message
 from monitor.words.statuses import TTA_REFUSALS
 from streams.types.block import STANDARD_GRAVITY
 from tests.support.report import one, page_of_records

@@ -25,10 +25,11 @@ from monitor.health.signal.spectra import BlockView, RawSpectra
 from monitor.health.signal.waterfall import SpectrumChange
 from monitor.health.state import ChannelState
 from monitor.records.dataset import from_dataset, to_dataset
+from monitor.records.queries import StoredRecord
 from monitor.records.spectra import read_block_view, read_ias, read_spectra
 from monitor.records.store import Store
 from monitor.report.figures.spectrum import SpectrumView
-from monitor.service.neighbours.points import StoredRecord, channel_values
+from monitor.service.neighbours.points import channel_values
 from monitor.service.replay import replay
 from monitor.words.rotation import DOMAINS as DOMAIN_WORDS
 from monitor.words.rotation import ROTATION_REFUSALS, speed_words

@@ -12,6 +12,7 @@ import numpy as np
 from hypothesis import strategies as st
 
 from monitor.health.record import Record
+from monitor.records.database import SharedConnection
 from monitor.records.rollup import FEATURES, LEVELS_S, SeriesKey, rolled_up_to
 from monitor.records.store import Store
 from monitor.records.trends import TrendTable, read_trends
@@ -63,9 +64,8 @@ def query(
     dated: bool = True,
 ) -> TrendTable:
     """Ask beside the writer, as the page does."""
-    uri = f"{(folder / 'state.db').absolute().as_uri()}?mode=ro"
-    with closing(sqlite3.connect(uri, uri=True, isolation_level=None)) as connection:
-        return read_trends(connection, SeriesKey(source, channel, dated), since, until, points)
+    with SharedConnection(folder / "state.db") as store:
+        return read_trends(store, SeriesKey(source, channel, dated), since, until, points)
 
 
 def rolled_up(folder: Path) -> int:

@@ -36,10 +36,8 @@ def commit_and_condense(messages: Messages, path: Path) -> None:
             messages.send(sequence)
             for day, last in store.rows("SELECT day, max(id) FROM blocks GROUP BY day"):
                 store.note_published(Published(f"m-{day}.nc", day, last, 1))
-            with store.transaction() as connection:
-                condense(connection, 200.0, 24)
-            with store.maintenance() as connection:
-                compact.shorten(connection, 8)
+            condense(store, 200.0, 24)
+            compact.shorten(store, 8)
 
 
 def salvage(messages: Messages, path: Path, records_dir: Path) -> None:

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any
 
 from monitor.config.opcua import OpcUaCondition
 from monitor.records.database import SharedConnection, replacing
-from monitor.records.packing import unpack
+from monitor.records.queries import committed_values
 from monitor.service.broker import NotifyError, read_secret
 from monitor.service.children import ServerProcess, end_with_parent, report_line
 from monitor.service.neighbours.opcua_server import MISSING, OpcUaError, Report
@@ -170,14 +170,10 @@ class RecordedCondition:
         )
 
     def _values(self, store: SharedConnection, block: Block) -> dict[str, Any]:
-        query = (
-            "SELECT layouts.layout, row FROM blocks JOIN records ON records.block = blocks.id "
-            "JOIN layouts ON layouts.id = records.layout WHERE source = ? AND sequence = ? AND content_hash = ?"
-        )
-        for layout, row in store.rows(query, self._source, block.sequence, block.content_hash):
-            for values in unpack(layout, row).values():
-                if OPCUA in (values.get("speed_source"), values.get("load_source")):
-                    return values
+        channels = committed_values(store, self._source, block.sequence, block.content_hash)
+        for values in channels.values():
+            if OPCUA in (values.get("speed_source"), values.get("load_source")):
+                return values
         return {}
 
 

@@ -6,15 +6,14 @@ OPC UA and Sparkplug B publish the same points. docs/reference/wire.md has the k
 from __future__ import annotations
 
 import json
-import sqlite3
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal
 
 from monitor.config.load import Config
 from monitor.records.database import SharedConnection, StoreError
-from monitor.records.packing import unpack
+from monitor.records.queries import StoredRecord, latest_record, log_marks, newest_id
 from monitor.service.system import read_status
 from monitor.words.events import utc_text
 from monitor.words.features import FEATURES, TRENDS, columns, first
@@ -63,25 +62,6 @@ _DEVICE_HEALTH = {
     "maintenance_required": 4,
 }
 """``DeviceHealthEnumeration`` of OPC 10000-100, which has the classes of NAMUR NE 107; without data it is a failure."""
-_FIELDS = "source, sequence, status, flags, reason, time, elapsed, layouts.layout, row"
-_JOINED = "blocks JOIN records ON records.block = blocks.id JOIN layouts ON layouts.id = records.layout"
-_AFTER = f"SELECT blocks.id, {_FIELDS} FROM {_JOINED} WHERE blocks.id > ? ORDER BY blocks.id LIMIT ?"
-_LATEST = f"SELECT {_FIELDS} FROM {_JOINED} WHERE source = ? ORDER BY sequence DESC LIMIT 1"
-
-
-@dataclass(frozen=True)
-class StoredRecord:
-    """A record as the store has it; ``flags`` are separated by blanks, times are s, values SI."""
-
-    machine: str
-    source: str
-    sequence: int
-    status: str
-    flags: str
-    reason: str
-    time: float | None
-    elapsed: float | None
-    channels: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
 
 
 _NO_RECORD = StoredRecord("", "", 0, "", "", "", None, None)
@@ -261,17 +241,6 @@ def _health(state: Any) -> int:
     return _DEVICE_HEALTH.get(str(state), _DEVICE_HEALTH["no_data"])
 
 
-def records_after(store: SharedConnection, machine: str, number: int, most: int) -> Iterator[tuple[int, StoredRecord]]:
-    """Yield at most so many records after a number of the ledger, each with its number."""
-    for found, *row in store.rows(_AFTER, number, most):
-        yield found, _stored_record(machine, row)
-
-
-def _stored_record(machine: str, row: Sequence[Any]) -> StoredRecord:
-    source, sequence, *rest, layout, values = row
-    return StoredRecord(machine, source, sequence, *rest, channels=unpack(layout, values))
-
-
 class Snapshots:
     """The latest of one machine; from one thread."""
 
@@ -279,33 +248,28 @@ class Snapshots:
         """Keep names and folder; nothing is read yet."""
         self._machine, self._sources = machine, tuple(dict.fromkeys(sources))
         self._state_dir = state_dir
-        self._newest: tuple[Any, ...] | None = None
+        self._newest: int | None = None
         self._found = MachineSnapshot()
 
     def read(self) -> MachineSnapshot:
         """Return the present status and records; where the store cannot be read, the last known records."""
         try:
             # A store that was replaced meanwhile is found, too.
-            with SharedConnection(self._state_dir / "state.db") as store, store.use() as connection:
-                self._read_store(connection)
+            with SharedConnection(self._state_dir / "state.db") as store:
+                self._read_store(store)
         except StoreError:
             self._newest = None
         return replace(self._found, status=read_status(self._state_dir))
 
-    def _read_store(self, connection: sqlite3.Connection) -> None:
-        tables = {name for (name,) in connection.execute("SELECT name FROM sqlite_master WHERE type = 'table'")}
-        events = sum(
-            connection.execute(f"SELECT coalesce(max(id), 0) FROM {table}").fetchone()[0]
-            for table in ("events", "notices")
-            if table in tables
-        )
-        newest = connection.execute("SELECT max(id) FROM blocks").fetchone()
+    def _read_store(self, store: SharedConnection) -> None:
+        marks, newest = log_marks(store), newest_id(store)
+        events = marks.events + marks.notices
         if newest == self._newest:
             self._found = replace(self._found, events=events)
             return
         records = {}
         for source in self._sources:
-            row = connection.execute(_LATEST, (source,)).fetchone()
-            if row is not None:
-                records[source] = _stored_record(self._machine, row)
+            record = latest_record(store, self._machine, source)
+            if record is not None:
+                records[source] = record
         self._newest, self._found = newest, MachineSnapshot(records=records, events=events)

@@ -23,6 +23,7 @@ from models.words.errors import SpallwatchError
 from monitor.config.load import Config
 from monitor.config.outputs import SparkplugSection
 from monitor.records.database import SharedConnection, replacing
+from monitor.records.queries import StoredRecord, newest_id, records_after
 from monitor.service.broker import BrokerLink, Sessions
 from monitor.service.neighbours.points import (
     Kind,
@@ -32,11 +33,9 @@ from monitor.service.neighbours.points import (
     PointPath,
     Quality,
     Snapshots,
-    StoredRecord,
     Value,
     channels_of,
     points_of,
-    records_after,
 )
 
 _LOG = logging.getLogger(__name__)
@@ -208,7 +207,7 @@ class Sparkplug(Sessions):
         payloads = Payloads()
         with SharedConnection(self._store) as store:
             if self._place is None:
-                self._place = store.rows("SELECT coalesce(max(id), 0) FROM blocks")[0][0]
+                self._place = newest_id(store)
             number = self._next_connection()
             death = payloads.encode([Metric(BD_SEQ, None, "int", number, _now())], _now())
             node = _Node(f"{_NAMESPACE}/{self._section.topic}", self._machine, self._channels, payloads, number)
@@ -226,7 +225,7 @@ class Sparkplug(Sessions):
 
     def _follow(self, link: BrokerLink, node: _Node, store: SharedConnection) -> None:
         assert self._place is not None
-        newest = store.rows("SELECT coalesce(max(id), 0) FROM blocks")[0][0]
+        newest = newest_id(store)
         snapshot = self._snapshots.read()
         _send(link, node.births(snapshot))
         self._send_history(link, node, store, newest)

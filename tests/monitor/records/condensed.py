@@ -53,9 +53,8 @@ def fill(store: Store, days: int = 4) -> int:
 
 
 def condense_all(store: Store, full_days: float = 1.0, most: int = 100, *, by_number: bool = False) -> None:
-    with store.transaction() as connection:
-        while condense(connection, full_days * DAY, most, by_number=by_number):
-            pass
+    while condense(store, full_days * DAY, most, by_number=by_number):
+        pass
 
 
 def present(store: Store) -> list[int]:
@@ -63,5 +62,5 @@ def present(store: Store) -> list[int]:
 
 
 def trends(store: Store, **asked: Any) -> TrendTable:
-    with SharedConnection(store.path) as reader, reader.use() as connection:
-        return read_trends(connection, SeriesKey("s", "x", True), **asked)
+    with SharedConnection(store.path) as reader:
+        return read_trends(reader, SeriesKey("s", "x", True), **asked)

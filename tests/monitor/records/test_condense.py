@@ -261,31 +261,32 @@ def test_the_rollup_of_condensed_blocks_survives_another_set_of_features(
     monkeypatch.setattr(rollup, "FEATURES", FEATURES)
     with closing(sqlite3.connect(path, isolation_level=None)) as connection:
         rollup.check_features(connection)
-        after = read_trends(connection, SeriesKey("s", "x", True), points=50)
+    with SharedConnection(path) as reader:
+        after = read_trends(reader, SeriesKey("s", "x", True), points=50)
     for name in FEATURES[:3]:
         assert np.array_equal(before.low[name], after.low[name], equal_nan=True)
     assert np.array_equal(before.records, after.records)
 
 
 def test_a_store_is_shortened_step_by_step_while_it_is_read(filled: Store) -> None:
-    with filled.maintenance() as connection:
+    with filled.connection() as connection:
         connection.execute("PRAGMA wal_checkpoint(TRUNCATE)")
     size = filled.path.stat().st_size
     with SharedConnection(filled.path) as reader:
         condense_all(filled)
-        with filled.maintenance() as connection:
+        with filled.connection() as connection:
             assert shrinks(connection)
             connection.execute("PRAGMA wal_checkpoint(TRUNCATE)")
             reserve = free_bytes_in(connection)
-            assert shorten(connection, 10) == 0 or reserve > 4 << 20
+            assert shorten(filled, 10) == 0 or reserve > 4 << 20
         with pytest.MonkeyPatch.context() as patch:
             patch.setattr("monitor.records.compact.RESERVE_BYTES", 0)
             steps = 0
-            with filled.maintenance() as connection:
+            with filled.connection() as connection:
                 free = free_bytes_in(connection) // 4096
-                assert shorten(connection, 2) == 2
+                assert shorten(filled, 2) == 2
                 assert free_bytes_in(connection) // 4096 == free - 2
-                while shorten(connection, 3):
+                while shorten(filled, 3):
                     steps += 1
                     assert reader.rows("SELECT count(*) FROM blocks")[0][0] == len(present(filled))
                 assert free_bytes_in(connection) == 0
@@ -314,7 +315,7 @@ def test_a_store_of_an_older_version_is_rebuilt_where_there_is_room(path: Path) 
     beats: list[int] = []
     assert settle_layout(path, lambda _: 1 << 40, lambda: beats.append(1))
     assert not settle_layout(path, lambda _: 1 << 40)
-    with Store.open(path, machine="m") as store, store.maintenance() as connection:
+    with Store.open(path, machine="m") as store, store.connection() as connection:
         assert shrinks(connection)
         assert list(store.records()) == records
 

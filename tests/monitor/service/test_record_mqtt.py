@@ -17,8 +17,9 @@ import pytest
 from monitor.config.outputs import RecordMqttSection
 from monitor.health.record import Record
 from monitor.records.condense import condense
+from monitor.records.queries import StoredRecord
 from monitor.records.store import Published, Store
-from monitor.service.neighbours.points import StoredRecord, channel_message, state_message
+from monitor.service.neighbours.points import channel_message, state_message
 from monitor.service.record_mqtt import PLACE, RecordMqtt
 from streams.types.block import STANDARD_GRAVITY
 from tests.support.broker import Broker
@@ -132,8 +133,7 @@ def test_where_records_left_the_store_before_they_were_sent_it_goes_on_with_the_
         wait_until(lambda: records.problem is None and (commits.folder / PLACE).exists())
     commits.add(198)
     commits.store.note_published(Published("m-20260921.nc", int(1.79e9 // 86400), 200, 1))
-    with commits.store.transaction() as connection:
-        assert condense(connection, 100.0, 1000) == 99
+    assert condense(commits.store, 100.0, 1000) == 99
     with broker, subscribed(broker.port, "plant/records/#") as heard, publishing(commits, broker.port):
         wait_until(lambda: blocks(heard) == list(range(100, 201)))
 

@@ -17,11 +17,11 @@ from hypothesis import strategies as st
 
 from monitor.health.record import Record
 from monitor.records.database import StoreError
+from monitor.records.reader import LedgerTally, StoreReader
 from monitor.records.store import Store
 from monitor.service.system import StatusFile
 from monitor.web import api
 from monitor.web.answers import numbers, without_folders
-from monitor.web.reading import LedgerTally, StoreReader
 from tests.support.daemons import make_machine
 from tests.support.effort import effort_count
 from tests.support.pages import Page, page_of
@@ -108,9 +108,9 @@ def test_blocks_are_counted_once_however_they_come(
             assert tally.counts() == store.counts()
     statuses = [status for part in parts for status in part]
     assert tally.by_source() == {("s", status): number for status, number in Counter(statuses).items()}
-    others = [(block["block"], block["status"]) for block in tally.others(1000)]
+    others = [(block.sequence, block.status) for block in tally.others(1000)]
     assert others == [(place, status) for place, status in enumerate(statuses, 1) if status != "ok"][::-1]
-    assert all(block["name"] == f"b{block['block']}" for block in tally.others(1000))
+    assert all(api.listed(block)["name"] == f"b{block.sequence}" for block in tally.others(1000))
 
 
 def test_a_new_store_is_counted_anew(tmp_path: Path) -> None:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from monitor.service.neighbours.points import _WORDS, MachineSnapshot, Snapshots, StoredRecord, channels_of, points_of
+from monitor.records.queries import StoredRecord
+from monitor.service.neighbours.points import _WORDS, MachineSnapshot, Snapshots, channels_of, points_of
 from tests.monitor.service.neighbours.machines import STATUS, Machine
 
 

@@ -11,13 +11,9 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
 from monitor.records.database import StoreError, refuse_unsuitable
-from monitor.records.packing import columns_of, numbers_of, places_of
+from monitor.records.queries import LedgerBlock, blocks_after, newest_id, newest_values
 from monitor.records.tables import APPLICATION_ID, STORE_VERSION
-from monitor.web.answers import without_folders
 
 _MAX_IDLE = 4
 _MAX_LOAN_S = 10.0
@@ -26,16 +22,8 @@ NAMES = (
     *("rms", "velocity_rms", "h_or", "v_eq", "v_eq_lower", "v_eq_upper", "v_eq_relative"),
     *("tt", "tt_lower", "tt_upper", "p_threshold", "speed"),
 )
-_LATEST = """
-SELECT layout, row FROM blocks JOIN records ON block = id
-WHERE source = ? AND length(row) > 0 ORDER BY sequence DESC LIMIT 1
-"""
 _STEP_BLOCKS = 20_000
 _MAX_LISTED = 1000
-_NEXT_BLOCKS = """
-SELECT id, source, sequence, status, axis_time, day IS NOT NULL, name, reason FROM blocks WHERE id > ?
-ORDER BY id LIMIT ?
-"""
 
 
 class StoreReader:
@@ -137,26 +125,12 @@ class LatestValues:
 
     def of(self, sources: Mapping[str, list[str]]) -> Mapping[str, Mapping[str, Mapping[str, float]]]:
         """Return the values by source, channel and name, of channels by source; StoreError where it cannot be read."""
-        with self._lock, self._store.connection() as connection:
-            newest = connection.execute("SELECT coalesce(max(id), 0) FROM blocks").fetchone()[0]
-            if self._newest == (self._store.identity(), newest):
-                return self._values
-            values: dict[str, dict[str, dict[str, float]]] = {}
-            for source, channels in sources.items():
-                found = connection.execute(_LATEST, (source,)).fetchone()
-                if found is None:
-                    continue
-                (layout,) = connection.execute("SELECT layout FROM layouts WHERE id = ?", (found[0],)).fetchone()
-                places, row = places_of(layout, NAMES), numbers_of(found[1])[None, :]
-                values[source] = {
-                    channel: _finite(columns_of(row, places[channel])[0]) for channel in channels if channel in places
-                }
-            self._newest, self._values = (self._store.identity(), newest), values
-            return values
-
-
-def _finite(values: NDArray[np.float64]) -> dict[str, float]:
-    return {name: value for name, value in zip(NAMES, values.tolist(), strict=True) if np.isfinite(value)}
+        with self._lock:
+            place = self._store.identity(), newest_id(self._store)
+            if place != self._newest:
+                self._values = {name: newest_values(self._store, name, NAMES, sources[name]) for name in sources}
+                self._newest = self._store.identity(), place[1]
+            return self._values
 
 
 class LedgerTally:
@@ -172,7 +146,7 @@ class LedgerTally:
     def _begin(self) -> None:
         self._last = 0
         self._counts: Counter[tuple[str, str]] = Counter()
-        self._others: deque[dict[str, Any]] = deque(maxlen=_MAX_LISTED)
+        self._others: deque[LedgerBlock] = deque(maxlen=_MAX_LISTED)
         self.complete = False
 
     def update(self) -> bool:
@@ -182,22 +156,12 @@ class LedgerTally:
             if file != self._file:
                 self._file = file
                 self._begin()
-            rows = self._store.rows(_NEXT_BLOCKS, self._last, _STEP_BLOCKS)
-            for number, source, sequence, status, time, dated, name, reason in rows:
-                self._counts[source, status] += 1
-                self._last = number
-                if status != "ok":
-                    self._others.append(
-                        {
-                            "source": source,
-                            "block": sequence,
-                            "name": name.replace("\\", "/").rpartition("/")[2],
-                            "time_s": time,
-                            "dated": bool(dated),
-                            "status": status,
-                            "reason": without_folders(reason),
-                        }
-                    )
+            rows = blocks_after(self._store, self._last, _STEP_BLOCKS)
+            for block in rows:
+                self._counts[block.source, block.status] += 1
+                self._last = block.id
+                if block.status != "ok":
+                    self._others.append(block)
             self.complete = len(rows) < _STEP_BLOCKS
             return not self.complete
 
@@ -215,8 +179,8 @@ class LedgerTally:
         with self._lock:
             return dict(self._counts)
 
-    def others(self, limit: int, source: str | None = None) -> list[dict[str, Any]]:
+    def others(self, limit: int, source: str | None = None) -> list[LedgerBlock]:
         """Return the latest blocks that were not ``ok``, the newest first."""
         with self._lock:
-            found = [block for block in reversed(self._others) if source in (None, block["source"])]
+            found = [block for block in reversed(self._others) if source in (None, block.source)]
         return found[:limit]
