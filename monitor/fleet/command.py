@@ -15,7 +15,8 @@ from monitor.commands.cluster_options import Sharing, sharing
 from monitor.commands.common import emit, say
 
 if TYPE_CHECKING:
-    from monitor.fleet.index import Counts, Index
+    from monitor.fleet.index import Index
+    from monitor.fleet.result import Counts
     from monitor.fleet.run import Records
 
 _MAX_NAMED = 20
@@ -62,9 +63,9 @@ def replay(
     """
     from monitor.fleet.finish import finish, zarr_writer
     from monitor.fleet.growth import grown_folders
-    from monitor.fleet.index import Later
     from monitor.fleet.place import INDEX_NAME, open_index
     from monitor.fleet.plan import later_recordings
+    from monitor.fleet.result import Later
     from monitor.fleet.run import Plan, delete_work, extend_archive, replay_waiting
 
     if records == "zarr":
@@ -111,7 +112,7 @@ def status(out: str, as_json: bool, quiet: bool) -> None:
 
 
 def _values(index: Index, counts: Counts, place: str) -> dict[str, Any]:
-    from monitor.fleet.index import STATUS_WORDS
+    from monitor.fleet.result import STATUS_WORDS
 
     return {
         "recordings": counts.recordings,

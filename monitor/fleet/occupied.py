@@ -10,8 +10,7 @@ from functools import lru_cache
 from pathlib import Path
 
 from models.work.task import Store
-from monitor.fleet.index import Index
-from monitor.fleet.index_file import INDEX_NAME
+from monitor.fleet.index import INDEX_NAME, Index
 from monitor.fleet.local import local_path, without_file_scheme
 from monitor.fleet.manifest import TAKEN, WORK_NAME, ManifestError
 from monitor.fleet.result import RESULT_NAME, RecordingResult
@@ -101,7 +100,7 @@ def refuse_lost_results(index: Index, out: Store) -> None:
     Raises:
         ManifestError: naming the first of them.
     """
-    machines = [name for (name,) in index.run("SELECT name FROM machines ORDER BY id").fetchall()]
+    machines = list(index.machines())
 
     def first_result(machine: str) -> str | None:
         ours = re.compile(rf"{re.escape(machine)}/[^/]+/{re.escape(RESULT_NAME)}")

@@ -21,8 +21,7 @@ from models.platform.process_signals import ended_as_interrupted
 from models.work.folder_store import FolderStore
 from models.work.stores import open_store
 from models.work.task import Store
-from monitor.fleet.index import Index
-from monitor.fleet.index_file import INDEX_NAME, ForeignIndexError
+from monitor.fleet.index import INDEX_NAME, ForeignIndexError, Index
 from monitor.fleet.manifest import ManifestError
 from monitor.records.database import release_lock, take_lock
 

@@ -16,10 +16,11 @@ from models.words.errors import WrongInputError
 from models.work.redact import redactor
 from models.work.task import Store
 from monitor.config.load import ConfigError
-from monitor.fleet.index import Index, Later
+from monitor.fleet.index import Index
 from monitor.fleet.local import without_file_scheme
 from monitor.fleet.manifest import Entry, ManifestError, read_manifest
 from monitor.fleet.occupied import Overlap
+from monitor.fleet.result import Later
 from monitor.fleet.setup import send_setup
 from streams.files.remote import bare, expand, is_remote
 from streams.types.listing import natural_key

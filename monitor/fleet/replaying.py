@@ -17,9 +17,9 @@ from models.work.runner import Runner
 from models.work.stores import open_store
 from models.work.task import Failure, Progress, Store
 from monitor.fleet.history import Position
-from monitor.fleet.index import DONE, FAILED, SET_ASIDE, Checkpoint, Index, Outcome, Waiting
+from monitor.fleet.index import Index
 from monitor.fleet.part import MAX_PART_RECORDINGS, REPLAYS, Part, PartResult, Shared, write_result
-from monitor.fleet.result import RecordingResult
+from monitor.fleet.result import DONE, FAILED, SET_ASIDE, Checkpoint, Outcome, RecordingResult, Waiting
 
 TASK_SECONDS = 2.0
 """Work of a task, as far as short recordings make it up."""

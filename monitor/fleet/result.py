@@ -7,11 +7,16 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field, replace
-from typing import Any, Literal
+from dataclasses import asdict, astuple, dataclass, field, replace
+from typing import Any, Literal, NamedTuple
+
+from models.work.codec import decode, encode
+from monitor.fleet.history import Position
 
 Status = Literal["done", "failed"]
 RESULT_NAME = "result.json"
+WAITING, DONE, FAILED, SET_ASIDE = range(4)
+STATUS_WORDS = ("waiting", "done", "failed", "set_aside")
 
 
 @dataclass(frozen=True)
@@ -143,3 +148,87 @@ def _summary_of(earlier: Mapping[str, Any], later: Mapping[str, Any]) -> Mapping
     if not later or not earlier:
         return later or earlier
     return {**later, "reasons": {**later.get("reasons", {}), **earlier.get("reasons", {})}}
+
+
+class Waiting(NamedTuple):
+    """A recording that is not replayed yet.
+
+    Attributes:
+        id: its number.
+        setup: digest of the configuration of its machine.
+        history: "each" or "continued".
+        attempt: how often it failed in runs before.
+    """
+
+    id: int
+    machine: str
+    setup: str
+    history: str
+    name: str
+    url: str
+    attempt: int
+
+
+class Checkpoint(NamedTuple):
+    """Where a history stands: where its next part begins, from which state, and the result of the parts before.
+
+    It is kept in plain types, since a history may go on years later.
+    """
+
+    position: Position
+    state: str | None
+    result: RecordingResult
+
+    def packed(self) -> bytes:
+        """Return it as bytes."""
+        return encode((list(astuple(self.position)), self.state, self.result.to_json()))
+
+    @classmethod
+    def unpacked(cls, data: bytes) -> Checkpoint | None:
+        """Return it from its bytes, None where they are of another version: the history is then replayed anew."""
+        try:
+            position, state, result = decode(data)
+            return cls(Position(*position), state, RecordingResult.from_json(result))
+        except (ValueError, TypeError, KeyError):
+            return None
+
+
+class Outcome(NamedTuple):
+    """What the index keeps of a recording that is replayed, failed or set aside.
+
+    ``end`` is the checkpoint at the end of a history that was replayed, from which it can go on later.
+    """
+
+    id: int
+    status: int
+    rows: int = 0
+    first: float | None = None
+    last: float | None = None
+    seconds: float = 0.0
+    chunk: str | None = None
+    reason: str | None = None
+    log: str | None = None
+    end: Checkpoint | None = None
+
+
+class Counts(NamedTuple):
+    """Recordings by status; rows of records and seconds of work of all that were replayed, failed ones included."""
+
+    waiting: int = 0
+    done: int = 0
+    failed: int = 0
+    set_aside: int = 0
+    rows: int = 0
+    seconds: float = 0.0
+
+    @property
+    def recordings(self) -> int:
+        """All of them."""
+        return self.waiting + self.done + self.failed + self.set_aside
+
+
+class Later(NamedTuple):
+    """Recordings that came after an archive was planned: how many they are, and the first, "" where there is none."""
+
+    recordings: int = 0
+    first: str = ""

@@ -17,13 +17,13 @@ from models.work.runner import Runner
 from models.work.stores import open_store
 from models.work.task import Store
 from monitor.fleet.growth import extend
-from monitor.fleet.index import Counts, Index, Later
+from monitor.fleet.index import Index
 from monitor.fleet.manifest import WORK_NAME, ManifestError
 from monitor.fleet.occupied import OWN, Overlap, refuse_lost_results, refuse_lost_work
 from monitor.fleet.part import PART_BLOCKS, Shared, read_result
 from monitor.fleet.plan import Planner, check_unchanged, signed_urls
 from monitor.fleet.replaying import Replaying
-from monitor.fleet.result import RESULT_NAME, RecordingResult
+from monitor.fleet.result import RESULT_NAME, Counts, Later, RecordingResult
 from monitor.fleet.zarr_place import refuse_unknown
 from monitor.records.database import Closing
 

@@ -11,8 +11,8 @@ import xarray as xr
 
 from models.work.runner import Runner
 from models.work.serial import SerialExecutor
-from monitor.fleet.index import Counts, Index
-from monitor.fleet.result import RESULT_NAME, RecordingResult
+from monitor.fleet.index import Index
+from monitor.fleet.result import RESULT_NAME, Counts, RecordingResult
 from monitor.fleet.run import Plan, extend_archive, replay_waiting
 from tests.support.small_machine import BLOCK, small_machine
 

@@ -20,9 +20,10 @@ from models.work.task import ChunkOutcome, Failure
 from monitor.config.load import load_config
 from monitor.fleet import part, replaying
 from monitor.fleet.history import Position
-from monitor.fleet.index import FAILED, SET_ASIDE, Index
+from monitor.fleet.index import Index
 from monitor.fleet.manifest import ManifestError
 from monitor.fleet.part import described
+from monitor.fleet.result import FAILED, SET_ASIDE
 from monitor.fleet.run import Plan, Results, delete_work, replay_waiting
 from monitor.fleet.setup import load_setup, send_setup
 from monitor.service.replay import replay

@@ -110,7 +110,7 @@ def test_a_store_of_an_older_index_is_whole_where_its_records_are_gone(fleet, za
         monkeypatch.setattr(run, "OWN", re.compile("none"))
     replay(fleet)
     with Index(fleet / "out/index.db") as index:
-        index.run("DELETE FROM meta WHERE key = 'finished'")
+        index._run("DELETE FROM meta WHERE key = 'finished'")
     assert replay(fleet, "--resume")["report"] == "out/fleet.html"
     assert len(zarr.written) == 1 + records
 

@@ -12,9 +12,10 @@ from models.work.runner import Runner
 from models.work.serial import SerialExecutor
 from models.work.stores import open_store
 from monitor.fleet.growth import extend, grown_folders
-from monitor.fleet.index import DONE, Index, Later, Outcome
+from monitor.fleet.index import Index
 from monitor.fleet.manifest import ManifestError
 from monitor.fleet.plan import Planner
+from monitor.fleet.result import DONE, Later, Outcome
 from tests.monitor.fleet.fleet_files import CONFIG, assert_same_records, make_archive, result_of, write_files
 from tests.support.small_machine import BAND
 

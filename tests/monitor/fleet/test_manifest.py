@@ -7,9 +7,10 @@ from pathlib import Path
 import pytest
 
 from models.work.stores import open_store
-from monitor.fleet.index import Index, Later
+from monitor.fleet.index import Index
 from monitor.fleet.manifest import ManifestError, read_manifest
 from monitor.fleet.plan import Planner, check_unchanged, later_recordings, manifest_digest, signed_urls
+from monitor.fleet.result import Later
 from tests.monitor.fleet.fleet_files import CONFIG
 
 TABLE = '[[machine]]\nname = "press"\nconfig = "m.toml"\n'
