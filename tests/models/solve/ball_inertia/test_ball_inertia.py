@@ -1,23 +1,36 @@
-"""Balls with inertia: closed forms, balance of forces, symmetry, stability of the steps, order, hard cases."""
+"""Balls with inertia: closed forms, balance of forces, symmetry, stability of the steps, order, hard cases.
+
+The kernel of the balls with inertia against an oracle that shares no code with it, and its order of convergence.
+
+One ball period of balls with inertia: against the run over time, what does not repeat, stated errors.
+"""
 
 from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pytest
 
-from models.machine.bearing import Bearing, kinematics
+from models.machine.bearing import Bearing, from_catalogue, kinematics
 from models.machine.hertz import in_series
-from models.machine.scene import Defect, Scene
+from models.machine.scene import Defect, Part, Scene
 from models.published.marin import INNER, bearing_of, scene_of
+from models.solve.ball_inertia import period as ball_period
+from models.solve.ball_inertia import solver as ball_inertia
 from models.solve.ball_inertia.rig import BallInertiaRig
 from models.solve.ball_inertia.solver import at_rest, longest_stable_step, trace
+from models.solve.registry import choose
+from models.solve.response import Response
 from models.solve.rotor.rig import RotorRig
 from models.solve.rotor.solver import trace as rotor_trace
 from models.solve.simulate import simulate
+from models.words.request import Request
+from tests.oracles import ball_inertia_oracle
+from tests.oracles.ball_inertia_oracle import R_0, Case, Spot
+from tests.support.effort import effort_count
 
 RIG = BallInertiaRig(m_b=0.0035)
 NINE = scene_of(9)
@@ -166,3 +179,118 @@ def test_a_bearing_with_a_contact_angle_is_refused() -> None:
     with pytest.raises(ValueError, match="contact angle"):
         replace(NINE, bearing=replace(bearing_of(9), contact_angle=0.3))
     assert BallInertiaRig(**RIG.as_dict()) == RIG
+
+
+BEARING = replace(from_catalogue("6206"), element_diameter=9.5e-3)
+CASES = {
+    "three balls, gravity aslant": Case(balls=3, load=3000.0, speed=20.0, gap=1e-5, gravity=9.81, down=0.7),
+    "inner race": Case(spots=(Spot("inner", 0.9, 0.055, 2e-5),), gap=1e-5, load=3000.0, cage=1.0),
+    "both races": Case(spots=(Spot("outer", 0.2, 0.1, 1e-5), Spot("inner", 0.1, 0.1, 5e-6)), damping=(100.0, 400.0)),
+    "half sines": Case(spots=(Spot("outer", 0.2, 0.1, 1e-5), Spot("inner", 0.1, 0.1, 5e-6)), half_sine=True),
+    "unbalance": Case(unbalance=3e-3, speed=60.0, gap=2e-5, load=100.0, gravity=9.81),
+    "seven balls, fast": Case(balls=7, speed=150.0, load=300.0, gap=5e-6),
+}
+QUICK = ("three balls, gravity aslant", "both races", "unbalance")
+
+
+def scene_of_case(case: Case) -> Scene:
+    """Return the product's scene of a case."""
+    defects = tuple(Defect(s.extent, s.depth, position=s.middle, part=cast("Part", s.race)) for s in case.spots)
+    rig = BallInertiaRig(
+        m_b=0.0035,
+        k_ci=ball_inertia_oracle.C_IN,
+        k_co=ball_inertia_oracle.C_OUT,
+        c_ci=case.damping[0],
+        c_co=case.damping[1],
+        cage_angle=case.cage,
+        defect_shape="half_sine" if case.half_sine else "rectangle",
+    )
+    return Scene(
+        case.speed,
+        case.load,
+        bearing=replace(BEARING, n_elements=case.balls),
+        rig=rig,
+        defect=defects[0] if defects else None,
+        more_defects=defects[1:],
+        clearance=case.gap,
+        gravity=case.gravity,
+        gravity_angle=case.down,
+        unbalance=case.unbalance,
+    )
+
+
+@pytest.mark.parametrize("name", list(CASES) if effort_count(quick=1, full=2) == 2 else QUICK)
+def test_accelerations_are_those_of_the_oracle(name: str) -> None:
+    case, step, duration = CASES[name], 1e-6, 1e-3 * effort_count(quick=2, full=4)
+    scene = scene_of_case(case)
+    found = trace(scene, duration, step)
+    chosen = np.arange(0, len(found.acceleration), 11)
+    state = at_rest(scene)
+    state[4 : 4 + case.balls] += R_0
+    expected = ball_inertia_oracle.simulate(case, state, step * chosen.astype(np.float64))[:, 0]
+    level = float(np.sqrt(np.mean(expected**2)))
+    # At the instant of a jump one of both may stand before it: the middle of the errors, and nearly all of them.
+    error = np.abs(found.acceleration[chosen] - expected) / level
+    assert level > 0.01
+    assert np.quantile(error, 0.99) < 2e-4
+    assert np.median(error) < 1e-5
+
+
+BALL_PERIOD_RIG = BallInertiaRig(m_b=0.0035, c_ci=500.0, c_co=500.0, defect_shape="half_sine")
+HEALTHY = Scene(30.0, 1500.0, bearing=bearing_of(9), rig=BALL_PERIOD_RIG, clearance=3e-6)
+REQUEST = Request(accuracy=2e-3, duration=0.25, rate=25600.0)
+SCENES = {
+    "healthy": HEALTHY,
+    "outer race": replace(HEALTHY, defect=Defect(0.08, 1e-5)),
+    "two rows, one damaged": replace(
+        HEALTHY, bearing=replace(bearing_of(9), rows=2), defect=Defect(0.08, 1e-5, first_row=1), load=4000.0
+    ),
+}
+
+
+def over_time(scene: Scene) -> Response:
+    """Return the settled run over time with a quarter of the steps."""
+    steps = 4.0 / (0.7 * ball_inertia.longest_stable_step(scene) * kinematics(scene.bearing, scene.speed).bpfo)
+    return ball_inertia.solve(scene, replace(REQUEST, steps_per_period=round(steps)))
+
+
+@pytest.mark.parametrize("name", list(SCENES))
+def test_it_is_the_motion_that_a_run_over_time_settles_to(name: str) -> None:
+    found, truth = ball_period.solve(SCENES[name], REQUEST), over_time(SCENES[name])
+    assert (found.solver, found.status, found.record) == ("periodic", "converged", None)
+    assert abs(found.rms / truth.rms - 1.0) <= found.rms_error <= REQUEST.accuracy
+    assert found.peak == pytest.approx(truth.peak, rel=0.03)
+    largest = float(np.max(truth.harmonics))
+    assert np.abs(found.harmonics - truth.harmonics) == pytest.approx(0.0, abs=3e-3 * largest)
+
+
+def test_auto_takes_it_where_the_motion_repeats() -> None:
+    assert choose(HEALTHY, REQUEST)[0].solve is ball_period.solve
+    assert choose(replace(HEALTHY, unbalance=1e-4), REQUEST)[0].solve is ball_inertia.solve
+
+
+def test_a_motion_that_does_not_come_to_repeat_is_followed_over_time() -> None:
+    """Without damping nothing settles."""
+    scene = replace(HEALTHY, rig=replace(BALL_PERIOD_RIG, c_ci=0.0, c_co=0.0))
+    found = ball_period.solve(scene, replace(REQUEST, duration=0.05))
+    assert found.solver == "time"
+    assert found.status != "converged"
+
+
+def test_what_turns_with_the_shaft_is_refused() -> None:
+    with pytest.raises(ValueError, match=r"unbalance: ball_inertia does not describe this for one ball period"):
+        ball_period.solve(replace(HEALTHY, unbalance=1e-4), REQUEST)
+
+
+def test_steps_that_are_too_coarse_for_the_accuracy_are_said() -> None:
+    steps = round(2.5 / (ball_inertia.longest_stable_step(HEALTHY) * kinematics(HEALTHY.bearing, 30.0).bpfo))
+    found = ball_period.solve(HEALTHY, replace(REQUEST, accuracy=1e-6, steps_per_period=steps))
+    assert found.status == "inaccurate"
+    assert found.error > 1e-6
+
+
+def test_a_band_holds_the_lines_within() -> None:
+    whole = ball_period.solve(HEALTHY, REQUEST)
+    found = ball_period.solve(HEALTHY, replace(REQUEST, band=(500.0, 4000.0)))
+    assert found.rms == pytest.approx(whole.rms_in_band(500.0, 4000.0), rel=2e-3)
+    assert found.rms < whole.rms

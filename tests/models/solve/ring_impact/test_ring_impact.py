@@ -1,4 +1,7 @@
-"""The model of impacts on rings: closed forms, limits, and its kernel against scipy."""
+"""The model of impacts on rings: closed forms, limits, and its kernel against scipy.
+
+Scaling the model of impacts on rings to a machine, which here is the same model with other gain and noise.
+"""
 
 from __future__ import annotations
 
@@ -18,10 +21,15 @@ from models.solve.ring_impact.kernel import HALF_SINE, RECTANGLE, ImpactPulses, 
 from models.solve.ring_impact.rig import Pulse, RingImpactRig, RingSection
 from models.solve.ring_impact.solver import (
     SOLVER,
+    Addition,
+    MeasuredLevel,
+    calibrate,
     films,
     matrices,
     modes_of,
     natural_frequencies,
+    noise_level,
+    noise_to_add,
 )
 from models.solve.simulate import simulate
 from models.words.request import Request
@@ -315,3 +323,86 @@ def test_effects_that_it_lacks_are_refused_by_name() -> None:
 def test_what_its_rig_is_refused_by_other_models() -> None:
     with pytest.raises(ValueError, match="six_dof takes the parameters of Rig, got RingImpactRig"):
         simulate(replace(SCENE, model="six_dof"))
+
+
+RING_CALIBRATION_RIG = RingImpactRig(k_impact=60.0, c_of=100.0, c_if=100.0)
+RING_CALIBRATION_DEFECT = Defect(0.03, 1e-3, part="inner")
+RING_CALIBRATION_SCENE = Scene(
+    30.0, 1000.0, bearing=from_catalogue("6205"), rig=RING_CALIBRATION_RIG, defect=RING_CALIBRATION_DEFECT
+)
+REQUEST = Request(duration=1.0, rate=25600.0, accuracy=1e-2)
+
+
+def record(scene: Scene) -> NDArray[np.float64]:
+    found = simulate(scene, duration=1.0, rate=25600.0, accuracy=1e-2)
+    assert found.record is not None
+    return found.record.of()
+
+
+def measured(scene: Scene) -> MeasuredLevel:
+    x = record(scene)
+    return MeasuredLevel(float(np.std(x)), float(np.mean(x**4) / np.mean(x**2) ** 2))
+
+
+def machine() -> RingImpactRig:
+    """A machine unlike the model: 1/50 of its amplitude, noise of another seed."""
+    noise = 0.5 * float(np.std(record(RING_CALIBRATION_SCENE))) / 50.0
+    return replace(
+        RING_CALIBRATION_RIG, gain=0.02, slip_noise=noise / noise_level(RING_CALIBRATION_SCENE, 1.0), noise_seed=17
+    )
+
+
+def test_gain_and_noise_of_a_machine_are_found_and_predict_its_other_defects() -> None:
+    there = machine()
+    found = calibrate(RING_CALIBRATION_SCENE, measured(replace(RING_CALIBRATION_SCENE, rig=there)), REQUEST)
+    assert found.gain == pytest.approx(there.gain, rel=0.02)
+    assert found.slip_noise == pytest.approx(there.slip_noise, rel=0.05)
+    for change in (
+        {"defect": replace(RING_CALIBRATION_DEFECT, dphi_d=0.1)},
+        {"defect": replace(RING_CALIBRATION_DEFECT, part="outer")},
+        {"load": 3000.0},
+        {"speed": 45.0},
+    ):
+        other = replace(RING_CALIBRATION_SCENE, **change)
+        ours, theirs = measured(replace(other, rig=found)), measured(replace(other, rig=there))
+        assert ours.rms == pytest.approx(theirs.rms, rel=0.02)
+        assert ours.kurtosis == pytest.approx(theirs.kurtosis, rel=0.1)
+
+
+@pytest.mark.parametrize("addition", ["quadrature", "linear"])
+def test_known_noise_leaves_the_impacts_the_rest(addition: Addition) -> None:
+    alone = float(np.std(record(RING_CALIBRATION_SCENE)))
+    found = calibrate(RING_CALIBRATION_SCENE, MeasuredLevel(5.0, noise=3.0), REQUEST, addition=addition)
+    impacts = 4.0 if addition == "quadrature" else 2.0
+    assert found.gain == pytest.approx(impacts / alone, rel=1e-3)
+    assert noise_level(replace(RING_CALIBRATION_SCENE, rig=found)) == pytest.approx(3.0, rel=1e-9)
+    assert float(np.std(record(replace(RING_CALIBRATION_SCENE, rig=found)))) == pytest.approx(
+        math.hypot(impacts, 3.0), rel=0.03
+    )
+
+
+def test_rms_alone_is_all_impacts() -> None:
+    found = calibrate(RING_CALIBRATION_SCENE, MeasuredLevel(5.0), REQUEST)
+    assert found.slip_noise == 0.0
+    assert float(np.std(record(replace(RING_CALIBRATION_SCENE, rig=found)))) == pytest.approx(5.0, rel=1e-3)
+
+
+def test_noise_that_makes_up_an_rms() -> None:
+    assert noise_to_add(5.0, 4.0) == pytest.approx(3.0)
+    assert noise_to_add(5.0, 4.0, "linear") == pytest.approx(1.0)
+    assert noise_to_add(5.0, 5.0) == 0.0
+    with pytest.raises(ValueError, match="exceeds the measured one"):
+        noise_to_add(4.0, 5.0)
+
+
+def test_what_cannot_be_calibrated_is_refused() -> None:
+    with pytest.raises(ValueError, match="it is not hit"):
+        calibrate(replace(RING_CALIBRATION_SCENE, load=0.0), MeasuredLevel(5.0), REQUEST)
+    with pytest.raises(ValueError, match="does not lie between that of noise"):
+        calibrate(RING_CALIBRATION_SCENE, MeasuredLevel(5.0, kurtosis=500.0), REQUEST)
+    with pytest.raises(ValueError, match="rms"):
+        MeasuredLevel(0.0)
+    with pytest.raises(ValueError, match="kurtosis"):
+        MeasuredLevel(1.0, 0.9)
+    with pytest.raises(ValueError, match="noise"):
+        MeasuredLevel(1.0, noise=1.0)
