@@ -17,7 +17,6 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 from hypothesis import HealthCheck, settings
-from hypothesis.internal.conjecture import providers
 from numpy.typing import NDArray
 
 from tests.support.broker import broker_program
@@ -48,10 +47,6 @@ settings.register_profile(
     suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large],
 )
 settings.load_profile("any machine")
-if effort_count(quick=1, full=0):
-    # Hypothesis reads the texts of all modules for constants to draw. It takes each worker a quarter of its collection,
-    # and examples depend on what else was imported.
-    providers.is_local_module_file = lambda _path: False
 
 
 def recordings_folder() -> Path:
