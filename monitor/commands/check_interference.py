@@ -45,7 +45,7 @@ def propose_interference(config: Config, recording: str) -> list[dict[str, Any]]
     Raises:
         ConfigError: the machine has several sources, the recording does not fit it, or has no accepted block.
     """
-    from monitor.service.replay import accepted_blocks
+    from monitor.service.setup import accepted_blocks
 
     for block, outputs, settings in accepted_blocks(config, recording, "--recording"):
         return [

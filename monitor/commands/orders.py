@@ -74,7 +74,7 @@ def _block(
     config: Config, recording: str, wanted: int | None
 ) -> tuple[Block, Mapping[str, ChannelOutput], Mapping[str, ChannelSettings]]:
     """Return the block of a number, or the first that is accepted, with what the stages make of it."""
-    from monitor.service.replay import accepted_blocks
+    from monitor.service.setup import accepted_blocks
 
     for block, outputs, settings in accepted_blocks(config, recording, "orders"):
         if wanted is None or block.sequence == wanted:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 from models.machine.bearing import kinematics
 from models.maps.data import RmsMap
 from monitor.config.load import Config, ConfigError
-from monitor.health.output import ChannelOutput
 from monitor.health.signal.average import RecentSpectra
 from monitor.health.signal.bands import VOTES_NEEDED
 from monitor.health.signal.features import SPECTRUM_LINES, fundamentals
@@ -159,21 +158,6 @@ def replay_source(
         }
     spectra = {channel: found.spectrum(settings.channels[channel]) for channel, found in drawn.items()}
     return Replay(summary, out / "state.db", spectra, taken)
-
-
-def accepted_blocks(
-    config: Config, recording: str, what: str
-) -> Iterator[tuple[Block, Mapping[str, ChannelOutput], Mapping[str, ChannelSettings]]]:
-    """Yield the accepted blocks of a recording with what the stages make of their channels, and the settings of these.
-
-    Raises:
-        ConfigError: the machine has several sources, of which ``what`` takes one, or the recording does not fit it.
-    """
-    section = only_source(config, what)
-    settings, source = source_settings(config, section), open_configured(config, section, recording)
-    for block, output, _ in Pipeline({settings.name: settings}).play(source):
-        if isinstance(block, Block) and output.channels:
-            yield block, output.channels, settings.channels
 
 
 def kept_dating(out: Path, source: str) -> Dating | None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import fields
 from pathlib import Path
 from typing import Generic, TypeVar
@@ -20,6 +20,7 @@ from monitor.config.load import Config, ConfigError
 from monitor.config.removed import removed_lines
 from monitor.config.source import ChannelSection, SourceSection
 from monitor.config.stages import method_or_best
+from monitor.health.output import ChannelOutput
 from monitor.health.rest.learned.forecaster import LearnedSettings
 from monitor.health.rest.learned.model import LearnedModel
 from monitor.health.rest.trend import TrendSettings
@@ -32,6 +33,7 @@ from monitor.health.size.library.forecaster import LibrarySettings
 from monitor.health.size.library.model import Library
 from monitor.health.state import ChannelSettings, SourceSettings
 from monitor.health.tracker import DamageSettings, PartMap
+from monitor.pipeline import Pipeline
 from monitor.records.learned_file import LearnedFileError, is_learned, load_learned
 from monitor.records.library_file import LibraryError, load_library
 from monitor.service.calibration import calibration_of
@@ -40,7 +42,7 @@ from streams.dates.dating import Dating
 from streams.files.container import Files
 from streams.open import open_source
 from streams.recording.state import ReadingState
-from streams.types.block import STANDARD_GRAVITY
+from streams.types.block import STANDARD_GRAVITY, Block
 from streams.types.source import Source
 from streams.types.spec import ChannelSpec, SourceError, SourceSpec
 
@@ -134,6 +136,21 @@ def source_settings(
             _check_library(config, channel, library)
         channels[channel.name] = _channel_settings(config, source, channel, by_part, library)
     return SourceSettings(source.name, channels, source.rate_hz)
+
+
+def accepted_blocks(
+    config: Config, recording: str, what: str
+) -> Iterator[tuple[Block, Mapping[str, ChannelOutput], Mapping[str, ChannelSettings]]]:
+    """Yield the accepted blocks of a recording with what the stages make of their channels, and the settings of these.
+
+    Raises:
+        ConfigError: the machine has several sources, of which ``what`` takes one, or the recording does not fit it.
+    """
+    section = only_source(config, what)
+    settings, source = source_settings(config, section), open_configured(config, section, recording)
+    for block, output, _ in Pipeline({settings.name: settings}).play(source):
+        if isinstance(block, Block) and output.channels:
+            yield block, output.channels, settings.channels
 
 
 def _by_part(config: Config, channel: ChannelSection, maps: Sequence[RmsMap]) -> dict[Part, RmsMap]:
