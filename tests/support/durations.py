@@ -61,7 +61,7 @@ class Durations:
     def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
         """Add a phase to what its test takes."""
         spent = self._spent[report.nodeid]
-        spent[0] += dict(report.user_properties).get(_PROPERTY, 0.0)
+        spent[0] += sum(float(str(value)) for name, value in report.user_properties if name == _PROPERTY)
         spent[1] += report.duration
 
     def pytest_sessionfinish(self) -> None:
