@@ -68,7 +68,7 @@ def reference_rows(count: int) -> list[Row]:
     rows: list[Row] = []
     for scene in random_scenes(count, rough=False, seed=SEED + 1):
         assert scene.defect is not None
-        finest = simulate(scene, steps_per_period=2 * REFERENCE_STEPS, tolerance=1e-9).rms
+        finest = simulate(scene, steps_per_period=2 * REFERENCE_STEPS, tolerance=1e-8).rms
         fine = simulate(scene, steps_per_period=REFERENCE_STEPS, tolerance=1e-8)
         rows.append(
             {
