@@ -1,4 +1,9 @@
-"""Published files as the second copy of a store: their group ``ledger``, and none that holds more is replaced."""
+"""Published files as the second copy of a store: their group ``ledger``, and none that holds more is replaced.
+
+Of a netCDF-4 file every variable is declared before the first value: between a declaration and a value the library
+writes all that it has declared so far, so that the time of ``Dataset.to_netcdf``, which alternates between them, grows
+with the square of the number of variables.
+"""
 
 from __future__ import annotations
 
@@ -6,18 +11,66 @@ import json
 import logging
 import math
 import time
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import netCDF4
 import numpy as np
 import xarray as xr
+from xarray.backends import NetCDF4DataStore
 
 from monitor.records.database import link_durably, same_file
 from monitor.records.events import EventLog
-from monitor.records.netcdf import read_variables
 from monitor.records.store import Store
+
+Encoding = Mapping[str, Mapping[str, Any]]
+
+
+class _ValuesLast:
+    """Writer of xarray that keeps the values of declared variables until :meth:`write`."""
+
+    def __init__(self) -> None:
+        self._pending: list[tuple[Any, Any]] = []
+
+    def add(self, source: Any, target: Any, region: Any = None) -> None:
+        """Take the values of a variable; xarray calls this for each that it declares."""
+        self._pending.append((source, target))
+
+    def write(self) -> None:
+        """Write all values."""
+        for source, target in self._pending:
+            target[...] = source
+
+
+def write_netcdf(path: Path, groups: Mapping[str, tuple[xr.Dataset, Encoding]]) -> None:
+    """Write datasets as groups of one new file, "" being the root; readers see what ``Dataset.to_netcdf`` writes.
+
+    Raises:
+        OSError, RuntimeError: the file cannot be written.
+    """
+    writer = _ValuesLast()
+    with netCDF4.Dataset(path, "w", format="NETCDF4") as file:
+        for name, (dataset, encoding) in groups.items():
+            store = NetCDF4DataStore(file.createGroup(name) if name else file)
+            dataset.dump_to_store(store, writer=writer, encoding=encoding)
+        writer.write()
+
+
+def read_variables(path: Path, names: Iterable[str]) -> dict[str, list[Any]]:
+    """Return the values of some variables of a file as they are stored.
+
+    It takes half of the time of ``xarray.open_dataset``, which also reads all other variables' attributes.
+
+    Raises:
+        OSError, RuntimeError: the file cannot be read.
+        KeyError: it has no such variable.
+    """
+    with netCDF4.Dataset(path) as file:
+        file.set_auto_maskandscale(False)
+        return {name: file.variables[name][...].tolist() for name in names}
+
 
 _LOG = logging.getLogger(__name__)
 UNREADABLE = (OSError, RuntimeError, ValueError, KeyError, AttributeError)

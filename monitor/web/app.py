@@ -27,10 +27,11 @@ from starlette.types import ASGIApp, Receive, Scope, Send
 from models.platform.portable import NO_LINK
 from monitor.records.database import StoreError
 from monitor.records.filing import published_name
-from monitor.web import acknowledging, api, event_view, map_view, spectra_view
+from monitor.web import api, event_view, map_view, spectra_view
+from monitor.web import event_view as acknowledging
 from monitor.web.answers import Answer, Query, RequestError, answer_of, json_answer, without_folders
+from monitor.web.api import levels
 from monitor.web.auth import Doorkeeper
-from monitor.web.levels_view import levels
 from monitor.web.machines import Machine, Machines
 from monitor.web.metrics import METRICS_TYPE, Measures, metrics
 from monitor.web.security import MAX_BODY_BYTES, Doors, Guard

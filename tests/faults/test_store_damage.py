@@ -18,8 +18,7 @@ from monitor.records.ledger import StoreLedger
 from monitor.records.publish import publish
 from monitor.records.recover import published as recover_published
 from monitor.records.recover import salvage
-from monitor.records.recover.report import SalvageReport
-from monitor.records.recover.salvage import open_or_salvage
+from monitor.records.recover.salvage import SalvageReport, open_or_salvage
 from monitor.records.store import Store
 from streams.types.source import FileProgress
 from tests.support.effort import effort_count

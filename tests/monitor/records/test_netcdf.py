@@ -12,8 +12,8 @@ import xarray as xr
 
 from monitor.health.record import Record
 from monitor.records.dataset import to_dataset
-from monitor.records.netcdf import Encoding, read_variables, write_netcdf
 from monitor.records.publish import encoding_of
+from monitor.records.second_copy import Encoding, read_variables, write_netcdf
 from monitor.records.store import Store
 
 
