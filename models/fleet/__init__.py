@@ -38,7 +38,7 @@ def open_executor(address: str, workers: int, store: Store, tell: Callable[[str]
         )
     from models.fleet.connect import Remote
     from models.fleet.executor import ClusterExecutor
-    from models.fleet.local import Local
+    from models.fleet.connect import Local
 
     cluster = Local(workers) if address == "local" else Remote(address, workers)
     return ClusterExecutor(cluster, store, tell)

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from models.gears.teeth.iso6336 import iso_stiffness
+from models.gears.teeth.stiffness import iso_stiffness
 from models.gears.train.linear import natural_frequencies
 from models.gears.train.parts import GearTrain
 from monitor.commands.common import InputError, finite, output_errors

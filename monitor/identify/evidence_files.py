@@ -12,7 +12,7 @@ import click
 import numpy as np
 
 from models.identify.evidence import DIRECTIONS, Direction, Evidence, Peak, Prior
-from models.identify.geometry import geometry_priors
+from models.identify.evidence import geometry_priors
 from models.identify.resonances import Density, Resonance, find_resonances, welch
 from models.machine.bearing import CatalogueEntry
 from models.machine.rig import Rig

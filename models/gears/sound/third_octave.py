@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from models.gears.sound.weighting import power
+from models.gears.sound.levels import power
 from models.words.checks import check_choice, check_positive
 
 if TYPE_CHECKING:

@@ -13,7 +13,7 @@ from models.gears.teeth.geometry import GearPair, TipRelief, ToothedWheel
 from models.gears.teeth.mesh import MeshStiffness
 from models.gears.teeth.rack import BasicRack
 from models.gears.teeth.stiffness import mesh_stiffness
-from models.gears.teeth.stiffness_csv import GearTableError
+from models.gears.teeth.mesh import GearTableError
 from monitor.gears.config.faults import GearFaultSection
 from monitor.gears.config.parts import GearPairSection, GearWheelSection
 

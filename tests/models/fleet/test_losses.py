@@ -17,7 +17,7 @@ from models.fleet.errors import ClusterError
 from models.fleet.executor import ClusterExecutor
 from models.fleet.member import Membership, answer_name, join, turn_name
 from models.fleet.roster import SILENT_S
-from models.fleet.versions import facts
+from models.fleet.member import facts
 from models.work import chunk
 from models.work.codec import encode
 from models.work.folder_store import FolderStore

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from models.gears.teeth.mesh import MeshStiffness
-from models.gears.teeth.stiffness_csv import GearTableError
+from models.gears.teeth.mesh import GearTableError
 
 TEETH = (3, 5)
 BASE = np.array([4.0, 6.0, 5.0, 3.0])

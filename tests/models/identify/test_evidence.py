@@ -10,7 +10,7 @@ import pytest
 
 from models.identify.evaluate import Evaluator
 from models.identify.evidence import Evidence, Prior
-from models.identify.geometry import geometry_priors
+from models.identify.evidence import geometry_priors
 from models.identify.leaning import leaning
 from models.identify.limits import wide_limits
 from models.identify.problem import Problem

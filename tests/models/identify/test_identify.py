@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from models.identify import evaluate
-from models.identify import state as state_module
+from models.identify import run as state_module
 from models.identify.evaluate import Evaluator
 from models.identify.front import non_dominated
 from models.identify.limits import Limits

@@ -12,7 +12,7 @@ import pytest
 
 from models.gears.teeth.faults import Eccentricity, GearFault, PitchError, Pitting, ProfileError, ToothCrack, ToothSpall
 from models.gears.teeth.geometry import GearPair, ToothedWheel
-from models.gears.teeth.phase import begin_of_mesh, turns_between
+from models.gears.teeth.mesh import begin_of_mesh, turns_between
 from models.gears.teeth.stiffness import mesh_stiffness
 from models.gears.train.parts import GearTrain
 from monitor.config.fields import LocatedError

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 from scipy.linalg import eigh
 
-from models.fe.casing import lanczos, modes
+from models.fe.casing import modes
+from models.fe.casing import modes as lanczos
 from models.fe.casing.model import Casing, Point
 from models.fe.casing.modes import NoModesError, first_modes, modes_below
 from models.fe.casing.shape import STEEL, CasingMeshRule, CasingShape

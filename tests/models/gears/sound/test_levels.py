@@ -18,7 +18,7 @@ from models.gears.sound.third_octave import (
     number_of,
     power_gain,
 )
-from models.gears.sound.weighting import POLES, weigh_record, weighting_db
+from models.gears.sound.levels import POLES, weigh_record, weighting_db
 from tests.support.levels import A_TABLE
 
 RATE = 12_800.0
