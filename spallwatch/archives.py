@@ -13,9 +13,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import xarray as xr
 
-from models.work.folder_store import FolderStore
+from models.work.folder_store import FolderStore, open_store
 from models.work.redact import redact
-from models.work.stores import open_store
 from monitor.fleet.arrays import ARCHIVE_VERSION, CHANNEL, PART, RECORDING, ROW, UNDATED
 from monitor.fleet.result import RESULT_NAME, RecordingResult
 from monitor.health.schema import VARIABLES

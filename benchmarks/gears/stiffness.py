@@ -20,9 +20,8 @@ from benchmarks.gears.plane_teeth import deflections
 from models.gears.teeth.contacts import Springs, share_force
 from models.gears.teeth.faults import ToothCrack
 from models.gears.teeth.geometry import GearPair, TipRelief, ToothedWheel
-from models.gears.teeth.stiffness import iso_stiffness
 from models.gears.teeth.rack import BasicRack, ToothProfile
-from models.gears.teeth.stiffness import loaded_mesh, mesh_stiffness
+from models.gears.teeth.stiffness import iso_stiffness, loaded_mesh, mesh_stiffness
 from models.gears.teeth.tooth import (
     StiffnessMethod,
     crack_compliance,

@@ -30,8 +30,7 @@ from numpy.typing import NDArray
 
 from benchmarks.common import Row, print_table, write_json
 from models.identify.evaluate import Evaluator
-from models.identify.evidence import DIRECTIONS, SCALES, Direction, Evidence, Peak, Prior
-from models.identify.evidence import geometry_priors
+from models.identify.evidence import DIRECTIONS, SCALES, Direction, Evidence, Peak, Prior, geometry_priors
 from models.identify.limits import wide_limits
 from models.identify.modes import accelerance, modes
 from models.identify.resonances import find_resonances, welch

@@ -36,9 +36,8 @@ def open_executor(address: str, workers: int, store: Store, tell: Callable[[str]
         raise WrongInputError(
             f'--cluster needs dask: pip install "spallwatch[cluster]" ({" and ".join(missing)} missing)'
         )
-    from models.fleet.connect import Remote
+    from models.fleet.connect import Local, Remote
     from models.fleet.executor import ClusterExecutor
-    from models.fleet.connect import Local
 
     cluster = Local(workers) if address == "local" else Remote(address, workers)
     return ClusterExecutor(cluster, store, tell)

@@ -6,8 +6,11 @@ configuration.
 """
 
 from __future__ import annotations
+
+import copy
 import ipaddress
 import logging
+import os
 import re
 import socket
 import ssl
@@ -15,11 +18,9 @@ import warnings
 from collections.abc import Iterable
 from typing import Any, Protocol
 from urllib.parse import urlsplit
+
 from models.fleet.errors import ClusterError, RefusedWorkerError
 from models.words.errors import WrongInputError
-import copy
-import os
-from typing import Any
 
 _NO_PAGES: dict[str, Any] = {
     "distributed.scheduler.http.routes": [],

@@ -14,7 +14,7 @@ from email.utils import parsedate_to_datetime
 from hashlib import blake2b
 from typing import Any, Protocol
 
-from models.work.storage_error import ObjectStorageError
+from models.work.errors import ObjectStorageError
 
 PAUSES_S = (0.1, 0.3, 1.0)
 """Before a conditional request is repeated that S3 refused because of another one (409), s."""

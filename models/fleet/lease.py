@@ -20,7 +20,7 @@ from typing import Never
 
 from models.fleet.kept import Kept, KeptStore, write_unchanged
 from models.words.errors import SpallwatchError, WrongInputError
-from models.work.storage_error import ObjectStorageError
+from models.work.errors import ObjectStorageError
 
 LEASE_NAME = "lease.json"
 RENEW_S = 10.0

@@ -1,18 +1,19 @@
 """What runs in a worker of a cluster: the test by which it joins a run, and chunks."""
 
 from __future__ import annotations
+
+import importlib.metadata
 import threading
 from collections.abc import Generator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
+
 from models.words.errors import SpallwatchError
 from models.work.chunk import cached_store, run_chunk
+from models.work.program import program, versions
 from models.work.redact import redact
 from models.work.task import ChunkCall, ChunkOutcome
-import importlib.metadata
-from collections.abc import Mapping
-from models.work.program import program, versions
 
 _TRANSPORT = ("dask", "distributed", "cloudpickle", "msgpack")
 """Distributions whose versions both ends of a connection must share."""

@@ -13,9 +13,9 @@ from typing import Any
 
 from models.fleet.kept import Kept, age_of, tag_of
 from models.words.errors import SpallwatchError, WrongInputError
+from models.work.errors import ObjectStorageError
 from models.work.filesystem import cause, error_code, filesystem, in_loop, repeated
 from models.work.redact import redact
-from models.work.storage_error import ObjectStorageError
 
 SCHEMES = ("s3", "s3a", "gs", "gcs", "az", "abfs", "abfss", "memory")
 """Where a file appears whole or not at all. Of these s3 is tested against a server; memory is for tests."""

@@ -15,8 +15,7 @@ from typing import Any
 
 from models.fleet.connect import check_addresses
 from models.fleet.errors import ClusterError, RefusedWorkerError
-from models.fleet.member import Membership, answer_name, join
-from models.fleet.member import differences, facts
+from models.fleet.member import Membership, answer_name, differences, facts, join
 from models.work.codec import name_of
 from models.work.task import Store
 

@@ -6,25 +6,27 @@ has the force in it; a prior of any mass or stiffness, k_c among them; a test at
 """
 
 from __future__ import annotations
+
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from functools import cached_property
 from itertools import combinations
 from typing import TYPE_CHECKING, Any, Literal
+
 import numpy as np
+
 from models.identify.modes import MODES, accelerance, modes
 from models.identify.space import ORDER, bearing_directions
-from models.words.errors import WrongInputError
-from typing import TYPE_CHECKING
 from models.machine.contact_estimates import STEEL_DENSITY, estimate_stiffness
+from models.words.errors import WrongInputError
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
+
     from models.identify.space import Space
-    from models.machine.bearing import Bearing
+    from models.machine.bearing import Bearing, CatalogueEntry
     from models.machine.rig import Rig
-    from models.machine.bearing import CatalogueEntry
 
 # Standard uncertainty of the logarithm: of Hertz' theory with the simplified coefficients against printed and exact
 # values (2 to 7 %), and of the mass of a plain shaft, which has steps, nuts and a part beyond the other bearing that

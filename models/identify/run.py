@@ -1,16 +1,21 @@
 """An identification from tests to parameters, their intervals and its hash."""
 
 from __future__ import annotations
+
 import hashlib
 import json
 import math
+import os
 import time
+import zipfile
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
+
 import numpy as np
-from models.identify.evaluate import Evaluator
+
+from models.identify.evaluate import Evaluator, Key, Level
 from models.identify.evidence import Evidence
 from models.identify.front import nsga2, simulated_front
 from models.identify.intervals import ParameterInterval, Threshold, profile_intervals, threshold
@@ -23,15 +28,12 @@ from models.machine.rig import RigPosterior, rounded
 from models.words.errors import WrongInputError
 from models.work.program import program
 from models.work.runner import SERIAL
-import os
-import zipfile
-from typing import TYPE_CHECKING
-from models.identify.evaluate import Evaluator, Key, Level
 
 if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
     from models.identify.space import Space
     from models.work.runner import Runner
-    from numpy.typing import NDArray
 
 SAVE_EVERY_S = 20.0
 

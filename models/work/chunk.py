@@ -23,9 +23,9 @@ from typing import Any
 
 from models.work.codec import DamagedDataError, decode, digest, digest_of, encode, resolve
 from models.work.errors import MemoryNeedError, OtherProgramError, failure_of
+from models.work.folder_store import open_store
 from models.work.program import processor, program
 from models.work.redact import has_signed_url
-from models.work.stores import open_store
 from models.work.task import DIED, ChunkCall, ChunkOutcome, Failure, Store
 
 MAX_ATTEMPTS = 3

@@ -10,8 +10,16 @@ from dataclasses import dataclass
 from models.words.errors import SpallwatchError, WrongInputError
 from models.work.codec import ROOTS
 from models.work.redact import redact
-from models.work.storage_error import ObjectStorageError
 from models.work.task import Failure
+
+
+class ObjectStorageError(SpallwatchError):
+    """A request to an object storage failed; the message names its URL and the cause, without credentials."""
+
+
+class LostFolderError(SpallwatchError):
+    """The folder of a store can no longer be written; the message names it and the cause."""
+
 
 _MAX_LISTED = 20
 _MAX_LOG = 20_000

@@ -130,8 +130,7 @@ def _named_place(chunks: str, out: Path | str | None) -> str:
     Raises:
         InputError: it is no store, cannot be written, or is that of the output.
     """
-    from models.work.folder_store import FolderStore
-    from models.work.stores import open_store
+    from models.work.folder_store import FolderStore, open_store
 
     if not chunks.strip():
         raise InputError(f"--chunks: expected a folder or URL, got {chunks!r}")

@@ -20,8 +20,8 @@ import netCDF4
 from models.platform.scratch import scratch_folder
 from models.words.errors import WrongInputError
 from models.work.codec import digest_of
+from models.work.folder_store import open_store
 from models.work.redact import redact
-from models.work.stores import open_store
 from models.work.task import Store, Work
 from monitor.fleet.history import HistorySource, Position, end_of, packed_state, unpack_state
 from monitor.fleet.local import count_files

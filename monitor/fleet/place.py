@@ -18,8 +18,7 @@ from models.fleet.kept import write_unchanged
 from models.fleet.lease import Lease, LeaseLostError, leased
 from models.fleet.object_store import ObjectStore
 from models.platform.process_signals import ended_as_interrupted
-from models.work.folder_store import FolderStore
-from models.work.stores import open_store
+from models.work.folder_store import FolderStore, open_store
 from models.work.task import Store
 from monitor.fleet.index import INDEX_NAME, ForeignIndexError, Index
 from monitor.fleet.manifest import ManifestError

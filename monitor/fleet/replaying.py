@@ -12,9 +12,9 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field, replace
 from statistics import median
 
+from models.work.folder_store import open_store
 from models.work.redact import redact
 from models.work.runner import Runner
-from models.work.stores import open_store
 from models.work.task import Failure, Progress, Store
 from monitor.fleet.history import Position
 from monitor.fleet.index import Index

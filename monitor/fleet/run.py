@@ -12,9 +12,8 @@ from itertools import islice
 from pathlib import Path
 from typing import Literal
 
-from models.work.folder_store import FolderStore
+from models.work.folder_store import FolderStore, open_store
 from models.work.runner import Runner
-from models.work.stores import open_store
 from models.work.task import Store
 from monitor.fleet.growth import extend
 from monitor.fleet.index import Index

@@ -16,7 +16,7 @@ from typing import Any
 
 from models.words.errors import SpallwatchError
 from models.work.codec import decode, digest_of, encode
-from models.work.stores import open_store
+from models.work.folder_store import open_store
 from models.work.task import Store
 from monitor.config.load import Config, ConfigError, files_of, load_config, read_toml
 from monitor.health.signal.waterfall import WaterfallSettings

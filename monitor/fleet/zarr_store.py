@@ -21,8 +21,8 @@ from zarr.codecs import BloscCodec, ZstdCodec
 from zarr.core.buffer import Buffer, default_buffer_prototype
 from zarr.storage import MemoryStore
 
+from models.work.folder_store import open_store
 from models.work.runner import SERIAL, Runner
-from models.work.stores import open_store
 from models.work.task import Store, Work
 from monitor.fleet.arrays import (
     SEPARATOR,

@@ -12,12 +12,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from models.gears.sound.levels import REFERENCE_PRESSURE, level_db, sum_db
+from models.gears.sound.levels import REFERENCE_PRESSURE, level_db, power, sum_db
 from models.gears.sound.third_octave import MIN_LINES, Bands, bands_of_density, density_of_record
 from models.gears.sound.transfer_files import read_transfer_vectors
 from models.gears.sound.transfer_vectors import TransferVectors
 from models.gears.sound.wav import full_scale_for, write_wav
-from models.gears.sound.levels import power
 from models.gears.transfer.frf import MOTION_UNITS, FrequencyResponses
 from monitor.commands.common import InputError, finite, output_errors
 from monitor.gears.config.section import GearSection

@@ -37,7 +37,7 @@ from monitor.commands.common import (
 )
 from monitor.config.load import Config
 from monitor.identify import evidence_files
-from monitor.identify.page_file import ReportWords, check_page, write_report
+from monitor.identify.report.page import ReportWords, check_page, write_report
 from monitor.identify.rig_table import MICRO, NAMES, find_warnings, is_calibration, key_of, rig_toml
 from monitor.identify.trial_files import HEALTHY, Measuring, TrialFile, tracked_channel, with_race_radius
 from monitor.identify.trial_folder import read_tests

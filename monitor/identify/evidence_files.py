@@ -11,8 +11,7 @@ from typing import Any, TypeVar, cast
 import click
 import numpy as np
 
-from models.identify.evidence import DIRECTIONS, Direction, Evidence, Peak, Prior
-from models.identify.evidence import geometry_priors
+from models.identify.evidence import DIRECTIONS, Direction, Evidence, Peak, Prior, geometry_priors
 from models.identify.resonances import Density, Resonance, find_resonances, welch
 from models.machine.bearing import CatalogueEntry
 from models.machine.rig import Rig

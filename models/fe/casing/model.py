@@ -6,18 +6,20 @@ bore, m). A force on a seat and its motion have the same column b: the load is b
 """
 
 from __future__ import annotations
+
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
+
 import numpy as np
+
 from models.fe.casing.mesh import casing_mesh
 from models.fe.solid.cholesky import Cholesky
 from models.fe.solid.cost import check_memory
 from models.fe.solid.dissection import plan as dissect
-from models.fe.solid.elastic import ElasticBody, FeError
+from models.fe.solid.elastic import ElasticBody, FeError, jacobians
+from models.fe.solid.shape import quadrature, shapes
 from models.fe.solid.sparse import SparseMatrix, sparse_matrix
 from models.fe.solid.traction import boundary_points, mean_weights
-from models.fe.solid.elastic import FeError, jacobians
-from models.fe.solid.shape import quadrature, shapes
 
 if TYPE_CHECKING:
     from models.fe.solid.elastic import ElasticBody

@@ -6,10 +6,13 @@ error of each of them then is (w / w_r)^2 of its share instead of all of it.
 """
 
 from __future__ import annotations
+
 import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
+
 import numpy as np
+
 from models.fe.solid.elastic import NotConvergedError
 from models.gears.transfer.frf import MOTION_UNITS, FrequencyResponses
 

@@ -14,21 +14,24 @@ is met by images. The adjoint is solved, one right-hand side a microphone.
 """
 
 from __future__ import annotations
+
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, cast
+
 import numpy as np
+
 from models.gears.sound.influence import Influence, influence
+from models.gears.sound.panels import static_integrals
 from models.gears.sound.surface import Surface, SurfaceError
 from models.gears.sound.transfer_vectors import TransferVectors
 from models.words.checks import check_positive
-from typing import TYPE_CHECKING, Any, cast
-from models.gears.sound.panels import static_integrals
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
+
     from numpy.typing import ArrayLike, NDArray
-    from numpy.typing import NDArray
+
     from models.gears.sound.surface import Surface
 
 GAPS = (1.0, 0.5, 0.25)

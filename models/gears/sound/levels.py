@@ -1,9 +1,12 @@
 """Levels in decibels of mean squares, and sums of levels."""
 
 from __future__ import annotations
+
 import math
 from typing import TYPE_CHECKING
+
 import numpy as np
+
 from models.words.checks import check_choice, check_positive
 
 if TYPE_CHECKING:

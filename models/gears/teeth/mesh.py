@@ -12,14 +12,16 @@ Conventions that a solver relies on, with phases in pitches and turns positive i
 """
 
 from __future__ import annotations
+
+import csv
 import math
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Self
+
 import numpy as np
-from models.words.checks import check_positive, check_whole
+
 from models.gears.teeth.geometry import GearPair
-import csv
-from typing import TYPE_CHECKING
+from models.words.checks import check_positive, check_whole
 from models.words.errors import WrongInputError
 
 if TYPE_CHECKING:

@@ -7,10 +7,13 @@ of shafts. Faulty teeth are met by sound ones of the other wheel, see ``models.g
 """
 
 from __future__ import annotations
+
 import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
+
 import numpy as np
+
 from models.gears.teeth.contacts import Springs, share_force
 from models.gears.teeth.faults import Eccentricity, Effect, Flank
 from models.gears.teeth.mesh import DEFAULT_SAMPLES, MeshStiffness

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from models.gears.train.bearings import RollingSupport
-from models.gears.train.kernel_rolling import L_SIZE, Rolling, RollingCourse
+from models.gears.train.kernel_forces import L_SIZE, Rolling, RollingCourse
 from models.machine.bearing import kinematics
 from models.machine.hertz import contact_exponent, element_angles
 from models.solve.engine.passages import half_wave_meetings, in_intervals

@@ -10,10 +10,9 @@ import numpy as np
 
 from models.gears.teeth.faults import Eccentricity, GearFault
 from models.gears.teeth.geometry import GearPair, TipRelief, ToothedWheel
-from models.gears.teeth.mesh import MeshStiffness
+from models.gears.teeth.mesh import GearTableError, MeshStiffness
 from models.gears.teeth.rack import BasicRack
 from models.gears.teeth.stiffness import mesh_stiffness
-from models.gears.teeth.mesh import GearTableError
 from monitor.gears.config.faults import GearFaultSection
 from monitor.gears.config.parts import GearPairSection, GearWheelSection
 

@@ -9,8 +9,7 @@ from functools import cached_property
 
 import numpy as np
 
-from models.gears.teeth.mesh import MeshStiffness
-from models.gears.teeth.mesh import begin_of_mesh, turns_between
+from models.gears.teeth.mesh import MeshStiffness, begin_of_mesh, turns_between
 from models.gears.train.bearings import RollingSupport, with_bearings
 from models.gears.train.damping import with_rayleigh
 from models.gears.train.linear import mean_state

@@ -21,7 +21,7 @@ from models.maps.nodes import drawn_rig
 from models.maps.plan import MapError, MapPlan
 from models.words.errors import WrongInputError
 from monitor.config.bearing import RigSection
-from monitor.fe.rig import rig_text
+from monitor.fe.command import rig_text
 
 BALLS, ROLLERS = from_catalogue("6210"), from_catalogue("NU 202 ECP")
 PLAN = MapPlan((2000.0,), (30.0,), (0.0, 1e-5), (0.0, 0.1), rig_draws=4)

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from models.fleet.executor import ClusterExecutor
 from models.fleet.connect import Local
+from models.fleet.executor import ClusterExecutor
 from models.work.folder_store import FolderStore
 
 

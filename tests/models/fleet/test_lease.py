@@ -11,7 +11,7 @@ from models.fleet import kept
 from models.fleet.kept import age_of
 from models.fleet.lease import LEASE_NAME, Holder, LeaseHeldError, LeaseLostError, Times, leased
 from models.fleet.object_store import ObjectStore
-from models.work.storage_error import ObjectStorageError
+from models.work.errors import ObjectStorageError
 from tests.support.faulty_storage import Fault, faulty_storage, without_pauses
 from tests.support.object_storage import use_account
 

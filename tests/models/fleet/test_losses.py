@@ -15,9 +15,8 @@ from models.fleet import executor as executor_module
 from models.fleet import roster as roster_module
 from models.fleet.errors import ClusterError
 from models.fleet.executor import ClusterExecutor
-from models.fleet.member import Membership, answer_name, join, turn_name
+from models.fleet.member import Membership, answer_name, facts, join, turn_name
 from models.fleet.roster import SILENT_S
-from models.fleet.member import facts
 from models.work import chunk
 from models.work.codec import encode
 from models.work.folder_store import FolderStore

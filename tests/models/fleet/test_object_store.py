@@ -14,9 +14,9 @@ from hypothesis import strategies as st
 
 from models.fleet.object_store import ObjectStore
 from models.words.errors import WrongInputError
+from models.work.errors import ObjectStorageError
 from models.work.filesystem import filesystem
-from models.work.storage_error import ObjectStorageError
-from models.work.stores import open_store
+from models.work.folder_store import open_store
 from tests.models.work.store_files import check_files
 from tests.support.object_storage import BUCKET, use_account
 from tests.support.proxy import Proxy

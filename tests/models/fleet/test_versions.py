@@ -5,9 +5,8 @@ from __future__ import annotations
 import pytest
 
 from models.fleet.errors import RefusedWorkerError
-from models.fleet.member import PROGRAM_BYTES, answer_name, offered_memory
+from models.fleet.member import PROGRAM_BYTES, answer_name, differences, facts, offered_memory
 from models.fleet.roster import Roster
-from models.fleet.member import differences, facts
 from models.work.folder_store import FolderStore
 from models.work.program import program
 

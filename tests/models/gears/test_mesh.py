@@ -9,8 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from models.gears.teeth.mesh import MeshStiffness
-from models.gears.teeth.mesh import GearTableError
+from models.gears.teeth.mesh import GearTableError, MeshStiffness
 
 TEETH = (3, 5)
 BASE = np.array([4.0, 6.0, 5.0, 3.0])

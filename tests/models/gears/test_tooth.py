@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from models.gears.teeth.geometry import GearPair, ToothedWheel
-from models.gears.teeth.stiffness import iso_stiffness
 from models.gears.teeth.rack import BasicRack, ToothProfile
+from models.gears.teeth.stiffness import iso_stiffness
 from models.gears.teeth.tooth import (
     StiffnessMethod,
     beam_compliance,

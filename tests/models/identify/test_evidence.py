@@ -9,9 +9,7 @@ import numpy as np
 import pytest
 
 from models.identify.evaluate import Evaluator
-from models.identify.evidence import Evidence, Prior
-from models.identify.evidence import geometry_priors
-from models.identify.leaning import leaning
+from models.identify.evidence import Evidence, Prior, geometry_priors
 from models.identify.limits import wide_limits
 from models.identify.problem import Problem
 from models.identify.run import Identification, IdentifyOptions, identify
@@ -21,6 +19,7 @@ from models.identify.volume import OperatingPoint, VolumeSpread, objections, sma
 from models.machine.bearing import catalogue_entry
 from models.machine.rig import Rig
 from models.words.errors import WrongInputError
+from monitor.identify.verdict import leaning
 from tests.models.identify.cases import BAND, BEARING, CONDITIONS, simulated_trials, space_of
 from tests.support.evidence import LIGHT, LOADS, peaks_of
 

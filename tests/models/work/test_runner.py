@@ -12,11 +12,10 @@ from hypothesis import strategies as st
 
 from models.words.errors import WrongInputError
 from models.work import chunk
-from models.work.errors import ChunksFailedError
+from models.work.errors import ChunksFailedError, LostFolderError
 from models.work.folder_store import FolderStore
 from models.work.runner import SERIAL, Runner
 from models.work.serial import SerialExecutor
-from models.work.storage_error import LostFolderError
 from models.work.task import Failure, Progress
 from tests.models.work.tasks import (
     ScriptedExecutor,

@@ -5,10 +5,10 @@ from __future__ import annotations
 import pytest
 
 from models.fleet.object_store import ObjectStore
+from models.work.errors import ObjectStorageError
 from models.work.redact import redact
 from models.work.runner import Runner
 from models.work.serial import SerialExecutor
-from models.work.storage_error import ObjectStorageError
 from streams.files.remote import RemoteError, expand, fetched
 from streams.types.spec import SourceError
 from tests.models.work.tasks import Shared, scaled, work

@@ -9,8 +9,7 @@ from pathlib import Path
 import pytest
 
 from models.words.errors import WrongInputError
-from models.work.folder_store import FolderStore
-from models.work.stores import open_store
+from models.work.folder_store import FolderStore, open_store
 from tests.models.work.store_files import check_files
 
 

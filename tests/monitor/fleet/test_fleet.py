@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from models.work.stores import open_store
+from models.work.folder_store import open_store
+from monitor.fleet.finish import fleet_page
 from monitor.fleet.index import Index
-from monitor.fleet.page import fleet_page
 from monitor.fleet.result import RecordingResult
 from monitor.fleet.run import Results
 from monitor.report.runs import read_runs

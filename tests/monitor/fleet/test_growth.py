@@ -7,10 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from models.work.folder_store import FolderStore
+from models.work.folder_store import FolderStore, open_store
 from models.work.runner import Runner
 from models.work.serial import SerialExecutor
-from models.work.stores import open_store
 from monitor.fleet.growth import extend, grown_folders
 from monitor.fleet.index import Index
 from monitor.fleet.manifest import ManifestError

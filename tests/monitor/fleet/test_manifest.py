@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from models.work.stores import open_store
+from models.work.folder_store import open_store
 from monitor.fleet.index import Index
 from monitor.fleet.manifest import ManifestError, read_manifest
 from monitor.fleet.plan import Planner, check_unchanged, later_recordings, manifest_digest, signed_urls

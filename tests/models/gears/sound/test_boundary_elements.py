@@ -8,8 +8,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from models.gears.sound.boundary_elements import MAX_RESIDUAL, MIN_GAP, Radiation, radiation_cost, transfer_vectors
-from models.gears.sound.boundary_elements import enclosed, interior_points
+from models.gears.sound.boundary_elements import (
+    MAX_RESIDUAL,
+    MIN_GAP,
+    Radiation,
+    enclosed,
+    interior_points,
+    radiation_cost,
+    transfer_vectors,
+)
 from models.gears.sound.shapes import box, sphere
 from models.gears.sound.surface import Surface, SurfaceError
 from tests.oracles.sphere_over_plane import MOTIONS, SphereOverPlane, exact_pressure

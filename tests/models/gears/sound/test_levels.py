@@ -8,7 +8,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from models.gears.sound.filter_bank import SETTLING, bands_by_filters, filter_record
-from models.gears.sound.levels import level_db, line_mean_squares, mean_square_of, sum_db
+from models.gears.sound.levels import (
+    POLES,
+    level_db,
+    line_mean_squares,
+    mean_square_of,
+    sum_db,
+    weigh_record,
+    weighting_db,
+)
 from models.gears.sound.third_octave import (
     AUDIBLE,
     Bands,
@@ -18,7 +26,6 @@ from models.gears.sound.third_octave import (
     number_of,
     power_gain,
 )
-from models.gears.sound.levels import POLES, weigh_record, weighting_db
 from tests.support.levels import A_TABLE
 
 RATE = 12_800.0
