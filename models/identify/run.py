@@ -1,4 +1,9 @@
-"""An identification from tests to parameters, their intervals and its hash."""
+"""An identification from tests to parameters, their intervals and its hash.
+
+Candidates that were simulated are kept in a file: a run that was stopped takes them from there and repeats the rest.
+The search depends on its seed and on what the candidates gave, nothing else, so that a resumed run ends with the same
+result as one that was not stopped.
+"""
 
 from __future__ import annotations
 

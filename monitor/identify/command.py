@@ -37,7 +37,6 @@ from monitor.commands.common import (
 )
 from monitor.config.load import Config
 from monitor.identify import evidence_files
-from monitor.identify.report.page import ReportWords, check_page, write_report
 from monitor.identify.rig_table import MICRO, NAMES, find_warnings, is_calibration, key_of, rig_toml
 from monitor.identify.trial_files import HEALTHY, Measuring, TrialFile, tracked_channel, with_race_radius
 from monitor.identify.trial_folder import read_tests
@@ -169,10 +168,23 @@ def command(
                     say(f"{kind}: {path}", quiet=quiet)
     written = {name: None if path is None else str(path) for name, path in (("out", out), ("report", page))}
     if page is not None:
-        keys = {name: key_of(name, space.rig.element) for name in space.free}
-        claims = values["warnings"], values["calibrated"]
-        words = ReportWords(config.machine.name, keys, _REASONS, written["out"], *claims)
-        write_report(page, found, settings, table, words)
+        from monitor.identify.report.page import write_identification
+        from monitor.identify.report.subject import Subject
+
+        subject = Subject(
+            found=found,
+            options=settings,
+            trials=table.trials,
+            keys={name: key_of(name, space.rig.element) for name in space.free},
+            reasons=_REASONS,
+            machine=config.machine.name,
+            recordings=table.recordings,
+            race_radius=table.race_radius,
+            rig_file="" if out is None else out.name,
+            calibrated=values["calibrated"],
+            warnings=tuple(values["warnings"]),
+        )
+        write_identification(subject, page)
         say(f"report: {page}", quiet=quiet)
     emit({**values, **written}, [*_lines(values), *shared.lines()], as_json=as_json)
 
@@ -214,6 +226,8 @@ def _check_files(out: Path | None, page: Path | None, *, resume: bool) -> None:
         check_suffix("--out", out, (".toml",))
         check_writable("--out", out)
     if page is not None:
+        from monitor.identify.report.page import check_page
+
         check_page(page)
         check_writable("--report", page)
     if resume and out is None:

@@ -1,4 +1,9 @@
-"""Levels in decibels of mean squares, and sums of levels."""
+"""Levels in decibels of mean squares, sums of levels, and the frequency weightings A, C and Z of sound level meters.
+
+The weightings are made of the poles of IEC 61672-1, annex E, which follow from four round frequencies: 1 kHz, the -3 dB
+corners 10^1.5 and 10^3.9 Hz of C, and the -3 dB corner 10^2.45 Hz of the pair that A adds. Gains are exactly 0 dB at
+1 kHz.
+"""
 
 from __future__ import annotations
 

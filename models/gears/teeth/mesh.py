@@ -9,6 +9,18 @@ Conventions that a solver relies on, with phases in pitches and turns positive i
 * all tables have n samples a pitch, sample i at i / n, are periodic and interpolated linearly between samples. A step
   takes 1 / n of a pitch.
 * losses of both wheels add up. That is exact unless two damaged teeth share one mesh; k is never below zero.
+
+Where the teeth of a pair stand: a tooth of the driver begins its mesh where the tip of its mate reaches the line of
+action, at A. A wheel that meshes twice, an idler, has its teeth at equal steps: what one mesh says of them gives the
+phase of the other. R. Parker and J. Lin, Mesh phasing relationships in planetary and epicyclic gears, J. Mech. Des. 126
+(2004) 365, derive the same for planets.
+
+A given stiffness comes as CSV, whose first line names the columns; "#" begins a comment:
+
+* ``pitch,stiffness_newton_per_m[,error_um]``: phase from 0 to below 1, ascending, any spacing; periodic, linear between
+  the lines. A last line at 1 is allowed where it repeats the first.
+* ``order,stiffness_newton_per_m[,phase_deg]``: amplitude of the cosine of each mesh order, order 0 is the mean; k is
+  the sum of amplitude * cos(2 pi order * pitch - phase).
 """
 
 from __future__ import annotations

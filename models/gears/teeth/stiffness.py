@@ -4,6 +4,11 @@ At each station of a pitch the force along the line of action is shared by the t
 along the face, contact by slices where faults need them; helical: independent slices of the face). What follows is a
 static deflection under one force: no friction, no contact off the line of action before A and after E, no deflection
 of shafts. Faulty teeth are met by sound ones of the other wheel, see ``models.gears.teeth.mesh``.
+
+ISO 6336-1, method B, is an approximation for steel gears, against which the models are held: c' is the largest
+stiffness of a single pair, c_gamma the mean stiffness of the mesh, both for a face of unit width and in the transverse
+section along the line of action. Valid for 100 N/mm and more of specific load; below it the standard lets both fall
+with the fourth root.
 """
 
 from __future__ import annotations

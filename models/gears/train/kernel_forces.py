@@ -6,6 +6,10 @@ defects, J. Between samples of its tables, stiffness k and error e of a mesh are
 
 Each mesh has two contacts: 2 m of the flanks that drive, 2 m + 1 of the others. The force of one that touches is
 k delta + c delta'; it may pull for an instant before the flanks part, as in the published models with viscous damping.
+
+A rolling element is squeezed by delta = u . n - clearance - depth, n its direction, and presses with k delta^n; a
+loaded one has the damping c of the rate at which the ring alone approaches it (``models.solve.rotor.plan``). Elements
+of all bearings are counted through.
 """
 
 from __future__ import annotations
