@@ -145,7 +145,7 @@ def gear_train(gears: RigGears, speed: float, seed: int) -> GearTrain:
     rng = np.random.default_rng([seed, 5])
     faults: list[list[GearFault]] = []
     for name, wheel in zip(("driver", "driven"), pair.wheels, strict=True):
-        phase, drawn = float(rng.uniform(0.0, math.tau)), int(rng.integers(2**31))
+        phase, drawn = rng.uniform(0.0, math.tau), int(rng.integers(2**31))
         own: list[GearFault] = [Eccentricity(gears.eccentricity, phase)]
         own.append(PitchError.drawn(wheel.teeth, _PITCH_SD, drawn))
         if name == gears.faulty:
@@ -284,13 +284,14 @@ def _pair(gears: RigGears) -> GearPair:
 def _faults(gears: RigGears, wheel: ToothedWheel) -> list[GearFault]:
     """Return the fault that is asked for, of tooth 0."""
     size = gears.size
-    return {
+    by_kind: dict[FaultKind | None, list[GearFault]] = {
         None: [],
         "crack": [ToothCrack(0, size * 1.6 * _MODULE)],
         "spall": [ToothSpall(0, _MODULE, size * _FACE, 100e-6)],
         "pitch": [PitchError.of_tooth(wheel.teeth, 0, size * 50e-6)],
         "eccentric": [Eccentricity(size * 100e-6)],
-    }[gears.fault]
+    }
+    return by_kind[gears.fault]
 
 
 def _below(force: Samples, limit: float) -> Samples:

@@ -15,9 +15,10 @@ is met by images. The adjoint is solved, one right-hand side a microphone.
 
 from __future__ import annotations
 
+import importlib
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -31,8 +32,6 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from numpy.typing import ArrayLike, NDArray
-
-    from models.gears.sound.surface import Surface
 
 GAPS = (1.0, 0.5, 0.25)
 """Distances from the surface's elements, by the root of their mean area, tried one after the other."""
@@ -89,11 +88,10 @@ def gram(matrix: NDArray[np.complex128]) -> NDArray[np.complex128]:
     Raises:
         numpy.linalg.LinAlgError: if the columns are not independent.
     """
-    from scipy.linalg import blas, lapack
-
+    linalg: Any = importlib.import_module("scipy.linalg")
     # The transpose of a matrix by rows is one by columns, which needs no copy; it gives the conjugate.
-    square = cast("Any", blas).zherk(1.0, np.ascontiguousarray(matrix).T, lower=1)
-    factor, info = cast("Any", lapack).zpotrf(square, lower=1, overwrite_a=1)
+    square = linalg.blas.zherk(1.0, np.ascontiguousarray(matrix).T, lower=1)
+    factor, info = linalg.lapack.zpotrf(square, lower=1, overwrite_a=1)
     if info != 0:
         raise np.linalg.LinAlgError(f"the columns are not independent: pivot {info} is not positive")
     return factor
@@ -101,9 +99,8 @@ def gram(matrix: NDArray[np.complex128]) -> NDArray[np.complex128]:
 
 def solve_gram(factor: NDArray[np.complex128], right: NDArray[np.complex128]) -> NDArray[np.complex128]:
     """Return (A* A)^-1 right from ``gram``; right has the shape (columns, cases)."""
-    from scipy.linalg import cho_solve
-
-    return np.conj(cast("Any", cho_solve)((factor, True), np.conj(right), check_finite=False))
+    linalg: Any = importlib.import_module("scipy.linalg")
+    return np.conj(linalg.cho_solve((factor, True), np.conj(right), check_finite=False))
 
 
 AIR_DENSITY, SOUND_SPEED = 1.2, 343.0
