@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import fields, is_dataclass
 from enum import Enum
 from functools import cache
-from typing import Any, ClassVar, Self, Union, get_args, get_origin, get_type_hints
+from typing import Any, ClassVar, Self, Union, cast, get_args, get_origin, get_type_hints
 
 _Decoder = Callable[[Any], Any]
 _PLAIN = frozenset({bool, int, float, str, type(None)})
@@ -53,7 +53,7 @@ class StoredState:
 
 
 def _plain(value: Any) -> Any:
-    kind: type[Any] = type(value)
+    kind = cast("type[Any]", type(value))
     if kind in _PLAIN or isinstance(value, float | str):
         return value
     if kind is tuple:
