@@ -10,8 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from streams.turns.pulses import Pulses
-from streams.turns.revolutions import BlockRevolutions
+from streams.turns.pulses import BlockRevolutions, Pulses
 from streams.types.block import Block, Rejected
 from streams.types.large import forget_pages
 from streams.types.samples import RATE_TOLERANCE, Origin, ReaderError, Samples

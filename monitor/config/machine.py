@@ -16,7 +16,7 @@ from monitor.health.signal.quality import SpeedLimits
 from monitor.health.signal.rotation.rotation import TachoSettings
 from monitor.health.signal.waterfall import WaterfallSettings
 from monitor.words.zones import machine_class
-from streams.turns.revolutions import BlockRevolutions
+from streams.turns.pulses import BlockRevolutions
 from streams.types.spec import ChannelSpec
 
 ColumnName = str | int

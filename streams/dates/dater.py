@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import replace
 
 from models.words.errors import SpallwatchError
-from streams.dates.counting import folder_of, numbers_of, place_in_names
+from streams.dates.date_patterns import folder_of, numbers_of, place_in_names
 from streams.dates.dating import Dating, check_kept, wanted_by
 from streams.types.listing import printable
 from streams.types.samples import Samples

@@ -1,10 +1,11 @@
-"""The files of a recording (file, folder or tar archive), with guarded access."""
+"""The files of a recording (file, folder or tar archive), with guarded access; the digest of their bytes."""
 
 from __future__ import annotations
 
 import bz2
 import errno
 import gzip
+import hashlib
 import lzma
 import os
 import stat
@@ -17,11 +18,39 @@ from typing import Literal, Protocol
 
 from models.platform.portable import NO_LINK, NO_WAIT, open_folder
 from streams.types import large
-from streams.types.large import Data, FileBytes, shared_path, stream_of
+from streams.types.large import Data, FileBytes, pieces_of, shared_path, stream_of
 from streams.types.limits import MAX_BYTES, max_loaded_bytes
 from streams.types.listing import Stat, is_skipped, list_files, natural_key, packed_suffix, shown, stat_file
 from streams.types.samples import ReaderError
 from streams.types.spec import SourceError
+
+
+def content_hash(data: Data) -> str:
+    """Return the BLAKE2b-128 digest of the bytes of a file, in hexadecimal."""
+    digest = hashlib.blake2b(digest_size=16)
+    for piece in pieces_of(data):
+        digest.update(piece)
+    return digest.hexdigest()
+
+
+def hash_of_file(raw: Data, name: str) -> str:
+    """Return :func:`content_hash` of a file that may be read from disk by that.
+
+    Raises:
+        ReaderError: ``changed`` where it has become shorter, ``unreadable`` where it cannot be read.
+    """
+    try:
+        return content_hash(raw)
+    except EOFError as error:
+        raise changed_error(name) from error
+    except OSError as error:
+        raise ReaderError("unreadable", f"{name}: cannot be read ({error.strerror})") from error
+
+
+def changed_error(name: str) -> ReaderError:
+    """Return the rejection of a file that changed while it was read."""
+    return ReaderError("changed", f"{name}: changed while it was read")
+
 
 _Mode = Literal["r:", "r:gz", "r:bz2", "r:xz"]
 _ARCHIVE_MODES: dict[str, _Mode] = {

@@ -12,7 +12,7 @@ from zoneinfo import ZoneInfo
 
 import numpy as np
 
-from streams.files.digest import changed_error
+from streams.files.container import changed_error
 from streams.files.parse.complete import declared_size
 from streams.files.pulse_times import fitting_pulses
 from streams.files.statements import multiple_of

@@ -9,11 +9,11 @@ from dataclasses import replace
 from pathlib import Path
 from zoneinfo import ZoneInfo
 
-from streams.files.beside import is_beside, pulse_file_of
 from streams.files.container import read_guarded
 from streams.files.datasets import DataSet, FileFacts
 from streams.files.formats.pulse_text import pulse_column
 from streams.files.parse.child import isolated
+from streams.files.sidecar import is_beside, pulse_file_of
 from streams.types.large import Data
 from streams.types.listing import unpacked_name
 from streams.types.samples import ReaderError, Samples

@@ -10,7 +10,6 @@ from pathlib import Path, PurePosixPath
 from typing import Any
 from zoneinfo import ZoneInfo
 
-from streams.files.beside import FOLDER_NAMES, is_beside
 from streams.files.container import Files, Item, is_archive
 from streams.files.datasets import DATA_SETS, DataSet, FileFacts
 from streams.files.formats.hdf5 import read_hdf5
@@ -22,11 +21,41 @@ from streams.files.formats.text import first_characters, read_layout
 from streams.files.formats.uff import read_uff
 from streams.files.parse.child import isolated
 from streams.files.pulse_files import is_pulse_file, with_pulse_files
-from streams.files.sidecar import apply_sidecar, find_sidecar
+from streams.files.sidecar import FOLDER_NAMES, apply_sidecar, find_sidecar, is_beside
 from streams.types.large import Data
 from streams.types.listing import natural_key, unpacked_name
 from streams.types.samples import ReaderError, Samples
 from streams.types.spec import SourceError, SourceSpec
+
+
+def check_stated(spec: SourceSpec, data_set: DataSet, facts: FileFacts, samples: Samples | None) -> None:
+    """Check that rate and units are stated, and only once.
+
+    Args:
+        spec: of the source.
+        data_set: of its files.
+        facts: stated by the path of the first file.
+        samples: of the first file, where it was read.
+
+    Raises:
+        SourceError: rate or unit are missing, or the unit is another one.
+    """
+    where = f"[[source]] {spec.name}"
+    states_rate = data_set.states_rate and (samples is None or samples.rate is not None)
+    if facts.rate is None and not states_rate and spec.rate is None:
+        raise SourceError(f"{where}: rate_hz is missing: neither the files nor {data_set.name} state a rate")
+    states_unit = data_set.states_unit and (samples is None or any(unit is not None for unit in samples.units))
+    if data_set.unit is None and not states_unit and not spec.channels:
+        raise SourceError(f"{where}: a [[channel]] with its unit is missing: these files do not state one")
+    for channel in spec.channels:
+        stated = data_set.unit
+        if stated is None and channel.unit is None and not states_unit:
+            raise SourceError(f"[[channel]] {channel.name}: unit is missing: the files of {spec.name} state none")
+        if channel.unit is not None and stated not in (None, "unknown", channel.unit):
+            raise SourceError(
+                f"[[channel]] {channel.name}: unit is {channel.unit!r}, but {data_set.name} is in {stated}"
+            )
+
 
 FORMATS = {
     "csv": (".csv", ".txt", ".tsv", ".dat", ".asc", ".lvm"),
@@ -39,7 +68,6 @@ FORMATS = {
     "netcdf": (".nc", ".nc4", ".cdf"),
 }
 """The plain formats and their file endings."""
-
 _ALIASES = {"text": "csv", "lvm": "csv", "flac": "wav", "h5": "hdf5", "uff58": "uff", "unv": "uff", "nc": "netcdf"}
 _STATE_RATE = ("csv", "wav", "mat", "tdms", "hdf5", "uff", "netcdf")
 _STATE_UNIT = ("csv", "mat", "tdms", "hdf5", "uff", "netcdf")

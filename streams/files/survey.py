@@ -19,7 +19,7 @@ from streams.files.pulse_files import is_pulse_file, pulse_pattern
 from streams.files.recognise import data_set_of
 from streams.files.sidecar import is_sidecar
 from streams.files.statements import multiple_of, nice_rate, plain_key, rate_of_times
-from streams.turns.tacho_rows import TachoRow, is_called_tacho, tacho_row
+from streams.turns.tacho import TachoRow, is_called_tacho, tacho_row
 from streams.types.listing import natural_key, shown
 from streams.types.samples import ReaderError, Samples
 from streams.types.spec import UNITS, ChannelSpec, SourceError, SourceSpec

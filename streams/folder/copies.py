@@ -7,8 +7,7 @@ from typing import Literal
 
 from streams.files.load import Loader
 from streams.folder.life import Entry
-from streams.folder.raw import Raw, is_more_of
-from streams.folder.reading import Result
+from streams.folder.reading import Raw, Result, is_more_of
 from streams.folder.register import ARCHIVED, Register
 from streams.types.listing import stat_file, unshown
 from streams.types.samples import Samples

@@ -26,8 +26,7 @@ from streams.folder.life import (
     ReadingEnded,
     Retried,
 )
-from streams.folder.raw import Raw, UnfinishedError, count_block, is_more_of
-from streams.folder.reading import Background, Result, Task, read_file
+from streams.folder.reading import Background, Raw, Result, Task, UnfinishedError, count_block, is_more_of, read_file
 from streams.folder.register import MAX_INCOMPLETE_S, Register
 from streams.reblock import Cut, Numbering, Reblocker
 from streams.recording.repeats import copy_error, taken_error

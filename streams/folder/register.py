@@ -9,8 +9,7 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 
 from streams.files.sidecar import is_sidecar
-from streams.folder.awaited import Awaited
-from streams.folder.copying import HOLD, CopyDetector, Order
+from streams.folder.copying import HOLD, Awaited, CopyDetector, Order
 from streams.folder.life import (
     Entry,
     FileEvent,

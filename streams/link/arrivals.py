@@ -12,9 +12,8 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from streams.files.digest import content_hash
-from streams.link.frame_item import item_of_frame
-from streams.link.pulse_frame import Held, HeldPulses, decode_pulses
+from streams.files.container import content_hash
+from streams.link.pulse_frame import Held, HeldPulses, decode_pulses, item_of_frame
 from streams.link.refusals import LINK, Refusals
 from streams.link.wire import PULSES, JumpError, WireError, decode_frame, frame_version
 from streams.types.block import Block, Rejected

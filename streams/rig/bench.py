@@ -28,8 +28,7 @@ from models.solve.angular.rig import AngularRig
 from models.solve.response import Response, row_of
 from models.words.extras import load
 from models.words.request import SENSORS, Sensor
-from streams.rig.life import THRESHOLD, draw_life, perturbed
-from streams.rig.machine import Machine, machine_of
+from streams.rig.machine import THRESHOLD, Machine, draw_life, machine_of, perturbed
 from streams.rig.running import RUNS, TACHO_CHANNEL, Running
 from streams.types.block import STANDARD_GRAVITY, Block
 from streams.types.spec import SourceError

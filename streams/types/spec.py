@@ -12,7 +12,7 @@ from urllib.parse import unquote, urlsplit
 from zoneinfo import ZoneInfo
 
 from models.words.errors import WrongInputError
-from streams.turns.revolutions import BlockRevolutions
+from streams.turns.pulses import BlockRevolutions
 from streams.types.stamps import Order, compiled
 
 DEFAULT_BLOCK_SECONDS = 5.0

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from streams.files.digest import content_hash
+from streams.files.container import content_hash
 from streams.types.block import Block
 from tests.streams.folders import Rig, csv_bytes, noise
 from tests.support.effort import effort_count

@@ -8,7 +8,7 @@ from collections import Counter
 import numpy as np
 import pytest
 
-from streams.files.digest import content_hash
+from streams.files.container import content_hash
 from streams.files.parse.child import shared_process
 from streams.link.wire import WireError, decode_frame
 from streams.open import open_source

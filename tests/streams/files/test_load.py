@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 
-from streams.files.digest import content_hash
+from streams.files.container import content_hash
 from streams.files.load import agreed_rate, choose_channels
 from streams.types.block import STANDARD_GRAVITY, to_si
 from streams.types.samples import ReaderError, Samples

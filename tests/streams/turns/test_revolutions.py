@@ -17,8 +17,7 @@ from monitor.config.load import ConfigError, validate
 from monitor.service.setup import source_spec
 from streams.open import open_source
 from streams.reblock import Reblocker
-from streams.turns.pulses import Pulses
-from streams.turns.revolutions import BlockRevolutions
+from streams.turns.pulses import BlockRevolutions, Pulses
 from streams.types.block import Block, Rejected
 from streams.types.samples import Samples
 from streams.types.spec import ChannelSpec, SourceError, SourceSpec

@@ -8,8 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from streams.files.container import open_files, read_regular, unpack
-from streams.files.digest import content_hash
+from streams.files.container import content_hash, open_files, read_regular, unpack
 from streams.files.formats.npy_wav import read_plain_npy
 from streams.files.formats.text import read_layout
 from streams.files.parse.child import isolated
