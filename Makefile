@@ -63,7 +63,7 @@ check: $(READY)
 	$(BIN)/ruff format --check .
 	$(BIN)/basedpyright
 	$(BIN)/lint-imports
-	$(BIN)/python -m benchmarks.rooms
+	$(BIN)/python .ci/rooms.py
 
 site: $(READY)
 	$(BIN)/python -m sphinx --builder html --conf-dir docs/site --fail-on-warning --keep-going --quiet . build/site

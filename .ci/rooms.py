@@ -1,9 +1,9 @@
 """Count each room of the house and compare it with its budget.
 
-Run as ``python -m benchmarks.rooms [--against COMMIT] [--json FILE]``. The rooms and their budgets, in lines of Python
-and in modules, are those of the table in ``docs/ARCHITECTURE.md``; a file counts for the row with the longest folder or
-file name that it begins with. Exit code 1 where a room exceeds its budget or a file belongs to no room. ``--against``
-adds the figures of a commit by its own folders: totals only, since rooms move.
+Run as ``python .ci/rooms.py [--against COMMIT] [--json FILE]``. The rooms and their budgets, in lines of Python and in
+modules (of documentation: words and pages), are those of the list in ``docs/ARCHITECTURE.md``; a file counts for the
+room with the longest name that leads to it. Exit code 1 where a room exceeds its budget or a file belongs to none.
+``--against`` adds the totals of a commit; its rooms have other names.
 """
 
 from __future__ import annotations
@@ -20,10 +20,10 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
 PLAN = ROOT / "docs" / "ARCHITECTURE.md"
-_ROW = re.compile(r"^\| `([\w/.]+)` \| ([\d,]+) \| ([\d,]+) \|", re.MULTILINE)
+_ROW = re.compile(r"^([a-z][\w/.]*) +([\d,]+) +(\d+)$", re.MULTILINE)
 _FLOORS = ("models", "streams", "monitor", "spallwatch")
 _WORDS = "docs"
-"""Row whose budget is in words of Markdown and in pages."""
+"""Room whose budget is in words of Markdown and in pages."""
 
 
 @dataclass(frozen=True)
@@ -40,10 +40,14 @@ class Size:
 
 
 def budgets(plan: str) -> dict[str, Size]:
-    """Return lines and modules that each room may have, from the text of the plan."""
+    """Return lines and modules that each room may have, from the text of the plan.
+
+    Raises:
+        ValueError: there is no such list.
+    """
     rows = {name: Size(*(int(each.replace(",", "")) for each in pair)) for name, *pair in _ROW.findall(plan)}
     if not rows:
-        raise ValueError(f"{PLAN}: expected a table with rows such as | `models/maps` | 1,800 | 9 |, found none")
+        raise ValueError(f"{PLAN}: expected lines such as models/maps 1,800 9, found none")
     return rows
 
 
