@@ -61,7 +61,10 @@ def _plain(value: Any) -> Any:
     if isinstance(value, Mapping):
         return {name: _plain(one) for name, one in value.items()}  # pyright: ignore[reportUnknownVariableType]
     own = getattr(value, "to_dict", None) or getattr(value, "to_list", None)
-    return own() if own is not None else {name: _plain(getattr(value, name)) for name in _names(kind)}
+    if own is not None:
+        return own()
+    # What is of no such kind the store refuses, with the name of the state.
+    return {name: _plain(getattr(value, name)) for name in _names(kind)} if is_dataclass(kind) else value
 
 
 @cache

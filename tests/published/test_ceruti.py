@@ -72,7 +72,7 @@ def test_default_stiffness_of_the_rotor_is_that_of_table_5_1() -> None:
 
 
 def rows() -> list[AcceptanceRow]:
-    return rows_of("ceruti")
+    return rows_of("models.published.ceruti")
 
 
 def test_rows_have_the_status_that_they_can_have() -> None:

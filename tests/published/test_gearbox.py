@@ -17,7 +17,7 @@ Array = NDArray[np.float64]
 
 
 def test_rows_are_met_but_for_the_misprint() -> None:
-    rows = rows_of("gearbox")
+    rows = rows_of("models.gears.published")
     assert [row.quantity for row in rows if not row.met] == ["J_1"]
     assert {row.test for row in rows} == {"A1", "A2", "A3", "A4"}
 

@@ -24,7 +24,7 @@ APART, NEAR = 1.0, 0.3
 
 
 def rows() -> list[AcceptanceRow]:
-    return rows_of("marin")
+    return rows_of("models.published.marin")
 
 
 def highest(balls: int, damping: float, count: int) -> NDArray[np.float64]:

@@ -35,7 +35,7 @@ CWRU_SPEED = 1797.0 / 60.0
 
 
 def rows() -> list[AcceptanceRow]:
-    return rows_of("beat")
+    return rows_of("models.published.beat")
 
 
 def test_rows_have_the_status_that_they_can_have() -> None:

@@ -143,5 +143,5 @@ def test_calibrated_torsion_modes() -> None:
 
 
 def test_every_row_is_met() -> None:
-    for row in rows_of("thibault"):
+    for row in rows_of("models.published.thibault"):
         assert row.met, f"{row.test} {row.quantity}: printed {row.printed}, obtained {row.obtained}"

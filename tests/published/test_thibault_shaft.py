@@ -36,7 +36,7 @@ TORSION = 8480.0 / SLOW
 
 
 def rows() -> list[AcceptanceRow]:
-    return rows_of("thibault_shaft")
+    return rows_of("models.published.thibault_shaft")
 
 
 def test_every_row_is_met() -> None:

@@ -98,7 +98,7 @@ def test_a_lock_is_waited_for(way: str, tmp_path: Path) -> None:
 @pytest.mark.parametrize("without", [False, True])
 def test_the_system_releases_the_lock_of_a_killed_process(tmp_path: Path, without: bool) -> None:
     code = (
-        "import sys; from pathlib import Path; from models import portable\n"
+        "import sys; from pathlib import Path; from models.platform import portable\n"
         f"portable._fcntl = None if {without} else portable._fcntl\n"
         "lock = portable.FileLock(Path(sys.argv[1])); print(lock.take(), flush=True); sys.stdin.read()"
     )

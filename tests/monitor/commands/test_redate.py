@@ -5,8 +5,7 @@ from __future__ import annotations
 import json
 import threading
 from pathlib import Path
-from types import SimpleNamespace
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 import pytest
@@ -223,11 +222,10 @@ def test_redate_needs_a_store_without_a_writer(tmp_path: Path) -> None:
 
 def test_a_page_does_not_draw_blocks_without_time_at_zero(tmp_path: Path) -> None:
     with Store.open(tmp_path / "state.db", machine="m") as store:
-        seen = cast("Any", SimpleNamespace(store=store))
-        assert is_dated(seen, "s") is False
+        assert is_dated(store, "s") is False
         store.commit(Record(source="s", sequence=1, name="a", content_hash="1"), {})
-        assert is_dated(seen, "s") is None
+        assert is_dated(store, "s") is None
         store.commit(Record(source="s", sequence=2, name="b", content_hash="2", elapsed=5.0), {})
-        assert is_dated(seen, "s") is False
+        assert is_dated(store, "s") is False
         store.commit(Record(source="s", sequence=3, name="c", content_hash="3", time=1.7e9), {})
-        assert is_dated(seen, "s") is True
+        assert is_dated(store, "s") is True

@@ -281,7 +281,7 @@ def test_a_pin_is_not_thinned_and_the_last_before_it_is_found() -> None:
     state, kind, thin = step(WaterfallState(), 0.0, WaterfallSettings(rows=1), end=True)
     assert (kind, thin) == ("pinned", False)
     assert state.count == 0
-    with pytest.raises(ValueError, match="version 7"):
+    with pytest.raises(ValueError, match="waterfall state: version 1 expected, got 7"):
         WaterfallState.from_dict({"version": 7})
 
 
