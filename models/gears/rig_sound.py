@@ -48,6 +48,7 @@ _RELIEF = TipRelief(amount=6e-6, length=2e-3)
 _BACKLASH = 60e-6
 _FORCE: Mapping[GearState, float] = {"loaded": 3000.0, "idle": 10.0}
 """Mean force along the line of action, N."""
+_SEEDS = 2**31
 _PITCH_SD = 1.5e-6
 """Standard deviation of the pitches of both wheels, m."""
 _DENSITY, _SUPPORT, _ATTACHED = 7850.0, 2e8, 4.0
@@ -145,7 +146,7 @@ def gear_train(gears: RigGears, speed: float, seed: int) -> GearTrain:
     rng = np.random.default_rng([seed, 5])
     faults: list[list[GearFault]] = []
     for name, wheel in zip(("driver", "driven"), pair.wheels, strict=True):
-        phase, drawn = rng.uniform(0.0, math.tau), int(rng.integers(2**31))
+        phase, drawn = rng.uniform(0.0, math.tau), int(rng.integers(_SEEDS))
         own: list[GearFault] = [Eccentricity(gears.eccentricity, phase)]
         own.append(PitchError.drawn(wheel.teeth, _PITCH_SD, drawn))
         if name == gears.faulty:

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from monitor.config.load import validate
+from monitor.gears.config.section import GearSection
 from monitor.gears.forces import GearRun, build_train, run_train
 from monitor.gears.kinematics import GearInput
 from tests.support.config import MINIMAL
@@ -17,7 +18,7 @@ RATE = 20480.0
 
 def given(tables: dict[str, Any]) -> GearInput:
     config = validate({**MINIMAL, "gear": tables}, Path("machine.toml"))
-    assert config.gear is not None
+    assert isinstance(config.gear, GearSection)
     return GearInput(config, config.gear, "machine.toml")
 
 

@@ -33,7 +33,7 @@ def config_of(gear: object) -> Config:
 
 def gear_of(gear: object) -> GearSection:
     found = config_of(gear).gear
-    assert found is not None
+    assert isinstance(found, GearSection)
     return found
 
 

@@ -238,7 +238,7 @@ def test_a_fault_or_torque_that_does_not_fit_its_mesh_is_named(
 def test_bearings_of_the_configuration_or_the_catalogue_carry_a_shaft() -> None:
     supports = [{"name": s["name"], "shaft": s["shaft"], "bearing": "6311"} for s in APPENDIX["support"]]
     config = validate({**MINIMAL, "gear": {**APPENDIX, "support": supports}}, Path("machine.toml"))
-    assert config.gear is not None
+    assert isinstance(config.gear, GearSection)
     first, second, _ = TrainBuilder(config.gear, 8.44, config).build().bodies
     (along, _), (_, across) = first.supports[0].stiffness
     # The force on the first shaft is mostly along y, where its bearing is stiffer; the idler carries twice as much.
@@ -246,7 +246,7 @@ def test_bearings_of_the_configuration_or_the_catalogue_carry_a_shaft() -> None:
     assert second.supports[0].stiffness[1][1] > across
     supports[0] |= {"bearing": MINIMAL["bearing"][0]["name"], "clearance_um": 20.0}
     config = validate({**MINIMAL, "gear": {**APPENDIX, "support": supports}}, Path("machine.toml"))
-    assert config.gear is not None
+    assert isinstance(config.gear, GearSection)
     assert (
         TrainBuilder(config.gear, 8.44, config).build().bodies[0].supports[0].stiffness != first.supports[0].stiffness
     )
