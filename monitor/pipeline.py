@@ -1,8 +1,8 @@
 """The one loop around the step of the stages: a block in, its record committed, the state after it kept.
 
 Live sources (:mod:`monitor.service.ingest`), replays and parts of archives (:mod:`monitor.service.replay`) and single
-signals (:mod:`spallwatch.analysis`) are callers. What differs between them is :class:`PipelineOptions`; where blocks
-come from and what becomes of an output is theirs.
+signals (:mod:`spallwatch.analysis`) are callers. What differs between them is :class:`PipelineOptions`; the
+callers supply the blocks and use the outputs.
 """
 
 from __future__ import annotations

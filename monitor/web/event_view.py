@@ -54,8 +54,8 @@ def acknowledge(site: Machines, name: str, body: bytes, user: str | None = None)
 def acknowledge_many(site: Machines, body: bytes, user: str | None = None) -> dict[str, Any]:
     """Acknowledge events with one note; return a result for each, in their order.
 
-    Each is acknowledged or not by itself: one that fails does not undo another. An event that is not open, as somebody
-    else was faster or it needs none, is left as it is.
+    A failure leaves the other acknowledgements as they are. An event that is not open, because it was acknowledged
+    meanwhile or needs no acknowledgement, is left unchanged.
 
     Args:
         body: JSON with ``events``, names with their machines, ``who`` and ``note``.
