@@ -5,7 +5,6 @@ Messages go with and without confirmation; there may be a will, and what was sub
 
 from __future__ import annotations
 
-import contextlib
 import logging
 import ssl
 import threading
@@ -18,6 +17,7 @@ from models.words.errors import SpallwatchError
 from monitor.config.outputs import BrokerSection
 from monitor.records.database import StoreError
 from monitor.service.children import Worker
+from streams.link.mqtt import end_client
 
 _LOG = logging.getLogger(__name__)
 _MIN_PAUSE_S, _MAX_PAUSE_S = 1.0, 60.0
@@ -161,10 +161,7 @@ class BrokerLink:
 
     def close(self) -> None:
         """Disconnect; unconfirmed messages may have arrived or not."""
-        with contextlib.suppress(OSError, ValueError, RuntimeError):
-            self._client.disconnect()
-        with contextlib.suppress(OSError, ValueError, RuntimeError):
-            self._client.loop_stop()
+        end_client(self._client)
 
     def _on_connect(self, client: Any, userdata: Any, flags: Any, reason: Any, properties: Any) -> None:
         with self._state:

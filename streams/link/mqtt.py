@@ -131,8 +131,7 @@ class MqttReceiver(Receiver):
 
     def _stop(self) -> None:
         # Disconnecting also ends the reconnect loop; the broker keeps what is not acknowledged.
-        self._client.disconnect()
-        self._client.loop_stop()
+        end_client(self._client)
 
 
 def make_client(address: Address, network: NetworkSpec, name: str, where: str, *, keep: bool = True) -> Any:
@@ -173,6 +172,19 @@ def _secret(path: Path, where: str) -> str:
     if not line:
         raise SourceError(f"{where}: the first line of {path} is empty")
     return line
+
+
+def end_client(client: Any) -> None:
+    """Disconnect a paho client, end its thread, and close the two sockets by which that was woken.
+
+    paho closes them in a finalizer. The client is part of a cycle with its callbacks, so the garbage collector may come
+    to the sockets first.
+    """
+    with contextlib.suppress(OSError, ValueError, RuntimeError):
+        client.disconnect()
+    with contextlib.suppress(OSError, ValueError, RuntimeError):
+        client.loop_stop()
+    client._reset_sockets()
 
 
 class MqttLink:
@@ -265,8 +277,5 @@ class MqttLink:
 
     def close(self) -> None:
         """Disconnect."""
-        client = self._client
-        client.on_disconnect = None
-        with contextlib.suppress(OSError, ValueError):
-            client.disconnect()
-        client.loop_stop()
+        self._client.on_disconnect = None
+        end_client(self._client)

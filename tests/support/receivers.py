@@ -21,6 +21,7 @@ from typing import Any
 from paho.mqtt.client import Client
 from paho.mqtt.enums import CallbackAPIVersion
 
+from streams.link.mqtt import end_client
 from tests.support.waiting import PATIENCE_S
 
 
@@ -269,5 +270,4 @@ def subscribed(port: int, topic: str) -> Iterator[list[tuple[str, Any, bool]]]:
         assert ready.wait(PATIENCE_S)
         yield heard
     finally:
-        client.disconnect()
-        client.loop_stop()
+        end_client(client)

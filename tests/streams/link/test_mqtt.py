@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from paho.mqtt.client import Client
 from paho.mqtt.enums import CallbackAPIVersion
 
-from streams.link.mqtt import COMMITTED, MqttLink, MqttReceiver, make_client
+from streams.link.mqtt import COMMITTED, MqttLink, MqttReceiver, end_client, make_client
 from streams.link.pulse_frame import block_frames
 from streams.link.sender import Sender, SendError
 from streams.link.wire import ACK, block_frame, encode_frame
@@ -69,8 +69,7 @@ def publisher(broker: Broker) -> Iterator[Callable[..., None]]:
     try:
         yield publish
     finally:
-        client.disconnect()
-        client.loop_stop()
+        end_client(client)
 
 
 def frame(sequence: int) -> bytes:
@@ -201,8 +200,7 @@ def test_the_number_committed_last_is_retained(broker: Broker) -> None:
     client.subscribe(TOPIC + COMMITTED)
     client.loop_start()
     wait_until(lambda: bool(heard))
-    client.disconnect()
-    client.loop_stop()
+    end_client(client)
     assert heard == [(True, ACK.pack(3))]
 
 
@@ -271,3 +269,16 @@ def test_sender_without_broker_gives_up() -> None:
     link = MqttLink(Address("mqtt", "127.0.0.1", port, "t"), timeout=1.0)
     with pytest.raises(SendError, match="refused"):
         Sender(Recorded(range(1, 3)), link, patience=0.0, sleep=lambda _: None).run()
+
+
+@pytest.mark.broker
+def test_what_is_closed_leaves_no_socket_to_the_garbage_collector(broker):
+    ledger = MemoryLedger()
+    clients = []
+    with receiving(ledger, spec(broker)) as receiver, committing(receiver, ledger):
+        link = MqttLink(address(broker))
+        Sender(Recorded(range(1, 3)), link).run()
+        clients += [receiver._client, link._client]
+        sockets = [pair for client in clients for pair in (client._sockpairR, client._sockpairW) if pair is not None]
+    assert len(sockets) >= 2
+    assert {pair.fileno() for pair in sockets} == {-1}

@@ -18,6 +18,7 @@ from monitor.config.outputs import SparkplugSection
 from monitor.service.broker import BrokerLink
 from monitor.service.neighbours.points import MachineSnapshot, channels_of
 from monitor.service.neighbours.sparkplug import Metric, Payloads, Sparkplug, _Node
+from streams.link.mqtt import end_client
 from tests.monitor.service.neighbours.machines import STATUS, Machine
 from tests.support.broker import Broker
 from tests.support.proxy import Proxy
@@ -50,8 +51,7 @@ def host(port: int) -> Iterator[tuple[Client, Heard]]:
         wait_until(lambda: asked)
         yield client, heard
     finally:
-        client.disconnect()
-        client.loop_stop()
+        end_client(client)
 
 
 @contextlib.contextmanager
