@@ -11,7 +11,6 @@ from dataclasses import replace
 from streams.dates.dater import UndatedError
 from streams.files.datasets import FileFacts
 from streams.files.load import Loader, cutter_of, renamed
-from streams.folder.copies import Copies
 from streams.folder.copying import Order
 from streams.folder.life import (
     BlockDelivered,
@@ -28,12 +27,11 @@ from streams.folder.life import (
 )
 from streams.folder.reading import Background, Raw, Result, Task, UnfinishedError, count_block, is_more_of, read_file
 from streams.folder.register import MAX_INCOMPLETE_S, Register
-from streams.reblock import Cut, Numbering, Reblocker
-from streams.recording.repeats import copy_error, taken_error
+from streams.reblock import Cut, Numbering
 from streams.types.block import Block, Rejected
 from streams.types.listing import unpacked_name
 from streams.types.samples import ReaderError, Samples
-from streams.types.source import ACCEPTED, MAX_DEATHS, PENDING, POISONED, Delivery, FileProgress, Ledger
+from streams.types.source import ACCEPTED, PENDING, POISONED, Delivery, FileProgress, Ledger
 from streams.types.spec import SourceSpec
 
 _MAX_AHEAD_FILES = 8
@@ -65,14 +63,11 @@ class Intake:
         self.undated: dict[Entry, str] = {}
         """The files whose date cannot be told yet, with the reasons; the first of them is ``waits``."""
         self.waits: str | None = None
-        self.name = spec.name
-        self._spec, self._loader, self._ledger, self._register = spec, loader, ledger, register
+        self._spec, self._loader, self._register, self._known = spec, loader, register, register.known
         self._reblocker = cutter_of(spec, loader.data_set)
         # Pulses may be written after their samples.
         self._grows = self._reblocker is not None and spec.pulses is None and loader.data_set.name in _GROWS
         self._period = spec.block_s if self._grows and spec.block_s != "file" else None
-        self._uncommitted: dict[int, str] = {}
-        self._copies = Copies(spec.name, loader, ledger, register, self._grows)
         highest, began, dater = ledger.committed(spec.name), ledger.began(spec.name), loader.dater
         self._dated_by = None if dater is None else (dater.choice.by, dater.choice.order)
         self._numbers = Numbering(spec.name, highest, began, None if dater is None else dater.place_time)
@@ -104,7 +99,8 @@ class Intake:
                 if entry is None:
                     break
                 happened = True
-                self._reading = self._begin(entry, now)
+                with self._register.queued_again(entry):
+                    self._reading = self._begin(entry, now)
                 if self._background.last_s <= self._patience:
                     patience = began + self._patience - time.monotonic()
             if self._reading is not None:
@@ -112,7 +108,8 @@ class Intake:
                     return happened
                 reading, self._reading = self._reading, None
                 happened = True
-                loaded = self._load(*reading, now)
+                with self._register.queued_again(reading[0]):
+                    loaded = self._load(*reading, now)
                 if loaded is not None:
                     self._batch.append(loaded)
                     continue
@@ -131,23 +128,24 @@ class Intake:
         if all(loaded[3].start is not None and loaded[3].joins for loaded in batch):
             batch.sort(key=lambda loaded: loaded[3].start or 0.0)
         self._emitting = len(batch)
-        for loaded in batch:
-            yield from self._emit(*loaded)
-            self._emitting -= 1
+        try:
+            for loaded in batch:
+                yield from self._emit(*loaded)
+                self._emitting -= 1
+        except Exception:
+            for entry, *_ in batch[len(batch) - self._emitting :]:
+                if entry.state.phase in ("taken", "held"):
+                    self._register.tell(entry, Retried())
+            raise
 
     def acknowledge(self, delivery: Delivery) -> None:
         """Record that a delivery is committed."""
         item = delivery.item
         if not (isinstance(item, Rejected) and item.is_repetition):
-            self._uncommitted.pop(item.sequence, None)
+            self._known.uncommitted.pop(item.sequence, None)
         entries: tuple[Entry, ...] = delivery.token
         for entry, progress in zip(entries, delivery.progress, strict=True):
-            if self._register.tell(entry, Committed(progress)):
-                self._finish(entry, progress)
-
-    def _finish(self, entry: Entry, progress: FileProgress) -> None:
-        self._copies.remove(progress.content_hash, entry)
-        self._register.finish(entry, progress)
+            self._register.tell(entry, Committed(progress))
 
     def _begin(self, entry: Entry, now: float) -> tuple[Entry, FileFacts, Task] | None:
         """Begin to read a file; None where it is gone, or of another kind by now."""
@@ -160,7 +158,7 @@ class Intake:
             reason = f"{entry.key}: is gone, before all of it could be read"
             self._reject(entry, None, facts, ReaderError("unreadable", reason))
             return None
-        if self._ledger.deaths(self.name, entry.key) >= MAX_DEATHS:
+        if self._known.is_poisoned(entry.key):
             reason = f"{entry.key}: the monitor died repeatedly while it handled this file; it is set aside"
             self._reject(entry, None, facts, ReaderError(POISONED, reason))
             return None
@@ -212,13 +210,9 @@ class Intake:
             else:
                 self._reject(entry, raw, facts, error)
             return None
-        except BaseException:
-            # The ledger failed; the file keeps its place.
-            self._register.tell(entry, Retried())
-            raise
         if self._is_reordered(entry):
             return None
-        self._copies.add(raw.progress.content_hash, entry)
+        self._known.add(raw.progress.content_hash, entry)
         return entry, raw, facts, samples
 
     def _is_growing(self, entry: Entry) -> bool:
@@ -244,20 +238,16 @@ class Intake:
                 self._register.tell(waiting, Retried())
         self.undated.clear()
 
-    def _is_overtaken(self, entry: Entry) -> bool:
-        """Return whether later files were taken already; a rejection must not cut them."""
-        return self._latest_order is not None and entry.order < self._latest_order
-
     def _reject(self, entry: Entry, raw: Raw | None, facts: FileFacts, error: ReaderError) -> None:
         self._deliver_batch()
         if self._loader.dater is not None and self._loader.dater.forget(entry.path):
             self._retry_undated()
-        if self._reblocker is not None and not self._is_overtaken(entry):
-            # Samples are not joined across a file that could not be read.
-            self._flush(self._reblocker)
+        if self._latest_order is None or entry.order >= self._latest_order:
+            # Samples are not joined across a file that could not be read, unless later ones were taken already.
+            self._flush()
         digest = "" if raw is None else raw.progress.content_hash
         number, status = self._number_of(entry, facts), error.status
-        if number is not None and not self._is_free(number):
+        if not self._known.is_free(number):
             status = "changed"
         stat = entry.state.stat
         known = entry.state.base or (raw.progress if raw is not None else FileProgress(entry.key, 0, 0, 0))
@@ -274,49 +264,31 @@ class Intake:
         if last is not None:
             touched = last.content_hash == raw.progress.content_hash
             if touched and base is not None and base.verdict != PENDING:
-                progress = replace(raw.progress, samples=base.samples, verdict=base.verdict)
-                self._ledger.remember(self.name, [progress])
-                self._register.finish(entry, progress)
+                self._register.remember(entry, replace(raw.progress, samples=base.samples, verdict=base.verdict))
                 return True
             if touched or (self._grows and is_more_of(raw, last)):
                 self._register.tell(entry, Continued(0 if base is None else base.samples))
                 return False
             self._deliver_batch()
-            if self._reblocker is not None:
-                self._flush(self._reblocker)
+            self._flush()
             self._register.renew(entry)
-        return self._resolve_copy(entry, raw, result) or self._refuse_taken_number(entry, raw, facts)
-
-    def _resolve_copy(self, entry: Entry, raw: Raw, result: Result) -> bool:
-        """Adopt a renamed file or reject a copy; return whether it is one."""
-        copied = self._copies.find(entry, raw, result)
-        if copied is None:
+        number, root = self._number_of(entry, facts), str(self._loader.root)
+        match = self._known.match(entry, raw, result, number, root=root, grows=self._grows)
+        if match is None:
             return False
-        if copied.kind == "longer":
+        if match.renamed is not None:
+            self._register.adopt(entry, match.renamed)
+        elif match.error is None:
             # A log that was copied and continued in the copy: its beginning is committed.
-            self._register.tell(entry, Continued(copied.samples))
+            self._register.tell(entry, Continued(match.samples))
             return False
-        if copied.kind == "rename" and copied.known is not None:
-            self._register.adopt(entry, copied.known)
-            return True
-        # The original comes first, though it may have been read ahead only.
-        self._deliver_batch()
-        digest = raw.progress.content_hash
-        number = self._ledger.known(self.name, digest) or max(1, self._numbers.highest)
-        error = copy_error(entry.key, copied.original)
-        rejected = self._numbers.rejected(entry.key, error, digest, number)
-        self._deliver(rejected, [(entry, replace(raw.progress, samples=copied.samples, verdict=error.status))])
-        return True
-
-    def _refuse_taken_number(self, entry: Entry, raw: Raw, facts: FileFacts) -> bool:
-        """Reject a file whose number another block has; return whether it did."""
-        number, digest = self._number_of(entry, facts), raw.progress.content_hash
-        if number is None or self._is_free(number):
-            return False
-        had = self._uncommitted.get(number) or self._ledger.content_of(self.name, number)
-        error = taken_error(entry.key, number, same=had == digest)
-        rejected = self._numbers.rejected(entry.key, error, digest, number)
-        self._deliver(rejected, [(entry, replace(raw.progress, verdict=error.status))])
+        else:
+            # The original comes first, though it may have been read ahead only.
+            self._deliver_batch()
+            again = match.number or max(1, self._numbers.highest)
+            rejected = self._numbers.rejected(entry.key, match.error, raw.progress.content_hash, again)
+            progress = replace(raw.progress, samples=match.samples, verdict=match.error.status)
+            self._deliver(rejected, [(entry, progress)])
         return True
 
     def _number_of(self, entry: Entry, facts: FileFacts) -> int | None:
@@ -326,9 +298,6 @@ class Intake:
         """
         return facts.number if self._reblocker is None and not entry.state.released else None
 
-    def _is_free(self, number: int) -> bool:
-        return number not in self._uncommitted and self._ledger.content_of(self.name, number) is None
-
     def _emit(self, entry: Entry, raw: Raw, facts: FileFacts, samples: Samples) -> Iterator[None]:
         """Deliver the blocks of a file; yield after each."""
         begin = min(entry.state.fed, samples.values.shape[1])
@@ -336,8 +305,6 @@ class Intake:
         self._latest_order = entry.order if self._latest_order is None else max(self._latest_order, entry.order)
         if self._reblocker is None:
             number = self._number_of(entry, facts)
-            if self._refuse_taken_number(entry, raw, facts):
-                return
             progress = replace(raw.progress, samples=entry.total, verdict=ACCEPTED)
             block = self._numbers.block(samples, entry.key, raw.progress.content_hash, number)
             self._deliver(block, [(entry, progress)])
@@ -362,27 +329,23 @@ class Intake:
             if isinstance(entry, Entry)
         ):
             return False
-        self._flush(self._reblocker)
+        self._flush()
         return True
 
     def _mark_delivered(self, entry: Entry) -> None:
         """Mark a file whose samples are all delivered, acknowledged or not."""
         if self._reblocker is not None and entry in self._reblocker.origins:
             return
-        if self._register.tell(entry, Drained()) and entry.state.read is not None:
-            # A growing file was read and had nothing new.
-            progress = replace(entry.state.read, path=entry.key, samples=entry.total, verdict=ACCEPTED)
-            self._ledger.remember(self.name, [progress])
-            self._finish(entry, progress)
+        self._register.tell(entry, Drained())
 
     def _deliver_batch(self) -> None:
         """Deliver all blocks of the files read ahead."""
         for _ in self._emit_batch():
             pass
 
-    def _flush(self, reblocker: Reblocker) -> None:
+    def _flush(self) -> None:
         """Deliver what is left over."""
-        for _ in self._deliver_cuts(reblocker.flush()):
+        for _ in self._deliver_cuts(() if self._reblocker is None else self._reblocker.flush()):
             pass
 
     def _deliver_cuts(self, cuts: Iterable[Cut]) -> Iterator[None]:
@@ -397,7 +360,7 @@ class Intake:
         self, item: Block | Rejected, pairs: list[tuple[Entry, FileProgress]], *, blocks: bool = False
     ) -> None:
         if not (isinstance(item, Rejected) and item.is_repetition):
-            self._uncommitted[item.sequence] = item.content_hash
+            self._known.uncommitted[item.sequence] = item.content_hash
             self._numbers.note(item)
         self._delivered += 1
         for entry, _ in pairs:

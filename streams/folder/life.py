@@ -1,7 +1,7 @@
 """The life of a file of a watched folder as a table: phases, events, guards and actions.
 
 :func:`advance` is pure. Its edges are what watches (:mod:`streams.folder.register`) and what reads and commits
-(:mod:`streams.folder.intake`): they tell events, and do the actions that come back.
+(:mod:`streams.folder.intake`): they tell events, and the register does the actions that come back.
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 from streams.folder.copying import Order
 from streams.types.listing import Stat
@@ -21,7 +21,7 @@ Phase = Literal["queued", "deferred", "taken", "reading", "held", "delivered", "
 because samples of it wait for more, "delivered" entirely, "finished" under its verdict or gone."""
 Action = Literal["queue", "defer", "remember", "finish"]
 """Put it in the queue; skip it until it is due; store in the ledger that it is read, and count it; count it."""
-PHASES: tuple[Phase, ...] = ("queued", "deferred", "taken", "reading", "held", "delivered", "finished")
+PHASES: tuple[Phase, ...] = get_args(Phase)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -167,11 +167,8 @@ class Removed:
     """It is counted under its verdict, or no longer there."""
 
 
-FolderEvent = Observed | Missing | Renamed
-"""Events of the folder."""
-ReadingEvent = Retried | Postponed | Taken | ReadingBegun | ReadingEnded | ChangedMeanwhile | Continued | Replaced
-"""Events of reading."""
-FileEvent = FolderEvent | ReadingEvent | Emitted | BlockDelivered | Drained | Committed | Removed
+OfReading = Retried | Postponed | Taken | ReadingBegun | ReadingEnded | ChangedMeanwhile | Continued | Replaced
+FileEvent = Observed | Missing | Renamed | OfReading | Emitted | BlockDelivered | Drained | Committed | Removed
 
 
 @dataclass(frozen=True)

@@ -6,11 +6,14 @@ import heapq
 import itertools
 import threading
 from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import replace
 
 from streams.files.sidecar import is_sidecar
 from streams.folder.copying import HOLD, Awaited, CopyDetector, Order
+from streams.folder.known import ARCHIVED, Known
 from streams.folder.life import (
+    Committed,
     Entry,
     FileEvent,
     FileState,
@@ -28,12 +31,13 @@ from streams.types.source import ACCEPTED, PENDING, POISONED, RELEASED, Backlog,
 
 MAX_INCOMPLETE_S = 600.0
 """Time without a change after which an incomplete file is rejected."""
-ARCHIVED = "\n"
-"""Separates path and digest of the former content in the key of a file that was replaced."""
 
 
 class Register:
-    """The files of one folder: names, times and counts; contents stay on the disk."""
+    """The files of one folder: names, times and counts; contents stay on the disk.
+
+    All events are told here, and what the table of a file's life asks for is done here.
+    """
 
     def __init__(
         self,
@@ -51,8 +55,10 @@ class Register:
         """
         self._awaited = Awaited(pulses, settle_s)
         self.waiting: dict[str, Entry] = {}
+        self.known = Known(source, ledger, self.waiting)
         self._others: set[str] = set()
-        self._ignored: list[str] = []
+        self.ignored: list[str] = []
+        """The paths of the files that are ignored, as of the latest listing, in natural order."""
         self._source, self._ledger, self._settle = source, ledger, settle_s
         self._order_of = order_of
         self._done: dict[str, FileProgress] = {}
@@ -101,7 +107,7 @@ class Register:
             done = self._done.get(path)
             if path in self._others or (done is not None and done.is_of(stat)):
                 return
-            known = done or self._ledger.file(self._source, shown(path))
+            known = done or self.known.file(path)
             released = known is not None and known.verdict == RELEASED
             if released:
                 known = None
@@ -115,15 +121,30 @@ class Register:
             entry = self._enter(path, stat, now, known, released=released)
         self.tell(entry, Observed(stat, now, closed))
 
-    def tell(self, entry: Entry, event: FileEvent) -> bool:
-        """Let an event happen to a file; return whether it is to be remembered or finished by who tells it."""
+    def tell(self, entry: Entry, event: FileEvent) -> None:
+        """Let an event happen to a file, and do what the table of its life asks for."""
         actions = entry.happen(event)
         if "queue" in actions:
             self._deferred.pop(entry.path, None)
             heapq.heappush(self._heap, (entry.order, entry.path, next(self._tie), entry))
         elif "defer" in actions:
             self._deferred[entry.path] = entry
-        return "remember" in actions or "finish" in actions
+        elif "finish" in actions and isinstance(event, Committed):
+            self._finish(entry, event.progress)
+        elif "remember" in actions and entry.state.read is not None:
+            # A growing file was read and had nothing new.
+            progress = replace(entry.state.read, path=entry.key, samples=entry.total, verdict=ACCEPTED)
+            with self.queued_again(entry):
+                self.remember(entry, progress)
+
+    @contextmanager
+    def queued_again(self, entry: Entry) -> Iterator[None]:
+        """Queue a file again where the ledger fails while it is handled."""
+        try:
+            yield
+        except BaseException:
+            self.tell(entry, Retried())
+            raise
 
     def paths(self) -> list[str]:
         """Return the paths of the files that wait or are done."""
@@ -159,18 +180,13 @@ class Register:
         recordings = {path for path in named if path in self.waiting or path in self._done}
         others = (path for path in self._others if not self._awaited.has(path))
         ignored = {path for path in others if not is_sidecar(path, recordings)}
-        if len(ignored) != len(self._ignored) or not ignored.issuperset(self._ignored):
-            self._ignored = sorted(ignored, key=natural_key)
+        if len(ignored) != len(self.ignored) or not ignored.issuperset(self.ignored):
+            self.ignored = sorted(ignored, key=natural_key)
 
     @property
     def queued(self) -> int:
         """About how many files are not taken yet and not deferred."""
         return len(self._heap)
-
-    @property
-    def ignored(self) -> list[str]:
-        """The paths of the files that are ignored, as of the latest listing, in natural order."""
-        return self._ignored
 
     def _enter(self, path: str, stat: Stat, now: float, known: FileProgress | None, *, released: bool = False) -> Entry:
         order = self._order_of(path) or ()
@@ -291,8 +307,14 @@ class Register:
         first = next(iter(self.waiting.values()), None)
         return first is not None and self._copying.is_copying(len(self._heap), first.seen, now)
 
-    def finish(self, entry: Entry, progress: FileProgress) -> None:
+    def remember(self, entry: Entry, progress: FileProgress) -> None:
+        """Store the progress of a file without a commit, and count it."""
+        self._ledger.remember(self._source, [progress])
+        self._finish(entry, progress)
+
+    def _finish(self, entry: Entry, progress: FileProgress) -> None:
         """Count a file under its verdict; a later change enters it again."""
+        self.known.remove(progress.content_hash, entry)
         if progress.path != entry.key:
             # It was renamed before its last block was committed.
             progress = self._restore(progress, entry.key)
@@ -342,6 +364,6 @@ class Register:
         with self._lock:
             pending = len(self.waiting)
             first = next(iter(self.waiting.values()), None)
-            accepted, rejected, ignored = self._accepted, self._rejected, len(self._ignored)
+            accepted, rejected, ignored = self._accepted, self._rejected, len(self.ignored)
         age = 0.0 if first is None else max(0.0, now - first.seen)
         return Backlog(accepted + rejected + ignored + pending, accepted, rejected, pending, age, ignored)

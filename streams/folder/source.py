@@ -25,7 +25,7 @@ from streams.folder.reading import Background, Task
 from streams.folder.register import MAX_INCOMPLETE_S, Register
 from streams.folder.watch import Watch
 from streams.types.listing import CLOSED, Stat, is_skipped, natural_key, shown, stat_file, walk_files
-from streams.types.source import MAX_DEATHS, MAX_IGNORED_NAMES, Backlog, Delivery, Ledger, LiveSource
+from streams.types.source import MAX_IGNORED_NAMES, Backlog, Delivery, Ledger, LiveSource
 from streams.types.spec import SourceError, SourceSpec
 
 _LOG = logging.getLogger(__name__)
@@ -85,9 +85,9 @@ class FolderSource(LiveSource):
         self._unscanned = 0
         self._overflows = 0
         self._overflowed: float | None = None
-        self._ledger: Ledger | None = None
+        self._ledger: Ledger
         self._kept: Dating | None = None
-        self._files: Register | None = None
+        self._register: Register
 
     def check(self, *, taken: bool = False) -> None:
         """Raise SourceError where :meth:`open` would; ``taken`` has no meaning for folders."""
@@ -113,7 +113,7 @@ class FolderSource(LiveSource):
             self._load_as(data_set)
         self._intake = None
         now = self._clock.monotonic()
-        self._files = Register(self.name, ledger, self._spec.settle_s, self._order_of, now, self._spec.pulses)
+        self._register = Register(self.name, ledger, self._spec.settle_s, self._order_of, now, self._spec.pulses)
         self._next_scan = now
 
     def _look(self) -> tuple[Path, DataSet | None]:
@@ -190,18 +190,6 @@ class FolderSource(LiveSource):
         self._intake = self._recognition = self._scanning = None
         self._identity, self._unscanned = None, 0
 
-    @property
-    def _open_ledger(self) -> Ledger:
-        if self._ledger is None:
-            raise RuntimeError(f"source {self.name}: is not open")
-        return self._ledger
-
-    @property
-    def _register(self) -> Register:
-        if self._files is None:
-            raise RuntimeError(f"source {self.name}: is not open")
-        return self._files
-
     def _poll(self, now: float) -> None:
         """Go on with the scan, for a short time; begin one where due, or where events were lost.
 
@@ -261,17 +249,15 @@ class FolderSource(LiveSource):
             self._identity = None
             return
         self._set_problem(f"{self._root / closed[0]}: {CLOSED}" if closed else None)
-        if self._ledger is not None:
-            for key in self._ledger.released(self.name):
-                self._register.release(key)
+        for key in self._ledger.released(self.name):
+            self._register.release(key)
         for _ in self._register.update(listing, now):
             self._unscanned -= 1
             yield
 
     def _note(self, keys: tuple[str, ...]) -> None:
         """Note the files that the background handles."""
-        if self._ledger is not None:
-            self._ledger.handle(self.name, keys)
+        self._ledger.handle(self.name, keys)
 
     def _lost_events(self, now: float) -> str | None:
         """Return that the kernel dropped events, for some time after it did."""
@@ -297,7 +283,7 @@ class FolderSource(LiveSource):
                 self._spec,
                 self._kept,
                 cut=is_cut(self._spec, data_set),
-                keep=lambda choice: self._open_ledger.keep_dating(self.name, choice.to_dict()),
+                keep=lambda choice: self._ledger.keep_dating(self.name, choice.to_dict()),
                 names=lambda: self._register.paths(),
             )
         self._loader = Loader(self._spec, data_set, self._real, dater=dater)
@@ -334,7 +320,7 @@ class FolderSource(LiveSource):
 
     def _begin_recognition(self, now: float) -> Task | None:
         """Begin to read the first settled files; None where there are none."""
-        register, ledger = self._register, self._open_ledger
+        register = self._register
         ready = {
             entry.path: entry.state.stat
             for entry in register.waiting.values()
@@ -345,7 +331,7 @@ class FolderSource(LiveSource):
                 or now - entry.state.changed >= MAX_INCOMPLETE_S
             )
         }
-        poisoned = [path for path in ready if ledger.deaths(self.name, shown(path)) >= MAX_DEATHS]
+        poisoned = [path for path in ready if register.known.is_poisoned(shown(path))]
         if poisoned and len(poisoned) == len(ready):
             self._unknown = f"{shown(poisoned[0])}: the monitor died repeatedly while it handled this file"
         if len(poisoned) == len(ready) or (ready == self._tried and now < self._retry):
@@ -361,7 +347,7 @@ class FolderSource(LiveSource):
         """Take the next files; return whether anything happened."""
         if self._loader is None and not self._recognise(now):
             return False
-        if self._intake is None and self._loader is not None and self._ledger is not None:
+        if self._intake is None and self._loader is not None:
             self._intake = Intake(
                 *(self._spec, self._loader, self._ledger, self._register),
                 *(self._background, self._clock.patience_s),

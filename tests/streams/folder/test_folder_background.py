@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import os
+import shutil
+import sqlite3
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -150,3 +153,30 @@ def test_a_poisoned_file_of_an_unknown_kind_is_a_problem(tmp_path: Path) -> None
     assert "1.csv: the monitor died repeatedly" in (rig.source.problem() or "")
     (tmp_path / "2.csv").write_bytes(csv_bytes(noise(100, 2)))
     assert verdicts(rig.run()) == [("1.csv", "poisoned"), ("2.csv", "accepted")]
+
+
+@pytest.mark.parametrize("question", ["deaths", "files_like", "known", "content_of", "remember"])
+def test_a_file_is_read_again_where_the_ledger_failed_while_it_was_handled(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, question: str
+) -> None:
+    for number in (1, 3):
+        rows = b"".join(b"0,0,0,0,%.3f,0\n" % value for value in noise(2560, number))
+        (tmp_path / f"acc_0000{number}.csv").write_bytes(rows)
+    (tmp_path / "acc_00003.csv").rename(tmp_path / "later")
+    rig = Rig(tmp_path, format="pronostia", rate=None, channels=())
+    rig.run()
+    shutil.copy(tmp_path / "acc_00001.csv", tmp_path / "acc_00002.csv")
+    os.utime(tmp_path / "acc_00001.csv", (0.0, 0.0))
+    (tmp_path / "later").rename(tmp_path / "acc_00003.csv")
+
+    def failing(*arguments: object) -> None:
+        raise sqlite3.OperationalError("the disk is full")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(rig.ledger, question, failing)
+        with pytest.raises(sqlite3.OperationalError):
+            rig.run()
+    assert rig.source.backlog().pending
+    rig.run(100.0)
+    backlog = rig.source.backlog()
+    assert (backlog.accepted, backlog.rejected, backlog.pending) == (2, 1, 0)
