@@ -2,19 +2,56 @@
 
 from __future__ import annotations
 
+import base64
+import math
 import types
 from collections.abc import Callable, Mapping
-from dataclasses import fields, is_dataclass
+from dataclasses import dataclass, fields, is_dataclass
 from enum import Enum
 from functools import cache
-from typing import Any, ClassVar, Self, Union, cast, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, ClassVar, Literal, Self, Union, cast, get_args, get_origin, get_type_hints
+
+import numpy as np
+from numpy.typing import NDArray
 
 _Decoder = Callable[[Any], Any]
 _PLAIN = frozenset({bool, int, float, str, type(None)})
 
 
+@dataclass(frozen=True)
+class Packed:
+    """How an array is written: its bytes, little-endian, in base64.
+
+    Attributes:
+        kind: of the numbers; with a shape also the key of the bytes.
+        shaped: whether the shape is written as well; without it, the array has one dimension.
+    """
+
+    kind: Literal["float32", "float64"]
+    shaped: bool = True
+
+    def encode(self, array: NDArray[np.floating]) -> Any:
+        """Return an array as plain values for JSON; it is rounded to the kind."""
+        packed = np.ascontiguousarray(array, dtype=np.dtype(self.kind).newbyteorder("<")).tobytes()
+        text = base64.b64encode(packed).decode("ascii")
+        return {"shape": list(array.shape), self.kind: text} if self.shaped else text
+
+    def decode(self, stored: Any) -> NDArray[np.float64]:
+        """Return what :meth:`encode` wrote."""
+        text, shape = (stored[self.kind], stored["shape"]) if self.shaped else (stored, -1)
+        numbers = np.frombuffer(base64.b64decode(text), dtype=np.dtype(self.kind).newbyteorder("<"))
+        return numbers.reshape(shape).astype(np.float64)
+
+
+FLOAT32 = Packed("float32")
+Float32Array = Annotated[NDArray[np.float64], FLOAT32]
+Float64Array = Annotated[NDArray[np.float64], Packed("float64")]
+Float32Row = Annotated[NDArray[np.float64], Packed("float32", shaped=False)]
+"""Types of the fields of a state that are arrays."""
+
+
 class StoredState:
-    """A frozen dataclass that a store keeps; the order of its fields is that of the keys.
+    """A frozen dataclass that a store keeps; the order of its fields is that of the keys. A NaN is written as None.
 
     Attributes:
         VERSIONS: layouts that are read, the present one last; () where the state that holds it has the version.
@@ -26,7 +63,7 @@ class StoredState:
 
     def to_dict(self) -> dict[str, Any]:
         """Return the state as plain values for JSON, bit for bit."""
-        return {name: _plain(getattr(self, name)) for name in _names(type(self))}
+        return _written(self)
 
     @classmethod
     def from_dict(cls, stored: Mapping[str, Any]) -> Self:
@@ -54,6 +91,8 @@ class StoredState:
 
 def _plain(value: Any) -> Any:
     kind = cast("type[Any]", type(value))
+    if kind is float:
+        return None if value != value else value
     if kind in _PLAIN or isinstance(value, float | str):
         return value
     if kind is tuple:
@@ -64,7 +103,23 @@ def _plain(value: Any) -> Any:
     if own is not None:
         return own()
     # What is of no such kind the store refuses, with the name of the state.
-    return {name: _plain(getattr(value, name)) for name in _names(kind)} if is_dataclass(kind) else value
+    return _written(value) if is_dataclass(kind) else value
+
+
+def _written(value: Any) -> dict[str, Any]:
+    return {name: encode(getattr(value, name)) for name, encode in _encoders(cast("type[Any]", type(value))).items()}
+
+
+@cache
+def _encoders(kind: type[Any]) -> dict[str, Callable[[Any], Any]]:
+    hints = get_type_hints(kind, include_extras=True)
+    found = {name: _packing(hints[name]) for name in _names(kind)}
+    return {name: _plain if packing is None else packing.encode for name, packing in found.items()}
+
+
+def _packing(kind: Any) -> Packed | None:
+    """Return how an array of a declared type is written, None for another type."""
+    return next((one for one in get_args(kind)[1:] if isinstance(one, Packed)), None)
 
 
 @cache
@@ -74,8 +129,8 @@ def _names(kind: type[Any]) -> tuple[str, ...]:
 
 @cache
 def _decoders(kind: type[Any]) -> dict[str, _Decoder]:
-    hints = get_type_hints(kind)
-    return {name: _decoder(hints[name]) for name in _names(kind)}
+    hints = get_type_hints(kind, include_extras=True)
+    return {name: _number if hints[name] is float else _decoder(hints[name]) for name in _names(kind)}
 
 
 def _restored(kind: type[Any], values: Mapping[str, Any]) -> Any:
@@ -88,6 +143,9 @@ def _restored(kind: type[Any], values: Mapping[str, Any]) -> Any:
 
 def _decoder(kind: Any) -> _Decoder:
     """Return the function that brings back a value of a declared type from JSON."""
+    packing = _packing(kind)
+    if packing is not None:
+        return packing.decode
     origin, parts = get_origin(kind), get_args(kind)
     if origin in (Union, types.UnionType):
         inner = next((_decoder(part) for part in parts if part is not types.NoneType), _same)
@@ -111,3 +169,7 @@ def _decoder(kind: Any) -> _Decoder:
 
 def _same(value: Any) -> Any:
     return value
+
+
+def _number(value: Any) -> Any:
+    return math.nan if value is None else value

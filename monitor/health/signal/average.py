@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-import base64
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+
+from monitor.health.stored import FLOAT32
 
 MAX_TURNS_RATIO = 1.25
 """Revolutions of two blocks of one average, the larger over the smaller: lines are as much broader in the shorter."""
@@ -97,8 +98,7 @@ class RecentSpectra:
     def to_list(self) -> list[dict[str, Any]]:
         """Return the rows as text that keeps every bit."""
         return [
-            {"shape": list(row.shape), "float32": base64.b64encode(row.astype("<f4").tobytes()).decode("ascii")}
-            | ({} if step is None else {"step": step})
+            FLOAT32.encode(row) | ({} if step is None else {"step": step})
             for row, step in zip(self.rows, self.steps, strict=True)
         ]
 
@@ -106,9 +106,5 @@ class RecentSpectra:
     def from_list(cls, rows: list[Mapping[str, Any]]) -> RecentSpectra:
         """Return what :meth:`to_list` wrote."""
         return cls(
-            tuple(
-                np.frombuffer(base64.b64decode(row["float32"]), dtype="<f4").reshape(row["shape"]).astype(np.float32)
-                for row in rows
-            ),
-            tuple(row.get("step") for row in rows),
+            tuple(FLOAT32.decode(row).astype(np.float32) for row in rows), tuple(row.get("step") for row in rows)
         )

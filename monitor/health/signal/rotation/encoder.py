@@ -13,11 +13,9 @@ it no longer changes.
 
 from __future__ import annotations
 
-import base64
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,8 +28,7 @@ from monitor.health.signal.rotation.intervals import (
     UnevenPulsesError,
     intervals,
 )
-
-ENCODER_VERSION = 1
+from monitor.health.stored import Float32Row, StoredState
 
 LEARNING_TURNS = 1000
 """Turns of the wheel over which its error is learned: five blocks of 5 s at 40 Hz."""
@@ -76,14 +73,11 @@ class Pattern:
         error: shape (per_revolution,), revolutions, by ``numbers % per_revolution``; its mean is 0.
         variance: of the error of each value, revolutions squared, mean over the marks.
         turns: of the wheel that were averaged.
-        uneven: largest departure of an interval from its mean over the turns of a block, in intervals; 0 where that is
-            within six standard deviations.
     """
 
-    error: NDArray[np.float64]
+    error: Float32Row
     variance: float
     turns: int
-    uneven: float = 0.0
 
     @property
     def rms(self) -> float:
@@ -102,8 +96,20 @@ class Pattern:
 
 
 @dataclass(frozen=True, eq=False)
-class EncoderState:
-    """What is known of a wheel.
+class BlockPattern(Pattern):
+    """That of the turns of one block.
+
+    Attributes:
+        uneven: largest departure of an interval from its mean over the turns, in intervals; 0 where that is within six
+            standard deviations.
+    """
+
+    uneven: float = 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class EncoderState(StoredState):
+    """What is known of a wheel; version 1.
 
     Attributes:
         pattern: mean over the blocks so far, or None before the first.
@@ -112,39 +118,14 @@ class EncoderState:
         frozen: whether it has seen ``LEARNING_TURNS``.
     """
 
+    VERSIONS = (1,)
+    LATER = frozenset({"blocks", "indexed", "frozen"})
+
+    version: int = 1
     pattern: Pattern | None = None
     blocks: int = 0
     indexed: bool = False
     frozen: bool = False
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return the state as plain values for JSON; errors have seven digits, as they have in the state."""
-        if self.pattern is None:
-            return {"version": ENCODER_VERSION, "pattern": None}
-        packed = base64.b64encode(self.pattern.error.astype("<f4").tobytes()).decode("ascii")
-        return {
-            "version": ENCODER_VERSION,
-            "pattern": {"error": packed, "variance": self.pattern.variance, "turns": self.pattern.turns},
-            "blocks": self.blocks,
-            "indexed": self.indexed,
-            "frozen": self.frozen,
-        }
-
-    @classmethod
-    def from_dict(cls, stored: Mapping[str, Any]) -> EncoderState:
-        """Return the state that :meth:`to_dict` gave.
-
-        Raises:
-            ValueError: it was written in an unknown layout.
-        """
-        if stored.get("version") != ENCODER_VERSION:
-            raise ValueError(f"encoder state: version {ENCODER_VERSION} expected, got {stored.get('version')!r}")
-        found = stored["pattern"]
-        if found is None:
-            return cls()
-        error = np.frombuffer(base64.b64decode(found["error"]), dtype="<f4").astype(np.float64)
-        pattern = Pattern(error, found["variance"], found["turns"])
-        return cls(pattern, stored["blocks"], stored["indexed"], stored["frozen"])
 
 
 @dataclass(frozen=True, eq=False)
@@ -208,7 +189,7 @@ def encoder_step(state: EncoderState, train: PulseTrain, *, learn: bool = True) 
     return state, replace(_reading(state, "ok"), error=np.roll(state.pattern.error, -shift))
 
 
-def pattern_of(found: Intervals) -> Pattern:
+def pattern_of(found: Intervals) -> BlockPattern:
     """Return the error of the marks in the turns of one block.
 
     Its variance is that of the turns about their mean: also what does not turn with the wheel, and so an upper bound.
@@ -225,7 +206,7 @@ def pattern_of(found: Intervals) -> Pattern:
     np.square(apart, out=apart)
     scatter = float(apart.mean()) / found.per_revolution**2
     error = _angles(np.roll(mean, found.first % found.per_revolution))
-    return Pattern(error, scatter * _HANN_WEIGHT / max(found.turns - 1, 1), found.turns, uneven)
+    return BlockPattern(error, scatter * _HANN_WEIGHT / max(found.turns - 1, 1), found.turns, uneven)
 
 
 def _mean_turn(by_turn: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -256,7 +237,12 @@ def _learned(state: EncoderState, block: Pattern, indexed: bool) -> EncoderState
     mean = mean.astype(np.float32).astype(np.float64)
     blocks = state.blocks + 1
     frozen = turns >= LEARNING_TURNS and blocks >= MIN_BLOCKS
-    return EncoderState(Pattern(mean, variance, turns), blocks, indexed and (before is None or state.indexed), frozen)
+    return EncoderState(
+        pattern=Pattern(mean, variance, turns),
+        blocks=blocks,
+        indexed=indexed and (before is None or state.indexed),
+        frozen=frozen,
+    )
 
 
 def _best_shift(learned: NDArray[np.float64], block: NDArray[np.float64]) -> int:

@@ -8,9 +8,9 @@ lines depend on it more: with RMS alone the interval is wide and depends on the 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -30,6 +30,7 @@ from monitor.health.size.filter.particles import (
     two_peaks,
 )
 from monitor.health.size.filter.prior import ErrorModel, GrowthPrior, MapLookup, build_lookup
+from monitor.health.stored import StoredState
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -93,7 +94,7 @@ class FilterSettings:
 
 
 @dataclass(frozen=True, eq=False)
-class FilterState:
+class FilterState(StoredState):
     """State of the tracker.
 
     Attributes:
@@ -106,48 +107,17 @@ class FilterState:
         particles: None before the first block.
     """
 
+    VERSIONS = (1, STATE_VERSION)
+    LATER = frozenset({"interval"})
+
+    version: int = STATE_VERSION
     count: int = 0
     t: float | None = None
+    interval: float = math.nan
     load: float = math.nan
     speed: float = math.nan
     sensors: tuple[int, ...] = ()
     particles: Particles | None = None
-    interval: float = math.nan
-    version: int = STATE_VERSION
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return the state as plain values for JSON, bit for bit."""
-        return {
-            "version": self.version,
-            "count": self.count,
-            "t": self.t,
-            "interval": None if math.isnan(self.interval) else self.interval,
-            "load": None if self.particles is None else self.load,
-            "speed": None if self.particles is None else self.speed,
-            "sensors": list(self.sensors),
-            "particles": None if self.particles is None else self.particles.to_dict(),
-        }
-
-    @classmethod
-    def from_dict(cls, stored: Mapping[str, Any]) -> FilterState:
-        """Restore a state written by :meth:`to_dict`.
-
-        Raises:
-            ValueError: the state has another version.
-        """
-        if stored.get("version") not in (1, STATE_VERSION):
-            raise ValueError(f"filter state: version {STATE_VERSION} expected, got {stored.get('version')!r}")
-        if stored["particles"] is None:
-            return cls()
-        return cls(
-            count=stored["count"],
-            t=stored["t"],
-            load=stored["load"],
-            speed=stored["speed"],
-            sensors=tuple(stored["sensors"]),
-            particles=Particles.from_dict(stored["particles"]),
-            interval=math.nan if stored.get("interval") is None else stored["interval"],
-        )
 
 
 def step(
@@ -190,7 +160,15 @@ def step(
     )
     gap = math.nan if state.t is None else t - state.t
     interval = gap if gap > 0.0 and not _is_gap(state, t) else state.interval
-    following = FilterState(state.count + 1, t, lookup.load, lookup.speed, remembered, particles, interval)
+    following = FilterState(
+        count=state.count + 1,
+        t=t,
+        interval=interval,
+        load=lookup.load,
+        speed=lookup.speed,
+        sensors=remembered,
+        particles=particles,
+    )
     return following, _damage(particles, lookup, settings, with_lines=bool(np.any(sensors[1:] > 0)))
 
 

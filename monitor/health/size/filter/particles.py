@@ -6,7 +6,6 @@ given the particle's path and are carried exactly, as mean and covariance of a K
 
 from __future__ import annotations
 
-import base64
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -15,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from monitor.health.size.filter.prior import ErrorModel, GrowthPrior, MapLookup
+from monitor.health.stored import FLOAT32, Float32Array, StoredState
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -35,11 +35,10 @@ _BEGUN, _LASTING = 1e-3, 0.3
 _PEAK_BINS = 40
 _MAX_VALLEY = 0.5
 _MIN_PEAK_WEIGHT = 0.15
-_ARRAYS = ("core", "weight", "mean", "cov")
 
 
 @dataclass(frozen=True, eq=False)
-class Particles:
+class Particles(StoredState):
     """N particles of F features, in the single precision in which they are stored.
 
     Attributes:
@@ -50,10 +49,10 @@ class Particles:
         cov: variance of b, covariance, variance of z, shape (N, F, 3).
     """
 
-    core: Floats
-    weight: Floats
-    mean: Floats
-    cov: Floats
+    core: Float32Array
+    weight: Float32Array
+    mean: Float32Array
+    cov: Float32Array
 
     @property
     def effective(self) -> float:
@@ -67,30 +66,16 @@ class Particles:
 
     def rounded(self) -> Particles:
         """Round to the stored precision."""
-        return Particles(*(getattr(self, name).astype(np.float32).astype(np.float64) for name in _ARRAYS))
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return the particles as plain values for JSON, bit for bit."""
-        return {
-            name: {
-                "shape": list(getattr(self, name).shape),
-                "float32": base64.b64encode(getattr(self, name).astype("<f4").tobytes()).decode("ascii"),
-            }
-            for name in _ARRAYS
-        }
+        arrays = (self.core, self.weight, self.mean, self.cov)
+        return Particles(*(array.astype(np.float32).astype(np.float64) for array in arrays))
 
     @classmethod
-    def from_dict(cls, stored: Mapping[str, Any]) -> Particles:
-        """Restore particles written by :meth:`to_dict`; older ones have no column of those that stand still."""
-        core, weight, mean, cov = (
-            np.frombuffer(base64.b64decode(stored[name]["float32"]), dtype="<f4")
-            .reshape(stored[name]["shape"])
-            .astype(np.float64)
-            for name in _ARRAYS
-        )
-        if core.shape[1] == STILL:
-            core = np.concatenate((core, np.zeros((len(core), 1))), axis=1)
-        return cls(core, weight, mean, cov)
+    def upgraded(cls, stored: Mapping[str, Any]) -> Mapping[str, Any]:
+        """Return particles of an earlier version with a column of those that stand still."""
+        core = FLOAT32.decode(stored["core"])
+        if core.shape[1] != STILL:
+            return stored
+        return {**stored, "core": FLOAT32.encode(np.concatenate((core, np.zeros((len(core), 1))), axis=1))}
 
 
 def draw(rng: np.random.Generator, count: int, gains: Floats, growth: GrowthPrior, errors: ErrorModel) -> Particles:

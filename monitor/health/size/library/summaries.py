@@ -8,14 +8,13 @@ extremes and turning points are counted as points come. Training and live use sh
 
 from __future__ import annotations
 
-import base64
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass, fields
-from typing import Any, TypedDict
 
 import numpy as np
 from numpy.typing import NDArray
+
+from monitor.health.stored import Float64Array, StoredState
 
 RECENT = 48
 FIRST = 6
@@ -35,15 +34,8 @@ OFFSET = 6.0
 Array = NDArray[np.float64]
 
 
-class StoredArray(TypedDict):
-    """An array as plain values for JSON: its shape, and its little-endian float64 bytes in base64."""
-
-    shape: list[int]
-    float64: str
-
-
 @dataclass(frozen=True, eq=False)
-class LevelHistory:
+class LevelHistory(StoredState):
     """State of a history, of bounded size.
 
     Attributes:
@@ -61,16 +53,16 @@ class LevelHistory:
 
     t_first: float
     count: int
-    recent: Array
-    first: Array
-    whole: Array
+    recent: Float64Array
+    first: Float64Array
+    whole: Float64Array
     stride: int
-    most: Array
-    least: Array
-    smooth: Array
-    heading: Array
-    variation: Array
-    turns: Array
+    most: Float64Array
+    least: Float64Array
+    smooth: Float64Array
+    heading: Float64Array
+    variation: Float64Array
+    turns: Float64Array
 
     @classmethod
     def empty(cls, channels: int) -> LevelHistory:
@@ -144,34 +136,6 @@ class LevelHistory:
         )
 
     __hash__ = None  # pyright: ignore[reportAssignmentType]  # holds arrays: equal, but not hashable
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return the history as plain values for JSON, bit for bit."""
-        stored: dict[str, Any] = {}
-        for field in fields(self):
-            value: Array | float = getattr(self, field.name)
-            stored[field.name] = _encode(value) if isinstance(value, np.ndarray) else value
-        stored["t_first"] = None if math.isnan(self.t_first) else self.t_first
-        return stored
-
-    @classmethod
-    def from_dict(cls, stored: Mapping[str, Any]) -> LevelHistory:
-        """Restore a history written by :meth:`to_dict`."""
-        values: dict[str, Any] = {}
-        for field in fields(cls):
-            value: StoredArray | float | None = stored[field.name]
-            values[field.name] = _decode(value) if isinstance(value, dict) else value
-        values["t_first"] = math.nan if values["t_first"] is None else values["t_first"]
-        return cls(**values)
-
-
-def _encode(array: Array) -> StoredArray:
-    text = base64.b64encode(np.ascontiguousarray(array, dtype="<f8").tobytes()).decode("ascii")
-    return {"shape": list(array.shape), "float64": text}
-
-
-def _decode(stored: StoredArray) -> Array:
-    return np.frombuffer(base64.b64decode(stored["float64"]), dtype="<f8").reshape(stored["shape"])
 
 
 def summary_names(channels: tuple[str, ...]) -> tuple[str, ...]:
