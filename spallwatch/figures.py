@@ -31,7 +31,6 @@ from spallwatch.bearings import as_bearing
 from streams.types.block import STANDARD_GRAVITY
 
 _P = ParamSpec("_P")
-_LINES = {"outer": "bpfo", "inner": "bpfi", "ball": "bsf", "cage": "ftf"}
 
 
 def _styled(draw: Callable[_P, Figure]) -> Callable[_P, Figure]:
@@ -72,7 +71,7 @@ def plot_spectrum(spectrum: xr.DataArray, frequencies: Kinematics | None = None,
         spectrum = spectrum.expand_dims(channel=[str(spectrum.name)])
     made, panels = _panels(spectrum.sizes["channel"], 2.4)
     unit, x = _unit(spectrum), spectrum[over].values
-    marks = {} if frequencies is None else _fundamentals(frequencies)
+    marks = {} if frequencies is None else fundamentals(frequencies)
     last = float(x[-1]) if not marks else min(float(x[-1]), (ORDERS + 0.3) * max(marks.values()))
     shown = (x > 0.0) & (x <= last)
     for axes, (name, row) in zip(panels, _rows(spectrum), strict=True):
@@ -174,11 +173,6 @@ def _one(array: xr.DataArray) -> float:
 def _unit(array: xr.DataArray) -> str:
     stated = str(array.attrs.get("units", ""))
     return {"m s-2": "g", "rad s-1": "rad/s", "unknown": "own unit", "1": ""}.get(stated, stated)
-
-
-def _fundamentals(frequencies: Kinematics) -> dict[str, float]:
-    # A defect of a ball meets both races in one spin.
-    return {part: getattr(frequencies, line) * (2.0 if part == "ball" else 1.0) for part, line in _LINES.items()}
 
 
 def _mark(axes: Axes, fundamentals: Mapping[str, float], last: float) -> None:

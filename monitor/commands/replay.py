@@ -16,10 +16,8 @@ from monitor.commands.cluster_options import Sharing, sharing
 from monitor.commands.common import InputError, emit, progress_bar, read_config, say
 from monitor.commands.sole_writer import hold_output
 from monitor.words.advice import status_line
-from monitor.words.gears import gears_line
 from monitor.words.numbers import duration, interval
-from monitor.words.rotation import speed_words
-from monitor.words.statuses import bearing_words, named_words, speed_doubt
+from monitor.words.statuses import bearing_words, gears_line, named_words, speed_doubt, speed_words
 from monitor.words.zones import zone_words
 from streams.files.remote import bare, local_source
 from streams.types.listing import shown

@@ -23,15 +23,14 @@ from monitor.health.signal.average import RecentSpectra
 from monitor.health.signal.bands import BandVotes, candidate_bands
 from monitor.health.signal.comb import comb_depth
 from monitor.health.signal.condition import known_sd
-from monitor.health.signal.features import FAULTS, BlockFeatures, FeatureSettings, block_features, fundamentals
+from monitor.health.signal.features import BlockFeatures, FeatureSettings, block_features, fundamentals
 from monitor.health.signal.interference import MESH_SD, all_combs, wheel_turns
 from monitor.health.signal.quality import Verdict, check_samples
 from monitor.health.signal.search import family_searches, slip_searches
 from monitor.health.signal.transform import Band
 from monitor.health.state import ChannelSettings, ChannelState, Named
+from monitor.words.parts import PARTS
 
-PART_LINES: dict[str, str] = dict(zip(detect.LINES, FAULTS, strict=True))
-"""The fault family of each sum of lines that the detector listens to."""
 HELD_BLOCKS = 5
 """Blocks that must show the shaft before its speed is taken for blocks that do not."""
 
@@ -227,7 +226,7 @@ def held_factor(factors: Sequence[float]) -> float:
 
 def detect_input(features: BlockFeatures, block: ChannelBlock, *, absolute: bool, usable: bool) -> detect.DetectInput:
     """Return what the detector takes from a block; without a known unit (``absolute``) there is no peak in m/s2."""
-    by_name = {name: features.lines[0][fault] for name, fault in PART_LINES.items()}
+    by_name = {name: features.lines[0][fault] for name, fault in ((part.feature, part.name) for part in PARTS)}
     floors = {name: float(lines.floor.sum()) for name, lines in by_name.items()}
     return detect.DetectInput(
         sequence=block.sequence,

@@ -17,12 +17,13 @@ from monitor.health.rest.trend import TimeToAlarm
 from monitor.health.schema import HINT, VERDICT
 from monitor.health.signal.comb import FaultLines
 from monitor.health.signal.condition import Quantity
-from monitor.health.signal.features import FAULTS, SPECTRUM_LINES, BlockFeatures, fundamentals
+from monitor.health.signal.features import SPECTRUM_LINES, BlockFeatures, fundamentals
 from monitor.health.signal.orders import MAX_SPEED_RATIO
 from monitor.health.signal.rotation.rotation import PulseCounts, Rotation
 from monitor.health.signal.velocity import NO_ABSOLUTE_LEVEL
 from monitor.health.signal.waterfall import SpectrumRow
 from monitor.health.size import Remaining
+from monitor.words.parts import FAULTS
 from monitor.words.zones import MAX_SPEED, MIN_SPEED
 from streams.types.block import Block
 

@@ -16,14 +16,14 @@ from numpy.typing import NDArray
 
 from monitor.health import onset as detect
 from monitor.health.alarms import AlarmAcknowledgement
-from monitor.health.channel import PART_LINES, is_for_detector, shallow_lines
+from monitor.health.channel import is_for_detector, shallow_lines
 from monitor.health.gears.naming import GearsInput, GearsState
 from monitor.health.gears.naming import step as gears_step
 from monitor.health.gears.stage import rules_of
 from monitor.health.gears.values import recorded_readings
 from monitor.health.later_stages import ChannelBlock, later_stages
 from monitor.health.name.naming import score_threshold
-from monitor.health.onset import DetectInput, DetectOutput
+from monitor.health.onset import LINES, DetectInput, DetectOutput
 from monitor.health.record import Record
 from monitor.health.signal.average import RecentSpectra
 from monitor.health.signal.condition import Quantity
@@ -201,7 +201,7 @@ def _first_band(values: Mapping[str, Any], name: str) -> Any:
 def _prominence(values: Mapping[str, Any]) -> dict[str, float]:
     """Return the lines of each part over the floor under them; unresolved lines have neither."""
     found: dict[str, float] = {}
-    for name, floor in zip(PART_LINES, _first_band(values, "envelope_floor") or (), strict=False):
+    for name, floor in zip(LINES, _first_band(values, "envelope_floor") or (), strict=False):
         summed = float(_numbers(floor).sum())
         if summed > 0.0:
             found[name] = (_first_band(values, name) or 0.0) / summed
@@ -218,8 +218,8 @@ def _shallow(values: Mapping[str, Any]) -> frozenset[str]:
     mean = _first_band(values, "envelope_mean")
     if mean is None:
         return frozenset()
-    lines = (_first_band(values, f"envelope_{what}") or ((),) * len(PART_LINES) for what in ("amplitude", "floor"))
-    numbers = {name: (_numbers(line), _numbers(floor)) for name, line, floor in zip(PART_LINES, *lines, strict=True)}
+    lines = (_first_band(values, f"envelope_{what}") or ((),) * len(LINES) for what in ("amplitude", "floor"))
+    numbers = {name: (_numbers(line), _numbers(floor)) for name, line, floor in zip(LINES, *lines, strict=True)}
     return shallow_lines(numbers, mean)
 
 

@@ -19,13 +19,13 @@ from monitor.health.signal.quality import FLAGS, REJECTIONS
 from monitor.health.signal.velocity import VELOCITY_STATUSES
 from monitor.health.size import EdvStatus, TtStatus
 from monitor.words.features import ACCELERATION, FEATURES, GABRIELLI, ROTATION
+from monitor.words.parts import FAULTS
 from monitor.words.statuses import UNDECIDED
 from monitor.words.zones import ZONES
 
 SCHEMA_VERSION = 1
 """Version of the record schema and of the store; a higher one is refused."""
 
-FAULTS = ("outer", "inner", "ball", "cage")
 HINT, VERDICT = "hint", "verdict"
 """What a name is: a hint without a baseline or before t_fs, a verdict since it."""
 NAMES = (*FAULTS, UNDECIDED)

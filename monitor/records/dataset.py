@@ -15,9 +15,10 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from monitor.health.schema import DIMENSION_SIZES, FAULTS, OPTIONAL_DIMENSIONS, SCHEMA_VERSION, VARIABLES, Variable
+from monitor.health.schema import DIMENSION_SIZES, OPTIONAL_DIMENSIONS, SCHEMA_VERSION, VARIABLES, Variable
 from monitor.records.filing import SECONDS_PER_DAY, Filing, Stored
 from monitor.records.packing import Entry, channels_of, entries_of, numbers_of
+from monitor.words.parts import FAULTS
 
 UTC_UNITS = "seconds since 1970-01-01T00:00:00Z"
 UNDATED_UNITS = "s"

@@ -14,7 +14,8 @@ from monitor.report.gears import gear_findings
 from monitor.report.life_marks import LATE, Moment, doubt_of, named_fault, open_stage
 from monitor.report.runs import Channel, Run
 from monitor.report.verdict import ChannelContext, ChannelVerdict, interval_name, unused_blocks
-from monitor.words.numbers import Clock, acceleration, count, duration, figure, interval, volume
+from monitor.words.features import FEATURES
+from monitor.words.numbers import Clock, count, duration, figure, interval, volume
 from monitor.words.statuses import (
     ALARM_LEVELS,
     EDV_REFUSALS,
@@ -44,7 +45,7 @@ def _to_alarm(run: Run, channel: Channel) -> list[Finding]:
     words = ALARM_LEVELS.get(str(channel.word("tta_level_source")[row]), "the alarm level")
     baseline = channel.baseline("rms")
     if math.isfinite(level) and channel.has_level:
-        words += f", {acceleration(level)}"
+        words += f", {FEATURES['rms'].write(level)}"
     elif math.isfinite(level) and baseline > 0.0:
         words += f", {figure(level / baseline, 2)} times the baseline"
     if status == "reached":

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from monitor.report.finding import Finding
 from monitor.report.runs import Channel, Run
 from monitor.report.tables import Cell, Column, Table
-from monitor.words.gears import GEAR_KINDS, GEAR_STATUSES, NAMED, gear_words
 from monitor.words.numbers import count
+from monitor.words.statuses import GEAR_KINDS, GEAR_STATUSES, NAMED, gear_words
 
 _QUESTION = "Which gear?"
 _INDICATORS = ("fm0", "fm4", "na4", "m6a", "sideband_level")

@@ -25,11 +25,9 @@ from monitor.records.rollup import SeriesKey
 from monitor.records.spectra import read_spectra
 from monitor.records.trends import TrendTable, read_trends
 from monitor.report.figures.drawing import (
-    BLUE,
-    GREEN,
     INK,
     ORANGE,
-    PURPLE,
+    PALETTE,
     SOFT,
     STYLE,
     VERMILION,
@@ -40,11 +38,12 @@ from monitor.report.figures.drawing import (
 )
 from monitor.words.features import FEATURES
 from monitor.words.numbers import Clock, time_zone
+from monitor.words.parts import PARTS
 from monitor.words.statuses import LINE_NAMES, fault_words
 
 _POINTS = 600
 _WIDTH_IN, _HEIGHT_IN, _DPI = 7.2, 6.4, 100
-_LINES = {"outer": ("h_or", BLUE), "inner": ("h_ir", VERMILION), "ball": ("h_ball", GREEN), "cage": ("h_cage", PURPLE)}
+_LINES = {part.name: (part.feature, PALETTE[part.mail_colour]) for part in PARTS}
 _HARMONICS = 5
 _LAST_LABEL = 0.97
 """Share of the axis beyond which a line has no room for its name."""

@@ -40,7 +40,7 @@ from monitor.report.verdict import (
 )
 from monitor.words.events import event_text
 from monitor.words.features import FEATURES
-from monitor.words.numbers import Clock, acceleration, count, duration, figure, floor_of_defect
+from monitor.words.numbers import Clock, count, duration, figure, floor_of_defect
 
 _MAX_EVENTS = 200
 _EVENT_NAMES = {
@@ -266,7 +266,7 @@ def _level(channel: Channel) -> str:
     if row is None:
         return "–"
     rms, learned = float(channel.column("rms")[row]), channel.baseline("rms")
-    text = acceleration(rms) if channel.has_level else figure(rms)
+    text = FEATURES["rms"].write(rms) if channel.has_level else figure(rms)
     return f"{text} ({figure(rms / learned, 2)}×)" if math.isfinite(learned) and learned > 0 else text
 
 

@@ -14,7 +14,8 @@ from monitor.report.finding import Finding as Finding
 from monitor.report.gears import named_gear
 from monitor.report.life_marks import Moment, closed_stages, mark_of, named_fault
 from monitor.report.runs import Channel, Run
-from monitor.words.numbers import Clock, acceleration, count
+from monitor.words.features import FEATURES
+from monitor.words.numbers import Clock, count
 from monitor.words.statuses import (
     BAND_SOURCES,
     LEVEL_OF,
@@ -131,9 +132,13 @@ def _vibration(channel: Channel) -> str:
     if row is None:
         return "No value."
     rms, peak = channel.column("rms")[row], channel.column("peak")[row]
-    text = f"RMS {acceleration(rms)}" if channel.has_level else "Level unknown (the sensor's unit is not configured)"
+    text = (
+        f"RMS {FEATURES['rms'].write(rms)}"
+        if channel.has_level
+        else "Level unknown (the sensor's unit is not configured)"
+    )
     if channel.has_level and math.isfinite(peak):
-        text += f", peak {acceleration(peak)}"
+        text += f", peak {FEATURES['peak'].write(peak)}"
     learned = channel.baseline("rms")
     if math.isfinite(learned) and channel.word("stage")[row] != "learning":
         text += f"; RMS is {rms / learned:.1f} times its median while learning"

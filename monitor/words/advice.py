@@ -13,10 +13,9 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from monitor.words.gears import gear_words
 from monitor.words.numbers import count, duration, figure, interval
 from monitor.words.situation import Forecast, Situation
-from monitor.words.statuses import ALARM_LEVELS, LEVEL_OF, STATES, UNDECIDED, fault_words
+from monitor.words.statuses import ALARM_LEVELS, LEVEL_OF, STATES, UNDECIDED, fault_words, gear_words
 
 ADVICE: Mapping[str, str] = {
     "normal": "nothing to do",

@@ -9,8 +9,7 @@ from datetime import UTC, datetime, timedelta
 from typing import Any
 
 from monitor.words.features import FEATURES, Feature
-from monitor.words.gears import gear_words
-from monitor.words.statuses import STATES, fault_words
+from monitor.words.statuses import STATES, fault_words, gear_words
 
 SEVERITIES = ("danger", "alert")
 """From the worst."""
@@ -47,7 +46,11 @@ def event_text(body: Mapping[str, Any], *, absolute: bool = True) -> str:
         text = f"the final stage that began with block {body.get('t_fs_block')} is over: the machine is back at its "
         text += f"baseline since block {body.get('quiet_since_block')}, and what was said of its damage is withdrawn"
     elif kind == "baseline_relearned":
-        text = f"the baseline was learned anew, as the machine stayed well below it: {_relearned(body, absolute)}"
+        before, after = (
+            None if body.get(key) is None else FEATURES["rms"].write(float(body[key]), absolute=absolute)
+            for key in ("rms_before_si", "rms_after_si")
+        )
+        text = f"the baseline was learned anew, as the machine stayed well below it: RMS {after}, before {before}"
     elif kind == "fault_changed":
         before, after = (fault_words(str(body.get(key))) for key in ("from", "to"))
         text = _gears(body) or f"the verdict on {body.get('bearing')} names the {after} now, before the {before}"
@@ -82,14 +85,6 @@ def _alarm(kind: str, body: Mapping[str, Any], absolute: bool) -> str:
         side = known.bad or "above"
         return f"{severity}: {known.label} is {value}, {side} the level of {level}{rule}"
     return f"{severity} over: {known.label} is {value} again, the level is {level}{rule}"
-
-
-def _relearned(body: Mapping[str, Any], absolute: bool) -> str:
-    before, after = (
-        None if body.get(key) is None else FEATURES["rms"].write(float(body[key]), absolute=absolute)
-        for key in ("rms_before_si", "rms_after_si")
-    )
-    return f"RMS {after}, before {before}"
 
 
 def _others(body: Mapping[str, Any]) -> str:

@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 from monitor.words.numbers import duration, times_first, volume
+from monitor.words.parts import PARTS
 from streams.types.block import STANDARD_GRAVITY
 
 ACCELERATION, VELOCITY, PURE = "m s-2", "m s-1", "1"
@@ -169,6 +170,11 @@ def row(text: str) -> Feature:
     )
 
 
+_SUMS = "\n".join(
+    f"{name} | lines | lines | {name.capitalize()} | {name.capitalize()} ({words} lines) | "
+    f"sum of the first five {words} lines of the envelope spectrum | {source}{_EQ_96}"
+    for name, words, source in ((part.feature, part.words, "after " * (part is not PARTS[0])) for part in PARTS)
+)
 _TABLE = f"""
 rms | level | rms | RMS | RMS | root mean square of the acceleration in the RMS band, mean removed | {_CERUTI}
 rms_smoothed | level | rms | X_exp | smoothed RMS | trailing mean of RMS that enters the map | {_MAP}
@@ -180,14 +186,7 @@ peak | level | peak | peak | | largest absolute acceleration | {_SASSI}
 kurtosis | number | kurtosis | KV | | kurtosis, 3 for Gaussian noise | {_CERUTI}
 crest_factor | number | | Crf | | peak over RMS | {_SASSI}
 a_star | level | | A* | A* | root sum of squares of the first five BPFO lines of the raw spectrum | {_EQ_57}
-h_or | lines | lines | H_or | H_or (outer race lines) | \
-    sum of the first five outer race lines of the envelope spectrum | {_EQ_96}
-h_ir | lines | lines | H_ir | H_ir (inner race lines) | \
-    sum of the first five inner race lines of the envelope spectrum | after {_EQ_96}
-h_ball | lines | lines | H_ball | H_ball (rolling element lines) | \
-    sum of the first five rolling element lines of the envelope spectrum | after {_EQ_96}
-h_cage | lines | lines | H_cage | H_cage (cage lines) | \
-    sum of the first five cage lines of the envelope spectrum | after {_EQ_96}
+{_SUMS}
 detect_score | score | | score | score of the detector | \
     how far RMS and the lines of a part stand above the learned baseline | monitor/health/onset
 fault_snr | number | | snr | signal of the fault over noise | \

@@ -8,13 +8,6 @@ from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta, tzinfo
 from zoneinfo import ZoneInfo
 
-from streams.types.block import STANDARD_GRAVITY
-
-
-def acceleration(value: float) -> str:
-    """Return an acceleration (m/s2) in g."""
-    return f"{value / STANDARD_GRAVITY:.3g} g"
-
 
 def volume(value: float) -> str:
     """Return a damaged volume per unit of width (m2) in mm3/mm."""
@@ -107,11 +100,6 @@ def time_zone(name: str) -> tzinfo:
         return ZoneInfo(name)
     except (KeyError, ValueError, OSError):
         raise ValueError(f"timezone {name!r}: expected UTC or a name such as Europe/Rome") from None
-
-
-def moment(time: float, *, dated: bool) -> str:
-    """Return a moment on the time axis: a UTC date and time, or how long after the first block."""
-    return Clock(dated).moment(time)
 
 
 def count(number: float, noun: str) -> str:

@@ -7,6 +7,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, Self
 
+from monitor.words.features import first
+
 
 @dataclass(frozen=True)
 class Forecast:
@@ -124,7 +126,7 @@ class Situation:
             level=rms / baseline if baseline > 0.0 else math.nan,
             to_alarm=_forecast(values, "tta", "", values.get("tta_level_source") or ""),
             to_threshold=_forecast(values, "tt", ""),
-            calibrated="uncalibrated" not in (values.get("edv_status"), _first(values.get("tt_status"))),
+            calibrated="uncalibrated" not in (values.get("edv_status"), first(values.get("tt_status"))),
         )
 
     def with_bearing(self, found: Mapping[str, Any] | None) -> Self:
@@ -149,14 +151,9 @@ def _worst(alarms: Sequence[Mapping[str, Any]]) -> str | None:
 
 def _forecast(values: Mapping[str, Any], name: str, ending: str, to: str = "") -> Forecast:
     time, lower, upper = (_number(values.get(f"{name}{end}{ending}")) for end in ("", "_lower", "_upper"))
-    return Forecast(_first(values.get(f"{name}_status")), time, lower, upper, to)
-
-
-def _first(value: Any) -> Any:
-    """Return the first of several values (thresholds), or the only one."""
-    return (value[0] if value else None) if isinstance(value, list | tuple) else value
+    return Forecast(first(values.get(f"{name}_status")), time, lower, upper, to)
 
 
 def _number(value: Any) -> float:
-    found = _first(value)
+    found = first(value)
     return float(found) if isinstance(found, int | float) else math.nan

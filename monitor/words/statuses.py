@@ -6,16 +6,15 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from monitor.words.features import FEATURES
-from monitor.words.gears import GEAR_KINDS, GEAR_STATUSES, NAMED, gear_words
-from monitor.words.rotation import DOMAINS, ROTATION_REFUSALS
+from monitor.words.parts import PARTS
 from monitor.words.zones import ZONE_MEANINGS
 
-FAULT_NAMES = {"outer": "outer race", "inner": "inner race", "ball": "rolling element", "cage": "cage"}
+FAULT_NAMES = {part.name: part.words for part in PARTS}
 
 UNDECIDED = "undecided"
 """What is named where the error of the stated speed decides which part it is."""
 
-LINE_NAMES = {"outer": "BPFO", "inner": "BPFI", "ball": "2×BSF", "cage": "FTF"}
+LINE_NAMES = {part.name: part.line for part in PARTS}
 
 STATES = {
     "failure": ("Failure", "a danger stands, or the end of life was reached"),
@@ -98,6 +97,41 @@ VELOCITY_REFUSALS = {
     "no_absolute_level": "the unit of the sensor is not known",
 }
 """Why no velocity is given."""
+ROTATION_REFUSALS = {
+    "none": "no pulses and no speed over time came with the block",
+    "too_few": "too few pulses or turns fell into the block",
+    "irregular": "the pulses do not fit a shaft that turns",
+    "reversed": "the shaft turned back",
+    "stopped": "the shaft stood still in the block",
+    "cannot_tell": "the vibration does not show the angle of the shaft well enough",
+    "too_wide": "the highest speed in the block is more than six times the least",
+}
+"""Why the angle of the shaft over a block is not known, by ``rotation_status``."""
+DOMAINS = {
+    "hertz": "spectra in Hz",
+    "order": "spectra in orders of the shaft",
+}
+"""What the spectra of a block are over."""
+NAMED = "gear:"
+"""Beginning of the value of ``fault`` that names a wheel."""
+
+GEAR_KINDS = {
+    "tooth": "a damaged tooth",
+    "eccentric": "an eccentric wheel",
+    "uncertain": "of which kind is open",
+}
+"""What may be wrong with a wheel that is named, a hint."""
+
+GEAR_STATUSES = {
+    "ok": "judged",
+    "learning": "what healthy means for it is being learned",
+    "too_short": "the block holds too few turns of it",
+    "no_angle": "the angle of its shaft is not known well enough",
+    "above_band": "the sampling rate does not hold its mesh",
+    "outside_conditions": "speed or load is beyond what was learned",
+    "bad_block": "the quality of the block does not allow it",
+}
+"""Whether a wheel was judged in a block, or why not, by ``gear_status``."""
 BAND_SOURCES = {
     "configured": "as configured",
     "learning": "found on the learning window, then frozen",
@@ -183,6 +217,50 @@ def damage_mode(fault: str) -> str:
         "Impacts in its rhythm: localised damage of a surface. Rolling contact fatigue (ISO 15243, 5.1) is the usual "
         "mode; corrosion, electrical erosion and indentations (5.3 to 5.5) sound alike: only inspection tells."
     )
+
+
+def speed_words(status: str | None, domain: str | None, least: float | None, highest: float | None) -> str | None:
+    """Return the speeds in a block and what its spectra are over, or why there is no angle.
+
+    None of a machine without a source of one.
+
+    Args:
+        status, domain: ``rotation_status`` and ``domain`` of its record.
+        least, highest: speed, Hz.
+    """
+    if status is None:
+        return None
+    if status != "ok":
+        return f"no angle of the shaft: {ROTATION_REFUSALS.get(status, status)}; {DOMAINS['hertz']}"
+    spectra = DOMAINS.get(domain or "hertz", "")
+    if least is None or highest is None:
+        return spectra
+    return f"{range_words(least, highest)} in this block; {spectra}"
+
+
+def range_words(least: float, highest: float) -> str:
+    """Return the speeds, Hz, as "speed from 22.1 to 27.9 Hz", or as one where three figures are the same."""
+    low, high = f"{least:.3g}", f"{highest:.3g}"
+    return f"speed {low} Hz" if low == high else f"speed from {low} to {high} Hz"
+
+
+def gear_words(fault: str | None, kind: str | None = None) -> str:
+    """Return a named wheel for people, "" for none; several that turn alike cannot be told apart."""
+    if fault is None or not fault.startswith(NAMED):
+        return ""
+    words = "gear " + " or ".join(fault.removeprefix(NAMED).split("|"))
+    return f"{words} ({GEAR_KINDS[kind]})" if kind in GEAR_KINDS else words
+
+
+def gears_line(channel: Mapping[str, Any]) -> str:
+    """Return what a channel's status says of its wheels in one line, "" without gears."""
+    gears: Mapping[str, Mapping[str, Any]] = channel.get("gears") or {}
+    if not gears:
+        return ""
+    named = gear_words(channel.get("gear_fault"), channel.get("gear_kind"))
+    statuses = {name: str(found.get("status")) for name, found in gears.items()}
+    refused = [f"{name}: {GEAR_STATUSES.get(status, status)}" for name, status in statuses.items() if status != "ok"]
+    return "; ".join([named or "no gear named", *refused])
 
 
 LEVEL_OF = "its level rises with the damage of"

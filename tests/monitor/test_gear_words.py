@@ -12,11 +12,10 @@ from monitor.health.gears.naming import KINDS, NAMED, STATUSES
 from monitor.health.gears.values import primary_fault
 from monitor.health.state import SourceState
 from monitor.service.summary import channel_summary
-from monitor.words import gears
 from monitor.words.advice import state_of
 from monitor.words.events import badness, event_text
 from monitor.words.situation import Situation
-from monitor.words.statuses import fault_words, page_words
+from monitor.words.statuses import GEAR_KINDS, GEAR_STATUSES, fault_words, gears_line, page_words
 from tests.support.stage import CHANNEL, life
 
 
@@ -31,10 +30,10 @@ def summary(**changes: Any) -> dict[str, Any]:
 
 
 def test_every_status_and_kind_has_words() -> None:
-    assert tuple(gears.GEAR_STATUSES) == STATUSES
-    assert tuple(gears.GEAR_KINDS) == KINDS
-    assert gears.NAMED == NAMED
-    assert page_words()["gears"] == gears.GEAR_STATUSES
+    assert tuple(GEAR_STATUSES) == STATUSES
+    assert tuple(GEAR_KINDS) == KINDS
+    assert NAMED == NAMED
+    assert page_words()["gears"] == GEAR_STATUSES
 
 
 @pytest.mark.parametrize(
@@ -70,12 +69,11 @@ def test_the_words_name_the_wheel_and_leave_the_bearing_alone() -> None:
     assert said.key == "gear"
     assert said.headline.endswith("; damage of gear wheel (a damaged tooth)")
     assert "drive" not in said.headline
-    assert gears.gears_line(found) == "gear wheel (a damaged tooth)"
-    assert gears.gears_line({}) == ""
+    assert gears_line(found) == "gear wheel (a damaged tooth)"
+    assert gears_line({}) == ""
     refused = {"gears": {"a": {"status": "no_angle"}, "b": {"status": "ok"}}}
-    assert gears.gears_line(refused) == "no gear named; a: the angle of its shaft is not known well enough"
+    assert gears_line(refused) == "no gear named; a: the angle of its shaft is not known well enough"
     assert fault_words("gear:a|b") == "gear a or b"
-    assert gears.figures_of(found["gears"]["wheel"]).startswith("FM0 ")
 
 
 def test_a_replay_says_the_wheel() -> None:

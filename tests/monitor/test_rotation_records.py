@@ -31,8 +31,8 @@ from monitor.records.store import Store
 from monitor.report.figures.spectrum import SpectrumView
 from monitor.service.neighbours.points import channel_values
 from monitor.service.replay import replay
-from monitor.words.rotation import DOMAINS as DOMAIN_WORDS
-from monitor.words.rotation import ROTATION_REFUSALS, speed_words
+from monitor.words.statuses import DOMAINS as DOMAIN_WORDS
+from monitor.words.statuses import ROTATION_REFUSALS, speed_words
 from streams.types.block import Block
 from tests.support import varying_speed
 from tests.support.pipeline import base

@@ -7,7 +7,7 @@ import math
 
 from monitor.health.rest.trend import LEVEL_SOURCES
 from monitor.health.schema import EDV_STATUSES, FAULTS, STATUSES, TT_STATUSES, TTA_STATUSES
-from monitor.words.numbers import duration, moment, volume
+from monitor.words.numbers import Clock, duration, volume
 from monitor.words.statuses import (
     ALARM_LEVELS,
     EDV_REFUSALS,
@@ -49,5 +49,5 @@ def test_durations_and_units_for_people() -> None:
         *("0 s", "89 s", "2 min", "1 h 30 min", "1 h 30 min", "2 h 13 min", "3 d 1 h", "−60 s"),
     ]
     assert volume(5e-8) == "0.05 mm³/mm"
-    assert moment(0.0, dated=True) == "1970-01-01 00:00:00 UTC"
-    assert moment(math.nan, dated=True) == "at an unknown time"
+    assert Clock(dated=True).moment(0.0) == "1970-01-01 00:00:00 UTC"
+    assert Clock(dated=True).moment(math.nan) == "at an unknown time"

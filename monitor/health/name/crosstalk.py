@@ -14,12 +14,13 @@ from dataclasses import dataclass, replace
 
 from models.machine.bearing import kinematics
 from monitor.health import onset as detect
-from monitor.health.channel import PART_LINES, Analysed, detect_input, is_for_detector
+from monitor.health.channel import Analysed, detect_input, is_for_detector
 from monitor.health.later_stages import ChannelBlock
 from monitor.health.signal.features import features_beside
 from monitor.health.signal.foreign import ForeignComb
 from monitor.health.signal.orders import same_axis
 from monitor.health.state import ChannelSettings, ChannelState
+from monitor.words.parts import PARTS
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,10 +66,10 @@ def _combs(view: ChannelView, said: Analysed) -> list[ForeignComb]:
     lines = kinematics(view.settings.bearing, features.speed)
     combs: list[ForeignComb] = []
     for spectrum, families, envelope in zip(features.sought, features.families, features.envelopes, strict=True):
-        for name in sorted(raised):
-            family = families[PART_LINES[name]]
+        for part in sorted((part for part in PARTS if part.feature in raised), key=lambda part: part.feature):
+            family = families[part.name]
             if family.detected:
-                spacing = lines.ftf if name == "h_ball" else lines.speed
+                spacing = part.sidebands(lines) or lines.speed
                 combs.append(ForeignComb(family.fundamental, spacing, spectrum, _level(view, envelope.mean)))
     return combs
 

@@ -7,9 +7,9 @@ from dataclasses import dataclass, field, replace
 from functools import cache
 from typing import Any
 
-from monitor.health.schema import FAULTS
 from monitor.health.signal.foreign import LOUDER
 from monitor.health.signal.quality import Verdict
+from monitor.words.parts import FAULTS
 
 UNNAMED_DEPTH = 0.2
 """Depth that a block without a name counts against those that name a part: the least at which one is named."""

@@ -35,8 +35,9 @@ from monitor.health.name.evidence import (
     parts_of,
 )
 from monitor.health.onset import DetectSettings
-from monitor.health.schema import FAULTS, HINT, VERDICT
+from monitor.health.schema import HINT, VERDICT
 from monitor.health.stored import StoredState
+from monitor.words.parts import FAULTS
 
 
 @dataclass(frozen=True)

@@ -35,10 +35,11 @@ from models.machine.bearing import Kinematics
 from monitor.health.gears.lines import Wheels
 from monitor.health.name.sidebands import TURNS, own_lines, parent_depth
 from monitor.health.signal.comb import FaultLines, LineSpectrum, comb_grid, combs_depth
-from monitor.health.signal.features import FAULTS, N_HARMONICS, fundamentals, highest_rival
+from monitor.health.signal.features import N_HARMONICS, fundamentals, highest_rival
 from monitor.health.signal.lines import SEARCH, CombQuery, find_lines
 from monitor.health.signal.search import UNVERIFIED_SLIP, FamilySearch, stated_searches
 from monitor.health.signal.shaft import ACCEPTED
+from monitor.words.parts import FAULTS, PART_OF
 from monitor.words.statuses import UNDECIDED
 
 _SPEED_ERROR = 0.025
@@ -230,12 +231,14 @@ def damaged_family(best: str, families: Mapping[str, FaultLines], kinematics: Ki
     """
     found = families[best]
     for name, lines in families.items():
-        carrier = kinematics.ftf if name == "ball" else kinematics.speed
+        carrier = PART_OF[name].sidebands(kinematics)
+        if carrier is None:
+            continue
         between = (lines.fundamental - found.fundamental) / carrier
         turns = round(between)
         beside = turns != 0 and abs(turns) <= max(TURNS) and abs(between - turns) * carrier <= _BESIDE_BINS * resolution
         deep = lines.depth >= NEARLY_AS_DEEP * found.depth and lines.comb_score > found.comb_score
-        if name != "cage" and beside and deep:
+        if beside and deep:
             return name
     return best
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from models.machine.bearing import Kinematics
 from monitor.health.signal.comb import FaultLines, LineSpectrum, comb_grid, combs_depth
 from monitor.health.signal.lines import SEARCH
-from monitor.health.signal.search import SLIP
+from monitor.words.parts import PARTS
 
 TURNS = (-3, -2, -1, 1, 2, 3)
 """Turns of the carrier between a comb and the one of which it is sidebands, for each multiple."""
@@ -76,14 +76,11 @@ def _ranges(
     Carriers below ``resolved`` (Hz) are left out: their sidebands are not apart.
     """
     found: list[tuple[float, float]] = []
-    for part, line, carrier in (
-        ("outer", kinematics.bpfo, kinematics.speed),
-        ("inner", kinematics.bpfi, kinematics.speed),
-        ("ball", 2.0 * kinematics.bsf, kinematics.ftf),
-    ):
-        if carrier < resolved:
+    for part in PARTS:
+        carrier = part.sidebands(kinematics)
+        if carrier is None or carrier < resolved:
             continue
-        low, high = (line / carrier * (1.0 + slip) for slip in SLIP[part])
+        low, high = (part.frequency(kinematics) / carrier * (1.0 + slip) for slip in part.slip)
         slowest, fastest = carrier * (1.0 - speed_error), carrier * (1.0 + speed_error)
         for turns in TURNS:
             if low + turns <= 0.0:

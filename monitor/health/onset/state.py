@@ -17,11 +17,12 @@ from monitor.health.onset.dependence import (
     leaves,
 )
 from monitor.health.stored import StoredState
+from monitor.words.parts import PARTS
 
 LEARNING, HEALTHY, FINAL, END_OF_LIFE = "learning", "healthy", "final", "end_of_life"
 STAGES = (LEARNING, HEALTHY, FINAL, END_OF_LIFE)
 
-LINES = ("h_or", "h_ir", "h_ball", "h_cage")
+LINES = tuple(part.feature for part in PARTS)
 """Sums of the lines of a part in the envelope spectrum, which enter as their ratio to the noise floor under them."""
 FEATURES = ("rms", *LINES)
 """Features that the detector can listen to."""

@@ -22,7 +22,6 @@ from monitor.health.signal.foreign import ForeignComb, beside_combs
 from monitor.health.signal.indicators import TimeIndicators, sample_range, time_indicators
 from monitor.health.signal.lines import FALSE_ALARM, CombQuery, fault_lines, find_lines, line_amplitudes
 from monitor.health.signal.settings import (
-    FAULTS,
     N_HARMONICS,
     N_RAW_HARMONICS,
     SOUGHT_MARGIN_BINS,
@@ -46,6 +45,7 @@ from monitor.health.signal.shaft import (
 from monitor.health.signal.spectra import RawSpectra
 from monitor.health.signal.transform import AmplitudeSpectrum, Band, EnvelopeSpectrum, get_transform
 from monitor.health.signal.velocity import Velocity
+from monitor.words.parts import FAULTS, PARTS
 
 _DEEP = 0.75
 """Depth that impacts have; the four lines a turn of a healthy motor are 0.34 deep (CWRU 97)."""
@@ -136,10 +136,7 @@ FUNCTIONS: dict[str, FeatureFunction] = {
     "shape_factor": _indicator("shape_factor"),
     "impulse_factor": _indicator("impulse_factor"),
     "clearance_factor": _indicator("clearance_factor"),
-    "h_or": _total("outer"),
-    "h_ir": _total("inner"),
-    "h_ball": _total("ball"),
-    "h_cage": _total("cage"),
+    **{part.feature: _total(part.name) for part in PARTS},
 }
 """The function of each feature of a block, by its name in ``monitor.words.features``.
 

@@ -17,6 +17,7 @@ from itertools import combinations
 
 from models.machine.bearing import KNOWN, KinematicUncertainty
 from monitor.health.signal.lines import SEARCH
+from monitor.words.parts import PARTS
 
 _DEVIATIONS = 2.0
 
@@ -43,24 +44,23 @@ class FamilySearch:
 PLAIN = FamilySearch()
 """Range of a family of a bearing whose geometry is known."""
 
-SLIP = {"outer": (-0.04, 0.01), "inner": (-0.01, 0.027), "ball": (-0.04, 0.027), "cage": (-0.04, 0.01)}
-"""Lowest and highest departure of each family from pure rolling, relative, at a known shaft speed."""
+UNVERIFIED_SLIP = {part.name: part.slip for part in PARTS} | {"ball": (-0.01, 0.01)}
+"""Lowest and highest departure of each family from pure rolling, relative, at a speed that is not known.
 
-
-UNVERIFIED_SLIP = {**SLIP, "ball": (-0.01, 0.01)}
-"""The same at a speed that is not known. Balls that keep to both races by turns depart by less; as far as one race
-takes them, the outer race of the bearing at the other end of a motor would be the ball of the one at this end."""
+Balls that keep to both races by turns depart by less than at a known one; as far as one race takes them, the outer race
+of the bearing at the other end of a motor would be the ball of the one at this end."""
 
 
 def family_searches(uncertainty: KinematicUncertainty, tolerance: float = SEARCH) -> dict[str, FamilySearch]:
     """Return the range of each fault family at a stated speed; empty where it is ``PLAIN`` for all."""
     if uncertainty.known and tolerance == SEARCH:
         return {}
+    places = {"bpfo": uncertainty.bpfo_places, "bpfi": uncertainty.bpfi_places}
     return {
-        "outer": FamilySearch(tolerance + _DEVIATIONS * uncertainty.bpfo, (1.0, *uncertainty.bpfo_places)),
-        "inner": FamilySearch(tolerance + _DEVIATIONS * uncertainty.bpfi, (1.0, *uncertainty.bpfi_places)),
-        "ball": FamilySearch(tolerance + _DEVIATIONS * uncertainty.bsf),
-        "cage": FamilySearch(tolerance + _DEVIATIONS * uncertainty.ftf),
+        part.name: FamilySearch(
+            tolerance + _DEVIATIONS * getattr(uncertainty, part.rate), (1.0, *places.get(part.rate, ()))
+        )
+        for part in PARTS
     }
 
 
@@ -69,7 +69,7 @@ def slip_searches(uncertainty: KinematicUncertainty = KNOWN) -> dict[str, Family
     plain = family_searches(uncertainty, 0.0)
     return {
         fault: FamilySearch(0.5 * (high - low) + plain[fault].width, plain[fault].places, 1.0 + 0.5 * (low + high))
-        for fault, (low, high) in SLIP.items()
+        for fault, (low, high) in ((part.name, part.slip) for part in PARTS)
     }
 
 

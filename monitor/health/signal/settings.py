@@ -14,9 +14,8 @@ from monitor.health.signal.rotation.rotation import Rotation
 from monitor.health.signal.search import FamilySearch, slip_searches, widened_searches
 from monitor.health.signal.shaft import ACCEPTED, highest_order, measurable
 from monitor.health.signal.transform import Band
+from monitor.words.parts import FAULTS, PARTS
 
-FAULTS = ("outer", "inner", "ball", "cage")
-"""The fault families, in the order of the ``fault`` dimension of the records."""
 N_HARMONICS = 5
 """Harmonics of each family in the envelope spectrum (Eq. 96)."""
 N_RAW_HARMONICS = 6
@@ -89,7 +88,7 @@ class FeatureSettings:
 
 def fundamentals(kinematics: Kinematics) -> dict[str, float]:
     """Return the frequency of the first line of each fault family, Hz."""
-    return {"outer": kinematics.bpfo, "inner": kinematics.bpfi, "ball": 2.0 * kinematics.bsf, "cage": kinematics.ftf}
+    return {part.name: part.frequency(kinematics) for part in PARTS}
 
 
 def highest_rival(fundamentals: Mapping[str, float], speed: float | None) -> float:

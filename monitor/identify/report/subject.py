@@ -16,6 +16,7 @@ from models.identify.run import Identification, IdentifyOptions
 from models.identify.trials import FEATURES, Condition, Trial
 from models.machine.scene import Part
 from monitor.words.numbers import count, figure
+from monitor.words.statuses import FAULT_NAMES
 
 Values = NDArray[np.float64]
 
@@ -53,7 +54,6 @@ MEANINGS: Mapping[str, str] = {
 TITLES = {"rms": "RMS", "a_star": "A*"}
 """Words of the features."""
 ENDS = ("lower", "upper")
-_RACES: Mapping[Part, str] = {"outer": "outer race", "inner": "inner race", "ball": "rolling element"}
 
 
 @dataclass(frozen=True)
@@ -258,7 +258,7 @@ class Subject:
         if len({e.h_d for e in self.extents}) > 1:
             words += f" × {figure(extent.h_d * 1e6)} µm"
         if len({e.part for e in self.extents}) > 1 or extent.part != "outer":
-            words += f", {_RACES[extent.part]}"
+            words += f", {FAULT_NAMES[extent.part]}"
         return words
 
     def rows_of(self, extent: Extent) -> NDArray[np.intp]:

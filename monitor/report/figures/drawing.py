@@ -47,6 +47,7 @@ COLOUR_NAMES = {
     PAPER: "paper",
 }
 """Names of the colours in the style sheet of the page, which has a dark variant."""
+PALETTE = {name: colour for colour, name in COLOUR_NAMES.items()}
 _COLOURS = re.compile("|".join(COLOUR_NAMES))
 _PLACES = re.compile(r'\b(?:d|x|y|transform|points)="[^"]*"')
 _FRACTION = re.compile(r"(\.\d\d)\d+")

@@ -10,7 +10,6 @@ import numpy as np
 from matplotlib.figure import FigureBase
 from numpy.typing import NDArray
 
-from monitor.health.schema import FAULTS
 from monitor.health.signal.rotation.ias import IasStudy
 from monitor.health.signal.spectra import RawSpectra
 from monitor.health.signal.waterfall import SpectrumRow
@@ -32,6 +31,7 @@ from monitor.report.figures.sheet import Part, Sheet
 from monitor.report.figures.spectrum import FAULT_MARKS, ORDERS
 from monitor.report.verdict import ChannelContext
 from monitor.words.numbers import count, figure
+from monitor.words.parts import FAULTS
 from monitor.words.statuses import FAULT_NAMES, LINE_NAMES
 
 _SPEED_POINTS = 1500

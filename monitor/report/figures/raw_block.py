@@ -12,7 +12,6 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from monitor.health.schema import FAULTS
 from monitor.health.signal.spectra import BlockView
 from monitor.health.signal.velocity import VELOCITY_BAND
 from monitor.health.signal.waterfall import SpectrumRow
@@ -31,8 +30,8 @@ from monitor.report.figures.drawing import (
 from monitor.report.figures.spectrum import FAULT_MARKS, ORDERS, shared_words
 from monitor.report.verdict import ChannelContext
 from monitor.words.numbers import figure
-from monitor.words.rotation import range_words
-from monitor.words.statuses import LINE_NAMES
+from monitor.words.parts import FAULTS
+from monitor.words.statuses import LINE_NAMES, range_words
 
 _COLUMNS = 500
 _DECADES = 5.0

@@ -12,18 +12,14 @@ import numpy as np
 from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
-from monitor.health.schema import FAULTS
 from monitor.health.signal.settings import shared_lines
 from monitor.health.signal.waterfall import SpectrumRow
 from monitor.report.figures.drawing import (
-    BLUE,
-    GREEN,
     GREY,
     INK,
+    PALETTE,
     PAPER,
-    PURPLE,
     STYLE,
-    VERMILION,
     Picture,
     add_legend,
     new_figure,
@@ -35,8 +31,8 @@ from monitor.report.life_marks import named_fault
 from monitor.report.runs import Channel
 from monitor.report.verdict import ChannelContext
 from monitor.words.numbers import Clock, figure
-from monitor.words.rotation import range_words
-from monitor.words.statuses import FAULT_NAMES, LINE_NAMES
+from monitor.words.parts import FAULTS, PARTS
+from monitor.words.statuses import FAULT_NAMES, LINE_NAMES, range_words
 
 
 def shared_words(lines: Mapping[str, float], resolution: float) -> str:
@@ -48,7 +44,7 @@ def shared_words(lines: Mapping[str, float], resolution: float) -> str:
     return f"One peak each, which counts for neither part alone: {'; '.join(groups)}." if groups else ""
 
 
-FAULT_MARKS = {"outer": (VERMILION, "o"), "inner": (BLUE, "s"), "ball": (GREEN, "^"), "cage": (PURPLE, "D")}
+FAULT_MARKS = {part.name: (PALETTE[part.colour], part.marker) for part in PARTS}
 """Colour and marker of the lines of each part."""
 ORDERS = 5
 """Orders of the fault lines that are shown, as in H_or (thesis, Eq. 96)."""

@@ -31,7 +31,7 @@ from monitor.report.figures.zoom import Band, Line, Panel, zoom_data
 from monitor.report.runs import Channel, Run
 from monitor.report.tables import Column, Table
 from monitor.words.numbers import Clock, count, figure
-from monitor.words.rotation import DOMAINS, ROTATION_REFUSALS
+from monitor.words.statuses import DOMAINS, ROTATION_REFUSALS
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,11 +16,10 @@ from monitor.health.schema import REJECTIONS
 from monitor.report.figures.drawing import (
     BLOCK_AXIS,
     BLUE,
-    GREEN,
     GREY,
     INK,
     ORANGE,
-    PURPLE,
+    PALETTE,
     SHADE,
     STYLE,
     VERMILION,
@@ -42,9 +41,10 @@ from monitor.report.life_marks import Moment
 from monitor.report.verdict import ChannelContext, ChannelVerdict
 from monitor.words.features import FEATURES
 from monitor.words.numbers import figure
+from monitor.words.parts import PARTS
 from monitor.words.statuses import FAULT_NAMES
 
-_SUMS = {"outer": ("h_or", PURPLE), "inner": ("h_ir", BLUE), "ball": ("h_ball", GREEN), "cage": ("h_cage", ORANGE)}
+_SUMS = {part.name: (part.feature, PALETTE[part.trend_colour]) for part in PARTS}
 """Feature and colour of the sum of lines of each part."""
 _ALARM_COLOURS = {"alert": ORANGE, "danger": VERMILION}
 _SMOOTHED = "moving mean that the tracker takes"

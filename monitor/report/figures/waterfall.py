@@ -15,7 +15,6 @@ from matplotlib.colors import LogNorm
 from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 from numpy.typing import NDArray
 
-from monitor.health.schema import FAULTS
 from monitor.health.signal.waterfall import SpectrumRow
 from monitor.records.spectra import binned, in_orders
 from monitor.report.figures.drawing import (
@@ -33,6 +32,7 @@ from monitor.report.figures.spectrum import AXES, FAULT_MARKS, ORDERS
 from monitor.report.figures.trends import draw_marks
 from monitor.report.verdict import ChannelContext
 from monitor.words.numbers import count, figure
+from monitor.words.parts import FAULTS
 from monitor.words.statuses import FAULT_NAMES
 
 _BINS, _COLUMNS, _COLOURS = 220, 360, 40

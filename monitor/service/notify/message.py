@@ -22,7 +22,7 @@ from monitor.service.notify.channels import Message
 from monitor.words.advice import ADVICE, Statement, state_of
 from monitor.words.events import badness, event_text, local_moment, utc_text
 from monitor.words.features import columns, first
-from monitor.words.numbers import count, duration, interval, moment, times_first, volume
+from monitor.words.numbers import Clock, count, duration, interval, times_first, volume
 from monitor.words.situation import Situation
 from monitor.words.statuses import STAGES
 
@@ -188,7 +188,7 @@ def _stage(machine: MessageSender, event: LoggedEvent, values: Mapping[str, Any]
     text: str = STAGES.get(stage, str(stage))
     t_fs = values.get("t_fs")
     if t_fs is not None:
-        since = moment(t_fs, dated=False) if event.utc is None else local_moment(t_fs, machine.zone)
+        since = Clock(dated=False).moment(t_fs) if event.utc is None else local_moment(t_fs, machine.zone)
         text += f", final since {since}" if stage != "final" else f" since {since}"
     if values.get("t_fs_block") is not None:
         text += f" (block {values['t_fs_block']})"

@@ -16,7 +16,7 @@ from monitor.report.figures.ias import ias_picture
 from monitor.report.figures.speed import rotation_table, speed_picture, speed_words
 from monitor.report.runs import Channel, Run
 from monitor.report.summary import speeds_of
-from monitor.words.rotation import ROTATION_REFUSALS
+from monitor.words.statuses import ROTATION_REFUSALS
 from tests.monitor.report.figures.drawing import context_of, drawn, numbers
 
 
