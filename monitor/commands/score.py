@@ -18,7 +18,6 @@ from monitor.commands.common import InputError, emit
 from monitor.commands.shared_folders import Seen, check_seen, record_files, seen
 from monitor.report.score import scoring
 from monitor.report.score.issued import Issued, read_issued
-from monitor.words.numbers import duration_figures
 
 if TYPE_CHECKING:
     from monitor.report.score.issued import Issued
@@ -276,7 +275,7 @@ def _run_lines(run: Mapping[str, Any]) -> Iterator[str]:
         f"before the end ({_END_WORDS[run['end_source']]})"
     )
     if run["onset_delay_s"] is not None:
-        yield f"  onset known after {duration_figures(run['onset_delay_s'])}, {run['false_alarms']} false alarms"
+        yield f"  onset known after {_duration(run['onset_delay_s'])}, {run['false_alarms']} false alarms"
     if not run["forecasts"]:
         return
     verdict = {True: "passed", False: "failed", None: "not defined"}[run["alpha_lambda"]]
@@ -298,9 +297,17 @@ _END_WORDS = {
 def _cell(name: str, value: float | None) -> str:
     if value is None:
         return "-"
-    return duration_figures(value) if name.endswith("_s") else f"{value:.3g}"
+    return _duration(value) if name.endswith("_s") else f"{value:.3g}"
 
 
 def _with_error(name: str, figure: Mapping[str, Any]) -> str:
     error = figure["standard_error"]
     return _cell(name, figure["mean"]) + (f" +- {_cell(name, error)}" if error is not None else "")
+
+
+def _duration(seconds: float) -> str:
+    """Return a duration (s) with three figures in one unit, for scores: "37 s", "2.5 min", "2.17 h", "3.1 d"."""
+    for unit, size in (("d", 86400.0), ("h", 3600.0), ("min", 60.0)):
+        if abs(seconds) >= 2 * size:
+            return f"{seconds / size:.3g} {unit}"
+    return f"{seconds:.3g} s"

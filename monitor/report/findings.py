@@ -22,8 +22,8 @@ from monitor.words.statuses import (
     LEVEL_OF,
     TT_REFUSALS,
     TTA_REFUSALS,
+    UNDECIDED,
     VELOCITY_REFUSALS,
-    damage_mode,
     fault_words,
     named_words,
 )
@@ -188,7 +188,7 @@ def _where(channel: Channel, verdict: ChannelVerdict) -> Finding:
     evidence = [f"lines {snr:.1f} times the noise floor"] if math.isfinite(snr) else []
     evidence += [f"modulation depth {depth:.2f}"] if math.isfinite(depth) else []
     best = f"At best {', '.join(evidence)} (block {channel.sequence[row]:,})." if evidence else ""
-    texts = (best, _agreement(channel, verdict, fault), doubt_of(channel, row, fault), damage_mode(fault))
+    texts = (best, _agreement(channel, verdict, fault), doubt_of(channel, row, fault), _damage_mode(fault))
     part = named_words(fault, VERDICT if verdict.stage in LATE else HINT)
     return Finding(question, _sentence(part), " ".join(text for text in texts if text), brief=part)
 
@@ -302,3 +302,15 @@ def _sentence(text: str) -> str:
 
 def _capital(text: str) -> str:
     return text[:1].upper() + text[1:]
+
+
+def _damage_mode(fault: str) -> str:
+    """Return what vibration says of the mode of damage after ISO 15243, "" where no part is named."""
+    if fault == UNDECIDED or not fault:
+        return ""
+    if fault == "cage":
+        return "Lines of the cage: a looser, worn or broken cage, or an uneven load; only inspection tells."
+    return (
+        "Impacts in its rhythm: localised damage of a surface. Rolling contact fatigue (ISO 15243, 5.1) is the usual "
+        "mode; corrosion, electrical erosion and indentations (5.3 to 5.5) sound alike: only inspection tells."
+    )

@@ -313,8 +313,8 @@ def _provenance(run: Run) -> list[tuple[str, str]]:
 def _departures() -> Iterator[str]:
     """Yield by feature where it departs from what its source prints."""
     for feature in FEATURES.values():
-        if feature.departure:
-            yield f"{feature.label}: {feature.departure}"
+        if feature.comment:
+            yield f"{feature.label}: {feature.comment}"
 
 
 def _floors(run: Run) -> list[tuple[str, str]]:

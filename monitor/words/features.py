@@ -43,43 +43,57 @@ class Unit:
 
 
 @dataclass(frozen=True)
-class Feature:
-    """One row of the table.
+class Variable:
+    """One quantity of a health record, given for every block and channel.
 
     Attributes:
         name: in records and files.
-        symbol: of the source, in ASCII.
-        label: what it is called in a sentence or a legend; by default the name with blanks.
-        long_name: what it is.
-        source: where it is defined.
-        departure: where its value departs from what is printed there.
-        units: UDUNITS string of the SI unit.
-        unit: for people.
         dims: dimensions beyond (time, channel).
+        units: UDUNITS string of the SI unit, "1" for a pure number, "time" for a moment on the record's time axis,
+            None where a unit has no meaning.
+        long_name: what it is.
+        symbol: that of the source, in ASCII.
+        source: where it is defined.
+        kind: "float", "int", "flag" (one word of ``values``) or "mask" (any number of words of ``values``).
+        values: allowed words, in the order of their integers.
+        optional: whether files leave it out where no record has it.
+        comment: where it departs from its source.
+    """
+
+    name: str
+    dims: tuple[str, ...] = ()
+    units: str | None = PURE
+    long_name: str = ""
+    symbol: str = ""
+    source: str = ""
+    kind: Literal["float", "int", "flag", "mask"] = "float"
+    values: tuple[str, ...] = ()
+    optional: bool = False
+    comment: str = ""
+
+
+@dataclass(frozen=True)
+class Feature(Variable):
+    """One row of the table.
+
+    Attributes:
+        label: what it is called in a sentence or a legend; by default the name with blanks.
+        unit: for people.
         bad: the side on which values are bad, None where no alarm level may stand on it.
         learned: whether an alarm level may follow from the baseline.
         trend: whether its extremes are kept and shown over time.
         chart: chart of the page in which the trend is drawn, "" for none; features that end in ``_lower`` and
             ``_upper`` are drawn as its band.
         axis: whether the axis of the chart begins at zero or follows the values.
-        optional: whether files leave it out where no record has it.
     """
 
-    name: str
-    symbol: str = ""
     label: str = ""
-    long_name: str = ""
-    source: str = ""
-    departure: str = ""
-    units: str = PURE
     unit: Unit = Unit()
-    dims: tuple[str, ...] = ()
     bad: Literal["above", "below"] | None = None
     learned: bool = True
     trend: bool = False
     chart: str = ""
     axis: Literal["zero", "free"] = "zero"
-    optional: bool = False
 
     @property
     def column(self) -> str:
@@ -147,21 +161,21 @@ _KINDS = {
     "angle": Feature("", units="rad", unit=Unit("°", "_deg", math.pi / 180.0)),
     "depth": Feature("", units="m", unit=Unit("µm", "_um", 1e-6)),
     "record only": Feature(""),
-    "speed in the block": Feature("", units="Hz", unit=Unit("Hz", "_hz"), trend=True, axis="free", optional=True),
-    "rate of speed": Feature("", units="Hz s-1", unit=Unit("Hz/s", "_hz_per_s"), optional=True),
-    "optional number": Feature("", optional=True),
-    "optional angle": Feature("", units="rad", unit=Unit("°", "_deg", math.pi / 180.0), optional=True),
-    "optional score": Feature("", bad="above", learned=False, trend=True, optional=True),
+    "rate of speed": Feature("", units="Hz s-1", unit=Unit("Hz/s", "_hz_per_s")),
 }
 """What rows have in common, by the word in their second cell."""
 
 
 def row(text: str) -> Feature:
-    """Return the feature of a line ``name | kind | chart | symbol | label | long name | source``."""
+    """Return the feature of a line ``name | kind | chart | symbol | label | long name | source``.
+
+    A question mark after the kind marks what files leave out where no record has it.
+    """
     name, kind, chart, symbol, label, long_name, source = (cell.strip() for cell in text.split("|"))
     return replace(
-        _KINDS[kind],
+        _KINDS[kind.removesuffix("?")],
         name=name,
+        optional=kind.endswith("?"),
         chart=chart,
         symbol=symbol,
         label=label or name.replace("_", " "),
@@ -224,14 +238,14 @@ fault_depth | record only | | depth | | \
 fault_score | record only | | score | | evidence of the best family of fault lines | monitor/health/name/naming.py
 dphi_d | angle | | dphi_d | | angular extent of the equivalent defect | {_STAGES}
 h_d | depth | | h_d | | depth of the equivalent defect | {_STAGES}
-speed_min | speed in the block | speed | | least speed | least speed in the block | {ROTATION}
-speed_max | speed in the block | speed | | highest speed | highest speed in the block | {ROTATION}
-acceleration | rate of speed | | | change of the speed | \
+speed_min | speed? | speed | | least speed | least speed in the block | {ROTATION}
+speed_max | speed? | speed | | highest speed | highest speed in the block | {ROTATION}
+acceleration | rate of speed? | | | change of the speed | \
     change of the speed over the block, per second | {ROTATION}
-revolutions | optional number | | | | revolutions of the shaft in the block | {ROTATION}
-encoder_error | optional angle | | | error of the marks | \
+revolutions | record only? | | | | revolutions of the shaft in the block | {ROTATION}
+encoder_error | angle? | | | error of the marks | \
     rms of the learned error of the marks | {ROTATION}
-level_rms | optional score | level_rms | | RMS over the expected one | \
+level_rms | score? | level_rms | | RMS over the expected one | \
     rms over what is learned for speed and load | monitor/health/onset
 """
 
@@ -246,7 +260,7 @@ _DEPARTURES = {
 }
 
 FEATURES: dict[str, Feature] = {
-    found.name: replace(found, departure=_DEPARTURES.get(found.name, ""))
+    found.name: replace(found, comment=_DEPARTURES.get(found.name, ""))
     for found in map(row, _TABLE.strip().splitlines())
 }
 """All features by name."""

@@ -45,14 +45,6 @@ def duration(seconds: float) -> str:
     return f"{days} d {hours} h" if hours else f"{days} d"
 
 
-def duration_figures(seconds: float) -> str:
-    """Return a duration (s) with three figures in one unit, for scores: "37 s", "2.5 min", "2.17 h", "3.1 d"."""
-    for unit, size in (("d", 86400.0), ("h", 3600.0), ("min", 60.0)):
-        if abs(seconds) >= 2 * size:
-            return f"{seconds / size:.3g} {unit}"
-    return f"{seconds:.3g} s"
-
-
 @dataclass(frozen=True)
 class Clock:
     """How moments of a run are written: the one place where dates are.

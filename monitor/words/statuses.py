@@ -207,18 +207,6 @@ def named_words(fault: str, basis: str | None) -> str:
     return f"{fault_words(fault)} (a hint)" if basis == "hint" else fault_words(fault)
 
 
-def damage_mode(fault: str) -> str:
-    """Return what vibration says of the mode of damage after ISO 15243, "" where no part is named."""
-    if fault == UNDECIDED or not fault:
-        return ""
-    if fault == "cage":
-        return "Lines of the cage: a looser, worn or broken cage, or an uneven load; only inspection tells."
-    return (
-        "Impacts in its rhythm: localised damage of a surface. Rolling contact fatigue (ISO 15243, 5.1) is the usual "
-        "mode; corrosion, electrical erosion and indentations (5.3 to 5.5) sound alike: only inspection tells."
-    )
-
-
 def speed_words(status: str | None, domain: str | None, least: float | None, highest: float | None) -> str | None:
     """Return the speeds in a block and what its spectra are over, or why there is no angle.
 
