@@ -11,7 +11,7 @@ from __future__ import annotations
 import itertools
 import math
 
-from models.gears.sound.third_octave import Bands
+from models.gears.sound.levels import Bands
 from models.gears.teeth.mesh import MeshStiffness
 from models.gears.train.damping import with_rayleigh
 from models.gears.train.parts import Body, GearTrain, Mesh, Support, Wheel, alike, line_of_action

@@ -55,12 +55,12 @@ def _thesis() -> list[UncomputedFigure]:
             "measured; the angular extents that follow are in the first table",
         ),
         UncomputedFigure(
-            THESIS, _tables(5, 6, 9), "sizes and nodes of the meshes", "mm, -", "FE",
-            "meshes of the same sizes; nodes differ with the mesher",
+            THESIS, _tables(5, 6, 9), "sizes and nodes of the meshes", "mm, -", "NO",
+            "meshes here follow the load; nodes differ with the mesher",
         ),
         UncomputedFigure(
             THESIS, _tables(7, 8, 10), "stiffness against Hertz, and computing time", "-1.1 to 17.6 %, 1 to 129 s",
-            "FE", "sub-model of section 3.3 with hexahedra and tetrahedra",
+            "NO", "needs the sub-model of section 3.3; here bearings are put together of whole rings",
         ),
         UncomputedFigure(
             THESIS, ("Figs. 22 to 28 (text)",), "differences of finite elements", "3, 3.3, 4.6, 6.7, 7.5, 12.3 %",

@@ -12,8 +12,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from models.gears.sound.levels import REFERENCE_PRESSURE, level_db, power, sum_db
-from models.gears.sound.third_octave import MIN_LINES, Bands, bands_of_density, density_of_record
+from models.gears.sound.levels import (
+    MIN_LINES,
+    REFERENCE_PRESSURE,
+    Bands,
+    a_weighting,
+    bands_of_density,
+    density_of_record,
+    level_db,
+    sum_db,
+)
 from models.gears.sound.transfer_files import read_transfer_vectors
 from models.gears.sound.transfer_vectors import TransferVectors
 from models.gears.sound.wav import full_scale_for, write_wav
@@ -163,18 +171,20 @@ class Felt:
     band: tuple[float, float]
 
     @cached_property
+    def _density(self) -> tuple[Array, Array]:
+        """Lines as near as the record allows, as mesh lines are tones and may be near an edge, and their density."""
+        return density_of_record(self.values, self.rate, _SEGMENTS * self.rate / self.values.shape[1])
+
+    @cached_property
     def squares(self) -> Array:
         """Mean squares by output and band."""
-        return self.weighted("Z")
+        return bands_of_density(*self._density, self.bands)
 
-    def weighted(self, weighting: str) -> Array:
-        """Return mean squares by output and band, with a weighting: from lines as near as the record allows.
-
-        Mesh lines are tones: the finer the lines, the nearer to an edge of a band they may be.
-        """
-        resolution = _SEGMENTS * self.rate / self.values.shape[1]
-        frequency, density = density_of_record(self.values, self.rate, resolution)
-        return bands_of_density(frequency, density * power(frequency, weighting), self.bands)
+    @cached_property
+    def a_weighted(self) -> Array:
+        """The same with A-weighting."""
+        frequency, density = self._density
+        return bands_of_density(frequency, density * a_weighting(frequency), self.bands)
 
 
 def felt(run: GearRun, responses: FrequencyResponses, lead: float) -> Felt:
@@ -238,7 +248,6 @@ def motion_values(found: Felt) -> dict[str, Any]:
 
 def pressure_values(found: Felt) -> dict[str, Any]:
     """Return levels of pressures, with A-weighting too."""
-    weighted = found.weighted("A")
     return {
         **_coverage(found),
         "microphones": [
@@ -247,7 +256,7 @@ def pressure_values(found: Felt) -> dict[str, Any]:
                 **_levels("", row, REFERENCE_PRESSURE),
                 **_levels("a", weighed, REFERENCE_PRESSURE),
             }
-            for name, row, weighed in zip(found.names, found.squares, weighted, strict=True)
+            for name, row, weighed in zip(found.names, found.squares, found.a_weighted, strict=True)
         ],
     }
 

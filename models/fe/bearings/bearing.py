@@ -236,11 +236,10 @@ class _Builder:
         return influence_load(self.geometry)
 
     def _key(self, kind: str, rule: MeshRule, load: float) -> dict[str, Any]:
-        largest = None if math.isinf(rule.max_size) else rule.max_size
         return {
             "kind": kind,
             "geometry": asdict(self.geometry),
-            "rule": {**asdict(rule), "max_size": largest},
+            "rule": asdict(rule),
             "load_newton": load,
         }
 

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Literal, get_args
 
 import numpy as np
 
-from models.fe.bearings.balance import Balance, Law, condensed, settle
+from models.fe.bearings.balance import Balance, condensed, settle
 from models.machine.load_distribution import StiffnessPassage
 from models.words.checks import check_choice, check_numbers, check_whole
 from models.words.errors import WrongInputError
@@ -24,6 +24,7 @@ from models.words.errors import WrongInputError
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from models.fe.bearings.law import ElementLaw
     from models.machine.bearing import Bearing, CatalogueEntry
 
 Axial = Literal["free", "held"]
@@ -239,7 +240,7 @@ class ObliqueBearing:
 
     n_elements: int
     contact_angle: float
-    law: Law
+    law: ElementLaw
     influence: RowInfluence
     clearance: float = 0.0
 

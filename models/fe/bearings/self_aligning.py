@@ -155,8 +155,7 @@ def self_aligning_bearing(
         numbers = {"hertz": law.hertz, "depth": law.depth, "residual": law.residual}
         return Kept(arrays, {"law": numbers, "unknowns": dict(found.unknowns), "converged": found.converged})
 
-    rule = {name: value for name, value in asdict(RULE).items() if value != math.inf}
-    key: dict[str, Any] = {"kind": "oblique", "geometry": asdict(geometry), "rule": rule, "loads_newton": list(loads)}
+    key: dict[str, Any] = {"kind": "oblique", "geometry": asdict(geometry), "rule": asdict(RULE), "loads_newton": loads}
     entry = (cache or FeCache(None)).get(key, make)
     law = BallLaw(entry.arrays["loads"], entry.arrays["approach"], **entry.values["law"]).law()
     influence = RowInfluence(entry.arrays["same"], entry.arrays["other"])

@@ -18,15 +18,13 @@ from models.fe.meshes.grid import (
     Chooser,
     FeMesh,
     FeMeshError,
-    Mapper,
-    Order,
     build,
     extrude,
     lattice,
     on_surface,
     within,
 )
-from models.fe.meshes.roller_mesh import contact_section, inner_rows
+from models.fe.meshes.roller_mesh import fan_section, inner_rows
 from models.fe.meshes.sizing import ContactGrid, MeshRule, growing_lines
 
 if TYPE_CHECKING:
@@ -48,10 +46,8 @@ _FADE = 0.4
 _BEYOND, _LEAST_REACH, _MOST_REACH = 1.1, _DIAGONAL, 0.88
 
 
-def ball_mesh(
-    geometry: FeGeometry, grid: ContactGrid, rule: MeshRule | None = None, order: Order = 2, *, half: bool = True
-) -> FeMesh:
-    """Return the eighth of a ball, or with ``half=False`` the quarter x, y >= 0.
+def ball_mesh(geometry: FeGeometry, grid: ContactGrid, rule: MeshRule | None = None) -> FeMesh:
+    """Return the eighth of a ball.
 
     Boundaries: contact (the patch), race (the rest of the sphere), x0, y0, z0.
 
@@ -64,10 +60,10 @@ def ball_mesh(
         raise FeMeshError(f"{geometry.designation}: a roller has no ball mesh")
     if grid.z[-1] > _MOST_REACH / 1.05 * radius:
         raise FeMeshError(f"{geometry.designation}: the contact reaches {grid.z[-1]!r} m along a ball of {radius!r} m")
-    section = contact_section(grid, _DIAGONAL * radius, (1.0 - _AXIS) * radius, rule)
+    section = fan_section(grid, _DIAGONAL * radius, rule)
     reach = min(max(_BEYOND * float(grid.z[-1]) / radius, _LEAST_REACH), _MOST_REACH)
     lines = _along(grid, reach * radius, rule) / (reach * radius)
-    steps = np.linspace(0.0, 1.0, inner_rows(grid, _AXIS * radius, rule) + 1)
+    steps = np.linspace(0.0, 1.0, inner_rows(grid) + 1)
     octant = _Octant(radius, reach, float(grid.x[-1]) / (_DIAGONAL * radius))
     blocks = [
         Block(extrude(section.quads, lines), octant.contact),
@@ -81,23 +77,15 @@ def ball_mesh(
         "race": sphere,
         "x0": on_surface(lambda p: p[0], radius),
         "y0": on_surface(lambda p: p[1], radius),
+        "z0": on_surface(lambda p: p[2], radius),
     }
-    if half:
-        return build(blocks, {**found, "z0": on_surface(lambda p: p[2], radius)}, order)
-    return build([*blocks, *(Block(block.corners, _mirrored(block.place)) for block in blocks)], found, order)
+    return build(blocks, found)
 
 
 def _along(grid: ContactGrid, end: float, rule: MeshRule) -> NDArray[np.float64]:
     """Return the lines along the shaft, m: those of the contact, growing to the end of its block."""
     start, size = float(grid.z[-1]), float(grid.z[-1] - grid.z[-2])
-    return np.concatenate((grid.z, growing_lines(start, end, size, rule.growth, min(rule.max_size, 0.5 * end))[1:]))
-
-
-def _mirrored(place: Mapper) -> Mapper:
-    def other(point: NDArray[np.float64]) -> NDArray[np.float64]:
-        return place(point) * np.array([[1.0], [1.0], [-1.0]])
-
-    return other
+    return np.concatenate((grid.z, growing_lines(start, end, size, rule.growth, 0.5 * end)[1:]))
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from models.fe.bearings.balance import PowerLaw, condensed
+from models.fe.bearings.balance import condensed
+from models.fe.bearings.law import ElementLaw
 from models.fe.bearings.oblique import ObliqueBearing, ObliqueError, RowInfluence, oblique_geometry
 from models.machine import ball_statics, hertz
 from models.machine.bearing import Bearing, catalogue_entry
@@ -15,10 +16,11 @@ from models.machine.load_distribution import stiffness_over_passage
 K_C = 5410.29e6
 ENTRY = catalogue_entry("1205 ETN9")
 GEOMETRY = oblique_geometry(ENTRY)
+LAW = ElementLaw.from_power(K_C, 1.5, 1e-3, 1e9)
 
 
 def rigid(angle: float = GEOMETRY.contact_angle) -> ObliqueBearing:
-    return ObliqueBearing(12, angle, PowerLaw(K_C), RowInfluence.none(12))
+    return ObliqueBearing(12, angle, LAW, RowInfluence.none(12))
 
 
 def test_without_a_contact_angle_it_is_the_radial_bearing() -> None:
@@ -63,7 +65,7 @@ def test_one_row_agrees_with_balls_in_grooves() -> None:
     push = np.array([6e-6, 2e-6, 3e-6, 0.0, 0.0])
     theirs = ball_statics.ring_state(statics, start + push, centrifugal=0.0)
     races = statics.races()
-    law = PowerLaw(hertz.in_series(races.k_i, races.k_o, 1.5))
+    law = ElementLaw.from_power(hertz.in_series(races.k_i, races.k_o, 1.5), 1.5, 1e-3, 1e9)
     normals = rigid().normals()[: g.n_elements]
     forces, tangent = law.force(normals @ push[:3])
     np.testing.assert_allclose(forces, theirs.inner_force, rtol=0.02, atol=0.02 * forces.max())
@@ -84,7 +86,7 @@ def test_influence_depends_on_the_angle_between_elements_only() -> None:
     expected = 1e-10 * strength * np.cos(angles[:, None] - angles[None, :])
     np.fill_diagonal(expected, 0.0)
     np.testing.assert_allclose(matrix, expected, atol=1e-22)
-    bearing = ObliqueBearing(12, GEOMETRY.contact_angle, PowerLaw(K_C), RowInfluence(same, other))
+    bearing = ObliqueBearing(12, GEOMETRY.contact_angle, LAW, RowInfluence(same, other))
     np.testing.assert_allclose(condensed(bearing.state(500.0).stiffness, 2), bearing.stiffness(500.0))
 
 
@@ -129,7 +131,7 @@ def test_what_does_not_fit_is_refused() -> None:
     with pytest.raises(ValueError, match="land_radius must lie within"):
         replace(GEOMETRY, land_radius=30e-3)
     with pytest.raises(ValueError, match="influence must have 12 values"):
-        ObliqueBearing(12, 0.1, PowerLaw(K_C), RowInfluence.none(11))
+        ObliqueBearing(12, 0.1, LAW, RowInfluence.none(11))
     with pytest.raises(ValueError, match="load must be finite and positive"):
         rigid().state(0.0)
     with pytest.raises(ValueError, match="axial must be one of"):

@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from models.fe.casing.model import Point
 from models.fe.casing.modes import Damping, Modes, first_modes, modal_responses
-from models.gears.transfer.mode_sets import assurance
 from tests.models.fe.casing.casings import box, plate
 
 pytest.importorskip("skfem", reason="needs the extra fe")
@@ -88,13 +87,6 @@ def test_units_are_rates_of_each_other() -> None:
           for unit in ("m", "m/s", "m/s2")}  # fmt: skip
     for unit in ("m/s", "m/s2"):
         np.testing.assert_allclose(of["m"].in_unit(unit).h, of[unit].h, rtol=1e-12)
-
-
-def test_modes_agree_with_themselves_and_are_told_apart() -> None:
-    shapes = plate_modes().shapes
-    found = assurance(shapes[:, :6], shapes[:, :6])
-    np.testing.assert_allclose(np.diag(found), 1.0)
-    assert found[~np.eye(6, dtype=bool)].max() < 0.2
 
 
 def test_damping_is_linear_between_its_points_and_constant_beyond() -> None:

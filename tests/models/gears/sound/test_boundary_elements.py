@@ -17,9 +17,9 @@ from models.gears.sound.boundary_elements import (
     radiation_cost,
     transfer_vectors,
 )
-from models.gears.sound.shapes import box, sphere
 from models.gears.sound.surface import Surface, SurfaceError
 from tests.oracles.sphere_over_plane import MOTIONS, SphereOverPlane, exact_pressure
+from tests.support.surfaces import box, sphere
 
 SPEED = 343.0
 AROUND = np.array([(3.0, 0.5, 1.0), (0.3, 1.3, 2.0), (2.0, 2.0, 0.3)])
@@ -153,11 +153,6 @@ def test_what_cannot_be_used_is_refused_by_name(make, said):
         make()
 
 
-def test_shapes_check_their_arguments():
-    for call, said in ((lambda: sphere(0.0, 2), "radius"), (lambda: sphere(1.0, 0), "splits")):
-        with pytest.raises(ValueError, match=said):
-            call()
-    with pytest.raises(ValueError, match="base"):
-        box((1.0, 1.0, 1.0), (1, 1, 1), (0.0, 0.0, 1.0), on_plane=True)
+def test_a_density_that_is_not_positive_is_refused():
     with pytest.raises(ValueError, match="density"):
         transfer_vectors(CUBE, 50.0, AROUND, density=-1.0)
