@@ -203,11 +203,11 @@ def felt(run: GearRun, responses: FrequencyResponses, lead: float) -> Felt:
     forces[:, :ends] *= rise
     forces[:, forces.shape[1] - ends :] *= rise[::-1]
     try:
-        found = responses.apply(forces, rate)
+        records, outside = responses.apply(forces, rate)
     except ValueError as error:
         raise InputError(f"responses: {error}") from None
-    values = found.values[:, ends : forces.shape[1] - ends]
-    return Felt(responses.outputs, values, rate, bands, float(found.outside.max()), responses.band)
+    values = records[:, ends : forces.shape[1] - ends]
+    return Felt(responses.outputs, values, rate, bands, float(outside.max()), responses.band)
 
 
 def bands_within(band: tuple[float, float], rate: float, seconds: float) -> Bands:

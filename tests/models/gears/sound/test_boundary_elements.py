@@ -70,7 +70,7 @@ def test_a_box_that_moves_as_a_source_within_demands_radiates_as_that_source(on_
     microphones = np.array([(0.5, 0.2, 0.3), (-0.4, 0.1, 0.1), (0.0, 0.0, 0.6)])
     found = transfer_vectors(surface, hertz(k), microphones)
     assert found.per_wavelength[0] > 8.0
-    pressure = found.vectors.pressure(hertz(k), velocity[None])[0]
+    pressure = found.vectors.at(hertz(k))[0] @ velocity
     assert decibels(pressure, source(microphones, k, over_plane=on_plane)) == pytest.approx(0.0, abs=0.3)
 
 
