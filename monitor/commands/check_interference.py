@@ -65,8 +65,8 @@ def _proposals(
     best = output.naming.evidence
     own = [] if best is None or best.depth < _DEPTH else [best.fundamental]
     samples = block.samples[block.channels.index(name)]
-    known = all_combs(configured, output.speed.value)
-    return propose(samples, block.rate, output.bands[output.leading], output.speed.value, own, known)
+    known = all_combs(configured, output.block.speed.value)
+    return propose(samples, block.rate, output.bands[output.leading], output.block.speed.value, own, known)
 
 
 def _values(found: Proposal) -> dict[str, Any]:

@@ -18,7 +18,7 @@ from monitor.health.output import ChannelOutput
 from monitor.health.signal.features import fundamentals
 from monitor.health.signal.orders import OrderSpectrum, order_spectrum
 from monitor.health.state import ChannelSettings
-from streams.types.block import STANDARD_GRAVITY, Block, to_si
+from streams.types.block import STANDARD_GRAVITY, Block
 
 MOST_LINES = 12
 """Highest lines that are listed."""
@@ -55,12 +55,12 @@ def command(
     config = read_config(config_path)
     block, outputs, settings = _block(config, input_path, wanted)
     spectra = {
-        name: _envelope(output, max_order) if envelope else _signal(block, output, settings[name], max_order)
+        name: _envelope(output, max_order) if envelope else _signal(block, output, max_order)
         for name, output in outputs.items()
-        if output.rotation is not None and output.features is not None
+        if output.block.found.rotation is not None and output.features is not None
     }
     if not spectra:
-        status = next((output.rotation_status for output in outputs.values()), None)
+        status = next((output.block.found.status for output in outputs.values()), None)
         raise InputError(f"{block.name}: no channel has an angle of the shaft: {status or 'none is configured'}")
     if out is not None:
         _write(out, spectra, settings)
@@ -83,18 +83,16 @@ def _block(
     raise InputError(f"{recording}: {which} accepted; replay says why")
 
 
-def _signal(block: Block, output: ChannelOutput, settings: ChannelSettings, limit: float) -> OrderSpectrum:
-    row = block.channels.index(settings.name)
-    samples, _ = to_si(block.samples[row], block.units[row], settings.scale, settings.sensitivity_mv_per_g)
-    assert output.rotation is not None
+def _signal(block: Block, output: ChannelOutput, limit: float) -> OrderSpectrum:
+    assert output.block.found.rotation is not None
     try:
-        return order_spectrum(samples, block.rate, output.rotation, limit)
+        return order_spectrum(output.block.samples, block.rate, output.block.found.rotation, limit)
     except ValueError as error:
         raise InputError(f"{block.name}: {error}") from None
 
 
 def _envelope(output: ChannelOutput, limit: float) -> OrderSpectrum:
-    features, rotation = output.features, output.rotation
+    features, rotation = output.features, output.block.found.rotation
     assert features is not None
     assert rotation is not None
     if features.domain != "order":
@@ -129,7 +127,7 @@ def _values(
     """Return the keys of the interface."""
     channels: dict[str, Any] = {}
     for name, found in spectra.items():
-        rotation, one = outputs[name].rotation, _one(settings[name])
+        rotation, one = outputs[name].block.found.rotation, _one(settings[name])
         key = "amplitude_g" if settings[name].absolute else "amplitude_own"
         assert rotation is not None
         low, high = rotation.speed_range
@@ -176,7 +174,7 @@ def _draw(
 
     channels: dict[str, ChannelOrders] = {}
     for channel, found in spectra.items():
-        rotation, set_up = outputs[channel].rotation, settings[channel]
+        rotation, set_up = outputs[channel].block.found.rotation, settings[channel]
         assert rotation is not None
         unit = "g" if set_up.absolute else "own unit"
         lines = fundamentals(kinematics(set_up.bearing, 1.0))

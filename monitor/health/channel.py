@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from models.machine.bearing import Kinematics, kinematics
 from monitor.health import onset as detect
 from monitor.health.gears.lines import Wheels
-from monitor.health.later_stages import ChannelBlock, later_stages, level_status
+from monitor.health.later_stages import ChannelBlock, later_stages
 from monitor.health.name.naming import Naming, name_fault
 from monitor.health.output import ChannelOutput
 from monitor.health.signal.average import RecentSpectra
@@ -97,7 +97,7 @@ def analyse(state: ChannelState, block: ChannelBlock, settings: ChannelSettings)
         slip=slip_searches(settings.uncertainty),
         interference=all_combs(settings.interference, lines.speed),
         view=settings.waterfall.rows > 0,
-        rotation=block.rotation if settings.condition.domain == "auto" else None,
+        rotation=block.found.rotation if settings.condition.domain == "auto" else None,
     )
     recent = state.spectra if block.verdict.for_baseline else None
     return Analysed(asked, block_features(block.samples, block.rate, asked, recent, block.span), band_source)
@@ -109,14 +109,7 @@ def conclude(
     """Take the features of one block of one channel into its state; without them, it stays as it is."""
     verdict = block.verdict
     if analysed is None:
-        return state, ChannelOutput(
-            verdict=verdict,
-            stage=state.detect.stage,
-            absolute=settings.absolute,
-            rotation=block.rotation,
-            rotation_status=block.rotation_status,
-            pulses=block.pulses,
-        )
+        return state, ChannelOutput(block, settings, state.detect.stage)
     features, band_source = analysed.features, analysed.band_source
     naming: Naming | None = None
     leading = 0
@@ -130,11 +123,9 @@ def conclude(
     if verdict.for_baseline and band_source == "provisional":
         state = _vote(state, block, analysed.settings)
     return state, ChannelOutput(
-        verdict=verdict,
-        stage=state.detect.stage,
-        absolute=settings.absolute,
-        speed=block.speed,
-        load=block.load,
+        block,
+        settings,
+        state.detect.stage,
         bands=analysed.settings.bands,
         band_source=band_source,
         features=features,
@@ -144,12 +135,6 @@ def conclude(
         damage=found.damage,
         forecasts=found.forecasts,
         to_alarm=found.to_alarm,
-        machine_class=settings.machine_class,
-        rotation=block.rotation,
-        rotation_status=block.rotation_status,
-        pulses=block.pulses,
-        level_rms=found.detection.level,
-        level_status=level_status(found.detection),
     )
 
 

@@ -17,16 +17,9 @@ from monitor.health.rest import trend
 from monitor.health.rest.trend import TimeToAlarm
 from monitor.health.signal.condition import Quantity
 from monitor.health.signal.quality import Verdict
-from monitor.health.signal.rotation.rotation import PulseCounts, Rotation
+from monitor.health.signal.rotation.found import FoundRotation
 from monitor.health.size import Damage, DamageInput, Remaining
 from monitor.health.state import ChannelSettings, ChannelState, Named
-
-
-def level_status(detection: detect.DetectOutput) -> str | None:
-    """Return the status of the level relative to the condition of the block; None where none is learned."""
-    if detection.outside:
-        return "outside_conditions"
-    return None if detection.level is None else "ok"
 
 
 def track(
@@ -124,9 +117,7 @@ class ChannelBlock:
         speed: of the shaft, Hz; known wherever the block is accepted.
         load: N.
         span: least and largest sample, where known.
-        rotation: angle of the shaft over the block, None where only its mean speed is known.
-        rotation_status: "ok", or why there is no angle; None where there is no source of one.
-        pulses: what was repaired in the pulses, None without pulses.
+        found: angle of the shaft over the block, or why only its mean speed is known.
         recorded_range: least and highest speed, Hz, of a block whose record alone is left.
     """
 
@@ -138,15 +129,14 @@ class ChannelBlock:
     speed: Quantity = field(default_factory=Quantity)
     load: Quantity = field(default_factory=Quantity)
     span: tuple[float, float] | None = None
-    rotation: Rotation | None = None
-    rotation_status: str | None = None
-    pulses: PulseCounts | None = None
+    found: FoundRotation = field(default_factory=FoundRotation)
     recorded_range: tuple[float, float] | None = None
 
     @property
     def speed_range(self) -> tuple[float, float] | None:
         """Least and highest speed, Hz, where they are known."""
-        return self.recorded_range if self.rotation is None else self.rotation.speed_range
+        rotation = self.found.rotation
+        return self.recorded_range if rotation is None else rotation.speed_range
 
 
 class LaterStages(NamedTuple):

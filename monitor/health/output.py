@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 from monitor.health.alarms import (
@@ -16,18 +16,16 @@ from monitor.health.alarms import (
     AlarmState,
 )
 from monitor.health.gears.naming import GearsOutput
+from monitor.health.later_stages import ChannelBlock
 from monitor.health.name.machine import BearingVerdict
 from monitor.health.name.naming import Naming
 from monitor.health.onset import DetectOutput, DetectState
 from monitor.health.record import plain
 from monitor.health.rest.trend import TimeToAlarm
-from monitor.health.signal.condition import Quantity
 from monitor.health.signal.features import BlockFeatures
-from monitor.health.signal.quality import Verdict
-from monitor.health.signal.rotation.rotation import PulseCounts, Rotation
 from monitor.health.signal.transform import Band
 from monitor.health.size import Damage, Remaining
-from monitor.words.zones import MachineClass
+from monitor.health.state import ChannelSettings
 
 Events = list[dict[str, Any]]
 
@@ -43,10 +41,8 @@ class ChannelOutput:
     """Output of one block for one channel; None for stages that did not run.
 
     Attributes:
+        settings: of the channel.
         stage: stage of life after the block.
-        absolute: whether levels are in m/s2.
-        speed: of the shaft, Hz.
-        load: N.
         bands: bands that were demodulated, Hz.
         band_source: "configured", "learning", "recording" (chosen from a single short recording) or "provisional".
         leading: index of the band on which the fault was named; 0 where none was.
@@ -54,20 +50,12 @@ class ChannelOutput:
         damage: equivalent damaged volume, or None where the channel is not tracked.
         forecasts: one for each threshold.
         to_alarm: time to the alarm level.
-        machine_class: by which a zone is given to the velocity.
-        rotation: angle of the shaft over the block, None where only its mean speed is known.
-        rotation_status: "ok", or why there is no angle; None where there is no source of one.
-        pulses: what was repaired in the pulses, None without pulses.
-        level_rms: RMS over what its learned dependence on speed and load gives, None where none is learned.
-        level_status: "ok", or why not; None where none is configured.
         gears: what is said of the wheels, None without gears.
     """
 
-    verdict: Verdict
+    block: ChannelBlock
+    settings: ChannelSettings
     stage: str
-    absolute: bool = True
-    speed: Quantity = field(default_factory=Quantity)
-    load: Quantity = field(default_factory=Quantity)
     bands: tuple[Band, ...] = ()
     band_source: str = "configured"
     features: BlockFeatures | None = None
@@ -77,12 +65,6 @@ class ChannelOutput:
     damage: Damage | None = None
     forecasts: tuple[Remaining, ...] = ()
     to_alarm: TimeToAlarm | None = None
-    machine_class: MachineClass | None = None
-    rotation: Rotation | None = None
-    rotation_status: str | None = None
-    pulses: PulseCounts | None = None
-    level_rms: float | None = None
-    level_status: str | None = None
     gears: GearsOutput | None = None
 
 

@@ -19,7 +19,8 @@ from monitor.health.signal.comb import FaultLines
 from monitor.health.signal.condition import Quantity
 from monitor.health.signal.features import SPECTRUM_LINES, BlockFeatures, fundamentals
 from monitor.health.signal.orders import MAX_SPEED_RATIO
-from monitor.health.signal.rotation.rotation import PulseCounts, Rotation
+from monitor.health.signal.rotation.found import FoundRotation
+from monitor.health.signal.rotation.rotation import Rotation
 from monitor.health.signal.velocity import NO_ABSOLUTE_LEVEL
 from monitor.health.signal.waterfall import SpectrumRow
 from monitor.health.size import Remaining
@@ -43,13 +44,14 @@ def record_values(
         detector: its state after the block.
         truth: ``v_eq_true`` and ``tt_true`` of a simulated rig, for a channel that is tracked.
     """
+    block = output.block
     values: dict[str, Any] = {
-        "quality_status": output.verdict.status,
-        "quality_flags": output.verdict.flags,
+        "quality_status": block.verdict.status,
+        "quality_flags": block.verdict.flags,
         "stage": output.stage,
-        "absolute_level": "yes" if output.absolute else "no",
-        "speed": output.speed.value,
-        "load": output.load.value,
+        "absolute_level": "yes" if output.settings.absolute else "no",
+        "speed": None if output.features is None else block.speed.value,
+        "load": None if output.features is None else block.load.value,
     }
     for name in ("t_fs", "t_fs_known", "t_eol"):
         mark = getattr(detector, name)
@@ -57,7 +59,7 @@ def record_values(
             values[name] = mark.time
             values[f"{name}_block"] = mark.sequence
     warped = output.features is not None and output.features.domain == "order"
-    values |= rotation_values(output.rotation, output.rotation_status, output.pulses, warped=warped)
+    values |= rotation_values(block.found, warped=warped)
     if output.features is not None:
         values |= _feature_values(output.features, output)
     if output.detection is not None:
@@ -85,7 +87,7 @@ def record_values(
         values |= {**_forecast_values(output.forecasts), "p_crossed": output.forecasts[0].p_crossed}
     values |= _alarm_time_values(output.to_alarm)
     if output.features is not None:
-        for name, quantity in (("speed", output.speed), ("load", output.load)):
+        for name, quantity in (("speed", block.speed), ("load", block.load)):
             values |= {f"{name}_source": quantity.source, f"{name}_sd": quantity.sd}
     if output.damage is not None:
         values |= truth or {}
@@ -126,9 +128,10 @@ def _feature_values(features: BlockFeatures, output: ChannelOutput) -> dict[str,
     values["band_source"] = output.band_source
     values["envelope_mean"] = over_bands(lambda band: float(features.envelopes[band].mean))
     values["domain"] = features.domain
-    if output.level_status is not None:
-        values |= {"level_rms": output.level_rms, "level_status": output.level_status}
-    values["speed_factor_sd"] = _speed_factor_sd(features, output.speed)
+    if output.detection is not None and (output.detection.outside or output.detection.level is not None):
+        status = "outside_conditions" if output.detection.outside else "ok"
+        values |= {"level_rms": output.detection.level, "level_status": status}
+    values["speed_factor_sd"] = _speed_factor_sd(features, output.block.speed)
     for name in ("amplitude", "floor", "snr"):
         values[f"envelope_{name}"] = over_bands(
             lambda band, name=name: [_resolved(features.lines[band][fault], name) for fault in FAULTS]
@@ -141,11 +144,11 @@ def _velocity_values(features: BlockFeatures, output: ChannelOutput) -> dict[str
 
     Zones are for steady operation within the speeds that they judge, and for an undisturbed sensor.
     """
-    if not output.absolute:
+    if not output.settings.absolute:
         return {"velocity_rms": None, "velocity_floor": None, "velocity_status": NO_ABSOLUTE_LEVEL}
     found: dict[str, Any] = {"velocity_status": features.velocity.status}
-    velocity, speed, judged = features.velocity.rms, output.speed.value, output.machine_class
-    if judged is not None and velocity is not None and speed is not None and output.verdict.for_tracker:
+    velocity, speed, judged = features.velocity.rms, output.block.speed.value, output.settings.machine_class
+    if judged is not None and velocity is not None and speed is not None and output.block.verdict.for_tracker:
         found["velocity_zone"] = judged.zone(velocity) if MIN_SPEED <= speed <= MAX_SPEED else None
     return found
 
@@ -181,12 +184,12 @@ def spectrum_row(block: Block, channel: str, bearing: Bearing, output: ChannelOu
     """
     features = output.features
     speed = None if features is None else features.speed
-    if not output.verdict.for_baseline or features is None or speed is None:
+    if not output.block.verdict.for_baseline or features is None or speed is None:
         return None
     envelope, lines = features.envelopes[output.leading], features.lines[output.leading]
     nominal = fundamentals(kinematics(bearing, speed))
     keep = min(envelope.amplitude.size, int(SPECTRUM_LINES * max(nominal.values()) / envelope.resolution))
-    rotation = output.rotation
+    rotation = output.block.found.rotation
     row = SpectrumRow(
         source=block.source,
         channel=channel,
@@ -196,7 +199,7 @@ def spectrum_row(block: Block, channel: str, bearing: Bearing, output: ChannelOu
         band=(float(envelope.band[0]), float(envelope.band[1])),
         speed=float(speed),
         mean=float(envelope.mean),
-        absolute=output.absolute,
+        absolute=output.settings.absolute,
         amplitude=envelope.amplitude[:keep],
         lines={
             fault: float(line * (lines[fault].speed_factor if lines[fault].detected else 1.0))
@@ -213,17 +216,14 @@ COURSE_POINTS = 65
 """Points of the course of the speed that are kept with a spectrum."""
 
 
-def rotation_values(
-    rotation: Rotation | None, status: str | None, pulses: PulseCounts | None, *, warped: bool = True
-) -> dict[str, Any]:
+def rotation_values(found: FoundRotation, *, warped: bool = True) -> dict[str, Any]:
     """Return the values of a record by variable; {} of a machine without any source of an angle.
 
     Args:
-        rotation: angle of the shaft over the block, None where it is not known.
-        status: why not, or "ok"; one of ``monitor.health.schema.ROTATION_STATUSES``.
-        pulses: repairs, where there are pulses.
-        warped: whether the spectra of the block are over the angle.
+        found: angle of the shaft over the block.
+        warped: whether the spectra of the block are over it.
     """
+    rotation, status, pulses = found.rotation, found.status, found.pulses
     wide = rotation is not None and rotation.speed_range[1] > MAX_SPEED_RATIO * rotation.speed_range[0]
     if status == "ok" and wide and not warped:
         status = "too_wide"

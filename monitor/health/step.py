@@ -113,7 +113,7 @@ def step(
     else:
         order, flags = check_order(state.order, item.sequence, _time_of(item), dated=item.start is not None, now=now)
         state, output = _analyse(replace(state, order=order), item, flags, settings, truth)
-    verdicts = {name: channel.verdict for name, channel in output.channels.items()}
+    verdicts = {name: channel.block.verdict for name, channel in output.channels.items()}
     state, events, bearings = take_record(state, output.record, verdicts, settings, acknowledgements)
     record = output.record
     if events:
@@ -221,7 +221,7 @@ def _analyse(
         view = views[name]
         states[name], outputs[name] = conclude(view.state, view.block, view.settings, found)
     gears, outputs = gears_step(state.gears, views, outputs)
-    verdict = verdict_of_block({name: output.verdict for name, output in outputs.items()}, flags)
+    verdict = verdict_of_block({name: output.block.verdict for name, output in outputs.items()}, flags)
     forecasts: list[dict[str, Any]] = []
     events: list[dict[str, Any]] = []
     for name, output in outputs.items():
@@ -297,9 +297,7 @@ def _channel_block(
         speed=speed,
         load=load_of(block.load, others, condition, block.load_source),
         span=span,
-        rotation=found.rotation,
-        rotation_status=found.status,
-        pulses=found.pulses,
+        found=found,
     )
 
 
@@ -324,14 +322,14 @@ def _spectra(
         row = spectrum_row(block, name, channel.bearing, output)
         if row is None:
             continue
-        row = replace(row, view=_view(block, output, channel))
+        row = replace(row, view=_view(output))
         found = output.detection
         onset = found is not None and found.alarm
         after[name], kind, thin = waterfall_step(
             waterfall,
             row.time,
             channel.waterfall,
-            clock_valid="clock" not in output.verdict.flags,
+            clock_valid="clock" not in output.block.verdict.flags,
             onset=onset,
             end=found is not None and found.end,
         )
@@ -350,15 +348,12 @@ def _spectra(
     return after, tuple(changes)
 
 
-def _view(block: Block, output: ChannelOutput, settings: ChannelSettings) -> BlockView | None:
+def _view(output: ChannelOutput) -> BlockView | None:
     """Return what is kept of a block to be looked at."""
-    spectra = None if output.features is None else output.features.view
+    spectra, samples = None if output.features is None else output.features.view, output.block.samples
     if spectra is None:
         return None
-    row = block.channels.index(settings.name)
-    beginning = block.samples[row, :WAVEFORM_SAMPLES]
-    waveform, _ = to_si(beginning, block.units[row], settings.scale, settings.sensitivity_mv_per_g)
-    return BlockView(block.rate, block.samples.shape[1], spectra, waveform)
+    return BlockView(output.block.rate, samples.size, spectra, samples[:WAVEFORM_SAMPLES].copy())
 
 
 def alarm_step(

@@ -8,10 +8,12 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from monitor.commands.replay import summary_lines
 from monitor.health.alarms import AlarmSettings
+from monitor.health.later_stages import ChannelBlock
 from monitor.health.output import ChannelOutput
 from monitor.health.record_values import record_values
 from monitor.health.rest.trend import TimeToAlarm, TrendInput, TtaStatus, step
@@ -21,13 +23,15 @@ from monitor.records.queries import StoredRecord
 from monitor.service.neighbours.points import channel_message
 from monitor.words.statuses import TTA_REFUSALS
 from streams.types.block import STANDARD_GRAVITY
+from tests.support.pipeline import base
 from tests.support.report import one, page_of_records
 
 FOUND = TimeToAlarm(TtaStatus.OK, 7200.0, 3600.0, 14400.0, 2.0 * STANDARD_GRAVITY, "alert", 0.01)
 
 
 def values_of(found: TimeToAlarm, **more: Any) -> dict[str, Any]:
-    return record_values(ChannelState().detect, ChannelOutput(Verdict(), "final", to_alarm=found)) | more
+    block = ChannelBlock(np.empty(0), 1.0, 1, None, Verdict())
+    return record_values(ChannelState().detect, ChannelOutput(block, base(), "final", to_alarm=found)) | more
 
 
 def test_a_record_has_it_and_leaves_out_what_is_open() -> None:

@@ -20,6 +20,7 @@ from monitor.health.record_values import record_values, rotation_values, spectru
 from monitor.health.schema import DOMAINS, ROTATION_STATUSES
 from monitor.health.signal.condition import Quantity
 from monitor.health.signal.quality import Verdict, rejected
+from monitor.health.signal.rotation.found import FoundRotation
 from monitor.health.signal.rotation.rotation import PulseCounts, Rotation
 from monitor.health.signal.spectra import BlockView, RawSpectra
 from monitor.health.signal.waterfall import SpectrumChange
@@ -45,24 +46,27 @@ NEW = (
 SAMPLES = np.random.default_rng(3).normal(size=int(RATE)).astype(np.float32)
 
 
+NOTHING = FoundRotation()
+
+
 def rotation() -> Rotation:
     """Return a shaft that speeds up from 20 to 30 Hz in a second."""
     time = np.array([0.0, 1.0])
     return Rotation(time, np.array([0.0, 25.0]), np.array([20.0, 30.0]), 1.0)
 
 
-def output_of(verdict: Verdict | None = None, **given: Any) -> tuple[ChannelState, ChannelOutput]:
-    block = ChannelBlock(SAMPLES, RATE, 1, 0.0, verdict or Verdict(), Quantity(25.0, "block", 0.0), **given)
+def output_of(found: FoundRotation = NOTHING, verdict: Verdict | None = None) -> tuple[ChannelState, ChannelOutput]:
+    block = ChannelBlock(SAMPLES, RATE, 1, 0.0, verdict or Verdict(), Quantity(25.0, "block", 0.0), found=found)
     return step(ChannelState(), block, base())
 
 
-def values_of(verdict: Verdict | None = None, **given: Any) -> dict[str, Any]:
-    state, output = output_of(verdict, **given)
+def values_of(found: FoundRotation = NOTHING, verdict: Verdict | None = None) -> dict[str, Any]:
+    state, output = output_of(found, verdict)
     return record_values(state.detect, output)
 
 
 def test_the_record_has_the_speeds_of_the_block_and_what_was_repaired() -> None:
-    values = values_of(rotation=rotation(), rotation_status="ok", pulses=PulseCounts(3, 1, math.radians(0.1)))
+    values = values_of(FoundRotation(rotation(), "ok", PulseCounts(3, 1, math.radians(0.1))))
     assert (values["speed_min"], values["speed_max"]) == (20.0, 30.0)
     assert values["acceleration"] == pytest.approx(10.0)
     assert values["revolutions"] == pytest.approx(25.0)
@@ -79,14 +83,14 @@ def test_a_machine_without_an_angle_has_none_of_it() -> None:
 
 def test_a_speed_beyond_what_is_warped_says_so() -> None:
     wide = Rotation(np.array([0.0, 1.0]), np.array([0.0, 25.0]), np.array([5.0, 45.0]), 1.0)
-    assert rotation_values(wide, "ok", None, warped=False)["rotation_status"] == "too_wide"
-    assert rotation_values(wide, "ok", None)["rotation_status"] == "ok"
-    assert rotation_values(rotation(), "ok", None, warped=False)["rotation_status"] == "ok"
+    assert rotation_values(FoundRotation(wide, "ok"), warped=False)["rotation_status"] == "too_wide"
+    assert rotation_values(FoundRotation(wide, "ok"))["rotation_status"] == "ok"
+    assert rotation_values(FoundRotation(rotation(), "ok"), warped=False)["rotation_status"] == "ok"
 
 
 @pytest.mark.parametrize("status", ROTATION_STATUSES[1:])
 def test_a_block_without_an_angle_says_why_and_gives_no_speeds(status: str) -> None:
-    values = values_of(rotation_status=status, pulses=PulseCounts())
+    values = values_of(FoundRotation(None, status, PulseCounts()))
     assert values["rotation_status"] == status
     assert not {"speed_min", "speed_max", "acceleration", "revolutions"} & set(values)
     assert values["encoder_error"] is None
@@ -95,7 +99,7 @@ def test_a_block_without_an_angle_says_why_and_gives_no_speeds(status: str) -> N
 
 
 def test_a_rejected_channel_keeps_the_status_of_its_angle() -> None:
-    values = values_of(rejected("nan", "not finite"), rotation_status="irregular")
+    values = values_of(FoundRotation(None, "irregular"), rejected("nan", "not finite"))
     assert values["rotation_status"] == "irregular"
     assert "domain" not in values
 
@@ -110,7 +114,7 @@ def test_each_status_and_domain_has_its_words() -> None:
 
 
 def test_the_kept_spectrum_comes_back_with_its_speeds(tmp_path: Path) -> None:
-    _, output = output_of(rotation=rotation(), rotation_status="ok")
+    _, output = output_of(FoundRotation(rotation(), "ok"))
     block = Block(SAMPLES[None, :], RATE, ("x",), ("m/s2",), "s", 1, "b1")
     row = spectrum_row(block, "x", base().bearing, output)
     assert row is not None
@@ -125,7 +129,7 @@ def test_the_kept_spectrum_comes_back_with_its_speeds(tmp_path: Path) -> None:
 
 
 def test_the_spectrum_of_the_angular_speed_is_kept_for_the_source(tmp_path: Path) -> None:
-    _, output = output_of(rotation=rotation(), rotation_status="ok")
+    _, output = output_of(FoundRotation(rotation(), "ok"))
     block = Block(SAMPLES[None, :], RATE, ("x",), ("m/s2",), "s", 1, "b1")
     row = spectrum_row(block, "x", base().bearing, output)
     assert row is not None

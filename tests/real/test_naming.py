@@ -39,7 +39,7 @@ def names(
             continue
         for channel, output in steps.outputs.items():
             fault = None if output.naming is None else output.naming.fault
-            found.append((channel, fault, output.verdict.status))
+            found.append((channel, fault, output.block.verdict.status))
     return found
 
 

@@ -251,5 +251,5 @@ def histories(run: Run, folder: Path) -> dict[str, History]:
 
 def _detector_input(block: Block, output: ChannelOutput) -> detect.DetectInput:
     assert output.features is not None
-    found = ChannelBlock(block.samples[0], block.rate, block.sequence, block.elapsed, output.verdict)
-    return detect_input(output.features, found, absolute=True, usable=output.verdict.for_baseline)
+    found = ChannelBlock(block.samples[0], block.rate, block.sequence, block.elapsed, output.block.verdict)
+    return detect_input(output.features, found, absolute=True, usable=output.block.verdict.for_baseline)

@@ -85,7 +85,7 @@ def wheel_readings(
 
     The angle is that of the block where there is one, else that of the mesh.
     """
-    rotation = block.rotation
+    rotation = block.found.rotation
     if rotation is None:
         rotation = _angle(block, settings, gears, output)
     return readings_of(block.samples, block.rate, rotation, gears)

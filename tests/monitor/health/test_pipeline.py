@@ -120,7 +120,7 @@ def test_stopped_blocks_do_not_advance_the_running_time() -> None:
     for i in range(40, 45):
         blocks[i] = blocks[i] * np.float32(1e-3)
     state, outputs = run(blocks, base())
-    assert [i for i, output in enumerate(outputs) if output.verdict.status == "stopped"] == list(range(40, 45))
+    assert [i for i, output in enumerate(outputs) if output.block.verdict.status == "stopped"] == list(range(40, 45))
     # 49 intervals, of which those to the five stopped blocks and to the first after them do not count.
     assert state.running_time == pytest.approx(10.0 * (49 - 6))
     assert outputs[42].detection is not None
@@ -183,7 +183,7 @@ def test_clipped_blocks_are_not_inverted_but_count_for_the_end_of_life() -> None
         blocks[i] = blocks[i].copy()
         blocks[i][100:104] = 300.0
     state, outputs = run(blocks, settings)
-    assert [outputs[i].verdict.status for i in range(76, 79)] == ["clipped"] * 3
+    assert [outputs[i].block.verdict.status for i in range(76, 79)] == ["clipped"] * 3
     damage = [output.damage for output in outputs[76:79]]
     assert [result and str(result.status) for result in damage] == ["bad_block"] * 3
     assert state.detect.t_eol is not None
@@ -226,7 +226,7 @@ def test_an_unknown_speed_is_refused() -> None:
 def test_speed_and_load_are_those_of_the_block() -> None:
     speed, load = Quantity(25.0, "block"), Quantity(1000.0, "channel", 5.0)
     _, output = step(ChannelState(), replace(block_of(0, life(1)[0], Verdict()), speed=speed, load=load), base())
-    assert (output.speed, output.load) == (speed, load)
+    assert (output.block.speed, output.block.load) == (speed, load)
 
 
 def test_the_band_is_chosen_on_the_first_blocks_then_frozen() -> None:
@@ -249,7 +249,7 @@ def test_only_blocks_that_run_vote() -> None:
     settings = base(bands=None)
     blocks = [np.float32(1e-6) * x for x in life(5)] + life(10)
     state, outputs = run(blocks, settings)
-    assert [output.verdict.status for output in outputs[:5]] == ["stopped"] * 5
+    assert [output.block.verdict.status for output in outputs[:5]] == ["stopped"] * 5
     assert state.votes is not None
     assert state.votes.total == 10
 
