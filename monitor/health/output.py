@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,7 +15,7 @@ from monitor.health.alarms import (
     AlarmSettings,
     AlarmState,
 )
-from monitor.health.gears.naming import GearsOutput
+from monitor.health.gears.naming import NAMED, GearsOutput
 from monitor.health.later_stages import ChannelBlock
 from monitor.health.name.machine import BearingVerdict
 from monitor.health.name.naming import Naming
@@ -68,12 +68,13 @@ class ChannelOutput:
     gears: GearsOutput | None = None
 
 
-def issued_forecasts(channel: str, output: ChannelOutput, method: str) -> list[dict[str, Any]]:
+def issued_forecasts(output: ChannelOutput) -> list[dict[str, Any]]:
     """Return the forecasts of a channel as issued, units in the keys; see ``monitor.records.archive``."""
+    settings = output.settings
     return [
         {
-            "channel": channel,
-            "method": method,
+            "channel": settings.name,
+            "method": "thesis" if settings.damage is None else settings.damage.forecast_method,
             "threshold_mm2": result.threshold * 1e6,
             "status": str(result.status),
             **{f"{name}_s": plain(getattr(result, name)) for name in ("tt", "tt_lower", "tt_upper")},
@@ -87,15 +88,12 @@ def issued_forecasts(channel: str, output: ChannelOutput, method: str) -> list[d
     ]
 
 
-def stage_events(channel: str, detector: DetectState, output: ChannelOutput) -> Events:
-    """Return the events of the stages of life that became known with the block."""
-    events: Events = []
-    detection = output.detection
-    if detection is None:
-        return events
-    if detection.alarm and detector.t_fs is not None and detector.t_fs_known is not None:
-        events.append(
-            {
+def channel_events(detector: DetectState, output: ChannelOutput) -> Iterator[dict[str, Any]]:
+    """Yield the events that became known with the block of a channel: stages of life, baseline, a named wheel."""
+    detection, gears, channel, block = output.detection, output.gears, output.settings.name, output.block.sequence
+    if detection is not None:
+        if detection.alarm and detector.t_fs is not None and detector.t_fs_known is not None:
+            yield {
                 "kind": "final_stage",
                 "channel": channel,
                 "block": detector.t_fs_known.sequence,
@@ -103,10 +101,8 @@ def stage_events(channel: str, detector: DetectState, output: ChannelOutput) -> 
                 "score": detection.score,
                 "feature": detection.leading,
             }
-        )
-    if (closed := detection.closed) is not None:
-        events.append(
-            {
+        if (closed := detection.closed) is not None:
+            yield {
                 "kind": "final_stage_closed",
                 "channel": channel,
                 "block": closed.closed.sequence,
@@ -115,19 +111,20 @@ def stage_events(channel: str, detector: DetectState, output: ChannelOutput) -> 
                 "quiet_since_block": closed.quiet.sequence,
                 **{f"{name}_s": getattr(closed, name).time for name in ("began", "known", "quiet", "closed")},
             }
-        )
-    if detection.end and detector.t_eol is not None:
-        events.append({"kind": "end_of_life", "channel": channel, "block": detector.t_eol.sequence})
-    return events
-
-
-def baseline_events(channel: str, sequence: int, output: ChannelOutput) -> Events:
-    """Return the event of a baseline that was learned anew with a block, or none."""
-    found = None if output.detection is None else output.detection.relearned
-    if found is None:
-        return []
-    levels = {"rms_before_si": found.rms_before, "rms_after_si": found.rms_after}
-    return [{"kind": "baseline_relearned", "channel": channel, "block": sequence, **levels}]
+        if detection.end and detector.t_eol is not None:
+            yield {"kind": "end_of_life", "channel": channel, "block": detector.t_eol.sequence}
+        if (learned := detection.relearned) is not None:
+            levels = {"rms_before_si": learned.rms_before, "rms_after_si": learned.rms_after}
+            yield {"kind": "baseline_relearned", "channel": channel, "block": block, **levels}
+    if gears is not None and gears.changed:
+        yield {
+            "kind": "fault_changed",
+            "channel": channel,
+            "block": block,
+            "from": None if gears.replaced is None else NAMED + gears.replaced,
+            "to": gears.fault,
+            "gear_kind": gears.kind,
+        }
 
 
 def name_events(sequence: int, bearings: Mapping[str, BearingVerdict]) -> Events:

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from models.machine.bearing import Bearing, kinematics
+from models.machine.bearing import kinematics
 from monitor.health.gears.values import gear_values
 from monitor.health.onset import LINES, DetectState
 from monitor.health.output import ChannelOutput
@@ -177,7 +177,7 @@ def _forecast_values(forecasts: tuple[Remaining, ...]) -> dict[str, Any]:
     }
 
 
-def spectrum_row(block: Block, channel: str, bearing: Bearing, output: ChannelOutput) -> SpectrumRow | None:
+def spectrum_row(block: Block, output: ChannelOutput) -> SpectrumRow | None:
     """Return the envelope spectrum to keep of a channel, or None where there is none that is finite.
 
     A block has one unless its channel is rejected, flat, stopped, late or out of order.
@@ -187,12 +187,12 @@ def spectrum_row(block: Block, channel: str, bearing: Bearing, output: ChannelOu
     if not output.block.verdict.for_baseline or features is None or speed is None:
         return None
     envelope, lines = features.envelopes[output.leading], features.lines[output.leading]
-    nominal = fundamentals(kinematics(bearing, speed))
+    nominal = fundamentals(kinematics(output.settings.bearing, speed))
     keep = min(envelope.amplitude.size, int(SPECTRUM_LINES * max(nominal.values()) / envelope.resolution))
     rotation = output.block.found.rotation
     row = SpectrumRow(
         source=block.source,
-        channel=channel,
+        channel=output.settings.name,
         sequence=block.sequence,
         time=block.start if block.start is not None else block.elapsed,
         resolution=float(envelope.resolution),

@@ -16,7 +16,7 @@ from typing import Any
 from monitor.health.alarms import AlarmAcknowledgement, AlarmInput, AlarmState, acknowledged
 from monitor.health.alarms import step as alarms_step
 from monitor.health.channel import analyse, check_channel, conclude
-from monitor.health.gears.stage import gear_events, gears_step
+from monitor.health.gears.stage import gears_step
 from monitor.health.later_stages import ChannelBlock
 from monitor.health.name.crosstalk import ChannelView, beside_neighbours
 from monitor.health.name.evidence import evidence_of_record
@@ -27,11 +27,10 @@ from monitor.health.output import (
     ChannelOutput,
     Events,
     alarm_events,
-    baseline_events,
+    channel_events,
     issued_forecasts,
     name_events,
     release_events,
-    stage_events,
 )
 from monitor.health.record import Record, storable
 from monitor.health.record_values import record_values, spectrum_row
@@ -220,16 +219,13 @@ def _analyse(
     for name, found in beside_neighbours(views, analysed).items():
         view = views[name]
         states[name], outputs[name] = conclude(view.state, view.block, view.settings, found)
-    gears, outputs = gears_step(state.gears, views, outputs)
+    gears, outputs = gears_step(state.gears, outputs)
     verdict = verdict_of_block({name: output.block.verdict for name, output in outputs.items()}, flags)
     forecasts: list[dict[str, Any]] = []
     events: list[dict[str, Any]] = []
     for name, output in outputs.items():
-        damage = settings.channels[name].damage
-        forecasts += issued_forecasts(name, output, "thesis" if damage is None else damage.forecast_method)
-        events += stage_events(name, states[name].detect, output)
-        events += baseline_events(name, block.sequence, output)
-        events += gear_events(name, block.sequence, output.gears)
+        forecasts += issued_forecasts(output)
+        events += channel_events(states[name].detect, output)
     record = _record(
         block,
         verdict,
@@ -319,7 +315,7 @@ def _spectra(
     changes: list[SpectrumChange] = []
     for name, waterfall in waterfalls.items():
         channel, output = settings.channels[name], outputs[name]
-        row = spectrum_row(block, name, channel.bearing, output)
+        row = spectrum_row(block, output)
         if row is None:
             continue
         row = replace(row, view=_view(output))

@@ -251,7 +251,7 @@ class _Drawn:
 def _draw(drawn: dict[str, _Drawn], output: SourceOutput, state: SourceState) -> None:
     """Keep of each channel the envelope spectrum that named its fault best, or the latest while none is named."""
     for name, found in output.channels.items():
-        if found.features is None or found.speed.value is None:
+        if found.features is None or found.block.speed.value is None:
             continue
         channel = state.channels[name]
         score = 0.0 if channel.named is None else channel.named.standing
@@ -259,7 +259,7 @@ def _draw(drawn: dict[str, _Drawn], output: SourceOutput, state: SourceState) ->
         if score < best or score == best > 0.0:
             continue
         envelope, sequence = found.features.envelopes[0], output.record.sequence
-        drawn[name] = _Drawn(envelope, channel.spectra, found.speed.value, sequence, found.features.domain, score)
+        drawn[name] = _Drawn(envelope, channel.spectra, found.block.speed.value, sequence, found.features.domain, score)
 
 
 def _counts(store: Store, source: Source, *, whole: bool) -> dict[str, Any]:

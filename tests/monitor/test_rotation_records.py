@@ -116,7 +116,7 @@ def test_each_status_and_domain_has_its_words() -> None:
 def test_the_kept_spectrum_comes_back_with_its_speeds(tmp_path: Path) -> None:
     _, output = output_of(FoundRotation(rotation(), "ok"))
     block = Block(SAMPLES[None, :], RATE, ("x",), ("m/s2",), "s", 1, "b1")
-    row = spectrum_row(block, "x", base().bearing, output)
+    row = spectrum_row(block, output)
     assert row is not None
     assert row.speed_course is not None
     assert row.speed_course[0] == 20.0
@@ -124,14 +124,14 @@ def test_the_kept_spectrum_comes_back_with_its_speeds(tmp_path: Path) -> None:
     assert row.order[-1] == pytest.approx(row.frequency[-1] / 25.0)
     with Store.open(tmp_path / "state.db", machine="m") as store:
         store.commit_many([(Record("s", 1, "b1", "h"), {})], spectra=[SpectrumChange(row, "kept")])
-        (read,) = read_spectra(store, "x")
+        (read,) = read_spectra(store, "one")
     assert (read.domain, read.speed_range, read.speed_course) == (row.domain, (20.0, 30.0), row.speed_course)
 
 
 def test_the_spectrum_of_the_angular_speed_is_kept_for_the_source(tmp_path: Path) -> None:
     _, output = output_of(FoundRotation(rotation(), "ok"))
     block = Block(SAMPLES[None, :], RATE, ("x",), ("m/s2",), "s", 1, "b1")
-    row = spectrum_row(block, "x", base().bearing, output)
+    row = spectrum_row(block, output)
     assert row is not None
     raw = RawSpectra(1.0, np.arange(50.0), 4.0, np.arange(20.0))
     ias = RawSpectra(0.04, np.linspace(0.0, 2.0, 300), 0.1, np.linspace(0.0, 3.0, 200))
@@ -144,7 +144,7 @@ def test_the_spectrum_of_the_angular_speed_is_kept_for_the_source(tmp_path: Path
         store.commit_many(records, spectra=[SpectrumChange(one, "kept") for one in rows])
         found, none = read_ias(store, "s"), read_ias(store, "other")
         assert read_ias(store, "s", until=0) is None
-        without = read_block_view(store, "x")
+        without = read_block_view(store, "one")
     assert found is not None
     assert found.view is not None
     assert found.view.ias is not None

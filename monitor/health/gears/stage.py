@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,14 +14,11 @@ from monitor.health.gears.indicators import gear_indicators, shared_orders
 from monitor.health.gears.naming import (
     GearNamingSettings,
     GearsInput,
-    GearsOutput,
     GearsState,
     WheelReading,
     step,
 )
 from monitor.health.gears.settings import GearSettings
-from monitor.health.later_stages import ChannelBlock
-from monitor.health.name.crosstalk import ChannelView
 from monitor.health.onset import LEARNING
 from monitor.health.output import ChannelOutput
 from monitor.health.signal.rotation.rotation import Rotation
@@ -35,7 +31,7 @@ _LEAST_ERROR = 1e-3
 
 
 def gears_step(
-    states: Mapping[str, GearsState], views: Mapping[str, ChannelView], outputs: Mapping[str, ChannelOutput]
+    states: Mapping[str, GearsState], outputs: Mapping[str, ChannelOutput]
 ) -> tuple[dict[str, GearsState], dict[str, ChannelOutput]]:
     """Take a block into the states of the wheels, by channel.
 
@@ -43,7 +39,6 @@ def gears_step(
 
     Args:
         states: of the channels of machines with gears.
-        views: the channels of the source, with their blocks.
         outputs: of the stages before, by channel.
 
     Returns:
@@ -51,13 +46,14 @@ def gears_step(
     """
     after, found = dict(states), dict(outputs)
     for name, state in states.items():
-        block, settings, output = views[name].block, views[name].settings, outputs[name]
+        output = outputs[name]
+        block, settings = output.block, output.settings
         if settings.gears is None or not block.verdict.accepted:
             continue
         usable = block.verdict.for_baseline
         given = GearsInput(
             block.sequence,
-            wheel_readings(block, settings, settings.gears, output) if usable else bad_block(settings.gears),
+            wheel_readings(output, settings.gears) if usable else _bad_block(settings.gears),
             block.speed.value,
             block.load.value,
             learning=output.stage == LEARNING,
@@ -73,21 +69,18 @@ def rules_of(settings: ChannelSettings) -> GearNamingSettings:
     return GearNamingSettings(rules.false_alarms_per_1000_blocks, rules.persist_blocks, rules.close_blocks)
 
 
-def bad_block(gears: GearSettings) -> dict[str, WheelReading]:
+def _bad_block(gears: GearSettings) -> dict[str, WheelReading]:
     """Return the readings of a block that is not used."""
     return {"|".join(group): WheelReading("bad_block") for group in gears.groups()}
 
 
-def wheel_readings(
-    block: ChannelBlock, settings: ChannelSettings, gears: GearSettings, output: ChannelOutput
-) -> dict[str, WheelReading]:
+def wheel_readings(output: ChannelOutput, gears: GearSettings) -> dict[str, WheelReading]:
     """Return what a block says of each wheel, those that turn alike joined by "|".
 
     The angle is that of the block where there is one, else that of the mesh.
     """
-    rotation = block.found.rotation
-    if rotation is None:
-        rotation = _angle(block, settings, gears, output)
+    block = output.block
+    rotation = block.found.rotation or _angle(output, gears)
     return readings_of(block.samples, block.rate, rotation, gears)
 
 
@@ -98,15 +91,13 @@ def readings_of(
     return {"|".join(group): _reading(samples, rate, rotation, (gears, group)) for group in gears.groups()}
 
 
-def _angle(
-    block: ChannelBlock, settings: ChannelSettings, gears: GearSettings, output: ChannelOutput
-) -> Rotation | None:
+def _angle(output: ChannelOutput, gears: GearSettings) -> Rotation | None:
     """Return the angle that the mesh shows near the speed of the block."""
-    features = output.features
+    features, block = output.features, output.block
     if features is None or features.speed is None:
         return None
     shaft = features.shaft
-    error = settings.condition.speed_tolerance if shaft is None else _SPREAD * shaft.sd / shaft.speed
+    error = output.settings.condition.speed_tolerance if shaft is None else _SPREAD * shaft.sd / shaft.speed
     return angle_of_mesh(block.samples, block.rate, features.speed, max(error, _LEAST_ERROR), gears)
 
 
@@ -131,19 +122,3 @@ def _holds(slower: float, turns: float) -> bool:
     """Tell whether a turn of a slower wheel is a whole number of turns of another: it has all orders of that one."""
     ratio = turns / slower
     return round(ratio) > 1 and abs(ratio / round(ratio) - 1.0) < 1e-6
-
-
-def gear_events(channel: str, sequence: int, output: GearsOutput | None) -> list[dict[str, Any]]:
-    """Return the event of a wheel that is named from a block on, or no longer; one or none."""
-    if output is None or not output.changed:
-        return []
-    return [
-        {
-            "kind": "fault_changed",
-            "channel": channel,
-            "block": sequence,
-            "from": None if output.replaced is None else f"gear:{output.replaced}",
-            "to": output.fault,
-            "gear_kind": output.kind,
-        }
-    ]
