@@ -249,7 +249,8 @@ def _analysed(
     except ValueError as error:
         raise SignalError(f"{block.name}: {error}") from None
     output = pipeline.take(block)
-    wrong = {name: channel.block.verdict for name, channel in output.channels.items() if not channel.block.verdict.accepted}
+    verdicts = {name: channel.block.verdict for name, channel in output.channels.items()}
+    wrong = {name: verdict for name, verdict in verdicts.items() if not verdict.accepted}
     if not output.record.accepted or wrong:
         reasons = "; ".join(f"{name}: {verdict.status}: {verdict.reason}" for name, verdict in wrong.items())
         raise SignalError(f"{block.name}: {reasons or f'{output.record.status}: {output.record.reason}'}")
