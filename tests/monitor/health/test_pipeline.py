@@ -278,11 +278,6 @@ def test_spectra_of_another_length_start_anew() -> None:
     assert RecentSpectra.from_list(json.loads(json.dumps(rows.to_list()))) == rows
 
 
-def test_a_state_of_another_version_is_refused() -> None:
-    with pytest.raises(ValueError, match="version 3 expected, got 99"):
-        ChannelState.from_dict({**ChannelState().to_dict(), "version": 99})
-
-
 def test_a_state_of_version_1_is_read() -> None:
     """It kept tracker, forecast and waiting blocks side by side, the latter by time and RMS only."""
     state, _ = whole_life()

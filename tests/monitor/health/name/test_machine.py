@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-import json
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 
@@ -319,9 +318,3 @@ def test_a_silent_channel_changes_nothing_but_a_list(machine: dict[str, list[Blo
     before = weigh(states_of(machine), {"bearing": tuple(machine)})["bearing"]
     after = weigh(states_of(machine | {"z": [NOTHING] * count}), {"bearing": (*machine, "z")})["bearing"]
     assert replace(after, channels=before.channels) == before
-
-
-@given(machines)
-def test_a_state_goes_through_json(machine: dict[str, list[BlockEvidence]]) -> None:
-    for state in states_of(machine):
-        assert MachineState.from_dict(json.loads(json.dumps(state.to_dict()))) == state

@@ -227,19 +227,6 @@ def test_repeated_times_alone_determine_nothing() -> None:
     assert fit_quadratic([0, 60, 60, 60], [1, 2, 3, 2.5]) is None
 
 
-@settings(max_examples=effort_count(quick=16, full=400))
-@given(histories())
-def test_restarting_from_the_stored_state_changes_nothing(history: tuple[Floats, Floats]) -> None:
-    thresholds = (1e-8, 3e-8, 5e-8)
-    straight, restarted = ForecastState(), ForecastState()
-    for t, v in zip(*history, strict=True):
-        straight, expected = step(straight, float(t), float(v), thresholds=thresholds)
-        restarted = ForecastState.from_dict(json.loads(json.dumps(restarted.to_dict())))
-        restarted, results = step(restarted, float(t), float(v), thresholds=thresholds)
-        assert repr(results) == repr(expected)
-    assert restarted == straight
-
-
 @settings(max_examples=effort_count(quick=16, full=800))
 @given(
     st.floats(-1e-3, 1e-3),

@@ -173,19 +173,6 @@ def test_unit_and_block_interval_scale_it(interval: float, unit: float) -> None:
     assert other.level / unit == pytest.approx(found.level)
 
 
-def test_a_restart_at_any_block_gives_the_same_bit_for_bit() -> None:
-    given = blocks(ratios(90))
-    state = TrendState()
-    stored = TrendState()
-    for block in given:
-        state, found = step(state, block, LEVELS)
-        stored, again = step(TrendState.from_dict(json.loads(json.dumps(stored.to_dict()))), block, LEVELS)
-        assert stored == state
-        assert repr(again) == repr(found)
-    with pytest.raises(ValueError, match="trend state: version 1 expected, got 2"):
-        TrendState.from_dict({**state.to_dict(), "version": 2})
-
-
 def test_the_state_is_bounded() -> None:
     state, _ = taken(blocks(ratios(600)))
     assert state.history is not None

@@ -264,24 +264,6 @@ def test_a_map_that_is_not_zero_at_no_depth_answers_with_no_volume_at_the_least_
     assert dphi_d[first] <= result.dphi_d <= dphi_d[first + 1]
 
 
-def test_restarting_from_the_stored_state_changes_nothing() -> None:
-    map_slice = striped_map()
-    rng = np.random.default_rng(5)
-    history = 1.5 + np.cumsum(rng.uniform(-0.1, 0.3, 40))
-    straight, restarted = EdvState(), EdvState()
-    for value in history:
-        straight, expected = step(straight, float(value), map_slice=map_slice)
-        restarted = EdvState.from_dict(json.loads(json.dumps(restarted.to_dict())))
-        restarted, result = step(restarted, float(value), map_slice=map_slice)
-        assert result == expected
-    assert restarted == straight
-
-
-def test_an_unknown_layout_of_the_state_is_refused() -> None:
-    with pytest.raises(ValueError, match="version"):
-        EdvState.from_dict({**EdvState().to_dict(), "version": 99})
-
-
 @pytest.mark.parametrize(
     ("change", "message"),
     [

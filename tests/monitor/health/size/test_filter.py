@@ -146,22 +146,6 @@ def test_resampling_keeps_what_the_weights_say() -> None:
     assert np.std(again.core[:, LN_V]) == pytest.approx(sd, rel=0.05)
 
 
-@pytest.mark.parametrize("cut", [1, 7])
-def test_a_restart_changes_no_bit(cut: int) -> None:
-    inputs, _ = toy_life(20)
-    end, whole = follow(inputs)
-    state, _ = follow(inputs[:cut])
-    state = FilterState.from_dict(json.loads(json.dumps(state.to_dict())))
-    for lookup, expected in zip(inputs[cut:], whole[cut:], strict=True):
-        state, result = step(state, lookup, map_slice=TOY, settings=SETTINGS)
-        assert (result.v_eq, result.v_eq_lower, result.v_eq_upper) == (
-            expected.v_eq,
-            expected.v_eq_lower,
-            expected.v_eq_upper,
-        )
-    assert state.to_dict() == end.to_dict()
-
-
 def test_another_seed_draws_otherwise() -> None:
     inputs, _ = toy_life(3)
     assert follow(inputs)[1][-1].v_eq != follow(inputs, replace(SETTINGS, seed=1))[1][-1].v_eq
@@ -171,15 +155,6 @@ def test_the_state_does_not_grow() -> None:
     inputs, _ = toy_life(40)
     early, late = follow(inputs[:5])[0], follow(inputs)[0]
     assert abs(len(json.dumps(late.to_dict())) - len(json.dumps(early.to_dict()))) < 100
-
-
-def test_a_state_of_another_layout_is_refused() -> None:
-    with pytest.raises(ValueError, match="version 2 expected, got 7"):
-        FilterState.from_dict({"version": 7})
-
-
-def test_an_empty_state_comes_back() -> None:
-    assert FilterState.from_dict(json.loads(json.dumps(FilterState().to_dict()))).particles is None
 
 
 @pytest.mark.parametrize("method", ["thesis", "filter"])

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from dataclasses import replace
 from typing import Any
@@ -19,7 +18,7 @@ from monitor.health.size.library.model import LINES, quantiles_of
 from monitor.health.size.library.regression import ACCELERATION, accelerated
 from tests.oracles.toy_lives import INTERVAL, THRESHOLD, toy_library, toy_life, toy_lives
 from tests.support.effort import effort_count
-from tests.support.followed_lives import Answer, blocks_of, follow
+from tests.support.followed_lives import blocks_of, follow
 
 QUICK = FitSettings(columns=100, moments=12)
 
@@ -104,16 +103,6 @@ def test_crps_is_the_mean_distance_less_half_the_mean_difference(values: list[fl
     slow = np.mean([abs(v - truth) for v in values]) - 0.5 * np.mean([abs(a - b) for a in values for b in values])
     assert crps(np.sort(values), truth) == pytest.approx(slow, rel=1e-9, abs=1e-6)
     assert quantiles_of(np.sort(values), [0.0, 0.5, 1.0])[1] == pytest.approx(np.median(values))
-
-
-def test_state_goes_through_json_after_each_block_with_the_same_results() -> None:
-    blocks = blocks_of(toy_life(2000))
-    _, expected = follow(blocks, toy_library())
-    state = LibraryState()
-    for block, result in zip(blocks, expected, strict=True):
-        state = LibraryState.from_dict(json.loads(json.dumps(state.to_dict(), allow_nan=False)))
-        state, damage, forecasts = step(state, block, toy_library(), thresholds=[THRESHOLD])
-        assert repr(Answer(damage, forecasts)) == repr(result)
 
 
 def test_history_of_another_library_is_refused() -> None:

@@ -207,17 +207,6 @@ def test_long_histories_keep_their_middle() -> None:
     np.testing.assert_allclose(fast, slow, atol=0.02)
 
 
-def test_state_survives_json() -> None:
-    random = np.random.default_rng(2)
-    history = LevelHistory.empty(2)
-    assert LevelHistory.from_dict(json.loads(json.dumps(history.to_dict()))) == history
-    for block in range(100):
-        history = history.add(60.0 * block, random.normal(size=2))
-        stored = LevelHistory.from_dict(json.loads(json.dumps(history.to_dict())))
-        assert stored == history
-        history = stored
-
-
 def test_times_may_repeat_but_not_go_back() -> None:
     history = LevelHistory.empty(1).add(5.0, np.zeros(1)).add(5.0, np.ones(1))
     assert history.elapsed == 0.0
