@@ -27,8 +27,7 @@ from monitor.commands.history_files import (
 from monitor.commands.library_learn import axis, columns
 from monitor.health import tracker as damage
 from monitor.health.rest import quadratic as forecast
-from monitor.health.rest.learned.forecaster import LearnedSettings
-from monitor.health.size import DamageInput, Remaining
+from monitor.health.size import DamageInput, Remaining, RemainingSettings
 from monitor.health.size.calibration import mark_forecast
 from monitor.health.size.library.forecaster import LibrarySettings, LibraryState
 from monitor.health.size.library.forecaster import step as ask_library
@@ -88,7 +87,7 @@ def command(
     method = method or "library"
     thresholds = tuple(value * 1e-6 for value in threshold_mm2)
     window = None if window_hours is None else window_hours * 3600.0
-    settings = LearnedSettings(interval, window)
+    settings = RemainingSettings(interval, window)
     asked = Asked(method, library_path, settings, channel, axes, dict(columns), t_fs_s, *thresholds[:1])
     (times, running, issued), more = _forecast(input_path, asked, thresholds, uncalibrated=uncalibrated_threshold)
     # On the axis of the input, not in damage time.

@@ -15,9 +15,9 @@ from monitor.commands.common import InputError, input_errors
 from monitor.commands.feature_files import read_features
 from monitor.commands.history_files import Volumes, is_records, library_settings, read_readings, read_volumes
 from monitor.health import tracker as damage
-from monitor.health.rest.learned.forecaster import LearnedSettings, LearnedState, step
+from monitor.health.rest.learned.forecaster import LearnedState, step
 from monitor.health.rest.learned.model import LearnedModel
-from monitor.health.size import DamageInput, Remaining, TtStatus
+from monitor.health.size import DamageInput, Remaining, RemainingSettings, TtStatus
 from monitor.health.size.library.forecaster import LibrarySettings, LibraryState
 from monitor.health.size.library.forecaster import step as library_step
 from monitor.records.learned_file import LearnedFileError, is_learned, load_learned
@@ -71,7 +71,7 @@ class Asked:
 
     method: damage.ForecastMethod
     libraries: Sequence[Path]
-    settings: LearnedSettings
+    settings: RemainingSettings
     channel: str | None = None
     axes: Sequence[str] = ()
     columns: Mapping[str, str] | None = None

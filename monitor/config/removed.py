@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from monitor.config.load import Config
-from monitor.health.gears.interference import gear_interference
+from monitor.health.gears.settings import gear_interference
 from monitor.health.signal.interference import Interference
 from monitor.health.signal.shaft import ACCEPTED
 

@@ -19,7 +19,7 @@ from monitor.health.name.evidence import BlockEvidence, ChannelEvidence
 from monitor.health.name.machine import MachineState
 from monitor.health.onset import DetectSettings, DetectState
 from monitor.health.record import Record
-from monitor.health.rest.trend import TrendSettings, TrendState
+from monitor.health.rest.trend import TrendState
 from monitor.health.signal.average import RecentSpectra
 from monitor.health.signal.bands import BandVotes
 from monitor.health.signal.condition import ConditionSettings
@@ -28,6 +28,7 @@ from monitor.health.signal.quality import OrderState
 from monitor.health.signal.rotation.encoder import EncoderState
 from monitor.health.signal.transform import Band
 from monitor.health.signal.waterfall import WaterfallSettings, WaterfallState
+from monitor.health.size import RemainingSettings
 from monitor.health.size.filter.particle_filter import FilterState
 from monitor.health.size.library.forecaster import LibraryState
 from monitor.health.stored import StoredState
@@ -83,7 +84,7 @@ class ChannelSettings:
     calibration: Calibration | None = None
     map_hash: str | None = None
     alarms: AlarmSettings = field(default_factory=AlarmSettings)
-    trend: TrendSettings = field(default_factory=TrendSettings)
+    trend: RemainingSettings = field(default_factory=RemainingSettings)
     waterfall: WaterfallSettings = field(default_factory=WaterfallSettings)
     machine_class: MachineClass | None = None
     gears: GearSettings | None = None

@@ -13,12 +13,12 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from models.machine.scene import Part
 from monitor.health.rest import quadratic as forecast
-from monitor.health.rest.learned.forecaster import LearnedSettings, LearnedState
+from monitor.health.rest.learned.forecaster import LearnedState
 from monitor.health.rest.learned.forecaster import step as learned_step
 from monitor.health.rest.learned.history import StageHistory
 from monitor.health.rest.learned.model import LearnedModel
 from monitor.health.rest.learned.pool import pool
-from monitor.health.size import Damage, DamageInput, EdvStatus, Remaining, TtStatus, edv
+from monitor.health.size import Damage, DamageInput, EdvStatus, Remaining, RemainingSettings, TtStatus, edv
 from monitor.health.size.calibration import beside, mark_forecast, mark_volume, relate
 from monitor.health.size.filter.particle_filter import FilterSettings, FilterState
 from monitor.health.size.filter.particle_filter import step as filter_step
@@ -87,7 +87,7 @@ class DamageSettings:
     calibrated: bool = True
     uncalibrated_threshold: bool = False
     learned: LearnedModel = field(default_factory=LearnedModel)
-    learned_settings: LearnedSettings = field(default_factory=LearnedSettings)
+    learned_settings: RemainingSettings = field(default_factory=RemainingSettings)
 
     @property
     def uses_library(self) -> bool:

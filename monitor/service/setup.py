@@ -21,10 +21,8 @@ from monitor.config.removed import removed_lines
 from monitor.config.source import ChannelSection, SourceSection
 from monitor.config.stages import method_or_best
 from monitor.health.output import ChannelOutput
-from monitor.health.rest.learned.forecaster import LearnedSettings
 from monitor.health.rest.learned.model import LearnedModel
-from monitor.health.rest.trend import TrendSettings
-from monitor.health.size import EdvStatus
+from monitor.health.size import EdvStatus, RemainingSettings
 from monitor.health.size.edv import EdvSettings
 from monitor.health.size.filter.particle_filter import FilterSettings
 from monitor.health.size.filter.prior import GrowthPrior
@@ -298,7 +296,7 @@ def _channel_settings(
             absolute_volume=absolute_volume,
             of_threshold=damage is None or not damage.uses_learned,
         ),
-        trend=TrendSettings(interval=config.forecast.interval),
+        trend=RemainingSettings(interval=config.forecast.interval),
         waterfall=config.machine.to_waterfall(),
         machine_class=MACHINE_CLASSES.get(config.machine.iso_class or ""),
         gears=None if config.gear is None else config.gear.to_settings(),
@@ -328,7 +326,7 @@ def _damage_settings(
         calibrated=calibrated is not False,
         uncalibrated_threshold=config.forecast.uncalibrated_threshold,
         learned=learned_model(config),
-        learned_settings=LearnedSettings(
+        learned_settings=RemainingSettings(
             interval=config.forecast.interval, window=None if window is None else window * 3600.0
         ),
     )

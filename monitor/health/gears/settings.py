@@ -8,10 +8,14 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
+from monitor.health.signal.interference import Interference
+
 MAX_TEETH = 10_000
 """Most teeth of a wheel."""
 _SAME = 1e-6
 """Relative error by which the mesh orders of the two wheels of a pair may differ: turns are rounded numbers."""
+SIDEBANDS = 3
+"""Steps of the turns of the wheels on either side of a harmonic of their mesh that are removed."""
 _RESERVED = "|:"
 """Characters that the values of ``fault`` use: ``gear:a|b``."""
 
@@ -109,11 +113,6 @@ class GearSettings:
                 found.append(order)
         return tuple(found)
 
-    def mates(self, name: str) -> tuple[str, ...]:
-        """Return the wheels that mesh with a wheel, in the order of the pairs."""
-        across = [(pair.driver, pair.driven) for pair in self.pairs]
-        return tuple(b if a == name else a for a, b in across if name in (a, b))
-
     def groups(self) -> tuple[tuple[str, ...], ...]:
         """Return the wheels that can be told apart; those that turn alike stand together.
 
@@ -127,3 +126,39 @@ class GearSettings:
             else:
                 alike.append(wheel)
         return tuple(tuple(wheel.name for wheel in one) for one in found)
+
+
+def gear_interference(gears: GearSettings, tolerance: float = Interference.tolerance) -> tuple[Interference, ...]:
+    """Return the lines of each mesh order, which are removed before the envelope, with sidebands of its wheels.
+
+    What stands around each harmonic of a mesh comes once in a turn of either wheel (eccentricity, unequal teeth):
+    sidebands of both, and their sums and differences.
+
+    Args:
+        gears: wheels and pairs.
+        tolerance: relative error of the speed of the bearing's shaft.
+    """
+    found: list[Interference] = []
+    for order in gears.mesh_orders():
+        names: list[str] = []
+        turns: list[float] = []
+        for pair in gears.pairs:
+            if abs(gears.by_name[pair.driver].mesh_order / order - 1.0) > _SAME:
+                continue
+            for name in (pair.driver, pair.driven):
+                wheel = gears.by_name[name]
+                if name not in names:
+                    names.append(name)
+                if not any(abs(wheel.turns / other - 1.0) <= _SAME for other in turns):
+                    turns.append(wheel.turns)
+        found.append(
+            Interference(
+                orders=(order,),
+                sidebands=SIDEBANDS,
+                spacing=turns[0],
+                tolerance=tolerance,
+                name=f"gear {', '.join(names)}",
+                beside=tuple(turns[1:]),
+            )
+        )
+    return tuple(found)

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from monitor.health.alarms import SEVERITIES, AlarmSettings, Level, LevelState, Rule, applies, limit_of, move_level
 from monitor.health.rest.growth import Crossing, crossing, segments
 from monitor.health.rest.learned.history import StageHistory
-from monitor.health.size import check_forecast
+from monitor.health.size import RemainingSettings
 from monitor.health.stored import StoredState
 
 STATE_VERSION = 1
@@ -55,23 +55,6 @@ class TtaStatus(StrEnum):
     NO_LEVEL = "no_level"
     BAD_BLOCK = "bad_block"
     EPISODE_CLOSED = "episode_closed"
-
-
-@dataclass(frozen=True)
-class TrendSettings:
-    """Settings.
-
-    Attributes:
-        interval: probability between the lower and the upper end.
-        horizon: longest median that is given as ``ok``, s.
-    """
-
-    interval: float = 0.8
-    horizon: float = 365 * 86400.0
-
-    def __post_init__(self) -> None:
-        """Raise ValueError naming the setting that is out of range."""
-        check_forecast(self.interval, self.horizon)
 
 
 @dataclass(frozen=True)
@@ -155,7 +138,7 @@ class _Target:
 
 
 def step(
-    state: TrendState, block: TrendInput, alarms: AlarmSettings, settings: TrendSettings | None = None
+    state: TrendState, block: TrendInput, alarms: AlarmSettings, settings: RemainingSettings | None = None
 ) -> tuple[TrendState, TimeToAlarm]:
     """Take one block into the state; return the time to the alarm level.
 
@@ -165,7 +148,7 @@ def step(
     Raises:
         ValueError: a time that is not finite or goes back.
     """
-    settings = settings or TrendSettings()
+    settings = settings or RemainingSettings()
     latest = -math.inf if state.history is None else state.history.latest
     if not math.isfinite(block.time) or block.time < latest:
         raise ValueError(f"time must be finite and may not go back, got {block.time:g} after {latest:g}")
@@ -223,7 +206,7 @@ def _target(state: TrendState, rule: Rule, baseline: tuple[float, float] | None)
     return target
 
 
-def _answer(state: TrendState, block: TrendInput, target: _Target, settings: TrendSettings) -> TimeToAlarm:
+def _answer(state: TrendState, block: TrendInput, target: _Target, settings: RemainingSettings) -> TimeToAlarm:
     """Return the answer for a block that is in the state."""
     history, baseline = state.history, block.baseline
 

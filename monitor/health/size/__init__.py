@@ -180,17 +180,25 @@ class Remaining:
     quantiles: tuple[tuple[float, float], ...] = ()
 
 
-def check_forecast(interval: float, horizon: float, window: float | None = None) -> None:
-    """Raise a ValueError naming the setting of a forecast that is out of range.
+@dataclass(frozen=True)
+class RemainingSettings:
+    """Settings of a forecast with an interval.
 
-    Args:
+    Attributes:
         interval: probability between the lower and the upper end.
-        horizon: longest time that is given as ``ok``, s.
-        window: s of the history that is used, None for all.
+        window: time to the next maintenance, s, or None.
+        horizon: longest median that is given as ``ok``, s.
     """
-    if not 0.0 < interval < 1.0:
-        raise ValueError(f"interval must lie between 0 and 1, got {interval}")
-    if window is not None and not window > 0.0:
-        raise ValueError(f"window must be positive, or None, got {window}")
-    if not horizon > 0.0:
-        raise ValueError(f"horizon must be positive, got {horizon}")
+
+    interval: float = 0.8
+    window: float | None = None
+    horizon: float = 365 * 86400.0
+
+    def __post_init__(self) -> None:
+        """Raise ValueError naming the setting that is out of range."""
+        if not 0.0 < self.interval < 1.0:
+            raise ValueError(f"interval must lie between 0 and 1, got {self.interval}")
+        if self.window is not None and not self.window > 0.0:
+            raise ValueError(f"window must be positive, or None, got {self.window}")
+        if not self.horizon > 0.0:
+            raise ValueError(f"horizon must be positive, got {self.horizon}")

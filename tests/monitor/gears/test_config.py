@@ -47,7 +47,6 @@ def test_an_idler_meshes_with_two_and_changes_no_ratio() -> None:
     settings = gear_of(IDLER).to_settings()
     assert [wheel.turns for wheel in settings.wheels] == pytest.approx([1.0, 2 / 3, 0.5])
     assert settings.mesh_orders() == (20.0,)
-    assert settings.mates("b") == ("a", "c")
 
 
 def changed(where: str, index: int, **values: object) -> dict[str, Any]:

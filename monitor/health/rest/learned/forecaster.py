@@ -11,30 +11,11 @@ from dataclasses import dataclass, replace
 from monitor.health.rest.learned.fit import MIN_POINTS
 from monitor.health.rest.learned.history import StageHistory
 from monitor.health.rest.learned.model import Distribution, LearnedModel
-from monitor.health.size import DamageInput, Remaining, TtStatus, check_forecast
+from monitor.health.size import DamageInput, Remaining, RemainingSettings, TtStatus
 from monitor.health.size.library.forecaster import QUANTILES
 from monitor.health.stored import StoredState
 
 STATE_VERSION = 1
-
-
-@dataclass(frozen=True)
-class LearnedSettings:
-    """Settings of the learned forecasts.
-
-    Attributes:
-        interval: probability between the lower and the upper end.
-        window: time to the next maintenance, s, or None.
-        horizon: longest TT that is given as ``ok``, s.
-    """
-
-    interval: float = 0.8
-    window: float | None = None
-    horizon: float = 365 * 86400.0
-
-    def __post_init__(self) -> None:
-        """Raise ValueError naming the setting that is out of range."""
-        check_forecast(self.interval, self.horizon, self.window)
 
 
 @dataclass(frozen=True)
@@ -54,7 +35,7 @@ def step(
     state: LearnedState,
     block: DamageInput,
     model: LearnedModel | None = None,
-    settings: LearnedSettings | None = None,
+    settings: RemainingSettings | None = None,
     *,
     baseline: float | None = None,
     threshold: float = math.nan,
@@ -73,7 +54,7 @@ def step(
     Raises:
         ValueError: a time that is not finite or goes back.
     """
-    settings, model = settings or LearnedSettings(), model or LearnedModel()
+    settings, model = settings or RemainingSettings(), model or LearnedModel()
     if not final_stage:
         return state, Remaining(threshold, TtStatus.NOT_FINAL_STAGE)
     if not math.isfinite(block.time) or (state.history is not None and block.time < state.history.latest):
@@ -92,7 +73,7 @@ def step(
     return state, replace(result, p_crossed=model.end_levels.probability_beyond(float(inputs[1])))
 
 
-def _forecast(found: Distribution, t: float, settings: LearnedSettings) -> Remaining:
+def _forecast(found: Distribution, t: float, settings: RemainingSettings) -> Remaining:
     """Return the forecast of a distribution, issued at a damage time, s."""
     half = 0.5 * settings.interval
     median = found.quantile(0.5)

@@ -11,8 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from monitor.health.rest.learned.forecaster import LearnedSettings
-from monitor.health.size import Remaining, TtStatus
+from monitor.health.size import Remaining, RemainingSettings, TtStatus
 from monitor.health.size.library.forecaster import QUANTILES
 
 _MIN_TT = 1e-3
@@ -23,7 +22,7 @@ _TAIL = 3.0
 """Logistic tails continue a distribution beyond its outermost quantiles up to this many of their own distances."""
 
 
-def pool(learned: Remaining, physical: Remaining, weight: float, settings: LearnedSettings) -> Remaining:
+def pool(learned: Remaining, physical: Remaining, weight: float, settings: RemainingSettings) -> Remaining:
     """Return the mean of two forecasts, the physical one with a weight from 0 to 1.
 
     It is the learned one where either has no distribution.

@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 
 from monitor.health.rest.learned.fit import MOMENTS, LearnedRun, fit_runs, moments_of
-from monitor.health.rest.learned.forecaster import LearnedSettings, LearnedState, step
+from monitor.health.rest.learned.forecaster import LearnedState, step
 from monitor.health.rest.learned.model import LIBRARY_RUNS, Distribution, LearnedModel
 from monitor.health.rest.learned.pool import pool
-from monitor.health.size import DamageInput, Remaining
+from monitor.health.size import DamageInput, Remaining, RemainingSettings
 
 SCORED_SHARES = (0.25, 0.5, 0.75)
 INTERVAL = 0.8
@@ -166,7 +166,7 @@ def _pairs(one: PhysicalRun, others: Sequence[LearnedRun]) -> list[tuple[Remaini
 
 def _loss(learned: Remaining, physical: Remaining, left: float, weight: float, life: float) -> float:
     """Return the CRPS of the combination over the life, at most ``MAX_CRPS_SHARE``, from its quantiles."""
-    pairs = np.array(pool(learned, physical, weight, LearnedSettings()).quantiles, dtype=np.float64)
+    pairs = np.array(pool(learned, physical, weight, RemainingSettings()).quantiles, dtype=np.float64)
     levels, values = pairs[:, 0], pairs[:, 1]
     pinball = np.where(left >= values, levels * (left - values), (1.0 - levels) * (values - left))
     return min(2.0 * float(pinball.mean()) / life, MAX_CRPS_SHARE)

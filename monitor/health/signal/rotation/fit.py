@@ -21,8 +21,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from monitor.health.signal.rotation.banded import solved, spline_slopes
-from monitor.health.signal.rotation.intervals import PulseTrain
+from monitor.health.signal.rotation.intervals import PulseTrain, solved, spline_slopes
 from monitor.health.signal.rotation.rotation import Rotation
 
 _TRIED = ((1, 3), (2, 5), (2, 9), (3, 6))

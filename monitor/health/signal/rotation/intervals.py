@@ -96,7 +96,7 @@ def slow_course(values: NDArray[np.float64], cell: int) -> NDArray[np.float64]:
             products = np.full(cells, np.sum(basis[first] * basis[second]))
             products[-1] = np.sum(last[first] * last[second])
             bands[second - first, first : first + cells] += products
-    weights = _solved(bands, right)
+    weights = solved(bands, right, lower=True)
     over = np.lib.stride_tricks.sliding_window_view(weights, _PIECES)
     return np.einsum("ck,ks->cs", over, basis).reshape(-1)[: values.size]
 
@@ -117,11 +117,51 @@ def _basis(steps: int) -> NDArray[np.float64]:
     return np.stack([v**3, 3.0 * u**3 - 6.0 * u**2 + 4.0, 3.0 * v**3 - 6.0 * v**2 + 4.0, u**3]) / 6.0
 
 
-def _solved(bands: NDArray[np.float64], right: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the solution of a banded positive definite system, its lower bands in rows."""
+def solved(bands: NDArray[np.float64], right: NDArray[np.float64], *, lower: bool = False) -> NDArray[np.float64]:
+    """Return the solution of a positive definite system, shape (row,).
+
+    Its diagonal and the bands above it are the rows, the diagonal last; with ``lower``, it comes first.
+    """
     from scipy.linalg import solveh_banded
 
-    return np.asarray(solveh_banded(bands, right, lower=True, check_finite=False))
+    return np.asarray(solveh_banded(bands, right, lower=lower, check_finite=False))
+
+
+def spline_slopes(x: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the slopes of the cubic spline through points, shape (point,); at least four.
+
+    The second and the last but one point are not knots (de Boor, A Practical Guide to Splines, chapter IV).
+    """
+    from scipy.linalg import solve_banded
+
+    step, chord = np.diff(x), np.diff(y) / np.diff(x)
+    bands, right = np.zeros((3, x.size)), np.zeros(x.size)
+    bands[0, 2:], bands[1, 1:-1], bands[2, :-2] = step[:-1], 2.0 * (step[:-1] + step[1:]), step[1:]
+    right[1:-1] = 3.0 * (step[1:] * chord[:-1] + step[:-1] * chord[1:])
+    both = step[0] + step[1]
+    bands[1, 0], bands[0, 1] = step[1], both
+    right[0] = ((step[0] + 2.0 * both) * step[1] * chord[0] + step[0] ** 2 * chord[1]) / both
+    both = step[-1] + step[-2]
+    bands[1, -1], bands[2, -2] = step[-2], both
+    right[-1] = ((step[-1] + 2.0 * both) * step[-2] * chord[-1] + step[-1] ** 2 * chord[-2]) / both
+    return np.asarray(solve_banded((1, 1), bands, right, check_finite=False))
+
+
+def running_median(values: NDArray[np.float64], size: int, above: int = 0, stride: int = 1) -> NDArray[np.float64]:
+    """Return the median of each value and its neighbours, shape (value,); beyond the ends they are mirrored.
+
+    Args:
+        size: values that are compared, odd, at most as many as there are.
+        above: take the value so many ranks above the median.
+        stride: take it at every so many values only, and straight lines between.
+    """
+    if size < 2:
+        return values.copy()
+    half = size // 2
+    padded = np.concatenate((values[:half][::-1], values, values[values.size - half :][::-1]))
+    windows = np.lib.stride_tricks.sliding_window_view(padded, size)[::stride]
+    found = np.partition(windows, half + above, axis=1)[:, half + above]
+    return found if stride == 1 else np.interp(np.arange(values.size), np.arange(0, values.size, stride), found)
 
 
 CELL_TURNS = 4

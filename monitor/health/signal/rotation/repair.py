@@ -15,8 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from monitor.health.signal.rotation.banded import running_median
-from monitor.health.signal.rotation.intervals import PulseTrain
+from monitor.health.signal.rotation.intervals import PulseTrain, running_median
 
 _GROUPS_A_TURN, _MIN_GROUP, _GROUP_NEIGHBOURS = 8, 16, 9
 _STEP = 0.5

@@ -20,7 +20,7 @@ from typing import Any
 
 import numpy as np
 
-from monitor.health.size import Damage, DamageInput, EdvStatus, Remaining, TtStatus, check_forecast
+from monitor.health.size import Damage, DamageInput, EdvStatus, Remaining, RemainingSettings, TtStatus
 from monitor.health.size.library.model import (
     LINES,
     NO_GROWTH,
@@ -44,28 +44,22 @@ block, and over a life one of them is wrong far more often than each. Found on t
 
 
 @dataclass(frozen=True)
-class LibrarySettings:
+class LibrarySettings(RemainingSettings):
     """Settings of the library forecaster.
 
     Attributes:
         features: "rms", "rms+harmonics" or, for a history of V_eq itself, "v_eq".
-        interval: probability between the lower and the upper end.
-        window: time to the next maintenance, s, or None.
-        horizon: longest TT that is given as ``ok``, s.
         min_points: least number of blocks for a TT.
         neighbours: most similar moments of the library's lives, whose errors make the interval.
     """
 
     features: str = "rms+harmonics"
-    interval: float = 0.8
-    window: float | None = None
-    horizon: float = 365 * 86400.0
     min_points: int = 5
     neighbours: int = 300
 
     def __post_init__(self) -> None:
         """Raise ValueError naming the setting that is out of range."""
-        check_forecast(self.interval, self.horizon, self.window)
+        super().__post_init__()
         if self.min_points < 1 or self.neighbours < 10:
             raise ValueError(
                 f"min_points must be 1 or more and neighbours 10 or more, got {self.min_points} and {self.neighbours}"

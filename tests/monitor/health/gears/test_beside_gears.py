@@ -11,9 +11,8 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from models.machine.bearing import kinematics
-from monitor.health.gears.interference import gear_interference
 from monitor.health.gears.lines import Wheels
-from monitor.health.gears.settings import GearPairing, GearSettings, GearWheel
+from monitor.health.gears.settings import GearPairing, GearSettings, GearWheel, gear_interference
 from monitor.health.name.naming import name_fault
 from monitor.health.signal.comb import FaultLines
 from monitor.health.signal.features import BlockFeatures, FeatureSettings, block_features, fundamentals

@@ -27,14 +27,12 @@ def test_wheels_of_one_shaft_stand_together() -> None:
     settings = GearSettings(wheels, (GearPairing("in", "a"), GearPairing("b", "out")))
     assert settings.mesh_orders() == (20.0, 12.5)
     assert settings.groups() == (("in",), ("a", "b"), ("out",))
-    assert settings.mates("a") == ("in",)
 
 
 def test_the_orders_of_an_idler_are_given_once() -> None:
     wheels = (GearWheel("sun", 20, 1.0), GearWheel("idler", 30, 2.0 / 3.0), GearWheel("out", 40, 0.5))
     settings = GearSettings(wheels, (GearPairing("sun", "idler"), GearPairing("idler", "out")))
     assert settings.mesh_orders() == (20.0,)
-    assert settings.mates("idler") == ("sun", "out")
 
 
 @pytest.mark.parametrize(

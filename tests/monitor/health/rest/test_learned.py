@@ -14,11 +14,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from monitor.health.rest.learned.fit import fit_runs, moments_of
-from monitor.health.rest.learned.forecaster import LearnedSettings, LearnedState, step
+from monitor.health.rest.learned.forecaster import LearnedState, step
 from monitor.health.rest.learned.history import MAX_BINS, StageHistory
 from monitor.health.rest.learned.model import Distribution, EndLevels, LearnedModel, student
 from monitor.health.rest.learned.scores import covers, crps, scores_out_of_run
-from monitor.health.size import DamageInput, Remaining, TtStatus
+from monitor.health.size import DamageInput, Remaining, RemainingSettings, TtStatus
 from tests.support.learned import family, run
 
 
@@ -33,7 +33,7 @@ def taken(
 
 
 def test_without_runs_it_is_as_long_again_as_it_has_lasted() -> None:
-    _, found = taken([DamageInput(100.0 * i, 1.0) for i in range(11)], settings=LearnedSettings(window=3000.0))
+    _, found = taken([DamageInput(100.0 * i, 1.0) for i in range(11)], settings=RemainingSettings(window=3000.0))
     assert found.status is TtStatus.OK
     assert (found.tt, found.tt_lower, found.tt_upper) == pytest.approx((1000.0, 1000.0 / 9.0, 9000.0))
     assert found.p_threshold == pytest.approx(0.75)

@@ -13,12 +13,12 @@ import pytest
 from monitor.commands.check import find_problems
 from monitor.config.load import Config, ConfigError, validate
 from monitor.health.rest.learned.fit import LearnedRun, fit_runs
-from monitor.health.rest.learned.forecaster import LearnedSettings, LearnedState
+from monitor.health.rest.learned.forecaster import LearnedState
 from monitor.health.rest.learned.forecaster import step as learned_step
 from monitor.health.rest.learned.model import LearnedModel
 from monitor.health.rest.learned.pool import pool
 from monitor.health.rest.learned.scores import PhysicalRun, library_weight
-from monitor.health.size import DamageInput, EdvStatus, Remaining, TtStatus
+from monitor.health.size import DamageInput, EdvStatus, Remaining, RemainingSettings, TtStatus
 from monitor.health.size.library.forecaster import QUANTILES, LibrarySettings
 from monitor.health.tracker import DamageGate, DamageSettings, DamageState, step
 from monitor.records.learned_file import save_learned
@@ -129,7 +129,7 @@ def test_combined_lies_between_and_is_learned_alone_without_a_calibrated_rig() -
 
 
 def test_the_pool_of_a_forecast_with_itself_is_that_forecast() -> None:
-    settings = LearnedSettings(window=500.0)
+    settings = RemainingSettings(window=500.0)
     state, one = LearnedState(), Remaining(0.0, TtStatus.TOO_FEW_POINTS)
     for block in blocks(20):
         state, one = learned_step(state, block, ALONE.learned, settings, baseline=1.0, threshold=THRESHOLD)

@@ -21,12 +21,12 @@ from monitor.health.rest.trend import (
     MIN_BLOCKS,
     TimeToAlarm,
     TrendInput,
-    TrendSettings,
     TrendState,
     TtaStatus,
     crossing_of,
     step,
 )
+from monitor.health.size import RemainingSettings
 
 BASELINE = (math.log(0.5), 0.05)
 NO_RULES = AlarmSettings()
@@ -48,7 +48,7 @@ def blocks(levels: Sequence[float], interval: float = 60.0) -> list[TrendInput]:
 
 
 def taken(
-    given: Sequence[TrendInput], alarms: AlarmSettings = NO_RULES, chosen: TrendSettings | None = None
+    given: Sequence[TrendInput], alarms: AlarmSettings = NO_RULES, chosen: RemainingSettings | None = None
 ) -> tuple[TrendState, TimeToAlarm]:
     """Return the state and the answer after the last of some blocks."""
     state, found = TrendState(), TimeToAlarm(TtaStatus.LEARNING)
@@ -123,7 +123,7 @@ def test_each_claim_is_withheld_without_its_grounds() -> None:
     assert taken(given[: MIN_BLOCKS - 1])[1].status is TtaStatus.TOO_FEW_POINTS
     assert taken(given[:MIN_BLOCKS])[1].status is not TtaStatus.TOO_FEW_POINTS
     assert taken([replace(block, time=0.0) for block in given])[1].status is TtaStatus.TOO_FEW_POINTS
-    assert taken(given, chosen=TrendSettings(horizon=60.0))[1].status is TtaStatus.BEYOND_HORIZON
+    assert taken(given, chosen=RemainingSettings(horizon=60.0))[1].status is TtaStatus.BEYOND_HORIZON
     at_speed = AlarmSettings((Rule("rms", "rms", alert=Level(factor=4.0), speed=(20.0, 30.0)),))
     assert taken([*given[:-1], replace(last, speed=35.0)], at_speed)[1].status is TtaStatus.NO_LEVEL
     assert taken([replace(block, speed=25.0) for block in given], at_speed)[1].status is TtaStatus.OK
@@ -185,9 +185,9 @@ def test_times_and_settings_are_checked() -> None:
     with pytest.raises(ValueError, match="time must be finite and may not go back, got 0 after 540"):
         step(state, blocks([1.0])[0], NO_RULES)
     with pytest.raises(ValueError, match="interval must lie between 0 and 1, got 1"):
-        TrendSettings(interval=1.0)
+        RemainingSettings(interval=1.0)
     with pytest.raises(ValueError, match="horizon must be positive, got 0"):
-        TrendSettings(horizon=0.0)
+        RemainingSettings(horizon=0.0)
 
 
 @given(st.lists(st.floats(0.2, 8.0), min_size=MIN_BLOCKS, max_size=100), st.floats(0.5, 10.0))

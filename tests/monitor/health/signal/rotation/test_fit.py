@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 from scipy.interpolate import CubicSpline
 from scipy.ndimage import rank_filter
 
-from monitor.health.signal.rotation.banded import running_median, solved, spline_slopes
 from monitor.health.signal.rotation.fit import GAIN_SD, rotation_of, rotation_of_speed
+from monitor.health.signal.rotation.intervals import running_median, solved, spline_slopes
 from monitor.health.signal.rotation.repair import repaired
 from monitor.health.signal.rotation.rotation import Rotation
 from tests.monitor.health.signal.rotation.shafts import Angle, even, hunting, marks, run_up, with_faults
