@@ -57,13 +57,24 @@ class Analysed:
     """What the samples of an accepted block say.
 
     Attributes:
+        state: of the channel before the block.
+        channel: its settings.
         settings: by which the features were computed.
         band_source: where its bands come from, as in the record.
     """
 
+    state: ChannelState
+    block: ChannelBlock
+    channel: ChannelSettings
     settings: FeatureSettings
     features: BlockFeatures
     band_source: str
+
+    @property
+    def detected(self) -> detect.DetectInput:
+        """What the detector takes of the block."""
+        usable = is_for_detector(self.state, self.block.verdict, self.channel, self.band_source)
+        return detect_input(self.features, self.block, absolute=self.channel.absolute, usable=usable)
 
 
 def step(state: ChannelState, block: ChannelBlock, settings: ChannelSettings) -> tuple[ChannelState, ChannelOutput]:
@@ -100,7 +111,8 @@ def analyse(state: ChannelState, block: ChannelBlock, settings: ChannelSettings)
         rotation=block.found.rotation if settings.condition.domain == "auto" else None,
     )
     recent = state.spectra if block.verdict.for_baseline else None
-    return Analysed(asked, block_features(block.samples, block.rate, asked, recent, block.span), band_source)
+    features = block_features(block.samples, block.rate, asked, recent, block.span)
+    return Analysed(state, block, settings, asked, features, band_source)
 
 
 def conclude(
@@ -114,12 +126,10 @@ def conclude(
     naming: Naming | None = None
     leading = 0
     if verdict.for_baseline:
-        state, naming, leading = _name(state, features, settings, analysed.settings)
-    usable = is_for_detector(state, verdict, settings, band_source)
-    given = detect_input(features, block, absolute=settings.absolute, usable=usable)
+        state, naming, leading = _name(analysed)
     harmonics = tuple(float(value) for value in features.bpfo_amplitude) if features.bpfo_resolved.all() else None
     named = None if naming is None else _named(naming, block.sequence)
-    state, found = later_stages(state, block, settings, given, harmonics, named)
+    state, found = later_stages(state, block, settings, analysed.detected, harmonics, named)
     if verdict.for_baseline and band_source == "provisional":
         state = _vote(state, block, analysed.settings)
     return state, ChannelOutput(
@@ -159,21 +169,20 @@ def _vote(state: ChannelState, block: ChannelBlock, asked: FeatureSettings) -> C
     return replace(state, votes=votes)
 
 
-def _name(
-    state: ChannelState, features: BlockFeatures, settings: ChannelSettings, asked: FeatureSettings
-) -> tuple[ChannelState, Naming, int]:
+def _name(analysed: Analysed) -> tuple[ChannelState, Naming, int]:
     """Name the damaged part; the number is the place of the band that shows it, 0 where no part is named.
 
     The ranges in which the families were sought count where the geometry is an estimate.
     """
+    state, settings, features = analysed.state, analysed.channel, analysed.features
     assert features.speed is not None
     ask = partial(
         name_fault,
         kinematics=kinematics(settings.bearing, features.speed),
-        searches={} if settings.uncertainty.known else asked.searches,
+        searches={} if settings.uncertainty.known else analysed.settings.searches,
         verified=features.shaft is not None,
         tolerance=settings.condition.speed_tolerance,
-        wheels=_wheels(features, settings, asked.speed),
+        wheels=_wheels(features, settings, analysed.settings.speed),
     )
     namings = [
         ask(spectrum, families=families) for spectrum, families in zip(features.sought, features.families, strict=True)

@@ -18,7 +18,7 @@ from monitor.health.alarms import step as alarms_step
 from monitor.health.channel import analyse, check_channel, conclude
 from monitor.health.gears.stage import gears_step
 from monitor.health.later_stages import ChannelBlock
-from monitor.health.name.crosstalk import ChannelView, beside_neighbours
+from monitor.health.name.crosstalk import beside_neighbours
 from monitor.health.name.evidence import evidence_of_record
 from monitor.health.name.machine import BearingVerdict
 from monitor.health.name.machine import step as machine_step
@@ -207,18 +207,13 @@ def _analyse(
     conditions = dict.fromkeys(channel.condition for channel in settings.channels.values())
     angles = {condition: find_rotation(block, condition, state.encoder, learn=not flags) for condition in conditions}
     encoder = next((found.encoder for found in angles.values() if found.encoder is not None), state.encoder)
-    views = {
-        name: ChannelView(
-            state.channels[name],
-            _channel_block(block, flags, state.channels[name], channel, angles[channel.condition]),
-            channel,
-        )
+    blocks = {
+        name: _channel_block(block, flags, state.channels[name], channel, angles[channel.condition])
         for name, channel in settings.channels.items()
     }
-    analysed = {name: analyse(view.state, view.block, view.settings) for name, view in views.items()}
-    for name, found in beside_neighbours(views, analysed).items():
-        view = views[name]
-        states[name], outputs[name] = conclude(view.state, view.block, view.settings, found)
+    analysed = {name: analyse(state.channels[name], blocks[name], one) for name, one in settings.channels.items()}
+    for name, found in beside_neighbours(analysed).items():
+        states[name], outputs[name] = conclude(state.channels[name], blocks[name], settings.channels[name], found)
     gears, outputs = gears_step(state.gears, outputs)
     verdict = verdict_of_block({name: output.block.verdict for name, output in outputs.items()}, flags)
     forecasts: list[dict[str, Any]] = []
