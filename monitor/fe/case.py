@@ -23,10 +23,8 @@ from monitor.commands.bearing.statics import LOAD_STEPS
 from monitor.commands.common import PROGRESS_AFTER_S, InputError, say
 
 if TYPE_CHECKING:
-    from models.fe.bearings.assembled import FePassage, FeState
-    from models.fe.bearings.bearing import FeBearing
+    from models.fe.bearings.assembled import FeBearing, FePassage, FeState
     from models.fe.bearings.element import Progress
-    from models.fe.bearings.self_aligning import SelfAligningBearing
     from models.fe.cache import FeCache
 
 
@@ -59,7 +57,7 @@ class FeCase:
     """
 
     entry: CatalogueEntry
-    bearing: FeBearing | SelfAligningBearing
+    bearing: FeBearing
     load: float
     clearance: float
     exponent: float
@@ -137,7 +135,7 @@ def _symmetric(
 
 def _oblique(
     entry: CatalogueEntry, load: float, clearance: float, options: FeOptions, kept: FeCache, progress: Progress
-) -> SelfAligningBearing:
+) -> FeBearing:
     from models.fe.bearings.oblique import oblique_geometry
     from models.fe.bearings.self_aligning import self_aligning_bearing
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from models.fe.bearings.assembled import AssembledBearing
+from models.fe.bearings.self_aligning import SelfAligning
 from models.fe.meshes.geometry import fe_geometry
 from models.fe.meshes.sizing import half_sizes
 from models.machine.bearing import Bearing
@@ -125,7 +125,7 @@ def _finite(value: Any) -> float | None:
 def _free_swing(case: FeCase) -> float | None:
     """Return the swing of k_xx of a ring that is free along the shaft, None where that changes nothing."""
     assembled = case.bearing.assembled
-    if isinstance(assembled, AssembledBearing):
+    if not isinstance(assembled, SelfAligning):
         return None
     return _finite(100.0 * replace(assembled, axial="free").stiffness_over_passage(case.load).swing[1])
 

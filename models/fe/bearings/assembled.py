@@ -13,22 +13,25 @@ and the law are properties of the meshes; all else costs milliseconds, at any ca
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
 from models.fe.bearings.balance import descend
-from models.machine.load_distribution import LoadDistribution, StiffnessPassage
+from models.machine.load_distribution import StiffnessPassage
 from models.path.defect import wrap
 from models.words.errors import WrongInputError
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from models.fe.bearings.element import FeContact
     from models.fe.bearings.law import ElementLaw
     from models.fe.bearings.rings import BoreLoad, RingInfluence
+    from models.fe.meshes.geometry import Race
 
 # Why a state is not "converged": the forces of the elements do not balance the load; an element is neither loaded with
 # closed contacts nor free with open ones; an element carries more than the law was computed for.
@@ -90,8 +93,102 @@ class FePassage(StiffnessPassage):
         return all(state.converged for state in self.states)
 
 
+class PassingElements(ABC):
+    """Elements that pass under a radial load: states, stiffness over a passage, and against the load."""
+
+    law: ElementLaw
+    n_elements: int
+
+    @property
+    def spacing(self) -> float:
+        """Angle between neighbouring elements of a row, rad."""
+        return 2.0 * math.pi / self.n_elements
+
+    @abstractmethod
+    def state(self, load: float, *, cage_angle: float = 0.0, start: FeState | None = None) -> FeState:
+        """Return the equilibrium under a radial load, N, at a cage angle, rad.
+
+        Args:
+            start: state at a load and cage angle close by, from which an iteration may start.
+        """
+
+    def turns(self, points: int) -> NDArray[np.float64]:
+        """Return cage angles that lie evenly over one spacing, rad, shape (points,)."""
+        return np.asarray(self.spacing * np.arange(points) / points, dtype=np.float64)
+
+    def stiffness_over_passage(self, load: float, *, points: int = 96) -> FePassage:
+        """Return the stiffness while the cage turns by one spacing; ``points`` cage angles lie evenly over it."""
+        turns = self.turns(points)
+        states = list[FeState]()
+        for turn in turns:
+            states.append(self.state(load, cage_angle=float(turn), start=states[-1] if states else None))
+        unknown = np.full((2, 2), math.nan)
+        matrix = np.array([state.stiffness if state.converged else unknown for state in states])
+        return FePassage(turns, matrix, tuple(states))
+
+    def stiffness_against_load(
+        self, loads: Sequence[float], *, points: int = 64
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return displacement along the load, m, (loads,), and stiffness, N/m, (loads, 2, 2): means over a passage.
+
+        Both are NaN where a state of the passage is not converged.
+        """
+        displacement, stiffness = np.empty(len(loads)), np.empty((len(loads), 2, 2))
+        for i, load in enumerate(loads):
+            passage = self.stiffness_over_passage(load, points=points)
+            stiffness[i] = passage.mean
+            displacement[i] = np.mean([s.displacement[0] if s.converged else math.nan for s in passage.states])
+        return displacement, stiffness
+
+    def check(
+        self,
+        forces: NDArray[np.float64],
+        approach: NDArray[np.float64],
+        gap: NDArray[np.float64],
+        imbalance: float,
+    ) -> tuple[FeStatus, float]:
+        """Return the status of a finished state and its contact error, m.
+
+        Args:
+            forces: of the elements, N.
+            approach: of the races at each, m.
+            gap: of each, what the displacement leaves less what its force needs, m.
+            imbalance: of the forces, as a share of the load.
+        """
+        contact_error = float(np.where(forces > 0.0, np.abs(gap), np.maximum(gap, 0.0)).max())
+        status: FeStatus = "converged"
+        if not self.law.covers(float(forces.max())):
+            status = "outside_law"
+        elif not imbalance <= EQUILIBRIUM_TOLERANCE:
+            status = "not_in_equilibrium"
+        elif not contact_error <= CONTACT_TOLERANCE * float(np.abs(approach).max()):
+            status = "contact_violated"
+        return status, contact_error
+
+    def below_law(self, forces: NDArray[np.float64], along: NDArray[np.float64]) -> float:
+        """Return the force along the load, N, of elements below the law's lowest load; ``along`` are their cosines."""
+        return float(along @ np.where(forces < self.law.lowest, forces, 0.0))
+
+
 @dataclass(frozen=True, eq=False)
-class AssembledBearing:
+class FeBearing:
+    """A bearing of finite elements with what it was made of.
+
+    Attributes:
+        assembled: valid from a quarter of the load to four times it, as far as the contacts stay on the races; a state
+            beyond that is not converged.
+        contacts: of the most loaded element under the load, one element standing in its direction; none where they
+            are not kept.
+        unknowns: largest number of unknowns of each body.
+    """
+
+    assembled: PassingElements
+    contacts: Mapping[Race, FeContact]
+    unknowns: Mapping[str, int]
+
+
+@dataclass(frozen=True, eq=False)
+class AssembledBearing(PassingElements):
     """Bearing of a single row: the law of its elements, and how its rings yield.
 
     Attributes:
@@ -116,174 +213,65 @@ class AssembledBearing:
         if not math.isfinite(self.clearance):
             raise WrongInputError(f"expected a finite clearance, got {self.clearance!r} m")
 
-    @property
-    def spacing(self) -> float:
-        """Angle between neighbouring elements, rad."""
-        return 2.0 * math.pi / self.n_elements
-
     def angles(self, cage_angle: float = 0.0) -> NDArray[np.float64]:
         """Return the angles of the elements from the load, rad, shape (elements,)."""
         return np.asarray(cage_angle + self.spacing * np.arange(self.n_elements), dtype=np.float64)
 
-    def influence(self, angles: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return S of both rings, m/N, shape (elements, elements)."""
-        matrix = np.zeros((len(angles), len(angles)))
-        for ring in (self.inner, self.outer):
-            if ring is not None:
-                matrix += ring.matrix(angles)
-        return matrix
-
-    def state(
-        self,
-        load: float,
-        *,
-        cage_angle: float = 0.0,
-        gaps: NDArray[np.float64] | None = None,
-        start: FeState | None = None,
-    ) -> FeState:
+    def state(self, load: float, *, cage_angle: float = 0.0, start: FeState | None = None) -> FeState:
         """Return the equilibrium under a radial load, N, at a cage angle, rad.
 
-        Args:
-            gaps: further clearance of each element, m, shape (elements,): where it is over a defect, or is smaller.
-            start: state at a load and cage angle close by, from which the iteration starts.
+        Its checks read the forces alone and not how the iteration ended.
 
         Raises:
-            WrongInputError: the load is negative or not finite, or there are not as many gaps as elements.
+            WrongInputError: the load is negative or not finite.
         """
         if not (math.isfinite(load) and load >= 0.0):
             raise WrongInputError(f"expected a load that is finite and not negative, got {load!r} N")
-        angles = self.angles(cage_angle)
-        slack = np.full(self.n_elements, self.clearance)
-        if gaps is not None:
-            if gaps.shape != slack.shape:
-                raise WrongInputError(f"expected a gap of each of {self.n_elements} elements, got shape {gaps.shape}")
-            slack = slack + gaps
-        problem = _Problem.of(self, angles, slack, load)
-        moved = slack + problem.bore @ problem.load
-        begin = None if start is None else start.displacement
-        found = descend(problem.normals.T, self.law, problem.load, problem.influence, moved, begin)
-        return _finished(self, problem, found.displacement, found.approach)
-
-    def load_distribution(self, load: float, *, cage_angle: float = 0.0) -> LoadDistribution:
-        """Return the loads of the elements at a cage angle; NaN where the state is not converged."""
-        state = self.state(load, cage_angle=cage_angle)
-        loads = state.loads if state.converged else np.full(self.n_elements, math.nan)
-        return LoadDistribution(state.angles, loads, state.displacement)
-
-    def stiffness_over_passage(self, load: float, *, points: int = 96) -> FePassage:
-        """Return the stiffness while the cage turns by one spacing; ``points`` cage angles lie evenly over it."""
-        turns = self.spacing * np.arange(points) / points
-        states = list[FeState]()
-        for turn in turns:
-            states.append(self.state(load, cage_angle=float(turn), start=states[-1] if states else None))
-        return FePassage(turns, np.array([_or_nan(state) for state in states]), tuple(states))
-
-    def stiffness_against_load(
-        self, loads: Sequence[float], *, points: int = 64
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return displacement along the load, m, (loads,), and stiffness, N/m, (loads, 2, 2): means over a passage.
-
-        Both are NaN where a state of the passage is not converged.
-        """
-        displacement, stiffness = np.empty(len(loads)), np.empty((len(loads), 2, 2))
-        for i, load in enumerate(loads):
-            passage = self.stiffness_over_passage(load, points=points)
-            stiffness[i] = passage.mean
-            displacement[i] = np.mean([s.displacement[0] if s.converged else math.nan for s in passage.states])
-        return displacement, stiffness
-
-
-@dataclass(frozen=True, eq=False)
-class _Problem:
-    """One equilibrium to solve: N (2, Z), slack (Z,), S (Z, Z), ds/dF (Z, 2), F (2,)."""
-
-    law: ElementLaw
-    normals: NDArray[np.float64]
-    slack: NDArray[np.float64]
-    influence: NDArray[np.float64]
-    bore: NDArray[np.float64]
-    load: NDArray[np.float64]
-
-    @classmethod
-    def of(
-        cls, bearing: AssembledBearing, angles: NDArray[np.float64], slack: NDArray[np.float64], load: float
-    ) -> _Problem:
-        bore = np.zeros((len(angles), 2))
-        if bearing.bore_load is not None:
-            # The pressure turns with the load: a small load across turns it by the ratio of both.
-            along, slope = bearing.bore_load.on_elements(angles)
-            bore = np.stack((along, -slope), axis=1)
+        angles, wanted = self.angles(cage_angle), np.array([load, 0.0])
         normals = np.stack((np.cos(angles), np.sin(angles)))
-        return cls(bearing.law, normals, slack, bearing.influence(angles), bore, np.array([load, 0.0]))
-
-    def reach(self, u: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the approach of the races at each element without the forces on the elements, m."""
-        return u @ self.normals - self.slack - self.bore @ self.load
-
-    def tangent(self, slope: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return dQ/d(reach), N/m, shape (Z, Z), symmetric, of dQ/d delta of the law (Z,)."""
-        return _solve(np.eye(len(slope)) + slope[:, None] * self.influence, np.diag(slope))
-
-
-def _finished(
-    bearing: AssembledBearing, problem: _Problem, u: NDArray[np.float64], delta: NDArray[np.float64]
-) -> FeState:
-    """Return the state with its checks, which read the forces alone and not how the iteration ended."""
-    force, slope = problem.law.force(delta)
-    load = float(problem.load[0])
-    imbalance = float(np.abs(problem.normals @ force - problem.load).max()) / load if load > 0.0 else 0.0
-    # The approach comes from the inverse of the law, and the rest from the displacement: no part of the iteration.
-    gap = problem.reach(u) - problem.influence @ force - problem.law.approach_of(force)
-    wrong = np.where(force > 0.0, np.abs(gap), np.maximum(gap, 0.0))
-    contact_error = float(wrong.max())
-    status: FeStatus = "converged"
-    if not problem.law.covers(float(force.max())):
-        status = "outside_law"
-    elif not imbalance <= EQUILIBRIUM_TOLERANCE:
-        status = "not_in_equilibrium"
-    elif not contact_error <= CONTACT_TOLERANCE * float(np.abs(delta).max()):
-        status = "contact_violated"
-    stiffness, line, line_stiffness = _stiffness(bearing, problem, u, force, slope)
-    weak = force < problem.law.lowest
-    return FeState(
-        load=load,
-        displacement=u,
-        stiffness=stiffness,
-        bore_line=line,
-        bore_line_stiffness=line_stiffness,
-        angles=wrap(np.arctan2(problem.normals[1], problem.normals[0])),
-        loads=force,
-        status=status,
-        imbalance=imbalance,
-        contact_error=contact_error,
-        below_law=float(problem.normals[0] @ np.where(weak, force, 0.0)) / load if load > 0.0 else 0.0,
-        mesh_error=problem.law.mesh_error,
-    )
-
-
-def _stiffness(
-    bearing: AssembledBearing,
-    problem: _Problem,
-    u: NDArray[np.float64],
-    force: NDArray[np.float64],
-    slope: NDArray[np.float64],
-) -> tuple[NDArray[np.float64], float, float]:
-    """Return dF/du (2, 2), the displacement of the bore's line along the load, and dF over that (implicit derivative).
-
-    dQ = T (N' du - s dF) and dF = N dQ, so that (1 + N T s) dF = N T N' du.
-    """
-    tangent = problem.tangent(slope)
-    normals = problem.normals
-    stiffness = _solve(np.eye(2) + normals @ tangent @ problem.bore, normals @ tangent @ normals.T)
-    if bearing.bore_load is None:
-        along = _along(stiffness)
-        return stiffness, float(u[0]), along
-    line = bearing.bore_load.bore_line(np.arctan2(normals[1], normals[0]))
-    at_load, load = bearing.bore_load.bore_at_load, float(problem.load[0])
-    displacement = float(u[0] + at_load * load + line @ force)
-    compliance = np.linalg.pinv(stiffness, rcond=1e-12)[:, 0]
-    change = tangent @ (normals.T @ compliance - problem.bore[:, 0])
-    return stiffness, displacement, 1.0 / float(compliance[0] + at_load + line @ change)
+        influence, bore = np.zeros((len(angles), len(angles))), np.zeros((len(angles), 2))
+        for ring in (self.inner, self.outer):
+            if ring is not None:
+                influence += ring.matrix(angles)
+        if self.bore_load is not None:
+            # The pressure turns with the load: a small load across turns it by the ratio of both.
+            along, slope = self.bore_load.on_elements(angles)
+            bore = np.stack((along, -slope), axis=1)
+        moved = bore @ wanted
+        begin = None if start is None else start.displacement
+        found = descend(normals.T, self.law, wanted, influence, self.clearance + moved, begin)
+        u, force, slope = found.displacement, *self.law.force(found.approach)
+        imbalance = float(np.abs(normals @ force - wanted).max()) / load if load > 0.0 else 0.0
+        # The approach comes from the inverse of the law, and the rest from the displacement: no part of the iteration.
+        gap = u @ normals - self.clearance - moved - influence @ force - self.law.approach_of(force)
+        status, contact_error = self.check(force, found.approach, gap, imbalance)
+        # dQ/d(reach), N/m, symmetric.
+        tangent = np.linalg.solve(np.eye(len(slope)) + slope[:, None] * influence, np.diag(slope))
+        # dQ = T (N' du - s dF) and dF = N dQ, so that (1 + N T s) dF = N T N' du.
+        coupled = np.eye(2) + normals @ tangent @ bore
+        stiffness = np.asarray(np.linalg.solve(coupled, normals @ tangent @ normals.T), dtype=np.float64)
+        line, line_stiffness = float(u[0]), _along(stiffness)
+        if self.bore_load is not None:
+            under = self.bore_load.bore_line(np.arctan2(normals[1], normals[0]))
+            at_load = self.bore_load.bore_at_load
+            line = float(u[0] + at_load * load + under @ force)
+            compliance = np.linalg.pinv(stiffness, rcond=1e-12)[:, 0]
+            change = tangent @ (normals.T @ compliance - bore[:, 0])
+            line_stiffness = 1.0 / float(compliance[0] + at_load + under @ change)
+        return FeState(
+            load=load,
+            displacement=u,
+            stiffness=stiffness,
+            bore_line=line,
+            bore_line_stiffness=line_stiffness,
+            angles=wrap(np.arctan2(normals[1], normals[0])),
+            loads=force,
+            status=status,
+            imbalance=imbalance,
+            contact_error=contact_error,
+            below_law=self.below_law(force, normals[0]) / load if load > 0.0 else 0.0,
+            mesh_error=self.law.mesh_error,
+        )
 
 
 def _along(stiffness: NDArray[np.float64]) -> float:
@@ -291,11 +279,3 @@ def _along(stiffness: NDArray[np.float64]) -> float:
     if stiffness[1, 1] <= 0.0:
         return float(stiffness[0, 0])
     return float(stiffness[0, 0] - stiffness[0, 1] * stiffness[1, 0] / stiffness[1, 1])
-
-
-def _solve(matrix: NDArray[np.float64], right: NDArray[np.float64]) -> NDArray[np.float64]:
-    return np.asarray(np.linalg.solve(matrix, right), dtype=np.float64)
-
-
-def _or_nan(state: FeState) -> NDArray[np.float64]:
-    return state.stiffness if state.converged else np.full((2, 2), math.nan)

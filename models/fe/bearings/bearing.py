@@ -10,12 +10,11 @@ a pressure on its bore the inner ring bends, which takes most of that away.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from contextlib import suppress
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
-from models.fe.bearings.assembled import AssembledBearing
+from models.fe.bearings.assembled import AssembledBearing, FeBearing
 from models.fe.bearings.element import ELEMENT_STEPS, MAX_SHARE, RACES, ElementMesh, FeContact, Progress, element_mesh
 from models.fe.bearings.law import ElementLaw
 from models.fe.bearings.ring_bodies import INFLUENCE_RULE, bore_load, influence_load, ring_influence
@@ -37,24 +36,6 @@ LOAD_STEP = 5.0
 VALID_SHARE = 4.0
 # Loads of elements by the analytic Q_max: rings that yield shift the load, mostly away from the most loaded element.
 _MARGIN = 1.3
-
-
-@dataclass(frozen=True, eq=False)
-class FeBearing:
-    """Assembled bearing with what it was made of.
-
-    Attributes:
-        assembled: valid from a quarter of the load to four times it, as far as the contacts stay on the races; a state
-            beyond that is not converged.
-        load: N, on the bearing.
-        contacts: of the most loaded element under the load, one element standing in its direction.
-        unknowns: largest number of unknowns of each body.
-    """
-
-    assembled: AssembledBearing
-    load: float
-    contacts: Mapping[Race, FeContact]
-    unknowns: Mapping[str, int]
 
 
 def analytic_law(geometry: FeGeometry) -> ElementLaw:
@@ -138,7 +119,7 @@ def fe_bearing(
     serving = min((mesh for mesh in meshes if found <= MAX_SHARE * mesh.made_for), key=lambda mesh: mesh.made_for)
     contacts: dict[Race, FeContact] = {race: serving.contact(race, found) for race in RACES}
     unknowns = {name: max(mesh.unknowns[name] for mesh in meshes) for name in meshes[0].unknowns}
-    return FeBearing(assembled, load, contacts, unknowns)
+    return FeBearing(assembled, contacts, unknowns)
 
 
 def _that_fit(geometry: FeGeometry, rule: MeshRule, loads: tuple[float, ...]) -> tuple[float, ...]:

@@ -1,34 +1,24 @@
-"""Self-aligning ball bearings: two rows at a contact angle, assembled from a law of one ball and the rings' influence.
+"""Geometry of self-aligning ball bearings: two rows at a contact angle.
 
 The outer race is a sphere about the bearing's centre O. The normals of all contacts therefore meet in O: the ring does
 not resist a tilt about it, three displacements describe its place, and the contact angle does not change with the load
 (beyond approach over radius, 1e-3 at the static rating). Neither ring is symmetric about the plane of a row.
 
-SI units and radians. Axis 1 lies along the radial load, axis 2 across it, axis 3 along the shaft; row 0 lies on the
-positive side of axis 3.
+SI units and radians; row 0 lies on the positive side of the shaft's axis.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal, get_args
+from typing import TYPE_CHECKING
 
-import numpy as np
-
-from models.fe.bearings.balance import Balance, condensed, settle
-from models.machine.load_distribution import StiffnessPassage
-from models.words.checks import check_choice, check_numbers, check_whole
+from models.words.checks import check_numbers, check_whole
 from models.words.errors import WrongInputError
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from models.fe.bearings.law import ElementLaw
     from models.machine.bearing import Bearing, CatalogueEntry
 
-Axial = Literal["free", "held"]
-AXIAL: tuple[Axial, ...] = get_args(Axial)
 ROWS = 2
 # How far the two printed radii of an outer race may differ and still be one sphere.
 SAME_RADIUS = 1e-3
@@ -194,124 +184,3 @@ def _known(bearing: Bearing, name: str) -> float:
     if value is None:
         raise ObliqueError(f"{bearing.designation}: {name} is unknown")
     return float(value)
-
-
-@dataclass(frozen=True, eq=False)
-class RowInfluence:
-    """Normal displacement at an element by a unit force on another one, both rings together, m/N.
-
-    Both rings sit on rigid seats, so that only the angle between the two elements matters. Positive where the
-    displacement takes the load off.
-
-    Attributes:
-        same: in the same row, at 0, 1, .. spacings, shape (n_elements,); the first is not used.
-        other: in the other row, at 0.5, 1.5, .. spacings, shape (n_elements,).
-    """
-
-    same: NDArray[np.float64]
-    other: NDArray[np.float64]
-
-    def matrix(self) -> NDArray[np.float64]:
-        """Return the influence of all elements on each other, row after row, zero on the diagonal."""
-        count = len(self.same)
-        step = (np.arange(count)[:, None] - np.arange(count)[None, :]) % count
-        within = np.where(step == 0, 0.0, self.same[step])
-        # Element k of row 1 stands half a spacing after element k of row 0.
-        across = self.other[(np.arange(count)[None, :] - np.arange(count)[:, None]) % count]
-        return np.block([[within, across], [across.T, within]])
-
-    @classmethod
-    def none(cls, count: int) -> RowInfluence:
-        """Return that of rings which are rigid but for their contacts."""
-        return cls(np.zeros(count), np.zeros(count))
-
-
-@dataclass(frozen=True, eq=False)
-class ObliqueBearing:
-    """Two rows of elements at a contact angle between rings on rigid seats.
-
-    Attributes:
-        n_elements: in each row.
-        contact_angle: rad; zero is two radial rows.
-        law: force of one element over the approach of the races along its normal.
-        influence: of the elements on each other through the rings.
-        clearance: gap along the normals before the ring is displaced, m, not negative.
-    """
-
-    n_elements: int
-    contact_angle: float
-    law: ElementLaw
-    influence: RowInfluence
-    clearance: float = 0.0
-
-    def __post_init__(self) -> None:
-        """Raise a ValueError that names an unusable value."""
-        check_whole(self.n_elements, "n_elements", 3)
-        check_numbers(self, "", "not negative", "clearance", "contact_angle")
-        if len(self.influence.same) != self.n_elements or len(self.influence.other) != self.n_elements:
-            raise ValueError(
-                f"influence must have {self.n_elements} values in each row, got {len(self.influence.same)} and "
-                f"{len(self.influence.other)}"
-            )
-
-    @property
-    def spacing(self) -> float:
-        """Angle between neighbours of a row, rad."""
-        return 2.0 * math.pi / self.n_elements
-
-    def angles(self, cage_angle: float = 0.0) -> NDArray[np.float64]:
-        """Return the angles of the elements from the load, rad, row after row, shape (2 n_elements,)."""
-        row = np.array([0.0, 0.5])[:, None] + np.arange(self.n_elements)[None, :]
-        return np.asarray(cage_angle + self.spacing * row.ravel(), dtype=np.float64)
-
-    def normals(self, cage_angle: float = 0.0) -> NDArray[np.float64]:
-        """Return the unit vectors from the bearing's centre to the contacts, shape (2 n_elements, 3)."""
-        angles = self.angles(cage_angle)
-        radial, axial = math.cos(self.contact_angle), math.sin(self.contact_angle)
-        sides = np.repeat([axial, -axial], self.n_elements)
-        return np.column_stack((radial * np.cos(angles), radial * np.sin(angles), sides))
-
-    def state(self, load: float, *, cage_angle: float = 0.0, axial: Axial = "free") -> Balance:
-        """Return the equilibrium under a radial load, N.
-
-        Args:
-            axial: "free", no axial force: the ring finds its place between the rows; "held", it does not move axially.
-                The third coordinate of the result is then absent.
-
-        Raises:
-            ValueError: if the load is not positive, or ``axial`` none of the choices.
-            RuntimeError: if no equilibrium is found.
-        """
-        check_choice(axial, "axial", AXIAL)
-        if not (math.isfinite(load) and load > 0.0):
-            raise ValueError(f"load must be finite and positive, got {load!r} N")
-        kept = 3 if axial == "free" and self.contact_angle > 0.0 else 2
-        wanted = np.zeros(kept)
-        wanted[0] = load
-        matrix = self.influence.matrix()
-        return settle(
-            self.normals(cage_angle)[:, :kept],
-            self.law,
-            wanted,
-            influence=matrix if matrix.any() else None,
-            clearance=self.clearance,
-        )
-
-    def stiffness(self, load: float, *, cage_angle: float = 0.0, axial: Axial = "free") -> NDArray[np.float64]:
-        """Return the radial stiffness, N/m, shape (2, 2): [0, 0] along the load (k_yy of the thesis), [1, 1] across.
-
-        Arguments and errors as in ``state``; an axial displacement that is free follows.
-        """
-        matrix = self.state(load, cage_angle=cage_angle, axial=axial).stiffness
-        return condensed(matrix, 2) if len(matrix) == 3 else matrix
-
-    def stiffness_over_passage(self, load: float, points: int = 60, *, axial: Axial = "free") -> StiffnessPassage:
-        """Return the stiffness while the cage turns by one spacing of a row, at equal steps.
-
-        Raises:
-            ValueError: if ``points`` is below 2, or as ``state``.
-        """
-        check_whole(points, "points", 2)
-        angles = np.asarray(self.spacing / points * np.arange(points), dtype=np.float64)
-        matrices = [self.stiffness(load, cage_angle=float(angle), axial=axial) for angle in angles]
-        return StiffnessPassage(angles, np.array(matrices))

@@ -2,19 +2,18 @@
 
 Each contact is solved in its own frame, inclined by the contact angle. The ball is an eighth, so that the pressure is
 taken as symmetric about the plane of the contact across rolling; the ring is not, and its compliance for such
-pressures, and the mean gap of both sides, go with it. The part of the ring's displacement that this leaves open is
-reported as ``asymmetry``. Rings are held by their seats: the bore and the outside do not move.
+pressures, and the mean gap of both sides, go with it. Rings are held by their seats: bore and outside do not move.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, get_args
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from models.fe.bearings.law import ElementLaw
-from models.fe.bearings.oblique import ObliqueBearing, ObliqueGeometry, RowInfluence
+from models.fe.bearings.oblique import ObliqueGeometry
 from models.fe.bearings.oblique_mesh import contact_frame, largest_half_length, oblique_ring_mesh, race_profile
 from models.fe.meshes.ball_mesh import ball_mesh
 from models.fe.meshes.geometry import FeGeometry, Race
@@ -24,8 +23,6 @@ from models.fe.solid.contact import ContactState, press_to_force
 from models.fe.solid.elastic import ElasticBody, FeError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
-
     from numpy.typing import NDArray
 
     from models.fe.bearings.oblique_mesh import RaceProfile
@@ -64,19 +61,6 @@ class ObliqueContact:
     def press(self, force: float) -> ContactState:
         """Return the pressed contact under a force of the whole ball, N; forces of the result are of the quarter."""
         return press_to_force(self.compliance, self.gap, self.cells.area, 0.25 * force)
-
-    def asymmetry(self, state: ContactState) -> float:
-        """Return by how much the ring yields differently on both sides, as a share of the approach, root mean square.
-
-        Weighted with the pressure, after its rolling part (proportional to z) is taken off, which the ball follows by
-        rolling along the groove.
-        """
-        upper, lower = self.loads
-        u = self.ring.solve((upper + lower) @ state.pressure)
-        odd = 0.5 * ((upper - lower).T @ u) / self.cells.area
-        weight, z = state.pressure * self.cells.area, self.cells.centre[1]
-        odd = odd - z * float(weight @ (odd * z)) / float(weight @ z**2)
-        return float(np.sqrt(weight @ odd**2 / weight.sum())) / state.approach
 
 
 def single_row(geometry: ObliqueGeometry) -> FeGeometry:
@@ -182,40 +166,13 @@ def groove_height(profile: RaceProfile, x: NDArray[np.float64], z: NDArray[np.fl
     return height
 
 
-@dataclass(frozen=True, eq=False)
-class BallLaw:
-    """Approach of both races over the force on a ball, A Q^(2/3) - B Q, fitted to computed samples.
+def ball_law(loads: NDArray[np.float64], approach: NDArray[np.float64]) -> ElementLaw:
+    """Return the law of a ball, approach of both races A Q^(2/3) - B Q, fitted to samples, N and m, each (n,).
 
     The first part is Hertz's for half spaces, the second what bodies of finite depth on a seat yield less: without
     friction it is proportional to the force. The fit takes the mesh noise of single loads, which the stiffness would
-    magnify, out of the law.
-
-    Attributes:
-        loads, approach: samples, N and m, shape (n,).
-        hertz: A, m/N^(2/3).
-        depth: B, m/N.
-        residual: largest relative difference of a sample and the fit: the mesh error of the law.
-    """
-
-    loads: NDArray[np.float64]
-    approach: NDArray[np.float64]
-    hertz: float
-    depth: float
-    residual: float
-
-    @property
-    def contact_stiffness(self) -> float:
-        """k_c of Q = k_c delta^1.5 for small loads, N/m^1.5."""
-        return self.hertz**-1.5
-
-    def law(self) -> ElementLaw:
-        """Return the law up to the highest sample; Hertz's exponent is reached at a hundredth of the lowest."""
-        loads = np.geomspace(0.01 * float(self.loads.min()), float(self.loads.max()), 33)
-        return ElementLaw(loads, self.hertz * loads ** (2.0 / 3.0) - self.depth * loads, self.residual)
-
-
-def fitted_law(loads: NDArray[np.float64], approach: NDArray[np.float64]) -> BallLaw:
-    """Return the law of a ball from samples of at least three loads, N, and the approach of both races, m.
+    magnify, out of the law; its mesh error is the largest relative difference of a sample and the fit. The law ends at
+    the highest sample; Hertz's exponent is reached at a hundredth of the lowest.
 
     Raises:
         FeError: fewer than three loads.
@@ -225,19 +182,11 @@ def fitted_law(loads: NDArray[np.float64], approach: NDArray[np.float64]) -> Bal
     terms = np.column_stack((loads ** (2.0 / 3.0), -loads)) / approach[:, None]
     (hertz, depth), *_ = np.linalg.lstsq(terms, np.ones(len(loads)), rcond=None)
     residual = float(np.abs(terms @ np.array([hertz, depth]) - 1.0).max())
-    return BallLaw(loads, approach, float(hertz), float(depth), residual)
+    knots = np.geomspace(0.01 * float(loads.min()), float(loads.max()), 33)
+    return ElementLaw(knots, float(hertz) * knots ** (2.0 / 3.0) - float(depth) * knots, residual)
 
 
-def row_influence(geometry: ObliqueGeometry, inner: ObliqueContact, outer: ObliqueContact) -> RowInfluence:
-    """Return what the force of one ball does to the others through both rings on rigid seats."""
-    same, other = np.zeros(geometry.n_elements), np.zeros(geometry.n_elements)
-    for contact in (inner, outer):
-        one = _race_displacement(geometry, contact)
-        same, other = same + one[0], other + one[1]
-    return RowInfluence(same, other)
-
-
-def _race_displacement(
+def race_displacement(
     geometry: ObliqueGeometry, contact: ObliqueContact
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return how far the race gives way at 0, 1, .. and at 0.5, 1.5, .. spacings in the rows, m/N."""
@@ -262,63 +211,3 @@ def _race_displacement(
     across = np.array([away(k + 0.5, mirrored=True) for k in range((count + 1) // 2)])
     index = np.arange(count)
     return near[np.minimum(index, count - index)], across[np.minimum(index, count - 1 - index)]
-
-
-@dataclass(frozen=True, eq=False)
-class ObliqueResult:
-    """A self-aligning bearing from finite elements.
-
-    Attributes:
-        bearing: assembled.
-        law: of one ball, with its samples.
-        unknowns: of each body that was factorised: "inner ball 60 N", "inner ring 60 N" and so on.
-        asymmetry: largest of all samples, as of :class:`ObliqueContact`.
-        converged: whether all contacts are.
-    """
-
-    bearing: ObliqueBearing
-    law: BallLaw
-    unknowns: Mapping[str, int]
-    asymmetry: float
-    converged: bool
-
-
-def oblique_bearing(
-    geometry: ObliqueGeometry,
-    loads: Sequence[float],
-    rule: MeshRule = RULE,
-    *,
-    clearance: float = 0.0,
-    progress: Callable[[str], None] | None = None,
-) -> ObliqueResult:
-    """Return the bearing assembled from meshes for given loads of a ball, N, ascending; the law ends at the last.
-
-    Each mesh serves loads down to an eighth of its own; the rings' influence is that of the last.
-
-    Raises:
-        WrongInputError: as of ``oblique_contact``.
-    """
-    samples: list[tuple[float, float]] = []
-    unknowns: dict[str, int] = {}
-    asymmetry, converged = 0.0, True
-    pair: list[ObliqueContact] = []
-    for load in loads:
-        pair = []
-        approach = np.zeros(len(SHARES))
-        for race in get_args(Race):
-            if progress is not None:
-                progress(f"{race} contact on meshes for {load:g} N")
-            contact = oblique_contact(geometry, race, load, rule)
-            pair.append(contact)
-            unknowns |= {
-                f"{race} {body} {load:g} N": n for body, n in zip(("ball", "ring"), contact.unknowns, strict=True)
-            }
-            states = [contact.press(share * load) for share in SHARES]
-            approach += [state.approach for state in states]
-            asymmetry = max(asymmetry, *(contact.asymmetry(state) for state in states))
-            converged = converged and all(state.converged for state in states)
-        samples += [(share * load, float(value)) for share, value in zip(SHARES, approach, strict=True)]
-    law = fitted_law(*np.array(samples).T)
-    influence = row_influence(geometry, pair[0], pair[1])
-    bearing = ObliqueBearing(geometry.n_elements, geometry.contact_angle, law.law(), influence, clearance)
-    return ObliqueResult(bearing, law, unknowns, asymmetry, converged)

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from models.fe.bearings.assembled import PassingElements
     from models.machine.bearing import Bearing
 
 POINTS = 16
@@ -97,22 +98,12 @@ def bearing_answers(
     )
 
 
-class AgainstLoad(Protocol):
-    """A bearing that says how it answers to loads, as ``models.fe.bearings.assembled.AssembledBearing`` does."""
-
-    def stiffness_against_load(
-        self, loads: Sequence[float], *, points: int = 64
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return displacement along the load, m, (loads,), and stiffness, N/m, (loads, 2, 2)."""
-        ...
-
-
 LOAD_STEPS = (0.5, 1.0, 2.0)
 """Multiples of the load at which k_c is matched."""
 
 
 def rig_stiffness(
-    computed: AgainstLoad, bearing: Bearing, load: float, *, clearance: float = 0.0, mesh_error: float = math.nan
+    computed: PassingElements, bearing: Bearing, load: float, *, clearance: float = 0.0, mesh_error: float = math.nan
 ) -> EffectiveStiffness:
     """Return the k_c of a bearing of finite elements for ``[rig]``, matched at half the load, the load and twice it.
 

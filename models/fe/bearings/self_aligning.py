@@ -1,33 +1,40 @@
-"""A self-aligning ball bearing as the others are asked: states, passage of the elements, stiffness against the load.
+"""A self-aligning ball bearing of finite elements: two rows, assembled from a law of one ball and the rings' influence.
 
-Both rows stand at a contact angle. See ``models.fe.bearings.oblique``.
+See ``models.fe.bearings.oblique``. Axis 1 lies along the radial load, axis 2 across it, axis 3 along the shaft.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field
-from typing import TYPE_CHECKING, Any
+from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import numpy as np
 
-from models.fe.bearings.assembled import CONTACT_TOLERANCE, EQUILIBRIUM_TOLERANCE, FePassage, FeState, FeStatus
-from models.fe.bearings.balance import condensed
-from models.fe.bearings.oblique import Axial, ObliqueBearing, RowInfluence
-from models.fe.bearings.oblique_bodies import RULE, BallLaw, largest_ball_load, oblique_bearing
+from models.fe.bearings.assembled import FeBearing, FeState, PassingElements
+from models.fe.bearings.balance import Balance, condensed, settle
+from models.fe.bearings.law import ElementLaw
+from models.fe.bearings.oblique_bodies import (
+    RULE,
+    SHARES,
+    ball_law,
+    largest_ball_load,
+    oblique_contact,
+    race_displacement,
+)
 from models.fe.cache import FeCache, Kept
+from models.fe.meshes.geometry import Race
 from models.path.defect import wrap
+from models.words.checks import check_choice, check_numbers, check_whole
 from models.words.errors import WrongInputError
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from models.fe.bearings.element import FeContact, Progress
-    from models.fe.bearings.law import ElementLaw
+    from models.fe.bearings.element import Progress
     from models.fe.bearings.oblique import ObliqueGeometry
-    from models.fe.meshes.geometry import Race
 
+Axial = Literal["free", "held"]
 # Meshes are made for these powers, N: each serves loads down to an eighth of its own.
 LOAD_STEP = 8.0
 # Load of the most loaded ball of all Z of both rows by F / (Z cos alpha): Stribeck's 4.37, and rings that yield.
@@ -36,80 +43,122 @@ VALID_SHARE = 4.0
 
 
 @dataclass(frozen=True, eq=False)
-class SelfAligning:
-    """Two rows between a spherical outer race and an inner ring on rigid seats.
+class RowInfluence:
+    """Normal displacement at an element by a unit force on another one, both rings together, m/N.
+
+    Both rings sit on rigid seats, so that only the angle between the two elements matters. Positive where the
+    displacement takes the load off.
 
     Attributes:
-        axial: whether the inner ring is held along the shaft, as the analytic answer has it, or free.
-        oblique: the assembled rows.
-        law: of one ball between both races; its mesh error is the largest difference of its samples.
-        contacts_converged: whether all contacts of its samples are.
+        same: in the same row, at 0, 1, .. spacings, shape (n_elements,); the first is not used.
+        other: in the other row, at 0.5, 1.5, .. spacings, shape (n_elements,).
     """
 
-    oblique: ObliqueBearing
-    law: ElementLaw
-    contacts_converged: bool
-    axial: Axial = "held"
+    same: NDArray[np.float64]
+    other: NDArray[np.float64]
 
-    def state(self, load: float, *, cage_angle: float = 0.0) -> FeState:
-        """Return the equilibrium under a radial load, N, at a cage angle, rad."""
-        balance = self.oblique.state(load, cage_angle=cage_angle, axial=self.axial)
+    def matrix(self) -> NDArray[np.float64]:
+        """Return the influence of all elements on each other, row after row, zero on the diagonal."""
+        count = len(self.same)
+        step = (np.arange(count)[:, None] - np.arange(count)[None, :]) % count
+        within = np.where(step == 0, 0.0, self.same[step])
+        # Element k of row 1 stands half a spacing after element k of row 0.
+        across = self.other[(np.arange(count)[None, :] - np.arange(count)[:, None]) % count]
+        return np.block([[within, across], [across.T, within]])
+
+
+@dataclass(frozen=True, eq=False)
+class SelfAligning(PassingElements):
+    """Two rows of balls at a contact angle between a spherical outer race and an inner ring, on rigid seats.
+
+    Attributes:
+        law: of one ball between both races along its normal.
+        n_elements: in each row.
+        contact_angle: rad; zero is two radial rows.
+        influence: of the balls on each other through the rings.
+        clearance: gap along the normals before the ring is displaced, m, not negative.
+        axial: whether the inner ring is held along the shaft, as the analytic answer has it, or free: without an axial
+            force it then finds its place between the rows.
+        contacts_converged: whether all contacts of the law's samples are.
+    """
+
+    law: ElementLaw
+    n_elements: int
+    contact_angle: float
+    influence: RowInfluence
+    clearance: float = 0.0
+    axial: Axial = "held"
+    contacts_converged: bool = True
+
+    def __post_init__(self) -> None:
+        """Raise a ValueError that names an unusable value."""
+        check_whole(self.n_elements, "n_elements", 3)
+        check_numbers(self, "", "not negative", "clearance", "contact_angle")
+        check_choice(self.axial, "axial", get_args(Axial))
+        if len(self.influence.same) != self.n_elements or len(self.influence.other) != self.n_elements:
+            raise ValueError(
+                f"influence must have {self.n_elements} values in each row, got {len(self.influence.same)} and "
+                f"{len(self.influence.other)}"
+            )
+
+    def angles(self, cage_angle: float = 0.0) -> NDArray[np.float64]:
+        """Return the angles of the elements from the load, rad, row after row, shape (2 n_elements,)."""
+        row = np.array([0.0, 0.5])[:, None] + np.arange(self.n_elements)[None, :]
+        return np.asarray(cage_angle + self.spacing * row.ravel(), dtype=np.float64)
+
+    def turns(self, points: int) -> NDArray[np.float64]:
+        """Return cage angles that lie evenly over one spacing of a row, rad, as sums of one step."""
+        return np.asarray(self.spacing / points * np.arange(points), dtype=np.float64)
+
+    def normals(self, cage_angle: float = 0.0) -> NDArray[np.float64]:
+        """Return the unit vectors from the bearing's centre to the contacts, shape (2 n_elements, 3)."""
+        angles = self.angles(cage_angle)
+        radial, axial = math.cos(self.contact_angle), math.sin(self.contact_angle)
+        sides = np.repeat([axial, -axial], self.n_elements)
+        return np.column_stack((radial * np.cos(angles), radial * np.sin(angles), sides))
+
+    def balance(self, load: float, cage_angle: float = 0.0) -> Balance:
+        """Return the equilibrium under a radial load, N; there is no third coordinate where the ring is held axially.
+
+        Raises:
+            ValueError: if the load is not positive.
+            RuntimeError: if no equilibrium is found.
+        """
+        if not (math.isfinite(load) and load > 0.0):
+            raise ValueError(f"load must be finite and positive, got {load!r} N")
+        wanted = np.zeros(3 if self.axial == "free" and self.contact_angle > 0.0 else 2)
+        wanted[0] = load
+        normals = self.normals(cage_angle)[:, : len(wanted)]
+        return settle(normals, self.law, wanted, influence=self.influence.matrix(), clearance=self.clearance)
+
+    def state(self, load: float, *, cage_angle: float = 0.0, start: FeState | None = None) -> FeState:
+        """Return the equilibrium under a radial load, N, at a cage angle, rad; a free axial displacement follows.
+
+        Args:
+            start: not needed: the iteration finds its own.
+        """
+        del start
+        balance = self.balance(load, cage_angle)
         stiffness = condensed(balance.stiffness, 2) if len(balance.stiffness) == 3 else balance.stiffness
         # The approach of the law's inverse, and the one that the displacements leave: no part of the iteration.
         gap = balance.approach - self.law.approach_of(balance.forces)
-        wrong = np.where(balance.forces > 0.0, np.abs(gap), np.maximum(gap, 0.0))
-        imbalance, contact_error = balance.residual / load, float(wrong.max())
-        status: FeStatus = "converged"
-        if not self.law.covers(float(balance.forces.max())):
-            status = "outside_law"
-        elif not (imbalance <= EQUILIBRIUM_TOLERANCE and self.contacts_converged):
-            status = "not_in_equilibrium"
-        elif not contact_error <= CONTACT_TOLERANCE * float(np.abs(balance.approach).max()):
-            status = "contact_violated"
-        weak = np.where(balance.forces < self.law.lowest, balance.forces, 0.0)
-        along = self.oblique.normals(cage_angle)[:, 0]
+        imbalance = balance.residual / load
+        share = imbalance if self.contacts_converged else math.inf
+        status, contact_error = self.check(balance.forces, balance.approach, gap, share)
         return FeState(
             load=load,
             displacement=balance.displacement[:2],
             stiffness=stiffness,
             bore_line=float(balance.displacement[0]),
             bore_line_stiffness=float(1.0 / np.linalg.inv(stiffness)[0, 0]),
-            angles=wrap(self.oblique.angles(cage_angle)),
+            angles=wrap(self.angles(cage_angle)),
             loads=balance.forces,
             status=status,
             imbalance=imbalance,
             contact_error=contact_error,
-            below_law=float(along @ weak) / load,
+            below_law=self.below_law(balance.forces, self.normals(cage_angle)[:, 0]) / load,
             mesh_error=self.law.mesh_error,
         )
-
-    def stiffness_over_passage(self, load: float, *, points: int = 96) -> FePassage:
-        """Return the stiffness while the cage turns by one spacing of a row; NaN where a state is not converged."""
-        turns = np.asarray(self.oblique.spacing / points * np.arange(points), dtype=np.float64)
-        states = tuple(self.state(load, cage_angle=float(turn)) for turn in turns)
-        matrix = [state.stiffness if state.converged else np.full((2, 2), math.nan) for state in states]
-        return FePassage(turns, np.array(matrix), states)
-
-    def stiffness_against_load(
-        self, loads: Sequence[float], *, points: int = 64
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return displacement along the load, m, (loads,), and stiffness, N/m, (loads, 2, 2): means over a passage."""
-        passages = [self.stiffness_over_passage(load, points=points) for load in loads]
-        displacement = [
-            float(np.mean([state.displacement[0] if state.converged else math.nan for state in passage.states]))
-            for passage in passages
-        ]
-        return np.array(displacement), np.array([passage.mean for passage in passages])
-
-
-@dataclass(frozen=True, eq=False)
-class SelfAligningBearing:
-    """The bearing with what it was made of, as ``models.fe.bearings.bearing.FeBearing``; its contacts are not kept."""
-
-    assembled: SelfAligning
-    load: float
-    unknowns: Mapping[str, int]
-    contacts: Mapping[Race, FeContact] = field(default_factory=dict["Race", "FeContact"])
 
 
 def self_aligning_bearing(
@@ -119,7 +168,7 @@ def self_aligning_bearing(
     clearance: float = 0.0,
     cache: FeCache | None = None,
     progress: Progress | None = None,
-) -> SelfAligningBearing:
+) -> FeBearing:
     """Return a self-aligning ball bearing under a radial load, N, both rings on rigid seats.
 
     The law ends at the load of a ball whose contact reaches the edge of the inner groove.
@@ -140,24 +189,48 @@ def self_aligning_bearing(
     last = math.ceil(math.log(largest) / math.log(LOAD_STEP) - 1e-9)
     limit = largest_ball_load(geometry)
     loads = (min(LOAD_STEP ** (last - 1), limit / LOAD_STEP), min(LOAD_STEP**last, limit))
-    done = 0
-
-    def step(what: str) -> None:
-        nonlocal done
-        if progress is not None:
-            progress(what, done, 2 * len(loads))
-        done += 1
-
-    def make() -> Kept:
-        found = oblique_bearing(geometry, loads, progress=step)
-        law, influence = found.law, found.bearing.influence
-        arrays = {"loads": law.loads, "approach": law.approach, "same": influence.same, "other": influence.other}
-        numbers = {"hertz": law.hertz, "depth": law.depth, "residual": law.residual}
-        return Kept(arrays, {"law": numbers, "unknowns": dict(found.unknowns), "converged": found.converged})
-
     key: dict[str, Any] = {"kind": "oblique", "geometry": asdict(geometry), "rule": asdict(RULE), "loads_newton": loads}
-    entry = (cache or FeCache(None)).get(key, make)
-    law = BallLaw(entry.arrays["loads"], entry.arrays["approach"], **entry.values["law"]).law()
+    entry = (cache or FeCache(None)).get(key, lambda: _computed(geometry, loads, progress))
+    values = entry.values
+    law = ElementLaw(entry.arrays["loads"], entry.arrays["approach"], values["mesh_error"])
     influence = RowInfluence(entry.arrays["same"], entry.arrays["other"])
-    rows = ObliqueBearing(geometry.n_elements, geometry.contact_angle, law, influence, clearance * radial)
-    return SelfAligningBearing(SelfAligning(rows, law, entry.values["converged"]), load, entry.values["unknowns"])
+    rows = SelfAligning(
+        law,
+        geometry.n_elements,
+        geometry.contact_angle,
+        influence,
+        clearance * radial,
+        contacts_converged=values["converged"],
+    )
+    return FeBearing(rows, {}, values["unknowns"])
+
+
+def _computed(geometry: ObliqueGeometry, loads: tuple[float, float], progress: Progress | None) -> Kept:
+    """Return the law of a ball and the influence of the rings from meshes for loads of a ball, N, ascending.
+
+    Each mesh serves loads down to an eighth of its own; the rings' influence is that of the last.
+    """
+    samples: list[tuple[float, float]] = []
+    unknowns: dict[str, int] = {}
+    converged, done = True, 0
+    same, other = np.zeros(geometry.n_elements), np.zeros(geometry.n_elements)
+    for load in loads:
+        approach = np.zeros(len(SHARES))
+        for race in get_args(Race):
+            if progress is not None:
+                progress(f"{race} contact on meshes for {load:g} N", done, 2 * len(loads))
+            done += 1
+            contact = oblique_contact(geometry, race, load, RULE)
+            unknowns |= {
+                f"{race} {body} {load:g} N": n for body, n in zip(("ball", "ring"), contact.unknowns, strict=True)
+            }
+            states = [contact.press(share * load) for share in SHARES]
+            approach += [state.approach for state in states]
+            converged = converged and all(state.converged for state in states)
+            if load == loads[-1]:
+                one = race_displacement(geometry, contact)
+                same, other = same + one[0], other + one[1]
+        samples += [(share * load, float(value)) for share, value in zip(SHARES, approach, strict=True)]
+    law = ball_law(*np.array(samples).T)
+    arrays = {"loads": law.loads, "approach": law.approach, "same": same, "other": other}
+    return Kept(arrays, {"mesh_error": law.mesh_error, "unknowns": unknowns, "converged": converged})

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from models.fe.bearings import bearing, ring_bodies
-from models.fe.bearings.bearing import FeBearing, analytic_law, fe_bearing, largest_load, mesh_loads
+from models.fe.bearings.assembled import FeBearing
+from models.fe.bearings.bearing import analytic_law, fe_bearing, largest_load, mesh_loads
 from models.fe.bearings.element import MAX_SHARE, MIN_SHARE, ElementMesh, Progress, element_mesh, surface_gap
 from models.fe.bearings.rings import Support
 from models.fe.cache import FeCache, Kept

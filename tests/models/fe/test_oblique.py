@@ -8,7 +8,8 @@ import pytest
 
 from models.fe.bearings.balance import condensed
 from models.fe.bearings.law import ElementLaw
-from models.fe.bearings.oblique import ObliqueBearing, ObliqueError, RowInfluence, oblique_geometry
+from models.fe.bearings.oblique import ObliqueError, oblique_geometry
+from models.fe.bearings.self_aligning import Axial, RowInfluence, SelfAligning
 from models.machine import ball_statics, hertz
 from models.machine.bearing import Bearing, catalogue_entry
 from models.machine.load_distribution import stiffness_over_passage
@@ -19,21 +20,24 @@ GEOMETRY = oblique_geometry(ENTRY)
 LAW = ElementLaw.from_power(K_C, 1.5, 1e-3, 1e9)
 
 
-def rigid(angle: float = GEOMETRY.contact_angle) -> ObliqueBearing:
-    return ObliqueBearing(12, angle, LAW, RowInfluence.none(12))
+NONE = RowInfluence(np.zeros(12), np.zeros(12))
+
+
+def rigid(angle: float = GEOMETRY.contact_angle, axial: Axial = "free") -> SelfAligning:
+    return SelfAligning(LAW, 12, angle, NONE, axial=axial)
 
 
 def test_without_a_contact_angle_it_is_the_radial_bearing() -> None:
-    ours = rigid(0.0).stiffness_over_passage(2000.0, 8)
+    ours = rigid(0.0).stiffness_over_passage(2000.0, points=8)
     theirs = stiffness_over_passage(ENTRY.bearing, 2000.0, K_C, points=8)
     np.testing.assert_allclose(ours.cage_angle, theirs.cage_angle)
     np.testing.assert_allclose(ours.matrix, theirs.matrix, rtol=1e-6, atol=1.0)
 
 
 def test_swing_of_the_self_aligning_bearing() -> None:
-    held = rigid().stiffness_over_passage(1000.0, 24, axial="held")
+    held = rigid(axial="held").stiffness_over_passage(1000.0, points=24)
     # The angle takes the power 5/3 of its cosine from the stiffness and leaves the swing: 7.55 and 0.0134 %.
-    radial = rigid(0.0).stiffness_over_passage(1000.0, 24)
+    radial = rigid(0.0).stiffness_over_passage(1000.0, points=24)
     np.testing.assert_allclose(
         held.mean[0, 0] / radial.mean[0, 0], math.cos(GEOMETRY.contact_angle) ** (5 / 3), rtol=1e-6
     )
@@ -44,12 +48,12 @@ def test_swing_of_the_self_aligning_bearing() -> None:
 
 def test_free_axial_place_softens_and_leaves_no_axial_force() -> None:
     bearing = rigid()
-    free, held = bearing.state(1000.0, cage_angle=0.03), bearing.state(1000.0, cage_angle=0.03, axial="held")
+    free, held = bearing.balance(1000.0, 0.03), rigid(axial="held").balance(1000.0, 0.03)
     assert free.displacement.shape == (3,)
     assert held.displacement.shape == (2,)
     assert abs(free.displacement[2]) > 1e-9
     assert abs(float(free.forces @ bearing.normals(0.03)[:, 2])) < 1e-6
-    assert bearing.stiffness(1000.0, cage_angle=0.03)[0, 0] <= held.stiffness[0, 0] * (1 + 1e-9)
+    assert bearing.state(1000.0, cage_angle=0.03).stiffness[0, 0] <= held.stiffness[0, 0] * (1 + 1e-9)
 
 
 def test_one_row_agrees_with_balls_in_grooves() -> None:
@@ -86,8 +90,8 @@ def test_influence_depends_on_the_angle_between_elements_only() -> None:
     expected = 1e-10 * strength * np.cos(angles[:, None] - angles[None, :])
     np.fill_diagonal(expected, 0.0)
     np.testing.assert_allclose(matrix, expected, atol=1e-22)
-    bearing = ObliqueBearing(12, GEOMETRY.contact_angle, LAW, RowInfluence(same, other))
-    np.testing.assert_allclose(condensed(bearing.state(500.0).stiffness, 2), bearing.stiffness(500.0))
+    bearing = SelfAligning(LAW, 12, GEOMETRY.contact_angle, RowInfluence(same, other), axial="free")
+    np.testing.assert_allclose(condensed(bearing.balance(500.0).stiffness, 2), bearing.state(500.0).stiffness)
 
 
 def test_geometry_of_the_1205() -> None:
@@ -131,8 +135,8 @@ def test_what_does_not_fit_is_refused() -> None:
     with pytest.raises(ValueError, match="land_radius must lie within"):
         replace(GEOMETRY, land_radius=30e-3)
     with pytest.raises(ValueError, match="influence must have 12 values"):
-        ObliqueBearing(12, 0.1, LAW, RowInfluence.none(11))
+        SelfAligning(LAW, 12, 0.1, RowInfluence(np.zeros(11), np.zeros(11)))
     with pytest.raises(ValueError, match="load must be finite and positive"):
         rigid().state(0.0)
     with pytest.raises(ValueError, match="axial must be one of"):
-        rigid().state(1.0, axial="loose")  # type: ignore[arg-type]
+        rigid(axial="loose")  # type: ignore[arg-type]

@@ -10,7 +10,6 @@ import json
 import math
 import sys
 import tomllib
-from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import cache, partial
 from pathlib import Path
@@ -22,12 +21,12 @@ from click.testing import CliRunner
 
 import models.fe.bearings.bearing
 import spallwatch as sw
-from models.fe.bearings.assembled import AssembledBearing
-from models.fe.bearings.bearing import FeBearing
-from models.fe.bearings.element import RACES, FeContact
+from models.fe.bearings.assembled import AssembledBearing, FeBearing
+from models.fe.bearings.element import RACES, FeContact, Progress
 from models.fe.bearings.law import ElementLaw
-from models.fe.bearings.oblique import ObliqueBearing, ObliqueGeometry, RowInfluence
-from models.fe.bearings.oblique_bodies import ObliqueResult, fitted_law
+from models.fe.bearings.oblique import ObliqueGeometry
+from models.fe.bearings.oblique_bodies import ball_law
+from models.fe.cache import Kept
 from models.fe.extra import has_extra
 from models.fe.meshes.geometry import FeGeometry, Race
 from models.fe.meshes.named_rules import NAMED_RULES
@@ -71,7 +70,7 @@ def analytic_bearing(
     assembled = AssembledBearing(law, geometry.n_elements, clearance)
     top = float(assembled.state(load).loads.max())
     contacts: dict[Race, FeContact] = {race: hertz_contact(geometry, race, top) for race in RACES}
-    return FeBearing(assembled, load, contacts, {"inner ring": 20_000, "outer ring": 18_000, geometry.element: 9_000})
+    return FeBearing(assembled, contacts, {"inner ring": 20_000, "outer ring": 18_000, geometry.element: 9_000})
 
 
 @pytest.fixture(autouse=True)
@@ -220,15 +219,15 @@ def test_bearings_of_other_kinds_are_refused_with_the_reason(designation: str, r
 
 
 def test_a_self_aligning_bearing_has_two_rows_and_no_symmetric_contact(monkeypatch: pytest.MonkeyPatch) -> None:
-    def rows(geometry: ObliqueGeometry, loads: Sequence[float], *, progress: Callable[[str], None]) -> ObliqueResult:
-        progress("inner contact")
+    def computed(geometry: ObliqueGeometry, loads: tuple[float, float], progress: Progress) -> Kept:
+        progress("inner contact", 0, 1)
         forces = np.geomspace(10.0, max(loads), 5)
-        law = fitted_law(forces, (forces / 5.45e9) ** (2.0 / 3.0) * (1.0 + 1e-3 * np.array([1, -1, 0, 1, -1])))
-        alone = RowInfluence.none(geometry.n_elements)
-        bearing = ObliqueBearing(geometry.n_elements, geometry.contact_angle, law.law(), alone)
-        return ObliqueResult(bearing, law, {"inner ring": 50_000}, 1e-4, converged=True)
+        law = ball_law(forces, (forces / 5.45e9) ** (2.0 / 3.0) * (1.0 + 1e-3 * np.array([1, -1, 0, 1, -1])))
+        none = np.zeros(geometry.n_elements)
+        arrays = {"loads": law.loads, "approach": law.approach, "same": none, "other": none}
+        return Kept(arrays, {"mesh_error": law.mesh_error, "unknowns": {"inner ring": 50_000}, "converged": True})
 
-    monkeypatch.setattr("models.fe.bearings.self_aligning.oblique_bearing", rows)
+    monkeypatch.setattr("models.fe.bearings.self_aligning._computed", computed)
     whole = values.__wrapped__(SELF_ALIGNING, "--load-newton", "4000")
     found = whole["fe"]
     assert found["status"] == "converged"
