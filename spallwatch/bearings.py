@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
     from models.fe.bearings.rings import Support
-    from models.fe.meshes.named_rules import MeshName
+    from models.fe.meshes.sizing import MeshName
 
 
 class BearingError(WrongInputError):

@@ -133,11 +133,11 @@ def _gearbox() -> list[UncomputedFigure]:
         UncomputedFigure(
             THESIS, _tables(25), "natural frequencies of the casing and MAC",
             "828, 1221; 835, 1143 Hz; 0.66, 0.73", "NO",
-            casing + "; MAC of a casing of our own: docs/evidence/gears.md",
+            casing,
         ),
         UncomputedFigure(
             THESIS, _tables(26), "modal damping of the casing", "0.5 to 7.6 %", "INPUT",
-            "measured; models.fe.casing.modes.THESIS_DAMPING",
+            "measured",
         ),
         UncomputedFigure(
             THESIS, _tables(27), "reduction of the acceleration by Mod1", "-5.3, -6.1; -7.3, -5.5 dB", "NO",

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from models.fe.bearings.rings import Support
 from models.fe.meshes.geometry import fe_geometry
-from models.fe.meshes.named_rules import NAMED_RULES, MeshName
+from models.fe.meshes.sizing import NAMED_RULES, MeshName
 from models.machine.bearing import CatalogueEntry
 from models.machine.contact_estimates import estimate_stiffness
 from models.machine.hertz import contact_exponent

@@ -11,7 +11,7 @@ import click
 
 from models.fe.bearings.rig import EffectiveStiffness, rig_stiffness
 from models.fe.bearings.rings import SUPPORTS, Support
-from models.fe.meshes.named_rules import NAMED_RULES, MeshName
+from models.fe.meshes.sizing import NAMED_RULES, MeshName
 from models.machine.bearing import CatalogueEntry
 from monitor.commands import option
 from monitor.commands.common import InputError, check_writable, input_errors, output_errors

@@ -14,8 +14,8 @@ import numpy as np
 
 from models.fe.casing.mesh import casing_mesh
 from models.fe.solid.cholesky import Cholesky
+from models.fe.solid.cholesky import plan as dissect
 from models.fe.solid.cost import check_memory
-from models.fe.solid.dissection import plan as dissect
 from models.fe.solid.elastic import ElasticBody, FeError, jacobians
 from models.fe.solid.shape import quadrature, shapes
 from models.fe.solid.sparse import SparseMatrix, sparse_matrix
@@ -64,7 +64,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from models.fe.casing.shape import CasingMeshRule, CasingShape, Material, Seat
-    from models.fe.solid.dissection import Plan
+    from models.fe.solid.cholesky import Plan
 
     Array = NDArray[np.float64]
 AXES = ("x", "y", "z")
@@ -82,10 +82,10 @@ class Casing:
     """A casing, assembled at once and factorised when that is first needed.
 
     Args:
-        shape: walls, seats and feet.
+        shape: walls and seats.
         material: of all of it.
         rule: sizes of the cells.
-        fixed: side, foot or seat -> components that are held; by default the feet, or the underside, in all three.
+        fixed: side -> components that are held; by default the underside in all three.
 
     Attributes:
         body: the elastic body, with the supports.
@@ -106,11 +106,10 @@ class Casing:
     ) -> None:
         """Assemble."""
         self.shape, self.material, self.rule = shape, material, rule
-        held = [f"foot{n}" for n in range(1, len(shape.feet) + 1)] or ["y0"]
-        supports = dict.fromkeys(held, (0, 1, 2)) if fixed is None else dict(fixed)
+        supports = {"y0": (0, 1, 2)} if fixed is None else fixed
         mesh = casing_mesh(shape, rule)
         self.body = ElasticBody(mesh, material.modulus, material.poisson, supports, name="the casing")
-        self._masters = _masters(self.body, [seat for seat in shape.seats if seat.spider == "rigid"])
+        self._masters = _masters(self.body, shape.seats)
         self.transform: SparseMatrix = _transform(self.body, self._masters)
         self._ports: dict[str, Array] = {}
         for seat in shape.seats:
@@ -217,7 +216,7 @@ def _masters(body: ElasticBody, seats: Sequence[Seat]) -> list[_Master]:
     for seat in seats:
         nodes = np.unique(np.asarray(body.dofs.get_facet_dofs(body.mesh.boundaries[seat.name]).flatten(), np.int64))
         if np.any(free[nodes] < body.dim):
-            raise FeError(f"seat {seat.name!r} is rigid and cannot be held: give it the spider 'mean'")
+            raise FeError(f"seat {seat.name!r} is rigid and cannot be held")
         if np.any(taken[nodes]):
             raise FeError(f"seat {seat.name!r} is rigid and shares nodes with another rigid seat")
         taken[nodes] = True

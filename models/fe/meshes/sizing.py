@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
@@ -23,6 +23,10 @@ if TYPE_CHECKING:
 
 # Share of the shoulder's distance, and of the ball's radius, up to which a contact's grid may reach along the shaft.
 _GROOVE_REACH, _BALL_REACH = 0.97, 0.8
+
+
+MeshName = Literal["coarse", "default", "fine"]
+"""Meshes between which people choose by speed and error."""
 
 
 @dataclass(frozen=True)
@@ -72,6 +76,17 @@ class MeshRule:
     def columns(self) -> int:
         """Elements across the half patch: the least number of which none is larger than ``size`` times b."""
         return max(1, math.ceil(self.patch / self.size - 1e-9))
+
+
+# Cells on the rounded edge of a roller: without them the pressure at its end grows with each refinement.
+_OVER = 2
+
+NAMED_RULES: dict[MeshName, MeshRule] = {
+    "coarse": MeshRule(patch=1.6, size=0.8, growth=2.0, along=4, over=_OVER),
+    "default": MeshRule(over=_OVER),
+    "fine": MeshRule(patch=1.6, size=0.27, growth=1.5, along=7, over=_OVER),
+}
+"""Elements across the half width of the contact: about 1, 2 and 4."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,10 +13,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from models.fe.solid.cholesky import Cholesky
+from models.fe.solid.cholesky import Cholesky, Plan
+from models.fe.solid.cholesky import plan as dissect
 from models.fe.solid.cost import check_memory
-from models.fe.solid.dissection import Plan
-from models.fe.solid.dissection import plan as dissect
 from models.fe.solid.shape import (
     FeDofs,
     FeElement,

@@ -5,9 +5,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from models.fe.bearings.element import common_slopes, element_slopes, race_slopes
 from models.fe.extra import has_extra
 from models.fe.meshes.ball_mesh import ball_mesh
-from models.fe.meshes.common_surface import common_slopes, element_slopes, race_slopes
 from models.fe.meshes.geometry import FeGeometry, Race, fe_geometry
 from models.fe.meshes.ring_mesh import ring_mesh
 from models.fe.meshes.roller_mesh import roller_mesh

@@ -29,8 +29,7 @@ from models.fe.bearings.oblique_bodies import ball_law
 from models.fe.cache import Kept
 from models.fe.extra import has_extra
 from models.fe.meshes.geometry import FeGeometry, Race
-from models.fe.meshes.named_rules import NAMED_RULES
-from models.fe.meshes.sizing import half_sizes
+from models.fe.meshes.sizing import NAMED_RULES, half_sizes
 from models.fe.solid.condense import ContactCells
 from models.fe.solid.cost import check_memory
 from models.machine.bearing import from_catalogue
