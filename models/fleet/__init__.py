@@ -11,12 +11,12 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from models.fleet.executor import ClusterExecutor
-    from models.work.task import Store
+    from models.work.task import FileStore
 
 _NEEDED = ("distributed", "cryptography")
 
 
-def open_executor(address: str, workers: int, store: Store, tell: Callable[[str], None]) -> ClusterExecutor:
+def open_executor(address: str, workers: int, store: FileStore, tell: Callable[[str], None]) -> ClusterExecutor:
     """Return an executor of chunks on a cluster whose workers were compared with this program.
 
     Args:

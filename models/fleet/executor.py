@@ -22,7 +22,7 @@ from models.work.chunk import MAX_ATTEMPTS, clear_marks, lost_workers, read_chun
 from models.work.codec import DamagedDataError
 from models.work.errors import MemoryNeedError, failure_of
 from models.work.program import processor
-from models.work.task import DIED, ChunkCall, ChunkOutcome, Failure, Store
+from models.work.task import DIED, ChunkCall, ChunkOutcome, Failure, FileStore
 
 RECONNECT_S = 300.0
 """Time for a lost scheduler to come back, and then for its workers, s."""
@@ -65,7 +65,7 @@ class ClusterExecutor:
     def __init__(
         self,
         cluster: Cluster,
-        store: Store,
+        store: FileStore,
         tell: Callable[[str], None],
         *,
         reconnect_s: float = RECONNECT_S,

@@ -21,7 +21,7 @@ PAUSES_S = (0.1, 0.3, 1.0)
 
 
 @dataclass(frozen=True)
-class Kept:
+class KeptObject:
     """An object as it was read.
 
     Attributes:
@@ -43,7 +43,7 @@ class KeptStore(Protocol):
         """URL of the store."""
         ...
 
-    def read_kept(self, name: str) -> Kept | None:
+    def read_kept(self, name: str) -> KeptObject | None:
         """Return an object, None where there is none."""
         ...
 

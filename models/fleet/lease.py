@@ -18,7 +18,7 @@ from dataclasses import asdict, dataclass, replace
 from datetime import UTC, datetime
 from typing import Never
 
-from models.fleet.kept import Kept, KeptStore, write_unchanged
+from models.fleet.kept import KeptObject, KeptStore, write_unchanged
 from models.words.errors import SpallwatchError, WrongInputError
 from models.work.errors import ObjectStorageError
 
@@ -135,7 +135,7 @@ class Lease:
             if found is not None and Holder.of(found.data).token == self.token:
                 self._store.delete_kept(LEASE_NAME, found.tag)
 
-    def _lose(self, found: Kept | None) -> Never:
+    def _lose(self, found: KeptObject | None) -> Never:
         by = "was deleted" if found is None else f"is held by {Holder.of(found.data)}"
         self._lost = (
             f"{self._store.url}: {LEASE_NAME} {by}: this command did not renew it for {self._times.stale_s:.0f} s or "
@@ -177,7 +177,7 @@ def leased(store: KeptStore, tell: Callable[[str], None], times: Times = _TIMES)
 
 
 def _acquire(store: KeptStore, holder: Holder, times: Times, tell: Callable[[str], None]) -> None:
-    seen: Kept | None = None
+    seen: KeptObject | None = None
     since = time.monotonic()
     while True:
         found = store.read_kept(LEASE_NAME)
@@ -193,7 +193,7 @@ def _acquire(store: KeptStore, holder: Holder, times: Times, tell: Callable[[str
         time.sleep(times.poll_s)
 
 
-def _is_stale(found: Kept, seen: Kept | None, watched_s: float, stale_s: float) -> bool:
+def _is_stale(found: KeptObject, seen: KeptObject | None, watched_s: float, stale_s: float) -> bool:
     """Return whether a lease has not been renewed for so long, by the server or as it was watched."""
     if found.age_s is not None and found.age_s > stale_s:
         return True

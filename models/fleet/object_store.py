@@ -11,7 +11,7 @@ from contextlib import contextmanager
 from functools import partial
 from typing import Any
 
-from models.fleet.kept import Kept, age_of, tag_of
+from models.fleet.kept import KeptObject, age_of, tag_of
 from models.words.errors import SpallwatchError, WrongInputError
 from models.work.errors import ObjectStorageError
 from models.work.filesystem import cause, error_code, filesystem, in_loop, repeated
@@ -131,11 +131,11 @@ class ObjectStore:
                 entries.append((path[len(self._root) + 1 :].rstrip("/"), entry["type"] == "directory"))
         return entries
 
-    def read_kept(self, name: str) -> Kept | None:
+    def read_kept(self, name: str) -> KeptObject | None:
         """Return an object that is written in turn, None where there is none; ObjectStorageError otherwise."""
         if not self._is_s3:
             data = self.read(name)
-            return None if data is None else Kept(data, tag_of(data))
+            return None if data is None else KeptObject(data, tag_of(data))
         bucket, _, key = self._path(name).partition("/")
 
         async def get() -> tuple[dict[str, Any], bytes]:
@@ -150,7 +150,7 @@ class ObjectStore:
                 if error_code(error) == "NoSuchBucket":
                     raise
                 return None
-        return Kept(data, str(answer["ETag"]), age_of(answer))
+        return KeptObject(data, str(answer["ETag"]), age_of(answer))
 
     def write_kept(self, name: str, data: bytes, tag: str | None) -> str | None:
         """Write an object that is written in turn, as ``models.fleet.kept``; ObjectStorageError where that fails."""

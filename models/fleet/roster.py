@@ -17,7 +17,7 @@ from models.fleet.connect import check_addresses
 from models.fleet.errors import ClusterError, RefusedWorkerError
 from models.fleet.member import Membership, answer_name, differences, facts, join
 from models.work.codec import name_of
-from models.work.task import Store
+from models.work.task import FileStore
 
 JOIN_S = 600.0
 """Time for the first workers to come, s."""
@@ -42,7 +42,7 @@ class Roster:
         resource: name of the memory that they offer: one for each program, so that runs of several do not mix.
     """
 
-    def __init__(self, address: str, store: Store, tell: Callable[[str], None]) -> None:
+    def __init__(self, address: str, store: FileStore, tell: Callable[[str], None]) -> None:
         """Begin without workers.
 
         Args:

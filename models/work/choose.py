@@ -11,7 +11,7 @@ from models.work.folder_store import open_store
 from models.work.pool import PoolExecutor, worker_count
 from models.work.runner import Runner
 from models.work.serial import SerialExecutor
-from models.work.task import Executor, Progress, Store
+from models.work.task import Executor, FileStore, Progress
 
 
 def open_runner(
@@ -60,7 +60,7 @@ def local_runner(workers: int) -> Runner:
     return open_runner(workers=workers)
 
 
-def _executor(cluster: str | None, workers: int, store: Store | None, tell: Callable[[str], None]) -> Executor:
+def _executor(cluster: str | None, workers: int, store: FileStore | None, tell: Callable[[str], None]) -> Executor:
     if cluster is not None:
         return load("work", "cluster")(cluster, workers, store, tell)
     return SerialExecutor() if worker_count(workers) == 1 else PoolExecutor(workers)

@@ -26,7 +26,7 @@ from models.work.errors import MemoryNeedError, OtherProgramError, failure_of
 from models.work.folder_store import open_store
 from models.work.program import processor, program
 from models.work.redact import has_signed_url
-from models.work.task import DIED, ChunkCall, ChunkOutcome, Failure, Store
+from models.work.task import DIED, ChunkCall, ChunkOutcome, Failure, FileStore
 
 MAX_ATTEMPTS = 3
 """Failures of a chunk, or deaths of its worker, after which it is set aside."""
@@ -55,7 +55,7 @@ class StoredTasks:
     key: str
 
 
-def sent_tasks(store: Store, key: str, tasks: bytes) -> bytes:
+def sent_tasks(store: FileStore, key: str, tasks: bytes) -> bytes:
     """Return what is sent of the encoded tasks of a chunk, after writing large ones to the store.
 
     Those with signed URLs are sent whatever their size: a reader of the store could use the signatures.
@@ -76,7 +76,7 @@ def chunk_key(function: str, shared: str, tasks: bytes) -> str:
     return digest((function, shared, digest_of(tasks), program()))
 
 
-def read_chunk(store: Store, key: str) -> StoredChunk | None:
+def read_chunk(store: FileStore, key: str) -> StoredChunk | None:
     """Return a chunk from the store, None where it is not there.
 
     Raises:
@@ -91,18 +91,18 @@ def read_chunk(store: Store, key: str) -> StoredChunk | None:
     return found
 
 
-def lost_workers(store: Store, call: ChunkCall) -> list[str]:
+def lost_workers(store: FileStore, call: ChunkCall) -> list[str]:
     """Return the markers of a chunk that workers of its caller left, sorted; other callers' workers may be at work."""
     return sorted(store.names(f"started/{call.key}/{call.caller}-"))
 
 
-def clear_marks(store: Store, key: str, caller: str) -> None:
+def clear_marks(store: FileStore, key: str, caller: str) -> None:
     """Delete the markers of a chunk that workers of a caller left, so that these do not count as lost."""
     for name in list(store.names(f"started/{key}/{caller}-")):
         store.delete(name)
 
 
-def clear_attempts(store: Store, key: str) -> None:
+def clear_attempts(store: FileStore, key: str) -> None:
     """Delete the markers and the logs of a chunk, so that it may be attempted anew."""
     for name in [name for prefix in ("started", "failed") for name in store.names(f"{prefix}/{key}/")]:
         store.delete(name)
@@ -142,12 +142,12 @@ def default_worker() -> str:
 
 
 @cache
-def cached_store(url: str) -> Store:
+def cached_store(url: str) -> FileStore:
     """Return the store of a URL, one a process."""
     return open_store(url)
 
 
-def write_log(store: Store, key: str, label: str, failure: Failure, worker: str) -> None:
+def write_log(store: FileStore, key: str, label: str, failure: Failure, worker: str) -> None:
     """Write the log of a failure of a chunk."""
     number = sum(1 for _ in store.names(f"failed/{key}/")) + 1
     entry = asdict(failure) | {"label": label, "worker": worker, "time": time.time()}
@@ -165,7 +165,7 @@ def _check(call: ChunkCall, memory: int | None, worker: str) -> None:
         )
 
 
-def _run(call: ChunkCall, store: Store, worker: str) -> ChunkOutcome:
+def _run(call: ChunkCall, store: FileStore, worker: str) -> ChunkOutcome:
     function: Callable[[Any, Any], Any] = resolve(call.function)
     shared, tasks = _shared(call.store, store, call.shared), decode(call.tasks)
     if isinstance(tasks, StoredTasks):
@@ -188,7 +188,7 @@ _kept: OrderedDict[tuple[str, str], Any] = OrderedDict()
 _lock = threading.Lock()
 
 
-def _shared(url: str, store: Store, name: str) -> Any:
+def _shared(url: str, store: FileStore, name: str) -> Any:
     """Return what all tasks share, from memory where this process has read it before."""
     with _lock:
         key = (url, name)
@@ -200,21 +200,21 @@ def _shared(url: str, store: Store, name: str) -> Any:
         return _kept[key]
 
 
-def _found(store: Store, name: str) -> Any:
+def _found(store: FileStore, name: str) -> Any:
     data = store.read(name)
     if data is None:
         raise FileNotFoundError(f"{store.url} has no {name}: workers and caller must reach the same store")
     return _decoded(store, name, data)
 
 
-def _decoded(store: Store, name: str, data: bytes) -> Any:
+def _decoded(store: FileStore, name: str, data: bytes) -> Any:
     try:
         return decode(data)
     except DamagedDataError as error:
         raise DamagedDataError(f"{store.url}/{name}: {error}") from None
 
 
-def _died(store: Store, markers: list[str]) -> Failure:
+def _died(store: FileStore, markers: list[str]) -> Failure:
     """Return the failure of a chunk whose workers died, by the markers that they left."""
     entries = [json.loads(store.read(marker) or b"{}") for marker in markers]
     workers = ", ".join(str(entry.get("worker", "unknown")) for entry in entries)

@@ -13,10 +13,10 @@ from urllib.parse import unquote, urlsplit
 from models.platform.portable import BINARY
 from models.words.errors import WrongInputError
 from models.words.extras import load
-from models.work.task import Store
+from models.work.task import FileStore
 
 
-def open_store(url: str | Path) -> Store:
+def open_store(url: str | Path) -> FileStore:
     """Return the store of a path or a URL: ``file://`` is a folder, others need the extra ``s3`` or ``cluster``.
 
     Raises:

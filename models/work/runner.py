@@ -24,7 +24,7 @@ from models.work.job import Chunk, Job, Tally, chunks_of
 from models.work.program import program
 from models.work.serial import SerialExecutor
 from models.work.store_files import KnownChunks, attempted_chunks, check_writable, delete_own, write_run, write_shared
-from models.work.task import DIED, ChunkCall, ChunkOutcome, Executor, Failure, Progress, Store, Work
+from models.work.task import DIED, ChunkCall, ChunkOutcome, Executor, Failure, FileStore, Progress, Work
 
 _S = TypeVar("_S")
 _T = TypeVar("_T")
@@ -43,7 +43,7 @@ class Runner:
     def __init__(
         self,
         executor: Executor,
-        store: Store | None = None,
+        store: FileStore | None = None,
         resume: bool = False,
         notify: Callable[[Progress], None] | None = None,
         *,
@@ -216,7 +216,7 @@ class Runner:
             for waiting in self._waiting.values():
                 waiting[:] = [(other, chunk) for other, chunk in waiting if other is not job]
 
-    def _begin(self) -> Store:
+    def _begin(self) -> FileStore:
         """Return the store; at first, see what is in it."""
         try:
             if self._store is None:

@@ -11,7 +11,7 @@ import numpy as np
 from models.words.errors import WrongInputError
 from models.work.folder_store import FolderStore
 from models.work.program import processor, program, versions
-from models.work.task import Store
+from models.work.task import FileStore
 
 _RUN = "run.json"
 _FORMAT = 1
@@ -24,7 +24,7 @@ _OWN = re.compile(
 class KnownChunks:
     """The keys of all chunks in a store: 8 bytes of memory each, so that 10 million fit."""
 
-    def __init__(self, store: Store) -> None:
+    def __init__(self, store: FileStore) -> None:
         """List them."""
         # Two keys may begin alike; whether a chunk is there is known when it is read.
         keys = (int(name[-40:-24], 16) for name in store.names("chunks/") if _OWN.fullmatch(name))
@@ -41,19 +41,19 @@ class KnownChunks:
         return place < len(self._keys) and bool(self._keys[place] == begin)
 
 
-def attempted_chunks(store: Store) -> set[str]:
+def attempted_chunks(store: FileStore) -> set[str]:
     """Return the keys of chunks with markers or logs of earlier attempts."""
     names = (name for prefix in ("started/", "failed/") for name in store.names(prefix))
     return {name.split("/")[1] for name in names if _OWN.fullmatch(name)}
 
 
-def write_shared(store: Store, name: str, data: bytes, *, again: bool = False) -> None:
+def write_shared(store: FileStore, name: str, data: bytes, *, again: bool = False) -> None:
     """Write what all tasks share, unless it is there; ``again``: a file that is there may be damaged."""
     if again or next(iter(store.names(f"shared/{name}")), None) is None:
         store.write(f"shared/{name}", data)
 
 
-def write_run(store: Store) -> str | None:
+def write_run(store: FileStore) -> str | None:
     """Write of which program a store is; return a line for people where it was of another one.
 
     Raises:
@@ -73,7 +73,7 @@ def write_run(store: Store) -> str | None:
     return f"{store.url} was begun by another version of the program: its chunks are not used"
 
 
-def _program_of(store: Store) -> str | None:
+def _program_of(store: FileStore) -> str | None:
     data = store.read(_RUN) or b"{}"
     if data == b"{}":
         return None
@@ -83,12 +83,12 @@ def _program_of(store: Store) -> str | None:
         raise WrongInputError(f"{store.url}: holds a {_RUN} of something else; expected a place for chunks") from None
 
 
-def check_writable(store: Store) -> None:
+def check_writable(store: FileStore) -> None:
     """Read and write a file of a store that was begun; what the store raises tells that it is lost."""
     store.write(_RUN, store.read(_RUN) or b"{}")
 
 
-def delete_own(store: Store) -> None:
+def delete_own(store: FileStore) -> None:
     """Delete what runners put into a store, and no other file; the folder, too, where that leaves it empty."""
     prefixes = ("started/", "failed/", "chunks/", "tasks/", "shared/", "preflight/")
     for name in [name for prefix in prefixes for name in store.names(prefix) if _OWN.fullmatch(name)]:

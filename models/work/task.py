@@ -153,7 +153,7 @@ class Executor(Protocol):
         ...
 
 
-class Store(Protocol):
+class FileStore(Protocol):
     """Whole files by name in a folder or an object store; names are parts joined by "/"."""
 
     url: str

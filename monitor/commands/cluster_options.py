@@ -26,7 +26,7 @@ from monitor.words.numbers import duration
 
 if TYPE_CHECKING:
     from models.work.runner import Runner
-    from models.work.task import Progress, Store
+    from models.work.task import FileStore, Progress
 
 F = TypeVar("F", bound=Callable[..., Any])
 _CHUNKS = "spallwatch-chunks-"
@@ -145,7 +145,7 @@ def _named_place(chunks: str, out: Path | str | None) -> str:
     return chunks
 
 
-def _place_of(store: Store) -> Path | str:
+def _place_of(store: FileStore) -> Path | str:
     from models.work.folder_store import FolderStore
 
     return Path(store.url).resolve() if isinstance(store, FolderStore) else store.url.rstrip("/")

@@ -81,7 +81,7 @@ class Array:
 
 
 @dataclass(frozen=True)
-class Extent:
+class ArchiveExtent:
     """What the arrays of an archive depend on.
 
     Attributes:
@@ -100,7 +100,7 @@ class Extent:
     undated: bool = False
 
     @classmethod
-    def of(cls, results: Iterable[RecordingResult]) -> Extent:
+    def of(cls, results: Iterable[RecordingResult]) -> ArchiveExtent:
         """Return the extent of recordings."""
         found, variables, sizes = cls(), dict[str, tuple[str, ...]](), dict[str, int]()
         for result in results:
@@ -118,7 +118,7 @@ class Extent:
         return replace(found, variables=variables, sizes=sizes)
 
 
-def arrays_of_rows(extent: Extent) -> list[Array]:
+def arrays_of_rows(extent: ArchiveExtent) -> list[Array]:
     """Return the arrays along ``row``, with chunks of the same rows."""
     found = [*_ledger(extent), *_times(extent)]
     for variable in VARIABLES.values():
@@ -142,7 +142,7 @@ def chunk_rows(arrays: Iterable[Array], rows: int) -> int:
     return min(1 << (most.bit_length() - 1), max(1 << max(rows - 1, 0).bit_length(), MIN_CHUNK_ROWS))
 
 
-def arrays_of_table(extent: Extent) -> list[Array]:
+def arrays_of_table(extent: ArchiveExtent) -> list[Array]:
     """Return the arrays along ``recording``."""
     statuses = np.arange(len(RECORDING_STATUSES), dtype=np.int8)
     flags = {"flag_values": statuses, "flag_meanings": " ".join(RECORDING_STATUSES)}
@@ -183,7 +183,7 @@ def coordinates() -> list[tuple[Array, NDArray[Any]]]:
     return found
 
 
-def global_attributes(extent: Extent) -> dict[str, Any]:
+def global_attributes(extent: ArchiveExtent) -> dict[str, Any]:
     """Return the attributes of the store."""
     return {
         "Conventions": "CF-1.11, ACDD-1.3",
@@ -199,7 +199,7 @@ def global_attributes(extent: Extent) -> dict[str, Any]:
     }
 
 
-def _ledger(extent: Extent) -> Iterator[Array]:
+def _ledger(extent: ArchiveExtent) -> Iterator[Array]:
     for name, (kind, attributes) in LEDGER.items():
         dtype = TEXT if kind is object else np.dtype(kind).name
         fill = {TEXT: "", "float64": math.nan}.get(dtype, 0)
@@ -209,14 +209,14 @@ def _ledger(extent: Extent) -> Iterator[Array]:
     yield Array("recording_index", (ROW,), (extent.rows,), (1,), "int32", 0, number)
 
 
-def _times(extent: Extent) -> Iterator[Array]:
+def _times(extent: ArchiveExtent) -> Iterator[Array]:
     for dated in (True, False) if extent.undated else (True,):
         attributes = {key: value for key, value in time_attributes(dated=dated).items() if key != "axis"}
         name = "time" if dated else f"time{UNDATED}"
         yield Array(name, (ROW,), (extent.rows,), (1,), "float64", math.nan, attributes)
 
 
-def _moments(variable: Variable, extent: Extent) -> list[Array]:
+def _moments(variable: Variable, extent: ArchiveExtent) -> list[Array]:
     found = [_variable(variable, extent)]
     if extent.undated:
         attributes = _attributes(variable, UNDATED_UNITS)
@@ -224,7 +224,7 @@ def _moments(variable: Variable, extent: Extent) -> list[Array]:
     return found
 
 
-def _variable(variable: Variable, extent: Extent) -> Array:
+def _variable(variable: Variable, extent: ArchiveExtent) -> Array:
     dims = extent.variables[variable.name]
     inner = tuple(extent.channels if dim == CHANNEL else _size(dim, extent) for dim in dims)
     kind = variable.kind
@@ -244,7 +244,7 @@ def _attributes(variable: Variable, time_units: str) -> dict[str, Any]:
     return {**attributes_of(variable, time_units), "coordinates": "time", **fill}
 
 
-def _size(dim: str, extent: Extent) -> int:
+def _size(dim: str, extent: ArchiveExtent) -> int:
     return extent.sizes.get(dim) or DIMENSION_SIZES.get(dim, 1)
 
 

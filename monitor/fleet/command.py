@@ -66,12 +66,12 @@ def replay(
     from monitor.fleet.place import INDEX_NAME, open_index
     from monitor.fleet.plan import later_recordings
     from monitor.fleet.result import Later
-    from monitor.fleet.run import Plan, delete_work, extend_archive, replay_waiting
+    from monitor.fleet.run import ArchivePlan, delete_work, extend_archive, replay_waiting
 
     if records == "zarr":
         # Not after all has been replayed.
         zarr_writer()
-    plan = Plan(manifest, out, records, part_blocks=part_blocks, resume=sharing.resume or extend)
+    plan = ArchivePlan(manifest, out, records, part_blocks=part_blocks, resume=sharing.resume or extend)
 
     def tell(text: str) -> None:
         say(f"spallwatch: {redact(text)}", quiet=quiet)

@@ -15,7 +15,7 @@ from monitor.fleet.index import Index
 from monitor.fleet.report.entries import FleetEntry, channels_of, period_of, quality_of, shown_channels
 from monitor.fleet.report.page import fleet_html
 from monitor.fleet.result import RecordingResult
-from monitor.fleet.run import PAGE, STORE, Plan, Results
+from monitor.fleet.run import PAGE, STORE, ArchivePlan, Results
 from monitor.fleet.zarr_place import METADATA
 
 
@@ -78,7 +78,7 @@ def zarr_writer() -> Any:
 
 
 def finish(
-    plan: Plan,
+    plan: ArchivePlan,
     index: Index,
     runner: Runner,
     *,
@@ -116,7 +116,7 @@ def finish(
     return page
 
 
-def _finished(plan: Plan, index: Index) -> str:
+def _finished(plan: ArchivePlan, index: Index) -> str:
     """Return what earlier runs have made of the results of all recordings: ``STORE``, ``PAGE`` or nothing, "".
 
     Of archives of daily files nothing: their results stay, and the page is made of them each time.
@@ -130,27 +130,27 @@ def _finished(plan: Plan, index: Index) -> str:
     return noted
 
 
-def _note_finished(plan: Plan, index: Index, what: str) -> None:
+def _note_finished(plan: ArchivePlan, index: Index, what: str) -> None:
     """Keep in the index what was made of the results; they are made again where a recording will be tried again."""
     if _is_complete(plan, index):
         index.set_meta(finished=what)
 
 
-def _is_complete(plan: Plan, index: Index) -> bool:
+def _is_complete(plan: ArchivePlan, index: Index) -> bool:
     counts = index.counts()
     return plan.records == "zarr" and counts.recordings == counts.done > 0
 
 
-def report_of(plan: Plan) -> str | None:
+def report_of(plan: ArchivePlan) -> str | None:
     """Return the URL of the page of an earlier run, None where there is none."""
     return None if open_store(plan.out).read(REPORT_NAME) is None else _report_url(plan)
 
 
-def _report_url(plan: Plan) -> str:
+def _report_url(plan: ArchivePlan) -> str:
     return f"{plan.out.rstrip('/')}/{REPORT_NAME}"
 
 
-def _write_report(plan: Plan, index: Index, results: Results) -> str:
+def _write_report(plan: ArchivePlan, index: Index, results: Results) -> str:
     """Write the page of the machines and recordings beside the index, and return its URL."""
     places = ((name.partition("/"), outcome.log) for name, outcome in index.wrong())
     logs = {(machine, name): log for (machine, _, name), log in places if log}

@@ -13,7 +13,7 @@ from __future__ import annotations
 import tempfile
 from pathlib import Path
 
-from models.work.task import Store
+from models.work.task import FileStore
 from monitor.fleet.index import Index
 from monitor.fleet.local import count_files
 from monitor.fleet.manifest import ManifestError
@@ -22,7 +22,7 @@ from monitor.fleet.plan import HISTORY_NAME, Planner, name_of
 from monitor.fleet.result import Later
 
 
-def extend(index: Index, manifest: Path, store: Store, overlap: Overlap | None = None) -> Later:
+def extend(index: Index, manifest: Path, store: FileStore, overlap: Overlap | None = None) -> Later:
     """Add the recordings that a manifest names now to the index of an archive; they and longer histories wait then.
 
     Args:

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from models.words.errors import SpallwatchError
-from monitor.fleet.result import DONE, STATUS_WORDS, Checkpoint, Counts, Later, Outcome, Waiting
+from monitor.fleet.result import DONE, STATUS_WORDS, Checkpoint, Counts, Later, RecordingOutcome, Waiting
 from monitor.records.database import Closing
 
 APPLICATION_ID = 0x53504C41
@@ -223,7 +223,7 @@ class Index(Closing):
             self._run("DROP TABLE named")
         return Later(*row)
 
-    def note(self, outcomes: Iterable[Outcome]) -> None:
+    def note(self, outcomes: Iterable[RecordingOutcome]) -> None:
         """Note outcomes in one transaction."""
         self.begin()
         try:
@@ -291,7 +291,7 @@ class Index(Closing):
         """Return how many recordings wait, by the index over them alone."""
         return self._run("SELECT count(*) FROM recordings WHERE status = 0").fetchone()[0]
 
-    def wrong(self, most: int = -1) -> Iterator[tuple[str, Outcome]]:
+    def wrong(self, most: int = -1) -> Iterator[tuple[str, RecordingOutcome]]:
         """Yield those that failed or were set aside, as "MACHINE/RECORDING" with their outcome, at most so many."""
         query = (
             "SELECT machines.name || '/' || recordings.name, recordings.id, status, coalesce(rows, 0), first, last,"
@@ -299,7 +299,7 @@ class Index(Closing):
             " WHERE status > 1 ORDER BY recordings.id LIMIT ?"
         )
         for name, *values in self._run(query, most):
-            yield name, Outcome(*values)
+            yield name, RecordingOutcome(*values)
 
     def folders(self) -> Iterator[tuple[str, str]]:
         """Yield machine and name of all recordings that do not wait, in the order of the manifest."""

@@ -34,7 +34,7 @@ class ManifestError(WrongInputError):
 
 
 @dataclass(frozen=True)
-class Entry:
+class ManifestEntry:
     """Recordings of one machine.
 
     Attributes:
@@ -55,7 +55,7 @@ class Entry:
     anew: tuple[str, ...] = ()
 
 
-def read_manifest(path: Path) -> Iterator[Entry]:
+def read_manifest(path: Path) -> Iterator[ManifestEntry]:
     """Yield the entries of a manifest, ``.toml`` or ``.csv``; a CSV is never held in memory.
 
     Raises:
@@ -70,7 +70,7 @@ def read_manifest(path: Path) -> Iterator[Entry]:
         raise ManifestError(f"{path}: cannot be read: {error}") from None
 
 
-def _read_toml(path: Path) -> Iterator[Entry]:
+def _read_toml(path: Path) -> Iterator[ManifestEntry]:
     text = path.read_text(encoding="utf-8-sig")
     try:
         values = tomllib.loads(text)
@@ -88,7 +88,7 @@ def _read_toml(path: Path) -> Iterator[Entry]:
         yield _entry_of(cast("dict[str, Any]", table), where, path.resolve().parent)
 
 
-def _entry_of(table: Mapping[str, Any], where: str, folder: Path) -> Entry:
+def _entry_of(table: Mapping[str, Any], where: str, folder: Path) -> ManifestEntry:
     for key in table:
         if key not in _KEYS:
             raise ManifestError(f"{where}: unknown key {key!r} of [[machine]]; expected {', '.join(_KEYS)}")
@@ -100,7 +100,7 @@ def _entry_of(table: Mapping[str, Any], where: str, folder: Path) -> Entry:
     listed = cast("list[Any]", recordings)
     if wrong := [item for item in listed if not isinstance(item, str) or not item.strip()]:
         raise ManifestError(f"{where}: recordings: expected paths, globs or URLs, got {wrong[0]!r}")
-    return Entry(
+    return ManifestEntry(
         where,
         _machine_name(table.get("name"), where),
         _config_path(table.get("config"), where, folder),
@@ -122,7 +122,7 @@ def _anew(value: object, where: str) -> Iterator[str]:
         yield at.strip()
 
 
-def _read_csv(path: Path) -> Iterator[Entry]:
+def _read_csv(path: Path) -> Iterator[ManifestEntry]:
     folder = path.resolve().parent
     with path.open(encoding="utf-8-sig", newline="") as file:
         reader = csv.reader(file, strict=True)
@@ -141,7 +141,7 @@ def _read_csv(path: Path) -> Iterator[Entry]:
             raise ManifestError(f"{path}:{reader.line_num}: not CSV: {error}") from None
 
 
-def _entry_of_row(row: Sequence[str], head: Sequence[str], where: str, folder: Path) -> Entry:
+def _entry_of_row(row: Sequence[str], head: Sequence[str], where: str, folder: Path) -> ManifestEntry:
     if len(row) != len(head):
         raise ManifestError(f"{where}: expected {len(head)} values, got {len(row)}")
     values = {column: value.strip() for column, value in zip(head, row, strict=True)}
@@ -151,7 +151,7 @@ def _entry_of_row(row: Sequence[str], head: Sequence[str], where: str, folder: P
     if anew not in ("", "yes", "no"):
         raise ManifestError(f"{where}: anew: expected yes, no or nothing, got {anew!r}")
     recording = _from_folder(values["recording"], folder, f"{where}: recording")
-    return Entry(
+    return ManifestEntry(
         where,
         _machine_name(values["machine"], where),
         _config_path(values["config"], where, folder),

@@ -9,7 +9,7 @@ from concurrent.futures import ThreadPoolExecutor
 from functools import lru_cache
 from pathlib import Path
 
-from models.work.task import Store
+from models.work.task import FileStore
 from monitor.fleet.index import INDEX_NAME, Index
 from monitor.fleet.local import local_path, without_file_scheme
 from monitor.fleet.manifest import TAKEN, WORK_NAME, ManifestError
@@ -82,7 +82,7 @@ def _real_folder(path: str) -> str:
     return os.path.realpath(path).rstrip("/")
 
 
-def refuse_lost_work(work: Store) -> None:
+def refuse_lost_work(work: FileStore) -> None:
     """Refuse to begin where states or records of an archive are left.
 
     Raises:
@@ -94,7 +94,7 @@ def refuse_lost_work(work: Store) -> None:
         raise _lost(f"{WORK_NAME}/{found}")
 
 
-def refuse_lost_results(index: Index, out: Store) -> None:
+def refuse_lost_results(index: Index, out: FileStore) -> None:
     """Refuse to begin where a machine of the index has results of an archive already.
 
     Raises:

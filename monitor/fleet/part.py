@@ -22,15 +22,15 @@ from models.words.errors import WrongInputError
 from models.work.codec import digest_of
 from models.work.folder_store import open_store
 from models.work.redact import redact
-from models.work.task import Store, Work
+from models.work.task import FileStore, Work
 from monitor.fleet.history import HistorySource, Position, end_of, packed_state, unpack_state
 from monitor.fleet.local import count_files
 from monitor.fleet.result import RESULT_NAME, RecordingResult, RecordsFile, Shape
-from monitor.fleet.setup import ArchiveError, Machine, load_setup
+from monitor.fleet.setup import ArchiveError, LoadedSetup, load_setup
 from monitor.records.filing import SECONDS_PER_DAY
 from monitor.records.publish import days, file_name
 from monitor.records.queries import is_condensed, last_published, newest_day
-from monitor.records.store import Store as RecordStore
+from monitor.records.store import Store
 from monitor.service.replay import Replay, ReplayExtent, kept_dating, replay_source
 from monitor.service.setup import open_configured
 from streams.files.remote import is_remote
@@ -52,7 +52,7 @@ _PER_FILE = frozenset(
 
 
 @dataclass(frozen=True)
-class Shared:
+class SharedPlaces:
     """What all parts share.
 
     Attributes:
@@ -72,7 +72,7 @@ _BEGIN = Position()
 
 
 @dataclass(frozen=True)
-class Part:
+class RecordingPart:
     """A recording, or a part of a history.
 
     Attributes:
@@ -124,7 +124,7 @@ class PartResult:
     folders: tuple[tuple[str, int], ...] = ()
 
 
-def replay_part(shared: Shared, part: Part) -> PartResult:
+def replay_part(shared: SharedPlaces, part: RecordingPart) -> PartResult:
     """Replay a part; the result of a recording in one part is also written beside its records.
 
     Raises:
@@ -144,7 +144,7 @@ def replay_part(shared: Shared, part: Part) -> PartResult:
     return replace(done, result=result, folders=tuple(replayed.folders.items()))
 
 
-def replay_parts(shared: Shared, parts: tuple[Part, ...]) -> tuple[PartResult | None, ...]:
+def replay_parts(shared: SharedPlaces, parts: tuple[RecordingPart, ...]) -> tuple[PartResult | None, ...]:
     """Replay parts of several recordings one after another; None for one that raises, which is tried again alone.
 
     Raises:
@@ -165,7 +165,7 @@ def replay_parts(shared: Shared, parts: tuple[Part, ...]) -> tuple[PartResult | 
 REPLAYS = Work("recordings", replay_parts, memory=MEMORY)
 
 
-def write_result(records: Store, result: RecordingResult, *, again: bool = False) -> None:
+def write_result(records: FileStore, result: RecordingResult, *, again: bool = False) -> None:
     """Write the result of a recording beside its records; ``again``: delete those of an attempt that failed before."""
     records.write(f"{result.folder}/{RESULT_NAME}", result.to_json())
     if again:
@@ -176,7 +176,7 @@ def write_result(records: Store, result: RecordingResult, *, again: bool = False
                 records.delete(name)
 
 
-def read_result(records: Store, folder: str) -> RecordingResult:
+def read_result(records: FileStore, folder: str) -> RecordingResult:
     """Return the result of the recording in a folder of the store.
 
     Raises:
@@ -190,14 +190,14 @@ def read_result(records: Store, folder: str) -> RecordingResult:
         raise ArchiveError(f"{records.url}: {folder}/{RESULT_NAME} {what}") from None
 
 
-def _failed(part: Part, reason: str) -> RecordingResult:
+def _failed(part: RecordingPart, reason: str) -> RecordingResult:
     return RecordingResult(part.machine, part.name, part.shown, "failed", redact(" ".join(reason.split())))
 
 
 class _Replayed:
     """One part under way in a scratch folder."""
 
-    def __init__(self, shared: Shared, part: Part, records: Store, folder: Path) -> None:
+    def __init__(self, shared: SharedPlaces, part: RecordingPart, records: FileStore, folder: Path) -> None:
         self._shared, self._part, self._records, self._folder = shared, part, records, folder
         self._out = folder / "out"
         self._work = open_store(shared.work)
@@ -230,7 +230,7 @@ class _Replayed:
 
     @contextmanager
     def _opened(
-        self, machine: Machine, url: str, reading: ReadingState | None, *, keep: bool = False
+        self, machine: LoadedSetup, url: str, reading: ReadingState | None, *, keep: bool = False
     ) -> Iterator[Source]:
         """Open a recording to go on from a state of reading, fetched where it is remote.
 
@@ -252,7 +252,7 @@ class _Replayed:
             finally:
                 self._fetched_bytes += found.size
 
-    def _replay(self, machine: Machine, source: Source) -> Replay:
+    def _replay(self, machine: LoadedSetup, source: Source) -> Replay:
         part = self._part
         return replay_source(
             machine.named(part.machine),
@@ -264,7 +264,7 @@ class _Replayed:
             before_publishing=self._fetch_days,
         )
 
-    def _fetch_days(self, store: RecordStore) -> None:
+    def _fetch_days(self, store: Store) -> None:
         """Fetch the files of days of earlier parts that blocks of this part belong to, so that they are extended."""
         for day, last_block in days(store):
             name = file_name(store.machine, day)
@@ -325,7 +325,7 @@ class _Replayed:
         return None if blocks is None else Position(reached.part, behind, blocks)
 
     def _newest_day(self) -> int | None:
-        with RecordStore.open(self._out / "state.db", read_only=True) as store:
+        with Store.open(self._out / "state.db", read_only=True) as store:
             return newest_day(store)
 
     def _kept_state(self) -> str:

@@ -19,7 +19,7 @@ from models.fleet.lease import Lease, LeaseLostError, leased
 from models.fleet.object_store import ObjectStore
 from models.platform.process_signals import ended_as_interrupted
 from models.work.folder_store import FolderStore, open_store
-from models.work.task import Store
+from models.work.task import FileStore
 from monitor.fleet.index import INDEX_NAME, ForeignIndexError, Index
 from monitor.fleet.manifest import ManifestError
 from monitor.records.database import release_lock, take_lock
@@ -74,7 +74,7 @@ def open_index(
 
 
 @contextmanager
-def _opened(store: Store, *, read_only: bool, tell: Callable[[str], None]) -> Iterator[Opened]:
+def _opened(store: FileStore, *, read_only: bool, tell: Callable[[str], None]) -> Iterator[Opened]:
     if isinstance(store, FolderStore):
         with _local_index(Path(store.url) / INDEX_NAME, read_only=read_only) as index:
             yield Opened(index, lambda: True, lambda: None, lambda: None if read_only else index.settle())

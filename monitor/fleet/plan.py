@@ -14,11 +14,11 @@ from pathlib import Path
 
 from models.words.errors import WrongInputError
 from models.work.redact import redactor
-from models.work.task import Store
+from models.work.task import FileStore
 from monitor.config.load import ConfigError
 from monitor.fleet.index import Index
 from monitor.fleet.local import without_file_scheme
-from monitor.fleet.manifest import Entry, ManifestError, read_manifest
+from monitor.fleet.manifest import ManifestEntry, ManifestError, read_manifest
 from monitor.fleet.occupied import Overlap
 from monitor.fleet.result import Later
 from monitor.fleet.setup import send_setup
@@ -53,7 +53,7 @@ class Planner:
     """
 
     index: Index
-    store: Store
+    store: FileStore
     overlap: Overlap | None = None
     signed: dict[str, str] = field(default_factory=dict[str, str])
     _machines: dict[str, _Planned] = field(default_factory=dict[str, _Planned])
@@ -90,7 +90,7 @@ class Planner:
     def _configs(self) -> str:
         return json.dumps({str(path): digest for path, digest in self._setups.items()})
 
-    def _add(self, entry: Entry) -> None:
+    def _add(self, entry: ManifestEntry) -> None:
         machine = self._machine(entry)
         anew = {self._shown(without_file_scheme(url)) for url in entry.anew}
         if anew and entry.history == "each":
@@ -116,7 +116,7 @@ class Planner:
         if lost := anew - seen:
             raise ManifestError(f"{entry.where}: anew: {min(lost)} is none of the recordings")
 
-    def _machine(self, entry: Entry) -> _Planned:
+    def _machine(self, entry: ManifestEntry) -> _Planned:
         found = self._machines.get(entry.machine)
         if found is None:
             if entry.config not in self._setups:
@@ -145,7 +145,7 @@ class _Digest:
         self._hash = hashlib.blake2b(digest_size=16)
         self._shown = shown
 
-    def add(self, entry: Entry) -> None:
+    def add(self, entry: ManifestEntry) -> None:
         urls, anew = ([self._shown(url) for url in listed] for listed in (entry.recordings, entry.anew))
         self._hash.update(json.dumps([entry.machine, str(entry.config), urls, entry.history, anew]).encode())
 
@@ -165,7 +165,7 @@ def manifest_digest(manifest: Path) -> str:
     return digest.text()
 
 
-def check_unchanged(index: Index, manifest: Path, store: Store) -> None:
+def check_unchanged(index: Index, manifest: Path, store: FileStore) -> None:
     """Refuse a manifest or a configuration that has changed since an archive was planned.
 
     Raises:
@@ -209,7 +209,7 @@ def later_recordings(index: Index, manifest: Path) -> Later:
     return index.not_in_it(named())
 
 
-def expanded(entry: Entry) -> Iterator[str]:
+def expanded(entry: ManifestEntry) -> Iterator[str]:
     """Yield the recordings of an entry, those of a glob in natural order.
 
     Raises:

@@ -15,11 +15,11 @@ from statistics import median
 from models.work.folder_store import open_store
 from models.work.redact import redact
 from models.work.runner import Runner
-from models.work.task import Failure, Progress, Store
+from models.work.task import Failure, FileStore, Progress
 from monitor.fleet.history import Position
 from monitor.fleet.index import Index
-from monitor.fleet.part import MAX_PART_RECORDINGS, REPLAYS, Part, PartResult, Shared, write_result
-from monitor.fleet.result import DONE, FAILED, SET_ASIDE, Checkpoint, Outcome, RecordingResult, Waiting
+from monitor.fleet.part import MAX_PART_RECORDINGS, REPLAYS, PartResult, RecordingPart, SharedPlaces, write_result
+from monitor.fleet.result import DONE, FAILED, SET_ASIDE, Checkpoint, RecordingOutcome, RecordingResult, Waiting
 
 TASK_SECONDS = 2.0
 """Work of a task, as far as short recordings make it up."""
@@ -28,7 +28,7 @@ _KNOWN_TIMES = 8
 _NOTED_TOGETHER = 64
 _NOTED_AFTER_S = 2.0
 
-_Group = tuple[Part, ...]
+_Group = tuple[RecordingPart, ...]
 _Done = tuple[PartResult | None, ...]
 
 
@@ -51,14 +51,14 @@ class Replaying:
     """
 
     index: Index
-    shared: Shared
+    shared: SharedPlaces
     runner: Runner
     signed: dict[str, str] = field(default_factory=dict[str, str])
     noted: Callable[[], bool] = lambda: True
     _tasks: list[tuple[int, ...]] = field(default_factory=list[tuple[int, ...]])
     _under_way: dict[int, _UnderWay] = field(default_factory=dict[int, _UnderWay])
     _alone: list[Waiting] = field(default_factory=list[Waiting])
-    _outcomes: list[Outcome] = field(default_factory=list[Outcome])
+    _outcomes: list[RecordingOutcome] = field(default_factory=list[RecordingOutcome])
     _passed: list[str] = field(default_factory=list[str])
     _states: frozenset[str] | None = None
     _moved: bool = False
@@ -115,7 +115,7 @@ class Replaying:
 
     def _groups(self) -> Iterator[_Group]:
         """Yield the recordings that wait, short ones together; a history, and what failed before, is alone."""
-        group: list[Part] = []
+        group: list[RecordingPart] = []
         for row in self.index.waiting():
             part = self._first_part(row)
             if part.is_history or part.state is not None or part.attempt:
@@ -133,7 +133,7 @@ class Replaying:
             return 1
         return max(1, min(MAX_GROUP, int(TASK_SECONDS / max(median(self._seconds), 1e-3))))
 
-    def _task(self, parts: list[Part]) -> _Group:
+    def _task(self, parts: list[RecordingPart]) -> _Group:
         self._tasks.append(tuple(part.recording for part in parts))
         return tuple(parts)
 
@@ -142,7 +142,7 @@ class Replaying:
             self._states = frozenset(open_store(self.shared.work).names("states/"))
         return state in self._states
 
-    def _first_part(self, row: Waiting) -> Part:
+    def _first_part(self, row: Waiting) -> RecordingPart:
         """Return where a recording goes on, its beginning where the state is gone, as after a loss of power."""
         position, state, before = self.index.checkpoint(row.id) or (Position(), None, None)
         if state is not None and not self._is_kept(state):
@@ -150,11 +150,11 @@ class Replaying:
         self._under_way[row.id] = _UnderWay(row, state, before)
         return self._part(row, position, state)
 
-    def _part(self, row: Waiting, begin: Position, state: str | None) -> Part:
+    def _part(self, row: Waiting, begin: Position, state: str | None) -> RecordingPart:
         most = min(MAX_PART_RECORDINGS, self.shared.part_blocks)
         first = [] if begin.recording else [row.url]
         urls = [*first, *self.index.links(row.id, max(begin.recording - 1, 0), most - len(first))]
-        return Part(
+        return RecordingPart(
             row.id,
             row.machine,
             row.name,
@@ -177,7 +177,7 @@ class Replaying:
                 return (self._part(self._under_way[part.recording].row, one.following, one.state),)
         return None
 
-    def _take(self, number: int, found: _Done | Failure, records: Store) -> None:
+    def _take(self, number: int, found: _Done | Failure, records: FileStore) -> None:
         """Note the recordings of a task."""
         ids = self._tasks[number]
         if isinstance(found, Failure) and len(ids) == 1:
@@ -190,7 +190,7 @@ class Replaying:
             if done is None or (not self._take_one(row_id, done, records) and len(ids) > 1):
                 self._alone.append(self._under_way.pop(row_id).row)
 
-    def _take_one(self, row_id: int, done: PartResult, records: Store) -> bool:
+    def _take_one(self, row_id: int, done: PartResult, records: FileStore) -> bool:
         """Note a part: where its recording ends, the outcome; else from where it goes on. Return whether it ends."""
         under_way = self._under_way[row_id]
         row, before = under_way.row, under_way.before
@@ -212,7 +212,7 @@ class Replaying:
             self._passed.append(under_way.state)
         return done.following is None
 
-    def _set_aside(self, number: int, row_id: int, failure: Failure, records: Store) -> None:
+    def _set_aside(self, number: int, row_id: int, failure: Failure, records: FileStore) -> None:
         under_way = self._under_way[row_id]
         row, before = under_way.row, under_way.before
         result = RecordingResult(row.machine, row.name, row.url, "failed", redact(failure.message))
@@ -222,7 +222,7 @@ class Replaying:
         chunk = None if place is None else self.runner.tally.failed[place].chunk
         self._end(_outcome(row_id, SET_ASIDE, result)._replace(chunk=chunk, log=redact(failure.log)))
 
-    def _end(self, outcome: Outcome) -> None:
+    def _end(self, outcome: RecordingOutcome) -> None:
         self._outcomes.append(outcome)
         self._ended += 1
         self._wrong += outcome.status != DONE
@@ -241,6 +241,6 @@ class Replaying:
             del self.runner.tally.failed[place]
 
 
-def _outcome(row_id: int, status: int, result: RecordingResult) -> Outcome:
+def _outcome(row_id: int, status: int, result: RecordingResult) -> RecordingOutcome:
     reason = result.reason or None
-    return Outcome(row_id, status, result.rows, result.first, result.last, result.seconds, reason=reason)
+    return RecordingOutcome(row_id, status, result.rows, result.first, result.last, result.seconds, reason=reason)

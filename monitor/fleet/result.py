@@ -193,7 +193,7 @@ class Checkpoint(NamedTuple):
             return None
 
 
-class Outcome(NamedTuple):
+class RecordingOutcome(NamedTuple):
     """What the index keeps of a recording that is replayed, failed or set aside.
 
     ``end`` is the checkpoint at the end of a history that was replayed, from which it can go on later.

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.words.errors import SpallwatchError
-from models.work.task import Store
+from models.work.task import FileStore
 from monitor.fleet.arrays import CHANNEL, PART, ROW, UNDATED, Array
 from monitor.fleet.result import RecordingResult
 
@@ -72,7 +72,7 @@ def row_ranges(results: Iterable[RecordingResult], chunk: int) -> Iterator[RowRa
         yield RowRange(first, tuple(pieces))
 
 
-def values_of(arrays: Sequence[Array], records: Store, rows: RowRange) -> dict[str, NDArray[Any]]:
+def values_of(arrays: Sequence[Array], records: FileStore, rows: RowRange) -> dict[str, NDArray[Any]]:
     """Return the values of a range of rows for each array along ``row``, fill values where a file has none.
 
     Raises:

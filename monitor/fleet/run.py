@@ -14,12 +14,12 @@ from typing import Literal
 
 from models.work.folder_store import FolderStore, open_store
 from models.work.runner import Runner
-from models.work.task import Store
+from models.work.task import FileStore
 from monitor.fleet.growth import extend
 from monitor.fleet.index import Index
 from monitor.fleet.manifest import WORK_NAME, ManifestError
 from monitor.fleet.occupied import OWN, Overlap, refuse_lost_results, refuse_lost_work
-from monitor.fleet.part import PART_BLOCKS, Shared, read_result
+from monitor.fleet.part import PART_BLOCKS, SharedPlaces, read_result
 from monitor.fleet.plan import Planner, check_unchanged, signed_urls
 from monitor.fleet.replaying import Replaying
 from monitor.fleet.result import RESULT_NAME, Counts, Later, RecordingResult
@@ -37,7 +37,7 @@ STORE, PAGE = "store", "page"
 
 
 @dataclass(frozen=True)
-class Plan:
+class ArchivePlan:
     """What is asked for.
 
     Attributes:
@@ -83,7 +83,7 @@ class Results(Closing):
     The first iteration keeps them in a temporary file; the recordings do not change meanwhile.
     """
 
-    def __init__(self, index: Index, records: Store) -> None:
+    def __init__(self, index: Index, records: FileStore) -> None:
         """Take the index and the store of the records."""
         self._index, self._records = index, records
         self._kept = tempfile.SpooledTemporaryFile(max_size=_MAX_RESULTS_BYTES)  # noqa: SIM115 - see close()
@@ -124,7 +124,7 @@ class Results(Closing):
         self._complete = True
 
 
-def prepare(plan: Plan, index: Index) -> Shared:
+def prepare(plan: ArchivePlan, index: Index) -> SharedPlaces:
     """Plan an archive, or check that one goes on as it was planned; return what its tasks share.
 
     Raises:
@@ -155,19 +155,19 @@ def prepare(plan: Plan, index: Index) -> Shared:
         check_unchanged(index, plan.manifest, work)
         index.wait_again()
     meta = index.meta()
-    return Shared(meta["archive"], open_store(plan.records_url).url, work.url, int(meta["part_blocks"]))
+    return SharedPlaces(meta["archive"], open_store(plan.records_url).url, work.url, int(meta["part_blocks"]))
 
 
-def _overlap(plan: Plan) -> Overlap:
+def _overlap(plan: ArchivePlan) -> Overlap:
     return Overlap(open_store(plan.out).url, machines=plan.records == "days")
 
 
-def _refuse_results(plan: Plan, index: Index) -> None:
+def _refuse_results(plan: ArchivePlan, index: Index) -> None:
     if plan.records == "days":
         refuse_lost_results(index, open_store(plan.out))
 
 
-def _check_place(plan: Plan, index: Index) -> None:
+def _check_place(plan: ArchivePlan, index: Index) -> None:
     meta = index.meta()
     if index.planned:
         stated = {"records": plan.records, "part_blocks": plan.part_blocks}
@@ -179,7 +179,7 @@ def _check_place(plan: Plan, index: Index) -> None:
         refuse_unknown(open_store(plan.zarr_url))
 
 
-def extend_archive(plan: Plan, index: Index) -> Later:
+def extend_archive(plan: ArchivePlan, index: Index) -> Later:
     """Add what the manifest names now to an archive that was planned; return what was added.
 
     Raises:
@@ -198,7 +198,7 @@ def extend_archive(plan: Plan, index: Index) -> Later:
         raise
 
 
-def replay_waiting(plan: Plan, index: Index, runner: Runner, noted: Callable[[], bool] = lambda: True) -> Counts:
+def replay_waiting(plan: ArchivePlan, index: Index, runner: Runner, noted: Callable[[], bool] = lambda: True) -> Counts:
     """Plan an archive unless that is done, replay what waits, and return the counts.
 
     Raises:
@@ -214,7 +214,7 @@ def replay_waiting(plan: Plan, index: Index, runner: Runner, noted: Callable[[],
     return index.counts()
 
 
-def delete_work(plan: Plan, index: Index) -> None:
+def delete_work(plan: ArchivePlan, index: Index) -> None:
     """Delete what an archive needs no more once it is complete, and no other file.
 
     The states at the ends of histories stay, since recordings that come later go on from them; of a Zarr archive, which

@@ -17,7 +17,7 @@ from typing import Any
 from models.words.errors import SpallwatchError
 from models.work.codec import decode, digest_of, encode
 from models.work.folder_store import open_store
-from models.work.task import Store
+from models.work.task import FileStore
 from monitor.config.load import Config, ConfigError, files_of, load_config, read_toml
 from monitor.health.signal.waterfall import WaterfallSettings
 from monitor.health.state import SourceSettings
@@ -46,7 +46,7 @@ class Setup:
 
 
 @dataclass(frozen=True)
-class Machine:
+class LoadedSetup:
     """A configuration with the settings of its one source, loaded."""
 
     config: Config
@@ -58,7 +58,7 @@ class Machine:
         return self.config.model_copy(update={"machine": section.model_copy(update={"name": name})})
 
 
-def send_setup(path: Path, store: Store) -> str:
+def send_setup(path: Path, store: FileStore) -> str:
     """Write a configuration with the files that a replay reads into a store; return its digest.
 
     Raises:
@@ -85,13 +85,13 @@ def send_setup(path: Path, store: Store) -> str:
     return digest_of(data)
 
 
-def _write_once(store: Store, name: str, data: bytes) -> None:
+def _write_once(store: FileStore, name: str, data: bytes) -> None:
     if store.read(name) != data:
         store.write(name, data)
 
 
 @lru_cache(maxsize=4)
-def load_setup(url: str, digest: str) -> Machine:
+def load_setup(url: str, digest: str) -> LoadedSetup:
     """Return the machine of a digest from the store at a URL; each process reads it once.
 
     Raises:
@@ -109,10 +109,10 @@ def load_setup(url: str, digest: str) -> Machine:
         settings = source_settings(_moved(config, places), config.source[0])
     # The spectra for the page of a machine are in no record.
     channels = {name: replace(one, waterfall=WaterfallSettings(rows=0)) for name, one in settings.channels.items()}
-    return Machine(config, replace(settings, channels=channels))
+    return LoadedSetup(config, replace(settings, channels=channels))
 
 
-def _read(store: Store, digest: str) -> bytes:
+def _read(store: FileStore, digest: str) -> bytes:
     data = store.read(f"inputs/{digest}")
     if data is None:
         raise ArchiveError(f"{store.url}: inputs/{digest} is missing; begin the archive again in another folder")

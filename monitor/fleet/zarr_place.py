@@ -5,14 +5,14 @@ from __future__ import annotations
 import json
 
 from models.words.errors import WrongInputError
-from models.work.task import Store
+from models.work.task import FileStore
 from monitor.fleet.arrays import ARCHIVE_VERSION
 
 METADATA = "zarr.json"
 """Written last: with it a store is whole."""
 
 
-def refuse_foreign(out: Store) -> None:
+def refuse_foreign(out: FileStore) -> None:
     """Refuse to write an archive over a Zarr store of something else.
 
     Raises:
@@ -32,7 +32,7 @@ def refuse_foreign(out: Store) -> None:
         )
 
 
-def refuse_unknown(out: Store) -> None:
+def refuse_unknown(out: FileStore) -> None:
     """Refuse a place in which no archive was begun, unless it is empty or holds a whole one.
 
     Raises:

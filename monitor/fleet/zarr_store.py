@@ -23,13 +23,13 @@ from zarr.storage import MemoryStore
 
 from models.work.folder_store import open_store
 from models.work.runner import SERIAL, Runner
-from models.work.task import Store, Work
+from models.work.task import FileStore, Work
 from monitor.fleet.arrays import (
     SEPARATOR,
     TEXT,
     UNDATED,
+    ArchiveExtent,
     Array,
-    Extent,
     arrays_of_rows,
     arrays_of_table,
     coordinates,
@@ -77,7 +77,7 @@ class Target:
 
 def write_archive(
     results: Iterable[RecordingResult],
-    records: Store,
+    records: FileStore,
     out_url: str,
     runner: Runner = SERIAL,
     confirm: Callable[[], None] = lambda: None,
@@ -101,7 +101,7 @@ def write_archive(
     """
     out = open_store(out_url)
     refuse_foreign(out)
-    extent = Extent.of(results)
+    extent = ArchiveExtent.of(results)
     confirm()
     # From here on it is not whole.
     out.delete(METADATA)
@@ -170,7 +170,7 @@ def encoded(array: Array, metadata: bytes, first: int, values: NDArray[Any]) -> 
 
 
 def _write_table(
-    out: Store, table: list[Array], metadata: Mapping[str, bytes], results: Iterable[RecordingResult]
+    out: FileStore, table: list[Array], metadata: Mapping[str, bytes], results: Iterable[RecordingResult]
 ) -> None:
     chunk, first, begin = table[0].chunks[0], 0, 0
     rows: list[dict[str, Any]] = []
@@ -185,7 +185,7 @@ def _write_table(
 
 
 def _write_recordings(
-    out: Store, table: list[Array], metadata: Mapping[str, bytes], begin: int, rows: list[dict[str, Any]]
+    out: FileStore, table: list[Array], metadata: Mapping[str, bytes], begin: int, rows: list[dict[str, Any]]
 ) -> None:
     files: dict[str, bytes] = {}
     for array in table:
@@ -217,7 +217,7 @@ def _row(result: RecordingResult, first: int) -> dict[str, Any]:
     }
 
 
-def _complete(out: Store, arrays: list[Array], target: Target, ranges: Iterator[RowRange]) -> None:
+def _complete(out: FileStore, arrays: list[Array], target: Target, ranges: Iterator[RowRange]) -> None:
     """See that each file of each array is there and no other one of them, as an older archive may have left.
 
     A chunk can be missing though its task is known as done: the store may have been deleted since.
@@ -251,7 +251,7 @@ def root_of(metadata: Mapping[str, bytes], attributes: Mapping[str, Any]) -> byt
     return json.dumps(root).encode()
 
 
-def _write_all(out: Store, files: Mapping[str, bytes]) -> None:
+def _write_all(out: FileStore, files: Mapping[str, bytes]) -> None:
     """Write files, several at a time; the first error is raised when all have ended."""
     with ThreadPoolExecutor(_WRITERS) as pool:
         for done in [pool.submit(out.write, name, data) for name, data in files.items()]:

@@ -20,25 +20,25 @@ from streams.types.block import Rejected
 Commit = Literal["committed", "duplicate", "changed"]
 
 
-class Run(NamedTuple):
+class StoreRun(NamedTuple):
     """The run that blocks belong to: its number in the table ``runs``, and its attributes."""
 
     number: int
     attributes: Mapping[str, Any]
 
 
-def insert_run(connection: sqlite3.Connection, attributes: Mapping[str, Any]) -> Run:
+def insert_run(connection: sqlite3.Connection, attributes: Mapping[str, Any]) -> StoreRun:
     """Insert a run, unless the latest one has the same attributes; the software version is added."""
     full = {"software_version": __version__, **attributes}
     text = json.dumps(full, sort_keys=True, allow_nan=False)
     last = connection.execute("SELECT id, attributes FROM runs ORDER BY id DESC LIMIT 1").fetchone()
     if last is not None and last[1] == text:
-        return Run(last[0], full)
+        return StoreRun(last[0], full)
     number = connection.execute("INSERT INTO runs (attributes) VALUES (?)", (text,)).lastrowid or 0
     for key in ("software_version", "config_hash"):
         if key in full:
             connection.execute("INSERT OR REPLACE INTO meta VALUES (?, ?)", (key, str(full[key])))
-    return Run(number, full)
+    return StoreRun(number, full)
 
 
 class BlockWriter:
@@ -46,7 +46,7 @@ class BlockWriter:
 
     def __init__(self) -> None:
         """Begin before the first run."""
-        self.run: Run | None = None
+        self.run: StoreRun | None = None
         self._layouts: dict[str, int] = {}
 
     def insert(self, connection: sqlite3.Connection, record: Record) -> tuple[Commit, int]:

@@ -26,7 +26,7 @@ from monitor.records.database import replacing
 from monitor.records.dataset import INT_FILL, from_dataset, to_dataset
 from monitor.records.filing import SECONDS_PER_DAY, published_files
 from monitor.records.moved_days import MovedDaysError, delete_day, moved_days, moving_days
-from monitor.records.second_copy import Kept, keep_larger, ledger_group, log_kept, write_netcdf
+from monitor.records.second_copy import KeptFile, keep_larger, ledger_group, log_kept, write_netcdf
 from monitor.records.snapshot import Snapshot, is_published, snapshot_path, take_snapshot, write_snapshot
 from monitor.records.store import Published, Store
 
@@ -50,7 +50,7 @@ def publish(
     *,
     rebuild: bool = False,
     note: Callable[[Published], None] | None = None,
-    note_kept: Callable[[Kept], None] | None = None,
+    note_kept: Callable[[KeptFile], None] | None = None,
 ) -> list[Path]:
     """Write the files of the days that changed since they were last written, or whose file is lost or damaged.
 
@@ -246,7 +246,7 @@ def _is_fresh(store: Store, path: Path, day: int | None, last_block: int) -> boo
         return condensed or path.name in {moved.file for moved in moved_days(path.parent, store.machine)}
 
 
-def _keep(path: Path, dataset: xr.Dataset) -> Kept | None:
+def _keep(path: Path, dataset: xr.Dataset) -> KeptFile | None:
     try:
         return keep_larger(path, dataset)
     except OSError as error:

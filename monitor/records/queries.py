@@ -52,7 +52,7 @@ class LedgerBlock(NamedTuple):
     reason: str
 
 
-class Refusals(NamedTuple):
+class RefusedBlock(NamedTuple):
     """How often a repetition of a block was refused; ``status`` is "duplicate" or "changed"."""
 
     sequence: int
@@ -175,10 +175,10 @@ def first_start(store: Readable, source: str) -> float | None:
     return next((time for (time,) in (*condensed, *store.rows(query, source)) if time is not None), None)
 
 
-def refusals_of(store: Readable, source: str) -> list[Refusals]:
+def refusals_of(store: Readable, source: str) -> list[RefusedBlock]:
     """Return the refused repetitions of a source."""
     query = "SELECT sequence, name, status, content_hash, times FROM refusals WHERE source = ?"
-    return [Refusals(*row) for row in store.rows(query, source)]
+    return [RefusedBlock(*row) for row in store.rows(query, source)]
 
 
 def refused_counts(store: Readable) -> dict[tuple[str, str], int]:

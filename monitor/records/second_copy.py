@@ -88,7 +88,7 @@ _NUMBERS = ("block", "first_event", "ledger_digest", "content_digest")
 _FILES = "SELECT * FROM files WHERE block IN (SELECT id FROM blocks WHERE day IS ?) ORDER BY block"
 
 
-class Kept(NamedTuple):
+class KeptFile(NamedTuple):
     """A published file that was not lost: its name, the name under which it is kept, and the blocks that only it has.
 
     The number of blocks is None where the file cannot be read.
@@ -105,7 +105,7 @@ class Kept(NamedTuple):
         return {"kind": "records_kept", "channel": None, "severity": "danger", "text": text, **self._asdict()}
 
 
-def keep_larger(path: Path, dataset: xr.Dataset) -> Kept | None:
+def keep_larger(path: Path, dataset: xr.Dataset) -> KeptFile | None:
     """Give a file another name where it holds blocks that its replacement lacks, or cannot be read.
 
     Raises:
@@ -121,7 +121,7 @@ def keep_larger(path: Path, dataset: xr.Dataset) -> Kept | None:
         number += 1
     if not aside.exists():
         link_durably(path, aside)
-    return Kept(path.name, aside.name, lost)
+    return KeptFile(path.name, aside.name, lost)
 
 
 def lost_blocks(before: Path, after: Path | xr.Dataset) -> int | None:
@@ -138,7 +138,7 @@ def _identities(blocks: Path | xr.Dataset) -> set[tuple[Any, ...]]:
     return set(zip(*(blocks[name].values.tolist() for name in _IDENTITY), strict=True))
 
 
-def log_kept(store: Store, kept: Kept) -> None:
+def log_kept(store: Store, kept: KeptFile) -> None:
     """Log a file that is kept, also in the event log of a store that is open for writing."""
     _LOG.error("%s", kept.notice()["text"])
     if store.writable:

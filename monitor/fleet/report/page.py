@@ -71,7 +71,7 @@ class FleetMachine:
 
 
 @dataclass
-class Fleet:
+class FleetTotals:
     """All machines, and of their recordings those that are listed."""
 
     machines: dict[str, FleetMachine] = field(default_factory=dict[str, FleetMachine])
@@ -81,7 +81,7 @@ class Fleet:
     _number: int = 0
 
     @classmethod
-    def of(cls, entries: Iterable[FleetEntry]) -> Fleet:
+    def of(cls, entries: Iterable[FleetEntry]) -> FleetTotals:
         """Return the fleet of recordings, which are taken one by one."""
         found = cls()
         for entry in entries:
@@ -142,7 +142,7 @@ def fleet_html(entries: Iterable[FleetEntry], *, title: str, zone: tzinfo) -> st
         "fleet.html.j2",
         style_sheet="fleet.css",
         title=title,
-        fleet=Fleet.of(entries),
+        fleet=FleetTotals.of(entries),
         fleet_grades=FLEET_GRADES,
         fleet_symbols=FLEET_SYMBOLS,
         max_log=_MAX_LOG,

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from models.work.task import Store
+from models.work.task import FileStore
 
 
-def check_files(store: Store) -> None:
+def check_files(store: FileStore) -> None:
     """Write, read, list and delete files in an empty store; chunks/01/y and run.json stay."""
     assert store.read("chunks/00/x") is None
     assert list(store.names()) == []

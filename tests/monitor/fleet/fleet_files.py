@@ -13,7 +13,7 @@ from models.work.runner import Runner
 from models.work.serial import SerialExecutor
 from monitor.fleet.index import Index
 from monitor.fleet.result import RESULT_NAME, Counts, RecordingResult
-from monitor.fleet.run import Plan, extend_archive, replay_waiting
+from monitor.fleet.run import ArchivePlan, extend_archive, replay_waiting
 from tests.support.small_machine import BLOCK, small_machine
 
 BEGIN = datetime.datetime(2024, 3, 1, 20, tzinfo=datetime.UTC)
@@ -67,7 +67,7 @@ def make_archive(
     (folder / "m.toml").write_text(config)
     (folder / "manifest.toml").write_text(manifest)
     with Index(folder / out / "index.db") as index, runner or Runner(SerialExecutor()) as workers:
-        asked = Plan(folder / "manifest.toml", str(folder / out), **{"resume": extend, **plan})
+        asked = ArchivePlan(folder / "manifest.toml", str(folder / out), **{"resume": extend, **plan})
         if extend:
             extend_archive(asked, index)
         return replay_waiting(asked, index, workers)

@@ -23,7 +23,7 @@ from monitor.fleet.index import Index
 from monitor.fleet.manifest import ManifestError
 from monitor.fleet.part import described
 from monitor.fleet.result import FAILED, SET_ASIDE
-from monitor.fleet.run import Plan, Results, delete_work, replay_waiting
+from monitor.fleet.run import ArchivePlan, Results, delete_work, replay_waiting
 from monitor.fleet.setup import load_setup, send_setup
 from monitor.service.replay import replay
 from tests.monitor.fleet.fleet_files import (
@@ -151,7 +151,7 @@ def test_a_history_goes_on_from_an_index_that_is_older_than_its_latest_state(rep
     """In object storage the index is a copy, as old as a minute where its caller was killed."""
     monkeypatch.setattr(replaying, "_NOTED_AFTER_S", 0.0)
     (replayed / "old.toml").write_text(CONTINUED.format('"in/*.npy"'))
-    plan = Plan(replayed / "old.toml", str(replayed / "old"), part_blocks=8)
+    plan = ArchivePlan(replayed / "old.toml", str(replayed / "old"), part_blocks=8)
     path, copies = replayed / "old/index.db", []
     with Index(path) as index:
 
@@ -357,7 +357,7 @@ def test_files_of_others_in_the_place_of_an_archive_stay(tmp_path):
         path.write_bytes(b"theirs")
     with pytest.raises(ManifestError, match="missing"):
         make_archive(tmp_path, EACH.format('["in", "missing"]'))
-    plan = Plan(tmp_path / "manifest.toml", str(tmp_path / "out"), "zarr")
+    plan = ArchivePlan(tmp_path / "manifest.toml", str(tmp_path / "out"), "zarr")
     make_archive(tmp_path, EACH.format('"in"'), records="zarr")
     with Index(tmp_path / "out/index.db") as index:
         delete_work(plan, index)
@@ -385,7 +385,7 @@ def test_an_archive_whose_index_is_gone_is_not_begun_again_over_its_results(tmp_
 @pytest.mark.parametrize("out", ["", " ", "/", "//", "/.", "/tmp/..", "file:///"])
 def test_an_archive_has_a_place_of_its_own(out):
     with pytest.raises(ManifestError, match="expected a folder or URL of the archive's own, got"):
-        Plan(Path("fleet.toml"), out)
+        ArchivePlan(Path("fleet.toml"), out)
 
 
 def test_addresses_of_messages_are_not_sent_to_workers(tmp_path):

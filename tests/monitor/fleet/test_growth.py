@@ -14,7 +14,7 @@ from monitor.fleet.growth import extend, grown_folders
 from monitor.fleet.index import Index
 from monitor.fleet.manifest import ManifestError
 from monitor.fleet.plan import Planner
-from monitor.fleet.result import DONE, Later, Outcome
+from monitor.fleet.result import DONE, Later, RecordingOutcome
 from tests.monitor.fleet.fleet_files import CONFIG, assert_same_records, make_archive, result_of, write_files
 from tests.support.small_machine import BAND
 
@@ -154,7 +154,7 @@ def planned(tmp_path):
                 (row.machine, row.name, row.attempt, [Path(url).name for url in (row.url, *index.links(row.id, 0, 9))])
                 for row in index.waiting()
             ]
-            index.note(Outcome(row.id, DONE) for row in [*index.waiting()])
+            index.note(RecordingOutcome(row.id, DONE) for row in [*index.waiting()])
             return added, rows
 
         yield plan

@@ -18,7 +18,7 @@ from monitor.fleet.report.entries import (
     quality_of,
     shown_channels,
 )
-from monitor.fleet.report.page import Fleet, fleet_html
+from monitor.fleet.report.page import FleetTotals, fleet_html
 from monitor.words.situation import Situation
 
 
@@ -123,7 +123,7 @@ def test_machines_and_recordings_are_in_order_the_worst_first():
         entry("e", "1", "bad"),
         entry("f", "1", "open"),
     ]
-    fleet = Fleet.of(iter(entries))
+    fleet = FleetTotals.of(iter(entries))
     assert [machine.name for machine in fleet.ordered] == ["e", "c", "d", "b", "f", "a"]
     damaged = fleet.ordered[1]
     assert [one.recording for one in damaged.listed] == ["3", "1", "2"]
@@ -139,7 +139,7 @@ def test_of_very_many_the_worst_are_listed_and_all_are_counted(monkeypatch):
     monkeypatch.setattr(page, "MAX_LISTED", 4)
     monkeypatch.setattr(page, "MAX_FAILURES", 1)
     grades: dict[int, FleetGrade] = {3: "watch", 9: "bad", 20: "failed", 30: "failed"}
-    fleet = Fleet.of(entry(f"m{i % 3}", str(i), grades.get(i, "good")) for i in range(40))
+    fleet = FleetTotals.of(entry(f"m{i % 3}", str(i), grades.get(i, "good")) for i in range(40))
     assert fleet.total == sum(machine.total for machine in fleet.machines.values()) == 40
     listed = sorted((one for machine in fleet.machines.values() for one in machine.listed), key=lambda one: one.rank)
     assert [one.recording for one in listed[:2]] == ["9", "3"]

@@ -12,7 +12,7 @@ from models.work.serial import SerialExecutor
 from monitor.fleet import part
 from monitor.fleet.index import Index
 from monitor.fleet.manifest import ManifestError
-from monitor.fleet.run import Plan, delete_work
+from monitor.fleet.run import ArchivePlan, delete_work
 from tests.monitor.fleet.fleet_files import (
     CONTINUED,
     EACH,
@@ -72,5 +72,5 @@ def test_the_state_at_the_end_of_a_history_stays_where_it_can_be_extended(tmp_pa
     states = tmp_path / "out/archive-work/states"
     assert len(list(states.glob("*"))) == 1
     with Index(tmp_path / "out/index.db") as index:
-        delete_work(Plan(tmp_path / "manifest.toml", str(tmp_path / "out"), records), index)
+        delete_work(ArchivePlan(tmp_path / "manifest.toml", str(tmp_path / "out"), records), index)
     assert len(list(states.glob("*"))) == left
