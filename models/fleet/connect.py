@@ -19,8 +19,16 @@ from collections.abc import Iterable
 from typing import Any, Protocol
 from urllib.parse import urlsplit
 
-from models.fleet.errors import ClusterError, RefusedWorkerError
-from models.words.errors import WrongInputError
+from models.words.errors import SpallwatchError, WrongInputError
+
+
+class ClusterError(SpallwatchError):
+    """The scheduler or its workers are not reached, or not for too long; the message says which and how long."""
+
+
+class RefusedWorkerError(WrongInputError):
+    """A scheduler or workers cannot be used; the message names each, what was expected and what came."""
+
 
 _NO_PAGES: dict[str, Any] = {
     "distributed.scheduler.http.routes": [],
@@ -66,7 +74,7 @@ class Local:
                 # A nanny refers to the settings of the process: a worker started again would have those of then.
                 config=copy.deepcopy(settings.config),
                 silence_logs=logging.CRITICAL,
-                preload=["models.fleet.local_worker"],
+                preload=["models.fleet.member"],
             )
 
     def connect(self) -> Any:

@@ -14,8 +14,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
 
-from models.fleet.connect import Cluster
-from models.fleet.errors import ClusterError, RefusedWorkerError
+from models.fleet.connect import Cluster, ClusterError, RefusedWorkerError
 from models.fleet.member import run, turn_name
 from models.fleet.roster import Roster
 from models.work.chunk import MAX_ATTEMPTS, clear_marks, lost_workers, read_chunk

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.metadata
+import signal
 import threading
 from collections.abc import Generator, Mapping
 from contextlib import contextmanager
@@ -172,3 +173,8 @@ def _store_problem(url: str, token: str, address: str) -> str:
 def answer_name(token: str, address: str) -> str:
     """Return the name of the file in which a worker answers a token."""
     return f"{token}-{''.join(letter if letter.isalnum() else '_' for letter in address)}"
+
+
+def dask_setup(_worker: object) -> None:
+    """Ignore Ctrl-C: it reaches all processes of a terminal, and the command ends its workers."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)

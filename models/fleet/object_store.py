@@ -11,7 +11,7 @@ from contextlib import contextmanager
 from functools import partial
 from typing import Any
 
-from models.fleet.kept import KeptObject, age_of, tag_of
+from models.fleet.lease import KeptObject, age_of, tag_of
 from models.words.errors import SpallwatchError, WrongInputError
 from models.work.errors import ObjectStorageError
 from models.work.filesystem import cause, error_code, filesystem, in_loop, repeated
@@ -153,7 +153,7 @@ class ObjectStore:
         return KeptObject(data, str(answer["ETag"]), age_of(answer))
 
     def write_kept(self, name: str, data: bytes, tag: str | None) -> str | None:
-        """Write an object that is written in turn, as ``models.fleet.kept``; ObjectStorageError where that fails."""
+        """Write an object that is written in turn, as ``models.fleet.lease``; ObjectStorageError where that fails."""
         if self._is_s3:
             written = self._put_if(name, data, tag)
             # A server may ignore the condition.
@@ -167,7 +167,7 @@ class ObjectStore:
         return now.tag if now is not None and now.data == data else None
 
     def delete_kept(self, name: str, tag: str) -> None:
-        """Delete an object that is written in turn, as ``models.fleet.kept``; ObjectStorageError where that fails."""
+        """Delete an object that is written in turn, as ``models.fleet.lease``; ObjectStorageError where that fails."""
         if not self._is_s3:
             if self._has_tag(name, tag):
                 self.delete(name)

@@ -13,8 +13,7 @@ from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
 from typing import Any
 
-from models.fleet.connect import check_addresses
-from models.fleet.errors import ClusterError, RefusedWorkerError
+from models.fleet.connect import ClusterError, RefusedWorkerError, check_addresses
 from models.fleet.member import Membership, answer_name, differences, facts, join
 from models.work.codec import name_of
 from models.work.task import FileStore

@@ -8,9 +8,8 @@ from pathlib import Path
 from models.words.errors import WrongInputError
 from models.words.extras import load
 from models.work.folder_store import open_store
-from models.work.pool import PoolExecutor, worker_count
+from models.work.pool import PoolExecutor, SerialExecutor, worker_count
 from models.work.runner import Runner
-from models.work.serial import SerialExecutor
 from models.work.task import Executor, FileStore, Progress
 
 

@@ -1,7 +1,7 @@
-"""Work on the cores of this machine: threads where the tasks release the GIL, else processes.
+"""Executors of this machine: one task after another, or on its cores, as threads where the tasks release the GIL.
 
-Each worker is a thread of this process. It runs a chunk itself, or has a process of its own for those that need one,
-which begins with the first such chunk and is replaced where it is killed.
+Each worker of the pool is a thread of this process. It runs a chunk itself, or has a process of its own for those that
+need one, which begins with the first such chunk and is replaced where it is killed.
 """
 
 from __future__ import annotations
@@ -269,3 +269,39 @@ def _serve(connection: _Connection) -> None:
 
 def _failed(call: ChunkCall, failure: Failure, worker: str | None = None) -> ChunkOutcome:
     return ChunkOutcome(call.key, failure, 0.0, 0, worker or default_worker(), processor())
+
+
+class SerialExecutor:
+    """Runs a chunk when its outcome is waited for."""
+
+    name = "serial"
+
+    def __init__(self) -> None:
+        """Begin with nothing to do."""
+        self._calls: deque[ChunkCall] = deque()
+
+    def capacity(self) -> int:
+        """Return 1."""
+        return 1
+
+    def workers(self) -> int:
+        """Return 1."""
+        return 1
+
+    def submit(self, call: ChunkCall) -> None:
+        """Note a chunk for :meth:`wait`."""
+        self._calls.append(call)
+
+    def wait(self) -> ChunkOutcome:
+        """Run the oldest chunk that was submitted."""
+        return run_chunk(self._calls.popleft())
+
+    def close(self) -> None:
+        """Give up what was submitted."""
+        self._calls.clear()
+
+    def in_process(
+        self, function: Callable[[_T], _R], tasks: Iterable[_T], *, threads: bool, memory: int
+    ) -> Iterator[_R]:
+        """Yield the function of each task as objects of this process, without a store."""
+        return map(function, tasks)

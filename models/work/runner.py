@@ -15,15 +15,25 @@ from typing import Any, Self, TypeVar
 
 from models.platform.scratch import scratch_folder
 from models.words.errors import WrongInputError
-from models.work.chunk import chunk_key, clear_attempts, read_chunk, sent_tasks, write_log
+from models.work.chunk import (
+    KnownChunks,
+    attempted_chunks,
+    check_writable,
+    chunk_key,
+    clear_attempts,
+    delete_own,
+    read_chunk,
+    sent_tasks,
+    write_log,
+    write_run,
+    write_shared,
+)
 from models.work.codec import DamagedDataError, encode
-from models.work.direct import Meter, direct_outcomes, direct_results
 from models.work.errors import LostFolderError, ObjectStorageError, chunks_failed, error_of, failure_of
 from models.work.folder_store import FolderStore
-from models.work.job import Chunk, Job, Tally, chunks_of
+from models.work.job import Chunk, Job, Meter, Tally, chunks_of, direct_outcomes, direct_results
+from models.work.pool import SerialExecutor
 from models.work.program import program
-from models.work.serial import SerialExecutor
-from models.work.store_files import KnownChunks, attempted_chunks, check_writable, delete_own, write_run, write_shared
 from models.work.task import DIED, ChunkCall, ChunkOutcome, Executor, Failure, FileStore, Progress, Work
 
 _S = TypeVar("_S")

@@ -10,7 +10,7 @@ import click
 
 from monitor.commands import option
 from monitor.commands.common import emit, progress_bar, read_config
-from monitor.records.moved_days import MovedDay, MovedDaysError, days_before, move_day
+from monitor.records.published_folder import MovedDay, MovedDaysError, days_before, move_day
 
 _MAX_NAMED = 10
 

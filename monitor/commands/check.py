@@ -234,8 +234,8 @@ def _learned(config: Config, database: Path) -> dict[str, set[str]]:
 
 def _track_problems(config: Config, channel: ChannelSection) -> Iterator[str]:
     """Yield what a tracked channel lacks: its map, its library, or conditions that they do not cover."""
-    from monitor.service.calibration import channel_lines, uncalibrated_lines
     from monitor.service.setup import source_settings
+    from monitor.service.summary import channel_lines, uncalibrated_lines
 
     missing = list(_missing_files(config, channel))
     yield from missing

@@ -31,8 +31,8 @@ from monitor.health.size import DamageInput, Remaining, RemainingSettings
 from monitor.health.size.calibration import mark_forecast
 from monitor.health.size.library.forecaster import LibrarySettings, LibraryState
 from monitor.health.size.library.forecaster import step as ask_library
-from monitor.service.calibration import is_calibrated
 from monitor.service.libraries import SHIPPED_NAME, shipped_library
+from monitor.service.summary import is_calibrated
 from monitor.words.numbers import duration
 
 Issued = list[tuple[Remaining, ...]]

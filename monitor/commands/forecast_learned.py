@@ -20,9 +20,9 @@ from monitor.health.rest.learned.model import LearnedModel
 from monitor.health.size import DamageInput, Remaining, RemainingSettings, TtStatus
 from monitor.health.size.library.forecaster import LibrarySettings, LibraryState
 from monitor.health.size.library.forecaster import step as library_step
-from monitor.records.learned_file import LearnedFileError, is_learned, load_learned
-from monitor.service.calibration import is_calibrated
+from monitor.records.library_file import LearnedFileError, is_learned, load_learned
 from monitor.service.libraries import shipped_library
+from monitor.service.summary import is_calibrated
 
 
 def forecast_shipped(

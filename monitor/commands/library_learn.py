@@ -29,7 +29,7 @@ from monitor.health.rest.learned.model import EndLevels, LearnedModel
 from monitor.health.rest.learned.scores import PhysicalRun, library_weight, scores_out_of_run
 from monitor.health.size.library.forecaster import LibraryState
 from monitor.health.size.library.forecaster import step as ask_library
-from monitor.records.learned_file import SUFFIXES, save_learned
+from monitor.records.library_file import SUFFIXES, save_learned
 from monitor.words.numbers import duration
 
 

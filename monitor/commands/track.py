@@ -23,8 +23,8 @@ from monitor.health import tracker as damage
 from monitor.health.size import Damage, DamageInput, edv
 from monitor.health.size.edv import rms_from_map, rms_from_model, rms_history
 from monitor.health.size.library.model import Library
-from monitor.service.calibration import rig_of_library, weakest_calibration
 from monitor.service.setup import part_map
+from monitor.service.summary import rig_of_library, weakest_calibration
 from monitor.words.calibration import uncalibrated_sentence
 from streams.types.block import STANDARD_GRAVITY
 

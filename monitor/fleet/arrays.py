@@ -8,6 +8,7 @@ along ``recording`` says which rows are whose. The dimension ``channel`` counts 
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
@@ -16,6 +17,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from models.words.errors import WrongInputError
+from models.work.task import FileStore
 from monitor import __version__
 from monitor.fleet.result import RecordingResult
 from monitor.health.schema import DIMENSION_SIZES, SCHEMA_VERSION, VARIABLES, Variable
@@ -251,3 +254,40 @@ def _size(dim: str, extent: ArchiveExtent) -> int:
 def _renamed(dim: str) -> str:
     """Return a dimension's name in the store: ``fault`` is also the name of a variable."""
     return PART if dim == "fault" else dim
+
+
+METADATA = "zarr.json"
+"""Written last: with it a store is whole."""
+
+
+def refuse_foreign(out: FileStore) -> None:
+    """Refuse to write an archive over a Zarr store of something else.
+
+    Raises:
+        WrongInputError: it has metadata that are not those of an archive, or of a later version.
+    """
+    data = out.read(METADATA)
+    if data is None:
+        return
+    try:
+        version = json.loads(data)["attributes"]["spallwatch_archive"]
+    except (ValueError, KeyError, TypeError):
+        version = None
+    if not isinstance(version, int) or version > ARCHIVE_VERSION:
+        raise WrongInputError(
+            f"{out.url}: is a Zarr store, but no archive of spallwatch up to version {ARCHIVE_VERSION}; it is left "
+            "as it is"
+        )
+
+
+def refuse_unknown(out: FileStore) -> None:
+    """Refuse a place in which no archive was begun, unless it is empty or holds a whole one.
+
+    Raises:
+        WrongInputError: as :func:`refuse_foreign`, or there are files without the metadata of an archive.
+    """
+    refuse_foreign(out)
+    if out.read(METADATA) is None and (found := next(iter(out.names()), None)) is not None:
+        raise WrongInputError(
+            f"{out.url}: holds {found}, and no archive that was begun here; move it away, or take another --out"
+        )

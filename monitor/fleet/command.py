@@ -62,9 +62,8 @@ def replay(
     ones, and those that continue a history at its end. Exit code 1 where a recording failed: the others are done.
     """
     from monitor.fleet.finish import finish, zarr_writer
-    from monitor.fleet.growth import grown_folders
     from monitor.fleet.place import INDEX_NAME, open_index
-    from monitor.fleet.plan import later_recordings
+    from monitor.fleet.plan import grown_folders, later_recordings
     from monitor.fleet.result import Later
     from monitor.fleet.run import ArchivePlan, delete_work, extend_archive, replay_waiting
 

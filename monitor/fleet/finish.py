@@ -11,12 +11,11 @@ from typing import Any
 from models.words.errors import WrongInputError
 from models.work.folder_store import open_store
 from models.work.runner import Runner
+from monitor.fleet.arrays import METADATA
 from monitor.fleet.index import Index
-from monitor.fleet.report.entries import FleetEntry, channels_of, period_of, quality_of, shown_channels
-from monitor.fleet.report.page import fleet_html
+from monitor.fleet.report import FleetEntry, channels_of, fleet_html, period_of, quality_of, shown_channels
 from monitor.fleet.result import RecordingResult
 from monitor.fleet.run import PAGE, STORE, ArchivePlan, Results
-from monitor.fleet.zarr_place import METADATA
 
 
 def fleet_page(

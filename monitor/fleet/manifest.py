@@ -6,6 +6,7 @@ TOML is for people, CSV for programs. Entries are yielded one by one, in the ord
 from __future__ import annotations
 
 import csv
+import os
 import re
 import tomllib
 from collections.abc import Iterator, Mapping, Sequence
@@ -13,9 +14,11 @@ from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 from typing import Any, Literal, cast
+from urllib.parse import unquote, urlsplit
 
 from models.words.errors import WrongInputError
 from monitor.config.positions import find_lines
+from streams.files.remote import is_remote
 
 History = Literal["each", "continued"]
 HISTORIES: tuple[History, ...] = ("each", "continued")
@@ -219,3 +222,30 @@ def _below(folder: Path, path: str, where: str) -> Path:
         return folder / Path(path).expanduser()
     except RuntimeError:
         raise ManifestError(f"{where}: {path!r} is of a user who has no home folder here") from None
+
+
+def local_path(url: str) -> Path | None:
+    """Return the path that a recording of a manifest names, None where it names none."""
+    if url.startswith("rig:") or is_remote(url):
+        return None
+    kind, colon, rest = url.partition(":")
+    if colon and kind == "folder":
+        return Path(rest)
+    if colon and kind == "dataset":
+        return Path(rest.partition(":")[2])
+    return Path(url)
+
+
+def without_file_scheme(url: str) -> str:
+    """Return a ``file://`` URL as a path, so that a recording has one name however it is given; others as they are."""
+    scheme, found, _ = url.partition("://")
+    split = urlsplit(url) if found and scheme.lower() == "file" else None
+    return url if split is None or split.netloc not in ("", "localhost") or not split.path else unquote(split.path)
+
+
+def count_files(url: str) -> int | None:
+    """Return the number of files in the folder that a recording is, in those below it too; None of anything else."""
+    path = local_path(url)
+    if path is None or not path.is_dir():
+        return None
+    return sum(len(files) for _, _, files in os.walk(path))

@@ -24,7 +24,7 @@ from models.work.folder_store import open_store
 from models.work.redact import redact
 from models.work.task import FileStore, Work
 from monitor.fleet.history import HistorySource, Position, end_of, packed_state, unpack_state
-from monitor.fleet.local import count_files
+from monitor.fleet.manifest import count_files
 from monitor.fleet.result import RESULT_NAME, RecordingResult, RecordsFile, Shape
 from monitor.fleet.setup import ArchiveError, LoadedSetup, load_setup
 from monitor.records.filing import SECONDS_PER_DAY

@@ -15,15 +15,14 @@ from typing import Literal
 from models.work.folder_store import FolderStore, open_store
 from models.work.runner import Runner
 from models.work.task import FileStore
-from monitor.fleet.growth import extend
+from monitor.fleet.arrays import refuse_unknown
 from monitor.fleet.index import Index
 from monitor.fleet.manifest import WORK_NAME, ManifestError
-from monitor.fleet.occupied import OWN, Overlap, refuse_lost_results, refuse_lost_work
 from monitor.fleet.part import PART_BLOCKS, SharedPlaces, read_result
-from monitor.fleet.plan import Planner, check_unchanged, signed_urls
+from monitor.fleet.place import OWN, Overlap, refuse_lost_results, refuse_lost_work
+from monitor.fleet.plan import Planner, check_unchanged, extend, signed_urls
 from monitor.fleet.replaying import Replaying
 from monitor.fleet.result import RESULT_NAME, Counts, Later, RecordingResult
-from monitor.fleet.zarr_place import refuse_unknown
 from monitor.records.database import Closing
 
 Records = Literal["days", "zarr"]
@@ -183,7 +182,7 @@ def extend_archive(plan: ArchivePlan, index: Index) -> Later:
     """Add what the manifest names now to an archive that was planned; return what was added.
 
     Raises:
-        ManifestError, ConfigError, RemoteError: as :func:`monitor.fleet.growth.extend`.
+        ManifestError, ConfigError, RemoteError: as :func:`monitor.fleet.plan.extend`.
     """
     _check_place(plan, index)
     counts = index.counts()

@@ -28,11 +28,10 @@ from typing import Any
 from models.platform.portable import BINARY, read_at, write_at
 from models.words.errors import SpallwatchError
 from monitor.health.record import storable
-from monitor.records.block_writer import count_refusal
 from monitor.records.condense import identity_of, numbers_with
 from monitor.records.database import Closing, SharedConnection
 from monitor.records.events import write_notice
-from monitor.records.filing import LAST_QUERY, MAX_BLOCK
+from monitor.records.filing import LAST_QUERY, MAX_BLOCK, count_refusal
 from monitor.records.queries import first_start
 from monitor.records.store import Store
 from streams.types.block import Rejected

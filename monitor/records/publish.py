@@ -25,9 +25,18 @@ from monitor.records.condense import condensed_on, condensed_up_to, has_condense
 from monitor.records.database import replacing
 from monitor.records.dataset import INT_FILL, from_dataset, to_dataset
 from monitor.records.filing import SECONDS_PER_DAY, published_files
-from monitor.records.moved_days import MovedDaysError, delete_day, moved_days, moving_days
+from monitor.records.published_folder import (
+    MovedDaysError,
+    Snapshot,
+    delete_day,
+    is_published,
+    moved_days,
+    moving_days,
+    snapshot_path,
+    take_snapshot,
+    write_snapshot,
+)
 from monitor.records.second_copy import KeptFile, keep_larger, ledger_group, log_kept, write_netcdf
-from monitor.records.snapshot import Snapshot, is_published, snapshot_path, take_snapshot, write_snapshot
 from monitor.records.store import Published, Store
 
 _SUMMARY = (

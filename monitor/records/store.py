@@ -18,7 +18,6 @@ from models.platform.portable import FileLock
 from monitor.health.record import Record
 from monitor.health.signal.waterfall import SpectrumChange
 from monitor.records.archive import ARCHIVE_QUERY, FULL_ARCHIVE_QUERY, Archived, archived_of
-from monitor.records.block_writer import BlockWriter, Commit, count_refusal, insert_run, write_states
 from monitor.records.condense import condensed_counts, has_condensed
 from monitor.records.database import (
     DATABASE_ERRORS,
@@ -35,8 +34,13 @@ from monitor.records.filing import (
     LAST_QUERY,
     MAX_BLOCK,
     STORED_QUERY,
+    BlockWriter,
+    Commit,
     Filing,
     Stored,
+    count_refusal,
+    insert_run,
+    write_states,
 )
 from monitor.records.rollup import OPEN_BUDGET_S, check_features, roll_up
 from monitor.records.spectra import write_changes

@@ -20,8 +20,8 @@ from monitor.health.signal.waterfall import SpectrumRow
 from monitor.health.size.filter.particles import Particles
 from monitor.records.database import StoreError
 from monitor.records.dataset import words
-from monitor.records.moved_days import absence_text, moved_days
 from monitor.records.publish import PublishError, day_dataset, days
+from monitor.records.published_folder import absence_text, moved_days
 from monitor.records.queries import condensed_blocks
 from monitor.records.store import Store
 from monitor.report.beside import Beside, read_beside

@@ -19,14 +19,13 @@ from monitor.records.events import EventLog
 from monitor.records.queries import LogMarks, log_marks
 from monitor.records.recover.salvage import open_or_salvage
 from monitor.records.store import Store
-from monitor.service.calibration import uncalibrated_lines
 from monitor.service.companions import Companions
 from monitor.service.ingest import Ingest
 from monitor.service.machine_status import MachineStatus, SilenceLog
 from monitor.service.neighbours.condition import ConditionProcess
 from monitor.service.retention import Retention
 from monitor.service.start import inspect
-from monitor.service.summary import run_attributes
+from monitor.service.summary import run_attributes, uncalibrated_lines
 from monitor.service.system import DiskGuard, ServiceManager, StatusFile, full_disk, is_running
 from monitor.words.events import event_text
 from streams.types.source import POISONED

@@ -229,8 +229,8 @@ def publish_now(store: Store, records_dir: Path) -> str | None:
 
     What a command changes is in the published snapshot then, and is not lost with the store before the next start.
     """
-    from monitor.records.moved_days import MovedDaysError
     from monitor.records.publish import PublishError, publish
+    from monitor.records.published_folder import MovedDaysError
 
     try:
         with _alone(store.path):
@@ -248,8 +248,8 @@ def _publish(path: Path, records_dir: Path, to_delete: int) -> dict[str, Any]:
         ``deleted`` and ``missing`` (names of files), ``size`` (bytes of
         all files), ``problem`` (or None) and ``seconds``.
     """
-    from monitor.records.moved_days import MovedDaysError
     from monitor.records.publish import PublishError, delete_oldest, missing_files, publish, published_bytes
+    from monitor.records.published_folder import MovedDaysError
 
     began = time.monotonic()
     answer: dict[str, Any] = {"published": [], "kept": [], "deleted": [], "missing": [], "size": 0, "problem": None}

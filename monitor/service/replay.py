@@ -28,10 +28,9 @@ from monitor.records.ledger import keep_dating, read_dating
 from monitor.records.publish import publish
 from monitor.records.recover.salvage import open_or_salvage
 from monitor.records.store import Store
-from monitor.service.calibration import uncalibrated_lines
 from monitor.service.neighbours.condition import RecordedCondition
 from monitor.service.setup import only_source, open_configured, source_settings
-from monitor.service.summary import bearing_summaries, channel_summary, run_attributes, with_words
+from monitor.service.summary import bearing_summaries, channel_summary, run_attributes, uncalibrated_lines, with_words
 from streams.dates.dating import Dating
 from streams.recording.state import ResumableSource
 from streams.types.block import STANDARD_GRAVITY, Block

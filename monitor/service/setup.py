@@ -32,9 +32,8 @@ from monitor.health.size.library.model import Library
 from monitor.health.state import ChannelSettings, SourceSettings
 from monitor.health.tracker import DamageSettings, PartMap
 from monitor.pipeline import Pipeline
-from monitor.records.learned_file import LearnedFileError, is_learned, load_learned
-from monitor.records.library_file import LibraryError, load_library
-from monitor.service.calibration import calibration_of
+from monitor.records.library_file import LearnedFileError, LibraryError, is_learned, load_learned, load_library
+from monitor.service.summary import calibration_of
 from monitor.words.zones import MACHINE_CLASSES
 from streams.dates.dating import Dating
 from streams.files.container import Files

@@ -11,7 +11,7 @@ import numpy as np
 
 from monitor.health.tracker import part_of
 from monitor.records.queries import is_dated, values_since
-from monitor.service.calibration import weakest_calibration
+from monitor.service.summary import weakest_calibration
 from monitor.web.answers import RequestError, numbers, times
 from monitor.web.api import calibration, latest_values
 from monitor.web.machines import Machine

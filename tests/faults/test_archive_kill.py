@@ -12,8 +12,8 @@ from pathlib import Path
 import pytest
 import xarray as xr
 
-from monitor.records.moved_days import days_before, move_day, moved_days
 from monitor.records.publish import publish
+from monitor.records.published_folder import days_before, move_day, moved_days
 from monitor.records.store import Store
 from tests.support.effort import effort_count
 from tests.support.forks import Fork

@@ -24,9 +24,9 @@ from monitor.pipeline import resumed_state
 from monitor.records.events import EventLog
 from monitor.records.ledger import StoreLedger, write_progress
 from monitor.records.publish import publish
+from monitor.records.published_folder import snapshot_path
 from monitor.records.recover import published
 from monitor.records.recover.salvage import SalvageReport, open_or_salvage
-from monitor.records.snapshot import snapshot_path
 from monitor.records.store import Store
 from streams.types.block import Block, Rejected
 from streams.types.source import FileProgress

@@ -265,7 +265,7 @@ def test_a_block_that_meets_a_lack_of_memory_is_tried_again(tmp_path: Path, monk
         def fails(*given: Any) -> None:
             raise MemoryError
 
-        monkeypatch.setattr("monitor.records.block_writer.file_record", fails)
+        monkeypatch.setattr("monitor.records.filing.file_record", fails)
         with pytest.raises(StoreError, match="out of memory"):
             commit(store, block(BEFORE + 1))
         monkeypatch.undo()

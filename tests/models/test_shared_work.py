@@ -29,8 +29,8 @@ from models.solve.six_dof.lanes import LaneOptions, shared_grid, simulate_lanes
 from models.work.choose import local_runner
 from models.work.codec import encode
 from models.work.folder_store import FolderStore
+from models.work.pool import SerialExecutor
 from models.work.runner import SERIAL, Runner
-from models.work.serial import SerialExecutor
 from models.work.task import CHUNK_SECONDS, MIN_CHUNKS, Work
 from tests.models.identify.cases import BAND, space_of
 

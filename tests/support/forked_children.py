@@ -18,7 +18,8 @@ from typing import Any, cast
 from tests.support.pace import quicken
 
 PRELOADED = [
-    *("monitor.service.publisher", "monitor.records.publish", "monitor.records.moved_days", "netCDF4", "dask.array"),
+    *("monitor.service.publisher", "monitor.records.publish", "monitor.records.published_folder"),
+    *("netCDF4", "dask.array"),
     *("monitor.web.server", "streams.files.parse.worker", "streams.files.formats.text", "pandas"),
 ]
 """What those children import."""

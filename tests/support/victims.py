@@ -15,7 +15,7 @@ from monitor.records import compact
 from monitor.records.condense import condense
 from monitor.records.events import EventLog
 from monitor.records.ledger import StoreLedger
-from monitor.records.moved_days import days_before, move_day
+from monitor.records.published_folder import days_before, move_day
 from monitor.records.recover.salvage import open_or_salvage
 from monitor.records.store import Published, Store
 from monitor.service.ingest import Ingest

@@ -12,11 +12,10 @@ from typing import Any
 from monitor.records.condense import has_condensed, identity_of
 from monitor.records.database import MAGIC, StoreError
 from monitor.records.filing import published_files
-from monitor.records.moved_days import reached_days
+from monitor.records.published_folder import Snapshot, reached_days, read_snapshot
 from monitor.records.recover.published import Beat, gather, remove_database
 from monitor.records.recover.rows import has_header, opened
 from monitor.records.recover.settle import first_change
-from monitor.records.snapshot import Snapshot, read_snapshot
 from monitor.records.tables import APPLICATION_ID, STORE_VERSION
 
 CHECKED_BYTES = 64 << 20

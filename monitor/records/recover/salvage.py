@@ -29,13 +29,12 @@ from monitor.records.database import (
 )
 from monitor.records.events import Deliveries, EventLog
 from monitor.records.ledger import SALVAGED_UP_TO, StoreLedger
-from monitor.records.moved_days import MovedDaysError, absence_text, moved_days
+from monitor.records.published_folder import MovedDaysError, absence_text, moved_days, read_snapshot
 from monitor.records.recover.loss import Loss, find_loss
 from monitor.records.recover.published import Beat, Gathered, gather, remove_database
 from monitor.records.recover.rows import carry_over
 from monitor.records.recover.settle import settle
 from monitor.records.restore import Places, finish_restore
-from monitor.records.snapshot import read_snapshot
 from monitor.records.store import Store
 
 

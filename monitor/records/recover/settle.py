@@ -11,9 +11,9 @@ from typing import Any
 from monitor.records.condense import identity_of
 from monitor.records.filing import Filing, Stored, content_digest, ledger_digest, states_digest
 from monitor.records.packing import pack
+from monitor.records.published_folder import Snapshot
 from monitor.records.recover.published import LEDGER, insert_row
 from monitor.records.recover.rows import States, add_layout
-from monitor.records.snapshot import Snapshot
 
 LOST = "its record was lost when the store was damaged"
 """The reason of a ledger entry whose record is gone."""

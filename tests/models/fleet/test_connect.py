@@ -7,8 +7,7 @@ import socket
 import pytest
 
 from models.fleet import connect, open_executor
-from models.fleet.connect import Remote, check_addresses, checked_address, is_loopback
-from models.fleet.errors import ClusterError, RefusedWorkerError
+from models.fleet.connect import ClusterError, RefusedWorkerError, Remote, check_addresses, checked_address, is_loopback
 from models.words.errors import WrongInputError
 from models.work.folder_store import FolderStore
 

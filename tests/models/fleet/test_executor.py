@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from models.fleet import roster as roster_module
-from models.fleet.errors import ClusterError, RefusedWorkerError
+from models.fleet.connect import ClusterError, RefusedWorkerError
 from models.fleet.executor import ClusterExecutor
 from models.words.errors import WrongInputError
 from models.work.errors import ChunksFailedError, MemoryNeedError

@@ -7,9 +7,7 @@ from datetime import UTC, datetime
 
 import pytest
 
-from models.fleet import kept
-from models.fleet.kept import age_of
-from models.fleet.lease import LEASE_NAME, Holder, LeaseHeldError, LeaseLostError, Times, leased
+from models.fleet.lease import LEASE_NAME, Holder, LeaseHeldError, LeaseLostError, Times, age_of, leased
 from models.fleet.object_store import ObjectStore
 from models.work.errors import ObjectStorageError
 from tests.support.faulty_storage import Fault, faulty_storage, without_pauses
@@ -135,7 +133,7 @@ def test_an_object_is_deleted_where_it_is_as_it_was_read(code, proxy, storage):
 @pytest.mark.parametrize("refused", [2, 1000])
 def test_a_lease_is_lost_to_another_holder_alone(refused, monkeypatch):
     """S3 refuses a conditional request also because of another one at the same moment (409)."""
-    monkeypatch.setattr(kept, "PAUSES_S", (0.0, 0.0, 0.0))
+    monkeypatch.setattr("models.fleet.lease.PAUSES_S", (0.0, 0.0, 0.0))
     store = memory()
     with leased(store, lambda _: None, QUIET) as lease:
         with monkeypatch.context() as patch:
@@ -152,7 +150,7 @@ def test_a_lease_is_lost_to_another_holder_alone(refused, monkeypatch):
 
 @pytest.mark.cluster
 def test_a_lease_is_held_while_requests_are_refused_because_of_others(proxy, storage, monkeypatch):
-    monkeypatch.setattr(kept, "PAUSES_S", (0.0, 0.0, 0.0))
+    monkeypatch.setattr("models.fleet.lease.PAUSES_S", (0.0, 0.0, 0.0))
     store = ObjectStore(storage.url(f"busy/{uuid.uuid4()}"))
     refused = Fault("refuse", 409, "ConditionalRequestConflict")
     with leased(store, lambda _: None, QUIET) as lease:

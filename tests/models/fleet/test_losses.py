@@ -13,7 +13,7 @@ import pytest
 
 from models.fleet import executor as executor_module
 from models.fleet import roster as roster_module
-from models.fleet.errors import ClusterError
+from models.fleet.connect import ClusterError
 from models.fleet.executor import ClusterExecutor
 from models.fleet.member import Membership, answer_name, facts, join, turn_name
 from models.fleet.roster import SILENT_S

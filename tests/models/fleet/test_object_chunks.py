@@ -10,8 +10,8 @@ import pytest
 from models.fleet.object_store import ObjectStore
 from models.work.errors import ChunksFailedError
 from models.work.folder_store import FolderStore
+from models.work.pool import SerialExecutor
 from models.work.runner import Runner
-from models.work.serial import SerialExecutor
 from tests.models.work.tasks import Shared, leaks, scaled, work
 from tests.support.object_storage import use_account
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from models.fleet.errors import RefusedWorkerError
+from models.fleet.connect import RefusedWorkerError
 from models.fleet.member import PROGRAM_BYTES, answer_name, differences, facts, offered_memory
 from models.fleet.roster import Roster
 from models.work.folder_store import FolderStore

@@ -12,9 +12,9 @@ from models.work import chunk
 from models.work.chunk import MAX_ATTEMPTS, chunk_key, chunk_name, clear_marks, read_chunk, run_chunk, sent_tasks
 from models.work.codec import DamagedDataError, decode, digest_of, encode, name_of
 from models.work.folder_store import FolderStore
+from models.work.pool import SerialExecutor
 from models.work.program import processor, program
 from models.work.runner import Runner
-from models.work.serial import SerialExecutor
 from models.work.task import DIED, ChunkCall
 from tests.models.work.tasks import Shared, fails_on_odd, leaks, scaled, unsendable, work
 

@@ -14,8 +14,8 @@ from models.words.errors import WrongInputError
 from models.work import chunk
 from models.work.errors import ChunksFailedError, LostFolderError
 from models.work.folder_store import FolderStore
+from models.work.pool import SerialExecutor
 from models.work.runner import SERIAL, Runner
-from models.work.serial import SerialExecutor
 from models.work.task import Failure, Progress
 from tests.models.work.tasks import (
     ScriptedExecutor,

@@ -6,9 +6,9 @@ import pytest
 
 from models.fleet.object_store import ObjectStore
 from models.work.errors import ObjectStorageError
+from models.work.pool import SerialExecutor
 from models.work.redact import redact
 from models.work.runner import Runner
-from models.work.serial import SerialExecutor
 from streams.files.remote import RemoteError, expand, fetched
 from streams.types.spec import SourceError
 from tests.models.work.tasks import Shared, scaled, work

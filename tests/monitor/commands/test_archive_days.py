@@ -12,9 +12,9 @@ import xarray as xr
 from click.testing import CliRunner, Result
 
 from monitor.cli import spallwatch
-from monitor.records import moved_days
-from monitor.records.moved_days import MovedDaysError
+from monitor.records import published_folder
 from monitor.records.publish import publish
+from monitor.records.published_folder import MovedDaysError
 from monitor.records.store import Store
 from tests.support.store_kill import block
 
@@ -70,7 +70,7 @@ def test_an_interruption_at_any_step_leaves_each_day_whole_and_the_call_can_be_r
 ) -> None:
     for step in ("replacing", "sync_file", "_remove", "sync_folder"):
         with monkeypatch.context() as patch:
-            patch.setattr(moved_days, step, _fail)
+            patch.setattr(published_folder, step, _fail)
             with pytest.raises((OSError, MovedDaysError), match="interrupted"):
                 call(folder)
         for day in DAYS:
@@ -79,7 +79,7 @@ def test_an_interruption_at_any_step_leaves_each_day_whole_and_the_call_can_be_r
             assert any(place.exists() and place.read_bytes() == content for place in places), (step, day)
     call(folder)
     assert names(folder / "away") == ["machine-20260101.nc", "machine-20260102.nc"]
-    assert len(moved_days.moved_days(folder / "records", "machine")) == 2
+    assert len(published_folder.moved_days(folder / "records", "machine")) == 2
 
 
 def _fail(*_: object) -> None:
@@ -101,7 +101,7 @@ def test_a_day_with_late_blocks_replaces_its_earlier_copy_and_no_other_file(fold
     assert json.loads(call(folder).stdout)["moved"] == [day]
     with xr.open_dataset(away / day) as dataset:
         assert dataset.sequence.values.tolist() == [1, 2, 3]
-    (entry,) = (entry for entry in moved_days.moved_days(records, "machine") if entry.file == day)
+    (entry,) = (entry for entry in published_folder.moved_days(records, "machine") if entry.file == day)
     assert entry.size == (away / day).stat().st_size
     assert not (records / day).exists()
 

@@ -20,9 +20,9 @@ from monitor.health.size import DamageInput, EdvStatus
 from monitor.health.size.library.forecaster import LibraryState, step
 from monitor.records.histories import History
 from monitor.records.library_file import load_library
-from monitor.service.calibration import is_calibrated, rig_of_library
 from monitor.service.libraries import build_library, prior_words
 from monitor.service.setup import source_settings
+from monitor.service.summary import is_calibrated, rig_of_library
 from tests.support.effort import effort_count
 
 

@@ -10,7 +10,7 @@ import pytest
 from monitor.commands.common import InputError
 from monitor.commands.feature_files import read_features
 from monitor.health.rest.learned.model import LearnedModel
-from monitor.records.learned_file import LearnedFileError, is_learned, load_learned, save_learned
+from monitor.records.library_file import LearnedFileError, is_learned, load_learned, save_learned
 from tests.support.library_learn import features, learn, learned
 
 

@@ -13,8 +13,8 @@ import pytest
 from click.testing import CliRunner
 
 from models.work.folder_store import FolderStore
+from models.work.pool import SerialExecutor
 from models.work.runner import Runner
-from models.work.serial import SerialExecutor
 from monitor.commands import replay_many as replay_many_module
 from monitor.commands.common import InputError
 from monitor.commands.replay import command

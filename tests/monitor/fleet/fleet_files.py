@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from models.work.pool import SerialExecutor
 from models.work.runner import Runner
-from models.work.serial import SerialExecutor
 from monitor.fleet.index import Index
 from monitor.fleet.result import RESULT_NAME, Counts, RecordingResult
 from monitor.fleet.run import ArchivePlan, extend_archive, replay_waiting

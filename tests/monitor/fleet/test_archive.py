@@ -13,8 +13,8 @@ import pytest
 import streams.files.container
 from models.words.errors import WrongInputError
 from models.work.folder_store import FolderStore, open_store
+from models.work.pool import SerialExecutor
 from models.work.runner import Runner
-from models.work.serial import SerialExecutor
 from models.work.task import ChunkOutcome, Failure
 from monitor.config.load import load_config
 from monitor.fleet import part, replaying

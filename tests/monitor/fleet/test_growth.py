@@ -8,12 +8,11 @@ from pathlib import Path
 import pytest
 
 from models.work.folder_store import FolderStore, open_store
+from models.work.pool import SerialExecutor
 from models.work.runner import Runner
-from models.work.serial import SerialExecutor
-from monitor.fleet.growth import extend, grown_folders
 from monitor.fleet.index import Index
 from monitor.fleet.manifest import ManifestError
-from monitor.fleet.plan import Planner
+from monitor.fleet.plan import Planner, extend, grown_folders
 from monitor.fleet.result import DONE, Later, RecordingOutcome
 from tests.monitor.fleet.fleet_files import CONFIG, assert_same_records, make_archive, result_of, write_files
 from tests.support.small_machine import BAND

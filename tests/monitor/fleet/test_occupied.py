@@ -6,7 +6,7 @@ import pytest
 
 from monitor.fleet.index import Index
 from monitor.fleet.manifest import ManifestError
-from monitor.fleet.occupied import Overlap
+from monitor.fleet.place import Overlap
 from tests.monitor.fleet.fleet_files import EACH, make_archive, write_files
 
 

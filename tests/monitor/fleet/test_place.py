@@ -10,7 +10,6 @@ from pathlib import Path
 
 import pytest
 
-from models.fleet import kept
 from models.fleet.lease import LEASE_NAME, Holder, LeaseHeldError, LeaseLostError, Times, leased
 from models.fleet.object_store import ObjectStore
 from monitor.fleet import place
@@ -146,7 +145,7 @@ def test_an_index_that_another_one_wrote_is_not_written_over(url):
 
 
 def test_an_index_that_is_refused_though_no_other_one_wrote_it_is_written_again(url, monkeypatch):
-    monkeypatch.setattr(kept, "PAUSES_S", (0.0, 0.0, 0.0))
+    monkeypatch.setattr("models.fleet.lease.PAUSES_S", (0.0, 0.0, 0.0))
     with open_index(url) as opened:
         opened.index.set_meta(one="1")
         write, refused = ObjectStore.write_kept, [INDEX_NAME]

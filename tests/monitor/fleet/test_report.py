@@ -7,18 +7,18 @@ from zoneinfo import ZoneInfo
 
 import pytest
 
-from monitor.fleet.report import page
-from monitor.fleet.report.entries import (
+from monitor.fleet.report import (
     FleetChannel,
     FleetEntry,
     FleetGrade,
+    FleetTotals,
     channels_of,
+    fleet_html,
     grade_of_channel,
     period_of,
     quality_of,
     shown_channels,
 )
-from monitor.fleet.report.page import FleetTotals, fleet_html
 from monitor.words.situation import Situation
 
 
@@ -136,8 +136,8 @@ def test_machines_and_recordings_are_in_order_the_worst_first():
 
 
 def test_of_very_many_the_worst_are_listed_and_all_are_counted(monkeypatch):
-    monkeypatch.setattr(page, "MAX_LISTED", 4)
-    monkeypatch.setattr(page, "MAX_FAILURES", 1)
+    monkeypatch.setattr("monitor.fleet.report.MAX_LISTED", 4)
+    monkeypatch.setattr("monitor.fleet.report.MAX_FAILURES", 1)
     grades: dict[int, FleetGrade] = {3: "watch", 9: "bad", 20: "failed", 30: "failed"}
     fleet = FleetTotals.of(entry(f"m{i % 3}", str(i), grades.get(i, "good")) for i in range(40))
     assert fleet.total == sum(machine.total for machine in fleet.machines.values()) == 40
@@ -171,7 +171,7 @@ def test_the_page_names_what_failed_and_escapes_what_it_is_given():
 
 
 def test_a_page_says_where_it_leaves_recordings_out(monkeypatch):
-    monkeypatch.setattr(page, "MAX_LISTED", 1)
+    monkeypatch.setattr("monitor.fleet.report.MAX_LISTED", 1)
     html = fleet_html([entry("a", "1"), entry("a", "2", "watch")], title="Fleet", zone=UTC)
     assert "The worst 1 recordings are listed" in html
     assert "said of 1" not in html

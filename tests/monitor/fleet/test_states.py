@@ -7,8 +7,8 @@ import shutil
 import pytest
 
 from models.work.folder_store import open_store
+from models.work.pool import SerialExecutor
 from models.work.runner import Runner
-from models.work.serial import SerialExecutor
 from monitor.fleet import part
 from monitor.fleet.index import Index
 from monitor.fleet.manifest import ManifestError

@@ -19,12 +19,12 @@ from models.fleet.lease import LeaseLostError
 from models.fleet.object_store import ObjectStore
 from models.words.errors import WrongInputError
 from models.work.folder_store import FolderStore
+from models.work.pool import SerialExecutor
 from models.work.runner import Runner
-from models.work.serial import SerialExecutor
 from monitor.fleet import arrays
 from monitor.fleet.result import RecordingResult, RecordsFile, Shape
-from monitor.fleet.rows import RowsError, row_ranges
 from monitor.fleet.setup import ArchiveError
+from monitor.fleet.zarr_store import RowsError, row_ranges
 from tests.monitor.fleet.recordings import FEW, replayed, trimmed
 from tests.support.object_storage import use_account
 

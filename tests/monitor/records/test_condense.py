@@ -18,8 +18,8 @@ from monitor.records.compact import free_bytes_in, settle_layout, shorten, shrin
 from monitor.records.condense import condensed_up_to
 from monitor.records.database import SharedConnection
 from monitor.records.ledger import StoreLedger
-from monitor.records.moved_days import MovedDaysError, move_day, moved_days
 from monitor.records.publish import delete_oldest, missing_files, publish
+from monitor.records.published_folder import MovedDaysError, move_day, moved_days
 from monitor.records.rollup import FEATURES, SeriesKey
 from monitor.records.store import Published, Store
 from monitor.records.trends import read_trends

@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from monitor.records.moved_days import move_day
 from monitor.records.publish import publish
+from monitor.records.published_folder import move_day
 from monitor.records.recover.salvage import open_or_salvage
 from monitor.records.store import Store
 from tests.monitor.records.condensed import BEGIN, FIRST_FORECAST, PER_DAY, block, condense_all, trends

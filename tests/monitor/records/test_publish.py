@@ -18,7 +18,7 @@ from monitor.health.schema import VARIABLES
 from monitor.records.dataset import to_dataset, words
 from monitor.records.events import EventLog
 from monitor.records.publish import PublishError, file_name, publish
-from monitor.records.snapshot import read_snapshot, snapshot_path
+from monitor.records.published_folder import read_snapshot, snapshot_path
 from monitor.records.store import Store
 from tests.oracles.records_oracle import array_of, records
 from tests.support.effort import effort_count

@@ -21,8 +21,8 @@ from models.maps.file import save_map
 from models.maps.plan import MapPlan
 from models.work.choose import local_runner
 from models.work.folder_store import FolderStore
+from models.work.pool import SerialExecutor
 from models.work.runner import Runner
-from models.work.serial import SerialExecutor
 from models.work.task import Failure, Work
 from monitor.commands import report_batch
 from monitor.commands.report import command

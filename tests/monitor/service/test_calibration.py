@@ -18,10 +18,15 @@ from models.solve.rotor.rig import RotorRig
 from monitor.commands.check import find_problems
 from monitor.config.bearing import RigSection
 from monitor.config.load import Config, validate
-from monitor.service.calibration import is_calibrated, rig_of_library, uncalibrated_lines, weakest_calibration
 from monitor.service.machine_status import channel_state
 from monitor.service.setup import source_settings
-from monitor.service.summary import run_attributes
+from monitor.service.summary import (
+    is_calibrated,
+    rig_of_library,
+    run_attributes,
+    uncalibrated_lines,
+    weakest_calibration,
+)
 from tests.oracles.toy_lives import toy_library
 
 HASH = "cd" * 32

@@ -21,7 +21,7 @@ from monitor.health.rest.learned.scores import PhysicalRun, library_weight
 from monitor.health.size import DamageInput, EdvStatus, Remaining, RemainingSettings, TtStatus
 from monitor.health.size.library.forecaster import QUANTILES, LibrarySettings
 from monitor.health.tracker import DamageGate, DamageSettings, DamageState, step
-from monitor.records.learned_file import save_learned
+from monitor.records.library_file import save_learned
 from monitor.service.setup import source_settings
 from monitor.service.summary import run_attributes
 from tests.oracles.toy_lives import INTERVAL, THRESHOLD, toy_library
