@@ -255,7 +255,7 @@ def forked_children() -> Iterator[None]:
 @pytest.fixture
 def refused_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
     """Refuse a second writer at once: no process that was killed while it started a child can hold the lock."""
-    monkeypatch.setattr("monitor.records.database._LOCK_WAIT_S", 0.0)
+    monkeypatch.setattr("monitor.records.durable._LOCK_WAIT_S", 0.0)
 
 
 @pytest.fixture(scope="module")

@@ -17,7 +17,7 @@ from monitor.commands.common import InputError, output_errors
 from monitor.health.size import DamageInput, EdvStatus
 from monitor.health.size.library.forecaster import LibrarySettings
 from monitor.health.size.library.model import Library
-from monitor.records.database import replacing
+from monitor.records.durable import replacing
 from monitor.records.library_file import load_library
 from streams.types.block import STANDARD_GRAVITY
 

@@ -26,7 +26,7 @@ from models.work.task import FileStore
 from monitor.fleet.index import INDEX_NAME, ForeignIndexError, Index
 from monitor.fleet.manifest import TAKEN, WORK_NAME, ManifestError, local_path, without_file_scheme
 from monitor.fleet.result import RESULT_NAME, RecordingResult
-from monitor.records.database import release_lock, take_lock
+from monitor.records.durable import take_lock
 
 _COPIED_EVERY_S = 60.0
 _MAX_GUARDED_BYTES = 64 << 20
@@ -142,7 +142,7 @@ def _local_index(path: Path, *, read_only: bool) -> Iterator[Index]:
             path.unlink()
             if new:
                 path.with_name(f"{path.name}.lock").unlink(missing_ok=True)
-        release_lock(lock)
+        lock.close()
         if new and not planned:
             with suppress(OSError):
                 folder.rmdir()

@@ -21,7 +21,7 @@ from monitor.commands.common import InputError, finite, output_errors
 from monitor.config.fields import LocatedError
 from monitor.gears.config.train import TrainBuilder
 from monitor.gears.kinematics import GearInput
-from monitor.records.database import replacing
+from monitor.records.durable import replacing
 
 if TYPE_CHECKING:
     from models.gears.train.motion import TrainMotion

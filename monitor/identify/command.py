@@ -41,7 +41,7 @@ from monitor.identify.rig_table import MICRO, NAMES, find_warnings, is_calibrati
 from monitor.identify.trial_files import HEALTHY, Measuring, TrialFile, tracked_channel, with_race_radius
 from monitor.identify.trial_folder import read_tests
 from monitor.identify.verdict import judge, verdict_lines
-from monitor.records.database import replacing
+from monitor.records.durable import replacing
 from streams.types.block import STANDARD_GRAVITY
 
 _REASONS = {

@@ -23,9 +23,16 @@ from typing import Any
 from models.platform.portable import forget_cached
 from models.words.errors import SpallwatchError, WrongInputError
 from monitor import __version__
-from monitor.records.database import free_bytes, release_lock, replacing, sync_file, sync_folder, take_lock
+from monitor.records.database import APPLICATION_ID, STORE_VERSION, opened
+from monitor.records.durable import (
+    exclusive,
+    free_bytes,
+    free_name,
+    replacing,
+    sync_file,
+    sync_folder,
+)
 from monitor.records.filing import published_files
-from monitor.records.tables import APPLICATION_ID, STORE_VERSION
 
 STORE, MANIFEST = "state.db", "manifest.json"
 NOTE = "backup.json"
@@ -92,24 +99,20 @@ def back_up(contents: Contents, folder: Path, *, keep: int, utc: float, min_free
     """
     if not contents.store.is_file():
         raise RefusedError(f"{contents.store}: no such file; there is nothing to back up before the daemon has run")
-    lock = None
+    busy = RefusedError(f"{folder}: another backup of machine {contents.machine!r} is being written")
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        lock = take_lock(folder / contents.machine)
-        if lock is None:
-            raise RefusedError(f"{folder}: another backup of machine {contents.machine!r} is being written")
-        for left in folder.glob(f".{contents.machine}-*.partial"):
-            if _is_of(contents.machine, left.stem[1:]):
-                shutil.rmtree(left)
-        earlier = backups_of(folder, contents.machine)
-        before = _read_manifest(earlier[-1]) if earlier else None
-        _refuse_full_disk(contents, folder, min_free, before)
-        backup = _write(contents, folder, utc, before)
-        return backup, _prune(folder, contents.machine, keep, backup.folder.name)
+        with exclusive(folder / contents.machine, busy):
+            for left in folder.glob(f".{contents.machine}-*.partial"):
+                if _is_of(contents.machine, left.stem[1:]):
+                    shutil.rmtree(left)
+            earlier = backups_of(folder, contents.machine)
+            before = _read_manifest(earlier[-1]) if earlier else None
+            _refuse_full_disk(contents, folder, min_free, before)
+            backup = _write(contents, folder, utc, before)
+            return backup, _prune(folder, contents.machine, keep, backup.folder.name)
     except (OSError, sqlite3.Error) as error:
         raise BackupError(f"{folder}: no backup can be written: {error}; earlier ones are unchanged") from error
-    finally:
-        release_lock(lock)
 
 
 def backups_of(folder: Path, machine: str) -> list[Path]:
@@ -173,7 +176,7 @@ def check_store(path: Path, rows: Mapping[str, int]) -> None:
         BackupError: it is damaged, of another program or a newer version, or has other rows.
     """
     try:
-        with closing(sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro&immutable=1", uri=True)) as connection:
+        with closing(opened(path, "ro&immutable=1")) as connection:
             problem = connection.execute("PRAGMA quick_check(1)").fetchone()[0]
             if problem != "ok":
                 raise BackupError(f"{path}: is damaged: {' '.join(problem.split())}")
@@ -226,7 +229,8 @@ def copy_durably(source: Path, target: Path) -> dict[str, Any]:
 
 
 def _write(contents: Contents, folder: Path, utc: float, before: Backup | None) -> Backup:
-    name = _free_name(folder, f"{contents.machine}-{stamp_of(utc)}")
+    stamp = f"{contents.machine}-{stamp_of(utc)}"
+    name = free_name(stamp, lambda found: (folder / found).exists())
     partial = folder / f".{name}.partial"
     try:
         partial.mkdir()
@@ -269,11 +273,7 @@ def _files(contents: Contents) -> Iterator[tuple[str, Path]]:
 
 def _copy_store(source: Path, target: Path) -> tuple[dict[str, int], dict[str, str]]:
     """Copy a store that may be written to meanwhile; return the rows of each table and the table ``meta``."""
-    uri = f"{source.absolute().as_uri()}?mode=ro"
-    with (
-        closing(sqlite3.connect(uri, uri=True, isolation_level=None, timeout=30.0)) as read,
-        closing(sqlite3.connect(target, isolation_level=None)) as written,
-    ):
+    with closing(opened(source, "ro", timeout=30.0)) as read, closing(opened(target)) as written:
         # Rows are counted in the state that is copied; the writer goes on in its log.
         read.execute("BEGIN")
         rows, meta = _rows(read), dict(read.execute("SELECT key, value FROM meta"))
@@ -316,11 +316,8 @@ def _read_manifest(folder: Path) -> Backup | None:
 
 def _digest(path: Path) -> tuple[str, int]:
     """Return the SHA-256 and the size of a file."""
-    digest = hashlib.sha256()
     with path.open("rb") as file:
-        while part := file.read(_CHUNK_BYTES):
-            digest.update(part)
-        return digest.hexdigest(), file.tell()
+        return hashlib.file_digest(file, "sha256").hexdigest(), file.tell()
 
 
 def _settle(path: Path) -> None:
@@ -355,14 +352,6 @@ def _refuse_full_disk(contents: Contents, folder: Path, min_free: int, before: B
 
 def _parts(store: Path) -> list[Path]:
     return [path for path in (store, store.with_name(f"{store.name}-wal")) if path.exists()]
-
-
-def _free_name(folder: Path, name: str) -> str:
-    number, found = 1, name
-    while (folder / found).exists():
-        number += 1
-        found = f"{name}-{number}"
-    return found
 
 
 def _prune(folder: Path, machine: str, keep: int, newest: str) -> list[str]:

@@ -9,8 +9,8 @@ from contextlib import closing
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from monitor.records.database import Readable, StoreError, release_lock, take_lock
-from monitor.records.tables import APPLICATION_ID
+from monitor.records.database import APPLICATION_ID, Readable, StoreError, opened
+from monitor.records.durable import take_lock
 
 if TYPE_CHECKING:
     from monitor.records.store import Store
@@ -71,7 +71,7 @@ def shorten(store: Readable, pages: int) -> int:
 def rebuild(path: Path) -> None:
     """Rebuild a closed store as one file without free pages; StoreError where that fails."""
     try:
-        with closing(sqlite3.connect(path, isolation_level=None)) as connection:
+        with closing(opened(path)) as connection:
             connection.execute("VACUUM")
             connection.execute("PRAGMA wal_checkpoint(TRUNCATE)")
     except sqlite3.Error as error:
@@ -102,9 +102,7 @@ def settle_layout(path: Path, free: Callable[[Path], int], beat: Callable[[], ob
         return False
 
     try:
-        with closing(
-            sqlite3.connect(f"{path.absolute().as_uri()}?mode=rw", uri=True, isolation_level=None)
-        ) as connection:
+        with closing(opened(path, "rw")) as connection:
             connection.set_progress_handler(going_on, _BEAT_EVERY)
             connection.execute("PRAGMA synchronous = FULL")
             used, unused = used_bytes(connection), free_bytes_in(connection)
@@ -119,7 +117,7 @@ def settle_layout(path: Path, free: Callable[[Path], int], beat: Callable[[], ob
         _LOG.warning("%s: is not rebuilt: %s", path, error)
         return False
     finally:
-        release_lock(lock)
+        lock.close()
     return True
 
 

@@ -14,9 +14,8 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, NamedTuple
 
-from monitor.records.database import Writable
+from monitor.records.database import CONDENSED_VERSION, Writable
 from monitor.records.rollup import rolled_up_to
-from monitor.records.tables import CONDENSED_VERSION
 
 Rows = Callable[..., list[Any]]
 """Returns the rows of a query with its values, such as :meth:`monitor.records.store.Store.rows`."""

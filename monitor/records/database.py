@@ -1,26 +1,144 @@
-"""Open and check the database ``state.db``; its lock, and files that survive a power cut."""
+"""The database ``state.db``: its tables and their versions, how it is opened, checked and migrated."""
 
 from __future__ import annotations
 
-import os
-import shutil
 import sqlite3
 import threading
-import time
-from collections.abc import Iterable, Iterator
-from contextlib import AbstractContextManager, contextmanager, suppress
+from collections.abc import Iterator
+from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 from typing import Any, Literal, Protocol, Self
 
-from models.platform.portable import FileLock, sync_file, sync_folder
+from models.platform.portable import sync_folder
 from models.words.errors import WrongInputError
-from monitor.records.tables import APPLICATION_ID, STORE_VERSION, add_unversioned, create_tables, migrate_tables
+from monitor.records.archive import COLUMNS, complete_archive
 from streams.types.listing import NETWORK_FILE_SYSTEMS, file_system_type
+
+APPLICATION_ID = 0x53504C57
+"""The bytes "SPLW" in the header of the database: it is ours."""
+
+STORE_VERSION = 4
+"""Version of the tables, the ``schema_version`` of the table ``meta``.
+
+2: inputs of forecasts; 3: rollup of trends; 4: condensed blocks (:mod:`monitor.records.condense`).
+"""
+CONDENSED_VERSION = 4
+
+# A record is its row of blocks, the values in records (see packing), and its forecasts and events. blocks.id grows with
+# every commit. day and axis_time: see filing.Filing; blocks_by_day gives the last block of each day to the publisher.
+_SCHEMA = f"""
+CREATE TABLE meta (key TEXT PRIMARY KEY, value TEXT NOT NULL) WITHOUT ROWID;
+CREATE TABLE runs (id INTEGER PRIMARY KEY, attributes TEXT NOT NULL);
+CREATE TABLE blocks (
+    id INTEGER PRIMARY KEY AUTOINCREMENT,
+    source TEXT NOT NULL, sequence INTEGER NOT NULL, content_hash TEXT NOT NULL, name TEXT NOT NULL,
+    status TEXT NOT NULL, flags TEXT NOT NULL, reason TEXT NOT NULL, time REAL, elapsed REAL,
+    day INTEGER, axis_time REAL NOT NULL, time_status TEXT NOT NULL,
+    run INTEGER NOT NULL REFERENCES runs (id),
+    UNIQUE (source, sequence)
+);
+CREATE INDEX blocks_by_day ON blocks (day, id);
+CREATE TABLE refusals (
+    source TEXT NOT NULL, sequence INTEGER NOT NULL, content_hash TEXT NOT NULL, name TEXT NOT NULL,
+    status TEXT NOT NULL, times INTEGER NOT NULL,
+    UNIQUE (source, sequence, content_hash)
+);
+CREATE TABLE layouts (id INTEGER PRIMARY KEY, layout TEXT NOT NULL UNIQUE);
+CREATE TABLE records (
+    block INTEGER PRIMARY KEY REFERENCES blocks (id), layout INTEGER NOT NULL REFERENCES layouts (id),
+    row BLOB NOT NULL
+);
+CREATE TABLE stage_states (name TEXT PRIMARY KEY, block INTEGER NOT NULL, state TEXT NOT NULL) WITHOUT ROWID;
+CREATE TABLE forecasts (
+    id INTEGER PRIMARY KEY, block INTEGER NOT NULL REFERENCES blocks (id), body TEXT NOT NULL,
+    {", ".join(f"{name} {kind}" for name, kind in COLUMNS.items())}
+);
+CREATE INDEX forecasts_by_block ON forecasts (block);
+CREATE TABLE events (id INTEGER PRIMARY KEY, block INTEGER NOT NULL REFERENCES blocks (id), body TEXT NOT NULL);
+CREATE INDEX events_by_block ON events (block);
+CREATE TABLE published (
+    file TEXT PRIMARY KEY, day INTEGER, last_block INTEGER NOT NULL, size INTEGER NOT NULL
+) WITHOUT ROWID;
+"""
+
+_UNVERSIONED = """
+CREATE TABLE IF NOT EXISTS spectra (
+    source TEXT NOT NULL, channel TEXT NOT NULL, sequence INTEGER NOT NULL, time REAL, kind INTEGER NOT NULL,
+    header TEXT NOT NULL, amplitude BLOB NOT NULL, PRIMARY KEY (source, channel, sequence)
+);
+CREATE TABLE IF NOT EXISTS digests (block INTEGER PRIMARY KEY, ledger BLOB NOT NULL, content BLOB NOT NULL, states BLOB)
+"""
+"""Outside the versions of the schema: made where they are missing when a store is opened for writing."""
+
+_ROLLUP = """
+CREATE TABLE IF NOT EXISTS rollup (
+    source TEXT NOT NULL, channel TEXT NOT NULL, dated INTEGER NOT NULL, level INTEGER NOT NULL,
+    bucket INTEGER NOT NULL, records INTEGER NOT NULL, others TEXT, extremes BLOB NOT NULL,
+    PRIMARY KEY (source, channel, dated, level, bucket)
+) WITHOUT ROWID;
+CREATE INDEX IF NOT EXISTS blocks_by_time ON blocks (source, day IS NULL, instr(flags, 'clock') > 0, axis_time);
+"""
+"""The extremes of trends (:mod:`monitor.records.rollup`), and where the blocks of a range of time are."""
+
+_CONDENSED = """
+CREATE TABLE IF NOT EXISTS condensed_sources (
+    id INTEGER PRIMARY KEY, source TEXT NOT NULL UNIQUE, began REAL, counts TEXT NOT NULL,
+    first_dated REAL, last_dated REAL, first_undated REAL, last_undated REAL
+);
+CREATE TABLE IF NOT EXISTS condensed_days (day INTEGER UNIQUE, blocks INTEGER NOT NULL);
+CREATE TABLE IF NOT EXISTS identities (
+    source INTEGER NOT NULL, sequence INTEGER NOT NULL, content BLOB NOT NULL, PRIMARY KEY (source, sequence)
+) WITHOUT ROWID;
+CREATE INDEX IF NOT EXISTS identities_by_content ON identities (substr(content, 1, 6));
+CREATE TABLE IF NOT EXISTS forecast_inputs (
+    id INTEGER PRIMARY KEY, channel TEXT, method TEXT, threshold_mm2 REAL, interval_level REAL,
+    library_hash TEXT, map_hash TEXT, config_hash TEXT
+);
+CREATE TABLE IF NOT EXISTS condensed_forecasts (
+    id INTEGER PRIMARY KEY, source INTEGER NOT NULL, sequence INTEGER NOT NULL, dated INTEGER NOT NULL,
+    inputs INTEGER NOT NULL, status TEXT, issued_utc REAL, data_until REAL, tt_s REAL, quantiles TEXT
+);
+"""
+"""What stays of blocks whose full records have left the store."""
+
+
+def create_tables(connection: sqlite3.Connection) -> None:
+    """Make all tables in one transaction: a half-made store is an empty database."""
+    connection.execute("BEGIN IMMEDIATE")
+    for statement in (_SCHEMA + _ROLLUP + _CONDENSED).split(";"):
+        if statement.strip():
+            connection.execute(statement)
+    connection.execute("INSERT INTO meta VALUES ('schema_version', ?)", (str(STORE_VERSION),))
+    connection.execute(f"PRAGMA application_id = {APPLICATION_ID}")
+    connection.execute("COMMIT")
+
+
+def migrate_tables(connection: sqlite3.Connection, found: int) -> None:
+    """Bring the tables of an older version to the present version, all or nothing."""
+    connection.execute("BEGIN IMMEDIATE")
+    try:
+        if found < 2:
+            complete_archive(connection)
+        for statement in filter(str.strip, (_ROLLUP + _CONDENSED).split(";")):
+            connection.execute(statement)
+        connection.execute("UPDATE meta SET value = ? WHERE key = 'schema_version'", (str(STORE_VERSION),))
+        connection.execute("COMMIT")
+    finally:
+        if connection.in_transaction:
+            connection.execute("ROLLBACK")
+
+
+def add_unversioned(connection: sqlite3.Connection) -> None:
+    """Make the tables outside the versions, and their later columns, where they are missing."""
+    for statement in _UNVERSIONED.split(";"):
+        connection.execute(statement)
+    columns = {name for _, name, *_ in connection.execute("PRAGMA table_info(spectra)")}
+    if "view" not in columns:
+        connection.execute("ALTER TABLE spectra ADD COLUMN view BLOB")
+
 
 _MAX_IDLE_LOG_BYTES = 64 << 20
 """Size to which the write-ahead log is cut after a checkpoint."""
-
-_LOCK_WAIT_S, _LOCK_POLL_S = 2.0, 0.05
 
 MAGIC = b"SQLite format 3\x00"
 
@@ -136,7 +254,10 @@ def refuse_network_share(path: Path, folder: Path) -> None:
 
 def connect(path: Path, *, new: bool, read_only: bool) -> sqlite3.Connection:
     """Open the database, make its tables if it is new, and check its version; a writer migrates an older one."""
-    connection = _opened(path, "ro" if read_only else "rwc")
+    try:
+        connection = opened(path, "ro" if read_only else "rwc")
+    except sqlite3.Error as error:
+        raise StoreError(f"{path}: {error}") from error
     try:
         connection.execute("PRAGMA foreign_keys = ON")
         if not read_only:
@@ -169,11 +290,16 @@ def connect(path: Path, *, new: bool, read_only: bool) -> sqlite3.Connection:
     return connection
 
 
-def _opened(path: Path, mode: str, *, any_thread: bool = False) -> sqlite3.Connection:
-    """Open a database file, in autocommit and in a mode of SQLite's URIs."""
+def opened(path: Path, mode: str = "rwc", *, timeout: float = 5.0, any_thread: bool = False) -> sqlite3.Connection:
+    """Open a database file, in autocommit and in a mode of SQLite's URIs; sqlite3.Error where that fails."""
     uri = f"{path.absolute().as_uri()}?mode={mode}"
+    return sqlite3.connect(uri, uri=True, isolation_level=None, timeout=timeout, check_same_thread=not any_thread)
+
+
+def open_beside(path: Path, mode: str, timeout: float = 5.0) -> sqlite3.Connection:
+    """Open a database beside its writer, for one thread at a time; StoreError where that fails."""
     try:
-        return sqlite3.connect(uri, uri=True, isolation_level=None, timeout=5.0, check_same_thread=not any_thread)
+        return opened(path, mode, timeout=timeout, any_thread=True)
     except sqlite3.Error as error:
         raise StoreError(f"{path}: {error}") from error
 
@@ -236,7 +362,7 @@ class SharedConnection(Closing):
         """
         self._path = path
         self._lock = threading.Lock()
-        self._connection = _opened(path, "rw" if write else "ro", any_thread=True)
+        self._connection = open_beside(path, "rw" if write else "ro")
         try:
             with self.connection() as connection:
                 if write:
@@ -265,109 +391,3 @@ class SharedConnection(Closing):
         """Close the connection; closing twice does nothing."""
         with self._lock:
             self._connection.close()
-
-
-def take_lock(path: Path) -> FileLock | None:
-    """Take the lock beside a file; return it, or None where another process holds it.
-
-    The kernel releases it when the process ends. A child that was being started when the process was killed holds it
-    until it has become another program, which is waited for. OSError where the lock file cannot be made.
-    """
-    lock = FileLock(path.with_name(f"{path.name}.lock"))
-    until = time.monotonic() + _LOCK_WAIT_S
-    while True:
-        with suppress(OSError):
-            if lock.take():
-                return lock
-        if time.monotonic() >= until:
-            lock.close()
-            return None
-        time.sleep(_LOCK_POLL_S)
-
-
-@contextmanager
-def locked(path: Path) -> Iterator[None]:
-    """Hold a lock file, which is made where it is not there; another process that holds it is waited for."""
-    lock = FileLock(path)
-    try:
-        lock.wait()
-        yield
-    finally:
-        lock.close()
-
-
-def release_lock(lock: FileLock | None) -> None:
-    """Release a lock; None is ignored."""
-    if lock is not None:
-        lock.close()
-
-
-def free_bytes(folder: Path) -> int:
-    """Return the bytes that are free for users other than root; OSError where the folder cannot be reached."""
-    return shutil.disk_usage(folder).free
-
-
-@contextmanager
-def replacing(target: Path, label: str = "") -> Iterator[Path]:
-    """Lend a path for the new content of a file: readers see the old one or the new one, never a part.
-
-    The replacement is durable; after an exception the old file stays. Two that write at once need labels.
-    """
-    temporary = target.with_name(f".{target.name}{label}.tmp")
-    try:
-        yield temporary
-        sync_file(temporary)
-        temporary.replace(target)
-    except BaseException:
-        with suppress(OSError):
-            temporary.unlink()
-        raise
-    sync_folder(target.parent)
-
-
-def link_durably(source: Path, target: Path) -> None:
-    """Give a file a second name, or copy it where the file system has no links; a missing file is ignored.
-
-    The name is that of a whole file at any moment. FileExistsError where it is taken.
-    """
-    try:
-        os.link(source, target)
-    except FileExistsError:
-        raise
-    except FileNotFoundError:
-        return
-    except OSError:
-        if target.exists():
-            raise FileExistsError(target) from None
-        with suppress(FileNotFoundError), replacing(target) as temporary:
-            shutil.copy2(source, temporary)
-        return
-    sync_folder(target.parent)
-
-
-def put_in_place(fresh: Path, store: Path, kept: Iterable[tuple[Path, Path]]) -> None:
-    """Replace a database by a whole one; may be repeated after any interruption.
-
-    Args:
-        fresh: the new database, without a log.
-        store: the place of the old one.
-        kept: files of the old one that stay, each with its second name; what is missing, or kept already, is left.
-    """
-    for source, target in kept:
-        if source.exists() and not target.exists():
-            link_durably(source, target)
-    sync_folder(store.parent)
-    # SQLite would apply a remaining log to the new database.
-    for suffix in ("-wal", "-shm"):
-        store.with_name(store.name + suffix).unlink(missing_ok=True)
-    sync_folder(store.parent)
-    fresh.replace(store)
-    sync_folder(store.parent)
-
-
-def same_file(path: Path, other: Path) -> bool:
-    """Return whether two names are of one file; False where one does not exist."""
-    try:
-        return path.samefile(other)
-    except OSError:
-        return False

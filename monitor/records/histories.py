@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from models.words.errors import WrongInputError
 from monitor.health.onset import HEALTHY, LEARNING, DetectSettings
 from monitor.health.schema import REJECTIONS, SCHEMA_VERSION, VARIABLES
-from monitor.records.database import replacing
 from monitor.records.dataset import NO_VALUE, attributes_of, words
+from monitor.records.durable import replacing
 
 Array = NDArray[np.float64]
 

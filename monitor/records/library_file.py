@@ -19,7 +19,7 @@ from models.words.errors import WrongInputError
 from monitor.health.rest.learned.model import LearnedModel
 from monitor.health.size.library.model import LINES, FeatureFit, Library, Regression, arrays_of, header_of
 from monitor.health.size.library.plausible import Limits
-from monitor.records.database import replacing
+from monitor.records.durable import replacing
 
 SCHEMA_VERSION = 3
 _KIND = "spallwatch library"

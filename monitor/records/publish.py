@@ -22,8 +22,8 @@ import xarray as xr
 from models.words.errors import SpallwatchError
 from monitor.health.schema import SCHEMA_VERSION, VARIABLES
 from monitor.records.condense import condensed_on, condensed_up_to, has_condensed
-from monitor.records.database import replacing
 from monitor.records.dataset import INT_FILL, from_dataset, to_dataset
+from monitor.records.durable import replacing
 from monitor.records.filing import SECONDS_PER_DAY, published_files
 from monitor.records.published_folder import (
     MovedDaysError,
@@ -142,7 +142,7 @@ def day_dataset(store: Store, day: int | None, path: Path | None = None, last_bl
     Records that are condensed in the store are taken from the older file at ``path``; where it is missing, the
     attribute ``records_elsewhere`` counts them.
     """
-    rows = list(store.stored("day IS ? AND blocks.id <= ?", day, last_block))
+    rows = list(store.stored_on(day, last_block))
     attributes = _globals(store, day)
     elsewhere = _condensed(store, day)
     if elsewhere and path is not None and path.exists():

@@ -17,17 +17,17 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager, suppress
 from dataclasses import asdict, dataclass, field, replace
 from datetime import date
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from models.words.errors import WrongInputError
-from monitor.records.database import locked, replacing, sync_file, sync_folder
+from monitor.records.durable import locked, replacing, sync_file, sync_folder
 from monitor.records.filing import published_files
 from monitor.records.ledger import DATING
 from monitor.records.store import Store
 
 _LOCK = "days.lock"
-_CHUNK_BYTES = 1 << 20
 
 
 class MovedDaysError(WrongInputError):
@@ -170,11 +170,8 @@ def _holds_all_of(path: Path, other: Path) -> bool:
 
 
 def _digest(path: Path) -> str:
-    result = hashlib.blake2b(digest_size=16)
     with path.open("rb") as file:
-        while part := file.read(_CHUNK_BYTES):
-            result.update(part)
-    return result.hexdigest()
+        return hashlib.file_digest(file, partial(hashlib.blake2b, digest_size=16)).hexdigest()
 
 
 FORMAT = 1

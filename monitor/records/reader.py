@@ -11,9 +11,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from monitor.records.database import StoreError, refuse_unsuitable
+from monitor.records.database import APPLICATION_ID, STORE_VERSION, StoreError, open_beside, refuse_unsuitable
 from monitor.records.queries import LedgerBlock, blocks_after, newest_id, newest_values
-from monitor.records.tables import APPLICATION_ID, STORE_VERSION
 
 _MAX_IDLE = 4
 _MAX_LOAN_S = 10.0
@@ -95,12 +94,7 @@ class StoreReader:
 def _open(path: Path) -> sqlite3.Connection:
     """Open a store for reading; the connection may go from thread to thread, one at a time."""
     refuse_unsuitable(path, create=False, look_inside=False)
-    try:
-        connection = sqlite3.connect(
-            f"{path.absolute().as_uri()}?mode=ro", uri=True, isolation_level=None, timeout=2.0, check_same_thread=False
-        )
-    except sqlite3.Error as error:
-        raise StoreError(f"{path}: {error}") from error
+    connection = open_beside(path, "ro", timeout=2.0)
     try:
         kind = connection.execute("PRAGMA application_id").fetchone()[0]
         version = connection.execute("SELECT value FROM meta WHERE key = 'schema_version'").fetchone()

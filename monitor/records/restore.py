@@ -8,20 +8,19 @@ from __future__ import annotations
 
 import shutil
 import sqlite3
-from collections.abc import Iterator
-from contextlib import closing, contextmanager, suppress
+from contextlib import closing, suppress
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 
 from monitor.records.backup import STORE, Backup, BackupError, RefusedError, check_store, copy_durably, stamp_of, verify
-from monitor.records.database import (
-    StoreError,
+from monitor.records.database import StoreError, opened
+from monitor.records.durable import (
+    exclusive,
+    free_name,
     link_durably,
     put_in_place,
-    release_lock,
     sync_file,
     sync_folder,
-    take_lock,
 )
 from monitor.records.events import EventLog
 
@@ -82,7 +81,7 @@ def restore(folder: Path, machine: str, places: Places, *, replace: bool, utc: f
         raise RefusedError(f"{folder}: is a backup of machine {backup.manifest['machine']!r}, not of {machine!r}")
     try:
         places.store.parent.mkdir(parents=True, exist_ok=True)
-        with _locked(places.store):
+        with exclusive(places.store, _busy(places.store)):
             _finish(places)
             if not replace and any(path.exists() and path.stat().st_size for path in _parts(places.store)):
                 raise RefusedError(
@@ -105,7 +104,7 @@ def finish_restore(places: Places) -> None:
         OSError, sqlite3.Error: it cannot be completed yet.
     """
     if places.decided.exists() or places.partial.exists() or any(places.records_dir.glob(".restoring-*")):
-        with _locked(places.store):
+        with exclusive(places.store, _busy(places.store)):
             _finish(places)
 
 
@@ -160,7 +159,7 @@ def _stage(backup: Backup, places: Places, stamp: str, utc: float) -> None:
     if copied["sha256"] != backup.files[STORE]["sha256"]:
         raise BackupError(f"{backup.folder / STORE}: changed while it was read")
     check_store(places.partial, backup.manifest["rows"])
-    with closing(sqlite3.connect(places.partial, isolation_level=None)) as connection:
+    with closing(opened(places.partial)) as connection:
         connection.execute("INSERT OR REPLACE INTO meta VALUES (?, ?)", (_KEY, stamp))
     with EventLog(places.partial) as log:
         text = f"the state is that of the backup of {backup.manifest['created_utc']}, {backup.blocks} blocks"
@@ -183,9 +182,9 @@ def _fold_log(store: Path) -> None:
         return
     with suppress(sqlite3.Error):
         # What is no database is put aside with its log, which a writer would remove.
-        with closing(sqlite3.connect(f"{store.absolute().as_uri()}?mode=ro", uri=True)) as connection:
+        with closing(opened(store, "ro")) as connection:
             connection.execute("SELECT count(*) FROM sqlite_master")
-        with closing(sqlite3.connect(store, isolation_level=None)) as connection:
+        with closing(opened(store)) as connection:
             connection.execute("PRAGMA wal_checkpoint(TRUNCATE)")
 
 
@@ -194,7 +193,7 @@ def _stamp_in(store: Path) -> str | None:
     if not store.exists():
         return None
     try:
-        with closing(sqlite3.connect(f"{store.absolute().as_uri()}?mode=ro", uri=True)) as connection:
+        with closing(opened(store, "ro")) as connection:
             found = connection.execute("SELECT value FROM meta WHERE key = ?", (_KEY,)).fetchone()
     except sqlite3.Error:
         return None
@@ -215,23 +214,13 @@ def _aside(store: Path, stamp: str) -> Path:
 
 def _free_stamp(places: Places, stamp: str) -> str:
     """Return a stamp that no earlier restore has used."""
-    number, found = 1, stamp
-    while (
-        found == _stamp_in(places.store)
-        or _aside(places.store, found).exists()
-        or _log_of(_aside(places.store, found)).exists()
-    ):
-        number += 1
-        found = f"{stamp}-{number}"
-    return found
+
+    def is_taken(found: str) -> bool:
+        aside = _aside(places.store, found)
+        return found == _stamp_in(places.store) or aside.exists() or _log_of(aside).exists()
+
+    return free_name(stamp, is_taken)
 
 
-@contextmanager
-def _locked(store: Path) -> Iterator[None]:
-    lock = take_lock(store)
-    if lock is None:
-        raise RefusedError(f"{store}: another process is writing to it; stop it first")
-    try:
-        yield
-    finally:
-        release_lock(lock)
+def _busy(store: Path) -> RefusedError:
+    return RefusedError(f"{store}: another process is writing to it; stop it first")

@@ -21,7 +21,7 @@ import numpy as np
 import xarray as xr
 from xarray.backends import NetCDF4DataStore
 
-from monitor.records.database import link_durably, same_file
+from monitor.records.durable import link_durably, same_file
 from monitor.records.events import EventLog
 from monitor.records.store import Store
 

@@ -27,9 +27,8 @@ from monitor.records.database import (
     connect,
     error_text,
     refuse_unsuitable,
-    release_lock,
-    take_lock,
 )
+from monitor.records.durable import take_lock
 from monitor.records.filing import (
     LAST_QUERY,
     MAX_BLOCK,
@@ -100,7 +99,8 @@ class Store(Closing):
         if lock is None and not read_only:
             raise StoreError(f"{path}: another process is writing to it")
         with ExitStack() as undo:
-            undo.callback(release_lock, lock)
+            if lock is not None:
+                undo.callback(lock.close)
             connection = undo.enter_context(closing(connect(path, new=new, read_only=read_only)))
             store = cls(path, connection, lock)
             store._settle_machine(machine)
@@ -234,14 +234,22 @@ class Store(Closing):
 
     def records_after(self, source: str, block: int) -> Iterator[Record]:
         """Yield the records of a source after a number of the ledger."""
-        return (row.to_record() for row in self.stored("source = ? AND blocks.id > ?", source, block))
+        return (row.to_record() for row in self._stored("source = ? AND blocks.id > ?", source, block))
 
     def record(self, source: str, sequence: int) -> Record | None:
         """Return one record, or None where that block is not committed."""
-        row = next(self.stored("source = ? AND sequence = ?", source, sequence), None)
+        row = next(self._stored("source = ? AND sequence = ?", source, sequence), None)
         return None if row is None else row.to_record()
 
-    def stored(self, condition: str = "1", *values: Any) -> Iterator[Stored]:
+    def stored(self) -> Iterator[Stored]:
+        """Yield all records as they are stored, in the order of commitment."""
+        return self._stored("1")
+
+    def stored_on(self, day: int | None, last_block: int) -> Iterator[Stored]:
+        """Yield the records of a UTC day (days since 1970) or of the undated axis as stored, up to a ledger number."""
+        return self._stored("day IS ? AND blocks.id <= ?", day, last_block)
+
+    def _stored(self, condition: str, *values: Any) -> Iterator[Stored]:
         """Yield records as they are stored, in the order of commitment, for an SQL condition on ``blocks``."""
         layouts: dict[int, str] = {}
         last = 0
@@ -292,8 +300,9 @@ class Store(Closing):
     def close(self) -> None:
         """Close the database and release the lock; closing twice does nothing."""
         self._connection.close()
-        release_lock(self._lock)
-        self._lock = None
+        lock, self._lock = self._lock, None
+        if lock is not None:
+            lock.close()
 
     def rows(self, query: str, *values: Any) -> list[Any]:
         """Return all rows of a query over the tables."""

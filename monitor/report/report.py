@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from monitor import __version__
 from monitor.health.schema import VARIABLES
-from monitor.records.database import replacing
+from monitor.records.durable import replacing
 from monitor.report.comparison import compare, laws, milestones, scores
 from monitor.report.data_quality import without_folders
 from monitor.report.figures.spectrum import SpectrumView

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from monitor.records.database import replacing
+from monitor.records.durable import replacing
 from monitor.report.runs import ReportError
 from monitor.words.numbers import Clock, figure
 

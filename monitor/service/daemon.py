@@ -14,7 +14,8 @@ from monitor.config.load import Config, ConfigError
 from monitor.health.alarms import AlarmAcknowledgement
 from monitor.health.record import Record
 from monitor.records.compact import settle_layout
-from monitor.records.database import StoreError, free_bytes
+from monitor.records.database import StoreError
+from monitor.records.durable import free_bytes
 from monitor.records.events import EventLog
 from monitor.records.queries import LogMarks, log_marks
 from monitor.records.recover.salvage import open_or_salvage

@@ -16,7 +16,8 @@ from pathlib import Path
 from typing import Any, NamedTuple, cast
 
 from models.platform.portable import lower_priority
-from monitor.records.database import StoreError, locked
+from monitor.records.database import StoreError
+from monitor.records.durable import locked
 from monitor.records.events import EventLog
 from monitor.records.store import Published, Store
 from monitor.service.children import Child

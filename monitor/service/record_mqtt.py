@@ -17,7 +17,8 @@ from urllib.parse import quote
 
 from monitor.config.load import Config
 from monitor.config.outputs import RecordMqttSection
-from monitor.records.database import SharedConnection, StoreError, replacing
+from monitor.records.database import SharedConnection, StoreError
+from monitor.records.durable import replacing
 from monitor.records.queries import (
     LedgerPlace,
     StoredRecord,

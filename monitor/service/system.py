@@ -21,7 +21,8 @@ from models.platform.portable import FileLock, local_datagrams
 from monitor.config.load import Config
 from monitor.records.backup import read_note
 from monitor.records.compact import reusable_bytes
-from monitor.records.database import Closing, SharedConnection, StoreError, free_bytes
+from monitor.records.database import Closing, SharedConnection, StoreError
+from monitor.records.durable import free_bytes
 
 _PRIORITIES = ((logging.CRITICAL, 2), (logging.ERROR, 3), (logging.WARNING, 4), (logging.INFO, 6))
 _NAME = "status.json"

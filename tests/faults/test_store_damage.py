@@ -11,7 +11,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from monitor.health.record import Record
-from monitor.records import database
+from monitor.records import durable
 from monitor.records.database import StoreError
 from monitor.records.events import EventLog
 from monitor.records.ledger import StoreLedger
@@ -233,7 +233,7 @@ def test_a_salvage_that_is_cut_off_anywhere_is_done_at_the_next_start(
             for name in ("put_in_place", "settle", "_close_for_good"):
                 patch.setattr(salvage, name, cut.counted(getattr(salvage, name)))
             for name in ("sync_folder", "link_durably"):
-                patch.setattr(database, name, cut.counted(getattr(database, name)))
+                patch.setattr(durable, name, cut.counted(getattr(durable, name)))
             for name in ("replace", "unlink"):
                 patch.setattr(Path, name, cut.counted(getattr(Path, name)))
             try:

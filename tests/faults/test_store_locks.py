@@ -15,7 +15,8 @@ from pathlib import Path
 import pytest
 
 from monitor.health.record import Record
-from monitor.records.database import StoreError, release_lock, take_lock
+from monitor.records.database import StoreError
+from monitor.records.durable import take_lock
 from monitor.records.reader import StoreReader
 from monitor.records.recover.published import gather
 from monitor.records.store import Store
@@ -85,12 +86,12 @@ def test_a_lock_that_a_child_of_a_killed_process_holds_for_a_moment_is_waited_fo
     path = tmp_path / "state.db"
     held = take_lock(path)
     assert held is not None
-    releasing = threading.Timer(0.3, release_lock, (held,))
+    releasing = threading.Timer(0.3, held.close)
     releasing.start()
     taken = take_lock(path)
     releasing.join()
     assert taken is not None
-    release_lock(taken)
+    taken.close()
 
 
 @pytest.mark.process

@@ -40,7 +40,7 @@ from monitor.commands.simulate.speed import (
     tacho_signal,
     with_speeds,
 )
-from monitor.records.database import replacing
+from monitor.records.durable import replacing
 from monitor.words.numbers import floor_of_defect
 from monitor.words.sensors import MEASURED, data_name, unit_in_names, unit_of_sensor
 from streams.types.block import STANDARD_GRAVITY

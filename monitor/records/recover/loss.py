@@ -10,13 +10,12 @@ from pathlib import Path
 from typing import Any
 
 from monitor.records.condense import has_condensed, identity_of
-from monitor.records.database import MAGIC, StoreError
+from monitor.records.database import APPLICATION_ID, MAGIC, STORE_VERSION, StoreError, opened
 from monitor.records.filing import published_files
 from monitor.records.published_folder import Snapshot, reached_days, read_snapshot
 from monitor.records.recover.published import Beat, gather, remove_database
-from monitor.records.recover.rows import has_header, opened
+from monitor.records.recover.rows import has_header, read_damaged
 from monitor.records.recover.settle import first_change
-from monitor.records.tables import APPLICATION_ID, STORE_VERSION
 
 CHECKED_BYTES = 64 << 20
 """A store up to this size is checked as a whole whenever it is opened; of a larger one, the newest blocks."""
@@ -74,8 +73,7 @@ def damage_of(path: Path, machine: str, records_dir: Path | None = None) -> str 
     try:
         # A process killed while it made the tables leaves a journal, which only a writer can roll back.
         mode = "rw" if path.with_name(f"{path.name}-journal").exists() else "ro"
-        uri = f"{path.absolute().as_uri()}?mode={mode}"
-        with closing(sqlite3.connect(uri, uri=True, isolation_level=None)) as connection:
+        with closing(opened(path, mode)) as connection:
             return _found_wrong(connection, path, machine)
     except UnicodeDecodeError as error:
         return str(error)
@@ -105,7 +103,7 @@ def _is_ours(path: Path) -> bool:
     if MAGIC.startswith(head) or not any(head):
         return True
     try:
-        with opened(path) as connection:
+        with read_damaged(path) as connection:
             return bool(connection.execute("SELECT 1 FROM sqlite_master WHERE name = 'stage_states'").fetchone())
     except sqlite3.DatabaseError:
         return False
@@ -140,7 +138,7 @@ def _find_older(path: Path, machine: str, records_dir: Path, files: Sequence[Pat
     Only files that are not as this store, or the snapshot of its own blocks, noted them are read.
     """
     snapshot = read_snapshot(records_dir, machine)
-    with closing(sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro", uri=True)) as connection:
+    with closing(opened(path, "ro")) as connection:
         tables = {name for (name,) in connection.execute("SELECT name FROM sqlite_master")}
         if not tables:
             return Loss("it is empty", tuple(files)) if files else None
@@ -156,7 +154,7 @@ def _find_older(path: Path, machine: str, records_dir: Path, files: Sequence[Pat
         scratch = path.with_name(f"{path.name}.published")
         try:
             gather(changed, machine, scratch, beat)
-            with closing(sqlite3.connect(scratch)) as found:
+            with closing(opened(scratch)) as found:
                 published = found.execute("SELECT source, sequence FROM blocks").fetchall()
         finally:
             remove_database(scratch)

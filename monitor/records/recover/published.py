@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 from models.platform.process_signals import child_path
 from monitor.health.schema import VARIABLES
 from monitor.records.archive import insert_forecasts
+from monitor.records.database import opened
 from monitor.records.filing import SECONDS_PER_DAY, content_digest, ledger_digest
 from monitor.records.ledger import StoreLedger
 from monitor.records.packing import entries_of
@@ -111,7 +112,7 @@ def main() -> None:
 def take_files(scratch: Path, files: Sequence[Path]) -> dict[Path, tuple[int, int]]:
     """Insert the rows of files; return by path of those that can be read the rows taken and the damaged ones."""
     found: dict[Path, tuple[int, int]] = {}
-    with closing(sqlite3.connect(scratch, isolation_level=None)) as connection:
+    with closing(opened(scratch)) as connection:
         connection.execute("PRAGMA synchronous = OFF")
         for file in files:
             connection.execute("BEGIN")

@@ -11,9 +11,8 @@ from pathlib import Path
 from typing import Any
 
 from monitor.records.condense import condensed_up_to, has_condensed
-from monitor.records.database import MAGIC
+from monitor.records.database import APPLICATION_ID, MAGIC, opened
 from monitor.records.ledger import SALVAGED_UP_TO
-from monitor.records.tables import APPLICATION_ID
 
 _APART = ("meta", "published", "layouts", "rollup", "stage_states")
 _ROLLUP_KEYS = {"rolled_up", "rollup_features"}
@@ -34,7 +33,7 @@ def carry_over(damaged: Path, fresh: sqlite3.Connection) -> States:
         fresh: of the new store, in autocommit and without foreign keys; it has all tables.
     """
     found: States = []
-    with suppress(*_DAMAGE), opened(damaged) as old:
+    with suppress(*_DAMAGE), read_damaged(damaged) as old:
         for order in ("id", "layout"):
             # The layouts are in the table and in its index.
             with suppress(*_DAMAGE):
@@ -48,7 +47,7 @@ def carry_over(damaged: Path, fresh: sqlite3.Connection) -> States:
 
 
 @contextmanager
-def opened(path: Path) -> Iterator[sqlite3.Connection]:
+def read_damaged(path: Path) -> Iterator[sqlite3.Connection]:
     """Open a damaged database for reading; one without a valid header as a copy that has one.
 
     Raises:
@@ -57,9 +56,8 @@ def opened(path: Path) -> Iterator[sqlite3.Connection]:
     copy: Path | None = None
     if not has_header(path):
         copy = _mended(path)
-    uri = f"{(copy or path).absolute().as_uri()}?mode={'rw' if copy else 'ro'}"
     try:
-        with closing(sqlite3.connect(uri, uri=True, isolation_level=None, timeout=5.0)) as old:
+        with closing(opened(copy or path, "rw" if copy else "ro")) as old:
             old.execute("PRAGMA cell_size_check = ON")
             old.execute("SELECT count(*) FROM sqlite_master").fetchall()
             yield old

@@ -19,14 +19,8 @@ from typing import Any
 
 from monitor.records.backup import stamp_of
 from monitor.records.condense import condensed_on
-from monitor.records.database import (
-    StoreError,
-    put_in_place,
-    release_lock,
-    same_file,
-    sync_file,
-    take_lock,
-)
+from monitor.records.database import StoreError, opened
+from monitor.records.durable import exclusive, free_name, put_in_place, same_file, sync_file
 from monitor.records.events import Deliveries, EventLog
 from monitor.records.ledger import SALVAGED_UP_TO, StoreLedger
 from monitor.records.published_folder import MovedDaysError, absence_text, moved_days, read_snapshot
@@ -170,10 +164,7 @@ def _salvage(path: Path, machine: str, loss: Loss, records_dir: Path | None, now
     """Make a new store, replace the lost one by it, and log the report."""
     _LOG.error("%s: %s; making it again of what is left", path, loss.reason)
     path.parent.mkdir(parents=True, exist_ok=True)
-    lock = take_lock(path)
-    if lock is None:
-        raise StoreError(f"{path}: {loss.reason}, and another process is writing to it")
-    try:
+    with exclusive(path, StoreError(f"{path}: {loss.reason}, and another process is writing to it")):
         fresh = path.with_name(f"{path.name}.salvaging")
         remove_database(fresh)
         aside = _free_name(path, now)
@@ -186,8 +177,6 @@ def _salvage(path: Path, machine: str, loss: Loss, records_dir: Path | None, now
         fresh.with_name(f"{fresh.name}.lock").unlink(missing_ok=True)
         fresh.replace(path.with_name(f"{path.name}.salvaged"))
         _swap(path, aside)
-    finally:
-        release_lock(lock)
     _LOG.error("%s", report.text)
     return report
 
@@ -205,7 +194,7 @@ def _fill(path: Path, fresh: Path, machine: str, loss: Loss, records_dir: Path |
     scratch = path.with_name(f"{path.name}.published")
     try:
         gathered = gather(loss.files, machine, scratch, beat)
-        with closing(sqlite3.connect(fresh, isolation_level=None)) as connection:
+        with closing(opened(fresh)) as connection:
             # After a power cut the recovery is repeated: the damaged store is still in its place.
             connection.execute("PRAGMA synchronous = OFF")
             connection.set_progress_handler(still_there, _BEAT_EVERY)
@@ -260,33 +249,23 @@ def _remarks(gathered: Gathered, machine: str, records_dir: Path | None, *, noth
 
 def _close_for_good(fresh: Path) -> None:
     """Move the write-ahead log into the database, and make it durable."""
-    with closing(sqlite3.connect(fresh, isolation_level=None)) as connection:
+    with closing(opened(fresh)) as connection:
         connection.execute("PRAGMA wal_checkpoint(TRUNCATE)")
     sync_file(fresh)
 
 
 def _free_name(path: Path, now: float) -> Path:
     """Return the name under which the damaged database is kept."""
-    stamp = stamp_of(now)
-    name = f"{path.name}.corrupt-{stamp}"
-    number = 1
-    while path.with_name(name).exists():
-        number += 1
-        name = f"{path.name}.corrupt-{stamp}-{number}"
-    return path.with_name(name)
+    name = f"{path.name}.corrupt-{stamp_of(now)}"
+    return path.with_name(free_name(name, lambda found: path.with_name(found).exists()))
 
 
 def _finish(path: Path, now: float) -> None:
     """Complete the replacement of a store by a salvage that was killed."""
     if not path.with_name(f"{path.name}.salvaged").exists():
         return
-    lock = take_lock(path)
-    if lock is None:
-        raise StoreError(f"{path}: another process is writing to it")
-    try:
+    with exclusive(path, StoreError(f"{path}: another process is writing to it")):
         _swap(path, _free_name(path, now))
-    finally:
-        release_lock(lock)
 
 
 def _swap(path: Path, aside: Path) -> None:

@@ -17,7 +17,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from monitor.config.opcua import OpcUaCondition
-from monitor.records.database import SharedConnection, replacing
+from monitor.records.database import SharedConnection
+from monitor.records.durable import replacing
 from monitor.records.queries import committed_values
 from monitor.service.broker import NotifyError, read_secret
 from monitor.service.children import ServerProcess, end_with_parent, report_line

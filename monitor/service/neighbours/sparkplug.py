@@ -22,7 +22,8 @@ from typing import Any
 from models.words.errors import SpallwatchError
 from monitor.config.load import Config
 from monitor.config.outputs import SparkplugSection
-from monitor.records.database import SharedConnection, replacing
+from monitor.records.database import SharedConnection
+from monitor.records.durable import replacing
 from monitor.records.queries import StoredRecord, newest_id, records_after
 from monitor.service.broker import BrokerLink, Sessions
 from monitor.service.neighbours.points import (

@@ -326,7 +326,7 @@ def test_each_row_is_written_once_and_in_order(recordings, chunk):
 @given(st.integers(0, 10**8), st.integers(1, 100), st.integers(1, 5))
 def test_a_chunk_fits_its_bytes_or_is_as_small_as_may_be(rows, channels, bands):
     shape = {"rms": ("channel",), "envelope_snr": ("channel", "band", "fault", "harmonic"), "stage": ("channel",)}
-    extent = arrays.Extent(rows, 1, channels, shape, {"band": bands, "fault": 4, "harmonic": 5})
+    extent = arrays.ArchiveExtent(rows, 1, channels, shape, {"band": bands, "fault": 4, "harmonic": 5})
     found = arrays.arrays_of_rows(extent)
     chunk = found[0].chunks[0]
     assert {array.chunks[0] for array in found} == {chunk}
@@ -347,10 +347,10 @@ def test_extents_join_shapes():
         files=(RecordsFile("b", 5, 2, 1),),
         shape=Shape(("x", "y"), {"h_or": ("channel", "band"), "tt": ("channel",)}, {"band": 3}),
     )
-    found = arrays.Extent.of([one, two])
+    found = arrays.ArchiveExtent.of([one, two])
     assert (found.rows, found.recordings, found.channels, found.undated) == (5, 2, 2, True)
     assert found.variables == {"h_or": ("channel", "band"), "tt": ("channel",)}
-    assert not arrays.Extent.of([two]).undated
+    assert not arrays.ArchiveExtent.of([two]).undated
 
 
 @pytest.mark.cluster

@@ -10,9 +10,8 @@ import pytest
 
 from monitor.health.record import Record
 from monitor.records.archive import COLUMNS, forecast_values
-from monitor.records.database import StoreError
+from monitor.records.database import STORE_VERSION, StoreError
 from monitor.records.store import Store
-from monitor.records.tables import STORE_VERSION
 
 RUN = {"config_hash": "c1", "map_hash": "x: m1; y: m2", "interval_level": 0.8}
 BODY = {"channel": "x", "method": "library", "threshold_mm2": 0.05, "status": "ok", "tt_s": 50.0}

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from monitor.records import backup, database, restore
+from monitor.records import backup, durable, restore
 from monitor.records.backup import BackupError, RefusedError, back_up, backups_of, find_backup, verify
 from monitor.records.events import EventLog
 from monitor.records.recover import published as recover_published
@@ -289,7 +289,7 @@ def test_a_restore_that_is_cut_off_anywhere_left_the_old_or_the_whole_new_state(
 ) -> None:
     names = ("sync_file", "sync_folder", "copy_durably", "check_store", "link_durably", "_fold_log", "_swap")
     patch = cut_off_points(restore, names)
-    patch_database = cut_off_points(database, ("sync_folder", "link_durably"))
+    patch_database = cut_off_points(durable, ("sync_folder", "link_durably"))
     monkeypatch.setattr(recover_published, "_in_child", lambda to, files, beat: recover_published.take_files(to, files))
     folder = find_backup(made / "backups", "m")
     seen: set[int] = set()

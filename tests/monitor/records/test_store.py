@@ -12,9 +12,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from monitor.health.record import Record
-from monitor.records.database import StoreError
+from monitor.records.database import STORE_VERSION, StoreError
 from monitor.records.store import Store
-from monitor.records.tables import STORE_VERSION
 from streams.types.listing import file_system_type
 from tests.oracles.records_oracle import records
 from tests.support.effort import effort_count
