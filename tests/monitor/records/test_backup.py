@@ -159,10 +159,11 @@ def test_without_a_store_there_is_nothing_to_back_up(tmp_path: Path) -> None:
 
 @pytest.mark.usefixtures("refused_at_once")
 def test_two_at_once_are_refused(made: Path) -> None:
-    lock = backup.take_lock(made / "backups" / "m")
+    lock = durable.take_lock(made / "backups" / "m")
     with pytest.raises(RefusedError, match="another backup of machine 'm' is being written"):
         back_up(contents_of(made), made / "backups", keep=1, utc=UTC)
-    backup.release_lock(lock)
+    assert lock is not None
+    lock.close()
 
 
 def test_a_backup_does_not_fill_the_disk_of_the_daemon(made: Path, monkeypatch: pytest.MonkeyPatch) -> None:
