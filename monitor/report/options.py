@@ -14,22 +14,10 @@ from models.maps.file import load_map
 from models.maps.plan import MapError
 from monitor.report.runs import ReportError
 from monitor.words.numbers import time_zone
+from monitor.words.pictures import PICTURES
 
 SECTIONS = (
-    *(
-        "trends",
-        "final_stage",
-        "envelope",
-        "raw",
-        "cyclic",
-        "waterfall",
-        "kurtogram",
-        "path",
-        "posterior",
-        "damage",
-        "law",
-        "forecast",
-    ),
+    *dict.fromkeys(kind.section for kind in PICTURES),
     *("speed", "quality", "events", "provenance", "guide", "comparison", "score"),
 )
 """Sections of a report by their names in a configuration, see docs/how-to/reports.md."""

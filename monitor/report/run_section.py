@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Iterator, Mapping, Sequence
+import pkgutil
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -13,21 +14,13 @@ from monitor.report import data_quality as quality
 from monitor.report.advice import part_of, said_of, what_to_do
 from monitor.report.bearings import BearingPart, bearing_parts
 from monitor.report.calibration import is_calibrated
-from monitor.report.figures.cyclic import block_coherence
-from monitor.report.figures.damage import damaged_volume, fitted_law, forecasts
 from monitor.report.figures.drawing import Picture, sparkline
-from monitor.report.figures.ias import ias_picture
-from monitor.report.figures.kurtogram import kurtograms
-from monitor.report.figures.map_path import hash_of, kept_map, map_path, posterior
-from monitor.report.figures.raw_block import raw_block
-from monitor.report.figures.spectrum import SpectrumView, recorded_lines, spectra, views_of
+from monitor.report.figures.map_path import hash_of, kept_map
+from monitor.report.figures.spectrum import SpectrumView
 from monitor.report.figures.speed import rotation_table, speed_picture, speed_words
-from monitor.report.figures.trends import final_stage, trends
-from monitor.report.figures.waterfall import waterfall
 from monitor.report.finding import Finding
 from monitor.report.findings import findings
 from monitor.report.gears import gears_table
-from monitor.report.life_marks import named_fault
 from monitor.report.options import Options
 from monitor.report.runs import ABSENCE, Channel, Run
 from monitor.report.tables import Column, Table, time_column
@@ -41,6 +34,7 @@ from monitor.report.verdict import (
 from monitor.words.events import event_text
 from monitor.words.features import FEATURES
 from monitor.words.numbers import Clock, count, duration, figure, floor_of_defect
+from monitor.words.pictures import PICTURES
 
 _MAX_EVENTS = 200
 _EVENT_NAMES = {
@@ -143,8 +137,9 @@ def part_of_run(
     level_of = {name: bearing.verdict.level_of for bearing in bearings for name in bearing.verdict.channels}
     channels = []
     for place, channel in enumerate(run.channels.values(), start=1):
-        context = ChannelContext(run, channel, judge(run, channel, clock, level_of.get(channel.name)), clock, numbers)
-        part = _channel(context, options, views.get(channel.name), f"{anchor}c{place}")
+        verdict = judge(run, channel, clock, level_of.get(channel.name))
+        context = ChannelContext(run, channel, verdict, clock, numbers, options, views.get(channel.name))
+        part = _channel(context, f"{anchor}c{place}")
         said = said_of(run, channel, part_of(bearings, channel.name))
         channels.append(replace(part, findings=(what_to_do(said), *part.findings)))
     apart = {name for bearing in bearings for name in bearing.verdict.disagreement}
@@ -201,63 +196,24 @@ def _notes(run: Run) -> list[str]:
     return notes
 
 
-def _channel(context: ChannelContext, options: Options, view: SpectrumView | None, anchor: str) -> ChannelPart:
+def _channel(context: ChannelContext, anchor: str) -> ChannelPart:
     channel = context.channel
-    pictures = [
-        trends(context) if options.holds("trends") else None,
-        final_stage(context) if options.holds("final_stage") else None,
-        *_spectra(context, options, view),
-        *_damage(context, options),
-    ]
     return ChannelPart(
         verdict=context.verdict,
         findings=findings(context),
-        pictures=tuple(picture for picture in pictures if picture is not None),
+        pictures=tuple(pictures_of(context)),
         spark=sparkline(channel.time, channel.column("rms"), f"RMS of channel {channel.name} over time"),
         level=_level(channel),
         anchor=anchor,
     )
 
 
-def _spectra(context: ChannelContext, options: Options, view: SpectrumView | None) -> Sequence[Picture | None]:
-    """Draw spectra: the caller's and those of the store, without any the lines in the records."""
-    channel, fault, numbers = context.channel, context.verdict.fault, context.numbers
-    rows = context.run.spectra.get(channel.name, ())
-    found: list[Picture | None] = []
-    if options.holds("envelope"):
-        pair = views_of(rows, context)
-        if len(pair) == 2 or (pair and view is None):
-            found.append(spectra(pair, channel.name, fault, numbers))
-        if view is not None:
-            found.append(spectra([view], channel.name, fault, numbers))
-        row, _ = named_fault(channel)
-        if not any(found) and row is not None:
-            found.append(recorded_lines(channel, row, numbers))
-    if options.holds("raw"):
-        found.append(raw_block(context.run.views.get(channel.name, ()), context))
-        found.append(ias_picture(context.run.ias.get(channel.name, ()), context))
-    if options.holds("cyclic"):
-        found.append(block_coherence(context.run.views.get(channel.name, ()), context))
-    if options.holds("waterfall"):
-        found.append(waterfall(rows, context))
-    if options.holds("kurtogram"):
-        found.append(kurtograms(rows, context))
-    return found
-
-
-def _damage(context: ChannelContext, options: Options) -> Iterator[Picture | None]:
-    run, channel = context.run, context.channel
-    if options.holds("damage"):
-        yield damaged_volume(context)
-    if options.holds("path"):
-        rms_map = options.map_for(channel.name) or kept_map(hash_of(run, channel.name), context.verdict.fault)
-        yield None if rms_map is None else map_path(context, rms_map)
-    if options.holds("posterior") and channel.name in run.particles:
-        yield posterior(context, run.particles[channel.name])
-    if options.holds("law"):
-        yield fitted_law(context)
-    if options.holds("forecast"):
-        yield from forecasts(context)
+def pictures_of(context: ChannelContext) -> Iterator[Picture]:
+    """Yield the pictures of a channel that are in the sections of its report."""
+    for kind in PICTURES:
+        if context.options.holds(kind.section):
+            found = pkgutil.resolve_name(f"monitor.report.figures.{kind.drawn}")(context)
+            yield from found if isinstance(found, list) else [found] if found is not None else []
 
 
 def _level(channel: Channel) -> str:

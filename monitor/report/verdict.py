@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import itertools
 import math
-from dataclasses import dataclass
-from typing import Literal
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
@@ -13,6 +13,7 @@ from monitor.report.calibration import is_calibrated
 from monitor.report.finding import Finding as Finding
 from monitor.report.gears import named_gear
 from monitor.report.life_marks import Moment, closed_stages, mark_of, named_fault
+from monitor.report.options import Options
 from monitor.report.runs import Channel, Run
 from monitor.words.features import FEATURES
 from monitor.words.numbers import Clock, count
@@ -21,6 +22,9 @@ from monitor.words.statuses import (
     LEVEL_OF,
     fault_words,
 )
+
+if TYPE_CHECKING:
+    from monitor.report.figures.spectrum import SpectrumView
 
 _NO_SIGN = "No sign of damage"
 Grade = Literal["bad", "watch", "open", "good"]
@@ -63,13 +67,20 @@ class ChannelVerdict:
 
 @dataclass(frozen=True, eq=False)
 class ChannelContext:
-    """Input of every figure and finding of a channel; ``numbers`` gives each figure of the page its number."""
+    """Input of every figure and finding of a channel.
+
+    Attributes:
+        numbers: gives each figure of the page its number.
+        view: an envelope spectrum of the channel that is not in the store, None without.
+    """
 
     run: Run
     channel: Channel
     verdict: ChannelVerdict
     clock: Clock
     numbers: itertools.count[int]
+    options: Options = field(default_factory=Options)
+    view: SpectrumView | None = None
 
 
 def judge(run: Run, channel: Channel, clock: Clock | None = None, level_of: str | None = None) -> ChannelVerdict:

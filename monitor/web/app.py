@@ -15,6 +15,7 @@ from contextlib import aclosing
 from datetime import UTC, datetime
 from functools import partial
 from pathlib import Path
+from pkgutil import resolve_name
 from typing import Any, BinaryIO, Self
 
 from starlette.applications import Starlette
@@ -27,8 +28,7 @@ from starlette.types import ASGIApp, Receive, Scope, Send
 from models.platform.portable import NO_LINK
 from monitor.records.database import StoreError
 from monitor.records.filing import published_name
-from monitor.web import api, event_view, map_view, spectra_view
-from monitor.web import event_view as acknowledging
+from monitor.web import api, event_view
 from monitor.web.answers import Answer, Query, RequestError, answer_of, json_answer, without_folders
 from monitor.web.api import levels
 from monitor.web.auth import Doorkeeper
@@ -37,6 +37,7 @@ from monitor.web.metrics import METRICS_TYPE, Measures, metrics
 from monitor.web.security import MAX_BODY_BYTES, Doors, Guard
 from monitor.web.sign_in import sign_in_routes
 from monitor.web.stream import Hub
+from monitor.words.pictures import VIEWS
 from monitor.words.statuses import page_words
 
 _LOG = logging.getLogger(__name__)
@@ -223,15 +224,7 @@ def _api_routes(site: Site) -> list[Route]:
         route("/api/machines/{machine}/levels", lambda request: levels(machine(request), request.query_params)),
         of_channel(channel, lambda machine, name, _: api.channel(machine, name)),
         of_channel("/api/machines/{machine}/channels/{channel}", lambda machine, name, _: api.channel(machine, name)),
-        of_channel(f"{channel}/records", api.records),
-        of_channel(f"{channel}/spectrum", spectra_view.spectrum),
-        of_channel(f"{channel}/raw", spectra_view.raw_spectrum),
-        of_channel(f"{channel}/ias", spectra_view.ias),
-        of_channel(f"{channel}/cyclic", spectra_view.cyclic),
-        of_channel(f"{channel}/waveform", spectra_view.waveform),
-        of_channel(f"{channel}/waterfall", spectra_view.waterfall),
-        of_channel(f"{channel}/kurtogram", spectra_view.kurtogram),
-        of_channel(f"{channel}/map", lambda machine, name, _: map_view.map_of(machine, name)),
+        *(of_channel(f"{channel}/{name}", resolve_name(f"monitor.web.{place}")) for name, place in VIEWS.items()),
         route("/api/events", lambda request: event_view.events(site.machines, request.query_params)),
         route("/api/records", lambda _: published_files(site.machines)),
         Route("/api/events/{event}/acknowledge", partial(_acknowledge, site), methods=["POST"]),
@@ -255,8 +248,8 @@ async def _acknowledge(site: Site, request: Request) -> Response:
 
     def make() -> Answer:
         if name is None:
-            return json_answer(acknowledging.acknowledge_many(site.machines, body, user))
-        return json_answer(acknowledging.acknowledge(site.machines, name, body, user))
+            return json_answer(event_view.acknowledge_many(site.machines, body, user))
+        return json_answer(event_view.acknowledge(site.machines, name, body, user))
 
     found = await site.answer(request, make)
     site.hub.wake()

@@ -12,7 +12,7 @@ import numpy as np
 from monitor.health.tracker import part_of
 from monitor.records.queries import is_dated, values_since
 from monitor.service.summary import weakest_calibration
-from monitor.web.answers import RequestError, numbers, times
+from monitor.web.answers import Query, RequestError, numbers, times
 from monitor.web.api import calibration, latest_values
 from monitor.web.machines import Machine
 from monitor.words.features import FEATURES
@@ -29,7 +29,7 @@ _lock = threading.Lock()
 _maps: dict[tuple[Path, int, int], RmsMap] = {}
 
 
-def map_of(machine: Machine, channel: str) -> dict[str, Any]:
+def map_of(machine: Machine, channel: str, _: Query) -> dict[str, Any]:
     """Return the map and the track, or ``map`` null and the reason."""
     section = machine.channel(channel)
     if not section.track:

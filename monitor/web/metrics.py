@@ -28,6 +28,7 @@ from monitor.records.reader import NAMES
 from monitor.web.event_view import unacknowledged
 from monitor.web.machines import Machines
 from monitor.words.features import FEATURES, Feature
+from monitor.words.pictures import VIEWS
 from monitor.words.statuses import STATES
 
 METRICS_TYPE = "text/plain; version=0.0.4; charset=utf-8"
@@ -44,12 +45,7 @@ _CHANNEL = ("machine", "channel")
 _ADDRESSES = (
     (re.compile(r"^/static/.*"), "/static"),
     (re.compile(r"^/records/.*"), "/records"),
-    (
-        re.compile(
-            r"^/api/(machines|channels)/[^/]+/[^/]+/(records|spectrum|raw|ias|cyclic|waveform|waterfall|kurtogram|map)$"
-        ),
-        r"/api/channels/\2",
-    ),
+    (re.compile(rf"^/api/(machines|channels)/[^/]+/[^/]+/({'|'.join(VIEWS)})$"), r"/api/channels/\2"),
     (re.compile(r"^/api/(channels/[^/]+|machines/[^/]+/channels)/[^/]+$"), "/api/channels"),
     (re.compile(r"^/api/machines/[^/]+/blocks$"), "/api/blocks"),
     (re.compile(r"^/api/machines/[^/]+/levels$"), "/api/levels"),

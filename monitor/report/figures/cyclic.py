@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 
 from monitor.health.signal.cyclic import FALSE_ALARM, HARMONICS, CyclicCoherence, kept_coherence, lines_of
 from monitor.health.signal.rotation.rotation import Rotation
-from monitor.health.signal.waterfall import SpectrumRow
 from monitor.report.figures.drawing import GREY, INK, Picture, legend_above, places_kept
 from monitor.report.figures.sheet import Part, Sheet
 from monitor.report.figures.spectrum import FAULT_MARKS
@@ -23,9 +22,9 @@ from monitor.words.numbers import figure
 from monitor.words.statuses import FAULT_NAMES
 
 
-def block_coherence(rows: Sequence[SpectrumRow], context: ChannelContext) -> Picture | None:
-    """Draw the coherence of the last of some blocks with a view, where its speed varied; None otherwise."""
-    shown = [row for row in rows if row.view is not None]
+def block_coherence(context: ChannelContext) -> Picture | None:
+    """Draw the coherence of the newest block with a view, where its speed varied; None otherwise."""
+    shown = [row for row in context.run.views.get(context.channel.name, ()) if row.view is not None]
     if not shown or shown[-1].view is None or shown[-1].domain != "order":
         return None
     row, view = shown[-1], shown[-1].view

@@ -129,8 +129,9 @@ _MIN_ORDERS = 12.0
 
 
 @mpl.rc_context(STYLE)
-def ias_picture(rows: Sequence[SpectrumRow], context: ChannelContext) -> Picture | None:
-    """Draw the spectrum of the angular speed of the last of some blocks over that of the first; None without any."""
+def ias_picture(context: ChannelContext) -> Picture | None:
+    """Draw the spectrum of the angular speed of the newest block over that before the onset; None without any."""
+    rows = context.run.ias.get(context.channel.name, ())
     shown = [(row, row.view.ias) for row in rows if row.view is not None and row.view.ias is not None]
     if not shown:
         return None

@@ -29,12 +29,12 @@ _LEAST_SCALE = 2.0
 
 
 @mpl.rc_context(STYLE)
-def kurtograms(rows: Sequence[SpectrumRow], context: ChannelContext) -> Picture | None:
+def kurtograms(context: ChannelContext) -> Picture | None:
     """Draw the kurtogram of the latest kept block below that of the last one before the onset.
 
-    None where no kept spectrum has one. ``rows`` are kept spectra in the order of their blocks.
+    None where no kept spectrum has one.
     """
-    shown = _shown(rows, context)
+    shown = _shown(context)
     if not shown:
         return None
     high = max(_LEAST_SCALE, *(max(map(max, found.levels)) for _, found in shown))
@@ -58,8 +58,9 @@ def kurtograms(rows: Sequence[SpectrumRow], context: ChannelContext) -> Picture 
     return Picture("Kurtogram", svg, _caption(shown), {"kurtograms": data}, "kurtogram")
 
 
-def _shown(rows: Sequence[SpectrumRow], context: ChannelContext) -> list[tuple[SpectrumRow, Kurtogram]]:
+def _shown(context: ChannelContext) -> list[tuple[SpectrumRow, Kurtogram]]:
     """Return the last row before the onset and the latest one, of those with a kurtogram."""
+    rows = context.run.spectra.get(context.channel.name, ())
     known = [(row, row.kurtogram) for row in rows if row.kurtogram is not None]
     if not known:
         return []

@@ -73,12 +73,15 @@ def hash_of(run: Run, channel: str) -> str:
 
 
 @mpl.rc_context(STYLE)
-def map_path(context: ChannelContext, rms_map: RmsMap) -> Picture | None:
+def map_path(context: ChannelContext) -> Picture | None:
     """Draw the map, the tracker's path and the contour of the last RMS (thesis, Figs. 55 and 61).
 
-    None where the tracker gave no sizes or the map does not cover the channel's load and speed.
+    None without a map, where the tracker gave no sizes, or where the map does not cover the channel's load and speed.
     """
     run, channel = context.run, context.channel
+    rms_map = context.options.map_for(channel.name) or kept_map(hash_of(run, channel.name), context.verdict.fault)
+    if rms_map is None:
+        return None
     rows = np.flatnonzero(np.isfinite(channel.column("dphi_d")) & np.isfinite(channel.column("h_d")))
     at = _condition(channel, rms_map)
     if not rows.size or at is None:
@@ -175,9 +178,12 @@ def _cloud(axes: Axes, particles: Particles | None, radius: float) -> dict[str, 
 
 
 @mpl.rc_context(STYLE)
-def posterior(context: ChannelContext, particles: Particles) -> Picture | None:
+def posterior(context: ChannelContext) -> Picture | None:
     """Draw the distribution of V_eq after the last block by the physical tracker; None without two values."""
     channel = context.channel
+    particles = context.run.particles.get(channel.name)
+    if particles is None:
+        return None
     v_eq = 1e6 * np.exp(particles.core[:, 0])
     weight = particles.weight / particles.weight.sum()
     usual = np.isfinite(v_eq) & (v_eq > 0)

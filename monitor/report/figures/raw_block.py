@@ -43,9 +43,9 @@ Curve = tuple[NDArray[np.float64], NDArray[np.float64]]
 
 
 @mpl.rc_context(STYLE)
-def raw_block(rows: Sequence[SpectrumRow], context: ChannelContext) -> Picture | None:
-    """Draw the samples of the last of some blocks with a view, and the spectra of the one before it; None without."""
-    shown = [row for row in rows if row.view is not None]
+def raw_block(context: ChannelContext) -> Picture | None:
+    """Draw the samples of the newest block with a view, and the spectra of the one before it; None without."""
+    shown = [row for row in context.run.views.get(context.channel.name, ()) if row.view is not None]
     if not shown or shown[-1].view is None:
         return None
     row, view = shown[-1], shown[-1].view

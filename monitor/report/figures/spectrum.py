@@ -265,12 +265,23 @@ def recorded_lines(channel: Channel, row: int, numbers: itertools.count[int]) ->
     )
 
 
-def views_of(rows: Sequence[SpectrumRow], context: ChannelContext) -> list[SpectrumView]:
-    """Return a spectrum from before the onset and one from after; the latest alone without an onset; or none.
+def envelope(context: ChannelContext) -> list[Picture]:
+    """Draw the spectra of the store and that of the caller; without any, the lines in the records."""
+    channel, numbers = context.channel, context.numbers
+    pair = views_of(context)
+    shown = [pair] if len(pair) == 2 or (pair and context.view is None) else []
+    shown += [] if context.view is None else [[context.view]]
+    drawn = [spectra(views, channel.name, context.verdict.fault, numbers) for views in shown]
+    row, _ = named_fault(channel)
+    if not any(drawn) and row is not None:
+        drawn.append(recorded_lines(channel, row, numbers))
+    return [picture for picture in drawn if picture is not None]
 
-    ``rows`` are kept spectra in the order of their blocks.
-    """
+
+def views_of(context: ChannelContext) -> list[SpectrumView]:
+    """Return a kept spectrum from before the onset and one from after; the latest alone without an onset; or none."""
     channel, t_fs = context.channel, context.verdict.t_fs
+    rows = context.run.spectra.get(channel.name, ())
     usable = [row for row in rows if row.amplitude.size > 1 and row.resolution > 0]
     if not usable:
         return []

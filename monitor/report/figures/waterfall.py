@@ -41,11 +41,12 @@ _MIN_ROWS = 4
 
 
 @mpl.rc_context(STYLE)
-def waterfall(rows: Sequence[SpectrumRow], context: ChannelContext) -> Picture | None:
-    """Draw kept envelope spectra, in the order of their blocks, over the life of a channel.
+def waterfall(context: ChannelContext) -> Picture | None:
+    """Draw the kept envelope spectra of a channel over its life.
 
     Over orders of the shaft where its speed varies. None where fewer than four have a time, or where all are zero.
     """
+    rows = context.run.spectra.get(context.channel.name, ())
     dated = [row for row in rows if row.time is not None and row.resolution > 0 and row.amplitude.size > 1]
     if len(dated) < _MIN_ROWS or dated[-1].time == dated[0].time:
         return None

@@ -340,11 +340,11 @@ def test_the_map_is_that_of_the_part_that_is_named(tmp_path: Path, monkeypatch: 
     machine = Machine(load_config(config))
     for fault, shown in (("inner", "inner"), (None, "outer"), ("inner|ball", "inner")):
         monkeypatch.setattr(machine, "status", lambda fault=fault: Status(0, {"channels": {"x0": {"fault": fault}}}))
-        found = map_of(machine, "x0")
+        found = map_of(machine, "x0", {})
         assert found["fault"] == shown
         assert found["v_eq"].startswith(f"r_{shown[0]} * dphi_d")
     monkeypatch.setattr(machine, "status", lambda: Status(0, {"channels": {"x0": {"fault": "ball"}}}))
-    assert map_of(machine, "x0") == {"map": None, "reason": "the channel has no RMS map of the part that is named"}
+    assert map_of(machine, "x0", {}) == {"map": None, "reason": "the channel has no RMS map of the part that is named"}
 
 
 def many(page: Page, events: Any, **more: Any) -> Reply:

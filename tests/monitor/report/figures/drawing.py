@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import itertools
 import json
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from monitor.health.record import Record
+from monitor.health.signal.waterfall import SpectrumRow
 from monitor.records.store import Store
 from monitor.report.figures.drawing import (
     Picture,
@@ -42,5 +45,7 @@ def numbers() -> itertools.count[int]:
     return itertools.count(1)
 
 
-def context_of(run: Run, channel: Channel, clock: Clock = CLOCK) -> ChannelContext:
-    return ChannelContext(run, channel, judge(run, channel), clock, numbers())
+def context_of(run: Run, channel: Channel, clock: Clock = CLOCK, **rows: Sequence[SpectrumRow]) -> ChannelContext:
+    """Return the context of a channel of a run that has these kept spectra, views or spectra of the angular speed."""
+    beside = {name: {channel.name: kept} for name, kept in rows.items()}
+    return ChannelContext(replace(run, **beside), channel, judge(run, channel), clock, numbers())

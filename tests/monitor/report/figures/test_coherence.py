@@ -47,11 +47,11 @@ def test_the_damaged_part_stands_out_over_orders(run: Run, channel: Channel) -> 
     highest = float(found.cyclic[int(np.argmax(found.enhanced))])
     assert min(abs(highest / (n * 3.05) - 1.0) for n in range(1, 5)) < 0.01
     assert found.enhanced.max() > 3.0 * found.limit
-    picture = block_coherence([kept()], context_of(run, channel))
+    picture = block_coherence(context_of(run, channel, views=[kept()]))
     assert picture is not None
     assert picture.heading == f"Spectral coherence of block {NUMBER}"
     assert "From the 1.3 s that are kept" in picture.caption
-    assert block_coherence([kept("hertz")], context_of(run, channel)) is None
+    assert block_coherence(context_of(run, channel, views=[kept("hertz")])) is None
 
 
 def test_the_page_is_given_the_mean_over_the_band(monkeypatch: pytest.MonkeyPatch) -> None:

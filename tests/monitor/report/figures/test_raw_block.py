@@ -28,7 +28,7 @@ def seen(sequence: int, velocity: float) -> SpectrumRow:
 
 
 def test_spectra_read_the_lines_of_the_block_in_the_units_of_their_axes(run: Run, channel: Channel) -> None:
-    picture = raw_block([seen(10, 1e-3), seen(600, 4e-3)], context_of(run, channel))
+    picture = raw_block(context_of(run, channel, views=[seen(10, 1e-3), seen(600, 4e-3)]))
     data = drawn(picture)
     assert picture is not None
     for block, velocity in ((10, 1.0), (600, 4.0)):
@@ -46,13 +46,12 @@ def test_spectra_read_the_lines_of_the_block_in_the_units_of_their_axes(run: Run
 
 
 def test_without_the_unit_there_is_no_velocity_and_without_views_no_figure(run: Run, channel: Channel) -> None:
-    context = context_of(run, channel)
-    picture = raw_block([replace(seen(600, 4e-3), absolute=False)], context)
+    picture = raw_block(context_of(run, channel, views=[replace(seen(600, 4e-3), absolute=False)]))
     data = drawn(picture)
     assert not any("velocity" in name for name in data)
     assert "waveform_sensor_unit" in data
-    assert raw_block([], context) is None
-    assert raw_block([row_of(10, START)], context) is None
+    assert raw_block(context_of(run, channel)) is None
+    assert raw_block(context_of(run, channel, views=[row_of(10, START)])) is None
 
 
 def test_lines_on_one_peak_are_said_to_be_one() -> None:

@@ -63,15 +63,15 @@ def test_before_and_after_say_how_far_a_line_grew(grown: float, scale: str) -> N
 def test_the_spectra_shown_are_one_before_and_one_after_the_onset(run: Run, channel: Channel) -> None:
     rows = [row_of(number, START + number) for number in range(10, 601, 10)]
     verdict = judge(run, channel)
-    before, after = views_of(rows, context_of(run, channel))
+    before, after = views_of(context_of(run, channel, spectra=rows))
     assert verdict.t_fs is not None
     assert verdict.t_fs.block is not None
     assert 100 < int(re.findall(r"block (\d+)", before.label)[0]) < verdict.t_fs.block
     assert after.label.startswith("block 600,")
     assert before.amplitude_g.max() == pytest.approx(1.0 / GRAVITY)
-    (latest,) = views_of(rows, context_of(run, run.channels["vertical"]))
+    (latest,) = views_of(context_of(run, run.channels["vertical"], spectra=rows))
     assert latest.label.startswith("block 600,")
-    assert views_of([], context_of(run, channel)) == []
+    assert views_of(context_of(run, channel, spectra=[])) == []
 
 
 def test_a_kurtogram_is_drawn_before_the_onset_and_now(run: Run, channel: Channel) -> None:
@@ -80,7 +80,7 @@ def test_a_kurtogram_is_drawn_before_the_onset_and_now(run: Run, channel: Channe
         replace(row_of(number, START + number), kurtogram=Kurtogram(12_800.0, 12_800, levels))
         for number, levels in ((10, flat), (20, flat), (590, bright), (600, bright))
     ]
-    picture = kurtograms([*rows, row_of(601, START + 601.0)], context_of(run, channel))
+    picture = kurtograms(context_of(run, channel, spectra=[*rows, row_of(601, START + 601.0)]))
     before, now = drawn(picture)["kurtograms"]
     assert picture is not None
     assert (before["block"], before["best_hz"]) == (20, None)
@@ -89,15 +89,15 @@ def test_a_kurtogram_is_drawn_before_the_onset_and_now(run: Run, channel: Channe
     assert "the highest, 9.0, stands at 6,400 to 12,800 Hz" in picture.caption
     assert "demodulated band" in picture.svg
     assert "highest kurtosis" in picture.svg
-    (quiet,) = drawn(kurtograms(rows[:1], context_of(run, channel)))["kurtograms"]
+    (quiet,) = drawn(kurtograms(context_of(run, channel, spectra=rows[:1])))["kurtograms"]
     assert quiet["best_hz"] is None
-    assert kurtograms([row_of(1, START)], context_of(run, channel)) is None
+    assert kurtograms(context_of(run, channel, spectra=[row_of(1, START)])) is None
 
 
 def test_a_waterfall_leaves_gaps_blank_and_carries_its_spectra(run: Run, channel: Channel) -> None:
     times = [START + 60.0 * place + (6000.0 if place > 20 else 0.0) for place in range(40)]
     rows = [row_of(number, time, 1.0 + number) for number, time in enumerate(times, start=1)]
-    picture = waterfall(rows, context_of(run, channel))
+    picture = waterfall(context_of(run, channel, spectra=rows))
     data = drawn(picture)
     assert picture is not None
     assert "data:image/png;base64," in picture.svg
@@ -108,9 +108,9 @@ def test_a_waterfall_leaves_gaps_blank_and_carries_its_spectra(run: Run, channel
     place = int(np.searchsorted(data["frequency_hz"], 97.0, side="right")) - 1
     expected = [(1.0 + number) / GRAVITY for number in range(1, 41)]
     assert amplitude[:, place] == pytest.approx(expected, rel=0.03)
-    assert waterfall(rows[:3], context_of(run, channel)) is None
+    assert waterfall(context_of(run, channel, spectra=rows[:3])) is None
     undated = [row_of(number, None) for number in range(1, 9)]
-    assert waterfall(undated, context_of(run, channel)) is None
+    assert waterfall(context_of(run, channel, spectra=undated)) is None
 
 
 def test_a_waterfall_of_a_varying_speed_is_over_orders(run: Run, channel: Channel) -> None:
@@ -122,14 +122,14 @@ def test_a_waterfall_of_a_varying_speed_is_over_orders(run: Run, channel: Channe
         lines = {part: line * speed / 30.0 for part, line in KINEMATIC.items()}
         row = replace(row_of(number, START + 60.0 * number), amplitude=amplitude, lines=lines, speed=speed)
         rows.append(replace(row, domain="order", speed_range=(speed - 2.0, speed + 2.0)))
-    picture = waterfall(rows, context_of(run, channel))
+    picture = waterfall(context_of(run, channel, spectra=rows))
     data = drawn(picture)
     assert picture is not None
     assert "order of the shaft" in picture.svg
     assert "Mean speeds are 21.0 to 28.0 Hz" in picture.caption
     codes = np.frombuffer(base64.b64decode(data["codes_base64"]), np.uint8).reshape(8, len(data["order"]))
     assert {int(row.argmax()) for row in codes} == {int(np.searchsorted(data["order"], 3.0, side="right")) - 1}
-    shown = spectra(views_of(rows, context_of(run, channel)), "x", "outer", numbers())
+    shown = spectra(views_of(context_of(run, channel, spectra=rows)), "x", "outer", numbers())
     assert shown is not None
     assert "order of the shaft" in shown.svg
     assert "over the angle of the shaft" in shown.caption

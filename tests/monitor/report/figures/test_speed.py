@@ -90,10 +90,10 @@ def test_the_spectrum_of_the_angular_speed_has_the_lines_of_the_part(run: Run, c
     lines = {"outer": 75.0, "inner": 125.0}
     row = SpectrumRow("s", channel.name, 9, 0.0, 1.0, (0.0, 1.0), 25.0, 1.0, True, np.ones(4), lines)
     shown = replace(row, view=BlockView(1000.0, 64, raw, np.ones(4), ias))
-    picture = ias_picture([row, shown], context_of(run, channel))
+    picture = ias_picture(context_of(run, channel, ias=[row, shown]))
     data = drawn(picture)
     assert picture is not None
     assert "BPFO 3" in picture.svg
     (found,) = data.values()
     assert found["order"][int(np.argmax(found["amplitude_rad_s"]))] == pytest.approx(3.0, abs=0.02)
-    assert ias_picture([row], context_of(run, channel)) is None
+    assert ias_picture(context_of(run, channel, ias=[row])) is None
