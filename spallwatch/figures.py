@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from functools import wraps
 from typing import ParamSpec
 
@@ -24,8 +24,7 @@ from monitor.report.figures.drawing import BLUE, GREY, STYLE, WIDTH, legend_abov
 from monitor.report.figures.rms_map import map_sheet
 from monitor.report.figures.scene import fundamental_of, scene_sheet, signal_of
 from monitor.report.figures.sheet import compose
-from monitor.report.figures.spectrum import FAULT_MARKS, ORDERS
-from monitor.words.statuses import FAULT_NAMES
+from monitor.report.figures.spectrum import ORDERS, mark_parts
 from spallwatch.analysis import SignalError
 from spallwatch.bearings import as_bearing
 from streams.types.block import STANDARD_GRAVITY
@@ -79,7 +78,9 @@ def plot_spectrum(spectrum: xr.DataArray, frequencies: Kinematics | None = None,
         axes.plot(x[shown], values, color=GREY, linewidth=0.8)
         if log:
             axes.set_yscale("log")
-        _mark(axes, marks, last)
+        top = axes.get_ylim()[1]
+        mark_parts(axes, marks, last, top)
+        axes.set_ylim(top=top)
         axes.set_ylabel(f"{name} ({unit})")
         axes.set_xlim(0.0, last)
     if marks:
@@ -175,17 +176,6 @@ def _unit(array: xr.DataArray) -> str:
     return {"m s-2": "g", "rad s-1": "rad/s", "unknown": "own unit", "1": ""}.get(stated, stated)
 
 
-def _mark(axes: Axes, fundamentals: Mapping[str, float], last: float) -> None:
-    top = axes.get_ylim()[1]
-    for part, fundamental in fundamentals.items():
-        colour, marker = FAULT_MARKS[part]
-        orders = [k * fundamental for k in range(1, ORDERS + 1) if k * fundamental <= last]
-        axes.plot(
-            orders, [top] * len(orders), marker, color=colour, label=FAULT_NAMES[part], markersize=5, clip_on=False
-        )
-        for at in orders:
-            axes.axvline(at, color=colour, linewidth=0.5, alpha=0.5)
-    axes.set_ylim(top=top)
 
 
 def _mark_final_stage(axes: Axes, records: xr.Dataset) -> None:

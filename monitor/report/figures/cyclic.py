@@ -7,16 +7,14 @@ from dataclasses import replace
 
 import numpy as np
 from matplotlib import colormaps
-from matplotlib.axes import Axes
 from matplotlib.colors import PowerNorm
 from matplotlib.figure import FigureBase
-from numpy.typing import NDArray
 
 from monitor.health.signal.cyclic import FALSE_ALARM, HARMONICS, CyclicCoherence, kept_coherence, lines_of
 from monitor.health.signal.rotation.rotation import Rotation
 from monitor.report.figures.drawing import GREY, INK, Picture, legend_above, places_kept
 from monitor.report.figures.sheet import Part, Sheet
-from monitor.report.figures.spectrum import FAULT_MARKS
+from monitor.report.figures.spectrum import mark_parts
 from monitor.report.verdict import ChannelContext
 from monitor.words.numbers import figure
 from monitor.words.statuses import FAULT_NAMES
@@ -98,7 +96,7 @@ def _map_part(found: CyclicCoherence, lines: Mapping[str, float], unit: str) -> 
         axes.grid(visible=False)
         ticks = [float(f"{share * high:.1g}") for share in (0.0, 0.06, 0.25, 0.5, 1.0)]
         made.colorbar(image, ax=axes, pad=0.01, ticks=ticks).set_label("squared coherence")
-        _mark(axes, lines, last, highest)
+        mark_parts(axes, lines, last, highest, orders=HARMONICS)
         if lines:
             legend_above(axes)
 
@@ -119,7 +117,7 @@ def _enhanced_part(found: CyclicCoherence, lines: Mapping[str, float], unit: str
         axes.axhline(found.limit, color=INK, lw=0.7, ls="--")
         top = 1.1 * max(float(enhanced.max()), found.limit)
         axes.set(xlabel=unit, ylabel="mean coherence", xlim=(0.0, float(cyclic[-1])), ylim=(0.0, top))
-        _mark(axes, lines, float(cyclic[-1]), top)
+        mark_parts(axes, lines, float(cyclic[-1]), top, orders=HARMONICS)
 
     low, high = found.band
     caption = (
@@ -128,14 +126,3 @@ def _enhanced_part(found: CyclicCoherence, lines: Mapping[str, float], unit: str
     )
     data = {"cyclic": cyclic, "enhanced": enhanced}
     return Part("Enhanced envelope spectrum", caption, "Mean coherence.", 2.3, draw, data, "enhanced")
-
-
-def _mark(axes: Axes, lines: Mapping[str, float], last: float, top: float) -> None:
-    """Mark the first lines of each part at the upper edge."""
-    for part, line in lines.items():
-        colour, marker = FAULT_MARKS[part]
-        at: NDArray[np.float64] = line * np.arange(1.0, HARMONICS + 1.0)
-        at = at[at <= last]
-        axes.plot(at, np.full(at.size, top), marker, color=colour, ms=5, label=FAULT_NAMES[part], clip_on=False)
-        for place in at:
-            axes.axvline(float(place), color=colour, lw=0.5, alpha=0.5)

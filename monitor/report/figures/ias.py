@@ -28,7 +28,7 @@ from monitor.report.figures.drawing import (
     to_svg,
 )
 from monitor.report.figures.sheet import Part, Sheet
-from monitor.report.figures.spectrum import FAULT_MARKS, ORDERS
+from monitor.report.figures.spectrum import FAULT_MARKS, ORDERS, dot_lines, mark_parts
 from monitor.report.verdict import ChannelContext
 from monitor.words.numbers import count, figure
 from monitor.words.parts import FAULTS
@@ -83,12 +83,7 @@ def _spectrum_part(study: IasStudy, fundamentals: Mapping[str, float]) -> Part:
         top = float(amplitude.max())
         axes.set(xlabel="events per revolution", ylabel="angular speed (rad/s)", yscale="log", xlim=(0.0, orders[-1]))
         axes.set_ylim(max(0.3 * float(np.percentile(amplitude, 5)), 1e-9 * top), 3.0 * top)
-        for part, line in fundamentals.items():
-            colour, marker = FAULT_MARKS[part]
-            at = [k * line for k in range(1, ORDERS + 1) if k * line <= orders[-1]]
-            axes.plot(at, [2.0 * top] * len(at), marker, color=colour, ms=5, label=FAULT_NAMES[part], clip_on=False)
-            for place in at:
-                axes.axvline(place, color=colour, lw=0.5, alpha=0.5)
+        mark_parts(axes, fundamentals, orders[-1], 2.0 * top)
         if fundamentals:
             legend_above(axes)
 
@@ -153,11 +148,8 @@ def ias_picture(context: ChannelContext) -> Picture | None:
         quiet = min(quiet, float(np.median(y)) if y.size else np.inf)
     named = [part for part in FAULTS if part in context.verdict.fault.split("|") and part in orders]
     for part in named:
-        colour, _ = FAULT_MARKS[part]
-        for harmonic in range(1, min(ORDERS, int(last / orders[part])) + 1):
-            axes.axvline(harmonic * orders[part], color=colour, linewidth=0.8, linestyle=(0, (2, 3)), alpha=0.9)
         label = f"{LINE_NAMES[part]} {orders[part]:.3g}"
-        axes.plot([], [], color=colour, linewidth=0.8, linestyle=(0, (2, 3)), label=label)
+        dot_lines(axes, orders[part], last, FAULT_MARKS[part][0], label, 0.9)
     axes.set_xlim(0.0, last)
     if 0.0 < quiet < top:
         # Errors of the marks stand a thousand times above the lines of a bearing.

@@ -13,9 +13,8 @@ from monitor.health.signal.orders import OrderSpectrum
 from monitor.health.signal.rotation.rotation import Rotation
 from monitor.report.figures.drawing import GREY, INK, legend_above, places_kept
 from monitor.report.figures.sheet import Part, Sheet
-from monitor.report.figures.spectrum import FAULT_MARKS, ORDERS
+from monitor.report.figures.spectrum import mark_parts
 from monitor.words.numbers import figure
-from monitor.words.statuses import FAULT_NAMES
 
 _POINTS = 1500
 _SPEEDS = 400
@@ -63,10 +62,7 @@ def _spectrum(channel: ChannelOrders, *, envelope: bool) -> Part:
         top = float(amplitude.max(initial=0.0)) or 1.0
         axes.set(xlabel="order of the shaft", ylabel=f"{what} ({channel.unit})", xlim=(0.0, order[-1]))
         axes.set_ylim(0.0, 1.12 * top)
-        for part, line in channel.fundamentals.items():
-            colour, marker = FAULT_MARKS[part]
-            at = [k * line for k in range(1, ORDERS + 1) if k * line <= order[-1]]
-            axes.plot(at, [1.06 * top] * len(at), marker, color=colour, ms=5, label=FAULT_NAMES[part], clip_on=False)
+        mark_parts(axes, channel.fundamentals, order[-1], 1.06 * top, ruled=False)
         legend_above(axes)
 
     caption = "Markers stand at the kinematic orders of each part; rolling elements slip, by up to 2 %."

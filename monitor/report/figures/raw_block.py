@@ -27,7 +27,7 @@ from monitor.report.figures.drawing import (
     thin,
     to_svg,
 )
-from monitor.report.figures.spectrum import FAULT_MARKS, ORDERS, shared_words
+from monitor.report.figures.spectrum import FAULT_MARKS, dot_lines, shared_words
 from monitor.report.verdict import ChannelContext
 from monitor.words.numbers import figure
 from monitor.words.parts import FAULTS
@@ -145,10 +145,7 @@ def _mark(axes: Axes, row: SpectrumRow, fault: str) -> None:
         *((LINE_NAMES[part], row.lines[part], FAULT_MARKS[part][0]) for part in parts),
     ]
     for name, first, colour in families:
-        for order in range(1, ORDERS + 1):
-            if 0.0 < order * first <= last:
-                axes.axvline(order * first, color=colour, linewidth=0.8, linestyle=(0, (2, 3)), alpha=0.8)
-        axes.plot([], [], color=colour, linewidth=0.8, linestyle=(0, (2, 3)), label=f"{name} {first:.1f} Hz")
+        dot_lines(axes, first, last, colour, f"{name} {first:.1f} Hz", 0.8)
     add_legend(axes, loc="upper right", ncols=4)
 
 

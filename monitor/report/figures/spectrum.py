@@ -56,6 +56,27 @@ _MAX_COMMON_SCALE_RATIO = 20.0
 _POINTS = 700
 
 
+def mark_parts(
+    axes: Axes, lines: Mapping[str, float], last: float, height: float, *, orders: int = ORDERS, ruled: bool = True
+) -> None:
+    """Mark at one height the first lines of each part up to the end of the axis; ``ruled``: with lines down"""
+    for part, line in lines.items():
+        colour, marker = FAULT_MARKS[part]
+        at = [order * line for order in range(1, orders + 1) if order * line <= last]
+        axes.plot(at, [height] * len(at), marker, color=colour, markersize=5, label=FAULT_NAMES[part], clip_on=False)
+        for place in at if ruled else ():
+            axes.axvline(place, color=colour, linewidth=0.5, alpha=0.5)
+
+
+def dot_lines(axes: Axes, first: float, last: float, colour: str, label: str, alpha: float) -> None:
+    """Draw the first lines of a family dotted, up to the end of the axis, and name them in the legend."""
+    style: dict[str, Any] = {"color": colour, "linewidth": 0.8, "linestyle": (0, (2, 3))}
+    for order in range(1, ORDERS + 1):
+        if 0.0 < order * first <= last:
+            axes.axvline(order * first, alpha=alpha, **style)
+    axes.plot([], [], label=label, **style)
+
+
 class SpectrumView(NamedTuple):
     """An envelope spectrum of a block: ascending frequencies, and amplitudes in ``unit``.
 
