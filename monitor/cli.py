@@ -38,16 +38,16 @@ _COMMANDS = {
     "library": ("library:command", "Libraries of simulated lives: build."),
     "track": ("track:command", "V_eq from an RMS history and a map."),
     "orders": ("orders:command", "Spectra of a block over orders of the shaft, at its full rate."),
-    "examples": ("examples:command", "List the examples that come with the program, or copy them."),
-    "warmup": ("warmup:command", "Compile the bearing model and plan transforms in advance."),
+    "examples": ("installation:examples_command", "List the examples that come with the program, or copy them."),
+    "warmup": ("installation:command", "Compile the bearing model and plan transforms in advance."),
     "forecast": ("forecast:command", "Time to threshold from a V_eq history."),
     "score": ("score:command", "Scores of the forecasts as issued, once the end is known."),
-    "archive-days": ("archive_days:command", "Move the oldest published days to another folder."),
+    "archive-days": ("backup:archive_days_command", "Move the oldest published days to another folder."),
     "backup": ("backup:command", "Back the state of a machine up while its daemon runs."),
     "restore": ("backup:restore_command", "Put a backup in the place of the state of a machine."),
     "user": ("user:group", "Who may sign in to the page: add, invite, list, remove."),
     "send": ("send:command", "Send a recording to a receiver over TCP or MQTT."),
-    "stream": ("stream:group", "Streams over TCP or MQTT: let one begin anew."),
+    "stream": ("send:group", "Streams over TCP or MQTT: let one begin anew."),
 }
 
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from monitor import cli
-from monitor.commands import examples
+from monitor.commands import installation
 
 pytestmark = pytest.mark.process
 
@@ -63,9 +63,9 @@ def test_the_wheel_brings_the_examples(wheel, tmp_path, monkeypatch):
     installed = [_Installed(f"../../share/spallwatch/{name}", path) for name, path in zip(tracked, files, strict=True)]
     # pip compiles what is a module.
     installed.append(_Installed("../../share/spallwatch/examples/__pycache__/sender.cpython-311.pyc", files[0]))
-    monkeypatch.setattr(examples.importlib.metadata, "files", lambda _: installed)
+    monkeypatch.setattr(installation.importlib.metadata, "files", lambda _: installed)
     site.mkdir(parents=True)
-    found = examples.example_files(site)
+    found = installation.example_files(site)
     assert list(found) == sorted(name.removeprefix("examples/") for name in tracked)
     assert all(path.read_bytes() == (ROOT / "examples" / name).read_bytes() for name, path in found.items())
 

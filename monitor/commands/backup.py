@@ -1,4 +1,4 @@
-"""``spallwatch backup`` and ``restore``: the state of a machine on another disk, and back."""
+"""``spallwatch backup``, ``restore`` and ``archive-days``: the state of a machine on another disk, and back."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from typing import Any
 import click
 
 from monitor.commands import option
-from monitor.commands.common import emit, read_config, say
+from monitor.commands.common import emit, progress_bar, read_config, say
 from monitor.config.load import Config
 from monitor.records.backup import (
     BackupError,
@@ -24,6 +24,7 @@ from monitor.records.backup import (
     read_note,
 )
 from monitor.records.database import StoreError
+from monitor.records.published_folder import MovedDay, MovedDaysError, days_before, move_day
 from monitor.records.restore import Places, restore
 from monitor.service.system import StatusFile, is_running
 from monitor.words.numbers import count
@@ -143,3 +144,41 @@ def _restore_lines(values: Mapping[str, Any]) -> Iterator[str]:
         yield f"the store before is kept as {values['aside']}"
     if not values["same_configuration"]:
         yield f"made with another configuration, which is below {values['from']}/config"
+
+
+_MAX_NAMED = 10
+
+
+@click.command("archive-days")
+@option.config
+@click.option(
+    "--before", type=click.DateTime(["%Y-%m-%d"]), required=True, metavar="DATE", help="Move the days before this one."
+)
+@click.option("--to", "folder", type=option.FOLDER, required=True, metavar="DIR", help="Folder that they are moved to.")
+@option.output
+def archive_days_command(config_path: Path | None, before: datetime, folder: Path, as_json: bool, quiet: bool) -> None:
+    """Move the oldest published days to another folder, beside a running daemon or without one.
+
+    Each file is copied, the copy is read back and compared, and only then the file is removed. What was moved stands in
+    MACHINE-moved.json beside the published files. After an interruption, run it again. A day that cannot be moved stays
+    and is named at the end, with exit code 2.
+    """
+    machine = read_config(config_path).machine
+    store = machine.state_dir / "state.db"
+    machine.state_dir.mkdir(parents=True, exist_ok=True)
+    days = days_before(machine.records_dir, machine.name, before.date())
+    todo = progress_bar("moving days", quiet=quiet)(days, len(days))
+    moved: list[MovedDay] = []
+    refused: list[str] = []
+    for path in todo:
+        try:
+            moved.append(move_day(path, machine.name, folder, store, time.time()))
+        except MovedDaysError as error:
+            refused.append(str(error))
+    size = sum(day.size for day in moved)
+    values = {"moved": [day.file for day in moved], "to": str(folder), "bytes": size}
+    emit(values, [f"{len(moved)} days, {size / 1e6:.1f} MB, were moved to {folder}"], as_json=as_json)
+    if refused:
+        listed = list(dict.fromkeys(refused))
+        more = [f"and {len(listed) - _MAX_NAMED} days more"] if len(listed) > _MAX_NAMED else []
+        raise MovedDaysError("\n".join((*listed[:_MAX_NAMED], *more)))

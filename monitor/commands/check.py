@@ -14,9 +14,14 @@ import click
 from models.machine.bearing import kinematics
 from models.solve.registry import MODELS
 from monitor.commands import option
-from monitor.commands.check_extras import missing_extras
-from monitor.commands.check_interference import interference_lines, proposal_words, propose_interference, taken_families
-from monitor.commands.check_tacho import tacho_words
+from monitor.commands.check_sections import (
+    interference_lines,
+    missing_extras,
+    proposal_words,
+    propose_interference,
+    tacho_words,
+    taken_families,
+)
 from monitor.commands.common import emit, read_config
 from monitor.commands.model_parameters import effects_of
 from monitor.commands.redate import DatingPreview, keep_previews, preview_dating

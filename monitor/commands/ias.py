@@ -184,7 +184,7 @@ def _values(found: IasStudy, lines: dict[str, FaultLines], clock: float | None) 
 
 
 def _draw(found: IasStudy, orders: dict[str, float], values: dict[str, Any], source: Path, path: Path) -> None:
-    from monitor.report.figures.ias import ias_sheet
+    from monitor.report.figures.rotation import ias_sheet
     from monitor.report.figures.sheet import write_sheet
 
     with output_errors("--plot", path):

@@ -169,7 +169,7 @@ def _draw(
     *,
     envelope: bool,
 ) -> None:
-    from monitor.report.figures.orders import ChannelOrders, orders_sheet
+    from monitor.report.figures.rotation import ChannelOrders, orders_sheet
     from monitor.report.figures.sheet import write_sheet
 
     channels: dict[str, ChannelOrders] = {}

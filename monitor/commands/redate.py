@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from monitor.commands import option
-from monitor.commands.check_tacho import TachoView, tacho_problem, tacho_view
+from monitor.commands.check_sections import TachoView, tacho_problem, tacho_view
 from monitor.commands.common import InputError, emit, find_source, publish_change, read_config
 from monitor.config.load import Config, ConfigError
 from monitor.config.source import SourceSection

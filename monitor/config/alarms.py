@@ -1,14 +1,15 @@
-"""``[alarms]``: levels with their units, and when data count as bad; docs/how-to/alarms.md explains them."""
+"""``[alarms]``: levels with their units, and when data count as bad; ``[advice]``: what to do about them."""
 
 from __future__ import annotations
 
 from dataclasses import replace
 from typing import Annotated, Literal, Self
 
-from pydantic import Field, model_validator
+from pydantic import AfterValidator, Field, model_validator
 
 from monitor.config.fields import Band, Count, Name, Positive, Section
 from monitor.health.alarms import AlarmSettings, Level, Rule
+from monitor.words.advice import ADVICE, check_advice
 from monitor.words.features import LEVELS
 
 _ENDINGS = ("", "_g", "_mm_s", "_mm2", "_hours", "_factor", "_sd")
@@ -150,3 +151,32 @@ class AlarmsSection(Section):
                 volumes = {name for name in volumes if LEVELS[name].units == "m2"}
             rules = tuple(replace(rule, suspended=rule.feature in volumes) for rule in rules)
         return AlarmSettings(rules, run_in_blocks, self.bad_data_window_blocks, self.bad_data_share)
+
+
+def _checked(text: str) -> str:
+    check_advice(text)
+    if not text.isprintable():
+        raise ValueError("expected one line of text")
+    return text
+
+
+Advice = Annotated[str, Field(max_length=500), AfterValidator(_checked)]
+
+
+class AdviceSection(Section):
+    """One line of text for each state, with the places of ``monitor.words.advice.PLACES`` in braces."""
+
+    normal: Advice = ADVICE["normal"]
+    learning: Advice = ADVICE["learning"]
+    watch: Advice = ADVICE["watch"]
+    gear: Advice = ADVICE["gear"]
+    warning: Advice = ADVICE["warning"]
+    danger: Advice = ADVICE["danger"]
+    end_of_life: Advice = ADVICE["end_of_life"]
+    sensor_fault: Advice = ADVICE["sensor_fault"]
+    no_data: Advice = ADVICE["no_data"]
+
+    @property
+    def texts(self) -> dict[str, str]:
+        """The text of each state."""
+        return {name: getattr(self, name) for name in ADVICE}

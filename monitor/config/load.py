@@ -17,12 +17,12 @@ from models.solve.nominal_rigs import nominal_rig
 from models.solve.rotor.rig import RotorRig
 from models.words.errors import WrongInputError
 from models.words.extras import load
-from monitor.config.advice import AdviceSection
-from monitor.config.alarms import AlarmsSection
+from monitor.config.alarms import AdviceSection, AlarmsSection
 from monitor.config.bearing import RING_KEYS, STIFFNESS_KEYS, BearingSection, RigSection
 from monitor.config.connections import find_loose_ends
 from monitor.config.explain import explain_problems, further_problems, place_words
 from monitor.config.fields import LocatedError, Section
+from monitor.config.hints import syntax_problems
 from monitor.config.interference import InterferenceSection
 from monitor.config.machine import MachineSection, OperatingSection, RetentionSection
 from monitor.config.outputs import NotifySection, PublishSection, WebSection
@@ -30,7 +30,6 @@ from monitor.config.positions import Place, find_lines, line_of
 from monitor.config.shaft import SCENE_KEYS, ShaftSection
 from monitor.config.source import ChannelSection, SourceSection
 from monitor.config.stages import DetectSection, ForecastSection, TrackSection
-from monitor.config.syntax import syntax_problems
 
 
 def files_of(config: Config) -> list[Path]:

@@ -8,10 +8,8 @@ import numpy as np
 
 from monitor.health.schema import HINT, VERDICT
 from monitor.records.archive import of_channel
-from monitor.report.calibration import VolumeScale, unscaled
-from monitor.report.finding import Finding as Finding
 from monitor.report.gears import gear_findings
-from monitor.report.life_marks import LATE, Moment, doubt_of, named_fault, open_stage
+from monitor.report.readings import LATE, Finding, Moment, VolumeScale, doubt_of, named_fault, open_stage, unscaled
 from monitor.report.runs import Channel, Run
 from monitor.report.verdict import ChannelContext, ChannelVerdict, interval_name, unused_blocks
 from monitor.words.features import FEATURES

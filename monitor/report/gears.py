@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from monitor.report.finding import Finding
+from monitor.report.readings import Finding
 from monitor.report.runs import Channel, Run
 from monitor.report.tables import Cell, Column, Table
 from monitor.words.numbers import count

@@ -13,11 +13,11 @@ from models.maps.data import RmsMap
 from models.maps.file import load_map
 from models.maps.plan import MapError
 from monitor.report.runs import ReportError
+from monitor.words.features import PICTURES
 from monitor.words.numbers import time_zone
-from monitor.words.pictures import PICTURES
 
 SECTIONS = (
-    *dict.fromkeys(kind.section for kind in PICTURES),
+    *PICTURES,
     *("speed", "quality", "events", "provenance", "guide", "comparison", "score"),
 )
 """Sections of a report by their names in a configuration, see docs/how-to/reports.md."""

@@ -11,18 +11,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from monitor.report import data_quality as quality
-from monitor.report.advice import part_of, said_of, what_to_do
-from monitor.report.bearings import BearingPart, bearing_parts
-from monitor.report.calibration import is_calibrated
 from monitor.report.figures.drawing import Picture, sparkline
 from monitor.report.figures.map_path import hash_of, kept_map
 from monitor.report.figures.spectrum import SpectrumView
 from monitor.report.figures.speed import rotation_table, speed_picture, speed_words
-from monitor.report.finding import Finding
 from monitor.report.findings import findings
 from monitor.report.gears import gears_table
 from monitor.report.options import Options
+from monitor.report.readings import Finding, is_calibrated
 from monitor.report.runs import ABSENCE, Channel, Run
+from monitor.report.statements import BearingPart, bearing_parts, part_of, said_of, what_to_do
 from monitor.report.tables import Column, Table, time_column
 from monitor.report.verdict import (
     GRADES,
@@ -32,9 +30,8 @@ from monitor.report.verdict import (
     judge,
 )
 from monitor.words.events import event_text
-from monitor.words.features import FEATURES
+from monitor.words.features import FEATURES, PICTURES
 from monitor.words.numbers import Clock, count, duration, figure, floor_of_defect
-from monitor.words.pictures import PICTURES
 
 _MAX_EVENTS = 200
 _EVENT_NAMES = {
@@ -210,9 +207,9 @@ def _channel(context: ChannelContext, anchor: str) -> ChannelPart:
 
 def pictures_of(context: ChannelContext) -> Iterator[Picture]:
     """Yield the pictures of a channel that are in the sections of its report."""
-    for kind in PICTURES:
-        if context.options.holds(kind.section):
-            found = pkgutil.resolve_name(f"monitor.report.figures.{kind.drawn}")(context)
+    for section, places in PICTURES.items():
+        for place in places if context.options.holds(section) else ():
+            found = pkgutil.resolve_name(f"monitor.report.figures.{place}")(context)
             yield from found if isinstance(found, list) else [found] if found is not None else []
 
 

@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from monitor.report.calibration import VolumeScale
 from monitor.report.figures.damage import thresholds_of
 from monitor.report.figures.drawing import thin
 from monitor.report.figures.map_path import hash_of
+from monitor.report.readings import VolumeScale
 from monitor.report.run_section import ChannelPart, RunPart
 from monitor.report.runs import Channel, Run
 from monitor.report.score import scoring

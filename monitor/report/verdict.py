@@ -9,11 +9,9 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from monitor.report.calibration import is_calibrated
-from monitor.report.finding import Finding as Finding
 from monitor.report.gears import named_gear
-from monitor.report.life_marks import Moment, closed_stages, mark_of, named_fault
 from monitor.report.options import Options
+from monitor.report.readings import Moment, closed_stages, is_calibrated, mark_of, named_fault
 from monitor.report.runs import Channel, Run
 from monitor.words.features import FEATURES
 from monitor.words.numbers import Clock, count

@@ -34,10 +34,9 @@ from monitor.web.api import levels
 from monitor.web.auth import Doorkeeper
 from monitor.web.machines import Machine, Machines
 from monitor.web.metrics import METRICS_TYPE, Measures, metrics
-from monitor.web.security import MAX_BODY_BYTES, Doors, Guard
-from monitor.web.sign_in import sign_in_routes
+from monitor.web.security import MAX_BODY_BYTES, Doors, Guard, sign_in_routes
 from monitor.web.stream import Hub
-from monitor.words.pictures import VIEWS
+from monitor.words.features import VIEWS
 from monitor.words.statuses import page_words
 
 _LOG = logging.getLogger(__name__)

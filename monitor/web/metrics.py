@@ -27,8 +27,7 @@ from monitor.records.database import StoreError
 from monitor.records.reader import NAMES
 from monitor.web.event_view import unacknowledged
 from monitor.web.machines import Machines
-from monitor.words.features import FEATURES, Feature
-from monitor.words.pictures import VIEWS
+from monitor.words.features import FEATURES, VIEWS, Feature
 from monitor.words.statuses import STATES
 
 METRICS_TYPE = "text/plain; version=0.0.4; charset=utf-8"

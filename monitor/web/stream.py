@@ -16,9 +16,9 @@ from monitor.records.database import StoreError
 from monitor.records.queries import LogMarks, is_dated, newest_id, trends_after
 from monitor.records.rollup import SeriesKey
 from monitor.web.api import columns
+from monitor.web.channel_view import newest_block
 from monitor.web.event_view import marker, unacknowledged
 from monitor.web.machines import Machine, Machines
-from monitor.web.spectra_view import newest_block
 
 _LOG = logging.getLogger(__name__)
 _POLL_S = 0.5

@@ -19,8 +19,16 @@ from models.machine.scene import Defect
 from models.published.thesis import published_figures
 from models.words.extras import brought
 from monitor.commands import option
-from monitor.commands.bearing.balls import BallCase, ball_case, ball_lines, ball_values, draw_balls
-from monitor.commands.bearing.statics import analytic_statics, areas_known, static_lines
+from monitor.commands.bearing.statics import (
+    BallCase,
+    analytic_statics,
+    areas_known,
+    ball_case,
+    ball_lines,
+    ball_values,
+    draw_balls,
+    static_lines,
+)
 from monitor.commands.common import PICTURES, InputError, check_suffix, emit, find_entry, read_machine
 from monitor.config.load import Config
 from monitor.health.signal.features import fundamentals

@@ -15,8 +15,7 @@ from models.machine.bearing import kinematics
 from monitor.commands import option
 from monitor.commands.common import InputError, emit, input_errors, output_errors, say
 from monitor.commands.init import answers as read
-from monitor.commands.init.answers import Answers
-from monitor.commands.init.channels import bearing_of, channel_names, check_bearings
+from monitor.commands.init.answers import Answers, bearing_of, channel_names, check_bearings
 from monitor.commands.init.questions import (
     Question,
     interval_question,

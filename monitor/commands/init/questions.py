@@ -7,8 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from monitor.commands.init import answers as read
-from monitor.commands.init.answers import Answers
-from monitor.commands.init.channels import channel_names, check_bearings, has_all_bearings
+from monitor.commands.init.answers import Answers, channel_names, check_bearings, has_all_bearings
 from monitor.words.numbers import duration
 from streams.dates.date_patterns import NameReading, find_readings, nearest_change
 from streams.files.plausible import doubts

@@ -9,8 +9,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from monitor.commands.init.answers import Answers
-from monitor.commands.init.channels import bearing_of, bearing_sections, channel_names
+from monitor.commands.init.answers import Answers, bearing_of, bearing_sections, channel_names
 from monitor.commands.init.questions import needs_scale, unit_of
 from monitor.health.onset.state import DetectSettings
 from streams.files.plausible import Level, of_one_g

@@ -31,9 +31,13 @@ from monitor.commands.common import (
     read_machine,
 )
 from monitor.commands.model_parameters import further_effects, with_machine, with_parameters
-from monitor.commands.simulate.models import WAVEFORM_RATE, compare, compared_lines, request_of, simulated
-from monitor.commands.simulate.speed import (
+from monitor.commands.simulate.scene import (
+    WAVEFORM_RATE,
+    compare,
+    compared_lines,
+    request_of,
     settle_speeds,
+    simulated,
     speed_lines,
     speed_values,
     speed_words,

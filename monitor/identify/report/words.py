@@ -10,7 +10,7 @@ from models.identify.space import ORDER
 from models.identify.trials import FEATURES
 from models.machine.bearing import kinematics
 from monitor.identify.report.subject import ENDS, TITLES, Parameter, Subject
-from monitor.report.finding import Finding
+from monitor.report.readings import Finding
 from monitor.words.calibration import rig_words
 from monitor.words.numbers import count, duration, figure
 

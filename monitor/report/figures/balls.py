@@ -27,7 +27,7 @@ def balls_sheet(bearing: Bearing, speed: float, states: Sequence[RingState], val
 
     Args:
         states: while the cage turns by one spacing of the balls, at even steps.
-        values: what ``monitor.commands.bearing.balls`` prints of them.
+        values: what ``monitor.commands.bearing.statics`` prints of them.
     """
     lead = (
         f"{figure(values['radial_load_newton'])} N radial, {figure(values['axial_load_newton'])} N axial, tilt "

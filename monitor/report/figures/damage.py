@@ -11,7 +11,6 @@ import numpy as np
 from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
-from monitor.report.calibration import VolumeScale, unscaled
 from monitor.report.figures.drawing import (
     BLUE,
     GREEN,
@@ -35,6 +34,7 @@ from monitor.report.figures.drawing import (
 )
 from monitor.report.figures.trends import draw_marks, zoom_marks
 from monitor.report.figures.zoom import Band, Line, Panel, zoom_data
+from monitor.report.readings import VolumeScale, unscaled
 from monitor.report.runs import Channel
 from monitor.report.score.issued import running_time
 from monitor.report.score.scoring import ALPHA

@@ -19,7 +19,6 @@ from models.maps.plan import DAMAGED, MapError
 from monitor.health.size.filter.particles import Particles
 from monitor.health.tracker import part_of
 from monitor.records.archive import of_channel
-from monitor.report.calibration import unscaled
 from monitor.report.figures.drawing import (
     GREY,
     INK,
@@ -33,6 +32,7 @@ from monitor.report.figures.drawing import (
     new_figure,
     to_svg,
 )
+from monitor.report.readings import unscaled
 from monitor.report.runs import Channel, Run
 from monitor.report.verdict import ChannelContext
 from monitor.words.numbers import count, figure, volume

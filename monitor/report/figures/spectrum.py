@@ -27,7 +27,7 @@ from monitor.report.figures.drawing import (
     thin,
     to_svg,
 )
-from monitor.report.life_marks import named_fault
+from monitor.report.readings import named_fault
 from monitor.report.runs import Channel
 from monitor.report.verdict import ChannelContext
 from monitor.words.numbers import Clock, figure

@@ -37,7 +37,7 @@ from monitor.report.figures.drawing import (
     to_svg,
 )
 from monitor.report.figures.zoom import Line, Panel, zoom_data
-from monitor.report.life_marks import Moment
+from monitor.report.readings import Moment
 from monitor.report.verdict import ChannelContext, ChannelVerdict
 from monitor.words.features import FEATURES
 from monitor.words.numbers import figure

@@ -16,7 +16,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from monitor.config.opcua import OpcUaCondition
+from monitor.config.machine import OpcUaCondition
 from monitor.records.database import SharedConnection
 from monitor.records.durable import replacing
 from monitor.records.queries import committed_values

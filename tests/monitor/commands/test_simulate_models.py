@@ -21,7 +21,7 @@ from models.solve.registry import MODELS, solvers
 from models.solve.response import Response
 from models.solve.rotor.rig import RotorRig
 from monitor.commands.simulate.command import command
-from monitor.commands.simulate.models import request_of, simulated
+from monitor.commands.simulate.scene import request_of, simulated
 from monitor.config.load import validate
 
 pytestmark = pytest.mark.usefixtures("empty_directory")
@@ -45,7 +45,7 @@ def answers_once() -> Iterator[Answer]:
         return kept[key]
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("monitor.commands.simulate.models.simulated", once)
+        patch.setattr("monitor.commands.simulate.scene.simulated", once)
         patch.setattr("monitor.commands.simulate.command.simulated", once)
         yield once
 
@@ -133,8 +133,8 @@ def test_times_of_a_comparison_leave_out_the_first_call(monkeypatch: pytest.Monk
         return answers_once(scene, options)
 
     clock = SimpleNamespace(process_time=lambda: now[0])
-    monkeypatch.setattr("monitor.commands.simulate.models.time", clock)
-    monkeypatch.setattr("monitor.commands.simulate.models.simulated", slow_at_first)
+    monkeypatch.setattr("monitor.commands.simulate.scene.time", clock)
+    monkeypatch.setattr("monitor.commands.simulate.scene.simulated", slow_at_first)
     found = simulate(*DAMAGED, "--compare")
     assert {row["model"] for row in found["models"]} == compiled
     assert [row["seconds"] for row in found["models"]] == pytest.approx([0.01] * len(compiled))

@@ -12,7 +12,7 @@ from click.testing import CliRunner
 
 from models.machine.speed_profile import ramp
 from monitor.commands.simulate.command import command
-from monitor.commands.simulate.speed import parse_speeds
+from monitor.commands.simulate.scene import parse_speeds
 
 pytestmark = pytest.mark.usefixtures("empty_directory")
 

@@ -7,7 +7,7 @@ import pytest
 from click.testing import CliRunner
 
 from models.warmup import PARTS, compile_parts
-from monitor.commands.warmup import command
+from monitor.commands.installation import command
 from tests.support.cli import CONFIG
 from tests.support.effort import effort_count
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from models.machine.bearing import kinematics
-from monitor.commands.check_interference import interference_lines, taken_families
+from monitor.commands.check_sections import interference_lines, taken_families
 from monitor.config.load import Config, validate
 from monitor.health.signal.interference import Interference
 from monitor.service.setup import source_settings

@@ -12,10 +12,10 @@ from monitor.health.name.machine import weigh
 from monitor.health.record import Record
 from monitor.health.state import SourceState
 from monitor.records.store import Store
-from monitor.report.bearings import bearing_parts, bearings_of
 from monitor.report.options import Options
 from monitor.report.report import build_report
 from monitor.report.runs import Run, read_runs
+from monitor.report.statements import bearing_parts, bearings_of
 from tests.oracles.page import Page
 from tests.support.retrace import lived, settings_of
 

@@ -18,12 +18,12 @@ from monitor.health.record import Record
 from monitor.health.schema import EDV_STATUSES, TT_STATUSES
 from monitor.records.publish import day_dataset, publish
 from monitor.records.store import Store
-from monitor.report.advice import advice_of
 from monitor.report.figures.spectrum import SpectrumView
-from monitor.report.life_marks import named_fault
 from monitor.report.options import Options
+from monitor.report.readings import named_fault
 from monitor.report.report import build_report
 from monitor.report.runs import ReportError, read_runs
+from monitor.report.statements import advice_of
 from monitor.report.verdict import judge
 from monitor.words.advice import ADVICE
 from monitor.words.statuses import EDV_REFUSALS, TT_REFUSALS

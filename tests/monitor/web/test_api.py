@@ -18,8 +18,8 @@ from monitor.config.load import load_config
 from monitor.records.events import EventLog
 from monitor.records.spectra import read_block_view, read_spectra
 from monitor.records.store import Store
+from monitor.web.channel_view import map_of
 from monitor.web.machines import Machine, Status
-from monitor.web.map_view import map_of
 from tests.streams.folders import csv_bytes
 from tests.support.daemon import running
 from tests.support.daemons import status

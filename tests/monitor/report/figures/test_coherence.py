@@ -14,7 +14,7 @@ from monitor.health.signal.spectra import WAVEFORM_SAMPLES, BlockView, RawSpectr
 from monitor.health.signal.waterfall import SpectrumRow
 from monitor.report.figures.cyclic import block_coherence
 from monitor.report.runs import Channel, Run
-from monitor.web import spectra_view
+from monitor.web import channel_view
 from tests.monitor.report.figures.drawing import context_of
 from tests.support.varying_speed import RATE, SECONDS, block, turns_of
 
@@ -56,9 +56,9 @@ def test_the_damaged_part_stands_out_over_orders(run: Run, channel: Channel) -> 
 
 def test_the_page_is_given_the_mean_over_the_band(monkeypatch: pytest.MonkeyPatch) -> None:
     row = kept()
-    monkeypatch.setattr(spectra_view, "_view", lambda *asked: (row, row.view))
-    monkeypatch.setattr(spectra_view, "viewed_blocks", lambda *asked, source: [NUMBER])
-    answer = spectra_view.cyclic(SimpleNamespace(store=None), "x", {})  # pyright: ignore[reportArgumentType]
+    monkeypatch.setattr(channel_view, "_view", lambda *asked: (row, row.view))
+    monkeypatch.setattr(channel_view, "viewed_blocks", lambda *asked, source: [NUMBER])
+    answer = channel_view.cyclic(SimpleNamespace(store=None), "x", {})  # pyright: ignore[reportArgumentType]
     found = kept_coherence(row)
     assert answer["coherence"] == pytest.approx(found.enhanced.tolist(), rel=1e-3)
     assert answer["cyclic_order"] == pytest.approx(found.cyclic.tolist(), rel=1e-5)

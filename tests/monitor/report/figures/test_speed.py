@@ -12,7 +12,7 @@ import pytest
 from monitor.health.signal.spectra import BlockView, RawSpectra
 from monitor.health.signal.waterfall import SpectrumRow
 from monitor.report.comparison import speeds
-from monitor.report.figures.ias import ias_picture
+from monitor.report.figures.rotation import ias_picture
 from monitor.report.figures.speed import rotation_table, speed_picture, speed_words
 from monitor.report.runs import Channel, Run
 from monitor.report.summary import speeds_of

@@ -20,7 +20,7 @@ from hypothesis import strategies as st
 from pydantic import ValidationError
 
 from monitor.config.load import Config, load_config
-from monitor.config.opcua import OpcUaCondition
+from monitor.config.machine import OpcUaCondition
 from monitor.records.store import Store
 from monitor.service.ingest import Ingest
 from monitor.service.neighbours.condition import ConditionProcess, Readings, follow

@@ -28,7 +28,7 @@ from cryptography.x509.oid import ExtendedKeyUsageOID
 
 from monitor.commands.check import find_problems
 from monitor.config.load import ConfigError
-from monitor.config.opcua import OpcUaCondition
+from monitor.config.machine import OpcUaCondition
 from monitor.service.companions import Companions
 from monitor.service.neighbours.condition import follow
 from monitor.service.neighbours.opcua_server import MachineServer, OpcUaError
@@ -326,7 +326,7 @@ def test_check_says_what_to_install_and_that_the_speed_is_read(tmp_path: Path, m
     machine.close()
     assert list(find_problems(machine.config)) == []
     missing = {"asyncua", "google.protobuf"}
-    monkeypatch.setattr("monitor.commands.check_extras._is_installed", lambda name: name not in missing)
+    monkeypatch.setattr("monitor.commands.check_sections._is_installed", lambda name: name not in missing)
     problems = list(find_problems(machine.config))
     assert [text.partition(" needs")[0] for text in problems] == [
         "[publish.sparkplug]",
