@@ -21,6 +21,7 @@ from monitor.config.source import SourceSection
 
 if TYPE_CHECKING:
     from monitor.records.store import Store
+    from monitor.report.figures.sheet import Sheet
 
 PROGRESS_AFTER_S = 2.0
 """Time after which progress is shown, s."""
@@ -129,16 +130,24 @@ def output_errors(option: str, path: Path) -> Iterator[None]:
         raise InputError(f"{option} {path}: cannot be written: {error.strerror or error}") from None
 
 
-def check_suffix(option: str, path: Path, suffixes: Sequence[str]) -> None:
-    """Refuse an output file of another kind, before anything is computed for it.
+def check_suffix(option: str, path: Path | None, suffixes: Sequence[str]) -> None:
+    """Refuse an output file of another kind, before anything is computed for it; None is no output.
 
     Raises:
         InputError: naming the suffixes that are allowed.
     """
-    if path.suffix.lower() not in suffixes:
+    if path is not None and path.suffix.lower() not in suffixes:
         *others, last = suffixes
         allowed = f"{', '.join(others)} or {last}" if others else last
         raise InputError(f"{option} {path}: expected a name that ends in {allowed}")
+
+
+def write_plot(sheet: Sheet, path: Path, option: str = "--plot") -> None:
+    """Draw a report of the model as a picture or a page; InputError where the file cannot be written."""
+    from monitor.report.figures.sheet import write_sheet
+
+    with output_errors(option, path):
+        write_sheet(sheet, path)
 
 
 def check_writable(option: str, path: Path) -> None:

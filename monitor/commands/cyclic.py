@@ -17,9 +17,9 @@ from monitor.commands.common import (
     emit,
     find_entry,
     input_errors,
-    output_errors,
     read_config,
     read_machine,
+    write_plot,
 )
 from monitor.health.signal.cyclic import CyclicStudy, cyclic_study, known_rotation
 
@@ -57,8 +57,7 @@ def command(
     The speed is steady (--speed-hz, or what FILE states), or the angle of the shaft is found in the vibration
     (--speed-range-hz).
     """
-    if plot is not None:
-        check_suffix("--plot", plot, PICTURES)
+    check_suffix("--plot", plot, PICTURES)
     if speed_hz is not None and speed_range_hz is not None:
         raise InputError("--speed-hz and --speed-range-hz exclude each other")
     config = None if config_path is None else read_config(config_path)
@@ -69,11 +68,9 @@ def command(
         study = cyclic_study(samples, rate, bearing, rotation, band_hz)
     if plot is not None:
         from monitor.report.figures.cyclic import cyclic_sheet, rotation_facts
-        from monitor.report.figures.sheet import write_sheet
 
-        with output_errors("--plot", plot):
-            title = f"Cyclic coherence: {input_path.name}"
-            write_sheet(cyclic_sheet(study.found, study.orders, rotation_facts(rotation), title), plot)
+        title = f"Cyclic coherence: {input_path.name}"
+        write_plot(cyclic_sheet(study.found, study.orders, rotation_facts(rotation), title), plot)
     values = _values(study)
     emit(values, _lines(values), as_json=as_json)
 

@@ -9,7 +9,7 @@ from itertools import pairwise
 from pathlib import Path
 
 from monitor.commands.common import InputError
-from monitor.commands.history_files import open_csv
+from monitor.commands.history_files import csv_number, open_csv
 from monitor.health.onset import LINES, DetectInput
 from monitor.health.rest.learned.onset import Onset, find_onset, stated_onset
 from streams.types.block import STANDARD_GRAVITY
@@ -94,7 +94,7 @@ def _history(
                 f"h_rms_g; other names: --column rms_g=NAME), found {', '.join(header)}"
             )
     found = {
-        name: [_number(path, line, column, row.get(column), needed=name in NAMES[:2]) for line, row in rows]
+        name: [csv_number(path, line, column, row.get(column), needed=name in NAMES[:2]) for line, row in rows]
         for name, column in names.items()
         if column in header
     }
@@ -128,19 +128,6 @@ def _column(header: Sequence[str], axis: str, name: str, columns: Mapping[str, s
     if name == "elapsed_s" and name not in columns and name not in header and "time_s" in header:
         return "time_s"
     return given if given in header and name in columns else prefix + given
-
-
-def _number(path: Path, line: int, column: str, text: str | None, *, needed: bool) -> float:
-    """Return a finite number; an empty cell is NaN where the column is not needed."""
-    if not needed and not (text or "").strip():
-        return math.nan
-    try:
-        value = float(text or "")
-    except ValueError:
-        raise InputError(f"{path}: line {line}: {column} is {text!r}, expected a number") from None
-    if needed and not math.isfinite(value):
-        raise InputError(f"{path}: line {line}: {column} is {text!r}, expected a finite number")
-    return value
 
 
 def _block(place: int, found: Mapping[str, Sequence[float]]) -> DetectInput:

@@ -13,7 +13,14 @@ import click
 
 from monitor.commands import option
 from monitor.commands.common import InputError, check_suffix, emit, finite, input_errors
-from monitor.commands.forecast_learned import METHODS, Asked, forecast_learned, forecast_shipped, learned_among
+from monitor.commands.forecast_learned import (
+    METHODS,
+    Asked,
+    forecast_learned,
+    forecast_shipped,
+    issued_by_tracker,
+    learned_among,
+)
 from monitor.commands.history_files import (
     SUFFIXES,
     Volumes,
@@ -80,8 +87,7 @@ def command(
     By recorded runs (--method learned, with what library learn made, or without) INPUT is records or CSV with
     elapsed_s,rms_g from the healthy machine on, and TT is the time to the end as those runs ended.
     """
-    if out is not None:
-        check_suffix("--out", out, SUFFIXES)
+    check_suffix("--out", out, SUFFIXES)
     if method is None and learned_among(library_path):
         method = "learned"
     method = method or "library"
@@ -205,11 +211,7 @@ def _library_on_records(
         calibrated=is_calibrated(asked["library"]),
         **asked,
     )
-    state, issued = damage.DamageState(), []
-    for reading in readings:
-        with input_errors("--library"):
-            state, _, forecasts = damage.step(state, reading, damage.DamageGate(), settings)
-        issued.append(forecasts)
+    issued = issued_by_tracker(readings, settings, damage.DamageGate())
     return times, [reading.time for reading in readings], issued
 
 

@@ -210,9 +210,17 @@ def _on_records(path: Path, asked: Asked, model: LearnedModel, physical: Path | 
         learned_settings=own,
         **of_library,
     )
+    issued = issued_by_tracker(readings, settings, damage.DamageGate(baseline=baseline))
+    return Answer(times, [one.time for one in readings], issued, found)
+
+
+def issued_by_tracker(
+    readings: Sequence[DamageInput], settings: damage.DamageSettings, gate: damage.DamageGate
+) -> list[tuple[Remaining, ...]]:
+    """Return the forecasts of the tracker at each of some readings; InputError where its library has none."""
     state, issued = damage.DamageState(), []
     for reading in readings:
         with input_errors("--library"):
-            state, _, forecasts = damage.step(state, reading, damage.DamageGate(baseline=baseline), settings)
+            state, _, forecasts = damage.step(state, reading, gate, settings)
         issued.append(forecasts)
-    return Answer(times, [one.time for one in readings], issued, found)
+    return issued

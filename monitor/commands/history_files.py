@@ -184,7 +184,7 @@ def read_columns(path: Path, *, required: Sequence[str], optional: Sequence[str]
     columns: dict[str, list[float]] = {name: [] for name in (*required, *(n for n in optional if n in header))}
     for row in reader:
         for name, values in columns.items():
-            values.append(_number(path, reader.line_num, name, row.get(name)))
+            values.append(csv_number(path, reader.line_num, name, row.get(name)))
     if not columns[required[0]]:
         raise InputError(f"{path}: no rows below the header")
     for number, (before, after) in enumerate(pairwise(columns.get("time_s", [])), 2):
@@ -193,12 +193,19 @@ def read_columns(path: Path, *, required: Sequence[str], optional: Sequence[str]
     return columns
 
 
-def _number(path: Path, line: int, name: str, text: str | None) -> float:
+def csv_number(path: Path, line: int, name: str, text: str | None, *, needed: bool = True) -> float:
+    """Return a finite number of a cell; an empty cell is NaN where the column is not needed.
+
+    Raises:
+        InputError: naming the line and the column; it holds no number, or one that is needed and not finite.
+    """
+    if not needed and not (text or "").strip():
+        return math.nan
     try:
         value = float(text or "")
     except ValueError:
         raise InputError(f"{path}: line {line}: {name} is {text!r}, expected a number") from None
-    if not math.isfinite(value):
+    if needed and not math.isfinite(value):
         raise InputError(f"{path}: line {line}: {name} is {text!r}, expected a finite number")
     return value
 

@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import click
 import numpy as np
@@ -26,6 +26,7 @@ from monitor.commands.common import (
     output_errors,
     read_config,
     read_machine,
+    write_plot,
 )
 from monitor.health.signal.comb import FaultLines
 from monitor.health.signal.rotation.ias import IasStudy, clock_noise, interval_error, study
@@ -54,12 +55,6 @@ _TEXT_LINES = 5
 @option.output
 def command(
     input_path: Path,
-    per_revolution: int | None,
-    tacho_missing_teeth: int | None,
-    tacho_ratio: float | None,
-    tacho_channel: str | None,
-    tacho_level: float | None,
-    tacho_edge: Literal["rising", "falling"] | None,
     rate_hz: float | None,
     clock_mhz: float | None,
     remove_wheel: bool,
@@ -69,30 +64,25 @@ def command(
     plot: Path | None,
     as_json: bool,
     quiet: bool,
+    **wheel: Any,
 ) -> None:
     """Print the spectrum of a shaft's angular speed over events per revolution, from the pulses of an encoder.
 
     FILE is a text with a time a line, s, or any recording with --tacho-channel. A configuration states the wheel in
     [operating]. With --bearing, or a configuration, the lines of the bearing's parts are sought.
     """
-    for label, path, suffixes in (("--out", out, (".csv",)), ("--plot", plot, PICTURES)):
-        if path is not None:
-            check_suffix(label, path, suffixes)
+    check_suffix("--out", out, (".csv",))
+    check_suffix("--plot", plot, PICTURES)
     config = None if config_path is None else read_config(config_path)
     tacho = TachoSettings(per_revolution=0) if config is None else config.operating.to_condition().tacho
-    given = {
-        "per_revolution": per_revolution,
-        "missing_teeth": tacho_missing_teeth,
-        "ratio": tacho_ratio,
-        "channel": tacho_channel,
-        "level": tacho_level,
-        "edge": tacho_edge,
-    }
-    tacho = replace(tacho, **{key: value for key, value in given.items() if value is not None})
-    if tacho.channel is None and any(value is not None for value in (rate_hz, tacho_level, tacho_edge)):
+    # Each option of the wheel has the name of a field of the settings.
+    tacho = replace(tacho, **{key.removeprefix("tacho_"): value for key, value in wheel.items() if value is not None})
+    if tacho.channel is None and any(
+        value is not None for value in (rate_hz, wheel["tacho_level"], wheel["tacho_edge"])
+    ):
         raise InputError("--rate-hz, --tacho-level and --tacho-edge belong to --tacho-channel: times have no levels")
     times, stated = _text(input_path) if tacho.channel is None else (_sampled(input_path, tacho, rate_hz), None)
-    if stated is not None and per_revolution is None:
+    if stated is not None and wheel["per_revolution"] is None:
         tacho = replace(tacho, per_revolution=stated)
     if tacho.per_revolution < 1:
         raise InputError(f"--pulses-per-revolution is missing, and {input_path} does not state it")
@@ -185,10 +175,8 @@ def _values(found: IasStudy, lines: dict[str, FaultLines], clock: float | None) 
 
 def _draw(found: IasStudy, orders: dict[str, float], values: dict[str, Any], source: Path, path: Path) -> None:
     from monitor.report.figures.rotation import ias_sheet
-    from monitor.report.figures.sheet import write_sheet
 
-    with output_errors("--plot", path):
-        write_sheet(ias_sheet(found, orders, values, source.name), path)
+    write_plot(ias_sheet(found, orders, values, source.name), path)
 
 
 def _lines(values: dict[str, Any]) -> Iterator[str]:

@@ -36,6 +36,7 @@ from monitor.commands.common import (
     output_errors,
     read_machine,
     say,
+    write_plot,
 )
 from monitor.commands.model_parameters import effects_of
 from monitor.config.load import Config
@@ -287,10 +288,8 @@ def show(path: Path, out: Path, as_json: bool, quiet: bool) -> None:
     check_suffix("--out", out, PICTURES)
     rms_map = load_map(path)
     from monitor.report.figures.rms_map import map_sheet, span_of
-    from monitor.report.figures.sheet import write_sheet
 
-    with output_errors("--out", out):
-        write_sheet(map_sheet(rms_map), out)
+    write_plot(map_sheet(rms_map), out, "--out")
     least, most = (finite(value / STANDARD_GRAVITY) for value in span_of(rms_map.rms))
     values = {
         "points": int(rms_map.rms.size),

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from models.machine.bearing import kinematics
 from monitor.commands import option
-from monitor.commands.common import PICTURES, InputError, check_suffix, emit, output_errors, read_config
+from monitor.commands.common import PICTURES, InputError, check_suffix, emit, output_errors, read_config, write_plot
 from monitor.config.load import Config
 from monitor.health.output import ChannelOutput
 from monitor.health.signal.features import fundamentals
@@ -49,9 +49,8 @@ def command(
 
     The angle of the shaft is that of the configuration: a tacho, pulses, a speed over time, or the vibration.
     """
-    for label, path, suffixes in (("--out", out, (".csv",)), ("--plot", plot, PICTURES)):
-        if path is not None:
-            check_suffix(label, path, suffixes)
+    check_suffix("--out", out, (".csv",))
+    check_suffix("--plot", plot, PICTURES)
     config = read_config(config_path)
     block, outputs, settings = _block(config, input_path, wanted)
     spectra = {
@@ -170,7 +169,6 @@ def _draw(
     envelope: bool,
 ) -> None:
     from monitor.report.figures.rotation import ChannelOrders, orders_sheet
-    from monitor.report.figures.sheet import write_sheet
 
     channels: dict[str, ChannelOrders] = {}
     for channel, found in spectra.items():
@@ -179,8 +177,7 @@ def _draw(
         unit = "g" if set_up.absolute else "own unit"
         lines = fundamentals(kinematics(set_up.bearing, 1.0))
         channels[channel] = ChannelOrders(channel, found, rotation, _one(set_up), unit, lines)
-    with output_errors("--plot", path):
-        write_sheet(orders_sheet(channels, name, envelope=envelope), path)
+    write_plot(orders_sheet(channels, name, envelope=envelope), path)
 
 
 def _write(path: Path, spectra: Mapping[str, OrderSpectrum], settings: Mapping[str, ChannelSettings]) -> None:

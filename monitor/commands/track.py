@@ -93,8 +93,7 @@ def command(
     With --other-load-newton or --other-speed-hz, the RMS that each tracked defect would cause under that operating
     condition is given too (first prognostic model of the thesis, section 5.2.3.1).
     """
-    if out is not None:
-        check_suffix("--out", out, SUFFIXES)
+    check_suffix("--out", out, SUFFIXES)
     method = method_or_best(method, library_path)
     other = _Other(other_load_newton, other_speed_hz, direct)
     if not input_path.exists():

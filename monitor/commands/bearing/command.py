@@ -174,8 +174,7 @@ def command(
     if clearance_um is not None:
         clearance = clearance_um * 1e-6
     defect = None if dphi_deg is None else Defect(math.radians(dphi_deg), h_d_um * 1e-6)
-    if plot is not None:
-        check_suffix("--plot", plot, PICTURES)
+    check_suffix("--plot", plot, PICTURES)
     extras = {name: extra for name, extra in _extras().items() if asked[name] is not None}
     for name, extra in extras.items():
         _refuse_with(f"--{name}", extra.WORDS, statics, axial_load_newton, tilt_mrad)

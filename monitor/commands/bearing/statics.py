@@ -24,7 +24,7 @@ from models.machine.load_distribution import (
 )
 from models.machine.rig import Rig, natural_frequencies
 from models.machine.scene import Defect
-from monitor.commands.common import InputError, output_errors
+from monitor.commands.common import InputError, write_plot
 
 LOAD_STEPS = (0.25, 0.5, 1.0, 2.0, 4.0)
 """Multiples of the load at which the radial stiffness is printed."""
@@ -297,7 +297,5 @@ def ball_lines(values: dict[str, Any]) -> Iterator[str]:
 def draw_balls(case: BallCase, states: Sequence[RingState], values: dict[str, Any], path: Path) -> None:
     """Draw a case as PNG, SVG or HTML; InputError where the file cannot be written."""
     from monitor.report.figures.balls import balls_sheet
-    from monitor.report.figures.sheet import write_sheet
 
-    with output_errors("--plot", path):
-        write_sheet(balls_sheet(case.statics.bearing, case.speed, states, values), path)
+    write_plot(balls_sheet(case.statics.bearing, case.speed, states, values), path)

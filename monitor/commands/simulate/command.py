@@ -29,6 +29,7 @@ from monitor.commands.common import (
     input_errors,
     output_errors,
     read_machine,
+    write_plot,
 )
 from monitor.commands.model_parameters import further_effects, with_machine, with_parameters
 from monitor.commands.simulate.scene import (
@@ -107,8 +108,7 @@ def command(config_path: Path | None, name: str | None, as_json: bool, quiet: bo
 
     --model gear_train simulates the train of [gear] instead.
     """
-    if options["plot"] is not None:
-        check_suffix("--plot", options["plot"], PICTURES)
+    check_suffix("--plot", options["plot"], PICTURES)
     if options["model"] in brought("simulate"):
         load("simulate", options["model"])(config_path, options, as_json=as_json)
         return
@@ -243,14 +243,11 @@ def _more_defects(options: dict[str, Any]) -> Iterator[Defect]:
 def _plot(response: Response, options: dict[str, Any], scene: Scene, sensor: Sensor) -> None:
     from models.solve.registry import trajectories
     from monitor.report.figures.scene import fundamental_of, scene_sheet, signal_of
-    from monitor.report.figures.sheet import write_sheet
 
-    path: Path = options["plot"]
     sensed = signal_of(response, sensor, fundamental_of(scene)[0])
     moved = trajectories(scene, request_of(options), response)
     sheet = scene_sheet(scene, sensed, sensor=sensor, title=_title(options, scene), moved=moved)
-    with output_errors("--plot", path):
-        write_sheet(sheet, path)
+    write_plot(sheet, options["plot"])
 
 
 def _title(options: dict[str, Any], scene: Scene) -> str:

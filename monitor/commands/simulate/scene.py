@@ -18,7 +18,7 @@ from models.solve.registry import MODELS
 from models.solve.response import PASSBAND
 from models.words.request import Request
 from monitor.commands import option
-from monitor.commands.common import finite, output_errors
+from monitor.commands.common import finite, write_plot
 from monitor.commands.model_parameters import able_models, missing_effects, with_parameters
 from monitor.words.sensors import unit_in_names, unit_of_sensor
 
@@ -296,7 +296,5 @@ def _level(row: dict[str, Any], name: str) -> str:
 
 def _plot(scene: Scene, answers: dict[str, Response], path: Path) -> None:
     from monitor.report.figures.compared import compared_sheet
-    from monitor.report.figures.sheet import write_sheet
 
-    with output_errors("--plot", path):
-        write_sheet(compared_sheet(scene, answers), path)
+    write_plot(compared_sheet(scene, answers), path)
