@@ -26,7 +26,7 @@ from streams.turns.tacho import edge_times
 
 
 @dataclass(frozen=True)
-class _Row:
+class _ChannelSpectrum:
     """The spectrum of one channel: spacing in orders, amplitudes, and the mean of what was transformed."""
 
     step: float
@@ -117,21 +117,21 @@ def _row(
     rotation: Rotation,
     band: tuple[float, float] | None,
     max_order: float | None,
-) -> _Row:
+) -> _ChannelSpectrum:
     """Return the spectrum of one channel; ValueError where it cannot be had."""
     if band is None:
         whole = spectrum_of(np.asarray(samples, dtype=np.float64), rate, rotation, max_order)
-        return _Row(whole.step, whole.amplitude, whole.mean)
+        return _ChannelSpectrum(whole.step, whole.amplitude, whole.mean)
     warp_or_error(rotation, samples.size / rate)
     found = BlockTransform(samples.size, rate, [band], raw_limit=0.0, precision="float64")(samples, rotation=rotation)
     envelope = found.envelopes[0]
     step = envelope.resolution / rotation.mean_speed
     count = envelope.amplitude.size if max_order is None else math.floor(max_order / step) + 1
-    return _Row(step, envelope.amplitude[:count], envelope.mean)
+    return _ChannelSpectrum(step, envelope.amplitude[:count], envelope.mean)
 
 
 def _over_orders(
-    signal: xr.DataArray, rows: list[_Row], rotation: Rotation, band: tuple[float, float] | None
+    signal: xr.DataArray, rows: list[_ChannelSpectrum], rotation: Rotation, band: tuple[float, float] | None
 ) -> xr.DataArray:
     amplitude = np.stack([row.amplitude for row in rows])
     order = _over_order(np.arange(amplitude.shape[1]) * rows[0].step)

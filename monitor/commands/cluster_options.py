@@ -55,7 +55,7 @@ class Sharing:
     @contextmanager
     def open(
         self, beside: Path | str | None, *, quiet: bool, progress: bool = True, locked: bool = True
-    ) -> Iterator[Shared]:
+    ) -> Iterator[SharedWork]:
         """Yield a runner; at the end its chunks are deleted, unless the user named their place or something failed.
 
         Args:
@@ -91,7 +91,7 @@ class Sharing:
                 lasting=lasting,
                 tell=line.tell,
             )
-            shared = Shared(runner, self)
+            shared = SharedWork(runner, self)
             line.notes = runner.tally.notes
             stack.enter_context(runner)
             stack.callback(shared.note)
@@ -152,7 +152,7 @@ def _place_of(store: FileStore) -> Path | str:
 
 
 @dataclass
-class Shared:
+class SharedWork:
     """A runner that is open, and what is said of it.
 
     Attributes:

@@ -79,7 +79,7 @@ class Asked:
     threshold: float = math.nan
 
 
-class Answer(NamedTuple):
+class LearnedForecasts(NamedTuple):
     """The forecasts at each point of an input, and what they rest on.
 
     Attributes:
@@ -100,7 +100,7 @@ def learned_among(paths: Sequence[Path]) -> bool:
     return any(is_learned(path) for path in paths)
 
 
-def forecast_learned(path: Path, asked: Asked) -> Answer:
+def forecast_learned(path: Path, asked: Asked) -> LearnedForecasts:
     """Forecast through an input, from the points of its final stage up to each of them.
 
     ``path`` is records, CSV of features (``read_features``), or, without a learned file, CSV of V_eq from t_fs on.
@@ -120,7 +120,7 @@ def forecast_learned(path: Path, asked: Asked) -> Answer:
         history = read_volumes(path, asked.channel)
         # Without recorded runs only the time is used.
         points = [DamageInput(t, rms=1.0) for t in history.running]
-        answer = Answer(history.times, history.running, list(_taken(points, asked, model, None)), {})
+        answer = LearnedForecasts(history.times, history.running, list(_taken(points, asked, model, None)), {})
     else:
         answer = _on_features(path, asked, model)
     own = {"runs": len(model.runs), "learned_hash": model.hash if model.runs else None, "forecast_end": "recorded runs"}
@@ -163,18 +163,18 @@ def _is_volumes(path: Path) -> bool:
     return "v_eq_mm2" in header and not any(name.endswith("rms_g") for name in header)
 
 
-def _on_features(path: Path, asked: Asked, model: LearnedModel) -> Answer:
+def _on_features(path: Path, asked: Asked, model: LearnedModel) -> LearnedForecasts:
     history = read_features(path, asked.axes, asked.columns, t_fs=asked.t_fs)
     times, onset = history.times, history.onset
     if onset is None:
         not_yet = (Remaining(asked.threshold, TtStatus.NOT_FINAL_STAGE),)
-        return Answer(times[-1:], times[-1:], [not_yet], {"t_fs_s": None, "t_fs_known_s": None})
+        return LearnedForecasts(times[-1:], times[-1:], [not_yet], {"t_fs_s": None, "t_fs_known_s": None})
     baseline = math.exp(onset.ln_baseline) if math.isfinite(onset.ln_baseline) else None
     points = [DamageInput(block.time or 0.0, rms=block.rms) for block in history.blocks[onset.place :]]
     known = None if onset.known is None else times[onset.known]
     found = {"t_fs_s": times[onset.place], "t_fs_known_s": known}
     after = times[onset.place :]
-    return Answer(after, after, list(_taken(points, asked, model, baseline)), found)
+    return LearnedForecasts(after, after, list(_taken(points, asked, model, baseline)), found)
 
 
 def _taken(
@@ -187,7 +187,7 @@ def _taken(
         yield (found,)
 
 
-def _on_records(path: Path, asked: Asked, model: LearnedModel, physical: Path | None) -> Answer:
+def _on_records(path: Path, asked: Asked, model: LearnedModel, physical: Path | None) -> LearnedForecasts:
     from monitor.records.histories import read_history
 
     if asked.t_fs is not None:
@@ -198,7 +198,7 @@ def _on_records(path: Path, asked: Asked, model: LearnedModel, physical: Path | 
     found = {"t_fs_s": times[0] if times else None}
     if physical is None:
         issued = list(_taken(readings, asked, model, baseline))
-        return Answer(times, [one.time for one in readings], issued, found)
+        return LearnedForecasts(times, [one.time for one in readings], issued, found)
     own = asked.settings
     of_library = library_settings("library", physical, "rms+harmonics", own.interval, own.window)
     settings = damage.DamageSettings(
@@ -211,7 +211,7 @@ def _on_records(path: Path, asked: Asked, model: LearnedModel, physical: Path | 
         **of_library,
     )
     issued = issued_by_tracker(readings, settings, damage.DamageGate(baseline=baseline))
-    return Answer(times, [one.time for one in readings], issued, found)
+    return LearnedForecasts(times, [one.time for one in readings], issued, found)
 
 
 def issued_by_tracker(

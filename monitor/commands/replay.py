@@ -23,7 +23,7 @@ from streams.files.remote import bare, local_source
 from streams.types.listing import shown
 
 if TYPE_CHECKING:
-    from monitor.commands.replay_many import Recording
+    from monitor.commands.replay_many import ReplayRecording
     from monitor.service.replay import Replay
 
 _MAX_IGNORED = 10
@@ -102,7 +102,7 @@ def command(
 
 
 def _replay_many(
-    recordings: Sequence[Recording],
+    recordings: Sequence[ReplayRecording],
     replays: tuple[Path, Path, int | None, bool],
     sharing: Sharing,
     *,

@@ -44,7 +44,7 @@ _KIND = re.compile(r"(dataset:[^:]*:|folder:)(.*)", re.DOTALL)
 
 
 @dataclass(frozen=True)
-class Recording:
+class ReplayRecording:
     """One recording: the name of its folder, its URL as workers open it, and as it is shown, without credentials."""
 
     name: str
@@ -83,10 +83,10 @@ class Replays:
 
 
 @dataclass(frozen=True)
-class Task:
+class ReplayTask:
     """A recording; ``expected``: what the caller sees of it, for workers of other machines."""
 
-    recording: Recording
+    recording: ReplayRecording
     expected: Seen | None = None
 
 
@@ -102,13 +102,13 @@ class Replayed:
 class ReplayOutcome:
     """The summary of a replay, or why there is none; ``kept``: it was complete before."""
 
-    recording: Recording
+    recording: ReplayRecording
     summary: Mapping[str, Any] | None
     error: str = ""
     kept: bool = False
 
 
-def find_recordings(paths: Sequence[str]) -> list[Recording]:
+def find_recordings(paths: Sequence[str]) -> list[ReplayRecording]:
     """Return the recordings that paths, URLs and patterns of remote URLs name, with unique names, in their order.
 
     Raises:
@@ -116,7 +116,7 @@ def find_recordings(paths: Sequence[str]) -> list[Recording]:
     """
     urls = [url for path in paths for url in (expand(path) if is_remote(path) else [path])]
     names = folder_names(map(_last_part, urls), "recording")
-    return [Recording(name, _absolute(url), bare(url)) for name, url in zip(names, urls, strict=True)]
+    return [ReplayRecording(name, _absolute(url), bare(url)) for name, url in zip(names, urls, strict=True)]
 
 
 def _last_part(url: str) -> str:
@@ -136,7 +136,7 @@ def _absolute(url: str) -> str:
 
 
 def replay_many(
-    recordings: Sequence[Recording], replays: Replays, runner: Runner = SERIAL, *, elsewhere: bool = False
+    recordings: Sequence[ReplayRecording], replays: Replays, runner: Runner = SERIAL, *, elsewhere: bool = False
 ) -> list[ReplayOutcome]:
     """Replay recordings, each into its folder under ``replays.out``; one that fails does not stop the others.
 
@@ -159,7 +159,7 @@ def replay_many(
         raise ConfigError(f"--out {out}: {error.strerror or error}") from None
     found = {each.name: kept for each in recordings if (kept := _kept(replays, each)) is not None}
     left = [
-        Task(each, None if not elsewhere or each.path is None else seen(files_below(each.path)))
+        ReplayTask(each, None if not elsewhere or each.path is None else seen(files_below(each.path)))
         for each in recordings
         if each.name not in found
     ]
@@ -175,13 +175,13 @@ def replay_many(
     return [found[recording.name] for recording in recordings]
 
 
-def _refuse_used(recordings: Iterable[Recording], out: Path) -> None:
+def _refuse_used(recordings: Iterable[ReplayRecording], out: Path) -> None:
     for recording in recordings:
         if (out / recording.name).exists():
             raise InputError(f"--out {out}: has a folder {recording.name}; use --resume to go on, or another folder")
 
 
-def replay_one(replays: Replays, task: Task) -> Replayed:
+def replay_one(replays: Replays, task: ReplayTask) -> Replayed:
     """Replay one recording; an error of it or of its configuration becomes its outcome.
 
     Raises:
@@ -203,7 +203,7 @@ def replay_one(replays: Replays, task: Task) -> Replayed:
 REPLAYS = Work("recordings", replay_one, memory=MEMORY)
 
 
-def _replay(replays: Replays, recording: Recording) -> dict[str, Any]:
+def _replay(replays: Replays, recording: ReplayRecording) -> dict[str, Any]:
     """Replay into a folder of this machine that then takes its place under ``out``."""
     from monitor.commands.replay import write_report
     from monitor.service.replay import replay
@@ -241,7 +241,7 @@ def _replay(replays: Replays, recording: Recording) -> dict[str, Any]:
     return json.loads(text)["summary"]
 
 
-def _check_same(place: Path, recording: Recording, replays: Replays) -> None:
+def _check_same(place: Path, recording: ReplayRecording, replays: Replays) -> None:
     """Refuse to continue the store of another recording, or one of another configuration."""
     before = _marker(place)
     found = before.get("recording", recording.shown)
@@ -261,7 +261,7 @@ def _marker(place: Path) -> dict[str, Any]:
     return found if isinstance(found, dict) else {}
 
 
-def _kept(replays: Replays, recording: Recording) -> ReplayOutcome | None:
+def _kept(replays: Replays, recording: ReplayRecording) -> ReplayOutcome | None:
     """Return the outcome of a replay that is complete and whose inputs are unchanged, else None."""
     place = replays.out / recording.name
     found = _marker(place) if replays.resume and (place / "state.db").is_file() else {}
@@ -270,7 +270,7 @@ def _kept(replays: Replays, recording: Recording) -> ReplayOutcome | None:
     return ReplayOutcome(recording, found["summary"], kept=True)
 
 
-def _digest(replays: Replays, recording: Recording) -> str | None:
+def _digest(replays: Replays, recording: ReplayRecording) -> str | None:
     """Return a digest of the inputs of a replay; None where they may change without a trace, as what is fetched."""
     path = recording.path
     if path is None and not recording.url.startswith("rig:"):

@@ -16,7 +16,7 @@ from monitor.commands.common import InputError, emit, say
 from monitor.words.numbers import duration
 
 if TYPE_CHECKING:
-    from monitor.commands.report_batch import BatchSettings, Outcome
+    from monitor.commands.report_batch import BatchSettings, ReportOutcome
 
 
 @click.command("report")
@@ -129,7 +129,7 @@ def _batch(folder: Path, out: Path, settings: BatchSettings, sharing: Sharing, *
         click.get_current_context().exit(1)
 
 
-def _lines(outcomes: Sequence[Outcome], out: Path, seconds: float) -> Iterator[str]:
+def _lines(outcomes: Sequence[ReportOutcome], out: Path, seconds: float) -> Iterator[str]:
     failed = [outcome for outcome in outcomes if outcome.error]
     reused = sum(outcome.reused for outcome in outcomes)
     yield (

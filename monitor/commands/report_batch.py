@@ -112,7 +112,7 @@ class Pages:
 
 
 @dataclass(frozen=True)
-class Task:
+class ReportTask:
     """One run of a batch; ``expected``: what the caller sees of it, for workers of other machines."""
 
     run: BatchRun
@@ -120,7 +120,7 @@ class Task:
 
 
 @dataclass(frozen=True)
-class Outcome:
+class ReportOutcome:
     """Summaries of the runs on a page, or one sentence of why it failed; ``reused``: an earlier page is kept."""
 
     run: BatchRun
@@ -181,7 +181,7 @@ def run_batch(
     runner: Runner = SERIAL,
     *,
     elsewhere: bool = False,
-) -> list[Outcome]:
+) -> list[ReportOutcome]:
     """Report every run, each into a folder of its own under ``out``, then write the index.
 
     A page is kept if its records, settings and program are unchanged. A run that fails is listed in the index and in
@@ -204,14 +204,18 @@ def run_batch(
     for run in runs:
         remove_leftovers(out / run.name, ["replay"])
     found = {run.name: outcome for run in absolute if (outcome := reused(pages, run)) is not None}
-    left = [Task(run, seen(record_files(run.path)) if elsewhere else None) for run in absolute if run.name not in found]
+    left = [
+        ReportTask(run, seen(record_files(run.path)) if elsewhere else None)
+        for run in absolute
+        if run.name not in found
+    ]
     with marked(out, checked=elsewhere) as mark:
         for i, outcome in runner.outcomes(REPORTS, replace(pages, mark=mark), left):
             run = left[i].run
             if isinstance(outcome, Failure):
                 raise_if_unseen(outcome)
                 reason = "the process that made its report died" if outcome.kind == DIED else outcome.message
-                found[run.name] = Outcome(run, (), reason)
+                found[run.name] = ReportOutcome(run, (), reason)
             else:
                 found[run.name] = outcome
     for run in runs:
@@ -225,16 +229,16 @@ def run_batch(
     return outcomes
 
 
-def reused(pages: Pages, run: BatchRun) -> Outcome | None:
+def reused(pages: Pages, run: BatchRun) -> ReportOutcome | None:
     """Return the outcome of a run whose page can be kept, else None."""
     try:
         kept = _kept(pages.out / run.name, _digest(pages, run), pdf=pages.pdf)
     except OSError:
         return None
-    return None if kept is None else Outcome(run, kept, reused=True)
+    return None if kept is None else ReportOutcome(run, kept, reused=True)
 
 
-def report_one(pages: Pages, task: Task) -> Outcome:
+def report_one(pages: Pages, task: ReportTask) -> ReportOutcome:
     """Report one run of a batch; any error becomes its outcome.
 
     Raises:
@@ -244,15 +248,15 @@ def report_one(pages: Pages, task: Task) -> Outcome:
     run = task.run
     try:
         check_seen(run.path, record_files(run.path), task.expected)
-        return Outcome(run, _report(pages, run, _digest(pages, run)))
+        return ReportOutcome(run, _report(pages, run, _digest(pages, run)))
     except SharedFolderError:
         raise
     except (ReportError, ConfigError, InputError, StoreError, OSError, ValueError) as error:
-        return Outcome(run, (), _one_line(error))
+        return ReportOutcome(run, (), _one_line(error))
     except Exception as error:  # An unforeseen error in one run must not end the batch.
         frames = traceback.extract_tb(error.__traceback__)
         where = f" ({Path(frames[-1].filename).name}, line {frames[-1].lineno})" if frames else ""
-        return Outcome(run, (), f"{type(error).__name__}: {_one_line(error)}{where}")
+        return ReportOutcome(run, (), f"{type(error).__name__}: {_one_line(error)}{where}")
 
 
 MEMORY = 300_000_000

@@ -20,7 +20,7 @@ class MachineFile:
 
 
 @dataclass(frozen=True)
-class Fleet:
+class MachineFleet:
     """The machines of a folder (at least one, by file name), their common page, and the problems of left-out files."""
 
     machines: tuple[MachineFile, ...]
@@ -33,7 +33,7 @@ class Fleet:
         return self.machines[0].config.machine.state_dir
 
 
-def load_fleet(folder: Path, *, strict: bool = True) -> Fleet:
+def load_fleet(folder: Path, *, strict: bool = True) -> MachineFleet:
     """Read every ``*.toml`` of a folder; files that are not valid are refused, or left out if not ``strict``.
 
     Raises:
@@ -56,7 +56,7 @@ def load_fleet(folder: Path, *, strict: bool = True) -> Fleet:
     if conflicts or not machines or (strict and invalid):
         raise ConfigError("\n".join([*invalid, *conflicts]))
     web = next(iter(sections.values()), machines[0].config.web)
-    return Fleet(tuple(machines), web, tuple(invalid))
+    return MachineFleet(tuple(machines), web, tuple(invalid))
 
 
 def _names(config: Config) -> Iterator[tuple[str, str]]:

@@ -14,7 +14,7 @@ from monitor.records.store import Store
 
 
 @dataclass(frozen=True, eq=False)
-class Beside:
+class StoredBeside:
     """Blocks by status; spectra, views, rows with a spectrum of the angular speed, and particles by channel."""
 
     counts: Mapping[str, int]
@@ -24,7 +24,7 @@ class Beside:
     particles: Mapping[str, Particles]
 
 
-def read_beside(store: Store) -> Beside:
+def read_beside(store: Store) -> StoredBeside:
     """Read what a store holds beside records; particles of another version are left out."""
     states = {key.split(":", 2)[2]: state for key, state in store.load_states().items() if key.startswith("channel:")}
     particles: dict[str, Particles] = {}
@@ -35,7 +35,7 @@ def read_beside(store: Store) -> Beside:
                 particles[name] = Particles.from_dict(stored)
     spectra = {name: read_spectra(store, name) for name in states}
     views = {name: _views(store, name, state) for name, state in states.items()}
-    return Beside(store.counts(), spectra, views, _ias(store, spectra, states), particles)
+    return StoredBeside(store.counts(), spectra, views, _ias(store, spectra, states), particles)
 
 
 def _ias(

@@ -9,7 +9,7 @@ import numpy as np
 from monitor.health.schema import HINT, VERDICT
 from monitor.records.archive import of_channel
 from monitor.report.gears import gear_findings
-from monitor.report.readings import LATE, Finding, Moment, VolumeScale, doubt_of, named_fault, open_stage, unscaled
+from monitor.report.readings import LATE, Finding, LifeMoment, VolumeScale, doubt_of, named_fault, open_stage, unscaled
 from monitor.report.runs import Channel, Run
 from monitor.report.verdict import ChannelContext, ChannelVerdict, interval_name, unused_blocks
 from monitor.words.features import FEATURES
@@ -169,7 +169,7 @@ def _since(verdict: ChannelVerdict, clock: Clock) -> Finding:
     return Finding(question, _sentence(short), " ".join(sentences), brief=brief)
 
 
-def _at(mark: Moment, clock: Clock) -> str:
+def _at(mark: LifeMoment, clock: Clock) -> str:
     block = "" if mark.block is None else f"block {mark.block:,}, "
     return f"{block}{clock.moment(mark.time)}"
 

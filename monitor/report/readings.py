@@ -52,7 +52,7 @@ LATE = ("final", "end_of_life")
 
 
 @dataclass(frozen=True)
-class Moment:
+class LifeMoment:
     """A moment of a channel's life: seconds on the run's time axis (NaN: unknown) and block number (None: unknown)."""
 
     time: float
@@ -68,19 +68,19 @@ def open_stage(channel: Channel) -> NDArray[np.bool_]:
     return rows
 
 
-def closed_stages(channel: Channel) -> tuple[tuple[Moment, Moment], ...]:
+def closed_stages(channel: Channel) -> tuple[tuple[LifeMoment, LifeMoment], ...]:
     """Return where each final stage that closed again began, and the last block that was of it."""
     begun = channel.column("t_fs_block")
     of_one = np.isfinite(begun) & ~open_stage(channel)
-    found: list[tuple[Moment, Moment]] = []
+    found: list[tuple[LifeMoment, LifeMoment]] = []
     for block in np.unique(begun[of_one]).tolist():
         rows = np.flatnonzero(of_one & (begun == block))
-        last = Moment(float(channel.time[rows[-1]]), int(channel.sequence[rows[-1]]))
-        found.append((Moment(float(channel.column("t_fs")[rows[-1]]), int(block)), last))
+        last = LifeMoment(float(channel.time[rows[-1]]), int(channel.sequence[rows[-1]]))
+        found.append((LifeMoment(float(channel.column("t_fs")[rows[-1]]), int(block)), last))
     return tuple(found)
 
 
-def mark_of(channel: Channel, name: str) -> Moment | None:
+def mark_of(channel: Channel, name: str) -> LifeMoment | None:
     """Return a mark as it stands after the last judged block, None where there is none or its episode has closed."""
     judged = np.flatnonzero(channel.word("stage") != "")
     if not judged.size:
@@ -88,7 +88,7 @@ def mark_of(channel: Channel, name: str) -> Moment | None:
     time, block = channel.column(name)[judged[-1]], channel.column(f"{name}_block")[judged[-1]]
     if not (math.isfinite(time) or math.isfinite(block)):
         return None
-    return Moment(float(time), int(block) if math.isfinite(block) else None)
+    return LifeMoment(float(time), int(block) if math.isfinite(block) else None)
 
 
 _MM2 = 1e6

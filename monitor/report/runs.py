@@ -24,7 +24,7 @@ from monitor.records.publish import PublishError, day_dataset, days
 from monitor.records.published_folder import absence_text, moved_days
 from monitor.records.queries import condensed_blocks
 from monitor.records.store import Store
-from monitor.report.beside import Beside, read_beside
+from monitor.report.beside import StoredBeside, read_beside
 from monitor.words.numbers import count
 
 Records = xr.Dataset | Store | Path | str
@@ -134,7 +134,7 @@ def read_runs(records: Records | Sequence[Records]) -> list[Run]:
     """
     items = [records] if isinstance(records, xr.Dataset | Store | Path | str) else list(records)
     parts: dict[_Key, list[xr.Dataset]] = {}
-    stores: dict[tuple[str, str], Beside] = {}
+    stores: dict[tuple[str, str], StoredBeside] = {}
     for item in items:
         place = _place(item) if len(items) > 1 else ""
         for dataset, store in _datasets(item):
@@ -178,12 +178,12 @@ def _labelled(runs: Mapping[_Key, Run]) -> list[Run]:
     return labelled
 
 
-def _datasets(item: Records) -> Iterable[tuple[xr.Dataset, Beside | None]]:
+def _datasets(item: Records) -> Iterable[tuple[xr.Dataset, StoredBeside | None]]:
     """Yield the datasets of one item, with what its store holds beside records."""
     if isinstance(item, xr.Dataset):
         yield item, None
     elif isinstance(item, Store):
-        beside: Beside | None = None
+        beside: StoredBeside | None = None
         absent = _condensed_text(item)
         for day, _ in days(item):
             beside = beside or read_beside(item)
@@ -355,7 +355,7 @@ def _fold_rejected(runs: dict[_Key, Run], machine: str, place: str) -> None:
     del runs[machine, place, False]
 
 
-def _complete(runs: dict[_Key, Run], machine: str, place: str, store: Beside) -> None:
+def _complete(runs: dict[_Key, Run], machine: str, place: str, store: StoredBeside) -> None:
     """Add what the store holds beside records, if it holds one run; its counts include blocks without a record."""
     keys = [key for key in runs if key[:2] == (machine, place)]
     if len(keys) == 1:

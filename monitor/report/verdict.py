@@ -11,7 +11,7 @@ import numpy as np
 
 from monitor.report.gears import named_gear
 from monitor.report.options import Options
-from monitor.report.readings import Moment, closed_stages, is_calibrated, mark_of, named_fault
+from monitor.report.readings import LifeMoment, closed_stages, is_calibrated, mark_of, named_fault
 from monitor.report.runs import Channel, Run
 from monitor.words.features import FEATURES
 from monitor.words.numbers import Clock, count
@@ -54,12 +54,12 @@ class ChannelVerdict:
     grade: Grade
     headline: str
     facts: tuple[tuple[str, str], ...]
-    t_fs: Moment | None
-    t_fs_known: Moment | None
-    t_eol: Moment | None
+    t_fs: LifeMoment | None
+    t_fs_known: LifeMoment | None
+    t_eol: LifeMoment | None
     fault: str
     stage: str = ""
-    closed: tuple[tuple[Moment, Moment], ...] = ()
+    closed: tuple[tuple[LifeMoment, LifeMoment], ...] = ()
     level_of: str | None = None
 
 
@@ -114,7 +114,7 @@ def judge(run: Run, channel: Channel, clock: Clock | None = None, level_of: str 
     )
 
 
-def _headline(stage: str, fault: str, marks: dict[str, Moment | None], channel: Channel) -> tuple[Grade, str]:
+def _headline(stage: str, fault: str, marks: dict[str, LifeMoment | None], channel: Channel) -> tuple[Grade, str]:
     part = f": damage of the {fault_words(fault)}" if fault else ", but no part named"
     if stage == "end_of_life":
         return "bad", "End of life reached" + (part if marks["t_fs"] or fault else "")

@@ -20,7 +20,7 @@ from monitor.records.queries import LedgerBlock, is_dated, newest_id, refused_co
 from monitor.records.rollup import SeriesKey
 from monitor.records.trends import TrendTable, read_trends
 from monitor.web.answers import Query, RequestError, numbers, optional_number, times, whole_number, without_folders
-from monitor.web.machines import Machine, Machines
+from monitor.web.machines import Machines, WatchedMachine
 from monitor.words.features import FEATURES, TRENDS
 from monitor.words.statuses import DAEMON
 from monitor.words.zones import machine_class
@@ -29,7 +29,7 @@ MAX_CHANNELS = 40
 POINTS = 60
 
 
-def levels(machine: Machine, query: Query) -> dict[str, Any]:
+def levels(machine: WatchedMachine, query: Query) -> dict[str, Any]:
     """Return RMS over the life of some channels in at most 60 points, and its latest value; unknown ones left out.
 
     Raises:
@@ -74,7 +74,7 @@ def machines(site: Machines) -> dict[str, Any]:
     }
 
 
-def blocks(machine: Machine, query: Query) -> dict[str, Any]:
+def blocks(machine: WatchedMachine, query: Query) -> dict[str, Any]:
     """Return the number of blocks by status, and the latest of those that are not ``ok``."""
     limit = whole_number(query, "limit", 200, 1, 1000)
     source = query.get("source") or None
@@ -104,7 +104,7 @@ def listed(block: LedgerBlock) -> dict[str, Any]:
     }
 
 
-def channel(machine: Machine, name: str) -> dict[str, Any]:
+def channel(machine: WatchedMachine, name: str) -> dict[str, Any]:
     """Return bearing, units, levels of a channel, and its marks on the axis of time."""
     section, config = machine.channel(name), machine.config
     bearing = config.bearing_of(section)
@@ -147,7 +147,7 @@ def _machine_class(name: str | None) -> dict[str, Any] | None:
     return {"name": found.name, "text": found.text, "table": found.table, "limits_mm_s": limits}
 
 
-def calibration(machine: Machine, section: ChannelSection) -> Calibration:
+def calibration(machine: WatchedMachine, section: ChannelSection) -> Calibration:
     """Return whether the rig of a channel is calibrated, by its daemon where that has run, else by ``[rig]``."""
     known = machine.status().values.get("channels", {}).get(section.name, {}).get("calibrated")
     return machine.config.calibration_of(section) if known is None else known
@@ -165,7 +165,7 @@ def _bearing(bearing: Bearing) -> dict[str, Any]:
     }
 
 
-def _levels(machine: Machine, name: str, state: Mapping[str, Any]) -> list[dict[str, Any]]:
+def _levels(machine: WatchedMachine, name: str, state: Mapping[str, Any]) -> list[dict[str, Any]]:
     """Return the levels in the status of the daemon, or as configured where no daemon has run."""
     if "levels" in state:
         return state["levels"]
@@ -193,12 +193,12 @@ def _level(level: Mapping[str, Any], absolute: bool) -> dict[str, Any]:
     }
 
 
-def latest_values(machine: Machine, source: str, name: str) -> dict[str, float]:
+def latest_values(machine: WatchedMachine, source: str, name: str) -> dict[str, float]:
     """Return marks, speed and load of a channel from its latest record that has a stage, SI."""
     return staged_values(machine.store, source, name, _MARKS)
 
 
-def records(machine: Machine, name: str, query: Query) -> dict[str, Any]:
+def records(machine: WatchedMachine, name: str, query: Query) -> dict[str, Any]:
     """Return the trends of a channel over a span of time."""
     section = machine.channel(name)
     points = whole_number(query, "points", _POINTS, 10, MAX_POINTS)
@@ -250,7 +250,7 @@ def health(site: Machines) -> tuple[int, dict[str, Any]]:
     return (503 if reasons else 200), {"status": "failing" if reasons else "ok", "reasons": reasons}
 
 
-def _reasons(machine: Machine) -> Iterator[str]:
+def _reasons(machine: WatchedMachine) -> Iterator[str]:
     status = machine.status()
     values = status.values
     if not values.get("running") or values.get("status") == "starting":

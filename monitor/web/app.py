@@ -32,7 +32,7 @@ from monitor.web import api, event_view
 from monitor.web.answers import Answer, Query, RequestError, answer_of, json_answer, without_folders
 from monitor.web.api import levels
 from monitor.web.auth import Doorkeeper
-from monitor.web.machines import Machine, Machines
+from monitor.web.machines import Machines, WatchedMachine
 from monitor.web.metrics import METRICS_TYPE, Measures, metrics
 from monitor.web.security import MAX_BODY_BYTES, Doors, Guard, sign_in_routes
 from monitor.web.stream import Hub
@@ -167,7 +167,7 @@ def _page_routes(site: Site) -> list[Route]:
             return _response(request, _failed(error))
         name = request.path_params["file"]
         headers = {"content-length": str(size), "content-disposition": f'attachment; filename="{name}"'}
-        return _Stream(_parts(site, file, size), headers, "application/x-netcdf", file.close)
+        return _EndedStream(_parts(site, file, size), headers, "application/x-netcdf", file.close)
 
     async def measured(request: Request) -> Response:
         def make() -> Answer:
@@ -210,10 +210,10 @@ def _api_routes(site: Site) -> list[Route]:
 
         return Route(path, endpoint, methods=["GET"])
 
-    def machine(request: Request) -> Machine:
+    def machine(request: Request) -> WatchedMachine:
         return _begun(site.machines.machine(request.path_params["machine"]))
 
-    def of_channel(path: str, make: Callable[[Machine, str, Query], dict[str, Any]]) -> Route:
+    def of_channel(path: str, make: Callable[[WatchedMachine, str, Query], dict[str, Any]]) -> Route:
         return route(path, lambda request: make(machine(request), request.path_params["channel"], request.query_params))
 
     channel = "/api/channels/{machine}/{channel}"
@@ -232,7 +232,7 @@ def _api_routes(site: Site) -> list[Route]:
     ]
 
 
-def _begun(machine: Machine) -> Machine:
+def _begun(machine: WatchedMachine) -> WatchedMachine:
     """Return a machine that has a store; raise :class:`RequestError` 503 for others."""
     if machine.store.identity() is None:
         raise RequestError(503, f"nothing is recorded of machine {machine.name} yet: it has no store")
@@ -268,10 +268,10 @@ async def _stream(site: Site, request: Request) -> Response:
     subscriber = site.hub.subscribe((machine, channel) if machine and channel else None)
     headers = {"cache-control": "no-store", "x-accel-buffering": "no"}
     end = partial(site.hub.unsubscribe, subscriber)
-    return _Stream(site.hub.messages(subscriber), headers, "text/event-stream", end)
+    return _EndedStream(site.hub.messages(subscriber), headers, "text/event-stream", end)
 
 
-class _Stream(StreamingResponse):
+class _EndedStream(StreamingResponse):
     """A stream whose generator is closed with the answer, however that ends; then ``end`` is called."""
 
     def __init__(
@@ -343,7 +343,7 @@ def open_published(site: Machines, name: str) -> tuple[BinaryIO, int]:
     raise RequestError(404, "there is no such file")
 
 
-def _published(machine: Machine) -> dict[str, os.stat_result]:
+def _published(machine: WatchedMachine) -> dict[str, os.stat_result]:
     """Return the files of a machine's folder that have the name of a day or of the undated records; no links."""
     pattern = published_name(machine.name)
     found: dict[str, os.stat_result] = {}

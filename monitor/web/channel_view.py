@@ -29,7 +29,7 @@ from monitor.records.spectra import (
 from monitor.service.summary import weakest_calibration
 from monitor.web.answers import Query, RequestError, numbers, optional_number, times, whole_number
 from monitor.web.api import calibration, latest_values
-from monitor.web.machines import Machine
+from monitor.web.machines import WatchedMachine
 from monitor.words.features import FEATURES
 
 if TYPE_CHECKING:
@@ -39,7 +39,7 @@ if TYPE_CHECKING:
 _BINS = 300
 
 
-def spectrum(machine: Machine, channel: str, query: Query) -> dict[str, Any]:
+def spectrum(machine: WatchedMachine, channel: str, query: Query) -> dict[str, Any]:
     """Return the spectrum of one block, by default the newest, and the blocks with a spectrum; 404 without one."""
     section = machine.channel(channel)
     block = whole_number(query, "block", 0, 0, 2**62)
@@ -64,7 +64,7 @@ def spectrum(machine: Machine, channel: str, query: Query) -> dict[str, Any]:
     }
 
 
-def raw(machine: Machine, channel: str, query: Query) -> dict[str, Any]:
+def raw(machine: WatchedMachine, channel: str, query: Query) -> dict[str, Any]:
     """Return the raw spectrum of one block, by default the newest with one; 404 without one."""
     row, view = _view(machine, channel, query)
     factor, spectra = _in_g(row), view.spectra
@@ -79,7 +79,7 @@ def raw(machine: Machine, channel: str, query: Query) -> dict[str, Any]:
     }
 
 
-def ias(machine: Machine, channel: str, query: Query) -> dict[str, Any]:
+def ias(machine: WatchedMachine, channel: str, query: Query) -> dict[str, Any]:
     """Return the latest spectrum of the angular speed, of a block or before it; 404 without one."""
     section = machine.channel(channel)
     block = whole_number(query, "block", 0, 0, 2**62)
@@ -99,7 +99,7 @@ def ias(machine: Machine, channel: str, query: Query) -> dict[str, Any]:
     }
 
 
-def cyclic(machine: Machine, channel: str, query: Query) -> dict[str, Any]:
+def cyclic(machine: WatchedMachine, channel: str, query: Query) -> dict[str, Any]:
     """Return the mean coherence of the kept samples of a block by cyclic order; 404 where they do not give one."""
     row, view = _view(machine, channel, query)
     try:
@@ -116,7 +116,7 @@ def cyclic(machine: Machine, channel: str, query: Query) -> dict[str, Any]:
     }
 
 
-def waveform(machine: Machine, channel: str, query: Query) -> dict[str, Any]:
+def waveform(machine: WatchedMachine, channel: str, query: Query) -> dict[str, Any]:
     """Return the beginning of the waveform of one block, by default the newest with one; 404 without one."""
     row, view = _view(machine, channel, query)
     return {
@@ -126,7 +126,7 @@ def waveform(machine: Machine, channel: str, query: Query) -> dict[str, Any]:
     }
 
 
-def _view(machine: Machine, channel: str, query: Query) -> tuple[SpectrumRow, BlockView]:
+def _view(machine: WatchedMachine, channel: str, query: Query) -> tuple[SpectrumRow, BlockView]:
     section = machine.channel(channel)
     block = whole_number(query, "block", 0, 0, 2**62)
     row = read_block_view(machine.store, channel, source=section.source, at=block or None)
@@ -160,7 +160,7 @@ def _shared(row: SpectrumRow, resolution: float) -> list[list[list[str | int]]]:
     return [[list(line) for line in group] for group in shared_lines(row.lines, resolution)]
 
 
-def kurtogram(machine: Machine, channel: str, query: Query) -> dict[str, Any]:
+def kurtogram(machine: WatchedMachine, channel: str, query: Query) -> dict[str, Any]:
     """Return the latest kurtogram, of a block or before it; 404 without one."""
     section = machine.channel(channel)
     block = whole_number(query, "block", 0, 0, 2**62)
@@ -180,7 +180,7 @@ def kurtogram(machine: Machine, channel: str, query: Query) -> dict[str, Any]:
     }
 
 
-def waterfall(machine: Machine, channel: str, query: Query) -> dict[str, Any]:
+def waterfall(machine: WatchedMachine, channel: str, query: Query) -> dict[str, Any]:
     """Return all spectra over common bins of frequency or order: the highest amplitude in each."""
     section = machine.channel(channel)
     bins = whole_number(query, "bins", _BINS, 10, 2000)
@@ -212,7 +212,7 @@ def waterfall(machine: Machine, channel: str, query: Query) -> dict[str, Any]:
     }
 
 
-def newest_block(machine: Machine, channel: str) -> int | None:
+def newest_block(machine: WatchedMachine, channel: str) -> int | None:
     """Return the number of the newest block of which a spectrum is kept, or None."""
     section = machine.channel(channel)
     found = read_spectra(machine.store, channel, source=section.source, newest=1)
@@ -231,7 +231,7 @@ _lock = threading.Lock()
 _maps: dict[tuple[Path, int, int], RmsMap] = {}
 
 
-def map_of(machine: Machine, channel: str, _: Query) -> dict[str, Any]:
+def map_of(machine: WatchedMachine, channel: str, _: Query) -> dict[str, Any]:
     """Return the map and the track, or ``map`` null and the reason."""
     section = machine.channel(channel)
     if not section.track:
@@ -282,7 +282,7 @@ def _load(path: Path) -> RmsMap:
         raise RequestError(404, f"the RMS map cannot be read: {reason}") from None
 
 
-def _nearest(rms_map: RmsMap, machine: Machine, latest: Mapping[str, float]) -> tuple[float, float]:
+def _nearest(rms_map: RmsMap, machine: WatchedMachine, latest: Mapping[str, float]) -> tuple[float, float]:
     """Return load and speed of the latest record, or as configured, limited to the map."""
     operating = machine.config.operating
     load = latest.get("load", operating.load_newton)
@@ -292,7 +292,7 @@ def _nearest(rms_map: RmsMap, machine: Machine, latest: Mapping[str, float]) -> 
     return first, second
 
 
-def _track(machine: Machine, source: str, channel: str, first: float | None) -> dict[str, Any]:
+def _track(machine: WatchedMachine, source: str, channel: str, first: float | None) -> dict[str, Any]:
     """Return the track of the damage in the final stage, evenly thinned where it is long."""
     names = ("time_s", *_COLUMNS)
     if first is None:

@@ -16,7 +16,7 @@ from monitor.records.database import StoreError
 from monitor.records.events import EventLog, LoggedEvent, count_unacknowledged
 from monitor.records.queries import EventPlace, LogMarks, log_marks, newest_events
 from monitor.web.answers import Query, RequestError, json_object, whole_number, without_folders
-from monitor.web.machines import Machine, Machines
+from monitor.web.machines import Machines, WatchedMachine
 from monitor.words.events import event_text
 
 MAX_EVENTS = 200
@@ -159,12 +159,12 @@ def events(site: Machines, query: Query) -> dict[str, Any]:
     return {"unacknowledged": waiting, "failing": failing, "events": [event for _, event in found[:limit]]}
 
 
-def unacknowledged(machine: Machine) -> int:
+def unacknowledged(machine: WatchedMachine) -> int:
     """Return the number of unacknowledged events of a machine."""
     return 0 if machine.store.identity() is None else count_unacknowledged(machine.store)
 
 
-def marker(machine: Machine) -> LogMarks:
+def marker(machine: WatchedMachine) -> LogMarks:
     """Return numbers that change with each event, notice and acknowledgement."""
     return LogMarks() if machine.store.identity() is None else log_marks(machine.store)
 
@@ -178,7 +178,7 @@ def find_event(site: Machines, name: str) -> dict[str, Any]:
     return _plain(machine, *found[0])
 
 
-def split_name(site: Machines, name: str) -> tuple[Machine, str]:
+def split_name(site: Machines, name: str) -> tuple[WatchedMachine, str]:
     """Return machine and name in its log of an event; :class:`RequestError` 404 where the name is none."""
     found = _NAME.match(name)
     if found is None:
@@ -194,7 +194,7 @@ def _place_of(site: Machines, name: str) -> EventPlace:
     return found[0][0]
 
 
-def _plain(machine: Machine, place: EventPlace, event: LoggedEvent) -> dict[str, Any]:
+def _plain(machine: WatchedMachine, place: EventPlace, event: LoggedEvent) -> dict[str, Any]:
     body: Mapping[str, Any] = event.body
     channel = body.get("channel")
     return {

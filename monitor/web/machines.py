@@ -34,7 +34,7 @@ class Status:
     """Seconds since the file was written, or None where there is none."""
 
 
-class Machine:
+class WatchedMachine:
     """One machine; its methods may be called from any thread."""
 
     def __init__(self, config: Config) -> None:
@@ -94,15 +94,15 @@ class Machines:
 
     def __init__(self, configs: Sequence[Config]) -> None:
         """Raise ValueError where two machines have the same name."""
-        self._machines = {config.machine.name: Machine(config) for config in configs}
+        self._machines = {config.machine.name: WatchedMachine(config) for config in configs}
         if len(self._machines) < len(configs):
             raise ValueError("two machines have the same name; names of machines must be different")
 
-    def __iter__(self) -> Iterator[Machine]:
+    def __iter__(self) -> Iterator[WatchedMachine]:
         """Yield the machines in the order of their configurations."""
         return iter(self._machines.values())
 
-    def machine(self, name: str) -> Machine:
+    def machine(self, name: str) -> WatchedMachine:
         """Return a machine by name; raise :class:`RequestError` 404 where there is none."""
         found = self._machines.get(name)
         if found is None:

@@ -18,7 +18,7 @@ from monitor.records.rollup import SeriesKey
 from monitor.web.api import columns
 from monitor.web.channel_view import newest_block
 from monitor.web.event_view import marker, unacknowledged
-from monitor.web.machines import Machine, Machines
+from monitor.web.machines import Machines, WatchedMachine
 
 _LOG = logging.getLogger(__name__)
 _POLL_S = 0.5
@@ -189,7 +189,7 @@ class Hub:
         return total
 
     @staticmethod
-    def _of_channels(machine: Machine, seen: _Seen, channels: list[str]) -> Iterator[_Update]:
+    def _of_channels(machine: WatchedMachine, seen: _Seen, channels: list[str]) -> Iterator[_Update]:
         """Yield records and spectra of the channels that are followed."""
         newest = _newest_id(machine)
         if seen.newest is None or newest < seen.newest:
@@ -213,7 +213,7 @@ def message(kind: str, value: Mapping[str, Any]) -> bytes:
     return f"event: {kind}\ndata: {data}\n\n".encode()
 
 
-def _logged(machine: Machine, seen: _Seen) -> tuple[bool, str | None]:
+def _logged(machine: WatchedMachine, seen: _Seen) -> tuple[bool, str | None]:
     """Return whether the log of a machine changed, and the name of the newest event where there is a new one."""
     found = marker(machine)
     before, seen.marker = seen.marker, found
@@ -223,7 +223,7 @@ def _logged(machine: Machine, seen: _Seen) -> tuple[bool, str | None]:
     return True, next((name for name, is_new in new.items() if is_new), None)
 
 
-def _difference(seen: _Seen, machine: Machine, beating: bool) -> dict[str, Any] | None:
+def _difference(seen: _Seen, machine: WatchedMachine, beating: bool) -> dict[str, Any] | None:
     """Return what changed of a machine since the last message, or None; ages of blocks do not count."""
     status = machine.status()
     if status.version == seen.version:
@@ -246,12 +246,12 @@ def _without_age(channel: Mapping[str, Any] | None) -> dict[str, Any]:
     return {key: value for key, value in (channel or {}).items() if key != "last_block_age_s"}
 
 
-def _newest_id(machine: Machine) -> int:
+def _newest_id(machine: WatchedMachine) -> int:
     """Return the number of the newest block in the ledger, 0 where there is no block or no store."""
     return 0 if machine.store.identity() is None else newest_id(machine.store)
 
 
-def _records_after(machine: Machine, channel: str, after: int, until: int) -> dict[str, Any]:
+def _records_after(machine: WatchedMachine, channel: str, after: int, until: int) -> dict[str, Any]:
     """Return the newest records of a channel with ledger numbers above ``after``, up to ``until``."""
     section = machine.channel(channel)
     dated = is_dated(machine.store, section.source)

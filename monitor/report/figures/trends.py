@@ -37,7 +37,7 @@ from monitor.report.figures.drawing import (
     to_svg,
 )
 from monitor.report.figures.zoom import Line, Panel, zoom_data
-from monitor.report.readings import Moment
+from monitor.report.readings import LifeMoment
 from monitor.report.verdict import ChannelContext, ChannelVerdict
 from monitor.words.features import FEATURES
 from monitor.words.numbers import figure
@@ -55,7 +55,7 @@ _CLOSED_ALPHA = 0.12
 
 
 @dataclass(frozen=True, eq=False)
-class _Span:
+class _TrendSpan:
     """The part of a channel's life that a figure shows; ``time`` are positions on ``axis`` in seconds or blocks."""
 
     context: ChannelContext
@@ -112,7 +112,7 @@ def _drawn(context: ChannelContext, part: slice, heading: str) -> Picture | None
         time, axis = channel.sequence.astype(np.float64)[part], BLOCK_AXIS
     else:
         time, axis = channel.time[part], time_axis(channel.time, context.clock)
-    span = _Span(context, part, axis, time, _alarms(context))
+    span = _TrendSpan(context, part, axis, time, _alarms(context))
     score, threshold = span.column("detect_score"), span.column("detect_threshold")
     scored = bool(np.isfinite(score).any())
     made, panels = new_figure(5.6 if scored else 4.2, (1.25, 1.25, 1.0) if scored else (1.0, 1.0))
@@ -142,7 +142,7 @@ def _drawn(context: ChannelContext, part: slice, heading: str) -> Picture | None
     return Picture(heading or "Vibration", svg, _caption(span, scored=scored), data, name, zoom)
 
 
-def _zoomed(span: _Span, panels: list[Axes], data: dict[str, Any]) -> dict[str, Any]:
+def _zoomed(span: _TrendSpan, panels: list[Axes], data: dict[str, Any]) -> dict[str, Any]:
     scale = scale_of(absolute=span.context.channel.has_level)
     smoothed = span.column("rms_smoothed") / scale.si
     rms = [Line("RMS", BLUE, data[f"rms_{scale.suffix}"]), Line(_SMOOTHED, INK, smoothed)]
@@ -179,7 +179,7 @@ def zoom_marks(verdict: ChannelVerdict) -> list[tuple[str, str, float, str]]:
     return [(name, colour, mark.time, style) for mark, colour, style, name in _moments(verdict)]
 
 
-def _levels(upper: Axes, lower: Axes, span: _Span) -> dict[str, Any]:
+def _levels(upper: Axes, lower: Axes, span: _TrendSpan) -> dict[str, Any]:
     """Draw RMS and the sums of lines with their baselines; return what was drawn."""
     channel, axis, time = span.context.channel, span.axis, span.time
     scale = scale_of(absolute=channel.has_level)
@@ -213,7 +213,7 @@ def _levels(upper: Axes, lower: Axes, span: _Span) -> dict[str, Any]:
     return data
 
 
-def _caption(span: _Span, *, scored: bool) -> str:
+def _caption(span: _TrendSpan, *, scored: bool) -> str:
     channel, rms = span.context.channel, span.column("rms")
     finite = rms[np.isfinite(rms)]
     scale = scale_of(absolute=channel.has_level)
@@ -238,7 +238,7 @@ def _thinned(time: NDArray[np.float64], data: dict[str, Any]) -> dict[str, Any]:
     return found
 
 
-def _time_of(mark: Moment | None) -> float:
+def _time_of(mark: LifeMoment | None) -> float:
     return math.nan if mark is None else mark.time
 
 
@@ -254,17 +254,17 @@ def _alarms(context: ChannelContext) -> list[tuple[float, str]]:
     return [(at, severity) for at, severity in raised if at is not None]
 
 
-def _shown_alarms(span: _Span, severity: str) -> list[float]:
+def _shown_alarms(span: _TrendSpan, severity: str) -> list[float]:
     return [at for at, known in span.alarms if known == severity and at >= span.time[0]]
 
 
-def _draw_alarms(axes: Axes, span: _Span) -> None:
+def _draw_alarms(axes: Axes, span: _TrendSpan) -> None:
     for severity, colour in _ALARM_COLOURS.items():
         x = [span.axis.position(at) for at in _shown_alarms(span, severity)]
         axes.plot(x, [0.97] * len(x), "v", color=colour, markersize=5, transform=axes.get_xaxis_transform())
 
 
-def _shade_learning(axes: Axes, span: _Span) -> None:
+def _shade_learning(axes: Axes, span: _TrendSpan) -> None:
     rows = span.learning
     if rows.size > 1:
         edges = span.axis.position(span.time[rows[[0, -1]]])
@@ -281,7 +281,7 @@ def draw_marks(axes: Axes, axis: TimeAxis, verdict: ChannelVerdict) -> None:
         axes.axvline(float(axis.position(mark.time)), color=colour, linestyle=style, linewidth=1.2)
 
 
-def _moments(verdict: ChannelVerdict) -> list[tuple[Moment, str, str, str]]:
+def _moments(verdict: ChannelVerdict) -> list[tuple[LifeMoment, str, str, str]]:
     marks = (
         (verdict.t_fs, VERMILION, "-", "final stage began"),
         (verdict.t_fs_known, VERMILION, ":", "known"),
@@ -294,7 +294,7 @@ def _moments(verdict: ChannelVerdict) -> list[tuple[Moment, str, str, str]]:
     ]
 
 
-def _mark_legend(axes: Axes, span: _Span) -> None:
+def _mark_legend(axes: Axes, span: _TrendSpan) -> None:
     """Name lines, marks and rugs in one legend above the panel."""
     handles, _ = axes.get_legend_handles_labels()
     for mark, colour, style, name in _moments(span.context.verdict):
@@ -313,7 +313,7 @@ def _mark_legend(axes: Axes, span: _Span) -> None:
         axes.legend(handles=handles, loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=4, borderaxespad=0.2)
 
 
-def _draw_rugs(axes: Axes, span: _Span) -> None:
+def _draw_rugs(axes: Axes, span: _TrendSpan) -> None:
     style: dict[str, Any] = {"markersize": 5, "transform": axes.get_xaxis_transform()}
     for marker, colour, _, rows in span.rugs():
         draw_rug(axes, span.axis, span.time[rows], 0.03, marker, 300, color=colour, **style)

@@ -18,7 +18,7 @@ from models.work.runner import Runner
 from monitor.commands import replay_many as replay_many_module
 from monitor.commands.common import InputError
 from monitor.commands.replay import command
-from monitor.commands.replay_many import Recording, Replays, find_recordings, replay_many
+from monitor.commands.replay_many import ReplayRecording, Replays, find_recordings, replay_many
 from monitor.commands.shared_folders import SharedFolderError, remove_leftovers, replaced
 from monitor.config.load import ConfigError
 from monitor.records.store import Store
@@ -181,7 +181,7 @@ def test_no_signature_is_kept_in_a_chunk(fleet: Path, monkeypatch: pytest.Monkey
 
     monkeypatch.setattr(replay_many_module, "local_source", fetched)
     store = FolderStore(fleet / "chunks")
-    recording = Recording("c", signed, "https://plant.example/c.npy")
+    recording = ReplayRecording("c", signed, "https://plant.example/c.npy")
     replays = Replays(fleet / "m.toml", fleet / "out", report=False)
     (outcome,) = replay_many([recording], replays, Runner(SerialExecutor(), store))
     assert outcome.summary is not None
@@ -204,7 +204,7 @@ def test_workers_elsewhere_must_see_the_same_folders(fleet: Path) -> None:
         (outcome,) = replay_many(find_recordings(["c"]), replays, runner, elsewhere=True)
         assert outcome.summary is not None
         assert outcome.summary["blocks"] == 2
-        gone = Recording("gone", str(fleet / "c"), "c")
+        gone = ReplayRecording("gone", str(fleet / "c"), "c")
         shadow = _Forgetful(runner, fleet / "out2")
         with pytest.raises(SharedFolderError, match="does not see this folder of the caller"):
             replay_many([gone], Replays(fleet / "m.toml", fleet / "out2"), shadow, elsewhere=True)

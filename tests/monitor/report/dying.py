@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import os
 
-from monitor.commands.report_batch import Outcome, Pages, Task
+from monitor.commands.report_batch import Pages, ReportOutcome, ReportTask
 
 
-def dies(_pages: Pages, task: Task) -> Outcome:
+def dies(_pages: Pages, task: ReportTask) -> ReportOutcome:
     """Take the place of a report whose process is killed."""
     if task.run.name == "b":
         os._exit(9)
-    return Outcome(task.run, ())
+    return ReportOutcome(task.run, ())

@@ -30,7 +30,7 @@ from monitor.commands.report_batch import (
     BatchRun,
     BatchSettings,
     Pages,
-    Task,
+    ReportTask,
     find_runs,
     report_one,
     reused,
@@ -184,13 +184,13 @@ def test_a_worker_that_sees_other_folders_ends_the_batch(fleet: Path, tmp_path: 
     (run,) = find_runs(fleet / "hall B", recordings=False)
     pages = Pages.of(tmp_path, SHORT_PAGES)
     with pytest.raises(SharedFolderError, match=r"--out .* does not see this folder"):
-        report_one(replace(pages, mark=".spallwatch-0123"), Task(run))
+        report_one(replace(pages, mark=".spallwatch-0123"), ReportTask(run))
     with pytest.raises(SharedFolderError, match=r"expected 1 files of 5 bytes .* sees 1 of"):
-        report_one(pages, Task(run, Seen(1, 5)))
+        report_one(pages, ReportTask(run, Seen(1, 5)))
     with pytest.raises(SharedFolderError, match="is not there on worker"):
-        report_one(pages, Task(replace(run, path=tmp_path / "none"), Seen(1, 5)))
+        report_one(pages, ReportTask(replace(run, path=tmp_path / "none"), Seen(1, 5)))
     with Runner(SerialExecutor(), FolderStore(tmp_path / "chunks")) as runner:
-        ((_, outcome),) = runner.outcomes(report_batch.REPORTS, pages, [Task(run, Seen(1, 5))])
+        ((_, outcome),) = runner.outcomes(report_batch.REPORTS, pages, [ReportTask(run, Seen(1, 5))])
     assert isinstance(outcome, Failure)
     with pytest.raises(SharedFolderError, match="sees 1 of"):
         raise_if_unseen(outcome)
@@ -209,7 +209,7 @@ def test_recordings_are_replayed_where_a_configuration_is_given(
     config = Path(__file__).parents[3] / "examples" / "pronostia_1800rpm_4000n.toml"
     run = BatchRun(recordings, "take_1", recording=True)
     pages = Pages.of(tmp_path / "out", BatchSettings(Options(), config_path=config, tables=False))
-    outcome = report_one(pages, Task(run))
+    outcome = report_one(pages, ReportTask(run))
     assert outcome.error == ""
     assert outcome.summaries[0].counts == {"ok": 3}
     again = reused(pages, run)
@@ -218,11 +218,11 @@ def test_recordings_are_replayed_where_a_configuration_is_given(
     # A map or library of the configuration has changed since.
     assert reused(replace(pages, configured="other"), run) is None
     with pytest.raises(SharedFolderError, match=r"n\.toml: worker .* sees another configuration"):
-        report_one(replace(pages, configured="other"), Task(run))
+        report_one(replace(pages, configured="other"), ReportTask(run))
     monkeypatch.setattr("monitor.commands.report_batch.program", lambda: "another")
     assert reused(pages, run) is None
     without = Pages.of(tmp_path / "out", BatchSettings(Options(), tables=False))
-    assert "give --config FILE" in report_one(without, Task(BatchRun(recordings, "other", recording=True))).error
+    assert "give --config FILE" in report_one(without, ReportTask(BatchRun(recordings, "other", recording=True))).error
     (item,) = find_runs(tmp_path / "in", recordings=True)
     assert item == BatchRun(recordings, "take_1", recording=True)
 

@@ -19,7 +19,7 @@ from monitor.records.events import EventLog
 from monitor.records.spectra import read_block_view, read_spectra
 from monitor.records.store import Store
 from monitor.web.channel_view import map_of
-from monitor.web.machines import Machine, Status
+from monitor.web.machines import Status, WatchedMachine
 from tests.streams.folders import csv_bytes
 from tests.support.daemon import running
 from tests.support.daemons import status
@@ -337,7 +337,7 @@ def test_the_map_is_that_of_the_part_that_is_named(tmp_path: Path, monkeypatch: 
     put_blocks(config, 1)
     with running(config):
         wait_until(lambda: status(config)["blocks"] == 2)
-    machine = Machine(load_config(config))
+    machine = WatchedMachine(load_config(config))
     for fault, shown in (("inner", "inner"), (None, "outer"), ("inner|ball", "inner")):
         monkeypatch.setattr(machine, "status", lambda fault=fault: Status(0, {"channels": {"x0": {"fault": fault}}}))
         found = map_of(machine, "x0", {})
