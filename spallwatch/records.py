@@ -54,7 +54,7 @@ def replay(
         out: folder that keeps the store and the published records; by default nothing is kept.
         limit: greatest number of blocks.
         block_s: length of a block, s; "file": one block a file.
-        how: ``spallwatch.recordings.ReadingOptions``; without ``channels``, all that seem to be vibration are monitored.
+        how: ``spallwatch.recordings.ReadingOptions``; without ``channels``, all that seem vibration are monitored.
 
     Returns:
         As ``open_records``. Channels have the names of the file, in letters that a configuration takes.

@@ -35,7 +35,7 @@ from monitor.words.numbers import count
 @option.config
 @click.option("--keep", type=click.IntRange(min=1), default=7, help="Number of backups of the machine that stay.")
 @option.output
-def command(folder: Path, config_path: Path | None, keep: int, as_json: bool, quiet: bool) -> None:
+def command(folder: Path, config_path: Path | None, keep: int, quiet: bool) -> option.Result:
     """Back the state of a machine up below DIR while its daemon runs.
 
     A backup is a folder with the store, the published files, the configuration with its maps and libraries, and a
@@ -64,7 +64,7 @@ def command(folder: Path, config_path: Path | None, keep: int, as_json: bool, qu
         "removed": removed,
     }
     _note(state_dir, {"utc": _iso(utc), "out": values["out"], "blocks": backup.blocks}, quiet=quiet)
-    emit(values, _backup_lines(values), as_json=as_json)
+    return values, _backup_lines(values)
 
 
 def _configuration(config: Config, path: Path) -> Iterator[tuple[str, Path]]:
@@ -106,7 +106,7 @@ def _backup_lines(values: Mapping[str, Any]) -> Iterator[str]:
 @option.config
 @click.option("--replace", is_flag=True, help="Keep a store that is there as state.db.before-restore-TIME.")
 @option.output
-def restore_command(folder: Path, config_path: Path | None, replace: bool, as_json: bool, quiet: bool) -> None:
+def restore_command(folder: Path, config_path: Path | None, replace: bool) -> option.Result:
     """Put a backup in the place of the state of a machine; its daemon must be stopped.
 
     DIR is a backup, or a folder of them, of which the newest of the machine is taken. It is verified first. Published
@@ -133,7 +133,7 @@ def restore_command(folder: Path, config_path: Path | None, replace: bool, as_js
         "same_configuration": done.backup.manifest["config_hash"] == config.hash,
         "seconds": round(time.monotonic() - began, 3),
     }
-    emit(values, _restore_lines(values), as_json=as_json)
+    return values, _restore_lines(values)
 
 
 def _restore_lines(values: Mapping[str, Any]) -> Iterator[str]:

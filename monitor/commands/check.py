@@ -22,7 +22,7 @@ from monitor.commands.check_sections import (
     tacho_words,
     taken_families,
 )
-from monitor.commands.common import emit, read_config
+from monitor.commands.common import read_config
 from monitor.commands.model_parameters import effects_of
 from monitor.commands.redate import DatingPreview, keep_previews, preview_dating
 from monitor.config.load import Config, ConfigError
@@ -43,9 +43,7 @@ from monitor.words.calibration import ASSUMED, rig_words
     help="Look at the first block of a recording for strong lines of other origin, and propose [[interference]].",
 )
 @option.output
-def command(
-    config_path: Path | None, schema: bool, keep: bool, recording: str | None, as_json: bool, quiet: bool
-) -> None:
+def command(config_path: Path | None, schema: bool, keep: bool, recording: str | None) -> option.Result | None:
     """Validate a configuration and list what would be monitored.
 
     Whatever `run` would refuse is refused with exit code 2, and so is a folder of records that cannot be written.
@@ -56,7 +54,7 @@ def command(
     """
     if schema:
         click.echo(json.dumps(Config.model_json_schema(), indent=2))
-        return
+        return None
     config = read_config(config_path)
     refuse_what_run_refuses(config)
     proposals = [] if recording is None else propose_interference(config, recording)
@@ -78,7 +76,7 @@ def command(
         "problems": problems,
     }
     lines = [*_lines(config, problems, dated), *(proposal_words(found) for found in proposals)]
-    emit(values, lines, as_json=as_json)
+    return values, lines
 
 
 def _rig_limits(source: SourceSection) -> list[str]:

@@ -14,7 +14,6 @@ from monitor.commands.common import (
     PICTURES,
     InputError,
     check_suffix,
-    emit,
     find_entry,
     input_errors,
     read_config,
@@ -49,9 +48,7 @@ def command(
     config_path: Path | None,
     name: str | None,
     plot: Path | None,
-    as_json: bool,
-    quiet: bool,
-) -> None:
+) -> option.Result:
     """Print which lines of a bearing recur with its shaft: spectral coherence of the first block of FILE.
 
     The speed is steady (--speed-hz, or what FILE states), or the angle of the shaft is found in the vibration
@@ -72,7 +69,7 @@ def command(
         title = f"Cyclic coherence: {input_path.name}"
         write_plot(cyclic_sheet(study.found, study.orders, rotation_facts(rotation), title), plot)
     values = _values(study)
-    emit(values, _lines(values), as_json=as_json)
+    return values, _lines(values)
 
 
 def _read(path: Path, column: str | None, rate: float | None, block_s: float) -> tuple[Any, float, float | None]:

@@ -15,7 +15,7 @@ from models.machine.rig import Rig
 from models.solve.registry import IGNORES_DEPTH, RIGS
 from models.work.choose import local_runner
 from monitor.commands import option
-from monitor.commands.common import InputError, counter, emit, finite, progress_bar, say
+from monitor.commands.common import InputError, counter, finite, progress_bar, say
 from monitor.commands.demo_prior import forecast_quadratic, quadratic_library
 from monitor.commands.replay import summary_lines, write_report
 from monitor.commands.sole_writer import hold_output
@@ -130,7 +130,7 @@ def demo_config(method: str = "library", model: str = Rig.model) -> Config:
 )
 @click.option("--model", type=click.Choice(MODELS), default=Rig.model, help="Of rig and map.")
 @option.output
-def command(out: Path, seed: int, method: str | None, model: str, as_json: bool, quiet: bool) -> None:
+def command(out: Path, seed: int, method: str | None, model: str, quiet: bool) -> option.Result:
     """Simulate a bearing that wears out, monitor its blocks, and write records and a report.
 
     The rig simulates each block directly, on a rough floor and with parameters 2 to 5 % away from the nominal ones.
@@ -182,7 +182,7 @@ def command(out: Path, seed: int, method: str | None, model: str, as_json: bool,
         "report": str(page),
         "seconds_in_all": time.perf_counter() - began,
     }
-    emit(summary, _demo_lines(summary), as_json=as_json)
+    return summary, _demo_lines(summary)
 
 
 def _demo_map(config: Config, model: str, *, quiet: bool) -> RmsMap:

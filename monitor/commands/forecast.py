@@ -12,7 +12,7 @@ from typing import Any
 import click
 
 from monitor.commands import option
-from monitor.commands.common import InputError, check_suffix, emit, finite, input_errors
+from monitor.commands.common import InputError, check_suffix, finite, input_errors
 from monitor.commands.forecast_learned import (
     METHODS,
     Asked,
@@ -74,9 +74,7 @@ def command(
     columns: tuple[tuple[str, str], ...],
     t_fs_s: float | None,
     out: Path | None,
-    as_json: bool,
-    quiet: bool,
-) -> None:
+) -> option.Result:
     """Forecast through INPUT: one row per point and threshold, from the points up to its time only.
 
     INPUT is a CSV file with time_s,v_eq_mm2 from t_fs on, or records as replay and demo publish them. From records, the
@@ -119,7 +117,7 @@ def command(
     }
     if out is not None:
         write_out(out, values, {"time": times, "columns": _columns(issued), "thresholds": thresholds})
-    emit(values, _lines(values), as_json=as_json)
+    return values, _lines(values)
 
 
 def _forecast(

@@ -19,7 +19,6 @@ from monitor.commands.common import (
     PICTURES,
     InputError,
     check_suffix,
-    emit,
     find_entry,
     finite,
     input_errors,
@@ -62,10 +61,8 @@ def command(
     name: str | None,
     out: Path | None,
     plot: Path | None,
-    as_json: bool,
-    quiet: bool,
     **wheel: Any,
-) -> None:
+) -> option.Result:
     """Print the spectrum of a shaft's angular speed over events per revolution, from the pulses of an encoder.
 
     FILE is a text with a time a line, s, or any recording with --tacho-channel. A configuration states the wheel in
@@ -100,7 +97,7 @@ def command(
             np.savetxt(out, rows, "%.9g", delimiter=",", header="order,amplitude_rad_s", comments="")
     if plot is not None:
         _draw(found, orders, values, input_path, plot)
-    emit(values, _lines(values), as_json=as_json)
+    return values, _lines(values)
 
 
 def _text(path: Path) -> tuple[NDArray[np.float64], int | None]:

@@ -11,7 +11,7 @@ import click
 
 from models.platform.process_signals import ROOT
 from monitor.commands import option
-from monitor.commands.common import InputError, emit, read_config, say
+from monitor.commands.common import InputError, read_config, say
 from monitor.config.load import Config
 
 if TYPE_CHECKING:
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 @click.command("warmup")
 @option.config
 @option.output
-def command(config_path: Path | None, as_json: bool, quiet: bool) -> None:
+def command(config_path: Path | None, quiet: bool) -> option.Result:
     """Compile the bearing model and plan the transforms of a configuration.
 
     Compiled code is kept for later runs on this machine if the installation or the home of the user is writable; a
@@ -60,7 +60,7 @@ def command(config_path: Path | None, as_json: bool, quiet: bool) -> None:
         f"the rest loaded; {elapsed:.2f} s in all",
         f"transforms: {planned} planned in {values['plan_seconds']:.2f} s",
     )
-    emit(values, lines, as_json=as_json)
+    return values, lines
 
 
 def _compile(*, quiet: bool) -> list[CompiledPart]:
@@ -124,7 +124,7 @@ def _is_example(name: str) -> bool:
 @click.argument("names", nargs=-1, metavar="[NAME]...")
 @click.option("--out", type=option.FOLDER, default=".", help="Folder to copy the named ones to.")
 @option.output
-def examples_command(names: tuple[str, ...], out: Path, as_json: bool, quiet: bool) -> None:
+def examples_command(names: tuple[str, ...], out: Path, quiet: bool) -> option.Result:
     """List the examples, or copy the ones that are named: configurations, notebooks, a sender.
 
     A file of that name that is already there is not replaced.
@@ -132,8 +132,7 @@ def examples_command(names: tuple[str, ...], out: Path, as_json: bool, quiet: bo
     del quiet
     known = example_files()
     if not names:
-        emit({"examples": list(known)}, known, as_json=as_json)
-        return
+        return {"examples": list(known)}, known
     for name in names:
         if name not in known:
             raise InputError(f"there is no example {name!r}; expected one of: {', '.join(known) or 'none installed'}")
@@ -143,4 +142,4 @@ def examples_command(names: tuple[str, ...], out: Path, as_json: bool, quiet: bo
     copied = [out / Path(name).name for name in names]
     for name, target in zip(names, copied, strict=True):
         target.write_bytes(known[name].read_bytes())
-    emit({"out": [str(path) for path in copied]}, map(str, copied), as_json=as_json)
+    return {"out": [str(path) for path in copied]}, map(str, copied)

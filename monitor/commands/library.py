@@ -21,7 +21,6 @@ from monitor.commands.common import (
     InputError,
     check_suffix,
     check_writable,
-    emit,
     find_entry,
     input_errors,
     output_errors,
@@ -89,8 +88,8 @@ command.add_command(library_learn.command)
 @click.option("--out", type=option.OUT_FILE, required=True, help="The library (.npz).")
 @option.output
 def build(
-    config_path: Path | None, name: str | None, sharing: Sharing, out: Path, as_json: bool, quiet: bool, **options: Any
-) -> None:
+    config_path: Path | None, name: str | None, sharing: Sharing, out: Path, quiet: bool, **options: Any
+) -> option.Result:
     """Simulate lives of bearings on the configured rig, fit the forecaster, and write it with its settings."""
     check_suffix("--out", out, (".npz",))
     thresholds = [value * 1e-6 for value in options["threshold_mm2"]]
@@ -111,7 +110,7 @@ def build(
     values = _values(library, options["runs"], time.perf_counter() - began, out)
     values |= {"model": population.rig.model, "calibrated": population.rig.calibrated, "rig": rig_line(population.rig)}
     values |= {"rig_spread_over": population.rig_spread_words, "cluster": shared.values()}
-    emit(values, [*_lines(values), *shared.lines()], as_json=as_json)
+    return values, [*_lines(values), *shared.lines()]
 
 
 def _recorded(path: Path, channel: str | None) -> RecordedRun:

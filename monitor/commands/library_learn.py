@@ -16,7 +16,6 @@ from monitor.commands.common import (
     InputError,
     check_suffix,
     check_writable,
-    emit,
     finite,
     input_errors,
     output_errors,
@@ -91,9 +90,8 @@ def command(
     library_path: Path | None,
     threshold_mm2: float,
     out: Path,
-    as_json: bool,
     quiet: bool,
-) -> None:
+) -> option.Result:
     """Learn from RUNS, recorded until the end that is to be forecast, of one kind of machine.
 
     Each is records (a netCDF file or a folder) or CSV with elapsed_s,rms_g[,h_or_g,outer_floor_g,v_eq_mm2] from
@@ -124,7 +122,7 @@ def command(
     with output_errors("--out", out):
         save_learned(model, out)
     say(f"learned library: {out}", quiet=quiet)
-    emit(_values(model, out), _lines(model), as_json=as_json)
+    return _values(model, out), _lines(model)
 
 
 def learn(runs: Sequence[LearnedRun], left_out: Sequence[Mapping[str, str]]) -> LearnedModel:

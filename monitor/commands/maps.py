@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import os
-import sys
 import time
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
@@ -29,7 +28,6 @@ from monitor.commands.common import (
     InputError,
     check_suffix,
     check_writable,
-    emit,
     find_entry,
     finite,
     input_errors,
@@ -97,8 +95,8 @@ def command() -> None:
 @click.option("--out", type=option.OUT_FILE, required=True, help="The map (netCDF).")
 @option.output
 def build(
-    config_path: Path | None, name: str | None, sharing: Sharing, out: Path, as_json: bool, quiet: bool, **options: Any
-) -> None:
+    config_path: Path | None, name: str | None, sharing: Sharing, out: Path, quiet: bool, **options: Any
+) -> option.Result:
     """Simulate a map and write it with its settings."""
     tolerance = options["interpolation_tolerance"]
     began, began_cpu = time.perf_counter(), _cpu_seconds()
@@ -133,9 +131,8 @@ def build(
         "cluster": shared.values(),
     }
     say(f"map: {out}", quiet=quiet)
-    emit(values, [*_build_lines(values), *shared.lines()], as_json=as_json)
-    if tolerance > 0.0 and not (values["interpolation_error"] or 0.0) <= tolerance:
-        sys.exit(1)
+    coarse = tolerance > 0.0 and not (values["interpolation_error"] or 0.0) <= tolerance
+    return values, [*_build_lines(values), *shared.lines()], coarse
 
 
 def _quality(rms_map: RmsMap) -> dict[str, Any]:
@@ -283,7 +280,7 @@ def _build_lines(values: Mapping[str, Any]) -> Iterator[str]:
 @click.argument("path", metavar="FILE", type=option.FILE)
 @click.option("--out", type=option.OUT_FILE, required=True, help="PNG, SVG or HTML.")
 @option.output
-def show(path: Path, out: Path, as_json: bool, quiet: bool) -> None:
+def show(path: Path, out: Path) -> option.Result:
     """Draw a map as a picture or a page: its levels, cuts through them, and their errors."""
     check_suffix("--out", out, PICTURES)
     rms_map = load_map(path)
@@ -301,7 +298,7 @@ def show(path: Path, out: Path, as_json: bool, quiet: bool) -> None:
         "hash": rms_map.hash,
     }
     level = "no RMS" if least is None or most is None else f"RMS {least:.3g} to {most:.3g} g"
-    emit(values, [f"{level}; {out}", rig_line(rms_map.plan.rig)], as_json=as_json)
+    return values, [f"{level}; {out}", rig_line(rms_map.plan.rig)]
 
 
 @command.command("check")
@@ -310,7 +307,7 @@ def show(path: Path, out: Path, as_json: bool, quiet: bool) -> None:
 @click.option("--seed", type=option.WHOLE, default=0, help="Seed of their choice.")
 @sharing("Threads or processes")
 @option.output
-def check(path: Path, points: int, seed: int, sharing: Sharing, as_json: bool, quiet: bool) -> None:
+def check(path: Path, points: int, seed: int, sharing: Sharing, quiet: bool) -> option.Result:
     """Estimate the error of a map: nodes against finer steps, points between nodes against the model."""
     rms_map = load_map(path)
     began, began_cpu = time.perf_counter(), _cpu_seconds()
@@ -341,4 +338,4 @@ def check(path: Path, points: int, seed: int, sharing: Sharing, as_json: bool, q
             f"between loads and speeds, likewise: {100 * found.condition_rms:.2g} % rms, "
             f"{100 * found.condition_max:.2g} % at most"
         )
-    emit(values, [*lines, *shared.lines()], as_json=as_json)
+    return values, [*lines, *shared.lines()]

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import functools
+import inspect
 import math
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -82,12 +84,32 @@ line_contact = click.option(
 rows = click.option("--out", type=OUT_FILE, help="Write the rows too: .csv, .json or .nc.")
 
 
-def output(function: F) -> F:
-    """Add ``--json`` and ``--quiet``."""
-    function = click.option("--quiet", is_flag=True, help="Print only errors on standard error.")(function)
-    return click.option(
-        "--json", "as_json", is_flag=True, help="Print one JSON object on standard output, for programs."
-    )(function)
+Result = tuple[Mapping[str, Any], Iterable[str]] | tuple[Mapping[str, Any], Iterable[str], bool]
+"""What a command answers: its JSON object, the lines for people, and whether the exit code is 1; by default it is 0."""
+
+
+def output(function: Callable[..., Any]) -> Any:
+    """Add ``--json`` and ``--quiet``, and print the :data:`Result` that the command returns.
+
+    A command that prints by itself takes ``as_json``; one whose other words can be left out takes ``quiet``.
+    """
+    taken = inspect.signature(function).parameters
+
+    @click.option("--json", "as_json", is_flag=True, help="Print one JSON object on standard output, for programs.")
+    @click.option("--quiet", is_flag=True, help="Print only errors on standard error.")
+    @functools.wraps(function)
+    def command(*args: Any, as_json: bool, quiet: bool, **options: Any) -> None:
+        from monitor.commands.common import emit
+
+        asked = {"as_json": as_json, "quiet": quiet}
+        result = function(*args, **options, **{name: value for name, value in asked.items() if name in taken})
+        if result is None:
+            return
+        emit(*result[:2], as_json=as_json)
+        if any(result[2:]):
+            click.get_current_context().exit(1)
+
+    return command
 
 
 def method(*methods: str) -> Callable[[F], F]:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from models.machine.bearing import kinematics
 from monitor.commands import option
-from monitor.commands.common import PICTURES, InputError, check_suffix, emit, output_errors, read_config, write_plot
+from monitor.commands.common import PICTURES, InputError, check_suffix, output_errors, read_config, write_plot
 from monitor.config.load import Config
 from monitor.health.output import ChannelOutput
 from monitor.health.signal.features import fundamentals
@@ -42,9 +42,7 @@ def command(
     max_order: float,
     out: Path | None,
     plot: Path | None,
-    as_json: bool,
-    quiet: bool,
-) -> None:
+) -> option.Result:
     """Print the highest lines of one block of RECORDING over orders of the shaft.
 
     The angle of the shaft is that of the configuration: a tacho, pulses, a speed over time, or the vibration.
@@ -66,7 +64,7 @@ def command(
     if plot is not None:
         _draw(plot, block.name, spectra, outputs, settings, envelope=envelope)
     values = _values(block, outputs, spectra, settings)
-    emit(values, _lines(values), as_json=as_json)
+    return values, _lines(values)
 
 
 def _block(

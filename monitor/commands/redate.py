@@ -13,7 +13,7 @@ import click
 
 from monitor.commands import option
 from monitor.commands.check_sections import TachoView, tacho_problem, tacho_view
-from monitor.commands.common import InputError, emit, find_source, publish_change, read_config
+from monitor.commands.common import InputError, find_source, publish_change, read_config
 from monitor.config.load import Config, ConfigError
 from monitor.config.source import SourceSection
 
@@ -34,7 +34,7 @@ _MAX_LAST = 20
 @click.argument("source")
 @option.config
 @option.output
-def command(source: str, config_path: Path | None, as_json: bool, quiet: bool) -> None:
+def command(source: str, config_path: Path | None) -> option.Result:
     """Choose anew what dates the blocks of SOURCE, by the configuration and its next file.
 
     Committed blocks keep their dates. The daemon must be stopped.
@@ -52,7 +52,7 @@ def command(source: str, config_path: Path | None, as_json: bool, quiet: bool) -
         publish_change(store, config.machine.records_dir)
     was = "not dated by a choice" if before is None else f"dated {before.describe()}"
     lines = [f"source {source}: was {was}", "its next file decides, by the configuration (spallwatch check shows how)"]
-    emit({"source": source, "before": values, "after": None}, lines, as_json=as_json)
+    return {"source": source, "before": values, "after": None}, lines
 
 
 @dataclass(frozen=True)

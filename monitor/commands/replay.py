@@ -13,7 +13,7 @@ import click
 
 from monitor.commands import option
 from monitor.commands.cluster_options import Sharing, sharing
-from monitor.commands.common import InputError, emit, progress_bar, read_config, say
+from monitor.commands.common import InputError, progress_bar, read_config, say
 from monitor.commands.sole_writer import hold_output
 from monitor.words.advice import status_line
 from monitor.words.numbers import duration, interval
@@ -48,9 +48,8 @@ def command(
     limit: int | None,
     report: bool,
     sharing: Sharing,
-    as_json: bool,
     quiet: bool,
-) -> None:
+) -> option.Result:
     """Replay a recording: PATH is a file, a folder, an archive or a source URL (rig:ferrara?seed=1, s3://BUCKET/RUN).
 
     Several PATHs, or one with --cluster, are replayed side by side, each into OUT/NAME. --resume continues the store
@@ -68,8 +67,7 @@ def command(
             raise InputError("--pace: expected one PATH on this machine, got several or --cluster")
         read_config(config_path)
         replays = (config_path or Path("config.toml"), out, limit, report)
-        _replay_many(recordings, replays, sharing, as_json=as_json, quiet=quiet)
-        return
+        return _replay_many(recordings, replays, sharing, quiet=quiet)
     from monitor.service.replay import replay
 
     if sharing.chunks is not None:
@@ -96,9 +94,7 @@ def command(
         played = given if given.startswith("rig:") else shown(Path(bare(given)).name)
         page = write_report(result, out / "report.html", f"{config.machine.name}: {played}")
         say(f"report: {page}", quiet=quiet)
-    emit(result.summary, summary_lines(result.summary), as_json=as_json)
-    if is_all_rejected(result.summary):
-        click.get_current_context().exit(1)
+    return result.summary, summary_lines(result.summary), is_all_rejected(result.summary)
 
 
 def _replay_many(
@@ -106,9 +102,8 @@ def _replay_many(
     replays: tuple[Path, Path, int | None, bool],
     sharing: Sharing,
     *,
-    as_json: bool,
     quiet: bool,
-) -> None:
+) -> option.Result:
     from monitor.commands import replay_many
 
     config_path, out, limit, report = replays
@@ -119,9 +114,7 @@ def _replay_many(
         outcomes = replay_many.replay_many(recordings, settings, shared.runner, elsewhere=sharing.cluster is not None)
     told = replay_many.values(outcomes, out)
     told |= {"seconds": time.perf_counter() - began, "cluster": shared.values()}
-    emit(told, [*replay_many.lines(told), *shared.lines()], as_json=as_json)
-    if told["failed"]:
-        click.get_current_context().exit(1)
+    return told, [*replay_many.lines(told), *shared.lines()], bool(told["failed"])
 
 
 def is_all_rejected(summary: Mapping[str, Any]) -> bool:

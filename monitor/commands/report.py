@@ -12,7 +12,7 @@ import click
 
 from monitor.commands import option
 from monitor.commands.cluster_options import Sharing, sharing
-from monitor.commands.common import InputError, emit, say
+from monitor.commands.common import InputError, say
 from monitor.words.numbers import duration
 
 if TYPE_CHECKING:
@@ -50,9 +50,8 @@ def command(
     config_path: Path | None,
     pdf: bool,
     sharing: Sharing,
-    as_json: bool,
     quiet: bool,
-) -> None:
+) -> option.Result:
     """Write one page, HTML or PDF, of RECORDS: netCDF files, folders of them, or state.db of one or several runs.
 
     With --batch, write a page for each run under a folder and an index of them all. Pages that are complete and
@@ -70,8 +69,7 @@ def command(
         if records or maps:
             raise InputError("--batch DIR takes no RECORDS and no --map; name maps in the [report.maps] of --include")
         settings = BatchSettings(options, include, config_path, tables is not False, pdf)
-        _batch(batch, out or Path("reports"), settings, sharing, as_json=as_json, quiet=quiet)
-        return
+        return _batch(batch, out or Path("reports"), settings, sharing, quiet=quiet)
     if not records:
         raise click.UsageError("Missing argument 'RECORDS...' (or --batch DIR).")
     if config_path is not None:
@@ -92,10 +90,10 @@ def command(
         values["pdf"] = str(page.with_suffix(".pdf"))
     if folder is not None:
         values["tables"] = sorted(str(path) for path in folder.iterdir())
-    emit(values, [], as_json=as_json)
+    return values, []
 
 
-def _batch(folder: Path, out: Path, settings: BatchSettings, sharing: Sharing, *, as_json: bool, quiet: bool) -> None:
+def _batch(folder: Path, out: Path, settings: BatchSettings, sharing: Sharing, *, quiet: bool) -> option.Result:
     from monitor.commands.report_batch import find_runs, run_batch
     from monitor.report.comparison import grade_of
 
@@ -124,9 +122,7 @@ def _batch(folder: Path, out: Path, settings: BatchSettings, sharing: Sharing, *
         "seconds": seconds,
         "cluster": shared.values(),
     }
-    emit(values, [*_lines(outcomes, out, seconds), *shared.lines()], as_json=as_json)
-    if failed:
-        click.get_current_context().exit(1)
+    return values, [*_lines(outcomes, out, seconds), *shared.lines()], failed > 0
 
 
 def _lines(outcomes: Sequence[ReportOutcome], out: Path, seconds: float) -> Iterator[str]:

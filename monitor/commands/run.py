@@ -15,7 +15,7 @@ from typing import Any
 import click
 
 from monitor.commands import option
-from monitor.commands.common import emit, read_config
+from monitor.commands.common import read_config
 from monitor.config.fleet import load_fleet
 from monitor.health.alarms import FAILURE, NO_DATA
 from monitor.service.system import present_status, set_up_log
@@ -107,24 +107,23 @@ def page(config_path: Path | None, port: int | None, quiet: bool) -> None:
 @click.command("status")
 @option.config
 @option.output
-def status(config_path: Path | None, as_json: bool, quiet: bool) -> None:
+def status(config_path: Path | None) -> option.Result:
     """Say what the daemon of this machine is doing now; exit code 0 also where none is running.
 
     Where FILE is a folder, all its machines are listed, the worst first.
     """
     if config_path is not None and config_path.is_dir():
-        _print_fleet(config_path, as_json=as_json)
-        return
+        return _fleet_status(config_path)
     config = read_config(config_path)
     status = {"machine": config.machine.name, **present_status(config)}
-    emit(status, _lines(status), as_json=as_json)
+    return status, _lines(status)
 
 
 @click.command("release")
 @click.argument("name")
 @option.config
 @option.output
-def release(name: str, config_path: Path | None, as_json: bool, quiet: bool) -> None:
+def release(name: str, config_path: Path | None) -> option.Result:
     """Let a poisoned file be handled again: NAME as `status` lists it, or without its folder.
 
     A daemon that runs takes it within seconds. Exit code 1 where no poisoned file has that name.
@@ -134,7 +133,7 @@ def release(name: str, config_path: Path | None, as_json: bool, quiet: bool) -> 
 
     files = ledger.release(config.machine.state_dir / "state.db", name)
     released = [{"source": source, "file": path} for source, path in files]
-    emit({"released": released}, (f"released: {path} (source {source})" for source, path in files), as_json=as_json)
+    return {"released": released}, (f"released: {path} (source {source})" for source, path in files)
 
 
 def _lines(status: Mapping[str, Any]) -> Iterator[str]:
@@ -201,8 +200,8 @@ def _words(state: str) -> str:
     return state.replace("_", " ")
 
 
-def _print_fleet(folder: Path, *, as_json: bool) -> None:
-    """Print the status of all machines of a folder, the worst first.
+def _fleet_status(folder: Path) -> option.Result:
+    """Return the status of all machines of a folder, the worst first.
 
     Raises:
         ConfigError: the folder holds no usable set of configurations; all problems are named.
@@ -216,7 +215,7 @@ def _print_fleet(folder: Path, *, as_json: bool) -> None:
         for machine in load_fleet(folder).machines
     ]
     machines.sort(key=lambda status: (_rank(status), status["machine"]))
-    emit({"machines": machines}, _table([_row(status) for status in machines]), as_json=as_json)
+    return {"machines": machines}, _table([_row(status) for status in machines])
 
 
 def present_state(status: Mapping[str, Any]) -> str:

@@ -14,7 +14,7 @@ from models.work.runner import Runner
 from models.work.task import Work
 from monitor.commands import option
 from monitor.commands.cluster_options import Sharing, sharing
-from monitor.commands.common import InputError, emit
+from monitor.commands.common import InputError
 from monitor.commands.shared_folders import Seen, check_seen, record_files, seen
 from monitor.report.score import scoring
 from monitor.report.score.issued import Issued, read_issued
@@ -148,9 +148,8 @@ def command(
     onset_s: tuple[float, ...],
     lifetime_s: tuple[float, ...],
     sharing: Sharing,
-    as_json: bool,
     quiet: bool,
-) -> None:
+) -> option.Result:
     """Score the forecasts in RECORDS: netCDF files, folders of them, or a state.db, one run each.
 
     Each run is scored by itself, beside naive forecasts issued at the same moments. The end is given, or recorded by a
@@ -177,7 +176,7 @@ def command(
             tasks.append(ScoreTask(issued, end, lifetimes, _on_axis("onset", issued, onsets[place])))
         runs = list(shared.runner.run(SCORING, None, tasks))
     values = {"runs": runs, "mean": scoring.mean_of_runs(runs), "cluster": shared.values()}
-    emit(values, () if quiet and as_json else [*_lines(values), *shared.lines()], as_json=as_json)
+    return values, [*_lines(values), *shared.lines()]
 
 
 def _moments(

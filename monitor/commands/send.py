@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from monitor.commands import option
-from monitor.commands.common import InputError, emit, find_source, progress_bar, publish_change, read_config
+from monitor.commands.common import InputError, find_source, progress_bar, publish_change, read_config
 from monitor.config.load import Config
 
 if TYPE_CHECKING:
@@ -69,10 +69,9 @@ def command(
     patience_s: float,
     stream_key_file: Path | None,
     tls_ca_file: Path | None,
-    as_json: bool,
     quiet: bool,
     **files: Any,
-) -> None:
+) -> option.Result:
     """Send a recording: PATH is a file, a folder, an archive or a source URL, as for replay.
 
     The command ends when the receiver has committed all blocks. If the receiver is unreachable or restarts, sending is
@@ -103,7 +102,7 @@ def command(
     advance = _bar(total, quiet)
     result = Sender(source, link, pace=pace, limit=limit, patience=patience_s, progress=advance).run()
     values = {**asdict(result), "stream": address.topic or name}
-    emit(values, _lines(values), as_json=as_json)
+    return values, _lines(values)
 
 
 def _check_files(scheme: str, files: dict[str, Path | None]) -> None:
@@ -163,7 +162,7 @@ def group() -> None:
 @click.option("--first", type=click.IntRange(1, 2**63 - 1), default=1, help="Number of the next frame of the sender.")
 @option.config
 @option.output
-def reset(source: str, first: int, config_path: Path | None, as_json: bool, quiet: bool) -> None:
+def reset(source: str, first: int, config_path: Path | None, quiet: bool) -> option.Result:
     """Let the stream of SOURCE begin anew, such as after its logger was replaced; the daemon must be stopped.
 
     The records and the ledger of before are kept, and the numbers of blocks go on. A running daemon holds frames and
@@ -198,7 +197,7 @@ def reset(source: str, first: int, config_path: Path | None, as_json: bool, quie
         f"the stream of {source} begins anew: its next frame has number {first} and becomes block {values['block']}; "
         f"the last was frame {values['last']}"
     ]
-    emit(values, [] if quiet else lines, as_json=as_json)
+    return values, [] if quiet else lines
 
 
 def _check(config: Config, source: str) -> None:

@@ -16,7 +16,7 @@ from models.machine.rig import Calibration, RigParameters
 from models.maps.data import RmsMap
 from models.maps.file import load_map
 from monitor.commands import option
-from monitor.commands.common import InputError, check_suffix, emit, finite, input_errors
+from monitor.commands.common import InputError, check_suffix, finite, input_errors
 from monitor.commands.history_files import SUFFIXES, library_settings, prior_of, read_readings, write_out
 from monitor.config.stages import method_or_best
 from monitor.health import tracker as damage
@@ -82,9 +82,7 @@ def command(
     other_speed_hz: float | None,
     direct: bool,
     out: Path | None,
-    as_json: bool,
-    quiet: bool,
-) -> None:
+) -> option.Result:
     """Track V_eq through INPUT from t_fs on.
 
     INPUT is a CSV file with time_s,rms_g and optionally harmonic_1_g to harmonic_6_g, load_newton and speed_hz; or
@@ -129,7 +127,7 @@ def command(
         write_out(out, values, {"time": times, "columns": _columns(found, others)})
     lines = _lines(rows, _COLUMNS if calibrated is not False else _RELATIVE, tuple(others))
     head = [] if calibrated is not False else [uncalibrated_sentence(rig, issued=True)]
-    emit(values, itertools.chain(head, lines), as_json=as_json)
+    return values, itertools.chain(head, lines)
 
 
 def _map_for(path: Path | None, method: damage.TrackMethod, other: _Other) -> RmsMap | None:

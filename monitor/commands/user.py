@@ -5,12 +5,12 @@ from __future__ import annotations
 import sys
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING, Any, cast
 
 import click
 
 from monitor.commands import option
-from monitor.commands.common import InputError, emit, read_config
+from monitor.commands.common import InputError, read_config
 from monitor.config.load import Config
 from monitor.config.outputs import WebSection
 from monitor.words.events import local_moment
@@ -48,7 +48,7 @@ def _web_of(config_path: Path | None) -> tuple[WebSection, Path, Config | None]:
 )
 @option.config
 @option.output
-def add(name: str, role: str, invited: bool, config_path: Path | None, as_json: bool, quiet: bool) -> None:
+def add(name: str, role: str, invited: bool, config_path: Path | None, as_json: bool, quiet: bool) -> option.Result:
     """Add the user NAME, or give a known one another role and password.
 
     The password is asked for twice, or is the first line of standard input where that is no terminal. A viewer reads,
@@ -67,10 +67,8 @@ def add(name: str, role: str, invited: bool, config_path: Path | None, as_json: 
         user = replace(known or User(name, "viewer"), role=cast("Role", role))
         users[name] = user if stored is None else replace(user, password=stored, invite="", invite_until=0.0)
     values = {"name": name, "role": role, "file": str(path), "new": known is None}
-    line = f"{'added' if known is None else 'changed'}: {name}, {role} ({path})"
-    emit(values, [] if quiet else [line], as_json=as_json)
-    if invited and not as_json:
-        _print_invitation(name, config_path, as_json=False)
+    lines = [] if quiet else [f"{'added' if known is None else 'changed'}: {name}, {role} ({path})"]
+    return values, [*lines, *(_invitation(name, config_path)[1] if invited and not as_json else ())]
 
 
 def _ask() -> str:
@@ -83,12 +81,13 @@ def _ask() -> str:
 @click.argument("name")
 @option.config
 @option.output
-def invite_command(name: str, config_path: Path | None, as_json: bool, quiet: bool) -> None:
+def invite_command(name: str, config_path: Path | None) -> option.Result:
     """Print a link and a code with which NAME sets a password, once, within a day."""
-    _print_invitation(name, config_path, as_json=as_json)
+    return _invitation(name, config_path)
 
 
-def _print_invitation(name: str, config_path: Path | None, *, as_json: bool) -> None:
+def _invitation(name: str, config_path: Path | None) -> tuple[dict[str, Any], list[str]]:
+    """Invite a user; return the code for programs and for people."""
     from monitor.web.users import invite
 
     web, path, config = _web_of(config_path)
@@ -100,13 +99,13 @@ def _print_invitation(name: str, config_path: Path | None, *, as_json: bool) -> 
     zone = "UTC" if config is None else config.machine.timezone
     where = [] if link is None else [f"link: {link}"]
     lines = [*where, f"code: {code}", f"for {name}, once, until {local_moment(until, zone)}"]
-    emit({"name": name, "code": code, "link": link, "until_utc_s": until}, lines, as_json=as_json)
+    return {"name": name, "code": code, "link": link, "until_utc_s": until}, lines
 
 
 @group.command("list")
 @option.config
 @option.output
-def list_command(config_path: Path | None, as_json: bool, quiet: bool) -> None:
+def list_command(config_path: Path | None) -> option.Result:
     """List the users with their roles."""
     from monitor.web.users import read_users
 
@@ -121,14 +120,14 @@ def list_command(config_path: Path | None, as_json: bool, quiet: bool) -> None:
         + (", invited" if user["invited"] else "")
         for user in found
     ]
-    emit({"users": found, "file": str(path)}, lines or [f"no users in {path}"], as_json=as_json)
+    return {"users": found, "file": str(path)}, lines or [f"no users in {path}"]
 
 
 @group.command("remove")
 @click.argument("name")
 @option.config
 @option.output
-def remove(name: str, config_path: Path | None, as_json: bool, quiet: bool) -> None:
+def remove(name: str, config_path: Path | None, quiet: bool) -> option.Result:
     """Remove the user NAME; the sessions of a running page end with the next request."""
     from monitor.web.users import changed_users
 
@@ -137,4 +136,4 @@ def remove(name: str, config_path: Path | None, as_json: bool, quiet: bool) -> N
         if name not in users:
             raise InputError(f"{path}: there is no user {name!r}; expected one of {', '.join(users) or 'none so far'}")
         del users[name]
-    emit({"removed": name, "file": str(path)}, [] if quiet else [f"removed: {name} ({path})"], as_json=as_json)
+    return {"removed": name, "file": str(path)}, [] if quiet else [f"removed: {name} ({path})"]

@@ -29,7 +29,7 @@ from monitor.commands.bearing.statics import (
     draw_balls,
     static_lines,
 )
-from monitor.commands.common import PICTURES, InputError, check_suffix, emit, find_entry, read_machine
+from monitor.commands.common import PICTURES, InputError, check_suffix, find_entry, read_machine
 from monitor.config.load import Config
 from monitor.health.signal.features import fundamentals
 from monitor.health.signal.search import family_searches, overlapping
@@ -148,10 +148,9 @@ def command(
     tilt_mrad: float | None,
     plot: Path | None,
     line_contact: LineContact,
-    as_json: bool,
     quiet: bool,
     **asked: Any,
-) -> None:
+) -> option.Result:
     """Print fault frequencies, contacts, load distribution, radial stiffness, natural frequencies and L10h life.
 
     With --dphi-deg the stiffness of the damaged bearing is printed beside that of the healthy one. --statics balls, an
@@ -189,7 +188,7 @@ def command(
         axial = config.operating.axial_load_newton if axial_load_newton is None else axial_load_newton
         tilt = 0.0 if tilt_mrad is None else 1e-3 * tilt_mrad
         values["ball_statics"] = _ball_by_ball(ball_case(entry, load, axial, tilt, speed, clearance), plot)
-    emit(values, _lines(bearing, load, speed, values), as_json=as_json)
+    return values, _lines(bearing, load, speed, values)
 
 
 def _ball_by_ball(case: BallCase, plot: Path | None) -> dict[str, Any]:

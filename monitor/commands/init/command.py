@@ -13,7 +13,7 @@ import click
 
 from models.machine.bearing import kinematics
 from monitor.commands import option
-from monitor.commands.common import InputError, emit, input_errors, output_errors, say
+from monitor.commands.common import InputError, input_errors, output_errors, say
 from monitor.commands.init import answers as read
 from monitor.commands.init.answers import Answers, bearing_of, channel_names, check_bearings
 from monitor.commands.init.questions import (
@@ -87,7 +87,7 @@ _LEAST_RATE_HZ = 200.0
 def command(
     path: str, scale: float | None, range_g: float | None, timezone: str, kind: str, name: str | None, out: Path,
     force: bool, yes: bool, as_json: bool, quiet: bool, **given: dict[str, Any],
-) -> None:  # fmt: skip
+) -> option.Result:  # fmt: skip
     """Look at the files of PATH, ask what they do not state, and write a configuration that `check` accepts.
 
     PATH is a folder into which a logger writes, or one recording. Options answer questions in advance.
@@ -114,7 +114,7 @@ def command(
     conversation.write(out)
     values = {"out": str(out), "problems": problems, "machine": config.machine.name, "hash": config.hash}
     lines = [f"wrote {out}", *(f"problem: {problem}" for problem in problems), *_next_steps(seen, out)]
-    emit(values, lines, as_json=as_json)
+    return values, lines
 
 
 def _check_out(out: Path, *, force: bool, ask: bool, to_stderr: bool) -> None:

@@ -23,7 +23,6 @@ from monitor.commands import option
 from monitor.commands.common import (
     PICTURES,
     check_suffix,
-    emit,
     find_entry,
     finite,
     input_errors,
@@ -100,7 +99,7 @@ _USUAL = {"speed_hz": 40.0, "load_newton": 4000.0}
 @with_speeds
 @further_effects
 @option.output
-def command(config_path: Path | None, name: str | None, as_json: bool, quiet: bool, **options: Any) -> None:
+def command(config_path: Path | None, name: str | None, as_json: bool, **options: Any) -> option.Result | None:
     """Simulate a bearing with a defect and print RMS, peak and lines.
 
     A motion that repeats with the ball passage is solved for one period; any other (a rotating defect, several defects,
@@ -111,7 +110,7 @@ def command(config_path: Path | None, name: str | None, as_json: bool, quiet: bo
     check_suffix("--plot", options["plot"], PICTURES)
     if options["model"] in brought("simulate"):
         load("simulate", options["model"])(config_path, options, as_json=as_json)
-        return
+        return None
     config = read_machine(config_path)
     given = {key: options[key] for key in _USUAL if options[key] is not None}
     configured = {key: value for key in _USUAL if (value := getattr(config.operating, key)) is not None}
@@ -129,11 +128,10 @@ def command(config_path: Path | None, name: str | None, as_json: bool, quiet: bo
         scene = _scene(options, entry.bearing, rig, clearance, second)
         if options["compare"]:
             compared = compare(scene, config, entry, options)
-            emit(compared, compared_lines(compared), as_json=as_json)
-            return
+            return compared, compared_lines(compared)
         scene, left_out = with_machine(with_parameters(scene, config, entry, options["parameters"]), config)
         values = _answer(scene, options) | {"left_out": left_out}
-    emit(values, _lines(values, scene), as_json=as_json)
+    return values, _lines(values, scene)
 
 
 def _with_line_contact(rig: Rig, entry: CatalogueEntry, options: dict[str, Any]) -> Rig:
