@@ -32,7 +32,7 @@ _COMMANDS = {
     "redate": ("redate:command", "Choose anew what dates the later blocks of a source."),
     "bearing": ("bearing.command:command", "Fault frequencies, stiffness, natural frequencies and life."),
     "ias": ("ias:command", "Angular speed of a shaft from the pulses of an encoder."),
-    "cyclic": ("cyclic:command", "Spectral coherence of a recording over the orders of its shaft."),
+    "cyclic": ("orders:cyclic_command", "Spectral coherence of a recording over the orders of its shaft."),
     "simulate": ("simulate.command:command", "One scene of the bearing model."),
     "map": ("maps:command", "RMS maps: build, show, check."),
     "library": ("library:command", "Libraries of simulated lives: build."),

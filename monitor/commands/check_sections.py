@@ -8,9 +8,8 @@ from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
 from models.machine.bearing import kinematics
-from monitor.config.interference import families_removed, words_of
+from monitor.config.interference import families_removed, removed_lines, words_of
 from monitor.config.load import Config, ConfigError
-from monitor.config.removed import removed_lines
 from monitor.config.source import SourceSection
 from monitor.health.output import ChannelOutput
 from monitor.health.signal.interference import Interference, all_combs

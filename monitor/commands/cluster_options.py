@@ -21,7 +21,7 @@ from models.work.errors import ChunksFailedError, FailedChunk
 from models.work.redact import redact
 from monitor.commands.common import PROGRESS_AFTER_S, InputError, check_folder, say
 from monitor.commands.option import PLACE, WHOLE
-from monitor.commands.sole_writer import sole_writer
+from monitor.commands.shared_folders import sole_writer
 from monitor.words.numbers import duration
 
 if TYPE_CHECKING:

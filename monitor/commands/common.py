@@ -10,7 +10,7 @@ import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import click
 
@@ -22,6 +22,7 @@ from monitor.config.source import SourceSection
 if TYPE_CHECKING:
     from monitor.records.store import Store
     from monitor.report.figures.sheet import Sheet
+    from streams.types.block import Block
 
 PROGRESS_AFTER_S = 2.0
 """Time after which progress is shown, s."""
@@ -171,6 +172,35 @@ def check_folder(option: str, path: Path, folder: Path) -> None:
         folder.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=folder):
             pass
+
+
+def first_block(
+    path: Path, name: str, column: str | None, rate: float | None, block_s: float | Literal["file"], *, missing: str
+) -> Block:
+    """Return the first block of a column of a file, by name or number; by default the first column.
+
+    Args:
+        name: of its channel.
+        rate: Hz, where the file states none.
+        missing: the reason where there is no block.
+
+    Raises:
+        InputError: there is none, or it cannot be read.
+    """
+    from streams.open import open_source
+    from streams.types.block import Rejected
+    from streams.types.spec import ChannelSpec, SourceSpec
+
+    chosen = None if column is None else int(column) if column.isdigit() else column
+    row = ChannelSpec(name, column=chosen, unit="unknown", any_unit=True)
+    spec = SourceSpec("recording", str(path), block_s=block_s, rate=rate, channels=(row,))
+    try:
+        block = next(iter(open_source(spec)), None)
+    except WrongInputError as error:
+        raise InputError(str(error)) from None
+    if block is None or isinstance(block, Rejected):
+        raise InputError(f"{path}: {missing if block is None else block.reason}")
+    return block
 
 
 def emit(values: Mapping[str, Any], lines: Iterable[str], *, as_json: bool) -> None:

@@ -18,7 +18,7 @@ from monitor.commands import option
 from monitor.commands.common import InputError, counter, finite, progress_bar, say
 from monitor.commands.demo_prior import forecast_quadratic, quadratic_library
 from monitor.commands.replay import summary_lines, write_report
-from monitor.commands.sole_writer import hold_output
+from monitor.commands.shared_folders import hold_output
 from monitor.config.load import Config, validate
 from monitor.config.source import ChannelSection
 from monitor.words.numbers import duration, interval

@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.machine.bearing import kinematics
-from models.words.errors import WrongInputError
 from monitor.commands import option
 from monitor.commands.common import (
     PICTURES,
@@ -21,6 +20,7 @@ from monitor.commands.common import (
     check_suffix,
     find_entry,
     finite,
+    first_block,
     input_errors,
     output_errors,
     read_config,
@@ -117,20 +117,9 @@ def _text(path: Path) -> tuple[NDArray[np.float64], int | None]:
 
 def _sampled(path: Path, tacho: TachoSettings, rate: float | None) -> NDArray[np.float64]:
     """Return the times of the pulses in a channel, s."""
-    from streams.open import open_source
     from streams.turns.tacho import edge_times
-    from streams.types.block import Block
-    from streams.types.spec import ChannelSpec, SourceSpec
 
-    name = str(tacho.channel)
-    row = ChannelSpec("pulses", column=int(name) if name.isdigit() else name, unit="unknown", any_unit=True)
-    spec = SourceSpec("recording", str(path), block_s="file", rate=rate, channels=(row,))
-    try:
-        block = next(iter(open_source(spec)), None)
-    except WrongInputError as error:
-        raise InputError(str(error)) from None
-    if not isinstance(block, Block):
-        raise InputError(f"{path}: no file that is read" if block is None else f"{path}: {block.reason}")
+    block = first_block(path, "pulses", str(tacho.channel), rate, "file", missing="no file that is read")
     return edge_times(block.samples[0], block.rate, tacho.level, falling=tacho.edge == "falling")
 
 

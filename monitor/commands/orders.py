@@ -1,4 +1,4 @@
-"""``spallwatch orders``: spectra over orders of the shaft of one block of a recording, at its full rate."""
+"""``spallwatch orders`` and ``cyclic``: a block of a recording over the angle of its shaft."""
 
 from __future__ import annotations
 
@@ -12,9 +12,21 @@ from numpy.typing import NDArray
 
 from models.machine.bearing import kinematics
 from monitor.commands import option
-from monitor.commands.common import PICTURES, InputError, check_suffix, output_errors, read_config, write_plot
+from monitor.commands.common import (
+    PICTURES,
+    InputError,
+    check_suffix,
+    find_entry,
+    first_block,
+    input_errors,
+    output_errors,
+    read_config,
+    read_machine,
+    write_plot,
+)
 from monitor.config.load import Config
 from monitor.health.output import ChannelOutput
+from monitor.health.signal.cyclic import CyclicStudy, cyclic_study, known_rotation
 from monitor.health.signal.features import fundamentals
 from monitor.health.signal.orders import OrderSpectrum, order_spectrum
 from monitor.health.state import ChannelSettings
@@ -190,3 +202,92 @@ def _write(path: Path, spectra: Mapping[str, OrderSpectrum], settings: Mapping[s
         rows[: column.size, place] = column
     with output_errors("--out", path):
         np.savetxt(path, rows, "%.9g", delimiter=",", header=",".join(names), comments="")
+
+
+@click.command("cyclic")
+@click.argument("input_path", metavar="FILE", type=option.FILE)
+@click.option("--column", help="Column or array of FILE, by name or number; by default the first.")
+@click.option("--rate-hz", type=option.POSITIVE, help="Sampling rate, where FILE states none.")
+@click.option("--block-s", type=option.POSITIVE, default=5.0, show_default=True, help="Length of signal, s.")
+@click.option("--speed-hz", type=option.POSITIVE, help="Speed of the shaft, where it is steady.")
+@click.option(
+    "--speed-range-hz", type=(float, float), help="Lowest and highest speed: the angle is found in the vibration."
+)
+@click.option("--band-hz", type=(float, float), help="Frequencies that are averaged over; by default all.")
+@option.config
+@option.bearing
+@click.option("--plot", type=option.OUT_FILE, help="Draw it (PNG, SVG or HTML).")
+@option.output
+def cyclic_command(
+    input_path: Path,
+    column: str | None,
+    rate_hz: float | None,
+    block_s: float,
+    speed_hz: float | None,
+    speed_range_hz: tuple[float, float] | None,
+    band_hz: tuple[float, float] | None,
+    config_path: Path | None,
+    name: str | None,
+    plot: Path | None,
+) -> option.Result:
+    """Print which lines of a bearing recur with its shaft: spectral coherence of the first block of FILE.
+
+    The speed is steady (--speed-hz, or what FILE states), or the angle of the shaft is found in the vibration
+    (--speed-range-hz).
+    """
+    check_suffix("--plot", plot, PICTURES)
+    if speed_hz is not None and speed_range_hz is not None:
+        raise InputError("--speed-hz and --speed-range-hz exclude each other")
+    config = None if config_path is None else read_config(config_path)
+    bearing = find_entry(config or read_machine(None), name)[0].bearing
+    block = first_block(input_path, "vibration", column, rate_hz, block_s, missing=f"no block of {block_s:g} s")
+    samples, rate, stated = block.samples[0], block.rate, block.speed
+    with input_errors(str(input_path)):
+        rotation = known_rotation(samples, rate, bearing, speed_hz or stated, speed_range_hz)
+        study = cyclic_study(samples, rate, bearing, rotation, band_hz)
+    if plot is not None:
+        from monitor.report.figures.cyclic import cyclic_sheet, rotation_facts
+
+        title = f"Cyclic coherence: {input_path.name}"
+        write_plot(cyclic_sheet(study.found, study.orders, rotation_facts(rotation), title), plot)
+    values = _cyclic_values(study)
+    return values, _cyclic_lines(values)
+
+
+def _cyclic_values(study: CyclicStudy) -> dict[str, Any]:
+    """Return the keys of the answer."""
+    low, high = study.rotation.speed_range
+    return {
+        "domain": study.found.domain,
+        "speed_hz": study.rotation.mean_speed,
+        "speed_min_hz": low,
+        "speed_max_hz": high,
+        "turns": study.rotation.turned,
+        "turns_sd": study.rotation.turns_sd,
+        "limit": study.found.limit,
+        "lines": {
+            part: {
+                "order": line.order,
+                "found": line.found,
+                "coherence": line.coherence,
+                "stands_out": line.stands_out,
+                "frequency_hz": line.frequency,
+            }
+            for part, line in study.lines().items()
+        },
+    }
+
+
+def _cyclic_lines(values: dict[str, Any]) -> Iterator[str]:
+    low, high = values["speed_min_hz"], values["speed_max_hz"]
+    speeds = f"{values['speed_hz']:.5g} Hz" if high == low else f"{low:.4g} to {high:.4g} Hz"
+    yield f"{values['turns']:.5g} turns at {speeds}; noise stays below {values['limit']:.3g}"
+    yield f"{'part':<8}{'events/turn':>12}  {'found':>8}  {'coherence':>9}  loudest at (Hz)"
+    for part, one in values["lines"].items():
+        mark = "*" if one["stands_out"] else " "
+        yield (
+            f"{part:<8}{one['order']:>12.4f}  {one['found']:>8.4f}  {one['coherence']:>9.3g}{mark} "
+            f"{one['frequency_hz']:>14.0f}"
+        )
+    if any(one["stands_out"] for one in values["lines"].values()):
+        yield "* stands above the limit of noise, which is exceeded anywhere in 1 % of blocks"

@@ -14,7 +14,7 @@ import click
 from monitor.commands import option
 from monitor.commands.cluster_options import Sharing, sharing
 from monitor.commands.common import InputError, progress_bar, read_config, say
-from monitor.commands.sole_writer import hold_output
+from monitor.commands.shared_folders import hold_output
 from monitor.words.advice import status_line
 from monitor.words.numbers import duration, interval
 from monitor.words.statuses import bearing_words, gears_line, named_words, speed_doubt, speed_words

@@ -1,23 +1,29 @@
-"""Folders that workers write and read themselves: whether they see the same, and results that appear there whole."""
+"""Folders of results: one writer each, workers that see the same, and results that appear there whole."""
 
 from __future__ import annotations
 
 import glob
 import hashlib
+import os
 import re
 import secrets
 import shutil
+import time
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
+import click
+
+from models.platform.portable import FileLock, may_write
+from models.platform.process_signals import ended_as_interrupted
 from models.platform.scratch import scratch_folder
 from models.words.errors import WrongInputError
 from models.work.chunk import default_worker
 from models.work.errors import error_of
 from models.work.task import Failure
-from monitor.commands.common import InputError
+from monitor.commands.common import InputError, output_errors
 from monitor.config.load import Config, ConfigError, files_of
 
 _NOT_A_NAME = re.compile(r"[^\w.+-]+")
@@ -217,3 +223,66 @@ def remove_leftovers(out: Path, names: Iterable[str]) -> None:
                 leftover.rename(out / name)
             else:
                 shutil.rmtree(leftover, ignore_errors=True)
+
+
+_WAIT_S = 0.5
+"""Time in which a process that was being started when its parent was killed lets go of the lock."""
+_POLL_S = 0.02
+
+
+@contextmanager
+def sole_writer(out: Path) -> Iterator[None]:
+    """Hold the lock of an output file or folder, ``.NAME.lock`` beside it, while the block runs.
+
+    Of a link the lock is that of what it leads to. The system releases it when the process ends. Where the file system
+    has no locks, none is held; nor for a folder in one that may not be written, such as what is mounted at the root of
+    a container.
+
+    Raises:
+        InputError: another process holds it, or nothing can be written there.
+    """
+    named, place = out.absolute(), Path(os.path.realpath(out))
+    path = place.with_name(f".{place.name or 'root'}.lock")
+    with output_errors("--out", out):
+        place.parent.mkdir(parents=True, exist_ok=True)
+        free = place.is_dir() and not may_write(place.parent)
+        lock = None if free else _held(path)
+    if free:
+        yield
+        return
+    if lock is None:
+        raise InputError(f"--out {out}: another process is writing it")
+    try:
+        # They are written beside the name that was given.
+        for part in named.parent.glob(f".{glob.escape(named.name)}.*.part") if named.name else ():
+            part.unlink(missing_ok=True)
+        yield
+    finally:
+        # Its name goes before the lock: one who opened it sees that it is no longer there.
+        with suppress(OSError):
+            path.unlink()
+        lock.close()
+
+
+def hold_output(out: Path) -> None:
+    """Hold an output as :func:`sole_writer` until the command that is running ends; SIGTERM ends it as Ctrl-C does."""
+    context = click.get_current_context()
+    context.with_resource(ended_as_interrupted())
+    context.with_resource(sole_writer(out))
+
+
+def _held(path: Path) -> FileLock | None:
+    """Return the lock at a path, None where another process holds it."""
+    until = time.monotonic() + _WAIT_S
+    while True:
+        lock = FileLock(path)
+        try:
+            if lock.take() and lock.is_at(path):
+                return lock
+        except OSError:
+            # There are no locks here.
+            return lock
+        lock.close()
+        if time.monotonic() >= until:
+            return None
+        time.sleep(_POLL_S)

@@ -1,15 +1,22 @@
-"""``[[interference]]``: lines of other origin that are removed before the envelope."""
+"""Lines that are removed before the envelope: ``[[interference]]``, and the meshes of ``[gear]`` unasked."""
 
 from __future__ import annotations
 
-from typing import Annotated, Self
+from abc import abstractmethod
+from typing import TYPE_CHECKING, Annotated, Any, Self
 
 from pydantic import Field, model_validator
 
 from models.machine.bearing import Kinematics
 from monitor.config.fields import Count, Positive, Section
+from monitor.health.gears.interference import gear_interference
+from monitor.health.gears.settings import GearSettings
 from monitor.health.signal.features import fundamentals
 from monitor.health.signal.interference import Interference
+from monitor.health.signal.shaft import ACCEPTED
+
+if TYPE_CHECKING:
+    from monitor.config.load import Config
 
 _CLOSE = 0.02
 
@@ -76,3 +83,33 @@ def families_removed(lines: Interference, kinematics: Kinematics) -> tuple[str, 
         for fault, first in fundamentals(kinematics).items()
         if any(abs(place / first - 1.0) < _CLOSE for place in places)
     )
+
+
+class TrainSection(Section):
+    """The gears beside the monitored bearings."""
+
+    @property
+    @abstractmethod
+    def speed_shaft(self) -> str:
+        """The shaft on which the speed of ``[operating]`` counts."""
+
+    @abstractmethod
+    def to_settings(self) -> GearSettings:
+        """Return wheels and pairs, with turns of wheels per turn of ``speed_shaft``."""
+
+    @classmethod
+    @abstractmethod
+    def model_keys(cls) -> dict[str, Any]:
+        """Return the keys on which no record depends: those that the model alone takes."""
+
+
+def removed_lines(config: Config) -> tuple[Interference, ...]:
+    """Return all lines that are removed, in the order of the file, those of ``[gear]`` last.
+
+    The lines of gears are sought as far as the shaft itself is, unless its speed is exact.
+    """
+    found = tuple(section.to_interference() for section in config.interference)
+    if config.gear is None:
+        return found
+    tolerance = Interference.tolerance if config.operating.speed_exact else ACCEPTED
+    return found + gear_interference(config.gear.to_settings(), tolerance)

@@ -19,8 +19,7 @@ from models.words.errors import WrongInputError
 from models.words.extras import load
 from monitor.config.alarms import AdviceSection, AlarmsSection
 from monitor.config.bearing import RING_KEYS, STIFFNESS_KEYS, BearingSection, RigSection
-from monitor.config.connections import find_loose_ends
-from monitor.config.explain import explain_problems, further_problems, place_words
+from monitor.config.explain import explain_problems, find_loose_ends, further_problems, place_words
 from monitor.config.fields import LocatedError, Section
 from monitor.config.hints import syntax_problems
 from monitor.config.interference import InterferenceSection
@@ -61,7 +60,7 @@ _VELOCITY = {"alert_mm_s", "danger_mm_s"}
 
 
 if TYPE_CHECKING:
-    from monitor.config.train import TrainSection as _Gear
+    from monitor.config.interference import TrainSection as _Gear
 else:
     _Gear = load("sections", "gear")
 

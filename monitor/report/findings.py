@@ -8,8 +8,17 @@ import numpy as np
 
 from monitor.health.schema import HINT, VERDICT
 from monitor.records.archive import of_channel
-from monitor.report.gears import gear_findings
-from monitor.report.readings import LATE, Finding, LifeMoment, VolumeScale, doubt_of, named_fault, open_stage, unscaled
+from monitor.report.readings import (
+    LATE,
+    Finding,
+    LifeMoment,
+    VolumeScale,
+    doubt_of,
+    gear_findings,
+    named_fault,
+    open_stage,
+    unscaled,
+)
 from monitor.report.runs import Channel, Run
 from monitor.report.verdict import ChannelContext, ChannelVerdict, interval_name, unused_blocks
 from monitor.words.features import FEATURES

@@ -16,9 +16,8 @@ from monitor.report.figures.map_path import hash_of, kept_map
 from monitor.report.figures.spectrum import SpectrumView
 from monitor.report.figures.speed import rotation_table, speed_picture, speed_words
 from monitor.report.findings import findings
-from monitor.report.gears import gears_table
 from monitor.report.options import Options
-from monitor.report.readings import Finding, is_calibrated
+from monitor.report.readings import Finding, gears_table, is_calibrated
 from monitor.report.runs import ABSENCE, Channel, Run
 from monitor.report.statements import BearingPart, bearing_parts, part_of, said_of, what_to_do
 from monitor.report.tables import Column, Table, time_column

@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 
 from monitor.health.name.evidence import BlockEvidence, evidence_of_record
 from monitor.health.name.machine import BearingVerdict, MachineState, patience_of, step, weigh
-from monitor.report.gears import named_gear
-from monitor.report.readings import Finding, named_fault
+from monitor.report.readings import Finding, named_fault, named_gear
 from monitor.report.runs import Channel, Run
 from monitor.words.advice import ADVICE, Statement, check_advice, state_of
 from monitor.words.situation import Situation

@@ -9,9 +9,8 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from monitor.report.gears import named_gear
 from monitor.report.options import Options
-from monitor.report.readings import LifeMoment, closed_stages, is_calibrated, mark_of, named_fault
+from monitor.report.readings import LifeMoment, closed_stages, is_calibrated, mark_of, named_fault, named_gear
 from monitor.report.runs import Channel, Run
 from monitor.words.features import FEATURES
 from monitor.words.numbers import Clock, count

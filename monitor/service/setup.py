@@ -16,8 +16,8 @@ from models.machine.scene import PARTS, Part
 from models.maps.data import OutsideMapError, RmsMap
 from models.maps.file import load_map
 from models.maps.plan import MapError
+from monitor.config.interference import removed_lines
 from monitor.config.load import Config, ConfigError
-from monitor.config.removed import removed_lines
 from monitor.config.source import ChannelSection, SourceSection
 from monitor.config.stages import method_or_best
 from monitor.health.output import ChannelOutput

@@ -11,9 +11,8 @@ from models.machine.rig import Calibration, Rig, RigParameters
 from models.maps.data import RmsMap
 from models.solve.registry import RIGS
 from monitor import __version__
-from monitor.config.interference import words_of
+from monitor.config.interference import removed_lines, words_of
 from monitor.config.load import Config
-from monitor.config.removed import removed_lines
 from monitor.config.source import ChannelSection
 from monitor.health.gears.values import gears_summary, primary_fault
 from monitor.health.name.machine import patience_of, weigh

@@ -297,7 +297,7 @@ PICTURES = {
     "raw": ("raw_block:raw_block", "rotation:ias_picture"),
     "cyclic": ("cyclic:block_coherence",),
     "waterfall": ("waterfall:waterfall",),
-    "kurtogram": ("kurtogram:kurtograms",),
+    "kurtogram": ("waterfall:kurtograms",),
     "damage": ("damage:damaged_volume",),
     "path": ("map_path:map_path",),
     "posterior": ("map_path:posterior",),

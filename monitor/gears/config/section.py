@@ -9,10 +9,10 @@ from typing import Any, Self
 
 from pydantic import Field, model_validator
 
-from monitor.config.connections import lost_name
+from monitor.config.explain import lost_name
 from monitor.config.fields import LocatedError, Name, NotNegative, Positive, Section
+from monitor.config.interference import TrainSection
 from monitor.config.positions import Place
-from monitor.config.train import TrainSection
 from monitor.gears.config.faults import GearFaultSection
 from monitor.gears.config.parts import (
     GearPairSection,

@@ -173,7 +173,7 @@ def test_temporary_folders_of_killed_commands_are_removed(tmp_path, monkeypatch)
 
 
 def test_a_folder_in_one_that_may_not_be_written_is_an_output(tmp_path, monkeypatch):
-    monkeypatch.setattr("monitor.commands.sole_writer.may_write", lambda folder: folder != tmp_path)
+    monkeypatch.setattr("monitor.commands.shared_folders.may_write", lambda folder: folder != tmp_path)
     (tmp_path / "out").mkdir()
     with Sharing(workers=1).open(tmp_path / "out", quiet=True):
         assert [path.name for path in tmp_path.iterdir()] == ["out"]

@@ -25,7 +25,7 @@ from monitor.commands import demo_prior
 from monitor.commands.common import InputError
 from monitor.commands.demo import LIVES, MODELS, SHIPPED, _prior_note, command, demo_config, demo_population
 from monitor.commands.demo_prior import QUADRATIC, build_quadratic, forecast_quadratic, quadratic_library
-from monitor.commands.sole_writer import sole_writer
+from monitor.commands.shared_folders import sole_writer
 from monitor.health.size.library.model import Library, arrays_of, header_of, levels_of
 from monitor.records.library_file import load_library
 from monitor.records.store import Store

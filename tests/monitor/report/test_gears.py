@@ -10,7 +10,7 @@ import pytest
 from monitor.health.gears.naming import MIN_LEARNED
 from monitor.health.record import Record
 from monitor.records.store import Store
-from monitor.report.gears import gear_findings, gears_table
+from monitor.report.readings import gear_findings, gears_table
 from monitor.report.runs import Run, read_runs
 from monitor.report.statements import said_of
 from monitor.report.verdict import judge

@@ -11,9 +11,8 @@ import numpy as np
 import pytest
 
 from monitor.health.signal.kurtogram import Kurtogram
-from monitor.report.figures.kurtogram import kurtograms
 from monitor.report.figures.spectrum import SpectrumView, spectra, views_of
-from monitor.report.figures.waterfall import waterfall
+from monitor.report.figures.waterfall import kurtograms, waterfall
 from monitor.report.runs import Channel, Run
 from monitor.report.verdict import judge
 from monitor.words.numbers import figure
