@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from monitor.records.archive import of_channel
 from monitor.report.runs import Channel, Run
 from monitor.report.tables import Cell, Column, Table
-from monitor.words.parts import GEAR_KINDS, GEAR_STATUSES, NAMED, gear_words
+from monitor.words.statuses import GEAR_KINDS, GEAR_STATUSES, NAMED, gear_words
 from monitor.words.numbers import count, times_first, volume
 from monitor.words.statuses import UNDECIDED, speed_doubt
 

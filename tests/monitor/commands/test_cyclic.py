@@ -11,7 +11,7 @@ from click.testing import CliRunner
 
 import spallwatch as sw
 from models.words.errors import WrongInputError
-from monitor.commands.orders import command
+from monitor.commands.orders import cyclic_command as command
 from tests.support.cyclic import RATE, hunting, modulated
 
 
