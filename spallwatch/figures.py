@@ -176,8 +176,6 @@ def _unit(array: xr.DataArray) -> str:
     return {"m s-2": "g", "rad s-1": "rad/s", "unknown": "own unit", "1": ""}.get(stated, stated)
 
 
-
-
 def _mark_final_stage(axes: Axes, records: xr.Dataset) -> None:
     if "t_fs" not in records:
         return

@@ -13,9 +13,23 @@ from models.maps.data import RmsMap
 from models.maps.file import load_map
 from models.maps.plan import MapError
 from monitor.report.runs import ReportError
-from monitor.words.features import PICTURES
 from monitor.words.numbers import time_zone
 
+PICTURES = {
+    "trends": ("trends:trends",),
+    "final_stage": ("trends:final_stage",),
+    "envelope": ("spectrum:envelope",),
+    "raw": ("raw_block:raw_block", "rotation:ias_picture"),
+    "cyclic": ("cyclic:block_coherence",),
+    "waterfall": ("waterfall:waterfall",),
+    "kurtogram": ("waterfall:kurtograms",),
+    "damage": ("damage:damaged_volume",),
+    "path": ("map_path:map_path",),
+    "posterior": ("map_path:posterior",),
+    "law": ("damage:fitted_law",),
+    "forecast": ("damage:forecasts",),
+}
+"""Pictures of a channel by section of the report: functions below ``monitor.report.figures``, of its context each."""
 SECTIONS = (
     *PICTURES,
     *("speed", "quality", "events", "provenance", "guide", "comparison", "score"),

@@ -12,9 +12,8 @@ from numpy.typing import NDArray
 from monitor.records.archive import of_channel
 from monitor.report.runs import Channel, Run
 from monitor.report.tables import Cell, Column, Table
-from monitor.words.statuses import GEAR_KINDS, GEAR_STATUSES, NAMED, gear_words
 from monitor.words.numbers import count, times_first, volume
-from monitor.words.statuses import UNDECIDED, speed_doubt
+from monitor.words.statuses import GEAR_KINDS, GEAR_STATUSES, NAMED, UNDECIDED, gear_words, speed_doubt
 
 
 def named_fault(channel: Channel) -> tuple[int | None, str]:

@@ -16,7 +16,7 @@ from monitor.report.figures.map_path import hash_of, kept_map
 from monitor.report.figures.spectrum import SpectrumView
 from monitor.report.figures.speed import rotation_table, speed_picture, speed_words
 from monitor.report.findings import findings
-from monitor.report.options import Options
+from monitor.report.options import PICTURES, Options
 from monitor.report.readings import Finding, gears_table, is_calibrated
 from monitor.report.runs import ABSENCE, Channel, Run
 from monitor.report.statements import BearingPart, bearing_parts, part_of, said_of, what_to_do
@@ -29,7 +29,7 @@ from monitor.report.verdict import (
     judge,
 )
 from monitor.words.events import event_text
-from monitor.words.features import FEATURES, PICTURES
+from monitor.words.features import FEATURES
 from monitor.words.numbers import Clock, count, duration, figure, floor_of_defect
 
 _MAX_EVENTS = 200

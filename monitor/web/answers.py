@@ -17,6 +17,15 @@ from numpy.typing import NDArray
 from models.words.errors import SpallwatchError
 
 _MIN_PACKED_BYTES = 1000
+VIEWS = {
+    "records": "api:records",
+    "map": "channel_view:map_of",
+    **{
+        name: f"channel_view:{name}"
+        for name in ("spectrum", "raw", "ias", "cyclic", "waveform", "waterfall", "kurtogram")
+    },
+}
+"""Answers of a channel by the last part of their address: functions below ``monitor.web``."""
 JSON_TYPE = "application/json"
 Query = Mapping[str, str]
 _FOLDERS = re.compile(r"(?<![\w/.])(?:/[^\s/:;,'\"]+)+/([^\s/:;,'\"]*)")

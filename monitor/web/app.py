@@ -29,14 +29,13 @@ from models.platform.portable import NO_LINK
 from monitor.records.database import StoreError
 from monitor.records.filing import published_name
 from monitor.web import api, event_view
-from monitor.web.answers import Answer, Query, RequestError, answer_of, json_answer, without_folders
+from monitor.web.answers import VIEWS, Answer, Query, RequestError, answer_of, json_answer, without_folders
 from monitor.web.api import levels
 from monitor.web.auth import Doorkeeper
 from monitor.web.machines import Machines, WatchedMachine
 from monitor.web.metrics import METRICS_TYPE, Measures, metrics
 from monitor.web.security import MAX_BODY_BYTES, Doors, Guard, sign_in_routes
 from monitor.web.stream import Hub
-from monitor.words.features import VIEWS
 from monitor.words.statuses import page_words
 
 _LOG = logging.getLogger(__name__)

@@ -25,9 +25,10 @@ from monitor.health.alarms import SEVERITIES
 from monitor.health.onset import STAGES
 from monitor.records.database import StoreError
 from monitor.records.reader import NAMES
+from monitor.web.answers import VIEWS
 from monitor.web.event_view import unacknowledged
 from monitor.web.machines import Machines
-from monitor.words.features import FEATURES, VIEWS, Feature
+from monitor.words.features import FEATURES, Feature
 from monitor.words.statuses import STATES
 
 METRICS_TYPE = "text/plain; version=0.0.4; charset=utf-8"

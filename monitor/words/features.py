@@ -288,29 +288,3 @@ def rule_words(alarm: Mapping[str, Any]) -> str:
     """Return how an alarm's rule is called: by its own name, or what it watches where it has none."""
     rule, feature = str(alarm["rule"]), alarm.get("feature")
     return FEATURES[rule].label if rule == feature and rule in FEATURES else rule
-
-
-PICTURES = {
-    "trends": ("trends:trends",),
-    "final_stage": ("trends:final_stage",),
-    "envelope": ("spectrum:envelope",),
-    "raw": ("raw_block:raw_block", "rotation:ias_picture"),
-    "cyclic": ("cyclic:block_coherence",),
-    "waterfall": ("waterfall:waterfall",),
-    "kurtogram": ("waterfall:kurtograms",),
-    "damage": ("damage:damaged_volume",),
-    "path": ("map_path:map_path",),
-    "posterior": ("map_path:posterior",),
-    "law": ("damage:fitted_law",),
-    "forecast": ("damage:forecasts",),
-}
-"""Pictures of a channel by section of the report: functions below ``monitor.report.figures``, of its context each."""
-VIEWS = {
-    "records": "api:records",
-    "map": "channel_view:map_of",
-    **{
-        name: f"channel_view:{name}"
-        for name in ("spectrum", "raw", "ias", "cyclic", "waveform", "waterfall", "kurtogram")
-    },
-}
-"""Answers of a channel by the last part of their address: functions below ``monitor.web``."""
