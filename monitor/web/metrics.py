@@ -212,7 +212,7 @@ def _levels(site: Machines) -> Iterator[Metric]:
 
 def _suffix(feature: Feature, absolute: bool) -> str:
     """Return the unit in the name of a metric: SI, or the sensor's own where that is not known."""
-    return _ACCELERATION[absolute] if feature.acceleration else _SUFFIXES[feature.units]
+    return _ACCELERATION[absolute] if feature.acceleration else _SUFFIXES[feature.units or "1"]
 
 
 def _blocks(site: Machines) -> Iterator[Metric]:
