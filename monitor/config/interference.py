@@ -9,8 +9,7 @@ from pydantic import Field, model_validator
 
 from models.machine.bearing import Kinematics
 from monitor.config.fields import Count, Positive, Section
-from monitor.health.gears.settings import gear_interference
-from monitor.health.gears.settings import GearSettings
+from monitor.health.gears.settings import GearSettings, gear_interference
 from monitor.health.signal.features import fundamentals
 from monitor.health.signal.interference import Interference
 from monitor.health.signal.shaft import ACCEPTED
