@@ -24,12 +24,11 @@ from scipy import signal
 
 from benchmarks import plain_features as oracle
 from benchmarks.common import REFERENCE_MS, Row, Tables, benchmark, calibration_kernel, interleaved_ms
-from monitor.health.signal import plans
 from monitor.health.signal.comb import line_spectrum
 from monitor.health.signal.features import FAULTS, FeatureSettings, block_features
 from monitor.health.signal.indicators import time_indicators
 from monitor.health.signal.lines import FALSE_ALARM, fault_lines
-from monitor.health.signal.plans import Effort, Precision
+from monitor.health.signal.plans import Precision
 from monitor.health.signal.transform import Band, BlockTransform
 
 BAND: Band = (7000.0, 9000.0)
@@ -74,29 +73,22 @@ def line_errors(found: NDArray[np.floating], expected: NDArray[np.floating], res
     return max(abs(a / b - 1.0) for a, b in pairs)
 
 
-VARIANTS: tuple[tuple[str, Precision, Effort], ...] = (
-    ("one pass, float32, ESTIMATE", "float32", "estimate"),
-    ("one pass, float64, ESTIMATE", "float64", "estimate"),
-    ("one pass, float32, MEASURE", "float32", "measure"),
-)
+VARIANTS: tuple[Precision, ...] = ("float32", "float64")
 
 
-def planned(n: int, rate: float, quick: bool) -> dict[str, tuple[BlockTransform, float]]:
-    """Return the transforms of one length by name, each with the seconds that its planning took, without wisdom."""
+def planned(n: int, rate: float) -> dict[str, tuple[BlockTransform, float]]:
+    """Return the transforms of one length by name, each with the seconds that its planning took."""
     transforms = {}
-    for name, precision, effort in VARIANTS:
-        if quick and effort == "measure" and n > LENGTHS[0][0]:
-            continue
-        plans.forget_wisdom()
+    for precision in VARIANTS:
         start = time.perf_counter()
-        transform = BlockTransform(n, rate, [BAND], raw_limit=0.0, precision=precision, effort=effort)
-        transforms[name] = transform, time.perf_counter() - start
+        transform = BlockTransform(n, rate, [BAND], raw_limit=0.0, precision=precision)
+        transforms[f"one pass, {precision}"] = transform, time.perf_counter() - start
     return transforms
 
 
 def envelope_rows(n: int, rate: float, quick: bool) -> tuple[list[Row], Row]:
     """The rows of tables 1 and 2 for one length."""
-    usual, transforms = textbook(rate, n), planned(n, rate, quick)
+    usual, transforms = textbook(rate, n), planned(n, rate)
     blocks = [impacts(n, rate, seed) for seed in range(2 if quick else 6)]
     paths: dict[str, Callable[[], object]] = {
         "kernel: one rfft of 128,000": calibration_kernel(),

@@ -171,11 +171,9 @@ def block_features(
         x.size,
         rate,
         settings.bands,
-        settings.precision,
         rms_band=settings.rms_band,
         raw_limit=rounded_up(needed[0]),
         envelope_limit=rounded_up(needed[1]),
-        effort=settings.effort,
     )
     span = sample_range(x, span)
     indicators = time_indicators(x, span)

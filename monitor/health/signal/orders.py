@@ -25,7 +25,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from monitor.health.signal.plans import Effort, FftPlan, Kind, Precision, next_smooth, planning
+from monitor.health.signal.plans import FftPlan, Kind, Precision, next_smooth, planning
 from monitor.health.signal.rotation.rotation import Rotation
 
 Maker = Callable[[int, Precision], NDArray[np.floating]]
@@ -260,7 +260,7 @@ def same_axis(one: Rotation | None, other: Rotation | None) -> bool:
 
 
 def order_amplitude(
-    bins: NDArray[np.complexfloating], n_samples: int, warp: Warp, limit: float, *, effort: Effort = "estimate"
+    bins: NDArray[np.complexfloating], n_samples: int, warp: Warp, limit: float
 ) -> tuple[NDArray[np.floating], float]:
     """Return the amplitude spectrum of a signal over the angle, Hann-windowed, and its mean over the angle.
 
@@ -269,23 +269,20 @@ def order_amplitude(
         n_samples: that were transformed.
         warp: times at equal steps of angle.
         limit: highest frequency that is read, Hz at the mean speed.
-        effort: planning of the transforms.
 
     Returns:
         Single-sided amplitudes at multiples of ``warp.resolution`` up to the limit, or as far as there is signal; a
         line on a bin reads its amplitude.
     """
-    return angle_amplitude(order_samples(bins, n_samples, warp, limit, effort=effort), warp, limit, effort=effort)
+    return angle_amplitude(order_samples(bins, n_samples, warp, limit), warp, limit)
 
 
-def angle_amplitude(
-    samples: NDArray[np.floating], warp: Warp, limit: float, *, effort: Effort = "estimate"
-) -> tuple[NDArray[np.floating], float]:
+def angle_amplitude(samples: NDArray[np.floating], warp: Warp, limit: float) -> tuple[NDArray[np.floating], float]:
     """Return what ``order_amplitude`` does of a signal that is at equal steps of angle already."""
     count = math.floor(limit / warp.resolution + 1e-9) + 1
     precision = precision_of(samples)
     mean = float(samples.mean())
-    plan = _plan("real", samples.size, precision, effort)
+    plan = _plan("real", samples.size, precision)
     np.subtract(samples, samples.dtype.type(mean), out=plan.input)
     plan.input[:] *= _hann(samples.size, precision)
     plan.execute()
@@ -335,7 +332,6 @@ def order_samples(
     warp: Warp,
     limit: float,
     *,
-    effort: Effort = "estimate",
     plans: bool = True,
 ) -> NDArray[np.floating]:
     """Return a signal at equal steps of angle, without what lies above a frequency; arguments as ``order_amplitude``.
@@ -349,7 +345,7 @@ def order_samples(
     corrected, length = grid_bins(bins[:kept])
     corrected *= bins.real.dtype.type(1.0 / n_samples)
     if plans:
-        plan = _plan("synthesis", length, precision_of(bins.real), effort)
+        plan = _plan("synthesis", length, precision_of(bins.real))
         plan.input[:kept] = corrected
         plan.input[kept:] = 0
         plan.execute()
@@ -369,16 +365,16 @@ def _hann(n_samples: int, precision: Precision) -> NDArray[np.floating]:
 _local = threading.local()
 
 
-def _plan(kind: Kind, length: int, precision: Precision, effort: Effort) -> FftPlan:
+def _plan(kind: Kind, length: int, precision: Precision) -> FftPlan:
     """Return this thread's plan of a length; those used last are kept."""
     kept: OrderedDict[object, FftPlan] | None = getattr(_local, "kept", None)
     if kept is None:
         kept = _local.kept = OrderedDict[object, FftPlan]()
-    key = (kind, length, precision, effort)
+    key = (kind, length, precision)
     plan = kept.get(key)
     if plan is None:
-        with planning(effort):
-            plan = FftPlan(length, kind, precision, effort)
+        with planning():
+            plan = FftPlan(length, kind, precision)
         kept[key] = plan
         if len(kept) > _KEPT_PLANS:
             kept.popitem(last=False)

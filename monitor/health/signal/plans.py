@@ -1,4 +1,4 @@
-"""FFTW plans: fast lengths, reproducible planning, and wisdom to store.
+"""FFTW plans: fast lengths, reproducible planning.
 
 pyFFTW is imported where it is called: it loads half of SciPy, which publisher, page and most commands never use.
 """
@@ -17,12 +17,8 @@ from typing import Any, Literal, cast
 from numpy.typing import NDArray
 
 Precision = Literal["float32", "float64"]
-Effort = Literal["estimate", "measure"]
 Kind = Literal["real", "inverse", "synthesis"]
 """Real samples to half a spectrum, a spectrum to complex samples, half a spectrum to real samples."""
-
-Wisdom = tuple[bytes, bytes, bytes]
-"""Results of FFTW's measurements for float64, float32 and long double."""
 
 
 def load_fftw() -> Any:
@@ -84,7 +80,6 @@ class FftPlan:
         n: int,
         kind: Kind,
         precision: Precision,
-        effort: Effort,
         *,
         source: NDArray[Any] | None = None,
         target: NDArray[Any] | None = None,
@@ -95,7 +90,6 @@ class FftPlan:
             n: samples.
             kind: of the transform.
             precision: of its arrays.
-            effort: of the planning.
             source: aligned array whose beginning is the input, by default a new one.
             target: aligned array whose beginning is the output, by default a new one.
         """
@@ -107,8 +101,7 @@ class FftPlan:
         self.input = pyfftw.zeros_aligned(n_input, input_type) if source is None else source[:n_input]
         self.output = pyfftw.zeros_aligned(n_output, output_type) if target is None else target[:n_output]
         direction = "FFTW_FORWARD" if kind == "real" else "FFTW_BACKWARD"
-        flag = "FFTW_ESTIMATE" if effort == "estimate" else "FFTW_MEASURE"
-        plan = pyfftw.FFTW(self.input, self.output, direction=direction, flags=(flag,), threads=1)
+        plan = pyfftw.FFTW(self.input, self.output, direction=direction, flags=("FFTW_ESTIMATE",), threads=1)
         self.execute = plan.execute
 
 
@@ -117,13 +110,10 @@ _planner = threading.RLock()
 
 
 @contextmanager
-def planning(effort: Effort) -> Generator[None]:
-    """Hide the wisdom of an earlier MEASURE from ESTIMATE plans, so that their bits do not depend on it."""
+def planning() -> Generator[None]:
+    """Hide what FFTW measured in this process from plans, so that their bits do not depend on it."""
     pyfftw = load_fftw()
     with _planner:
-        if effort == "measure":
-            yield
-            return
         wisdom = pyfftw.export_wisdom()
         pyfftw.forget_wisdom()
         try:
@@ -131,28 +121,3 @@ def planning(effort: Effort) -> Generator[None]:
         finally:
             pyfftw.forget_wisdom()
             pyfftw.import_wisdom(wisdom)
-
-
-def export_wisdom() -> Wisdom:
-    """Return the wisdom of this process, to be stored."""
-    pyfftw = load_fftw()
-    with _planner:
-        return pyfftw.export_wisdom()
-
-
-def import_wisdom(wisdom: Wisdom) -> bool:
-    """Add stored wisdom, with which "measure" plans at once and reproduces its bits.
-
-    Returns:
-        Whether FFTW accepted all of it; it refuses that of another version or machine.
-    """
-    pyfftw = load_fftw()
-    with _planner:
-        return all(pyfftw.import_wisdom(wisdom))
-
-
-def forget_wisdom() -> None:
-    """Forget all wisdom of this process; existing plans stay."""
-    pyfftw = load_fftw()
-    with _planner:
-        pyfftw.forget_wisdom()

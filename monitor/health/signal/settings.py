@@ -9,7 +9,6 @@ from dataclasses import dataclass, field, replace
 from models.machine.bearing import Kinematics
 from monitor.health.signal.interference import Comb
 from monitor.health.signal.lines import SEARCH
-from monitor.health.signal.plans import Effort, Precision
 from monitor.health.signal.rotation.rotation import Rotation
 from monitor.health.signal.search import FamilySearch, slip_searches, widened_searches
 from monitor.health.signal.shaft import ACCEPTED, highest_order, measurable
@@ -46,8 +45,6 @@ class FeatureSettings:
         view: whether the raw spectrum is kept to be looked at.
         rotation: angle of the shaft over the block, by which its spectra are those of a shaft at its mean speed; None:
             they are over time.
-        precision: arithmetic of the transforms.
-        effort: planning of the transforms; "estimate" gives the same bits everywhere and every time.
     """
 
     rate: float
@@ -64,8 +61,6 @@ class FeatureSettings:
     interference: tuple[Comb, ...] = ()
     view: bool = False
     rotation: Rotation | None = None
-    precision: Precision = "float32"
-    effort: Effort = "estimate"
 
     def __post_init__(self) -> None:
         """Refuse settings without a band or with a missing or senseless frequency."""

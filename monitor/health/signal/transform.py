@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from monitor.health.signal.indicators import MIN_RANGE, sample_range
 from monitor.health.signal.interference import Comb, envelope_beside, fixed_combs, remove_lines
 from monitor.health.signal.orders import Warp, angle_amplitude, order_amplitude, warp_of
-from monitor.health.signal.plans import Effort, FftPlan, Precision, envelope_length, planning, previous_smooth
+from monitor.health.signal.plans import FftPlan, Precision, envelope_length, planning, previous_smooth
 from monitor.health.signal.rotation.rotation import Rotation
 from monitor.health.signal.spectra import AmplitudeSpectrum as AmplitudeSpectrum
 from monitor.health.signal.spectra import Band as Band
@@ -80,14 +80,11 @@ class _EnvelopePlan:
     for the spectrum: the arrays of a long block are larger than the cache.
     """
 
-    def __init__(
-        self, n_samples: int, n_used: int, precision: Precision, effort: Effort, workspace: NDArray[np.floating]
-    ) -> None:
+    def __init__(self, n_samples: int, n_used: int, precision: Precision, workspace: NDArray[np.floating]) -> None:
         self.n = n_samples
-        self.effort: Effort = effort
         self.scale = 2.0 / n_used
-        self.analytic = FftPlan(n_samples, "inverse", precision, effort)
-        self.envelope = FftPlan(n_samples, "real", precision, effort, source=workspace, target=self.analytic.output)
+        self.analytic = FftPlan(n_samples, "inverse", precision)
+        self.envelope = FftPlan(n_samples, "real", precision, source=workspace, target=self.analytic.output)
         hann = 0.5 - 0.5 * np.cos(2.0 * np.pi * np.arange(n_samples) / n_samples)
         # 2/n_used makes the analytic signal of the bins, 4/n the Hann-windowed line amplitude of its envelope.
         self.window = (hann * self.scale * (4.0 / n_samples)).astype(precision)
@@ -111,12 +108,12 @@ class _EnvelopePlan:
         """
         if combs:
             mean, envelope = 0.0, envelope_beside(bins, first, warp, combs, self.n)
-            amplitude, rest = angle_amplitude(envelope, warp, limit, effort=self.effort)
+            amplitude, rest = angle_amplitude(envelope, warp, limit)
         else:
             mean = self._demodulate(bins)
             self.envelope.execute()
             below = self.envelope.output[: (self.n + 1) // 2]
-            amplitude, rest = order_amplitude(below, self.n, warp, limit, effort=self.effort)
+            amplitude, rest = order_amplitude(below, self.n, warp, limit)
         amplitude *= amplitude.dtype.type(self.scale)
         return amplitude, (mean + rest) * self.scale
 
@@ -151,7 +148,6 @@ class BlockTransform:
         raw_limit: float | None = None,
         envelope_limit: float = math.inf,
         precision: Precision = "float32",
-        effort: Effort = "estimate",
         oversampling: float = OVERSAMPLING,
     ) -> None:
         """Plan the transforms.
@@ -162,8 +158,6 @@ class BlockTransform:
             raw_limit: highest frequency of the raw spectrum, Hz, or None for the Nyquist frequency.
             envelope_limit: highest frequency of the envelope spectra, Hz; they are no wider than their bands.
             precision: storage and arithmetic of the transforms.
-            effort: "estimate" plans at once and always gives the same bits; "measure" tries algorithms for seconds and
-                gives the same bits only with the same wisdom.
 
         Raises:
             ValueError: a band does not fit below the Nyquist frequency, or the block is too short.
@@ -180,15 +174,14 @@ class BlockTransform:
         limit = 0.5 * rate if raw_limit is None else min(raw_limit, 0.5 * rate)
         self._n_raw = min(self.n_used // 2, math.floor(limit / self.resolution)) + 1
         self._n_envelope = math.floor(min(envelope_limit, 0.5 * rate) / self.resolution) + 1
-        self._effort: Effort = effort
-        with planning(effort):
-            self._forward = FftPlan(self.n_used, "real", precision, effort)
+        with planning():
+            self._forward = FftPlan(self.n_used, "real", precision)
             plans: dict[int, _EnvelopePlan] = {}
             self._envelope_plans: list[_EnvelopePlan] = []
             for first, last in self._bins:
                 length = envelope_length(last - first + 1, self.n_used, oversampling)
                 if length not in plans:
-                    plans[length] = _EnvelopePlan(length, self.n_used, precision, effort, self._forward.input)
+                    plans[length] = _EnvelopePlan(length, self.n_used, precision, self._forward.input)
                 self._envelope_plans.append(plans[length])
 
     def __call__(
@@ -286,7 +279,7 @@ class BlockTransform:
         """Hann-windowed amplitude of the signal over the angle."""
         limit = min((self._n_raw - 1) * self.resolution, needed)
         below = spectrum[: (self.n_used + 1) // 2]
-        amplitude, _ = order_amplitude(below, self.n_used, warp, limit, effort=self._effort)
+        amplitude, _ = order_amplitude(below, self.n_used, warp, limit)
         amplitude[0] = 0.0
         return amplitude
 
@@ -323,13 +316,12 @@ def get_transform(
     rms_band: Band | None = None,
     raw_limit: float | None = None,
     envelope_limit: float = math.inf,
-    effort: Effort = "estimate",
 ) -> BlockTransform:
     """Return this thread's transform for such blocks; the 16 used last are kept.
 
     Arguments and errors are those of ``BlockTransform``.
     """
-    key = (n_samples, rate, tuple(bands), precision, rms_band, raw_limit, envelope_limit, effort)
+    key = (n_samples, rate, tuple(bands), precision, rms_band, raw_limit, envelope_limit)
     kept: OrderedDict[object, BlockTransform] | None = getattr(_local, "kept", None)
     if kept is None:
         kept = _local.kept = OrderedDict[object, BlockTransform]()
@@ -343,7 +335,6 @@ def get_transform(
             raw_limit=raw_limit,
             envelope_limit=envelope_limit,
             precision=precision,
-            effort=effort,
         )
         kept[key] = transform
         if len(kept) > _CACHED_TRANSFORMS:
