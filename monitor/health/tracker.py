@@ -80,7 +80,6 @@ class DamageSettings:
     forecast_method: ForecastMethod = "thesis"
     maps: Mapping[Part, PartMap] = field(default_factory=dict[Part, PartMap])
     edv: edv.EdvSettings = field(default_factory=edv.EdvSettings)
-    forecast: forecast.ForecastSettings = field(default_factory=forecast.ForecastSettings)
     thresholds: tuple[float, ...] = (0.05e-6,)
     library: Library | None = None
     library_settings: LibrarySettings = field(default_factory=LibrarySettings)
@@ -258,7 +257,6 @@ def _track_one(
             block.time,
             damage.v_eq,
             thresholds=settings.thresholds,
-            settings=settings.forecast,
             final_stage=gates.final,
         )
         state = replace(state, forecast=after)

@@ -29,32 +29,16 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True)
-class GrowthPrior:
-    """Constants of the model.
-
-    Attributes:
-        rate: expected growth of ln RMS in one elapsed time.
-        rate_sd: its standard deviation.
-        walk: standard deviation of the random walk of ln RMS over one elapsed time.
-        freedom: what the prior of the walk counts, in segments.
-        jump: standard deviation of a step at the onset, ln RMS.
-        trust: power of the evidence of a shape.
-        ahead: variance of the walk ahead over that of the walk so far.
-        step: elapsed times within which half of all levels are reached by a step or an acceleration.
-    """
-
-    rate: float = 0.2
-    rate_sd: float = 1.0
-    walk: float = 0.2
-    freedom: float = 1.0
-    jump: float = 0.7
-    trust: float = 1.0
-    ahead: float = 1.0
-    step: float = 1.0
-
-
-PRIOR = GrowthPrior()
+RATE, RATE_SD = 0.2, 1.0
+"""Expected growth of ln RMS in one elapsed time, and its standard deviation."""
+WALK, WALK_AHEAD = 0.2, 1.0
+"""Standard deviation of the random walk of ln RMS over one elapsed time; variance of that ahead over that so far."""
+FREEDOM = 1.0
+"""What the prior of the walk counts, in segments."""
+JUMP = 0.7
+"""Standard deviation of a step at the onset, ln RMS."""
+STEP = 1.0
+"""Elapsed times within which half of all levels are reached by a step or an acceleration."""
 SHAPES: tuple[tuple[float, float], ...] = (
     *((0.0, power) for power in (0.5, 1.0, 1.5, 2.0, 3.0, 4.0, 6.0)),
     *((start, 1.0) for start in (0.5, 0.75, 0.9)),
@@ -132,9 +116,7 @@ def segments(times: Array, levels: Array, blocks: Array) -> tuple[Array, Array, 
     return np.add.reduceat(times * blocks, kept) / weight, np.add.reduceat(levels * blocks, kept) / weight, weight
 
 
-def crossing(
-    times: Array, levels: Array, blocks: Array, now: float, distance: float, noise: float, prior: GrowthPrior = PRIOR
-) -> Crossing:
+def crossing(times: Array, levels: Array, blocks: Array, now: float, distance: float, noise: float) -> Crossing:
     """Return when a level is reached.
 
     Args:
@@ -147,30 +129,30 @@ def crossing(
     """
     u = np.concatenate(((0.0,), times, (1.0,)))
     y = np.concatenate(((0.0,), levels, (now,)))
-    unit = prior.walk**2
+    unit = WALK**2
     error = noise**2 / np.minimum(np.concatenate((blocks[:1], blocks, (3.0,))), 25.0)
-    error[0] = prior.jump**2
+    error[0] = JUMP**2
     variance = np.maximum(np.diff(u), 1e-3) + (error[1:] + error[:-1]) / unit
     change = np.diff(y)
     x = np.diff(_phi(u), axis=1)
     weighted = x / variance
     known, told = np.sum(weighted * x, axis=1), weighted @ change
-    freedom = prior.freedom + len(change)
-    squares = prior.freedom * unit + change @ (change / variance)
+    freedom = FREEDOM + len(change)
+    squares = FREEDOM * unit + change @ (change / variance)
     # The prior of the rate does not narrow with the walk: it is given in units of a first estimate of that.
-    certainty = np.maximum(squares - told**2 / known, 1e-9) / freedom / prior.rate_sd**2
+    certainty = np.maximum(squares - told**2 / known, 1e-9) / freedom / RATE_SD**2
     precision = certainty + known
-    rate = (certainty * prior.rate + told) / precision
-    spread = np.maximum(squares + certainty * prior.rate**2 - precision * rate**2, 1e-9) / freedom
+    rate = (certainty * RATE + told) / precision
+    spread = np.maximum(squares + certainty * RATE**2 - precision * rate**2, 1e-9) / freedom
     evidence = 0.5 * np.log(certainty / precision) - 0.5 * freedom * np.log(spread)
-    weight = np.exp(prior.trust * (evidence - evidence.max()))
+    weight = np.exp(evidence - evidence.max())
     weight /= weight.sum()
-    sd = np.sqrt(spread[:, None] * (_GROWN**2 / precision[:, None] + prior.ahead * AHEAD + error[-1] / unit))
+    sd = np.sqrt(spread[:, None] * (_GROWN**2 / precision[:, None] + WALK_AHEAD * AHEAD + error[-1] / unit))
     by_shape = _student((rate[:, None] * _GROWN - distance) / sd, freedom)
     still = _student(-rate * np.sqrt(precision / spread), freedom)
     still[len(SHAPES) :] = 1.0
     by_trend = np.maximum.accumulate(weight @ by_shape)
-    reached = 1.0 - (1.0 - by_trend) * prior.step / (prior.step + AHEAD)
+    reached = 1.0 - (1.0 - by_trend) * STEP / (STEP + AHEAD)
     return Crossing(by_trend, reached, float(weight @ still))
 
 

@@ -18,6 +18,10 @@ from monitor.health.size import Remaining, TtStatus
 from monitor.health.stored import StoredState
 
 STATE_VERSION = 1
+MIN_POINTS = 3
+"""Least number of V_eq points for a fit, the first included: they determine a curve."""
+HORIZON = 365 * 86400.0
+"""Longest TT that is given as ``ok``, s of damage time."""
 DISTINCT = 1e-12
 """The curve is undetermined where the second column adds less than this share of its size to the first."""
 
@@ -116,26 +120,6 @@ class RunningFit:
 
 
 @dataclass(frozen=True)
-class ForecastSettings:
-    """Settings of the thesis' forecast.
-
-    Attributes:
-        min_points: least number of V_eq points for a fit, the first included; 3 determine a curve.
-        horizon: longest TT that is given as ``ok``, s of damage time.
-    """
-
-    min_points: int = 3
-    horizon: float = 365 * 86400.0
-
-    def __post_init__(self) -> None:
-        """Raise ValueError for too few points or a horizon that is not positive."""
-        if self.min_points < 3:
-            raise ValueError(f"min_points must be 3 or more, got {self.min_points}")
-        if not self.horizon > 0:
-            raise ValueError(f"horizon must be positive, got {self.horizon}")
-
-
-@dataclass(frozen=True)
 class Crossing:
     """The crossing of a threshold (m2) by V_eq, with the fit at that time.
 
@@ -175,13 +159,12 @@ def step(
     v_eq: float,
     *,
     thresholds: Sequence[float],
-    settings: ForecastSettings | None = None,
     final_stage: bool = True,
 ) -> tuple[ForecastState, tuple[Remaining, ...]]:
     """Add one V_eq to the fit and forecast each threshold, in their order.
 
     Where several statuses apply, the first is given of: not in the final stage, already crossed, too few points (than
-    ``min_points``, or two distinct times after the first), and what the curve gives.
+    ``MIN_POINTS``, or two distinct times after the first), and what the curve gives.
 
     Args:
         state: ``ForecastState()`` at t_fs.
@@ -194,7 +177,6 @@ def step(
         ValueError: a time that is not finite or goes back, a V_eq that is negative or infinite, or thresholds that are
             none or not positive.
     """
-    settings = settings or ForecastSettings()
     if not thresholds or not all(math.isfinite(v) and v > 0 for v in thresholds):
         raise ValueError(f"thresholds must be one or more positive volumes, got {list(thresholds)}")
     if not final_stage:
@@ -204,12 +186,10 @@ def step(
     if v_eq < 0 or math.isinf(v_eq):
         raise ValueError(f"v_eq must be a volume, or NaN where there is none; got {v_eq}")
     state = _take(state, float(t), float(v_eq), thresholds)
-    enough = state.fit is not None and state.fit.points >= settings.min_points
+    enough = state.fit is not None and state.fit.points >= MIN_POINTS
     fit = state.fit.solve() if state.fit is not None and enough else None
     crossed = {crossing.threshold: crossing for crossing in state.crossings}
-    return state, tuple(
-        _crossed(crossed[v]) if v in crossed else _forecast(fit, float(t), v, settings.horizon) for v in thresholds
-    )
+    return state, tuple(_crossed(crossed[v]) if v in crossed else _forecast(fit, float(t), v) for v in thresholds)
 
 
 def _take(state: ForecastState, t: float, v_eq: float, thresholds: Sequence[float]) -> ForecastState:
@@ -241,7 +221,7 @@ def _crossed(crossing: Crossing) -> Remaining:
     return _result(crossing.threshold, TtStatus.ALREADY_CROSSED, crossing.fit, 0.0, t_cross)
 
 
-def _forecast(fit: QuadraticFit | None, t: float, threshold: float, horizon: float) -> Remaining:
+def _forecast(fit: QuadraticFit | None, t: float, threshold: float) -> Remaining:
     """Return the root nearest ahead; for a curve that begins below the threshold, its first."""
     if fit is None:
         return _result(threshold, TtStatus.TOO_FEW_POINTS)
@@ -252,7 +232,7 @@ def _forecast(fit: QuadraticFit | None, t: float, threshold: float, horizon: flo
         return _result(threshold, TtStatus.CROSSING_IN_PAST, fit, math.nan, t_cross)
     if math.isinf(t_cross):
         return _result(threshold, TtStatus.BEYOND_HORIZON, fit)
-    status = TtStatus.OK if t_cross - t <= horizon else TtStatus.BEYOND_HORIZON
+    status = TtStatus.OK if t_cross - t <= HORIZON else TtStatus.BEYOND_HORIZON
     return _result(threshold, status, fit, t_cross - t, t_cross)
 
 

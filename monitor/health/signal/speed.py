@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from models.machine.bearing import Bearing, kinematics
 from monitor.health.signal.floor import MIN_FLOOR_BINS, noise_floor
-from monitor.health.signal.transform import AmplitudeSpectrum, Band, get_transform
+from monitor.health.signal.transform import AmplitudeSpectrum, get_transform
 
 SHAFT_ORDERS = 8
 FAULT_ORDERS = 4
@@ -92,7 +92,7 @@ def _at(height: NDArray[np.float64], resolution: float, frequency: NDArray[np.fl
 
 
 def estimate_speed(
-    samples: NDArray[np.floating], rate: float, bearing: Bearing, limits: tuple[float, float], band: Band | None = None
+    samples: NDArray[np.floating], rate: float, bearing: Bearing, limits: tuple[float, float]
 ) -> SpeedEstimate:
     """Estimate the shaft speed of a block.
 
@@ -100,7 +100,6 @@ def estimate_speed(
         samples: shape (sample,), any unit.
         bearing: its kinematics give the lines.
         limits: lowest and highest possible speed, Hz.
-        band: band to demodulate, Hz; by default a tenth to nine tenths of the Nyquist frequency.
 
     Raises:
         ValueError: the limits are not 0 < low < high.
@@ -108,7 +107,8 @@ def estimate_speed(
     low, high = limits
     if not (0.0 < low < high < math.inf):
         raise ValueError(f"limits of the speed must satisfy 0 < low < high, got {low} to {high} Hz")
-    band = (0.05 * rate, 0.45 * rate) if band is None else band
+    # A tenth to nine tenths of the Nyquist frequency.
+    band = (0.05 * rate, 0.45 * rate)
     if samples.size < 64 or samples.size / rate * low < _MIN_BIN:
         return SpeedEstimate(SpeedStatus.TOO_SHORT)
     spectra = get_transform(samples.size, rate, (band,), raw_limit=min(highest_line(bearing, high), 0.5 * rate))(

@@ -99,7 +99,6 @@ def test_the_tracker_begins_at_t_fs_though_it_is_known_later() -> None:
             10.0 * i,
             result.v_eq,
             thresholds=DAMAGE.thresholds,
-            settings=DAMAGE.forecast,
             final_stage=True,
         )
     assert state.damage.edv == tracker

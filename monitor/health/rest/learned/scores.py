@@ -37,9 +37,9 @@ def crps_share(found: Distribution, left: float, life: float) -> float:
     return min(crps(found, left) / life, MAX_CRPS_SHARE)
 
 
-def covers(found: Distribution, left: float, interval: float = INTERVAL) -> bool:
-    """Return whether the interval of a level holds the TT that turned out, s."""
-    half = 0.5 * interval
+def covers(found: Distribution, left: float) -> bool:
+    """Return whether the interval of ``INTERVAL`` holds the TT that turned out, s."""
+    half = 0.5 * INTERVAL
     return found.quantile(0.5 - half) <= left <= found.quantile(0.5 + half)
 
 

@@ -128,7 +128,6 @@ def rotation_of(
     duration: float,
     ratio: float = 1.0,
     error: NDArray[np.float64] | None = None,
-    source: str = "tacho",
     slips: float = 0.0,
 ) -> Rotation:
     """Return the angle of a shaft over a block.
@@ -138,7 +137,6 @@ def rotation_of(
         duration: of the block, s.
         ratio: turns of the shaft per turn of the one with the marks.
         error: shape (per_revolution,), how far each mark stands ahead of its place, revolutions.
-        source: one of ``monitor.health.signal.condition.SOURCES``.
         slips: how often the count of the marks may be wrong by one.
 
     Raises:
@@ -174,7 +172,6 @@ def rotation_of(
         marks * scale,
         speed * scale,
         duration,
-        source,
         turns_sd=float(np.linalg.norm((sd * scale, *common, slipped / np.sqrt(6.0)))),
         speed_sd=float(end_sd / (scale * (marks[-1] - marks[0]))),
     )

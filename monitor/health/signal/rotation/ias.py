@@ -165,31 +165,24 @@ _BEYOND = np.array([-5, -4, 5, 4, 6])
 """Bins whose noise takes the place of those within ``_SHAFT_BINS`` of a multiple of the wheel."""
 
 
-def ias_lines(
-    spectrum: IasSpectrum,
-    fundamentals: Mapping[str, float],
-    *,
-    searches: Mapping[str, FamilySearch] | None = None,
-    n_harmonics: int = N_HARMONICS,
-) -> dict[str, FaultLines]:
+def ias_lines(spectrum: IasSpectrum, fundamentals: Mapping[str, float]) -> dict[str, FaultLines]:
     """Find the lines of fault families in a spectrum of the angular speed; amplitudes in rad/s.
+
+    They are sought as at a known speed (:func:`monitor.health.signal.search.slip_searches`).
 
     Args:
         spectrum: of the angular speed.
         fundamentals: first line of each family, events per revolution of the bearing's shaft.
-        searches: how far each family is sought from there; by default as at a known speed
-            (:func:`monitor.health.signal.search.slip_searches`).
-        n_harmonics: lines of each family.
     """
-    ranges = slip_searches() if searches is None else searches
-    widest = max(fundamentals.values()) * n_harmonics
+    ranges = slip_searches()
+    widest = max(fundamentals.values()) * N_HARMONICS
     prepared = beside_marks(spectrum, 1.1 * widest + 100.0 * spectrum.resolution)
     plain = FamilySearch()
     queries = [
         CombQuery(line, ranges.get(fault, plain).width, centre=ranges.get(fault, plain).centre)
         for fault, line in fundamentals.items()
     ]
-    return dict(zip(fundamentals, find_lines(prepared, queries, n_harmonics), strict=True))
+    return dict(zip(fundamentals, find_lines(prepared, queries, N_HARMONICS), strict=True))
 
 
 def ias_view(spectrum: IasSpectrum) -> RawSpectra:

@@ -14,7 +14,8 @@ from hypothesis import strategies as st
 from scipy.stats import t as student_t
 
 from monitor.health.alarms import AlarmSettings, Level, Rule
-from monitor.health.rest.growth import AHEAD, PRIOR, SHAPES, STOPS, crossing, segments
+from monitor.health.rest import growth
+from monitor.health.rest.growth import AHEAD, SHAPES, STOPS, crossing, segments
 from monitor.health.rest.learned.history import MAX_BINS, StageHistory
 from monitor.health.rest.trend import (
     DEFAULT_FACTOR,
@@ -210,7 +211,7 @@ def test_the_model_agrees_with_a_slow_one() -> None:
     many = np.full(5, 10.0)
     found = crossing(times, levels, many, 0.95, 0.4, 0.05)
     u, y = [0.0, *times.tolist(), 1.0], [0.0, *levels.tolist(), 0.95]
-    errors = [PRIOR.jump**2, *(0.05**2 / 10.0 for _ in times), 0.05**2 / 3.0]
+    errors = [growth.JUMP**2, *(0.05**2 / 10.0 for _ in times), 0.05**2 / 3.0]
     weights, answers = [], []
     for start, power in (*SHAPES, *((stop, 0.0) for stop in STOPS)):
 
@@ -221,17 +222,19 @@ def test_the_model_agrees_with_a_slow_one() -> None:
 
         known = told = squares = 0.0
         for i in range(6):
-            v = u[i + 1] - u[i] + (errors[i] + errors[i + 1]) / PRIOR.walk**2
+            v = u[i + 1] - u[i] + (errors[i] + errors[i + 1]) / growth.WALK**2
             x, d = phi(u[i + 1]) - phi(u[i]), y[i + 1] - y[i]
             known, told, squares = known + x * x / v, told + x * d / v, squares + d * d / v
-        freedom = PRIOR.freedom + 6
-        squares += PRIOR.freedom * PRIOR.walk**2
-        certainty = (squares - told**2 / known) / freedom / PRIOR.rate_sd**2
-        rate = (certainty * PRIOR.rate + told) / (certainty + known)
-        spread = (squares + certainty * PRIOR.rate**2 - (certainty + known) * rate**2) / freedom
+        freedom = growth.FREEDOM + 6
+        squares += growth.FREEDOM * growth.WALK**2
+        certainty = (squares - told**2 / known) / freedom / growth.RATE_SD**2
+        rate = (certainty * growth.RATE + told) / (certainty + known)
+        spread = (squares + certainty * growth.RATE**2 - (certainty + known) * rate**2) / freedom
         weights.append(math.sqrt(certainty / (certainty + known)) * spread ** (-0.5 * freedom))
         grown = np.array([phi(1.0 + ahead) - phi(1.0) for ahead in AHEAD])
-        sd = np.sqrt(spread * (grown**2 / (certainty + known) + AHEAD * PRIOR.ahead + errors[-1] / PRIOR.walk**2))
+        sd = np.sqrt(
+            spread * (grown**2 / (certainty + known) + AHEAD * growth.WALK_AHEAD + errors[-1] / growth.WALK**2)
+        )
         answers.append(student_t.cdf((rate * grown - 0.4) / sd, freedom))
     slow = np.maximum.accumulate(np.array(weights) / sum(weights) @ np.array(answers))
     assert found.by_trend == pytest.approx(slow, abs=0.005)
