@@ -116,7 +116,6 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 def pytest_collection_finish() -> None:
     """Exempt the thousands of tests and modules from garbage collection, and collect what tests leave less often."""
-    gc.collect()
     gc.freeze()
     gc.set_threshold(100_000, 10, 10)
 

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import ast
 import re
-from collections.abc import Iterator
 from pathlib import Path
+
+import pytest
 
 _ROOT = Path(__file__).resolve().parents[2]
 _FLOORS = ("models", "streams", "monitor", "spallwatch")
@@ -16,15 +17,12 @@ _OWN = {"monitor/fleet/index.py", "models/platform/portable.py"}
 _LENT = {"rows", "connection", "transaction", "stored"}
 
 
-def _trees() -> Iterator[tuple[str, ast.Module]]:
-    for floor in _FLOORS:
-        for path in sorted((_ROOT / floor).rglob("*.py")):
-            name = path.relative_to(_ROOT).as_posix()
-            if not name.startswith(_ROOM) and name not in _OWN:
-                yield name, ast.parse(path.read_bytes())
-
-
-TREES = list(_trees())
+@pytest.fixture(scope="module")
+def trees() -> list[tuple[str, ast.Module]]:
+    """The modules of other rooms, by their paths."""
+    names = [path.relative_to(_ROOT).as_posix() for floor in _FLOORS for path in sorted((_ROOT / floor).rglob("*.py"))]
+    others = [name for name in names if not name.startswith(_ROOM) and name not in _OWN]
+    return [(name, ast.parse((_ROOT / name).read_bytes())) for name in others]
 
 
 def _with_sql(tree: ast.Module) -> list[int]:
@@ -32,9 +30,9 @@ def _with_sql(tree: ast.Module) -> list[int]:
     return [node.lineno for node in texts if _SQL.search(str(node.value))]
 
 
-def test_no_sql_stands_outside_the_room_of_records() -> None:
-    assert len(TREES) > 300
-    assert {name: lines for name, tree in TREES if (lines := _with_sql(tree))} == {}
+def test_no_sql_stands_outside_the_room_of_records(trees) -> None:
+    assert len(trees) > 300
+    assert {name: lines for name, tree in trees if (lines := _with_sql(tree))} == {}
 
 
 def test_sql_is_found_where_it_is() -> None:
@@ -47,8 +45,8 @@ def _lent(tree: ast.Module) -> list[str]:
     return [ast.unparse(call) for call in calls if isinstance(call, ast.Attribute) and call.attr in _LENT]
 
 
-def test_no_rows_or_connections_leave_the_room_of_records() -> None:
-    assert {name: calls for name, tree in TREES if (calls := _lent(tree))} == {}
+def test_no_rows_or_connections_leave_the_room_of_records(trees) -> None:
+    assert {name: calls for name, tree in trees if (calls := _lent(tree))} == {}
 
 
 def test_a_loan_is_found_where_it_is() -> None:
