@@ -6,7 +6,7 @@ A group is ``spallwatch.`` and one of the names below; the core names no extra.
 - ``sections``: a section of the configuration, by its key.
 - ``bearing``: options and an answer of ``spallwatch bearing``, as a module of ``options``, ``answer`` and ``lines``.
 - ``simulate``: a function that ``spallwatch simulate --model NAME`` calls.
-- ``models``: a ``Model``.
+- ``models``: a ``Model``; its module and that of its rig do not import the registry of models, which reads them.
 - ``rig``: what runs beside the bearing of a simulated rig, as a module of ``OPTIONS``, ``gears_of``, ``gear_sound``.
 - ``work``: executors of chunks on clusters, and stores of chunks in object storage.
 """
