@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -15,6 +16,7 @@ from monitor.fleet.manifest import ManifestError
 from monitor.fleet.plan import Planner, extend, grown_folders
 from monitor.fleet.result import DONE, Later, RecordingOutcome
 from tests.monitor.fleet.fleet_files import CONFIG, assert_same_records, make_archive, result_of, write_files
+from tests.support.effort import effort_count
 from tests.support.small_machine import BAND
 
 AUTO = CONFIG.replace(BAND, 'band_hz = "auto"').replace("speed_hz = 30", "speed_hz = 10")
@@ -28,66 +30,76 @@ def machine(*recordings: str, name: str = "m", history: str = "continued", anew:
     return f"[[machine]]\n{keys}" + (f'[[machine.anew]]\nat = "{anew}"\n' if anew else "")
 
 
-def write_history(folder: Path) -> None:
-    """Write 30 blocks as three recordings; the second one begins within the last day of the first."""
+@pytest.fixture(scope="module")
+def template(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder of 30 blocks as three recordings, and the archives ``whole`` and ``two`` of them, and ``out`` of one.
+
+    The second recording begins within the last day of the first.
+    """
+    folder = tmp_path_factory.mktemp("growth") / "now"
     for number, (name, hours) in enumerate(zip("abc", HOURS, strict=True)):
         write_files(folder / name, len(hours), begin=hours[0], seed=number)
+    make_archive(folder, machine("a", "b", "c"), "whole")
+    make_archive(folder, machine("a", "b"), "two", part_blocks=8)
+    make_archive(folder, machine("a"))
+    return folder.rename(folder.with_name("template"))
 
 
-def test_a_history_goes_on_from_its_end_without_the_recordings_before(tmp_path):
-    write_history(tmp_path)
-    make_archive(tmp_path, machine("a", "b", "c"), "whole")
-    make_archive(tmp_path, machine("a"))
+@pytest.fixture
+def history(template: Path) -> Iterator[Path]:
+    """A copy of the folder for one test, at the path that stands in its archives."""
+    folder = shutil.copytree(template, template.with_name("now"))
+    yield folder
+    shutil.rmtree(folder)
+
+
+def test_a_history_goes_on_from_its_end_without_the_recordings_before(history):
     for last, count in (("b", 26), ("c", 30)):
         # Earlier recordings must be named, and are not opened.
         for name in sorted({"a", "b"} - {last}):
-            shutil.rmtree(tmp_path / name)
-            (tmp_path / name).mkdir()
+            shutil.rmtree(history / name)
+            (history / name).mkdir()
         runner = Runner(SerialExecutor())
-        counts = make_archive(tmp_path, machine(*"abc"[: "abc".index(last) + 1]), extend=True, runner=runner)
+        counts = make_archive(history, machine(*"abc"[: "abc".index(last) + 1]), extend=True, runner=runner)
         assert (counts.done, counts.rows, runner.tally.chunks) == (1, count, 1)
-    assert_same_records(tmp_path / "out/m/history", tmp_path / "whole/m/history")
-    found, whole = (result_of(tmp_path / name / "m/history") for name in ("out", "whole"))
+    assert_same_records(history / "out/m/history", history / "whole/m/history")
+    found, whole = (result_of(history / name / "m/history") for name in ("out", "whole"))
     keys = ("blocks", "accepted", "rejected", "offered", "channels", "reasons")
     assert [found.summary[key] for key in keys] == [whole.summary[key] for key in keys]
     assert (found.files, found.first, found.last, found.shape) == (whole.files, whole.first, whole.last, whole.shape)
-    assert len(list((tmp_path / "out/archive-work/states").iterdir())) == 1
+    assert len(list((history / "out/archive-work/states").iterdir())) == 1
 
 
-def test_a_history_too_short_to_learn_its_bands_is_replayed_from_its_beginning(tmp_path):
+def test_a_history_too_short_to_learn_its_bands_is_replayed_from_its_beginning(tmp_path, kept_band_choices):
+    later = effort_count(quick=12, full=24)
     write_files(tmp_path / "a", 6)
-    write_files(tmp_path / "b", 24, begin=6, seed=2)
+    write_files(tmp_path / "b", later, begin=6, seed=2)
     make_archive(tmp_path, machine("a", "b"), "whole", config=AUTO)
     make_archive(tmp_path, machine("a"), config=AUTO)
     assert not list((tmp_path / "out/archive-work/states").glob("*"))
-    assert make_archive(tmp_path, machine("a", "b"), config=AUTO, extend=True).rows == 30
+    assert make_archive(tmp_path, machine("a", "b"), config=AUTO, extend=True).rows == 6 + later
     assert_same_records(tmp_path / "out/m/history", tmp_path / "whole/m/history")
 
 
-def test_a_killed_extension_goes_on(tmp_path):
-    write_history(tmp_path)
-    make_archive(tmp_path, machine("a", "b", "c"), "whole")
-    make_archive(tmp_path, machine("a"), part_blocks=200)
+def test_a_killed_extension_goes_on(history):
     with pytest.raises(KeyboardInterrupt):
         make_archive(
-            tmp_path, machine("a", "b", "c"), extend=True, runner=Runner(Killed(), open_store(tmp_path / "chunks"))
+            history, machine("a", "b", "c"), extend=True, runner=Runner(Killed(), open_store(history / "chunks"))
         )
-    with Index(tmp_path / "out/index.db") as index:
+    with Index(history / "out/index.db") as index:
         assert (index.left(), index.last_link(1)) == (1, 2)
-    assert make_archive(tmp_path, machine("a", "b", "c"), resume=True).rows == 30
-    assert_same_records(tmp_path / "out/m/history", tmp_path / "whole/m/history")
+    assert make_archive(history, machine("a", "b", "c"), resume=True).rows == 30
+    assert_same_records(history / "out/m/history", history / "whole/m/history")
 
 
-def test_files_that_come_into_a_recording_after_its_replay_are_told(tmp_path):
-    write_history(tmp_path)
-    make_archive(tmp_path, machine("a", "b"), part_blocks=8)
-    with Index(tmp_path / "out/index.db") as index:
-        assert dict(index.folders_read()) == {f"{tmp_path}/a": 22, f"{tmp_path}/b": 4}
+def test_files_that_come_into_a_recording_after_its_replay_are_told(history):
+    with Index(history / "two/index.db") as index:
+        assert dict(index.folders_read()) == {f"{history}/a": 22, f"{history}/b": 4}
         assert grown_folders(index) == Later()
-        write_files(tmp_path / "b/late", 1, begin=40)
+        write_files(history / "b/late", 1, begin=40)
         # What is gone by now was read.
-        next((tmp_path / "a").iterdir()).unlink()
-        assert grown_folders(index) == Later(1, f"{tmp_path}/b")
+        next((history / "a").iterdir()).unlink()
+        assert grown_folders(index) == Later(1, f"{history}/b")
 
 
 class Killed(SerialExecutor):
@@ -116,22 +128,19 @@ def test_recordings_and_machines_are_added_and_one_that_fails_harms_no_other(tmp
         assert [name for name, _ in index.wrong()] == ["m/bad"]
 
 
-def test_a_history_whose_new_recording_fails_keeps_its_records_and_goes_on_once_it_is_repaired(tmp_path):
-    write_history(tmp_path)
-    make_archive(tmp_path, machine("a", "b"), "whole")
-    make_archive(tmp_path, machine("a"))
-    files = sorted((tmp_path / "b").iterdir())
+def test_a_history_whose_new_recording_fails_keeps_its_records_and_goes_on_once_it_is_repaired(history):
+    files = sorted((history / "b").iterdir())
     kept = {path: path.read_bytes() for path in files}
     for path in files:
         path.rename(path.with_suffix(".rtf"))
-    counts = make_archive(tmp_path, machine("a", "b"), extend=True)
+    counts = make_archive(history, machine("a", "b"), extend=True)
     assert (counts.failed, counts.rows) == (1, 22)
-    assert result_of(tmp_path / "out/m/history").status == "failed"
-    assert len(list((tmp_path / "out/m/history").glob("*.nc"))) == 3
+    assert result_of(history / "out/m/history").status == "failed"
+    assert len(list((history / "out/m/history").glob("*.nc"))) == 3
     for path, data in kept.items():
         path.write_bytes(data)
-    assert make_archive(tmp_path, machine("a", "b"), extend=True).done == 1
-    assert_same_records(tmp_path / "out/m/history", tmp_path / "whole/m/history")
+    assert make_archive(history, machine("a", "b"), extend=True).done == 1
+    assert_same_records(history / "out/m/history", history / "two/m/history")
 
 
 @pytest.fixture
