@@ -7,8 +7,9 @@ missing.
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING, ClassVar, Self
 
 import numpy as np
 
@@ -83,25 +84,57 @@ class Effect:
         return cls(gap, np.ones_like(gap), np.zeros_like(gap))
 
 
+class ToothFault(ABC):
+    """A fault that single teeth have."""
+
+    @abstractmethod
+    def teeth(self, count: int) -> tuple[int, ...]:
+        """Return the teeth of so many that have it."""
+
+    def edges(self, face_width: float) -> tuple[float, ...]:
+        """Return where it begins and ends along the face, m."""
+        del face_width
+        return ()
+
+    @abstractmethod
+    def effect(self, flank: Flank, tooth: int) -> Effect:
+        """Return what it does to a tooth."""
+
+
 @dataclass(frozen=True)
-class ToothCrack:
+class FaultOfOneTooth(ToothFault):
+    """A fault of one tooth, by its number."""
+
+    kind: ClassVar[str]
+    tooth: int
+
+    def __post_init__(self) -> None:
+        """Raise a ValueError where the number cannot be one."""
+        check_whole(self.tooth, f"{self.kind} tooth", 0)
+
+    def teeth(self, count: int) -> tuple[int, ...]:
+        """Return the tooth that has it."""
+        return _one_tooth(self.tooth, count, self.kind)
+
+
+@dataclass(frozen=True)
+class ToothCrack(FaultOfOneTooth):
     """A crack in the root of one tooth, at the fillet's 30 deg tangent on the loaded side.
 
     Attributes:
-        tooth: its number.
         depth: length of the crack from the fillet's surface, m.
         angle: between crack and centre line of the tooth, rad; 90 deg, straight across, is what was checked.
         extent: along the face from its begin, m; None for the whole face.
     """
 
-    tooth: int
+    kind = "crack"
     depth: float
     angle: float = math.pi / 2.0
     extent: float | None = None
 
     def __post_init__(self) -> None:
         """Raise a ValueError that names a field which cannot be."""
-        check_whole(self.tooth, "crack tooth", 0)
+        super().__post_init__()
         check_numbers(self, "crack ", "not negative", "depth")
         check_numbers(self, "crack ", "positive", "angle")
         if self.angle > math.pi / 2.0:
@@ -109,112 +142,79 @@ class ToothCrack:
         if self.extent is not None:
             check_numbers(self, "crack ", "positive", "extent")
 
-    def teeth(self, count: int) -> tuple[int, ...]:
-        """Return the teeth that have it."""
-        return _one_tooth(self.tooth, count, "crack")
-
     def edges(self, face_width: float) -> tuple[float, ...]:
-        """Return where it begins and ends along the face, m."""
+        """Return where it ends along the face, m."""
         return () if self.extent is None else (min(self.extent, face_width),)
 
-    def effect(self, flank: Flank, _tooth: int) -> Effect:
-        """Return what it does."""
+    def effect(self, flank: Flank, tooth: int) -> Effect:
+        """Return what it adds to the compliance."""
         added = crack_compliance(flank.profile, flank.wheel, flank.roll, self.depth, self.angle, flank.plane)
         share = flank.within(0.0, math.inf if self.extent is None else self.extent)
         return Effect(np.zeros_like(added), np.ones_like(added), added * share)
 
 
 @dataclass(frozen=True)
-class ToothSpall:
-    """A spall with vertical walls on the flank of one tooth.
+class ToothSpall(FaultOfOneTooth):
+    """A spall with vertical walls on the flank of one tooth, about the reference circle and the middle of the face.
 
     Attributes:
-        tooth: its number.
         length: along the profile (difference of radii), m.
         width: along the face, m.
         depth: m.
-        radius: of its middle, m; None for the reference circle.
-        place: of its middle along the face, m; None for the middle.
     """
 
-    tooth: int
+    kind = "spall"
     length: float
     width: float
     depth: float
-    radius: float | None = None
-    place: float | None = None
 
     def __post_init__(self) -> None:
         """Raise a ValueError that names a field which cannot be."""
-        check_whole(self.tooth, "spall tooth", 0)
+        super().__post_init__()
         check_numbers(self, "spall ", "positive", "length", "width", "depth")
-
-    def teeth(self, count: int) -> tuple[int, ...]:
-        """Return the teeth that have it."""
-        return _one_tooth(self.tooth, count, "spall")
 
     def edges(self, face_width: float) -> tuple[float, ...]:
         """Return where it begins and ends along the face, m."""
-        middle = 0.5 * face_width if self.place is None else self.place
-        low, high = max(middle - 0.5 * self.width, 0.0), min(middle + 0.5 * self.width, face_width)
-        if low >= high:
-            raise ValueError(f"spall place must be on the face of {1e3 * face_width:.4g} mm, got {1e3 * middle:.4g} mm")
-        return (low, high)
+        middle = 0.5 * face_width
+        return max(middle - 0.5 * self.width, 0.0), min(middle + 0.5 * self.width, face_width)
 
-    def effect(self, flank: Flank, _tooth: int) -> Effect:
-        """Return what it does."""
-        middle = flank.profile.reference_radius if self.radius is None else self.radius
-        if not flank.profile.form_radius <= middle <= flank.profile.tip_radius:
-            raise ValueError(
-                f"spall radius must be on the flank, {1e3 * flank.profile.form_radius:.5g} to "
-                f"{1e3 * flank.profile.tip_radius:.5g} mm, got {1e3 * middle:.5g} mm"
-            )
-        across = np.abs(flank.radius - middle) <= 0.5 * self.length
+    def effect(self, flank: Flank, tooth: int) -> Effect:
+        """Return what it takes from the flank."""
+        across = np.abs(flank.radius - flank.profile.reference_radius) <= 0.5 * self.length
         along = flank.within(*self.edges(float(flank.edges[-1]))) > 0.5
         return Effect.of_gap(np.where(across & along, self.depth, 0.0))
 
 
 @dataclass(frozen=True)
-class Pitting:
-    """Pits on a band of the flank of one tooth: they carry nothing, the rest of the face does.
+class Pitting(FaultOfOneTooth):
+    """Pits on a band of a flank about the reference circle: they carry nothing, the rest of the face does.
 
     Attributes:
-        tooth: its number.
         share: of the band's area that is pitted.
         length: of the band along the profile (difference of radii), m.
-        radius: of its middle, m; None for the reference circle.
     """
 
-    tooth: int
+    kind = "pitting"
     share: float
     length: float
-    radius: float | None = None
 
     def __post_init__(self) -> None:
         """Raise a ValueError that names a field which cannot be."""
-        check_whole(self.tooth, "pitting tooth", 0)
+        super().__post_init__()
         check_numbers(self, "pitting ", "not negative", "share")
         check_numbers(self, "pitting ", "positive", "length")
         if self.share >= 1.0:
             raise ValueError(f"pitting share must be below 1, got {self.share!r}")
 
-    def teeth(self, count: int) -> tuple[int, ...]:
-        """Return the teeth that have it."""
-        return _one_tooth(self.tooth, count, "pitting")
-
-    def edges(self, _face_width: float) -> tuple[float, ...]:
-        """Return where it begins and ends along the face: nowhere."""
-        return ()
-
-    def effect(self, flank: Flank, _tooth: int) -> Effect:
-        """Return what it does."""
-        middle = flank.profile.reference_radius if self.radius is None else self.radius
-        cover = np.where(np.abs(flank.radius - middle) <= 0.5 * self.length, 1.0 - self.share, 1.0)
+    def effect(self, flank: Flank, tooth: int) -> Effect:
+        """Return what no longer carries."""
+        inside = np.abs(flank.radius - flank.profile.reference_radius) <= 0.5 * self.length
+        cover = np.where(inside, 1.0 - self.share, 1.0)
         return Effect(np.zeros_like(cover), cover, np.zeros_like(cover))
 
 
 @dataclass(frozen=True)
-class PitchError:
+class PitchError(ToothFault):
     """Teeth that are out of place.
 
     Attributes:
@@ -247,17 +247,13 @@ class PitchError:
             raise ValueError(f"pitch error positions must be {count}, one a tooth, got {len(self.positions)}")
         return tuple(k for k, position in enumerate(self.positions) if position != 0.0)
 
-    def edges(self, _face_width: float) -> tuple[float, ...]:
-        """Return where it begins and ends along the face: nowhere."""
-        return ()
-
     def effect(self, flank: Flank, tooth: int) -> Effect:
         """Return what it does."""
         return Effect.of_gap(np.full_like(flank.roll, self.positions[tooth]))
 
 
 @dataclass(frozen=True)
-class ProfileError:
+class ProfileError(ToothFault):
     """A deviation of the flanks of all teeth, or of one.
 
     Attributes:
@@ -282,11 +278,7 @@ class ProfileError:
         """Return the teeth that have it."""
         return tuple(range(count)) if self.tooth is None else _one_tooth(self.tooth, count, "profile error")
 
-    def edges(self, _face_width: float) -> tuple[float, ...]:
-        """Return where it begins and ends along the face: nowhere."""
-        return ()
-
-    def effect(self, flank: Flank, _tooth: int) -> Effect:
+    def effect(self, flank: Flank, tooth: int) -> Effect:
         """Return what it does."""
         height = flank.height
         curve = self.slope * (height - 0.5) + self.crown * (2.0 * height - 1.0) ** 2
@@ -317,7 +309,6 @@ class Eccentricity:
         return self.amount * np.cos(math.tau * np.arange(count) / count - self.phase)
 
 
-ToothFault = ToothCrack | ToothSpall | Pitting | PitchError | ProfileError
 GearFault = ToothFault | Eccentricity
 
 
