@@ -42,7 +42,7 @@ _UNREADABLE = (OSError, ValueError, KeyError, EOFError, TypeError, zipfile.BadZi
 
 
 @dataclass(frozen=True, eq=False)
-class Kept:
+class CacheEntry:
     """What is kept of a computation: arrays by name, and values that JSON can hold."""
 
     arrays: Mapping[str, NDArray[np.float64]] = field(default_factory=dict[str, "NDArray[np.float64]"])
@@ -89,7 +89,7 @@ class FeCache:
             return None
         return self._folder / f"{hashlib.sha256(_text(key).encode()).hexdigest()[:32]}.npz"
 
-    def get(self, key: Mapping[str, Any], make: Callable[[], Kept]) -> Kept:
+    def get(self, key: Mapping[str, Any], make: Callable[[], CacheEntry]) -> CacheEntry:
         """Return the entry of a key, computed by ``make`` where there is none that can be used.
 
         Args:
@@ -107,12 +107,14 @@ class FeCache:
             self._write(path, _text(key), entry)
         return entry
 
-    def _read(self, path: Path, text: str) -> Kept | None:
+    def _read(self, path: Path, text: str) -> CacheEntry | None:
         try:
             with path.open("rb") as stream, np.load(stream, allow_pickle=False) as stored:
                 header = json.loads(str(stored[_HEADER]))
                 names: list[str] = header["arrays"]
-                entry = Kept({name: np.asarray(stored[f"_{name}"], np.float64) for name in names}, header["values"])
+                entry = CacheEntry(
+                    {name: np.asarray(stored[f"_{name}"], np.float64) for name in names}, header["values"]
+                )
                 own = header["key"]
         except (FileNotFoundError, NotADirectoryError):
             return None
@@ -126,7 +128,7 @@ class FeCache:
             os.utime(path)
         return entry
 
-    def _write(self, path: Path, text: str, entry: Kept) -> None:
+    def _write(self, path: Path, text: str, entry: CacheEntry) -> None:
         header = json.dumps({"key": text, "arrays": sorted(entry.arrays), "values": dict(entry.values)})
         # Names of arrays get a mark, so that none is the header.
         arrays = {f"_{name}": np.asarray(values, np.float64) for name, values in entry.arrays.items()}

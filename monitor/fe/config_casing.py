@@ -20,7 +20,7 @@ _MATERIALS: dict[str, Material] = {"cast_iron": CAST_IRON, "steel": STEEL}
 Place = tuple[Finite, Finite, Finite]
 
 
-class SeatSection(Section):
+class CasingSeatSection(Section):
     """The seat of a bearing in a wall across the shafts; ``name`` is that of a ``[[gear.support]]``."""
 
     name: Name
@@ -72,7 +72,7 @@ class CasingFile(Section):
     damping: Annotated[tuple[tuple[NotNegative, NotNegative], ...], Field(min_length=1)]
     material: Literal["cast_iron", "steel"] = "cast_iron"
     sound_lines: Annotated[int, Field(ge=4, le=1000)] = 30
-    seat: Annotated[tuple[SeatSection, ...], Field(min_length=1)]
+    seat: Annotated[tuple[CasingSeatSection, ...], Field(min_length=1)]
     point: tuple[PlaceSection, ...] = ()
     microphone: tuple[PlaceSection, ...] = ()
 

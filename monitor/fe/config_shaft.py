@@ -8,7 +8,7 @@ from typing import Annotated, Self
 from pydantic import Field, ValidationError, model_validator
 
 from models.fe.meshes.shaft_mesh import Step
-from models.fe.shafts.shaft import Seat, SteppedShaft, Support
+from models.fe.shafts.shaft import ShaftSeat, ShaftSupport, SteppedShaft
 from models.fe.shafts.spring import bearing_spring
 from models.machine.bearing import CatalogueEntry, catalogue_entry
 from models.machine.contact_estimates import estimate_stiffness
@@ -38,7 +38,7 @@ class StepSection(Section):
         return Step(_MM * self.length_mm, _MM * self.diameter_mm, _MM * self.bore_mm)
 
 
-class SeatSection(Section):
+class ShaftSeatSection(Section):
     """Where a bearing sits, in mm from the first end of the shaft."""
 
     from_mm: NotNegative
@@ -50,12 +50,12 @@ class SeatSection(Section):
             raise ValueError(f"to_mm must be more than from_mm, {self.from_mm:g}, got {self.to_mm:g}")
         return self
 
-    def to_seat(self) -> Seat:
+    def to_seat(self) -> ShaftSeat:
         """Return the seat in SI."""
-        return Seat(_MM * self.from_mm, _MM * self.to_mm)
+        return ShaftSeat(_MM * self.from_mm, _MM * self.to_mm)
 
 
-class SupportSection(SeatSection):
+class SupportSection(ShaftSeatSection):
     """A support bearing of the catalogue; its contact stiffness is estimated where it is not given."""
 
     bearing: str
@@ -80,7 +80,7 @@ class SupportSection(SeatSection):
         except KeyError as error:
             raise ValueError(f"bearing: {error.args[0]}") from None
 
-    def to_support(self) -> Support:
+    def to_support(self) -> ShaftSupport:
         """Return the support in SI.
 
         Raises:
@@ -89,14 +89,14 @@ class SupportSection(SeatSection):
         estimate = estimate_stiffness(self.to_entry())
         given = self.k_c_newton_per_m15 or self.k_c_newton_per_m109
         spring = bearing_spring(estimate.bearing, given or estimate.value, 1e-6 * self.clearance_um)
-        return Support(self.to_seat(), spring, self.tilt_newton_m_per_rad)
+        return ShaftSupport(self.to_seat(), spring, self.tilt_newton_m_per_rad)
 
 
 class ShaftFile(Section):
     """A shaft with its bearings."""
 
     step: tuple[StepSection, ...] = Field(min_length=1)
-    load: SeatSection
+    load: ShaftSeatSection
     support: tuple[SupportSection, ...] = Field(min_length=1)
     modulus_gpa: Positive = 210.0
     poisson: Annotated[float, Field(ge=0.0, lt=0.5)] = 0.3

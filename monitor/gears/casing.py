@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from models.fe.casing.model import Casing as ElasticCasing
-from models.fe.casing.modes import Modes, NoModesError, first_modes, modal_responses, modes_below
+from models.fe.casing.model import Casing
+from models.fe.casing.modes import CasingModes, NoModesError, first_modes, modal_responses, modes_below
 from models.fe.casing.surface import RadiatingSurface, radiating_surface
 from models.gears.sound.boundary_elements import Radiation, transfer_vectors
 from models.gears.sound.surface import Surface
@@ -20,7 +20,7 @@ from models.gears.transfer.frf import FrequencyResponses
 from monitor.commands.common import InputError
 from monitor.fe.config_casing import CasingFile, read_casing
 from monitor.gears.config.section import GearSection
-from monitor.gears.transfer import Casing, heard
+from monitor.gears.transfer import CasingResponses, heard
 
 if TYPE_CHECKING:
     from models.gears.sound.transfer_vectors import TransferVectors
@@ -34,7 +34,9 @@ _MIN_LINES, _MAX_LINES = 200, 2000
 """Distance of the lines, by the half width of the narrowest resonance, within limits of their number."""
 
 
-def casing_by_elements(gear: GearSection, path: Path, tell: Callable[[str], None]) -> tuple[Casing, dict[str, Any]]:
+def casing_by_elements(
+    gear: GearSection, path: Path, tell: Callable[[str], None]
+) -> tuple[CasingResponses, dict[str, Any]]:
     """Return the responses of the casing in a file to the bearings of a train, and what is known of them.
 
     Args:
@@ -56,7 +58,7 @@ def casing_by_elements(gear: GearSection, path: Path, tell: Callable[[str], None
             f"{where}: no [[seat]] with name = {missing[0]!r}; expected one for each [[gear.support]], "
             f"found {', '.join(sorted(seats))}"
         )
-    body = ElasticCasing(file.shape, file.made_of, file.rule)
+    body = Casing(file.shape, file.made_of, file.rule)
     try:
         columns = body.columns(file.points)
     except ValueError as error:
@@ -84,7 +86,7 @@ def casing_by_elements(gear: GearSection, path: Path, tell: Callable[[str], None
         velocity = modal_responses(body, modes, damping, frequency, surface.columns, inputs, "m/s")
         pressure = pressure_responses(velocity, found.vectors, where)
         known["radiation"] = _radiation_values(found)
-    return Casing(motion, pressure), known
+    return CasingResponses(motion, pressure), known
 
 
 def pressure_responses(velocity: FrequencyResponses, vectors: TransferVectors, where: str) -> FrequencyResponses:
@@ -92,7 +94,7 @@ def pressure_responses(velocity: FrequencyResponses, vectors: TransferVectors, w
     return heard(velocity, vectors, where, "the sound of the casing")[0]
 
 
-def lines_of(file: CasingFile, modes: Modes) -> Array:
+def lines_of(file: CasingFile, modes: CasingModes) -> Array:
     """Return the lines of the responses, Hz: close enough that no resonance lies between them."""
     low, high = file.band_hz
     inside = modes.frequency[(modes.frequency >= low) & (modes.frequency <= high)]

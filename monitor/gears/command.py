@@ -14,7 +14,7 @@ from monitor.gears.kinematics import GearInput, kinematic_lines, kinematic_value
 
 if TYPE_CHECKING:
     from monitor.gears.forces import GearRun
-    from monitor.gears.transfer import Casing
+    from monitor.gears.transfer import CasingResponses
 
 _FILES: dict[str, tuple[tuple[str, ...], str | None]] = {
     "csv": ((".csv",), None),
@@ -112,12 +112,14 @@ def _add_motion(
         draw_gears(run, values, given.title, files["plot"])
 
 
-def _casing(given: GearInput, files: Mapping[str, Path | None], *, quiet: bool) -> tuple[Casing | None, dict[str, Any]]:
+def _casing(
+    given: GearInput, files: Mapping[str, Path | None], *, quiet: bool
+) -> tuple[CasingResponses | None, dict[str, Any]]:
     """Return the responses of the casing, None where none is asked for, and what is known of one by elements."""
     frf, shape, wav = files["frf"], files["casing"], files["wav"]
     if frf is not None and shape is not None:
         raise InputError(f"--frf {frf} and --casing {shape}: give one of them")
-    casing: Casing | None = None
+    casing: CasingResponses | None = None
     known: dict[str, Any] = {}
     if frf is not None:
         from monitor.gears.transfer import read_casing
@@ -135,7 +137,7 @@ def _casing(given: GearInput, files: Mapping[str, Path | None], *, quiet: bool) 
 
 
 def _add_levels(
-    run: GearRun, casing: Casing, known: dict[str, Any], wav: Path | None, values: dict[str, Any]
+    run: GearRun, casing: CasingResponses, known: dict[str, Any], wav: Path | None, values: dict[str, Any]
 ) -> Iterator[str]:
     """Add acceleration and sound to the values; yield them as text, and write the sound."""
     from monitor.gears.transfer import (

@@ -48,7 +48,7 @@ _ROUNDED = 2e-3
 
 
 @dataclass(frozen=True, eq=False)
-class Casing:
+class CasingResponses:
     """Responses to the forces on the bearings.
 
     Attributes:
@@ -66,7 +66,7 @@ class Casing:
         return min(MAX_LEAD_S, 1.0 / float(min(steps))) if steps else 0.0
 
 
-def read_casing(gear: GearSection, frf: Path, atv: Path | None) -> Casing:
+def read_casing(gear: GearSection, frf: Path, atv: Path | None) -> CasingResponses:
     """Return the responses of a casing to the bearings of a train.
 
     Args:
@@ -85,7 +85,7 @@ def read_casing(gear: GearSection, frf: Path, atv: Path | None) -> Casing:
     return casing_of(gear, read_frf(content, str(frf)), f"--frf {frf}", atv)
 
 
-def casing_of(gear: GearSection, found: FrequencyResponses, where: str, atv: Path | None) -> Casing:
+def casing_of(gear: GearSection, found: FrequencyResponses, where: str, atv: Path | None) -> CasingResponses:
     """Return the responses of a casing, of which those to other inputs are left out; ``where`` names them."""
     wanted = [f"{support.name}.{axis}" for support in gear.support for axis in "xy"]
     if missing := [name for name in wanted if name not in found.inputs]:
@@ -99,18 +99,18 @@ def casing_of(gear: GearSection, found: FrequencyResponses, where: str, atv: Pat
     if responses.output_unit == _PRESSURE:
         if atv is not None:
             raise InputError(f"--atv {atv}: needs the motion of the surface, but {where} has pressures")
-        return Casing(None, responses)
+        return CasingResponses(None, responses)
     if responses.output_unit not in MOTION_UNITS:
         raise InputError(f"{where}: expected outputs in {', '.join(MOTION_UNITS)} or Pa, found {responses.output_unit}")
     if atv is None:
-        return Casing(responses.in_unit("m/s2"), None)
+        return CasingResponses(responses.in_unit("m/s2"), None)
     try:
         vectors = read_transfer_vectors(atv)
     except OSError as error:
         raise InputError(f"--atv {atv}: cannot be read: {error.strerror or error}") from None
     pressure, used = heard(responses, vectors, where, f"--atv {atv}")
     others = [name for name in responses.outputs if name not in used]
-    return Casing(responses.select(outputs=others).in_unit("m/s2") if others else None, pressure)
+    return CasingResponses(responses.select(outputs=others).in_unit("m/s2") if others else None, pressure)
 
 
 def heard(

@@ -19,7 +19,7 @@ from models.fe.bearings.element import ELEMENT_STEPS, MAX_SHARE, RACES, ElementM
 from models.fe.bearings.law import ElementLaw
 from models.fe.bearings.ring_bodies import INFLUENCE_RULE, bore_load, influence_load, ring_influence
 from models.fe.bearings.rings import SUPPORTS, BoreLoad, RingInfluence, Support
-from models.fe.cache import FeCache, Kept
+from models.fe.cache import CacheEntry, FeCache
 from models.fe.meshes.grid import FeMeshError
 from models.fe.meshes.sizing import MeshRule, contact_grid
 from models.fe.solid.condense import ContactCells
@@ -173,7 +173,7 @@ class _Builder:
             del total
             self.progress(what, before + done, self.total)
 
-        def make() -> Kept:
+        def make() -> CacheEntry:
             return _kept_mesh(element_mesh(self.geometry, made_for, self.rule, step))
 
         key = self._key("element", self.rule, made_for)
@@ -185,9 +185,9 @@ class _Builder:
         """Return the influence of a ring on its support; the outer one is in a rigid housing."""
         balanced = race == "inner" and support == "sinusoidal"
 
-        def make() -> Kept:
+        def make() -> CacheEntry:
             found = ring_influence(self.geometry, race, self._coarse, balanced=balanced)
-            return Kept({"angle": found.angle, "race": found.race}, {"own": found.own, "support": found.support})
+            return CacheEntry({"angle": found.angle, "race": found.race}, {"own": found.own, "support": found.support})
 
         self.progress(f"influence of the {race} ring", self.done, self.total)
         key = self._key("ring", INFLUENCE_RULE, self._coarse)
@@ -199,10 +199,10 @@ class _Builder:
     def bore(self, extent: float) -> BoreLoad:
         """Return the inner ring under a sinusoidal pressure over an extent, rad."""
 
-        def make() -> Kept:
+        def make() -> CacheEntry:
             found = bore_load(self.geometry, self._coarse, extent=extent)
             arrays = {"angle": found.angle, "race": found.race, "under": found.bore_under_element}
-            return Kept(arrays, {"at_load": found.bore_at_load})
+            return CacheEntry(arrays, {"at_load": found.bore_at_load})
 
         self.progress("load on the bore", self.done, self.total)
         key = self._key("bore", INFLUENCE_RULE, self._coarse)
@@ -225,17 +225,17 @@ class _Builder:
         }
 
 
-def _kept_mesh(mesh: ElementMesh) -> Kept:
+def _kept_mesh(mesh: ElementMesh) -> CacheEntry:
     arrays: dict[str, Any] = {}
     for race in RACES:
         cells = mesh.cells[race]
         for name in ("x0", "x1", "z0", "z1"):
             arrays[f"{race}_{name}"] = getattr(cells, name)
         arrays[f"{race}_compliance"], arrays[f"{race}_gap"] = mesh.compliance[race], mesh.gap[race]
-    return Kept(arrays, {"unknowns": dict(mesh.unknowns)})
+    return CacheEntry(arrays, {"unknowns": dict(mesh.unknowns)})
 
 
-def _mesh_from(geometry: FeGeometry, made_for: float, entry: Kept) -> ElementMesh:
+def _mesh_from(geometry: FeGeometry, made_for: float, entry: CacheEntry) -> ElementMesh:
     arrays = entry.arrays
     return ElementMesh(
         geometry,

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from models.fe.meshes.grid import Block, Chooser, FeMesh, FeMeshError, build, extrude, lattice, on_surface
+from models.fe.meshes.grid import Chooser, FeMesh, FeMeshError, HexBlock, build, extrude, lattice, on_surface
 from models.fe.meshes.roller_mesh import fan_section
 from models.fe.meshes.sizing import ContactGrid, MeshRule, growing_lines
 from models.fe.solid.condense import ContactFrame
@@ -179,5 +179,5 @@ def oblique_ring_mesh(geometry: ObliqueGeometry, race: Race, grid: ContactGrid, 
         "side": on_surface(lambda p: np.abs(p[2]) - 0.5 * profile.width, depth),
         "race": on_surface(lambda p: radius(p) - profile.race(p[2]), depth),
     }
-    blocks = [Block(extrude(section.quads, lines), near), Block(extrude(rest, lines), far)]
+    blocks = [HexBlock(extrude(section.quads, lines), near), HexBlock(extrude(rest, lines), far)]
     return build(blocks, boundaries)

@@ -22,7 +22,7 @@ from models.fe.bearings.oblique_bodies import (
     oblique_contact,
     race_displacement,
 )
-from models.fe.cache import FeCache, Kept
+from models.fe.cache import CacheEntry, FeCache
 from models.fe.meshes.geometry import Race
 from models.path.defect import wrap
 from models.words.checks import check_choice, check_numbers, check_whole
@@ -205,7 +205,7 @@ def self_aligning_bearing(
     return FeBearing(rows, {}, values["unknowns"])
 
 
-def _computed(geometry: ObliqueGeometry, loads: tuple[float, float], progress: Progress | None) -> Kept:
+def _computed(geometry: ObliqueGeometry, loads: tuple[float, float], progress: Progress | None) -> CacheEntry:
     """Return the law of a ball and the influence of the rings from meshes for loads of a ball, N, ascending.
 
     Each mesh serves loads down to an eighth of its own; the rings' influence is that of the last.
@@ -233,4 +233,4 @@ def _computed(geometry: ObliqueGeometry, loads: tuple[float, float], progress: P
         samples += [(share * load, float(value)) for share, value in zip(SHARES, approach, strict=True)]
     law = ball_law(*np.array(samples).T)
     arrays = {"loads": law.loads, "approach": law.approach, "same": same, "other": other}
-    return Kept(arrays, {"mesh_error": law.mesh_error, "unknowns": unknowns, "converged": converged})
+    return CacheEntry(arrays, {"mesh_error": law.mesh_error, "unknowns": unknowns, "converged": converged})

@@ -64,7 +64,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from models.fe.casing.shape import CasingMeshRule, CasingShape, Material, Seat
-    from models.fe.solid.cholesky import Plan
+    from models.fe.solid.cholesky import FactorPlan
 
     Array = NDArray[np.float64]
 AXES = ("x", "y", "z")
@@ -127,7 +127,7 @@ class Casing:
                 i, j = np.repeat(places, len(places)), np.tile(places, len(places))
                 mass = mass + sparse_matrix(entries, i, j, mass.shape)
         self.mass: SparseMatrix = mass
-        self._plan: Plan | None = None
+        self._plan: FactorPlan | None = None
         self._factor: Cholesky | None = None
 
     @property
@@ -144,7 +144,7 @@ class Casing:
         return float(moved.ravel() @ (weight @ moved.ravel())) + sum(seat.mass for seat in self.shape.seats)
 
     @property
-    def plan(self) -> Plan:
+    def plan(self) -> FactorPlan:
         """Order and cost of the factorisation."""
         if self._plan is None:
             table = np.asarray(self.body.dofs.element_dofs, np.int64)

@@ -167,7 +167,7 @@ class Damping:
 
 
 @dataclass(frozen=True, eq=False)
-class Modes:
+class CasingModes:
     """Natural frequencies, Hz, shape (modes,), ascending, and shapes (unknowns, modes) with phi' M phi = 1.
 
     Attributes:
@@ -182,13 +182,13 @@ class Modes:
         """Return the number of modes."""
         return len(self.frequency)
 
-    def below(self, highest: float) -> Modes:
+    def below(self, highest: float) -> CasingModes:
         """Return the modes up to a frequency, Hz."""
         kept = self.frequency <= highest
-        return Modes(self.frequency[kept], self.shapes[:, kept], self.residual[kept])
+        return CasingModes(self.frequency[kept], self.shapes[:, kept], self.residual[kept])
 
 
-def modes_below(casing: Casing, highest: float) -> Modes:
+def modes_below(casing: Casing, highest: float) -> CasingModes:
     """Return all modes of a casing up to a frequency, Hz.
 
     Raises:
@@ -203,17 +203,17 @@ def modes_below(casing: Casing, highest: float) -> Modes:
     return kept
 
 
-def first_modes(casing: Casing, count: int) -> Modes:
+def first_modes(casing: Casing, count: int) -> CasingModes:
     """Return so many modes of a casing from the lowest on.
 
     Raises:
         NotConvergedError: there are too many, or a mode is not one to :data:`MAX_RESIDUAL`.
     """
     found = _modes(casing, lambda values: values.size >= count)
-    return Modes(found.frequency[:count], found.shapes[:, :count], found.residual[:count])
+    return CasingModes(found.frequency[:count], found.shapes[:, :count], found.residual[:count])
 
 
-def _modes(casing: Casing, enough: Callable[[Array], bool]) -> Modes:
+def _modes(casing: Casing, enough: Callable[[Array], bool]) -> CasingModes:
     """Return modes from the lowest on until there are enough, checked."""
     values, shapes = lowest_eigenpairs(casing.mass, casing.solve, enough, MAX_VECTORS)
     forces = np.asarray(casing.stiffness @ shapes, np.float64)
@@ -222,12 +222,12 @@ def _modes(casing: Casing, enough: Callable[[Array], bool]) -> Modes:
     worst = int(np.argmax(residual))
     if residual[worst] > MAX_RESIDUAL:
         raise NotConvergedError(f"mode {worst + 1} of the casing has a residual of {residual[worst]:.2g}")
-    return Modes(np.sqrt(values) / math.tau, shapes, residual)
+    return CasingModes(np.sqrt(values) / math.tau, shapes, residual)
 
 
 def modal_responses(
     casing: Casing,
-    modes: Modes,
+    modes: CasingModes,
     damping: Damping,
     frequency: Array,
     outputs: Mapping[str, Array],

@@ -14,10 +14,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from models.fe.meshes.grid import (
-    Block,
     Chooser,
     FeMesh,
     FeMeshError,
+    HexBlock,
     build,
     extrude,
     lattice,
@@ -66,10 +66,10 @@ def ball_mesh(geometry: FeGeometry, grid: ContactGrid, rule: MeshRule | None = N
     steps = np.linspace(0.0, 1.0, inner_rows(grid) + 1)
     octant = _Octant(radius, reach, float(grid.x[-1]) / (_DIAGONAL * radius))
     blocks = [
-        Block(extrude(section.quads, lines), octant.contact),
-        Block(extrude(section.quads, steps), octant.beyond),
-        Block(extrude(lattice(steps, section.far), lines), octant.side),
-        Block(extrude(lattice(section.deep, steps), lines), octant.centre),
+        HexBlock(extrude(section.quads, lines), octant.contact),
+        HexBlock(extrude(section.quads, steps), octant.beyond),
+        HexBlock(extrude(lattice(steps, section.far), lines), octant.side),
+        HexBlock(extrude(lattice(section.deep, steps), lines), octant.centre),
     ]
     sphere = on_surface(lambda p: np.sqrt(np.sum(p**2, axis=0)) - radius, radius)
     found: dict[str, Chooser] = {

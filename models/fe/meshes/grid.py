@@ -34,7 +34,7 @@ class FeMeshError(WrongInputError):
 
 
 @dataclass(frozen=True, eq=False)
-class Section:
+class FanSection:
     """Quadrilaterals of the square (u, v) in [0, 1]^2, contact at (0, 0), u along the surface, v into the depth.
 
     Attributes:
@@ -49,7 +49,7 @@ class Section:
 
 
 @dataclass(frozen=True, eq=False)
-class Block:
+class HexBlock:
     """Hexahedra in reference coordinates and the map of these into the body.
 
     Attributes:
@@ -61,7 +61,7 @@ class Block:
     place: Mapper
 
 
-def fan(columns: int, lines: NDArray[np.float64]) -> Section:
+def fan(columns: int, lines: NDArray[np.float64]) -> FanSection:
     """Return nested L-shaped layers about the corner (0, 0): ``columns``^2 squares, then 2 ``columns`` quads a layer.
 
     Args:
@@ -74,7 +74,7 @@ def fan(columns: int, lines: NDArray[np.float64]) -> Section:
     (near, low), (far, high) = (np.array(inner).reshape(2, -1), np.array(outer).reshape(2, -1))
     right = np.array([[near, far, near, far], [near * low, far * low, near * high, far * high]])
     below = np.array([[near * low, near * high, far * low, far * high], [near, near, far, far]])
-    return Section(np.concatenate((squares, right, below), axis=2), steps, steps)
+    return FanSection(np.concatenate((squares, right, below), axis=2), steps, steps)
 
 
 def lattice(u: NDArray[np.float64], v: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -93,7 +93,7 @@ def extrude(quads: NDArray[np.float64], lines: NDArray[np.float64]) -> NDArray[n
     return corners.reshape(3, 8, -1)
 
 
-def build(blocks: list[Block], boundaries: Mapping[str, Chooser]) -> FeMesh:
+def build(blocks: list[HexBlock], boundaries: Mapping[str, Chooser]) -> FeMesh:
     """Return the mesh (MeshHex2: quadratic geometry) of joined blocks with named boundaries.
 
     Args:
@@ -133,7 +133,7 @@ def _check_jacobian(mesh: FeMesh) -> None:
         )
 
 
-def _right_handed(block: Block) -> Block:
+def _right_handed(block: HexBlock) -> HexBlock:
     """Return a block whose own axes map to right-handed ones."""
     middle = block.corners.mean(axis=1)[:, :1]
     axes = block.corners[:, [4, 2, 1], 0] - block.corners[:, [0], 0]
@@ -142,10 +142,10 @@ def _right_handed(block: Block) -> Block:
     # skfem counts a vertex by the corner that its coordinates in the element name, as these corners do.
     if np.linalg.det(ends) > 0.0:
         return block
-    return Block(block.corners[:, [4, 5, 6, 7, 0, 1, 2, 3]], block.place)
+    return HexBlock(block.corners[:, [4, 5, 6, 7, 0, 1, 2, 3]], block.place)
 
 
-def _mapped(blocks: list[Block], local: NDArray[np.float64]) -> NDArray[np.float64]:
+def _mapped(blocks: list[HexBlock], local: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the places of nodes at ``local`` (nodes, 3) of all hexahedra, shape (3, nodes, hexahedra)."""
     corner = (np.arange(8)[:, None] >> np.array([2, 1, 0])) & 1
     shares = np.prod(np.where(corner == 1, local[:, None, :], 1.0 - local[:, None, :]), axis=2)

@@ -14,10 +14,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from models.fe.meshes.grid import (
-    Block,
     Chooser,
     FeMesh,
     FeMeshError,
+    HexBlock,
     build,
     extrude,
     lattice,
@@ -61,7 +61,7 @@ def ring_mesh(geometry: FeGeometry, race: Race, grid: ContactGrid, rule: MeshRul
     lines = ring_lines(geometry, race, grid, rule)
     reference = _section(grid, radius * math.pi, thickness, rule, min(rule.coarse * thickness, MAX_ROW_ANGLE * radius))
     place = _placed(geometry, race, rise, float(grid.x[-1]))
-    return build([Block(extrude(reference, lines), place)], _boundaries(geometry, race, grid))
+    return build([HexBlock(extrude(reference, lines), place)], _boundaries(geometry, race, grid))
 
 
 def race_rise(geometry: FeGeometry, race: Race) -> Callable[[NDArray[np.float64]], NDArray[np.float64]]:

@@ -13,11 +13,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from models.fe.meshes.grid import (
-    Block,
     Chooser,
+    FanSection,
     FeMesh,
     FeMeshError,
-    Section,
+    HexBlock,
     build,
     extrude,
     fan,
@@ -67,7 +67,7 @@ def roller_mesh(geometry: FeGeometry, grid: ContactGrid, rule: MeshRule | None =
     return build(blocks, outside)
 
 
-def fan_section(grid: ContactGrid, size: float, rule: MeshRule) -> Section:
+def fan_section(grid: ContactGrid, size: float, rule: MeshRule) -> FanSection:
     """Return the fan about a contact in a square of a given size, m; its coordinates go from 0 to 1.
 
     Raises:
@@ -87,7 +87,9 @@ def inner_rows(grid: ContactGrid) -> int:
     return max(2, grid.columns // 2)
 
 
-def _disc(geometry: FeGeometry, section: Section, rows: int, exact: float, lines: NDArray[np.float64]) -> list[Block]:
+def _disc(
+    geometry: FeGeometry, section: FanSection, rows: int, exact: float, lines: NDArray[np.float64]
+) -> list[HexBlock]:
     """Return the three blocks of a quarter disc, extruded along lines; ``exact`` ends the grid of the contact, m."""
     steps = np.linspace(0.0, 1.0, rows + 1)
     radius, held = geometry.element_radius, exact / (_ARC * geometry.element_radius)
@@ -119,9 +121,9 @@ def _disc(geometry: FeGeometry, section: Section, rows: int, exact: float, lines
         return deep(top, np.array([u * low[0], 0.0 * u]), point, disc)
 
     return [
-        Block(extrude(section.quads, lines), contact),
-        Block(extrude(lattice(steps, section.far), lines), far),
-        Block(extrude(lattice(section.deep, steps), lines), axis),
+        HexBlock(extrude(section.quads, lines), contact),
+        HexBlock(extrude(lattice(steps, section.far), lines), far),
+        HexBlock(extrude(lattice(section.deep, steps), lines), axis),
     ]
 
 

@@ -39,7 +39,7 @@ _NO_FORCE = 1e-9
 
 
 @dataclass(frozen=True)
-class Seat:
+class ShaftSeat:
     """A cylindrical surface of a shaft, from a first to a last place along it, m."""
 
     begin: float
@@ -59,13 +59,13 @@ class Seat:
 
 
 @dataclass(frozen=True)
-class Support:
+class ShaftSupport:
     """A support bearing: its rigid seat, its radial spring, and its stiffness against tilting, N m/rad.
 
     A self-aligning bearing has no stiffness against tilting.
     """
 
-    seat: Seat
+    seat: ShaftSeat
     spring: RadialSpring
     tilt_stiffness: float = 0.0
 
@@ -86,8 +86,8 @@ class SteppedShaft:
     """
 
     steps: tuple[Step, ...]
-    loaded: Seat
-    supports: tuple[Support, ...]
+    loaded: ShaftSeat
+    supports: tuple[ShaftSupport, ...]
     modulus: float = 210e9
     poisson: float = 0.3
 
@@ -99,7 +99,7 @@ class SteppedShaft:
             raise ValueError("a shaft needs one step at least, got none")
 
     @property
-    def seats(self) -> dict[str, Seat]:
+    def seats(self) -> dict[str, ShaftSeat]:
         """Seats by the names of their surfaces: "loaded", "support0", "support1" and so on."""
         return {"loaded": self.loaded} | {f"support{i}": support.seat for i, support in enumerate(self.supports)}
 
@@ -227,7 +227,7 @@ def condense_shaft(shaft: SteppedShaft, rule: ShaftMeshRule | None = None) -> Co
     )
 
 
-def settle_shaft(condensed: CondensedShaft, supports: Sequence[Support], load: float) -> ShaftState:
+def settle_shaft(condensed: CondensedShaft, supports: Sequence[ShaftSupport], load: float) -> ShaftState:
     """Return the state of a condensed shaft on its springs under a load, N.
 
     Newton's method on motions and spring forces together: each spring gives a displacement for a force, which is

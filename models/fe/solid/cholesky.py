@@ -58,7 +58,7 @@ class Front:
 
 
 @dataclass(frozen=True)
-class Plan:
+class FactorPlan:
     """Order and fronts of a factorisation.
 
     Attributes:
@@ -85,7 +85,7 @@ class _Part:
     children: tuple[int, ...]
 
 
-def plan(table: NDArray[np.int64], nodes: NDArray[np.float64], node_of: NDArray[np.int64]) -> Plan:
+def plan(table: NDArray[np.int64], nodes: NDArray[np.float64], node_of: NDArray[np.int64]) -> FactorPlan:
     """Return the plan of a matrix whose unknowns belong to nodes of elements.
 
     Args:
@@ -110,7 +110,7 @@ def plan(table: NDArray[np.int64], nodes: NDArray[np.float64], node_of: NDArray[
         later = touched[owner[touched] > number]
         boundary = np.sort(np.repeat(first[later], free[later]) + _running(free[later]))
         fronts.append(Front(int(places[number]), int(places[number + 1]), boundary, part.children))
-    return Plan(order, tuple(fronts), *_cost(fronts))
+    return FactorPlan(order, tuple(fronts), *_cost(fronts))
 
 
 def _running(counts: NDArray[np.int64]) -> NDArray[np.int64]:
@@ -211,7 +211,7 @@ class Cholesky:
         numpy.linalg.LinAlgError: if the matrix is not positive definite, up to rounding.
     """
 
-    def __init__(self, matrix: SparseMatrix, plan: Plan) -> None:
+    def __init__(self, matrix: SparseMatrix, plan: FactorPlan) -> None:
         """Factorise."""
         self.plan = plan
         ordered = matrix[plan.order][:, plan.order].tocsc()

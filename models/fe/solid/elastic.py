@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from models.fe.solid.cholesky import Cholesky, Plan
+from models.fe.solid.cholesky import Cholesky, FactorPlan
 from models.fe.solid.cholesky import plan as dissect
 from models.fe.solid.cost import check_memory
 from models.fe.solid.shape import (
@@ -104,7 +104,7 @@ class ElasticBody:
         self.admissible: SparseMatrix = _admissible(self, fixed)
         _refuse_rigid_motion(self)
         self.stiffness: SparseMatrix = _assemble(self)
-        self._plan: Plan | None = None
+        self._plan: FactorPlan | None = None
         self._factor: Cholesky | None = None
 
     @property
@@ -113,7 +113,7 @@ class ElasticBody:
         return int(self.admissible.shape[1])
 
     @property
-    def plan(self) -> Plan:
+    def plan(self) -> FactorPlan:
         """Order of the factorisation, and its exact entries, operations and memory before it is made."""
         if self._plan is None:
             node_of = np.asarray(self.admissible.indices)[self.admissible.indptr[:-1]] // self.dim

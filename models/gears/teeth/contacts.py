@@ -50,7 +50,7 @@ class Springs:
 
 
 @dataclass(frozen=True)
-class Shared:
+class SharedForce:
     """What a force does at each position.
 
     Attributes:
@@ -66,7 +66,9 @@ class Shared:
     forces: Array
 
 
-def share_force(springs: Springs, wheels: tuple[ToothedWheel, ToothedWheel], force: float, contact: Contact) -> Shared:
+def share_force(
+    springs: Springs, wheels: tuple[ToothedWheel, ToothedWheel], force: float, contact: Contact
+) -> SharedForce:
     """Return how the pairs share a positive force, N.
 
     Raises:
@@ -88,7 +90,7 @@ def share_force(springs: Springs, wheels: tuple[ToothedWheel, ToothedWheel], for
     forces = (stiffness * pressed).sum(axis=2)
     slope = (inner / (1.0 + springs.teeth * inner)).sum(axis=1)
     first = np.where(springs.width > 0.0, springs.gap, math.inf).min(axis=(1, 2))
-    return Shared(approach, first, slope, forces)
+    return SharedForce(approach, first, slope, forces)
 
 
 def _contact_compliance(

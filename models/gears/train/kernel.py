@@ -29,7 +29,7 @@ from models.solve.engine.kernel_stepping import TINY
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from models.gears.train.kernel_forces import Course, Plan
+    from models.gears.train.kernel_forces import Course, TrainPlan
     from models.platform.jit import Index
 
 STATUS_OK = 0
@@ -55,7 +55,7 @@ _WEIGHTS = np.array(
 
 
 @inlined
-def _time_of(plan: Plan, mesh: Index, sample: Index) -> float:
+def _time_of(plan: TrainPlan, mesh: Index, sample: Index) -> float:
     """Return when a mesh comes to a sample of its tables, s, infinite where it never does."""
     turns = (sample - plan.begin[mesh]) / plan.per_turn[mesh]
     square = plan.speed[0] ** 2 + 2.0 * plan.speed[1] * turns
@@ -63,7 +63,7 @@ def _time_of(plan: Plan, mesh: Index, sample: Index) -> float:
 
 
 @kernel
-def _step(plan: Plan, course: Course, t: float, h: float) -> None:
+def _step(plan: TrainPlan, course: Course, t: float, h: float) -> None:
     """Write into ``trial`` the state after a step, whose first slope is written (Dormand, Prince 1980, order 5)."""
     for stage in range(STAGES):
         for i in range(course.state.shape[0]):
@@ -115,14 +115,14 @@ def first_crossing(g0: float, s0: float, g1: float, s1: float) -> float:
 
 
 @kernel
-def _wrong(plan: Plan, course: Course, contact: Index, t: float, z: NDArray[np.float64]) -> tuple[float, float]:
+def _wrong(plan: TrainPlan, course: Course, contact: Index, t: float, z: NDArray[np.float64]) -> tuple[float, float]:
     """Return how far a contact is on the other side of zero than held, m, and its rate, m/s."""
     gap, rate = gap_of(plan, course, contact, t, z)
     return (-gap, -rate) if course.touching[contact] else (gap, rate)
 
 
 @kernel
-def _first_change(plan: Plan, course: Course, t: float, h: float) -> tuple[int, float]:
+def _first_change(plan: TrainPlan, course: Course, t: float, h: float) -> tuple[int, float]:
     """Return which contact changes first in the step in ``trial``, -1 for none, and about after which part of it."""
     found, part = -1, 1.0
     for contact in range(plan.free.shape[0]):
@@ -139,7 +139,7 @@ def _first_change(plan: Plan, course: Course, t: float, h: float) -> tuple[int, 
 
 
 @kernel
-def _cut(plan: Plan, course: Course, contact: Index, t: float, h: float, guess: float) -> float:
+def _cut(plan: TrainPlan, course: Course, contact: Index, t: float, h: float, guess: float) -> float:
     """Write into ``trial`` the state where a contact changes in a step of length h, and return its length.
 
     The bracket grows from the guess; a contact that turns back before zero keeps the whole of the guess.
@@ -175,7 +175,7 @@ def _add_times(course: Course, h: float) -> None:
 
 
 @kernel
-def _advance(plan: Plan, course: Course, t: float, end: float, longest: float) -> None:
+def _advance(plan: TrainPlan, course: Course, t: float, end: float, longest: float) -> None:
     """Integrate between two instants between which no mesh passes a sample of its tables."""
     fresh = True
     while t < end:
@@ -203,7 +203,7 @@ def _advance(plan: Plan, course: Course, t: float, end: float, longest: float) -
 
 
 @kernel
-def _next_edge(plan: Plan, course: Course, end: float) -> tuple[int, float]:
+def _next_edge(plan: TrainPlan, course: Course, end: float) -> tuple[int, float]:
     """Return which mesh next comes to a sample of its tables, and when, s; -1: ``end`` is next, -2: a defect's edge."""
     found, when = -1, end
     for mesh in range(plan.per_turn.shape[0]):
@@ -216,7 +216,7 @@ def _next_edge(plan: Plan, course: Course, end: float) -> tuple[int, float]:
 
 @kernel
 def write_motion(
-    plan: Plan, course: Course, t: float, motion: NDArray[np.float64], meshes: NDArray[np.float64]
+    plan: TrainPlan, course: Course, t: float, motion: NDArray[np.float64], meshes: NDArray[np.float64]
 ) -> float:
     """Write displacements, velocities and accelerations, (3, F), and gap and force of the contacts, (2, 2 m).
 
@@ -245,7 +245,7 @@ def write_motion(
 
 @kernel
 def integrate(
-    plan: Plan,
+    plan: TrainPlan,
     course: Course,
     start: float,
     interval: float,

@@ -77,7 +77,7 @@ class RollingCourse(NamedTuple):
 
 
 @inlined
-def fill_depths(plan: Plan, course: Course, t: float) -> None:
+def fill_depths(plan: TrainPlan, course: Course, t: float) -> None:
     """Write how far each element is relieved, and the rate."""
     for j in range(course.relief.shape[0]):
         course.relief[j], course.sinking[j] = 0.0, 0.0
@@ -94,7 +94,7 @@ def _power(delta: float, exponent: float) -> float:
 
 
 @inlined
-def fill_reactions(plan: Plan, course: Course, t: float, z: NDArray[np.float64], count: Index) -> None:
+def fill_reactions(plan: TrainPlan, course: Course, t: float, z: NDArray[np.float64], count: Index) -> None:
     """Write the forces of all bearings on their bodies, and energies; ``count``: degrees of freedom of the state."""
     fill_depths(plan, course, t)
     stored, taken, given = 0.0, 0.0, 0.0
@@ -122,7 +122,7 @@ def fill_reactions(plan: Plan, course: Course, t: float, z: NDArray[np.float64],
     course.contact_energy[0], course.contact_energy[1], course.contact_energy[2] = stored, taken, given
 
 
-# Columns of ``Plan.table``: where each table of a mesh begins in ``Plan.values``, and its samples (0: none).
+# Columns of ``TrainPlan.table``: where each table of a mesh begins in ``TrainPlan.values``, and its samples (0: none).
 T_SIZE = 5
 T_BASE = np.int64(0)
 T_DRIVER_LOSS = np.int64(1)
@@ -132,7 +132,7 @@ T_DRIVEN_ERROR = np.int64(4)
 ENERGIES = 3
 
 
-class Plan(NamedTuple):
+class TrainPlan(NamedTuple):
     """All that stays the same over a run of a train with F degrees of freedom and m meshes.
 
     Attributes:
@@ -215,27 +215,27 @@ class Course(NamedTuple):
 
 
 @inlined
-def _value(plan: Plan, mesh: Index, which: Index, sample: Index) -> float:
+def _value(plan: TrainPlan, mesh: Index, which: Index, sample: Index) -> float:
     """Return a table at a sample, 0 where there is none."""
     begin, size = int(plan.table[mesh, which, 0]), int(plan.table[mesh, which, 1])
     return float(plan.values[begin + int(sample) % size]) if size > 0 else 0.0
 
 
 @inlined
-def _stiffness_at(plan: Plan, mesh: Index, sample: Index) -> float:
+def _stiffness_at(plan: TrainPlan, mesh: Index, sample: Index) -> float:
     driven = sample + plan.shift[mesh]
     k = _value(plan, mesh, T_BASE, sample) - _value(plan, mesh, T_DRIVER_LOSS, sample)
     return max(k - _value(plan, mesh, T_DRIVEN_LOSS, driven), 0.0)
 
 
 @inlined
-def _error_at(plan: Plan, mesh: Index, sample: Index) -> float:
+def _error_at(plan: TrainPlan, mesh: Index, sample: Index) -> float:
     driven = sample + plan.shift[mesh]
     return _value(plan, mesh, T_DRIVER_ERROR, sample) + _value(plan, mesh, T_DRIVEN_ERROR, driven)
 
 
 @kernel
-def to_sample(plan: Plan, course: Course, mesh: Index, sample: Index) -> None:
+def to_sample(plan: TrainPlan, course: Course, mesh: Index, sample: Index) -> None:
     """Place a mesh between a sample of its tables and the next."""
     course.at[mesh] = sample
     course.k[mesh], course.e[mesh] = _stiffness_at(plan, mesh, sample), _error_at(plan, mesh, sample)
@@ -244,13 +244,13 @@ def to_sample(plan: Plan, course: Course, mesh: Index, sample: Index) -> None:
 
 
 @inlined
-def turns_at(plan: Plan, t: float) -> float:
+def turns_at(plan: TrainPlan, t: float) -> float:
     """Return how far the drive has turned."""
     return t * (plan.speed[0] + 0.5 * plan.speed[1] * t)
 
 
 @inlined
-def samples_per_second(plan: Plan, mesh: Index, t: float) -> float:
+def samples_per_second(plan: TrainPlan, mesh: Index, t: float) -> float:
     """Return how fast a mesh passes the samples of its tables, 1/s."""
     return plan.per_turn[mesh] * (plan.speed[0] + plan.speed[1] * t)
 
@@ -265,7 +265,7 @@ def dot(row: NDArray[np.float64], values: NDArray[np.float64], begin: Index) -> 
 
 
 @inlined
-def gap_of(plan: Plan, course: Course, contact: Index, t: float, z: NDArray[np.float64]) -> tuple[float, float]:
+def gap_of(plan: TrainPlan, course: Course, contact: Index, t: float, z: NDArray[np.float64]) -> tuple[float, float]:
     """Return how far the flanks of a contact overlap, m, negative where they are apart, and its rate, m/s."""
     mesh, sign, n = contact // 2, 1.0 - 2.0 * (contact % 2), plan.inverse.shape[0]
     along = plan.begin[mesh] + plan.per_turn[mesh] * turns_at(plan, t) - course.at[mesh]
@@ -276,7 +276,7 @@ def gap_of(plan: Plan, course: Course, contact: Index, t: float, z: NDArray[np.f
 
 
 @inlined
-def _add_mesh(plan: Plan, course: Course, mesh: Index, t: float, z: NDArray[np.float64], stage: Index) -> None:
+def _add_mesh(plan: TrainPlan, course: Course, mesh: Index, t: float, z: NDArray[np.float64], stage: Index) -> None:
     """Add the forces of a mesh to those on the degrees of freedom, and its power to the energies."""
     n, out = plan.inverse.shape[0], course.slope
     along = plan.begin[mesh] + plan.per_turn[mesh] * turns_at(plan, t) - course.at[mesh]
@@ -303,7 +303,7 @@ def _add_mesh(plan: Plan, course: Course, mesh: Index, t: float, z: NDArray[np.f
 
 
 @inlined
-def fill_slope(plan: Plan, course: Course, t: float, z: NDArray[np.float64], stage: Index) -> None:
+def fill_slope(plan: TrainPlan, course: Course, t: float, z: NDArray[np.float64], stage: Index) -> None:
     """Write the time derivative of a state at a stage, with the contacts that are held."""
     n, out = plan.inverse.shape[0], course.slope
     did, took, gave = 0.0, 0.0, 0.0
@@ -331,6 +331,6 @@ def fill_slope(plan: Plan, course: Course, t: float, z: NDArray[np.float64], sta
 
 
 @kernel
-def begin_step(plan: Plan, course: Course, t: float) -> None:
+def begin_step(plan: TrainPlan, course: Course, t: float) -> None:
     """Write the first slope of a step."""
     fill_slope(plan, course, t, course.state, 0)

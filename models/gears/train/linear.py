@@ -56,7 +56,7 @@ class Matrices:
 
 
 @dataclass(frozen=True, eq=False)
-class Modes:
+class TrainModes:
     """Undamped natural frequencies of a train at the mean stiffness of its meshes.
 
     Attributes:
@@ -132,7 +132,7 @@ def mean_stiffness(train: GearTrain) -> Array:
     return np.array([mesh.stiffness.mean for mesh in train.meshes], dtype=np.float64)
 
 
-def natural_frequencies(train: GearTrain, stiffness: Array | None = None) -> Modes:
+def natural_frequencies(train: GearTrain, stiffness: Array | None = None) -> TrainModes:
     """Return the modes of a train without damping and without loss of contact.
 
     Args:
@@ -149,7 +149,7 @@ def natural_frequencies(train: GearTrain, stiffness: Array | None = None) -> Mod
     modal = np.einsum("im,ij,jm->m", shapes, c, shapes)
     ratios = np.full(speeds.shape, math.nan)
     np.divide(modal, 2.0 * speeds, out=ratios, where=speeds > 0.0)
-    return Modes(speeds / (2.0 * math.pi), shapes, ratios, parts.names)
+    return TrainModes(speeds / (2.0 * math.pi), shapes, ratios, parts.names)
 
 
 def mean_state(train: GearTrain, stiffness: Array | None = None) -> MeanState:

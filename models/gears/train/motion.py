@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from models.gears.train import kernel as kernels
-from models.gears.train.kernel_forces import ENERGIES, T_SIZE, Course, Plan, to_sample
+from models.gears.train.kernel_forces import ENERGIES, T_SIZE, Course, TrainPlan, to_sample
 from models.gears.train.linear import matrices, mean_state, natural_frequencies, support_forces
 from models.gears.train.rolling import RollingElements, rolling_course, rolling_of
 from models.words.checks import check_positive
@@ -233,7 +233,7 @@ def at_rest(train: GearTrain) -> TrainState:
 
 def plan_of(
     train: GearTrain, parts: Matrices, turns: float, rolling: Sequence[RollingElements], duration: float
-) -> Plan:
+) -> TrainPlan:
     """Return what the kernel needs of a train whose drive is at a number of turns at time 0.
 
     Raises:
@@ -259,7 +259,7 @@ def plan_of(
     free = np.zeros(2 * count)
     free[1::2] = [mesh.backlash if mesh.backlash > 0.0 else math.inf for mesh in train.meshes]
     rise = train.acceleration
-    return Plan(
+    return TrainPlan(
         inverse=1.0 / parts.mass,
         stiffness=_without(train, parts, rolling),
         damping=parts.damping,
@@ -295,7 +295,7 @@ def _without(train: GearTrain, parts: Matrices, rolling: Sequence[RollingElement
     return stiffness
 
 
-def course_of(plan: Plan, start: TrainState) -> Course:
+def course_of(plan: TrainPlan, start: TrainState) -> Course:
     """Return the beginning of a run; contacts that the start leaves open touch where their flanks overlap."""
     n, count = plan.inverse.size, plan.per_turn.size
     size = 2 * n + ENERGIES
@@ -333,7 +333,7 @@ def _tables(mesh: Mesh) -> tuple[Array | None, ...]:
     return k.base, k.driver_loss, k.driven_loss, k.driver_error, k.driven_error
 
 
-def places_of(plan: Plan, count: int) -> tuple[Array, Array, Array, Array]:
+def places_of(plan: TrainPlan, count: int) -> tuple[Array, Array, Array, Array]:
     """Return places for what the kernel writes of a number of instants."""
     n, contacts = plan.inverse.size, plan.free.size
     bearings = len(plan.place)
@@ -345,7 +345,7 @@ def places_of(plan: Plan, count: int) -> tuple[Array, Array, Array, Array]:
     )
 
 
-def _drop(plan: Plan, course: Course, count: int, interval: float, longest: float) -> int:
+def _drop(plan: TrainPlan, course: Course, count: int, interval: float, longest: float) -> int:
     """Integrate to the instant ``count``, keep nothing, and return the status."""
     done = 0
     while done < count:

@@ -13,7 +13,7 @@ from models.fe.bearings.assembled import FeBearing
 from models.fe.bearings.bearing import analytic_law, fe_bearing, largest_load, mesh_loads
 from models.fe.bearings.element import MAX_SHARE, MIN_SHARE, ElementMesh, Progress, element_mesh, surface_gap
 from models.fe.bearings.rings import Support
-from models.fe.cache import FeCache, Kept
+from models.fe.cache import CacheEntry, FeCache
 from models.fe.extra import has_extra
 from models.fe.meshes.geometry import FeGeometry, fe_geometry
 from models.fe.meshes.grid import FeMeshError
@@ -166,7 +166,7 @@ def test_a_mesh_that_a_body_cannot_hold_is_replaced_by_one_for_the_load(
     assert not found.assembled.law.covers(2.0 * largest)
 
 
-def _get(parts: FeCache, key: Mapping[str, object], make: Callable[[], Kept]) -> Kept:
+def _get(parts: FeCache, key: Mapping[str, object], make: Callable[[], CacheEntry]) -> CacheEntry:
     return FeCache.get(parts, key, make)
 
 

@@ -7,16 +7,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from models.fe.cache import FeCache, Kept, computation
+from models.fe.cache import CacheEntry, FeCache, computation
 
 KEY = {"geometry": {"race_radius": 0.0287}, "load": 500.0, "mesh": "default"}
 
 
-def entry(value: float = 1.0, count: int = 4) -> Kept:
-    return Kept({"force": np.full(count, value), "header": np.eye(2)}, {"status": "ok"})
+def entry(value: float = 1.0, count: int = 4) -> CacheEntry:
+    return CacheEntry({"force": np.full(count, value), "header": np.eye(2)}, {"status": "ok"})
 
 
-def never() -> Kept:
+def never() -> CacheEntry:
     raise AssertionError("computed although it is kept")
 
 
@@ -141,7 +141,7 @@ def test_a_folder_that_cannot_be_made_is_reported(tmp_path: Path) -> None:
 
 
 def test_nothing_is_kept_of_a_computation_that_fails(tmp_path: Path) -> None:
-    def fails() -> Kept:
+    def fails() -> CacheEntry:
         raise ValueError("no equilibrium")
 
     with pytest.raises(ValueError, match="no equilibrium"):

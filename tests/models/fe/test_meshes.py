@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from models.fe.extra import has_extra
 from models.fe.meshes.ball_mesh import ball_mesh
 from models.fe.meshes.geometry import FeGeometry, fe_geometry
-from models.fe.meshes.grid import Block, FeMeshError, build, extrude, lattice
+from models.fe.meshes.grid import FeMeshError, HexBlock, build, extrude, lattice
 from models.fe.meshes.ring_mesh import race_rise, ring_mesh
 from models.fe.meshes.roller_mesh import roller_mesh
 from models.fe.meshes.sizing import ContactGrid, MeshRule, contact_grid
@@ -212,16 +212,16 @@ def test_elements_inside_out_and_facets_without_name_are_refused():
     lines = np.linspace(0.0, 1.0, 3)
     corners = extrude(lattice(lines, lines), lines)
     with pytest.raises(FeMeshError, match="inside out"):
-        build([Block(corners, lambda p: np.array([p[0] * (1.0 - 1.5 * p[1]), p[1], p[2]]))], {})
+        build([HexBlock(corners, lambda p: np.array([p[0] * (1.0 - 1.5 * p[1]), p[1], p[2]]))], {})
     with pytest.raises(FeMeshError, match="belong to no boundary"):
-        build([Block(corners, lambda p: p)], {})
+        build([HexBlock(corners, lambda p: p)], {})
 
 
 def test_a_mirrored_block_is_turned_round():
     lines = np.linspace(0.0, 1.0, 3)
     corners = extrude(lattice(lines, lines), lines)
     everywhere = {"all": lambda p: np.ones(p.shape[2], dtype=np.bool_)}
-    mesh = build([Block(corners, lambda p: np.array([p[1], p[0], p[2]]))], everywhere)
+    mesh = build([HexBlock(corners, lambda p: np.array([p[1], p[0], p[2]]))], everywhere)
     assert volume_and_shape(mesh)[0] == pytest.approx(1.0)
 
 

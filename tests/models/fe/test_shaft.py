@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from models.fe.meshes.shaft_mesh import ShaftMeshRule, Step, shaft_mesh
-from models.fe.shafts.shaft import PER_SEAT, Seat, ShaftModel, SteppedShaft, Support, condense_shaft
+from models.fe.shafts.shaft import PER_SEAT, ShaftModel, ShaftSeat, ShaftSupport, SteppedShaft, condense_shaft
 from models.fe.shafts.spring import RadialSpring, bearing_spring
 from models.machine.bearing import from_catalogue
 from models.machine.hertz import contact_stiffness
@@ -23,8 +23,8 @@ pytest.importorskip("skfem", reason="needs the extra fe")
 SPRING = RadialSpring((1e-6, 1e-5), (200.0, 200.0 * 10.0 ** (10.0 / 9.0)))
 SLENDER = SteppedShaft(
     steps=(Step(0.35, 0.02), Step(0.25, 0.03)),
-    loaded=Seat(0.0, 0.01),
-    supports=(Support(Seat(0.25, 0.254), SPRING), Support(Seat(0.59, 0.594), SPRING)),
+    loaded=ShaftSeat(0.0, 0.01),
+    supports=(ShaftSupport(ShaftSeat(0.25, 0.254), SPRING), ShaftSupport(ShaftSeat(0.59, 0.594), SPRING)),
 )
 COARSE = ShaftMeshRule(eighth=1, size=2.0, finest=0.5)
 
@@ -79,9 +79,9 @@ def test_shaft_play_and_third_support() -> None:
     """Springs with play, and one support more than statics determines; its force is that of its spring."""
     loose = replace(SPRING, displacement=(1.1e-5, 2e-5), play=1e-5)
     supports = (
-        Support(Seat(0.25, 0.254), loose, 50.0),
-        Support(Seat(0.4, 0.404), SPRING),
-        Support(Seat(0.59, 0.594), loose),
+        ShaftSupport(ShaftSeat(0.25, 0.254), loose, 50.0),
+        ShaftSupport(ShaftSeat(0.4, 0.404), SPRING),
+        ShaftSupport(ShaftSeat(0.59, 0.594), loose),
     )
     state = ShaftModel(replace(SLENDER, supports=supports), COARSE).solve(300.0)
     assert state.converged
@@ -101,7 +101,9 @@ def test_shaft_not_converged_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_shaft_cantilever() -> None:
     length, radius = 0.4, 0.01
     shaft = SteppedShaft(
-        (Step(length + 0.02, 2.0 * radius),), Seat(0.0, 0.01), (Support(Seat(length, length + 0.02), SPRING, 1.0),)
+        (Step(length + 0.02, 2.0 * radius),),
+        ShaftSeat(0.0, 0.01),
+        (ShaftSupport(ShaftSeat(length, length + 0.02), SPRING, 1.0),),
     )
     second, arm = math.pi * radius**4 / 4.0, length - 0.005
     bent = arm**2 * (3.0 * length - arm) / (6.0 * 210e9 * second)
@@ -130,8 +132,8 @@ def test_shaft_last_end() -> None:
     turned = replace(
         SLENDER,
         steps=SLENDER.steps[::-1],
-        loaded=Seat(0.59, 0.6),
-        supports=tuple(Support(Seat(0.6 - s.seat.end, 0.6 - s.seat.begin), SPRING) for s in SLENDER.supports),
+        loaded=ShaftSeat(0.59, 0.6),
+        supports=tuple(ShaftSupport(ShaftSeat(0.6 - s.seat.end, 0.6 - s.seat.begin), SPRING) for s in SLENDER.supports),
     )
     assert turned.loaded_end == "last"
     there, here = ShaftModel(turned, COARSE).solve(100.0), slender().solve(100.0)
@@ -157,9 +159,11 @@ def test_shaft_refusals() -> None:
     with pytest.raises(ValueError, match=r"two supports, or one that withstands tilting"):
         replace(SLENDER, supports=SLENDER.supports[:1])
     with pytest.raises(ValueError, match=r"seat 'support0' from 0.34 to 0.36 m must lie on one step"):
-        condense_shaft(replace(SLENDER, supports=(Support(Seat(0.34, 0.36), SPRING), SLENDER.supports[1])), COARSE)
+        condense_shaft(
+            replace(SLENDER, supports=(ShaftSupport(ShaftSeat(0.34, 0.36), SPRING), SLENDER.supports[1])), COARSE
+        )
     with pytest.raises(ValueError, match="overlap"):
-        condense_shaft(replace(SLENDER, loaded=Seat(0.25, 0.26)), COARSE)
+        condense_shaft(replace(SLENDER, loaded=ShaftSeat(0.25, 0.26)), COARSE)
     with pytest.raises(ValueError, match="steps 1 and 2 of the shaft do not touch"):
         shaft_mesh((Step(0.1, 0.02), Step(0.1, 0.05, 0.03)), {})
     with pytest.raises(ValueError, match="load must be positive"):

@@ -17,7 +17,7 @@ from monitor.commands.common import InputError
 from monitor.gears.config.section import GearSection
 from monitor.gears.forces import GearRun, amplitudes
 from monitor.gears.transfer import (
-    Casing,
+    CasingResponses,
     bands_within,
     casing_of,
     felt,
@@ -151,7 +151,7 @@ def test_a_record_that_is_too_short_for_a_band_is_refused(run: GearRun) -> None:
         felt(run, flat(GAINS), 0.24)
     # 12 lines in a band 0.23 times as wide as its frequency: from 219 Hz on in a quarter of a second.
     assert bands_within((10.0, 9000.0), RATE, 0.25).nominal[0] == 250
-    assert Casing(None, None).lead == 0.0
+    assert CasingResponses(None, None).lead == 0.0
 
 
 def test_the_command_goes_from_teeth_to_a_sound(tmp_path: Path) -> None:

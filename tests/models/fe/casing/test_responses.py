@@ -10,7 +10,7 @@ import pytest
 from numpy.typing import NDArray
 
 from models.fe.casing.model import Point
-from models.fe.casing.modes import Damping, Modes, first_modes, modal_responses
+from models.fe.casing.modes import CasingModes, Damping, first_modes, modal_responses
 from tests.models.fe.casing.casings import box, plate
 
 pytest.importorskip("skfem", reason="needs the extra fe")
@@ -19,7 +19,7 @@ ALPHA, BETA = 40.0, 5e-7
 
 
 @functools.cache
-def plate_modes(count: int = 40) -> Modes:
+def plate_modes(count: int = 40) -> CasingModes:
     return first_modes(plate(4), count)
 
 
@@ -28,7 +28,7 @@ def columns() -> dict[str, NDArray[np.float64]]:
     return {name: column for name, column in plate(4).columns(POINTS).items() if name.endswith("z")}
 
 
-def rayleigh(modes: Modes) -> Damping:
+def rayleigh(modes: CasingModes) -> Damping:
     # Some modes have the same frequency.
     frequency = np.unique(np.round(modes.frequency, 4))
     ratio = 0.5 * (ALPHA / (math.tau * frequency) + BETA * math.tau * frequency)
@@ -46,7 +46,7 @@ def direct(frequency: NDArray[np.float64]) -> NDArray[np.complex128]:
     return np.array(found)
 
 
-def error(modes: Modes, frequency: NDArray[np.float64]) -> float:
+def error(modes: CasingModes, frequency: NDArray[np.float64]) -> float:
     found = modal_responses(plate(4), modes, rayleigh(modes), frequency, columns(), columns(), "m")
     expected = direct(frequency)
     return float(np.abs(found.h - expected).max() / np.abs(expected).max())
