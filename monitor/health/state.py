@@ -35,9 +35,6 @@ from monitor.health.stored import StoredState
 from monitor.health.tracker import DamageSettings, DamageState
 from monitor.words.zones import MachineClass
 
-STATE_VERSION = 3
-"""Of a channel's state; the other parts have theirs."""
-
 Stored = dict[str, dict[str, Any]]
 
 
@@ -173,10 +170,10 @@ class ChannelState(StoredState):
         trend: levels since the onset.
     """
 
-    VERSIONS = (1, 2, STATE_VERSION)
+    VERSIONS = (1, 2, 3)
     LATER = frozenset({"speed_factors", "trend"})
 
-    version: int = STATE_VERSION
+    version: int = VERSIONS[-1]
     detect: DetectState = field(default_factory=DetectState)
     bands: tuple[Band, ...] = ()
     band_source: str = "provisional"

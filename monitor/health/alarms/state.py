@@ -155,7 +155,7 @@ class AlarmState(StoredState):
 
     VERSIONS = (1,)
 
-    version: int = 1
+    version: int = VERSIONS[-1]
     seen: int = 0
     recent_bad: tuple[bool, ...] = ()
     refusing: bool = False

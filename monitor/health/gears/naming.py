@@ -25,7 +25,6 @@ from monitor.health.gears.settings import GearSettings
 from monitor.health.onset.detector import one_of, threshold_for
 from monitor.health.stored import StoredState
 
-GEARS_STATE_VERSION = 1
 VALUES = ("fm4", "m6a", "residual", "sideband")
 """What is learned of each wheel, as logarithms."""
 _SHARED_FROM = 2
@@ -89,7 +88,7 @@ class GearsState(StoredState):
         turns: turns per turn of the bearing's shaft of each wheel: with others, what was learned has no meaning.
     """
 
-    VERSIONS = (GEARS_STATE_VERSION,)
+    VERSIONS = (1,)
 
     learned: Mapping[str, Learned] = field(default_factory=dict[str, Learned])
     speed: tuple[float, float] | None = None
@@ -100,7 +99,7 @@ class GearsState(StoredState):
     rival: tuple[str, int] = ("", 0)
     quiet: int = 0
     turns: Mapping[str, float] = field(default_factory=dict[str, float])
-    version: int = GEARS_STATE_VERSION
+    version: int = VERSIONS[-1]
 
 
 @dataclass(frozen=True)

@@ -67,7 +67,6 @@ class PersistentName:
         return PersistentName(fault) if blocks >= persist_blocks else PersistentName(self.fault, fault, blocks)
 
 
-MACHINE_STATE_VERSION = 3
 _ENTER = {HINT: 0.5, VERDICT: 0.1}
 _HOLD = {HINT: 0.25, VERDICT: 0.0}
 """Least share of the recent evidence, blocks without a name included, to begin to name a part, and to go on."""
@@ -84,13 +83,13 @@ and at least so many seconds."""
 class MachineState(StoredState):
     """Evidence of the channels of one source; the names of its bearings, of the latest block and persistent."""
 
-    VERSIONS = (1, 2, MACHINE_STATE_VERSION)
+    VERSIONS = (1, 2, 3)
     LATER = frozenset({"held"})
 
     voices: Mapping[str, ChannelEvidence] = field(default_factory=dict[str, ChannelEvidence])
     named: Mapping[str, str] = field(default_factory=dict[str, str])
     held: Mapping[str, PersistentName] = field(default_factory=dict[str, PersistentName])
-    version: int = MACHINE_STATE_VERSION
+    version: int = VERSIONS[-1]
 
 
 @dataclass(frozen=True)

@@ -37,7 +37,6 @@ MIN_DEPTH = 0.1
 needs. Elements that pass the load zone of a healthy bearing, or damage of a far one without a sensor, modulate less."""
 MAX_EPISODES = 20
 """Closed episodes that the state keeps; events have all."""
-_VERSION = 3
 
 
 @dataclass(frozen=True)
@@ -191,10 +190,10 @@ class DetectState(StoredState):
         held: those of healthy blocks outside, with which it will be learned wider.
     """
 
-    VERSIONS = (1, 2, _VERSION)
+    VERSIONS = (1, 2, 3)
     LATER = frozenset({"quiet", "lower_since", "returned", "outside", "kept", "held"})
 
-    version: int = _VERSION
+    version: int = VERSIONS[-1]
     seen: int = 0
     learned: tuple[BaselinePoint, ...] = ()
     dropped: int = 0

@@ -17,7 +17,6 @@ from dataclasses import dataclass, replace
 from monitor.health.size import Remaining, TtStatus
 from monitor.health.stored import StoredState
 
-STATE_VERSION = 1
 MIN_POINTS = 3
 """Least number of V_eq points for a fit, the first included: they determine a curve."""
 HORIZON = 365 * 86400.0
@@ -143,14 +142,14 @@ class ForecastState(StoredState):
         t_last: time of the latest point, s.
     """
 
-    VERSIONS = (STATE_VERSION,)
+    VERSIONS = (1,)
 
     fit: RunningFit | None = None
     t_last: float | None = None
     v_last: float | None = None
     v_most: float = 0.0
     crossings: tuple[Crossing, ...] = ()
-    version: int = STATE_VERSION
+    version: int = VERSIONS[-1]
 
 
 def step(

@@ -20,7 +20,6 @@ from monitor.health.rest.learned.history import StageHistory
 from monitor.health.size import RemainingSettings
 from monitor.health.stored import StoredState
 
-STATE_VERSION = 1
 DEFAULT_FACTOR = 4.0
 DEFAULT_RULE = Rule(name="default", feature="rms", alert=Level(factor=DEFAULT_FACTOR))
 """Where no rule on RMS is configured."""
@@ -120,12 +119,12 @@ class TrendState(StoredState):
         danger: the same of the second.
     """
 
-    VERSIONS = (STATE_VERSION,)
+    VERSIONS = (1,)
 
     history: StageHistory | None = None
     alert: LevelState = field(default_factory=LevelState)
     danger: LevelState = field(default_factory=LevelState)
-    version: int = STATE_VERSION
+    version: int = VERSIONS[-1]
 
 
 @dataclass(frozen=True)

@@ -15,8 +15,6 @@ amplitude (Barnett, Magland and af Klinteberg, doi 10.1137/18M120885X).
 from __future__ import annotations
 
 import math
-import threading
-from collections import OrderedDict
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
@@ -25,7 +23,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from monitor.health.signal.plans import FftPlan, Kind, Precision, next_smooth, planning
+from monitor.health.signal.plans import FftPlan, Kind, Precision, kept_by_thread, next_smooth, planning
 from monitor.health.signal.rotation.rotation import Rotation
 
 Maker = Callable[[int, Precision], NDArray[np.floating]]
@@ -362,21 +360,9 @@ def _hann(n_samples: int, precision: Precision) -> NDArray[np.floating]:
     return (hann * (4.0 / n_samples)).astype(precision)
 
 
-_local = threading.local()
+def _planned(kind: Kind, length: int, precision: Precision) -> FftPlan:
+    with planning():
+        return FftPlan(length, kind, precision)
 
 
-def _plan(kind: Kind, length: int, precision: Precision) -> FftPlan:
-    """Return this thread's plan of a length; those used last are kept."""
-    kept: OrderedDict[object, FftPlan] | None = getattr(_local, "kept", None)
-    if kept is None:
-        kept = _local.kept = OrderedDict[object, FftPlan]()
-    key = (kind, length, precision)
-    plan = kept.get(key)
-    if plan is None:
-        with planning():
-            plan = FftPlan(length, kind, precision)
-        kept[key] = plan
-        if len(kept) > _KEPT_PLANS:
-            kept.popitem(last=False)
-    kept.move_to_end(key)
-    return plan
+_plan = kept_by_thread(_planned, _KEPT_PLANS)

@@ -8,14 +8,17 @@ from __future__ import annotations
 import math
 import sys
 import threading
-from collections.abc import Generator
+from collections.abc import Callable, Generator
 from contextlib import contextmanager
+from functools import lru_cache
 from importlib import import_module
 from types import ModuleType
-from typing import Any, Literal, cast
+from typing import Any, Literal, ParamSpec, TypeVar, cast
 
 from numpy.typing import NDArray
 
+_Asked = ParamSpec("_Asked")
+_Made = TypeVar("_Made")
 Precision = Literal["float32", "float64"]
 Kind = Literal["real", "inverse", "synthesis"]
 """Real samples to half a spectrum, a spectrum to complex samples, half a spectrum to real samples."""
@@ -121,3 +124,16 @@ def planning() -> Generator[None]:
         finally:
             pyfftw.forget_wisdom()
             pyfftw.import_wisdom(wisdom)
+
+
+def kept_by_thread(make: Callable[_Asked, _Made], most: int) -> Callable[_Asked, _Made]:
+    """Return a function that makes each thing once for each thread, which keeps so many that it used last."""
+    of_thread = threading.local()
+
+    def kept(*args: _Asked.args, **options: _Asked.kwargs) -> _Made:
+        found: Callable[_Asked, _Made] | None = getattr(of_thread, "kept", None)
+        if found is None:
+            found = of_thread.kept = cast("Callable[_Asked, _Made]", lru_cache(maxsize=most)(make))
+        return found(*args, **options)
+
+    return kept

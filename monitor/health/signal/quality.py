@@ -212,7 +212,7 @@ class OrderState(StoredState):
 
     VERSIONS = (1,)
 
-    version: int = 1
+    version: int = VERSIONS[-1]
     sequence: int = 0
     time: float | None = None
     interval: float | None = None

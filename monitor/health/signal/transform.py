@@ -12,8 +12,6 @@ orders`), on an axis in Hz of a shaft at the mean speed of the block; all else s
 from __future__ import annotations
 
 import math
-import threading
-from collections import OrderedDict
 from collections.abc import Sequence
 
 import numpy as np
@@ -22,7 +20,7 @@ from numpy.typing import NDArray
 from monitor.health.signal.indicators import MIN_RANGE, sample_range
 from monitor.health.signal.interference import Comb, envelope_beside, fixed_combs, remove_lines
 from monitor.health.signal.orders import Warp, angle_amplitude, order_amplitude, warp_of
-from monitor.health.signal.plans import FftPlan, Precision, envelope_length, planning, previous_smooth
+from monitor.health.signal.plans import FftPlan, Precision, envelope_length, kept_by_thread, planning, previous_smooth
 from monitor.health.signal.rotation.rotation import Rotation
 from monitor.health.signal.spectra import AmplitudeSpectrum as AmplitudeSpectrum
 from monitor.health.signal.spectra import Band as Band
@@ -304,7 +302,7 @@ def _rms(spectrum: NDArray[np.complexfloating], bins: tuple[int, int], n_used: i
     return math.sqrt(2.0 * float(np.sum(parts * parts))) / n_used
 
 
-_local = threading.local()
+_kept_transform = kept_by_thread(BlockTransform, _CACHED_TRANSFORMS)
 
 
 def get_transform(
@@ -321,23 +319,12 @@ def get_transform(
 
     Arguments and errors are those of ``BlockTransform``.
     """
-    key = (n_samples, rate, tuple(bands), precision, rms_band, raw_limit, envelope_limit)
-    kept: OrderedDict[object, BlockTransform] | None = getattr(_local, "kept", None)
-    if kept is None:
-        kept = _local.kept = OrderedDict[object, BlockTransform]()
-    transform = kept.get(key)
-    if transform is None:
-        transform = BlockTransform(
-            n_samples,
-            rate,
-            bands,
-            rms_band=rms_band,
-            raw_limit=raw_limit,
-            envelope_limit=envelope_limit,
-            precision=precision,
-        )
-        kept[key] = transform
-        if len(kept) > _CACHED_TRANSFORMS:
-            kept.popitem(last=False)
-    kept.move_to_end(key)
-    return transform
+    return _kept_transform(
+        n_samples,
+        rate,
+        tuple(bands),
+        rms_band=rms_band,
+        raw_limit=raw_limit,
+        envelope_limit=envelope_limit,
+        precision=precision,
+    )

@@ -118,7 +118,7 @@ class WaterfallState(StoredState):
 
     VERSIONS = (1,)
 
-    version: int = 1
+    version: int = VERSIONS[-1]
     interval: float | None = None
     count: int = 0
     last: float | None = None

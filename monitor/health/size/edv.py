@@ -29,7 +29,6 @@ if TYPE_CHECKING:
     from models.maps.data import RmsMap
     from models.maps.plan import MapPlan
 
-STATE_VERSION = 1
 RmsAt = Callable[[float, float], float]
 """RMS (m/s2) of a defect by its extent (rad) and depth (m); NaN where there is none."""
 
@@ -64,13 +63,13 @@ class EdvState(StoredState):
         stopped: the status that ended the tracking, or None.
     """
 
-    VERSIONS = (STATE_VERSION,)
+    VERSIONS = (1,)
 
     window: tuple[float, ...] = ()
     dphi_d: float | None = None
     h_d: float | None = None
     stopped: EdvStatus | None = None
-    version: int = STATE_VERSION
+    version: int = VERSIONS[-1]
 
 
 def step(

@@ -15,8 +15,6 @@ from monitor.health.size import DamageInput, Remaining, RemainingSettings, TtSta
 from monitor.health.size.library.forecaster import QUANTILES
 from monitor.health.stored import StoredState
 
-STATE_VERSION = 1
-
 
 @dataclass(frozen=True)
 class LearnedState(StoredState):
@@ -25,10 +23,10 @@ class LearnedState(StoredState):
     It depends on no model, so that another model continues it.
     """
 
-    VERSIONS = (STATE_VERSION,)
+    VERSIONS = (1,)
 
     history: StageHistory | None = None
-    version: int = STATE_VERSION
+    version: int = VERSIONS[-1]
 
 
 def step(

@@ -121,7 +121,7 @@ class EncoderState(StoredState):
     VERSIONS = (1,)
     LATER = frozenset({"blocks", "indexed", "frozen"})
 
-    version: int = 1
+    version: int = VERSIONS[-1]
     pattern: Pattern | None = None
     blocks: int = 0
     indexed: bool = False

@@ -39,7 +39,6 @@ if TYPE_CHECKING:
 
     Floats = NDArray[np.float64]
 
-STATE_VERSION = 2
 WIDENING_RMS = 1.0
 """Factor on the half widths of ln V_eq with RMS alone."""
 WIDENING_HARMONICS = 1.27
@@ -107,10 +106,10 @@ class FilterState(StoredState):
         particles: None before the first block.
     """
 
-    VERSIONS = (1, STATE_VERSION)
+    VERSIONS = (1, 2)
     LATER = frozenset({"interval"})
 
-    version: int = STATE_VERSION
+    version: int = VERSIONS[-1]
     count: int = 0
     t: float | None = None
     interval: float = math.nan

@@ -34,7 +34,6 @@ from monitor.health.size.library.plausible import Watch, step_score
 from monitor.health.size.library.summaries import LevelHistory
 from monitor.health.stored import StoredState
 
-STATE_VERSION = 3
 QUANTILES = (0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95)
 """Levels of the quantiles in a result."""
 STANDING_BLOCKS = 12
@@ -108,7 +107,7 @@ class LibraryState(StoredState):
         standing: latest answered blocks in succession at which V_eq probably stands still.
     """
 
-    VERSIONS = (1, 2, STATE_VERSION)
+    VERSIONS = (1, 2, 3)
     LATER = frozenset({"watch", "standing"})
 
     library: str = ""
@@ -117,7 +116,7 @@ class LibraryState(StoredState):
     conditions: Conditions = Conditions()
     watch: Watch = field(default_factory=Watch)
     standing: int = 0
-    version: int = STATE_VERSION
+    version: int = VERSIONS[-1]
 
     @classmethod
     def upgraded(cls, stored: Mapping[str, Any]) -> Mapping[str, Any]:
