@@ -10,14 +10,14 @@ import sys
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
 from pathlib import Path
-from typing import Any
 
 import pytest
 import xarray as xr
 
 from monitor.records.store import Store
 from tests.streams.folders import csv_bytes, noise
-from tests.support.daemons import make_machine, start_program, status
+from tests.support.daemons import make_machine, start, start_program, status
+from tests.support.forks import ForkedProgram
 from tests.support.waiting import stop, wait_until
 
 pytestmark = pytest.mark.process
@@ -26,9 +26,8 @@ _SET_MDWE, _REFUSE_EXEC_GAIN = 65, 1
 
 
 @contextmanager
-def daemon_of(config: Path, **more: Any) -> Iterator[None]:
-    """Run a daemon, which must end in order."""
-    daemon = start_program(config, **more)
+def in_order(daemon: ForkedProgram | subprocess.Popen[str]) -> Iterator[None]:
+    """Stop a daemon at the end, which must end in order."""
     try:
         yield
         log = stop(daemon)
@@ -56,7 +55,7 @@ def test_the_daemon_works_where_no_memory_can_become_executable(tmp_path: Path) 
     config = make_machine(tmp_path)
     path = tmp_path / "in0" / "f1.csv"
     path.write_bytes(csv_bytes(noise(512, 1)))
-    with daemon_of(config, preexec_fn=forbid_executable_memory):
+    with in_order(start_program(config, preexec_fn=forbid_executable_memory)):
         wait_until(lambda: status(config).get("blocks") == 2)
         wait_until(lambda: (tmp_path / "records" / "m-undated.nc").exists())
     with xr.open_dataset(tmp_path / "records" / "m-undated.nc") as dataset:
@@ -66,7 +65,7 @@ def test_the_daemon_works_where_no_memory_can_become_executable(tmp_path: Path) 
 def test_a_backup_of_a_running_store_can_be_put_back(tmp_path: Path) -> None:
     config, database = make_machine(tmp_path), tmp_path / "state" / "state.db"
     (tmp_path / "in0" / "f1.csv").write_bytes(csv_bytes(noise(512, 1)))
-    with daemon_of(config):
+    with in_order(start(config)):
         wait_until(lambda: status(config).get("blocks") == 2)
         # What .backup of the sqlite3 shell does.
         with closing(sqlite3.connect(database)) as running, closing(sqlite3.connect(tmp_path / "copy.db")) as copy:
@@ -75,7 +74,7 @@ def test_a_backup_of_a_running_store_can_be_put_back(tmp_path: Path) -> None:
     database.parent.mkdir()
     (tmp_path / "copy.db").rename(database)
     (tmp_path / "in0" / "f2.csv").write_bytes(csv_bytes(noise(512, 2)))
-    with daemon_of(config):
+    with in_order(start(config)):
         # The first file is known already.
         wait_until(lambda: status(config).get("blocks") == 2)
     with Store.open(database, read_only=True) as store:

@@ -9,6 +9,7 @@ import subprocess
 import sys
 import threading
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -23,7 +24,7 @@ from tests.support.daemon_kill import published_blocks
 from tests.support.daemons import ROOT, call, make_machine, start, start_program, status
 from tests.support.effort import effort_count
 from tests.support.folder_kill import write
-from tests.support.waiting import Stall, at_most, slowness, stop, wait_until
+from tests.support.waiting import Running, Stall, at_most, slowness, stop, wait_until
 
 pytestmark = pytest.mark.process
 
@@ -97,11 +98,15 @@ def test_killed_at_random_nothing_is_lost_and_nothing_comes_twice(tmp_path: Path
     assert records == undisturbed(tmp_path / "again", tmp_path / "in0", names)
 
 
-@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
-def test_a_stop_is_clean_and_publishes_what_there_is(tmp_path: Path, number: signal.Signals) -> None:
+@pytest.mark.parametrize(
+    ("number", "begin"), [(signal.SIGTERM, start), (signal.SIGINT, start_program)], ids=["fork", "program"]
+)
+def test_a_stop_is_clean_and_publishes_what_there_is(
+    tmp_path: Path, number: signal.Signals, begin: Callable[[Path], Running]
+) -> None:
     config = make_machine(tmp_path)
     config.write_text(config.read_text().replace("interval_s = 0.3", "interval_s = 3600"))
-    daemon = start_program(config)
+    daemon = begin(config)
     wait_until(lambda: (tmp_path / "records").exists() or status(config).get("pid") == daemon.pid)
     for k in range(3):
         (tmp_path / "in0" / f"f{k}.csv").write_bytes(csv_bytes(noise(512, k)))
@@ -150,6 +155,7 @@ def test_the_daemon_loads_no_compiler_no_plotting_and_no_netcdf(tmp_path: Path) 
 import sys, threading
 for name in ("numba", "dask", "pymoo", "matplotlib", "xarray", "netCDF4", "paho", "asyncua", "google.protobuf"):
     sys.modules[name] = None
+from collections.abc import Callable
 from pathlib import Path
 from monitor.config.load import load_config
 from monitor.service.daemon import Daemon

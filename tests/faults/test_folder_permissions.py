@@ -12,9 +12,9 @@ import pytest
 
 from streams.types.listing import list_files
 from tests.streams.folders import csv_bytes, noise
-from tests.support.daemons import ROOT, call, make_machine, start_program, status
+from tests.support.daemons import ROOT, make_machine, start_program, status
 from tests.support.folder_permissions import BOUND
-from tests.support.waiting import finish, stop, wait_until
+from tests.support.waiting import stop, wait_until
 
 # Permissions bind the superuser, too, once these are taken away.
 
@@ -31,48 +31,47 @@ def folder(tmp_path: Path) -> Iterator[Path]:
             path.chmod(0o755)
 
 
-# One process without these permissions for all modes and commands.
-_COMMANDS_BY_MODE = """
+# One process without these permissions for several commands, each with a mode that a folder has then.
+_COMMANDS = """
 import json, sys
 from pathlib import Path
 from tests.support.commands import run_command
 
-folder, commands = Path(sys.argv[1]), json.loads(sys.argv[2])
-for mode in (0o000, 0o300, 0o600):  # nothing, no list, no look
-    folder.chmod(mode)
-    for command in commands:
-        done = run_command(*command)
-        print(json.dumps([mode, command[0], done.returncode, done.stderr]))
+for folder, mode, command in json.loads(sys.argv[1]):
+    Path(folder).chmod(mode)
+    done = run_command(*command)
+    print(json.dumps([done.returncode, done.stdout, done.stderr]))
 """
 
 
-def test_it_is_named_at_the_start(folder: Path) -> None:
-    config = ("--config", str(folder.parent / "m.toml"))
-    commands = [("run", *config), ("replay", str(folder), *config, "--out", str(folder.parent / "out"))]
-    child = [*BOUND, sys.executable, "-c", _COMMANDS_BY_MODE, str(folder), json.dumps(commands)]
-    made = subprocess.run(child, cwd=ROOT, capture_output=True, text=True, check=True)
-    found = [json.loads(line) for line in made.stdout.splitlines()]
-    assert [(mode, name) for mode, name, *_ in found] == [
-        (mode, name) for mode in (0o000, 0o300, 0o600) for name in ("run", "replay")
-    ]
-    for mode, name, code, said in found:
-        assert code == 2, (mode, name)
-        assert f"[[source]] s0: url: '{folder}' may not be read (Permission denied)" in said
-        assert "Traceback" not in said
+def said_by(*commands: tuple[Path, int, tuple[str, ...]]) -> list[tuple[int, str, str]]:
+    """Return exit code, output and errors of each command, run while its folder has that mode."""
+    words = json.dumps([(str(folder), mode, command) for folder, mode, command in commands])
+    child = [*BOUND, sys.executable, "-c", _COMMANDS, words]
+    done = subprocess.run(child, cwd=ROOT, capture_output=True, text=True, check=True)
+    return [json.loads(line) for line in done.stdout.splitlines()]
 
 
-def test_so_is_one_below_a_folder_that_may_not_be_searched(folder: Path, tmp_path: Path) -> None:
-    (tmp_path / "hidden" / "in").mkdir(parents=True)
-    config = tmp_path / "m.toml"
-    config.write_text(config.read_text().replace(str(folder), str(tmp_path / "hidden" / "in")))
-    (tmp_path / "hidden").chmod(0o600)
+def test_it_is_named_at_the_start(folder: Path, tmp_path: Path) -> None:
+    config = ("--config", str(tmp_path / "m.toml"))
+    commands = (("run", *config), ("replay", str(folder), *config, "--out", str(tmp_path / "out")))
+    modes = (0o000, 0o300, 0o600)  # nothing, no list, no look
+    # The last one is below a folder that may not be searched.
+    hidden, below = tmp_path / "hidden", tmp_path / "below.toml"
+    (hidden / "in").mkdir(parents=True)
+    below.write_text((tmp_path / "m.toml").read_text().replace(str(folder), str(hidden / "in")))
+    asked = [(folder, mode, command) for mode in modes for command in commands]
     try:
-        daemon = start_program(config, prefix=BOUND)
-        said = finish(daemon)
+        found = said_by(*asked, (hidden, 0o600, ("run", "--config", str(below))))
     finally:
-        (tmp_path / "hidden").chmod(0o755)
-    assert daemon.returncode == 2
-    assert "may not be read (Permission denied)" in said
+        hidden.chmod(0o755)
+    assert len(found) == 7
+    for code, _, said in found:
+        assert code == 2
+        assert "may not be read (Permission denied)" in said
+        assert "Traceback" not in said
+    for _, _, said in found[:-1]:
+        assert f"[[source]] s0: url: '{folder}' may not be read (Permission denied)" in said
 
 
 def test_it_is_a_problem_while_the_daemon_runs(folder: Path, tmp_path: Path) -> None:
@@ -117,20 +116,16 @@ def test_a_replay_goes_on_beside_it_as_the_daemon_does(folder: Path, tmp_path: P
         (folder / f"f{number}.csv").write_bytes(csv_bytes(noise(512, number)))
     (folder / "sub").mkdir()
     (folder / "sub" / "f3.csv").write_bytes(csv_bytes(noise(512, 3)))
-    (folder / "sub").chmod(0o000)
     config = ("--config", str(tmp_path / "m.toml"))
-
-    def said_by(*command: str) -> str:
-        done = call(*command, *config, prefix=BOUND)
-        assert done.returncode == 0, done.stderr
-        return done.stdout
-
-    summary = json.loads(said_by("replay", str(folder), "--out", str(tmp_path / "out"), "--no-report", "--json"))
-    assert (summary["files"]["accepted"], summary["closed"]) == (2, {"sub": "may not be read (Permission denied)"})
-    assert "folder sub may not be read (Permission denied): its files are in no count" in said_by(
-        "replay", str(folder), "--out", str(tmp_path / "again"), "--no-report"
-    )
-    assert f"folder {folder}/sub may not be read (Permission denied)" in said_by("check")
+    replay = ("replay", str(folder), *config, "--no-report", "--out")
+    commands = ((*replay, str(tmp_path / "out"), "--json"), (*replay, str(tmp_path / "again")), ("check", *config))
+    found = said_by(*((folder / "sub", 0o000, command) for command in commands))
+    assert [code for code, *_ in found] == [0, 0, 0], found
+    summary, replayed, checked = (said for _, said, _ in found)
+    files = json.loads(summary)
+    assert (files["files"]["accepted"], files["closed"]) == (2, {"sub": "may not be read (Permission denied)"})
+    assert "folder sub may not be read (Permission denied): its files are in no count" in replayed
+    assert f"folder {folder}/sub may not be read (Permission denied)" in checked
 
 
 def test_a_folder_that_is_not_there_is_waited_for(folder: Path, tmp_path: Path) -> None:
