@@ -110,6 +110,7 @@ def test_a_demo_does_not_delete_what_another_one_is_writing(tmp_path: Path) -> N
     assert {path.name for path in tmp_path.iterdir()} == {"demo"}
 
 
+@pytest.mark.usefixtures("plain_layout", "blank_pictures")
 def test_a_demo_replaces_all_that_an_earlier_one_left(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def coarse(plan: MapPlan, **_: object) -> RmsMap:
         return build_map(replace(plan, h_d=plan.h_d[::16], dphi_d=plan.dphi_d[::50]))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import json
 from pathlib import Path
 from typing import Any
@@ -17,6 +18,7 @@ from monitor.commands.common import InputError
 from monitor.commands.library import _laws
 from monitor.config.load import load_config
 from monitor.health.size import DamageInput, EdvStatus
+from monitor.health.size.library.fit import FitSettings
 from monitor.health.size.library.forecaster import LibraryState, step
 from monitor.records.histories import History
 from monitor.records.library_file import load_library
@@ -24,6 +26,13 @@ from monitor.service.libraries import build_library, prior_words
 from monitor.service.setup import source_settings
 from monitor.service.summary import is_calibrated, rig_of_library
 from tests.support.effort import effort_count
+
+
+@pytest.fixture(autouse=True)
+def quick_fit(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Fit fewer random features in quick effort: twenty lives of a few blocks do not fill the default number."""
+    settings = functools.partial(FitSettings, columns=effort_count(quick=60, full=FitSettings.columns))
+    monkeypatch.setattr("monitor.service.libraries.FitSettings", settings)
 
 
 def build(*arguments: str) -> dict[str, Any]:
@@ -34,14 +43,17 @@ def build(*arguments: str) -> dict[str, Any]:
 @pytest.mark.process
 def test_a_small_library_is_built_said_and_usable(tmp_path: Path) -> None:
     out = tmp_path / "lives.npz"
-    options = ("--runs", "24", "--seed", "5", "--duration-min", "60:120", "--threshold-mm2", "0.05", "--workers")
+    runs = effort_count(quick=20, full=24)
+    interval = effort_count(quick=900, full=300)
+    options = ("--runs", str(runs), "--seed", "5", "--duration-min", "60:120", "--interval-s", str(interval))
+    options += ("--threshold-mm2", "0.05", "--workers")
     found = build(*options, "1", "--out", str(out))
     assert {"runs", "seconds", "out", "hash", "coverage", "crps_s"} <= set(found)
     library = load_library(out)
     assert library.hash == found["hash"]
     assert library.load == pytest.approx((3600.0, 4400.0), rel=0.1)
     assert library.made_of["population"]["seed"] == 5
-    assert "24 simulated lives" in library.prior
+    assert f"{runs} simulated lives" in library.prior
     block = DamageInput(0.0, 5.0, (1.0, 1.0, 1.0), 4000.0, 40.0)
     _, damage, _ = step(LibraryState(), block, library, thresholds=[5e-8])
     assert damage.status != EdvStatus.NO_LIBRARY
@@ -50,7 +62,7 @@ def test_a_small_library_is_built_said_and_usable(tmp_path: Path) -> None:
     table = CliRunner().invoke(spallwatch, again, catch_exceptions=False).stdout
     assert "rms+harmonics" in table
     assert "climatology" in table
-    assert f"hash {library.hash[:16]}; prior: 24 simulated lives" in table
+    assert f"hash {library.hash[:16]}; prior: {runs} simulated lives" in table
     assert found["calibrated"] is False
     assert "rig not calibrated: masses and springs are those of the default test bench" in table
 

@@ -23,10 +23,12 @@ from models.solve.rotor.rig import RotorRig
 from monitor.commands.simulate.command import command
 from monitor.commands.simulate.scene import request_of, simulated
 from monitor.config.load import validate
+from tests.support.effort import effort_count
 
 pytestmark = pytest.mark.usefixtures("empty_directory")
 
-SHORT = ["--bearing", "6305", "--speed-hz", "20", "--load-newton", "500", "--accuracy", "0.02", "--duration-s", "0.3"]
+ACCURACY = "0.1" if effort_count(quick=1, full=0) else "0.02"
+SHORT = ["--bearing", "6305", "--speed-hz", "20", "--load-newton", "500", "--accuracy", ACCURACY, "--duration-s", "0.3"]
 DAMAGED = [*SHORT, "--dphi-deg", "3", "--h-d-um", "20"]
 
 
