@@ -16,14 +16,13 @@ import secrets
 import socket
 import threading
 import time
-from collections.abc import Callable, Generator, Mapping
+from collections.abc import Callable, Generator
 from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass, replace
 from datetime import UTC, datetime
-from email.utils import parsedate_to_datetime
-from hashlib import blake2b
-from typing import Any, Never, Protocol
+from typing import Never
 
+from models.fleet.object_store import KeptObject, ObjectStore
 from models.words.errors import SpallwatchError, WrongInputError
 from models.work.errors import ObjectStorageError
 
@@ -31,48 +30,7 @@ PAUSES_S = (0.1, 0.3, 1.0)
 """Before a conditional request is repeated that S3 refused because of another one (409), s."""
 
 
-@dataclass(frozen=True)
-class KeptObject:
-    """An object as it was read.
-
-    Attributes:
-        data: its content.
-        tag: of this content at this place.
-        age_s: time since it was written by the clock of the server, s; None where the server does not say.
-    """
-
-    data: bytes
-    tag: str
-    age_s: float | None = None
-
-
-class KeptStore(Protocol):
-    """A store with objects that are written in turn; ObjectStorageError where a request fails."""
-
-    @property
-    def url(self) -> str:
-        """URL of the store."""
-        ...
-
-    def read_kept(self, name: str) -> KeptObject | None:
-        """Return an object, None where there is none."""
-        ...
-
-    def write_kept(self, name: str, data: bytes, tag: str | None) -> str | None:
-        """Write an object where its tag is still this one (None: where there is none); return the new tag.
-
-        None where another one is there, or where a server refused because of another request at the same moment; see
-        :func:`write_unchanged`. ``data`` is unlike what any other process writes: what a lost answer leaves
-        unknown is found by reading the object again.
-        """
-        ...
-
-    def delete_kept(self, name: str, tag: str) -> None:
-        """Delete an object where its tag is still this one; where a server lacks that condition, any that is there."""
-        ...
-
-
-def write_unchanged(store: KeptStore, name: str, data: bytes, tag: str | None) -> str | None:
+def write_unchanged(store: ObjectStore, name: str, data: bytes, tag: str | None) -> str | None:
     """Write an object as ``write_kept``, again where it was refused although it is as it was; return the new tag.
 
     None where another one is there.
@@ -90,21 +48,6 @@ def write_unchanged(store: KeptStore, name: str, data: bytes, tag: str | None) -
         if pause is not None:
             time.sleep(pause)
     raise ObjectStorageError(f"{store.url}/{name} cannot be written: refused each time, though it is as it was")
-
-
-def tag_of(data: bytes) -> str:
-    """Return a tag by content, for servers without tags."""
-    return blake2b(data, digest_size=16).hexdigest()
-
-
-def age_of(answer: Mapping[str, Any]) -> float | None:
-    """Return the age of an object by an answer of S3: its time of change against the server's ``Date``, s."""
-    stated = answer.get("ResponseMetadata", {}).get("HTTPHeaders", {}).get("date")
-    try:
-        now = parsedate_to_datetime(stated)
-        return (now - answer["LastModified"]).total_seconds()
-    except (KeyError, TypeError, ValueError):
-        return None
 
 
 LEASE_NAME = "lease.json"
@@ -177,7 +120,7 @@ class Lease:
         token: identity of the holder.
     """
 
-    def __init__(self, store: KeptStore, holder: Holder, times: Times) -> None:
+    def __init__(self, store: ObjectStore, holder: Holder, times: Times) -> None:
         """Renew it in the background from now on; it was written already."""
         self.token = holder.token
         self._store, self._holder, self._times = store, holder, times
@@ -241,7 +184,7 @@ class Lease:
 
 
 @contextmanager
-def leased(store: KeptStore, tell: Callable[[str], None], times: Times = _TIMES) -> Generator[Lease]:
+def leased(store: ObjectStore, tell: Callable[[str], None], times: Times = _TIMES) -> Generator[Lease]:
     """Hold the lease of a store while the block runs.
 
     One that was left by a process that was killed is waited for until it is stale. ``tell`` is called with a line for
@@ -261,7 +204,7 @@ def leased(store: KeptStore, tell: Callable[[str], None], times: Times = _TIMES)
         lease.close()
 
 
-def _acquire(store: KeptStore, holder: Holder, times: Times, tell: Callable[[str], None]) -> None:
+def _acquire(store: ObjectStore, holder: Holder, times: Times, tell: Callable[[str], None]) -> None:
     seen: KeptObject | None = None
     since = time.monotonic()
     while True:

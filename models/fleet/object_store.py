@@ -6,12 +6,14 @@ throttled are repeated (``models.work.filesystem``); what is left is a ObjectSto
 
 from __future__ import annotations
 
-from collections.abc import Generator, Iterator
+from collections.abc import Generator, Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import dataclass
+from email.utils import parsedate_to_datetime
 from functools import partial
+from hashlib import blake2b
 from typing import Any
 
-from models.fleet.lease import KeptObject, age_of, tag_of
 from models.words.errors import SpallwatchError, WrongInputError
 from models.work.errors import ObjectStorageError
 from models.work.filesystem import cause, error_code, filesystem, in_loop, repeated
@@ -24,6 +26,21 @@ _CHANGED = ("PreconditionFailed", "412", "ConditionalRequestConflict", "409", "N
 
 _WITHOUT_CONDITION = ("NotImplemented", "InvalidArgument", "InvalidRequest")
 """Codes of servers that delete, but know no condition of it."""
+
+
+@dataclass(frozen=True)
+class KeptObject:
+    """An object as it was read.
+
+    Attributes:
+        data: its content.
+        tag: of this content at this place.
+        age_s: time since it was written by the clock of the server, s; None where the server does not say.
+    """
+
+    data: bytes
+    tag: str
+    age_s: float | None = None
 
 
 class ObjectStore:
@@ -153,7 +170,12 @@ class ObjectStore:
         return KeptObject(data, str(answer["ETag"]), age_of(answer))
 
     def write_kept(self, name: str, data: bytes, tag: str | None) -> str | None:
-        """Write an object that is written in turn, as ``models.fleet.lease``; ObjectStorageError where that fails."""
+        """Write an object where its tag is still this one (None: where there is none); return the new tag.
+
+        None where another one is there, or where a server refused because of another request at the same moment; see
+        :func:`models.fleet.lease.write_unchanged`. ``data`` is unlike what any other process writes: what a lost answer
+        leaves unknown is found by reading the object again. ObjectStorageError where a request fails.
+        """
         if self._is_s3:
             written = self._put_if(name, data, tag)
             # A server may ignore the condition.
@@ -167,7 +189,10 @@ class ObjectStore:
         return now.tag if now is not None and now.data == data else None
 
     def delete_kept(self, name: str, tag: str) -> None:
-        """Delete an object that is written in turn, as ``models.fleet.lease``; ObjectStorageError where that fails."""
+        """Delete an object where its tag is still this one; where a server lacks that condition, any that is there.
+
+        ObjectStorageError where a request fails.
+        """
         if not self._is_s3:
             if self._has_tag(name, tag):
                 self.delete(name)
@@ -229,3 +254,18 @@ class ObjectStore:
         except Exception as error:
             # No chain: its exceptions hold requests with their headers.
             raise ObjectStorageError(f"{self.url}/{name} cannot be {done}: {cause(error)}".replace("/ ", " ")) from None
+
+
+def tag_of(data: bytes) -> str:
+    """Return a tag by content, for servers without tags."""
+    return blake2b(data, digest_size=16).hexdigest()
+
+
+def age_of(answer: Mapping[str, Any]) -> float | None:
+    """Return the age of an object by an answer of S3: its time of change against the server's ``Date``, s."""
+    stated = answer.get("ResponseMetadata", {}).get("HTTPHeaders", {}).get("date")
+    try:
+        now = parsedate_to_datetime(stated)
+        return (now - answer["LastModified"]).total_seconds()
+    except (KeyError, TypeError, ValueError):
+        return None

@@ -137,19 +137,18 @@ class Index(Closing):
         for pair in values.items():
             self._run("INSERT OR REPLACE INTO meta VALUES (?, ?)", *pair)
 
-    def begin(self) -> None:
-        """Begin a transaction."""
+    @contextmanager
+    def transaction(self) -> Iterator[None]:
+        """Write all of a block, or nothing where it raises."""
         self._run("BEGIN IMMEDIATE")
-
-    def commit(self) -> None:
-        """End the transaction."""
-        self._run("COMMIT")
-
-    def rollback(self) -> None:
-        """Undo the transaction, where there is one."""
-        self._taken.clear()
-        if self._connection.in_transaction:
-            self._run("ROLLBACK")
+        try:
+            yield
+            self._run("COMMIT")
+        except BaseException:
+            self._taken.clear()
+            if self._connection.in_transaction:
+                self._run("ROLLBACK")
+            raise
 
     def add_machine(self, name: str, setup: str, history: str) -> int:
         """Add a machine and return its number."""
@@ -185,15 +184,8 @@ class Index(Closing):
 
     def waiting(self) -> Iterator[Waiting]:
         """Yield the recordings that are not replayed yet; they may be noted meanwhile."""
-        query = (
-            "SELECT recordings.id, machines.name, setup, history, recordings.name, url, attempt FROM recordings"
-            " JOIN machines ON machines.id = machine WHERE status = 0 AND recordings.id > ?"
-            " ORDER BY recordings.id LIMIT 512"
-        )
-        last = 0
-        while rows := self._run(query, last).fetchall():
-            yield from (Waiting(*row) for row in rows)
-            last = rows[-1][0]
+        rows = self._pages("machines.name, setup, history, recordings.name, url, attempt", "status = 0")
+        return (Waiting(*row) for row in rows)
 
     def links(self, recording: int, after: int, most: int) -> list[str]:
         """Return at most so many recordings of a history behind a place."""
@@ -208,10 +200,9 @@ class Index(Closing):
         """Return which of some recordings, by machine and URL, it does not hold."""
         self._run("CREATE TEMP TABLE named (machine TEXT, url TEXT)")
         try:
-            self.begin()
-            for pair in recordings:
-                self._run("INSERT INTO named VALUES (?, ?)", *pair)
-            self.commit()
+            with self.transaction():
+                for pair in recordings:
+                    self._run("INSERT INTO named VALUES (?, ?)", *pair)
             row = self._run(
                 "SELECT count(*), coalesce(min(url), '') FROM (SELECT machine, url FROM named"
                 " EXCEPT SELECT machines.name, url FROM recordings JOIN machines ON machines.id = machine"
@@ -219,14 +210,12 @@ class Index(Closing):
                 " JOIN machines ON machines.id = machine)"
             ).fetchone()
         finally:
-            self.rollback()
             self._run("DROP TABLE named")
         return Later(*row)
 
     def note(self, outcomes: Iterable[RecordingOutcome]) -> None:
         """Note outcomes in one transaction."""
-        self.begin()
-        try:
+        with self.transaction():
             for outcome in outcomes:
                 self._run(
                     "UPDATE recordings SET status = ?, rows = ?, first = ?, last = ?, seconds = ?, chunk = ?,"
@@ -237,10 +226,6 @@ class Index(Closing):
                     self.keep_checkpoint(outcome.id, outcome.end)
                 elif outcome.status == DONE:
                     self._run("DELETE FROM checkpoints WHERE recording = ?", outcome.id)
-            self.commit()
-        except BaseException:
-            self.rollback()
-            raise
 
     def keep_folders(self, recording: int, folders: Iterable[tuple[str, int]]) -> None:
         """Keep how many files were in folders that were read for a recording."""
@@ -303,14 +288,17 @@ class Index(Closing):
 
     def folders(self) -> Iterator[tuple[str, str]]:
         """Yield machine and name of all recordings that do not wait, in the order of the manifest."""
+        return ((machine, name) for _, machine, name in self._pages("machines.name, recordings.name", "status > 0"))
+
+    def _pages(self, columns: str, condition: str) -> Iterator[tuple[Any, ...]]:
+        """Yield number and columns of recordings in order; rows may change meanwhile."""
         query = (
-            "SELECT recordings.id, machines.name, recordings.name FROM recordings"
-            " JOIN machines ON machines.id = machine WHERE status > 0 AND recordings.id > ?"
-            " ORDER BY recordings.id LIMIT 512"
+            f"SELECT recordings.id, {columns} FROM recordings JOIN machines ON machines.id = machine"
+            f" WHERE {condition} AND recordings.id > ? ORDER BY recordings.id LIMIT 512"
         )
         last = 0
         while rows := self._run(query, last).fetchall():
-            yield from ((machine, name) for _, machine, name in rows)
+            yield from rows
             last = rows[-1][0]
 
     def _inserted(self, statement: str, *values: Any) -> int:

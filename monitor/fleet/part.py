@@ -13,7 +13,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import netCDF4
 
@@ -284,31 +284,19 @@ class _Replayed:
         last = last or problem is not None
         written = [Path(file) for file in replayed.summary["records"]]
         open_day = None if last else self._newest_day()
-        files: list[RecordsFile] = []
-        shape, firsts, lasts = Shape(), list[float](), list[float]()
+        result = RecordingResult(part.machine, part.name, part.shown)
         for path in written:
-            found = described(path)
-            if not last and (found.day is None or found.day == open_day):
-                continue
-            name = f"{part.machine}/{part.name}/{path.name}"
-            self._records.write(name, path.read_bytes())
-            files.append(RecordsFile(name, found.day, found.rows, path.stat().st_size, found.digest))
-            shape = shape.joined(found.shape)
-            firsts += [] if found.first is None else [found.first]
-            lasts += [] if found.last is None else [found.last]
+            found = described(path, part.machine, part.name)
+            (file,) = found.files
+            if last or file.day not in (None, open_day):
+                self._records.write(file.name, path.read_bytes())
+                result = result.followed_by(found)
         summary = {key: value for key, value in replayed.summary.items() if key != "records"}
         reason = _reason(summary, problem) if last else ""
-        result = RecordingResult(
-            machine=part.machine,
-            recording=part.name,
-            url=part.shown,
+        result = replace(
+            result,
             status="failed" if reason else "done",
             reason=redact(reason),
-            files=tuple(files),
-            rows=sum(file.rows for file in files),
-            first=min(firsts, default=None),
-            last=max(lasts, default=None),
-            shape=shape,
             summary=summary,
             bytes_read=self._fetched_bytes,
         )
@@ -346,19 +334,8 @@ def _reason(summary: Mapping[str, Any], problem: str | None) -> str:
     return f"every block is rejected; first {status}, {reason}"
 
 
-class Described(NamedTuple):
-    """Rows, UTC day, first and last time, digest and shape of a file of records."""
-
-    rows: int
-    day: int | None
-    first: float | None
-    last: float | None
-    digest: str
-    shape: Shape
-
-
-def described(path: Path) -> Described:
-    """Describe a file of records; its digest is of all that records hold, by the digests of the ledger."""
+def described(path: Path, machine: str, recording: str) -> RecordingResult:
+    """Return the result of a file of records alone; its digest is of all that they hold, by those of the ledger."""
     with netCDF4.Dataset(path) as file:
         file.set_auto_maskandscale(False)
         dated = file.getncattr("dated") == "yes"
@@ -379,7 +356,9 @@ def described(path: Path) -> Described:
         )
         rows = len(file.dimensions["time"])
     day = None if first is None else int(first // SECONDS_PER_DAY)
-    return Described(rows, day, first, last, digest_of(b"".join(column.tobytes() for column in columns)), shape)
+    digest = digest_of(b"".join(column.tobytes() for column in columns))
+    file_of = RecordsFile(f"{machine}/{recording}/{path.name}", day, rows, path.stat().st_size, digest)
+    return RecordingResult(machine, recording, "", files=(file_of,), rows=rows, first=first, last=last, shape=shape)
 
 
 def _plain(value: Any) -> Any:

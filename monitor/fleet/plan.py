@@ -76,8 +76,7 @@ class Planner:
             ManifestError: the manifest cannot be used; the index stays empty.
             ConfigError: a configuration cannot be used.
         """
-        self.index.begin()
-        try:
+        with self.index.transaction():
             digest = _Digest(self._shown)
             for entry in read_manifest(manifest):
                 digest.add(entry)
@@ -90,14 +89,8 @@ class Planner:
                 self.overlap.check(self._machines)
             check()
             signed = "yes" if self.signed else "no"
-            self.index.set_meta(manifest=digest.text(), configs=self._configs(), signed=signed)
-            self.index.commit()
-        except BaseException:
-            self.index.rollback()
-            raise
-
-    def _configs(self) -> str:
-        return json.dumps({str(path): digest for path, digest in self._setups.items()})
+            configs = json.dumps({str(path): setup for path, setup in self._setups.items()})
+            self.index.set_meta(manifest=digest.text(), configs=configs, signed=signed)
 
     def _add(self, entry: ManifestEntry) -> None:
         machine = self._machine(entry)
@@ -279,16 +272,11 @@ def extend(index: Index, manifest: Path, store: FileStore, overlap: Overlap | No
             meta = planned.meta()
         with index.compared(path):
             _Check(index, manifest).all()
-            index.begin()
-            try:
+            with index.transaction():
                 count, first = 0, ""
                 for url in index.add_compared(_name_of):
                     count, first = count + 1, first or url
                 index.set_meta(**meta)
-                index.commit()
-            except BaseException:
-                index.rollback()
-                raise
     return Later(count, first)
 
 

@@ -12,10 +12,13 @@ import json
 import sqlite3
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
-from monitor.records.database import CONDENSED_VERSION, Writable
+from monitor.records.database import CONDENSED_VERSION
 from monitor.records.rollup import rolled_up_to
+
+if TYPE_CHECKING:
+    from monitor.records.store import Store
 
 Rows = Callable[..., list[Any]]
 """Returns the rows of a query with its values, such as :meth:`monitor.records.store.Store.rows`."""
@@ -102,7 +105,7 @@ def sources_of(connection: sqlite3.Connection) -> list[str]:
     return found
 
 
-def condense(store: Writable, full_s: float, most: int, *, by_number: bool = False) -> int:
+def condense(store: Store, full_s: float, most: int, *, by_number: bool = False) -> int:
     """Condense at most ``most`` of the oldest blocks in one transaction; return how many it settled.
 
     A block is condensed where it is older than ``full_s`` before the newest one, in the rollup, and in the published

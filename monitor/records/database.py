@@ -329,14 +329,6 @@ class Readable(Protocol):
         ...
 
 
-class Writable(Readable, Protocol):
-    """A store that can be written."""
-
-    def transaction(self) -> AbstractContextManager[sqlite3.Connection]:
-        """Run statements as one transaction, rolled back where anything fails."""
-        ...
-
-
 class SharedConnection(Closing):
     """A connection beside that of the store's writer, for one statement at a time from any thread.
 

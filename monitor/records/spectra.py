@@ -12,7 +12,7 @@ import sqlite3
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +20,10 @@ from numpy.typing import NDArray
 from monitor.health.signal.kurtogram import Kurtogram
 from monitor.health.signal.spectra import BlockView, RawSpectra
 from monitor.health.signal.waterfall import Kind, SpectrumChange, SpectrumRow
-from monitor.records.database import Readable, SharedConnection, Writable
+from monitor.records.database import Readable, SharedConnection
+
+if TYPE_CHECKING:
+    from monitor.records.store import Store
 
 _KINDS: dict[Kind, int] = {"newest": 0, "kept": 1, "pinned": 2}
 _HALF_RANGE = 32768.0
@@ -96,7 +99,7 @@ def _put(connection: sqlite3.Connection, change: SpectrumChange) -> None:
         )
 
 
-def thin_spectra(store: Writable, older_s: float) -> int:
+def thin_spectra(store: Store, older_s: float) -> int:
     """Delete kept spectra, a few at a time; return how many.
 
     Of those older than ``older_s`` before the newest kept one of their channel, the first of each week stays. Pinned

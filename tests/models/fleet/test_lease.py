@@ -7,8 +7,8 @@ from datetime import UTC, datetime
 
 import pytest
 
-from models.fleet.lease import LEASE_NAME, Holder, LeaseHeldError, LeaseLostError, Times, age_of, leased
-from models.fleet.object_store import ObjectStore
+from models.fleet.lease import LEASE_NAME, Holder, LeaseHeldError, LeaseLostError, Times, leased
+from models.fleet.object_store import ObjectStore, age_of
 from models.work.errors import ObjectStorageError
 from tests.support.faulty_storage import Fault, faulty_storage, without_pauses
 from tests.support.object_storage import use_account

@@ -65,8 +65,8 @@ def digests(folder: Path) -> list[tuple[int | None, int, str]]:
 
 def digests_of(folder: Path) -> list[tuple[int | None, int, str]]:
     """Return the same of files of records."""
-    found = map(described, sorted(folder.glob("*.nc")))
-    return [(one.day, one.rows, one.digest) for one in found]
+    files = (described(path, "m", "r").files[0] for path in sorted(folder.glob("*.nc")))
+    return [(file.day, file.rows, file.digest) for file in files]
 
 
 def test_a_recording_of_an_archive_has_the_records_of_a_replay(replayed):
