@@ -11,7 +11,7 @@ from __future__ import annotations
 import json
 import sqlite3
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from monitor.records.database import CONDENSED_VERSION
@@ -19,9 +19,6 @@ from monitor.records.rollup import rolled_up_to
 
 if TYPE_CHECKING:
     from monitor.records.store import Store
-
-Rows = Callable[..., list[Any]]
-"""Returns the rows of a query with its values, such as :meth:`monitor.records.store.Store.rows`."""
 
 _UP_TO = "condensed_up_to"
 _SCANNED_BLOCKS = 1024
@@ -238,29 +235,29 @@ def _keep_forecasts(
         connection.execute("INSERT INTO condensed_forecasts VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?)", values)
 
 
-def identity_of(rows: Rows, source: str, sequence: int) -> str | None:
+def identity_of(connection: sqlite3.Connection, source: str, sequence: int) -> str | None:
     """Return the content hash of a condensed block, or None."""
     query = (
         "SELECT content FROM identities JOIN condensed_sources ON id = identities.source"
         " WHERE condensed_sources.source = ? AND sequence = ?"
     )
-    found = rows(query, source, sequence)
-    return _unpacked(found[0][0]) if found else None
+    found = connection.execute(query, (source, sequence)).fetchone()
+    return _unpacked(found[0]) if found else None
 
 
-def numbers_with(rows: Rows, source: str, content_hash: str) -> int | None:
+def numbers_with(connection: sqlite3.Connection, source: str, content_hash: str) -> int | None:
     """Return the least number of a condensed block with this content, or None."""
     content = _packed(content_hash)
     query = (
         "SELECT min(sequence) FROM identities JOIN condensed_sources ON id = identities.source"
         " WHERE condensed_sources.source = ? AND substr(content, 1, 6) = substr(?, 1, 6) AND content = ?"
     )
-    return rows(query, source, content, content)[0][0]
+    return connection.execute(query, (source, content, content)).fetchone()[0]
 
 
-def condensed_counts(rows: Rows) -> Iterable[tuple[str, int]]:
-    """Yield statuses and numbers of condensed blocks, source by source."""
-    for (text,) in rows("SELECT counts FROM condensed_sources"):
+def condensed_counts(connection: sqlite3.Connection) -> Iterator[tuple[str, int]]:
+    """Yield statuses and numbers of condensed blocks, source by source; none where a store is of an older version."""
+    for (text,) in connection.execute("SELECT counts FROM condensed_sources") if has_condensed(connection) else ():
         yield from json.loads(text).items()
 
 

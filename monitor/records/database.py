@@ -7,7 +7,7 @@ import threading
 from collections.abc import Iterator
 from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
-from typing import Any, Literal, Protocol, Self
+from typing import Any, Literal, Self
 
 from models.platform.portable import sync_folder
 from models.words.errors import WrongInputError
@@ -317,19 +317,20 @@ def _check_version(connection: sqlite3.Connection, path: Path) -> int:
     return int(found)
 
 
-class Readable(Protocol):
+class Readable(Closing):
     """A store that can be read: that of the writer, a connection beside it, or the reader of the page."""
-
-    def rows(self, query: str, *values: Any) -> list[Any]:
-        """Return all rows of a query."""
-        ...
 
     def connection(self) -> AbstractContextManager[sqlite3.Connection]:
         """Lend the connection; a failure becomes a StoreError."""
-        ...
+        raise NotImplementedError
+
+    def rows(self, query: str, *values: Any) -> list[Any]:
+        """Return all rows of a statement."""
+        with self.connection() as connection:
+            return connection.execute(query, values).fetchall()
 
 
-class SharedConnection(Closing):
+class SharedConnection(Readable):
     """A connection beside that of the store's writer, for one statement at a time from any thread.
 
     All methods raise :class:`StoreError`, naming the file, where the database cannot be opened, read or written, and
@@ -373,11 +374,6 @@ class SharedConnection(Closing):
                 yield self._connection
             except DATABASE_ERRORS as error:
                 raise StoreError(f"{self._path}: {error_text(error)}") from error
-
-    def rows(self, query: str, *values: Any) -> list[Any]:
-        """Return all rows of a statement."""
-        with self.connection() as connection:
-            return connection.execute(query, values).fetchall()
 
     def close(self) -> None:
         """Close the connection; closing twice does nothing."""

@@ -199,7 +199,7 @@ class BlockWriter:
         found = connection.execute(
             "SELECT id, content_hash FROM blocks WHERE source = ? AND sequence = ?", (record.source, record.sequence)
         ).fetchone()
-        known = _condensed_identity(connection, record) if found is None else found[1]
+        known = identity_of(connection, record.source, record.sequence) if found is None else found[1]
         if known is not None:
             outcome: Commit = "duplicate" if known == record.content_hash else "changed"
             count_refusal(connection, record, outcome)
@@ -236,13 +236,6 @@ class BlockWriter:
             known = connection.execute("SELECT id FROM layouts WHERE layout = ?", (layout,)).fetchone()[0]
             self._layouts[layout] = known
         return known
-
-
-def _condensed_identity(connection: sqlite3.Connection, record: Record) -> str | None:
-    def rows(query: str, *values: Any) -> list[Any]:
-        return connection.execute(query, values).fetchall()
-
-    return identity_of(rows, record.source, record.sequence)
 
 
 def count_refusal(connection: sqlite3.Connection, item: Record | Rejected, outcome: str) -> None:

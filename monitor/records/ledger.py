@@ -216,11 +216,15 @@ class StoreLedger(Closing):
     def content_of(self, source: str, sequence: int) -> str | None:
         """Return the content hash of the block committed under a number, or None."""
         found = self._first("SELECT content_hash FROM blocks WHERE source = ? AND sequence = ?", source, sequence)
-        return identity_of(self._reader.rows, source, sequence) if found is None else found
+        if found is not None:
+            return found
+        with self._reader.connection() as connection:
+            return identity_of(connection, source, sequence)
 
     def known(self, source: str, content_hash: str) -> int | None:
         """Return the number of a committed block with this content, or None."""
-        condensed = numbers_with(self._reader.rows, source, content_hash)
+        with self._reader.connection() as connection:
+            condensed = numbers_with(connection, source, content_hash)
         query = "SELECT min(sequence) FROM blocks WHERE source = ? AND content_hash = ?"
         return self._first(query, source, content_hash) if condensed is None else condensed
 
@@ -238,7 +242,8 @@ class StoreLedger(Closing):
         )
         if found is not None or not self._first("SELECT 1 FROM meta WHERE key = ?", SALVAGED_UP_TO):
             return found
-        return numbers_with(self._reader.rows, source, content_hash)
+        with self._reader.connection() as connection:
+            return numbers_with(connection, source, content_hash)
 
     def file(self, source: str, path: str) -> FileProgress | None:
         """Return the progress of a file, or None."""

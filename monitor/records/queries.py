@@ -121,7 +121,7 @@ def condensed_place(store: Readable, source: str, sequence: int) -> int | None:
     """Return the ledger number up to which blocks are condensed, None where the block is not one of them."""
     with store.connection() as connection:
         oldest = condensed_up_to(connection) if has_condensed(connection) else 0
-    return oldest if oldest and identity_of(store.rows, source, sequence) is not None else None
+        return oldest if oldest and identity_of(connection, source, sequence) is not None else None
 
 
 def condensed_blocks(store: Readable) -> int:

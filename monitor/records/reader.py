@@ -9,9 +9,8 @@ from collections import Counter, deque
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
 
-from monitor.records.database import APPLICATION_ID, STORE_VERSION, StoreError, open_beside, refuse_unsuitable
+from monitor.records.database import APPLICATION_ID, STORE_VERSION, Readable, StoreError, open_beside, refuse_unsuitable
 from monitor.records.queries import LedgerBlock, blocks_after, newest_id, newest_values
 
 _MAX_IDLE = 4
@@ -25,7 +24,7 @@ _STEP_BLOCKS = 20_000
 _MAX_LISTED = 1000
 
 
-class StoreReader:
+class StoreReader(Readable):
     """The store of a machine, read from any thread; it may be missing, damaged or replaced at any time."""
 
     def __init__(self, path: Path, max_loan_s: float = _MAX_LOAN_S) -> None:
@@ -56,11 +55,6 @@ class StoreReader:
                 self._idle.append(connection)
                 return
         connection.close()
-
-    def rows(self, query: str, *values: Any) -> list[Any]:
-        """Return all rows of a query; raise StoreError as :meth:`connection` does."""
-        with self.connection() as connection:
-            return connection.execute(query, values).fetchall()
 
     def close(self) -> None:
         """Close the connections that are not lent."""

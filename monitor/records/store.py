@@ -21,8 +21,8 @@ from monitor.records.archive import ARCHIVE_QUERY, FULL_ARCHIVE_QUERY, Archived,
 from monitor.records.condense import condensed_counts, has_condensed
 from monitor.records.database import (
     DATABASE_ERRORS,
-    Closing,
     Presence,
+    Readable,
     StoreError,
     connect,
     error_text,
@@ -58,7 +58,7 @@ class Published(NamedTuple):
     size: int
 
 
-class Store(Closing):
+class Store(Readable):
     """The database of one machine, with one writer; made by :meth:`open`.
 
     All methods raise :class:`StoreError`, naming the file and the cause, where the database cannot be read or written;
@@ -222,7 +222,8 @@ class Store(Closing):
         """Return how many blocks were offered by status; refused repetitions count as "duplicate" and "changed"."""
         counts: dict[str, int] = {}
         present = self.rows("SELECT status, count(*) FROM blocks GROUP BY status ORDER BY status")
-        condensed = condensed_counts(self.rows) if has_condensed(self._connection) else ()
+        with self.connection() as connection:
+            condensed = list(condensed_counts(connection))
         refused = self.rows("SELECT status, sum(times) FROM refusals GROUP BY status ORDER BY status")
         for status, number in (*present, *condensed, *refused):
             counts[status] = counts.get(status, 0) + number
@@ -303,11 +304,6 @@ class Store(Closing):
         lock, self._lock = self._lock, None
         if lock is not None:
             lock.close()
-
-    def rows(self, query: str, *values: Any) -> list[Any]:
-        """Return all rows of a query over the tables."""
-        with self.connection() as connection:
-            return connection.execute(query, values).fetchall()
 
     @contextmanager
     def connection(self) -> Iterator[sqlite3.Connection]:

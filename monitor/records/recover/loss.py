@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from monitor.records.condense import has_condensed, identity_of
 from monitor.records.database import APPLICATION_ID, MAGIC, STORE_VERSION, StoreError, opened
@@ -164,13 +163,9 @@ def _find_older(path: Path, machine: str, records_dir: Path, files: Sequence[Pat
 
 def _has(connection: sqlite3.Connection, source: str, sequence: int) -> bool:
     """Return whether a store has a block, in full or condensed."""
-
-    def rows_of(query: str, *values: Any) -> list[Any]:
-        return connection.execute(query, values).fetchall()
-
-    if rows_of("SELECT 1 FROM blocks WHERE source = ? AND sequence = ?", source, sequence):
+    if connection.execute("SELECT 1 FROM blocks WHERE source = ? AND sequence = ?", (source, sequence)).fetchone():
         return True
-    return has_condensed(connection) and identity_of(rows_of, source, sequence) is not None
+    return has_condensed(connection) and identity_of(connection, source, sequence) is not None
 
 
 def _knows(connection: sqlite3.Connection, snapshot: Snapshot) -> bool:

@@ -181,12 +181,8 @@ def _fill_gaps(fresh: sqlite3.Connection, account: Account, emptied: dict[int, t
             known[0] if known else fresh.execute("INSERT INTO runs (attributes) VALUES (?)", (text,)).lastrowid or 0
         )
     forecasts = ", ".join(row[1] for row in fresh.execute("PRAGMA table_info(forecasts)").fetchall()[2:])
-
-    def rows_of(query: str, *values: Any) -> list[Any]:
-        return fresh.execute(query, values).fetchall()
-
-    for number, source, sequence, content_hash, ours, our_hash in rows_of(_OFFERED):
-        if ours is None and identity_of(rows_of, source, sequence) is not None:
+    for number, source, sequence, content_hash, ours, our_hash in fresh.execute(_OFFERED).fetchall():
+        if ours is None and identity_of(fresh, source, sequence) is not None:
             # Its full record left the store on purpose.
             continue
         if ours is None:

@@ -17,7 +17,7 @@ from dataclasses import dataclass, field
 from email.message import EmailMessage
 from email.utils import formatdate, make_msgid
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 from urllib.parse import SplitResult, urlsplit
 
 from monitor.config.outputs import NotifySection, SmtpSection, WebhookSection
@@ -61,28 +61,20 @@ def _severity(events: Iterable[Mapping[str, Any]]) -> str:
     return next(severity for severity in ("danger", "alert", "info") if severity in found)
 
 
-class NotificationChannel(Protocol):
-    """One channel of delivery, such as e-mail; ``pictures``: whether it shows the picture of a message."""
+class NotificationChannel:
+    """One channel of delivery, such as e-mail, as its section configures it.
+
+    Attributes:
+        name: of the channel and of its section.
+        pictures: whether it shows the picture of a message.
+    """
 
     name: str
-    pictures: bool
-
-    def check(self) -> None:
-        """Read the configured files; raise :class:`NotifyError` where one cannot be used."""
-        ...
-
-    def send(self, message: Message) -> str | None:
-        """Deliver one message, or raise :class:`NotifyError`; return a problem in spite of the delivery, or None."""
-        ...
-
-
-class _SectionChannel:
-    """A channel as its section configures it."""
-
     pictures = False
     _secrets: tuple[str, ...] = ("username_file", "password_file")
 
     def __init__(self, section: Any) -> None:
+        """Keep the configured section."""
         self._section = section
 
     def check(self) -> None:
@@ -93,8 +85,12 @@ class _SectionChannel:
         if self._section.ca_file is not None:
             _tls_context(self._section.ca_file)
 
+    def send(self, message: Message) -> str | None:
+        """Deliver one message, or raise :class:`NotifyError`; return a problem in spite of the delivery, or None."""
+        raise NotImplementedError
 
-class SmtpChannel(_SectionChannel):
+
+class SmtpChannel(NotificationChannel):
     """Sends one e-mail a message."""
 
     name = "smtp"
@@ -170,7 +166,7 @@ def _add_html(mail: EmailMessage, message: Message) -> None:
         page.add_related(message.picture, "image", "png", cid=name, filename="bearing.png", disposition="inline")
 
 
-class WebhookChannel(_SectionChannel):
+class WebhookChannel(NotificationChannel):
     """Posts one request a message; redirections are not followed, as they would send the token elsewhere."""
 
     name = "webhook"
@@ -217,7 +213,7 @@ class WebhookChannel(_SectionChannel):
         return urlsplit(url)
 
 
-class MqttChannel(_SectionChannel):
+class MqttChannel(NotificationChannel):
     """Publishes with QoS 1, over one connection a message: alarms are too rare to stay connected."""
 
     name = "mqtt"
