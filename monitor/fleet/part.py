@@ -29,7 +29,7 @@ from monitor.fleet.result import RESULT_NAME, RecordingResult, RecordsFile, Shap
 from monitor.fleet.setup import ArchiveError, LoadedSetup, load_setup
 from monitor.records.filing import SECONDS_PER_DAY
 from monitor.records.publish import days, file_name
-from monitor.records.queries import is_condensed, last_published, newest_day
+from monitor.records.queries import condensed_of_day, last_published, newest_day
 from monitor.records.store import Store
 from monitor.service.replay import Replay, ReplayExtent, kept_dating, replay_source
 from monitor.service.setup import open_configured
@@ -269,7 +269,7 @@ class _Replayed:
         for day, last_block in days(store):
             name = file_name(store.machine, day)
             written = last_published(store, name)
-            if written is None or written >= last_block or not is_condensed(store, day):
+            if written is None or written >= last_block or not condensed_of_day(store, day):
                 continue
             data = self._records.read(f"{self._part.machine}/{self._part.name}/{name}")
             if data is None:

@@ -21,7 +21,7 @@ import xarray as xr
 
 from models.words.errors import SpallwatchError
 from monitor.health.schema import SCHEMA_VERSION, VARIABLES
-from monitor.records.condense import condensed_on, condensed_up_to, has_condensed
+from monitor.records.condense import condensed_up_to, has_condensed
 from monitor.records.dataset import INT_FILL, from_dataset, to_dataset
 from monitor.records.durable import replacing
 from monitor.records.filing import SECONDS_PER_DAY, published_files
@@ -36,6 +36,7 @@ from monitor.records.published_folder import (
     take_snapshot,
     write_snapshot,
 )
+from monitor.records.queries import condensed_of_day
 from monitor.records.second_copy import KeptFile, keep_larger, ledger_group, log_kept, write_netcdf
 from monitor.records.store import Published, Store
 
@@ -104,7 +105,7 @@ def publish(
 
 def _older(store: Store, path: Path, day: int | None) -> Path:
     """Return the file with the condensed records of a day: the present one or, where it can be reached, the moved."""
-    if not path.exists() and _condensed(store, day):
+    if not path.exists() and condensed_of_day(store, day):
         # Without a register, the new file says how many records are elsewhere.
         with suppress(MovedDaysError):
             for entry in moved_days(path.parent, store.machine):
@@ -144,7 +145,7 @@ def day_dataset(store: Store, day: int | None, path: Path | None = None, last_bl
     """
     rows = list(store.stored_on(day, last_block))
     attributes = _globals(store, day)
-    elsewhere = _condensed(store, day)
+    elsewhere = condensed_of_day(store, day)
     if elsewhere and path is not None and path.exists():
         older = _read(path)
         known = {(row.source, row.sequence) for row in rows}
@@ -236,18 +237,12 @@ def _condensed_files(store: Store) -> list[tuple[str, int | None, int]]:
         return store.rows(f"{query} ORDER BY published.day") if has_condensed(connection) else []
 
 
-def _condensed(store: Store, day: int | None) -> int:
-    """Return how many blocks of a day have no full record in the store."""
-    with store.connection() as connection:
-        return condensed_on(connection, day)
-
-
 def _is_fresh(store: Store, path: Path, day: int | None, last_block: int) -> bool:
     """Return whether a file has its size as written and the day's last block, or is not there on purpose."""
     row = store.rows("SELECT last_block, size FROM published WHERE file = ?", path.name)
     if not row or row[0][0] < last_block:
         return False
-    condensed = _condensed(store, day) > 0
+    condensed = condensed_of_day(store, day) > 0
     try:
         return path.stat().st_size == row[0][1] and (condensed or row[0][0] == last_block)
     except OSError:

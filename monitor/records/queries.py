@@ -131,10 +131,10 @@ def condensed_blocks(store: Readable) -> int:
     return (store.rows("SELECT sum(blocks) FROM condensed_days")[0][0] or 0) if has else 0
 
 
-def is_condensed(store: Readable, day: int | None) -> bool:
-    """Return whether blocks of a UTC day, days since 1970, or of the undated axis are condensed."""
+def condensed_of_day(store: Readable, day: int | None) -> int:
+    """Return how many blocks of a UTC day, days since 1970, or of the undated axis have no full record in the store."""
     with store.connection() as connection:
-        return bool(condensed_on(connection, day))
+        return condensed_on(connection, day)
 
 
 def last_published(store: Readable, file: str) -> int | None:

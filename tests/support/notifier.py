@@ -11,7 +11,7 @@ from monitor.health.record import Record
 from monitor.records.events import Deliveries, EventLog
 from monitor.records.store import Store
 from monitor.service.broker import NotifyError
-from monitor.service.notify.channels import Message
+from monitor.service.notify.channels import Message, NotificationChannel
 from monitor.service.notify.message import MessageSender
 from monitor.service.notify.notifier import Notifier
 from tests.support.waiting import PATIENCE_S
@@ -22,12 +22,12 @@ PRESS = MessageSender("press")
 NOW = 1.79e9
 
 
-class Recorder:
+class Recorder(NotificationChannel):
     """A channel that keeps its messages; it fails while ``failing``, and waits while ``go`` is clear."""
 
     def __init__(self, name: str = "channel") -> None:
+        super().__init__(None)
         self.name = name
-        self.pictures = False
         self.messages: list[Message] = []
         self.attempts = 0
         self.failing = False

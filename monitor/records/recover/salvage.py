@@ -9,11 +9,10 @@ from __future__ import annotations
 import logging
 import sqlite3
 import time
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from contextlib import closing, suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from datetime import UTC, datetime
-from itertools import groupby
 from pathlib import Path
 from typing import Any
 
@@ -27,49 +26,24 @@ from monitor.records.published_folder import MovedDaysError, absence_text, moved
 from monitor.records.recover.loss import Loss, find_loss
 from monitor.records.recover.published import Beat, Gathered, gather, remove_database
 from monitor.records.recover.rows import carry_over
-from monitor.records.recover.settle import settle
+from monitor.records.recover.settle import Account, settle
 from monitor.records.restore import Places, finish_restore
 from monitor.records.store import Store
 
 
-@dataclass(frozen=True)
-class BlockRange:
-    """Consecutive blocks of a source: numbers of the first and the last."""
-
-    source: str
-    first: int
-    last: int
-
-    def __str__(self) -> str:
-        """Return the blocks in words."""
-        return f"{self.source} {self.first}" + (f" to {self.last}" if self.last > self.first else "")
-
-
-@dataclass(frozen=True)
-class SalvageReport:
+@dataclass
+class SalvageReport(Account):
     """Result of a recovery.
 
     Attributes:
         aside: the damaged database, or None where there was none; its write-ahead log has the same name and ``-wal``.
         reason: what was found.
-        saved: number of records that are as they were committed.
-        unchecked: those of them without a digest: of an older version, or the digest is lost.
-        restored: those of them from the published files.
-        emptied: blocks whose record is lost; the ledger entry is kept as ``unreadable``.
-        missing: blocks without a ledger entry.
-        unplaced: number of further lost blocks, of unknown sources.
         unreadable: published files that cannot be read.
         remarks: further sentences.
     """
 
-    aside: Path | None
-    reason: str
-    saved: int
-    unchecked: int = 0
-    restored: int = 0
-    emptied: tuple[BlockRange, ...] = ()
-    missing: tuple[BlockRange, ...] = ()
-    unplaced: int = 0
+    aside: Path | None = None
+    reason: str = ""
     unreadable: tuple[str, ...] = ()
     remarks: tuple[str, ...] = ()
 
@@ -109,16 +83,6 @@ class SalvageReport:
             "unreadable": list(self.unreadable),
             "aside": None if self.aside is None else self.aside.name,
         }
-
-
-def ranges_of(blocks: Iterable[tuple[str, int]]) -> tuple[BlockRange, ...]:
-    """Join consecutive numbers."""
-    parts: list[BlockRange] = []
-    for source, numbers in groupby(sorted(blocks), key=lambda item: item[0]):
-        for _, run in groupby(enumerate(number for _, number in numbers), key=lambda item: item[1] - item[0]):
-            members = [number for _, number in run]
-            parts.append(BlockRange(source, members[0], members[-1]))
-    return tuple(parts)
 
 
 _LOG = logging.getLogger(__name__)
@@ -170,7 +134,7 @@ def _salvage(path: Path, machine: str, loss: Loss, records_dir: Path | None, now
         aside = _free_name(path, now)
         report = _fill(path, fresh, machine, loss, records_dir, beat)
         if path.exists() or path.with_name(f"{path.name}-wal").exists():
-            report = replace(report, aside=aside)
+            report.aside = aside
         with EventLog(fresh) as events:
             events.notice(now, report.notice())
         _close_for_good(fresh)
@@ -209,14 +173,8 @@ def _fill(path: Path, fresh: Path, machine: str, loss: Loss, records_dir: Path |
     finally:
         remove_database(scratch)
     return SalvageReport(
-        aside=None,
+        **vars(account),
         reason=loss.reason,
-        saved=account.saved,
-        unchecked=account.unchecked,
-        restored=account.restored,
-        emptied=ranges_of(account.emptied),
-        missing=tuple(BlockRange(*part) for part in account.missing),
-        unplaced=account.unplaced,
         unreadable=gathered.unreadable,
         remarks=tuple(_remarks(gathered, machine, records_dir, nothing_read=nothing_read and path.exists())),
     )

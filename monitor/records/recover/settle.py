@@ -5,7 +5,8 @@ from __future__ import annotations
 import json
 import sqlite3
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from itertools import groupby
 from typing import Any
 
 from monitor.records.condense import identity_of
@@ -40,18 +41,47 @@ WHERE condensed_sources.source = ? AND sequence > ? AND sequence < ?
 """
 
 
+@dataclass(frozen=True)
+class BlockRange:
+    """Consecutive blocks of a source: numbers of the first and the last."""
+
+    source: str
+    first: int
+    last: int
+
+    def __str__(self) -> str:
+        """Return the blocks in words."""
+        return f"{self.source} {self.first}" + (f" to {self.last}" if self.last > self.first else "")
+
+
+def ranges_of(blocks: Iterable[tuple[str, int]]) -> tuple[BlockRange, ...]:
+    """Join consecutive numbers."""
+    parts: list[BlockRange] = []
+    for source, numbers in groupby(sorted(blocks), key=lambda item: item[0]):
+        for _, run in groupby(enumerate(number for _, number in numbers), key=lambda item: item[1] - item[0]):
+            members = [number for _, number in run]
+            parts.append(BlockRange(source, members[0], members[-1]))
+    return tuple(parts)
+
+
 @dataclass
 class Account:
-    """Counts of a recovery; see :class:`monitor.records.recover.salvage.SalvageReport`.
+    """Counts of a recovery.
 
-    ``emptied`` has source and number of blocks; ``missing`` has source, first and last number.
+    Attributes:
+        saved: number of records that are as they were committed.
+        unchecked: those of them without a digest: of an older version, or the digest is lost.
+        restored: those of them from the published files.
+        emptied: blocks whose record is lost; the ledger entry is kept as ``unreadable``.
+        missing: blocks without a ledger entry.
+        unplaced: number of further lost blocks, of unknown sources.
     """
 
     saved: int = 0
     unchecked: int = 0
     restored: int = 0
-    emptied: list[tuple[str, int]] = field(default_factory=list)
-    missing: list[tuple[str, int, int]] = field(default_factory=list)
+    emptied: tuple[BlockRange, ...] = ()
+    missing: tuple[BlockRange, ...] = ()
     unplaced: int = 0
 
 
@@ -74,8 +104,8 @@ def settle(fresh: sqlite3.Connection, states: States, snapshot: Snapshot | None)
     fresh.execute("BEGIN")
     emptied = _check(fresh, account)
     _fill_gaps(fresh, account, emptied)
+    account.emptied = ranges_of((row[1], row[2]) for row in emptied.values())
     for row in emptied.values():
-        account.emptied.append((row[1], row[2]))
         _empty(fresh, row)
     fresh.execute(
         "DELETE FROM spectra WHERE NOT EXISTS"
@@ -298,12 +328,12 @@ def _find_missing(fresh: sqlite3.Connection, account: Account, known: int) -> No
         last, place = before.get(source, (0, 0))
         gap = sequence - last - 1 - fresh.execute(_CONDENSED, (source, last, sequence)).fetchone()[0]
         if 0 < gap <= gone and gap <= block - place - 1 - _between(fresh, place, block):
-            account.missing.append((source, last + 1, sequence - 1))
+            account.missing += (BlockRange(source, last + 1, sequence - 1),)
             gone -= gap
         before[source] = (sequence, block)
     if len(before) == 1 and gone > 0:
         ((source, (last, _)),) = before.items()
-        account.missing.append((source, last + 1, last + gone))
+        account.missing += (BlockRange(source, last + 1, last + gone),)
         gone = 0
     account.unplaced = max(gone, 0)
 
