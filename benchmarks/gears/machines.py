@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.gears.teeth.mesh import MeshStiffness
-from models.gears.train.damping import mesh_mass
+from models.gears.train.linear import mesh_mass
 from models.gears.train.motion import simulate_train
 from models.gears.train.parts import Body, GearTrain, Mesh, Support, Wheel, alike, line_of_action
 from monitor.health.gears.settings import GearPairing, GearSettings, GearWheel

@@ -13,7 +13,7 @@ import math
 
 from models.gears.sound.levels import Bands
 from models.gears.teeth.mesh import MeshStiffness
-from models.gears.train.damping import with_rayleigh
+from models.gears.train.linear import with_rayleigh
 from models.gears.train.parts import Body, GearTrain, Mesh, Support, Wheel, alike, line_of_action
 from models.published.acceptance import AcceptanceRow, Status
 

@@ -17,8 +17,7 @@ from monitor.commands import option
 from monitor.commands.common import InputError, check_writable, input_errors, output_errors
 from monitor.config.bearing import RIG_KEYS, STIFFNESS_KEYS
 from monitor.fe.case import FeCase, FeOptions, fe_case
-from monitor.fe.config_shaft import read_shaft
-from monitor.fe.shaft import shaft_values
+from monitor.fe.shaft import read_shaft, shaft_values
 from monitor.fe.values import Partner, fe_picture, fe_values
 from monitor.fe.values import fe_lines as lines
 

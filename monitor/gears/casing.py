@@ -11,9 +11,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from models.fe.casing.model import Casing
+from models.fe.casing.model import Casing, RadiatingSurface, radiating_surface
 from models.fe.casing.modes import CasingModes, NoModesError, first_modes, modal_responses, modes_below
-from models.fe.casing.surface import RadiatingSurface, radiating_surface
 from models.gears.sound.boundary_elements import Radiation, transfer_vectors
 from models.gears.sound.surface import Surface
 from models.gears.transfer.frf import FrequencyResponses

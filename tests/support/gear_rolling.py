@@ -6,9 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from models.gears.train.bearings import RollingElements
 from models.gears.train.motion import TrainState, simulate_train
 from models.gears.train.parts import Body, GearTrain, Support, alike
-from models.gears.train.rolling import RollingElements
 from models.machine.bearing import from_catalogue
 from models.machine.scene import Defect, Part, Scene
 from models.solve.rotor.plan import at_rest

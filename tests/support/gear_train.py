@@ -6,7 +6,7 @@ import math
 from dataclasses import replace
 
 from models.gears.teeth.mesh import MeshStiffness
-from models.gears.train.damping import mesh_mass
+from models.gears.train.linear import mesh_mass
 from models.gears.train.parts import Body, GearTrain, Mesh, Support, Torsion, Wheel, alike, line_of_action
 
 ANGLE = math.radians(20.0)

@@ -1,4 +1,4 @@
-"""A casing of finite elements: stiffness, mass, and the seats of bearings as ports for forces and motions.
+"""A casing of finite elements: stiffness, mass, seats of bearings as ports for forces and motions, and its outside.
 
 The unknowns q are the free displacements; u = T q gives those of all nodes. A rigid seat has no nodes of its own left:
 they move with its six unknowns, three translations and three rotations about its centre (these times the radius of the
@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from models.fe.casing.mesh import casing_mesh
+from models.fe.casing.shape import SIDES
 from models.fe.solid.cholesky import Cholesky
 from models.fe.solid.cholesky import plan as dissect
 from models.fe.solid.cost import check_memory
@@ -22,7 +23,14 @@ from models.fe.solid.sparse import SparseMatrix, sparse_matrix
 from models.fe.solid.traction import boundary_points, mean_weights
 
 if TYPE_CHECKING:
-    from models.fe.solid.elastic import ElasticBody
+    from collections.abc import Mapping, Sequence
+
+    from numpy.typing import NDArray
+
+    from models.fe.casing.shape import CasingMeshRule, CasingShape, Material, Seat
+    from models.fe.solid.cholesky import FactorPlan
+
+    Array = NDArray[np.float64]
 
 _ELEMENTS_AT_ONCE = 256
 
@@ -58,15 +66,6 @@ def mass_matrix(body: ElasticBody, density: float) -> SparseMatrix:
     return sparse_matrix(stacked[0], stacked[1], stacked[2], (body.dim * count, body.dim * count))
 
 
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-
-    from numpy.typing import NDArray
-
-    from models.fe.casing.shape import CasingMeshRule, CasingShape, Material, Seat
-    from models.fe.solid.cholesky import FactorPlan
-
-    Array = NDArray[np.float64]
 AXES = ("x", "y", "z")
 
 
@@ -253,3 +252,59 @@ def _transform(body: ElasticBody, masters: Sequence[_Master]) -> SparseMatrix:
     )
     matrix.eliminate_zeros()
     return matrix
+
+
+@dataclass(frozen=True, eq=False)
+class RadiatingSurface:
+    """Elements of the outside, in the axes of a half space: the casing's (x, y, z) is (x, -z, y) here.
+
+    Attributes:
+        corners: m, shape (corners, 3); the underside of the casing is the plane z = 0.
+        elements: corners of each, anticlockwise from outside, shape (elements, 4).
+        columns: name -> column b of the mean normal displacement of an element, outwards, shape (unknowns,) each; the
+            names are "0", "1", ... in the order of the elements.
+    """
+
+    corners: Array
+    elements: NDArray[np.int64]
+    columns: dict[str, Array]
+
+
+def radiating_surface(casing: Casing) -> RadiatingSurface:
+    """Return the outer sides of a casing but its underside, which stands on a plane.
+
+    The inside of open bores is left out, so that the surface is closed only where seats have covers and sides walls.
+    """
+    body = casing.body
+    facets = np.asarray(body.mesh.facets, np.int64)
+    corners: list[NDArray[np.int64]] = []
+    normals: list[Array] = []
+    columns: list[Array] = []
+    for side in (side for side in SIDES if side != "y0"):
+        chosen = np.asarray(body.mesh.boundaries[side], np.int64)
+        if not chosen.size:
+            continue
+        points = boundary_points(body, side)
+        corners.append(facets[:, chosen].T)
+        normals.append(points.normals.mean(axis=2).T)
+        area = points.weights.sum(axis=1)
+        shares = np.einsum("afp,ifp,fp->afi", points.values, points.normals, points.weights) / area[:, None]
+        rows = 3 * points.nodes[:, :, None] + np.arange(3)
+        places = np.broadcast_to(np.arange(len(chosen))[:, None], rows.shape[1:])
+        where = np.broadcast_to(places, rows.shape)
+        weights = sparse_matrix(shares.ravel(), rows.ravel(), where.ravel(), (3 * body.nodes.shape[1], len(chosen)))
+        columns.append(np.asarray((casing.transform.T @ weights).toarray(), np.float64))
+    used, numbers = np.unique(np.concatenate(corners), return_inverse=True)
+    places = np.asarray(body.mesh.p, np.float64)[:, used].T
+    elements = _anticlockwise(places, numbers.reshape(-1, 4), np.concatenate(normals))
+    turned = np.stack((places[:, 0], -places[:, 2], places[:, 1]), axis=1)
+    names = [str(number) for number in range(len(elements))]
+    return RadiatingSurface(turned, elements, dict(zip(names, np.concatenate(columns, axis=1).T, strict=True)))
+
+
+def _anticlockwise(places: Array, elements: NDArray[np.int64], normals: Array) -> NDArray[np.int64]:
+    """Return the corners of elements in order round their middles, anticlockwise about the normals."""
+    offset = places[elements] - places[elements].mean(axis=1, keepdims=True)
+    across = np.cross(normals, offset[:, 0])
+    angle = np.arctan2(np.einsum("eci,ei->ec", offset, across), np.einsum("eci,ei->ec", offset, offset[:, 0]))
+    return np.take_along_axis(elements, np.argsort(angle, axis=1), axis=1)

@@ -18,12 +18,10 @@ import numpy as np
 from models.gears.pair.rig import GearPairRig
 from models.gears.teeth.mesh import MeshStiffness
 from models.gears.train import kernel as kernels
-from models.gears.train.bearings import with_bearings
-from models.gears.train.damping import mesh_mass
-from models.gears.train.linear import matrices
+from models.gears.train.bearings import RollingElements, with_bearings
+from models.gears.train.linear import matrices, mesh_mass
 from models.gears.train.motion import at_rest, course_of, longest_step, places_of, plan_of, settling
 from models.gears.train.parts import Body, GearTrain, Mesh, Support, Wheel, alike, line_of_action
-from models.gears.train.rolling import RollingElements
 from models.machine.bearing import kinematics
 from models.solve.engine.motion import Motion, passage_rate
 from models.solve.engine.over_time import LOOKED_AT, SECONDS_A_CALL, answer, duration_of

@@ -1,4 +1,4 @@
-"""Matrices of a train, its state under the mean torques, and its natural frequencies.
+"""Matrices of a train, its state under the mean torques, natural frequencies, and dampers in proportion (Rayleigh).
 
 Degrees of freedom go body by body: x, y where the body translates, then its angle where it rotates. SI units.
 """
@@ -6,19 +6,17 @@ Degrees of freedom go body by body: x, y where the body translates, then its ang
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from models.gears.train.parts import total
+from models.gears.train.parts import Body, GearTrain, Mesh, Support, Torsion, total
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from numpy.typing import NDArray
-
-    from models.gears.train.parts import GearTrain, Mesh
 
     Array = NDArray[np.float64]
 
@@ -217,3 +215,58 @@ def _row(train: GearTrain, mesh: Mesh, place: Mapping[str, int], *, back: bool) 
         if f"{wheel.body}.angle" in place:
             row[place[f"{wheel.body}.angle"]] = (-sign if back else sign) * wheel.base_radius
     return row
+
+
+def with_rayleigh(train: GearTrain, alpha: float, beta: Mapping[str, float], *, default: float = 0.0) -> GearTrain:
+    """Return a train with dampers c = alpha m + beta k, each with a beta of its own (thesis, Eq. 39 and Table 24).
+
+    Of the supports, ``m`` is the mass of the body, shared among them as their stiffness is; of a mesh, the two inertias
+    seen along the line of action, J1 J2 / (J1 r2^2 + J2 r1^2), and ``k`` its mean stiffness; of a torsion spring
+    J1 J2 / (J1 + J2). The thesis prints the coefficients without these masses (its Eqs. 98 and 99 are missing).
+
+    Args:
+        train: its dampers are replaced.
+        alpha: 1/s.
+        beta: s, by name of a body (for its supports), a mesh or a torsion spring ("first-second").
+        default: beta of those that are not named, s.
+
+    Raises:
+        ValueError: if a name is none of the train.
+    """
+    known = {b.name for b in train.bodies} | {m.name for m in train.meshes} | {t.name for t in train.torsions}
+    unknown = sorted(set(beta) - known)
+    if unknown:
+        raise ValueError(f"beta: {unknown[0]!r} is none of {', '.join(sorted(known))}")
+    bodies = tuple(_damped(body, alpha, beta.get(body.name, default)) for body in train.bodies)
+    meshes: list[Mesh] = []
+    for mesh in train.meshes:
+        k = float(mesh.stiffness.mean)
+        meshes.append(replace(mesh, damping=alpha * mesh_mass(train, mesh) + beta.get(mesh.name, default) * k))
+    torsions: list[Torsion] = []
+    for spring in train.torsions:
+        inertia = _reduced(train.body(spring.first), 1.0, train.body(spring.second), 1.0)
+        b = beta.get(spring.name, default)
+        torsions.append(replace(spring, damping=alpha * inertia + b * spring.stiffness))
+    return replace(train, bodies=bodies, meshes=tuple(meshes), torsions=tuple(torsions))
+
+
+def mesh_mass(train: GearTrain, mesh: Mesh) -> float:
+    """Return the inertias of both bodies as one mass along the line of action, kg."""
+    first, second = train.wheel(mesh.driver), train.wheel(mesh.driven)
+    return _reduced(train.body(first.body), first.base_radius, train.body(second.body), second.base_radius)
+
+
+def _damped(body: Body, alpha: float, beta: float) -> Body:
+    (a, _), (_, d) = total(support.stiffness for support in body.supports)
+    supports: list[Support] = []
+    for support in body.supports:
+        (kxx, kxy), (kyx, kyy) = support.stiffness
+        mass = alpha * body.mass * (kxx + kyy) / (a + d)
+        supports.append(replace(support, damping=((mass + beta * kxx, beta * kxy), (beta * kyx, mass + beta * kyy))))
+    return replace(body, supports=tuple(supports))
+
+
+def _reduced(first: Body, first_radius: float, second: Body, second_radius: float) -> float:
+    """Return the mass of two rotations along a line at both radii; one that does not yield counts as infinite."""
+    yields = [r * r / body.inertia for body, r in ((first, first_radius), (second, second_radius)) if body.rotates]
+    return 1.0 / math.fsum(yields) if yields else 0.0

@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from models.gears.train import kernel as kernels
+from models.gears.train.bearings import RollingElements, rolling_course, rolling_of
 from models.gears.train.kernel_forces import ENERGIES, T_SIZE, Course, TrainPlan, to_sample
 from models.gears.train.linear import matrices, mean_state, natural_frequencies, support_forces
-from models.gears.train.rolling import RollingElements, rolling_course, rolling_of
 from models.words.checks import check_positive
 
 if TYPE_CHECKING:

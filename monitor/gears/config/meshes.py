@@ -13,8 +13,7 @@ from models.gears.teeth.geometry import GearPair, TipRelief, ToothedWheel
 from models.gears.teeth.mesh import GearTableError, MeshStiffness
 from models.gears.teeth.rack import BasicRack
 from models.gears.teeth.stiffness import mesh_stiffness
-from monitor.gears.config.faults import GearFaultSection
-from monitor.gears.config.parts import GearPairSection, GearWheelSection
+from monitor.gears.config.parts import GearFaultSection, GearPairSection, GearWheelSection
 
 _MM, _UM = 1e-3, 1e-6
 

@@ -13,8 +13,8 @@ from monitor.config.explain import lost_name
 from monitor.config.fields import LocatedError, Name, NotNegative, Positive, Section
 from monitor.config.interference import TrainSection
 from monitor.config.positions import Place
-from monitor.gears.config.faults import GearFaultSection
 from monitor.gears.config.parts import (
+    GearFaultSection,
     GearPairSection,
     GearShaftSection,
     GearSupportSection,

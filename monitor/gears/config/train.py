@@ -11,8 +11,7 @@ import numpy as np
 
 from models.gears.teeth.mesh import MeshStiffness, begin_of_mesh, turns_between
 from models.gears.train.bearings import RollingSupport, with_bearings
-from models.gears.train.damping import with_rayleigh
-from models.gears.train.linear import mean_state
+from models.gears.train.linear import mean_state, with_rayleigh
 from models.gears.train.parts import Body, GearTrain, Mesh, Support, Torsion, Wheel, alike, line_of_action
 from models.machine.bearing import CatalogueEntry, catalogue_entry
 from models.machine.contact_estimates import estimate_stiffness

@@ -9,10 +9,9 @@ import numpy as np
 import pytest
 
 from models.gears.pair.rig import GearPairRig
-from models.gears.train.bearings import with_bearings
+from models.gears.train.bearings import RollingElements, with_bearings
 from models.gears.train.linear import mean_state
 from models.gears.train.motion import simulate_train
-from models.gears.train.rolling import RollingElements
 from models.machine.bearing import from_catalogue, kinematics
 from models.machine.scene import Defect, Part, Scene
 from models.solve.simulate import simulate

@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 from models.gears.train.bearings import RollingSupport, with_bearings
-from models.gears.train.damping import mesh_mass, with_rayleigh
-from models.gears.train.linear import matrices, mean_state, natural_frequencies
+from models.gears.train.linear import matrices, mean_state, mesh_mass, natural_frequencies, with_rayleigh
 from models.gears.train.motion import simulate_train
 from models.gears.train.parts import Body, Support, Torsion, alike
 from models.machine.bearing import from_catalogue

@@ -9,8 +9,7 @@ import pytest
 from models.fe.meshes.shaft_mesh import ShaftMeshRule
 from models.machine.contact_estimates import estimate_stiffness
 from monitor.config.load import ConfigError
-from monitor.fe.config_shaft import ShaftFile, SupportSection, read_shaft
-from monitor.fe.shaft import shaft_lines, shaft_values
+from monitor.fe.shaft import ShaftFile, SupportSection, read_shaft, shaft_lines, shaft_values
 
 THESIS = Path(__file__).parents[3] / "examples" / "parts" / "shaft.toml"
 SMALL = """

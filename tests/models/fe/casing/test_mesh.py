@@ -10,8 +10,8 @@ import pytest
 from scipy.sparse.linalg import spsolve
 
 from models.fe.casing.mesh import casing_mesh
+from models.fe.casing.model import radiating_surface
 from models.fe.casing.shape import STEEL, CasingMeshRule, CasingShape, Material, Seat
-from models.fe.casing.surface import radiating_surface
 from models.fe.solid.traction import boundary_points
 from models.gears.sound.surface import Surface
 from tests.models.fe.casing.casings import box, box_shape
