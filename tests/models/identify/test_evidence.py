@@ -32,6 +32,16 @@ def _identified(evidence: Evidence, *free: str, rig: Rig = LIGHT) -> Identificat
     return identify(no_trials(), _space(*free, rig=rig), None, evidence)
 
 
+def _from_peaks() -> Identification:
+    return _identified(Evidence(tuple(peaks_of(LIGHT))), "m_r", "k_r", rig=replace(LIGHT, m_r=1.0, k_r=1e9))
+
+
+@pytest.fixture(scope="module")
+def from_peaks() -> Identification:
+    """A rig of two free parameters from the peaks of another, which begins far from it."""
+    return _from_peaks()
+
+
 def test_the_truth_leaves_no_residual_in_any_order() -> None:
     peaks = peaks_of(LIGHT, absolute=True)
     evidence = Evidence((*peaks[::-1],), (Prior("m_o", LIGHT.m_o, 0.1, "weighed"),))
@@ -70,8 +80,8 @@ def test_wrong_evidence_is_refused_by_name() -> None:
         Prior("m_o", 1.0, 0.0, "x")
 
 
-def test_two_parameters_from_peaks() -> None:
-    found = _identified(Evidence(tuple(peaks_of(LIGHT))), "m_r", "k_r", rig=replace(LIGHT, m_r=1.0, k_r=1e9))
+def test_two_parameters_from_peaks(from_peaks: Identification) -> None:
+    found = from_peaks
     for name in ("m_r", "k_r"):
         interval, truth = found.intervals[name], getattr(LIGHT, name)
         assert found.best.values[name] == pytest.approx(truth, rel=0.01)
@@ -79,8 +89,7 @@ def test_two_parameters_from_peaks() -> None:
     assert found.front == []
     assert found.undetermined == ()
     assert math.isnan(found.noise)
-    again = _identified(Evidence(tuple(peaks_of(LIGHT))), "m_r", "k_r", rig=replace(LIGHT, m_r=1.0, k_r=1e9))
-    assert again.hash == found.hash
+    assert _from_peaks().hash == found.hash
 
 
 def test_the_scale_comes_from_a_prior_or_an_accelerance() -> None:
@@ -99,11 +108,9 @@ def test_the_scale_comes_from_a_prior_or_an_accelerance() -> None:
     assert "without limit" in objections(held, (replace(spread[0], high=math.inf),), known)[0]
 
 
-def test_nothing_tells_the_scale_of_frequencies() -> None:
-    found = _identified(Evidence(tuple(peaks_of(LIGHT))), "m_r", "k_r")
-    everything = replace(
-        found, space=replace(found.space, free=("m_i", "m_o", "m_r", "k_i", "k_r", "k_c", "c_i", "c_r"))
-    )
+def test_nothing_tells_the_scale_of_frequencies(from_peaks: Identification) -> None:
+    free = ("m_i", "m_o", "m_r", "k_i", "k_r", "k_c", "c_i", "c_r")
+    everything = replace(from_peaks, space=replace(from_peaks.space, free=free))
     (words,) = [words for words in objections(everything, (), ()) if "scale" in words]
     assert "masses, stiffnesses and dampings times a factor" in words
 
