@@ -156,7 +156,7 @@ def _assumed(config: Config) -> Iterator[str]:
 
 def _access_problems(source: SourceSection) -> Iterator[str]:
     """Yield why other machines could send without proof, or no machine at all."""
-    from streams.link.auth import key_weakness, read_key, receiver_context
+    from streams.link.peer import key_weakness, read_key, receiver_context
     from streams.types.spec import SourceError, parse_address
 
     name, url = f"source {source.name!r}", source.url or ""

@@ -77,7 +77,7 @@ def command(
     The command ends when the receiver has committed all blocks. If the receiver is unreachable or restarts, sending is
     retried from the block after its last committed one.
     """
-    from streams.link.auth import read_key, sender_context
+    from streams.link.peer import read_key, sender_context
     from streams.link.sender import Link, Sender, TcpLink
     from streams.link.wire import WireError
     from streams.types.spec import NetworkSpec, parse_address

@@ -12,8 +12,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import replace
 
 from models.words.errors import SpallwatchError
-from streams.dates.date_patterns import folder_of, numbers_of, place_in_names
-from streams.dates.dating import Dating, check_kept, wanted_by
+from streams.dates.dating import Dating, check_kept, folder_of, numbers_of, place_in_names, wanted_by
 from streams.types.listing import printable
 from streams.types.samples import Samples
 from streams.types.spec import SourceSpec

@@ -13,6 +13,7 @@ from zoneinfo import ZoneInfo
 import numpy as np
 
 from streams.files.container import changed_error
+from streams.files.judge import agreed_rate
 from streams.files.parse.complete import declared_size
 from streams.files.pulse_times import fitting_pulses
 from streams.files.statements import multiple_of
@@ -20,7 +21,7 @@ from streams.reblock import MIN_BLOCK_SHARE, Reblocker
 from streams.types.block import STANDARD_GRAVITY
 from streams.types.large import Data, FileBytes, NoRoomError, elementwise
 from streams.types.limits import max_blocks
-from streams.types.samples import DIGITAL, FRACTIONS, RATE_TOLERANCE, SCALED, VALUES, ReaderError, Samples
+from streams.types.samples import DIGITAL, FRACTIONS, SCALED, VALUES, ReaderError, Samples
 from streams.types.spec import UNITS, ChannelSpec, SourceSpec
 
 if TYPE_CHECKING:
@@ -359,20 +360,3 @@ def _level(samples: Samples, row: int, channel: ChannelSpec, unit: str, range_g:
     elif scale not in (None, 1.0):
         parts.append(f"times {scale:g} (scale)")
     return ", ".join(parts)
-
-
-def agreed_rate(stated: Sequence[float | None], configured: float | None, where: str) -> float:
-    """Return the rate in Hz on which the ``stated`` and ``configured`` ones agree.
-
-    Raises:
-        ReaderError: ``wrong_rate`` where they differ by more than 1e-4 of it or none is stated.
-    """
-    rates = [rate for rate in (*stated, configured) if rate is not None]
-    if not rates:
-        raise ReaderError("wrong_rate", f"{where}: no sampling rate is stated; give [[source]] rate_hz")
-    if any(abs(rate - rates[0]) > RATE_TOLERANCE * rates[0] for rate in rates):
-        said = " and ".join(f"{rate:g} Hz" for rate in dict.fromkeys(rates))
-        own = [rate for rate in stated if rate is not None]
-        hint = f"; write rate_hz = {own[0]:.10g}" if own and all(rate == own[0] for rate in own) else ""
-        raise ReaderError("wrong_rate", f"{where}: the recording and rate_hz do not agree: {said}{hint}")
-    return rates[0]

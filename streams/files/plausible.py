@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +19,7 @@ _MIN_CLIPPED, _MIN_STEPS = 10, 64
 
 
 @dataclass(frozen=True)
-class Level:
+class SignalLevel:
     """What a row of samples measures, in the unit in which it is stored.
 
     Attributes:
@@ -38,25 +38,25 @@ class Level:
     clipped: float = 0.0
     finite: bool = True
 
-    def times(self, factor: float) -> Level:
+    def times(self, factor: float) -> SignalLevel:
         """Return the level of the samples times a factor."""
         size = abs(factor)
-        return Level(self.mean * factor, self.rms * size, self.peak * size, self.constant, self.clipped, self.finite)
+        return replace(self, mean=self.mean * factor, rms=self.rms * size, peak=self.peak * size)
 
 
-def level_of(row: NDArray[np.floating]) -> Level:
+def level_of(row: NDArray[np.floating]) -> SignalLevel:
     """Return the level of a row of samples; numbers that are not finite are left out."""
     values = np.asarray(row, dtype=np.float64)
     finite = values[np.isfinite(values)]
     if finite.size == 0:
-        return Level(0.0, 0.0, 0.0, finite=False)
+        return SignalLevel(0.0, 0.0, 0.0, finite=False)
     # Damaged files hold any number.
     with np.errstate(over="ignore", invalid="ignore"):
         mean = float(np.mean(finite))
         rms = float(np.sqrt(np.mean((finite - mean) ** 2)))
     low, high = float(np.min(finite)), float(np.max(finite))
     clipped = max(_share_at(finite, finite == low), _share_at(finite, finite == high)) if high > low else 0.0
-    return Level(
+    return SignalLevel(
         mean=mean,
         rms=rms,
         peak=max(abs(low), abs(high)),
@@ -84,7 +84,7 @@ def of_one_g(unit: str, sensitivity_mv_per_g: float | None) -> float | None:
     return {"g": 1.0, "m/s2": STANDARD_GRAVITY}.get(unit)
 
 
-def doubts(level: Level, unit: str, sensitivity_mv_per_g: float | None = None) -> list[str]:
+def doubts(level: SignalLevel, unit: str, sensitivity_mv_per_g: float | None = None) -> list[str]:
     """Return sentences on what makes a level in a unit ("g", "m/s2", "V", "unknown") doubtful."""
     if level.constant:
         return ["all samples are equal: a dead sensor, or no sensor"]

@@ -11,7 +11,8 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from streams.files.statements import PULSE_KEYS, Facts, number_of, seconds_utc, stated_rate
+from streams.files.judge import stated_rate
+from streams.files.statements import PULSE_KEYS, Facts, number_of, seconds_utc
 from streams.turns.pulses import Pulses
 from streams.types.samples import ReaderError, Samples
 

@@ -10,6 +10,7 @@ from pathlib import Path, PurePosixPath
 from typing import Any
 from zoneinfo import ZoneInfo
 
+from streams.files.beside import FOLDER_NAMES, apply_sidecar, find_sidecar, is_beside, is_pulse_file, with_pulse_files
 from streams.files.container import Files, Item, is_archive
 from streams.files.datasets import DATA_SETS, DataSet, FileFacts
 from streams.files.formats.hdf5 import read_hdf5
@@ -20,8 +21,6 @@ from streams.files.formats.tdms import read_tdms
 from streams.files.formats.text import first_characters, read_layout
 from streams.files.formats.uff import read_uff
 from streams.files.parse.child import isolated
-from streams.files.pulse_files import is_pulse_file, with_pulse_files
-from streams.files.sidecar import FOLDER_NAMES, apply_sidecar, find_sidecar, is_beside
 from streams.types.large import Data
 from streams.types.listing import natural_key, unpacked_name
 from streams.types.samples import ReaderError, Samples
@@ -228,10 +227,15 @@ def _recognised_by_name(item: Item, files: Files) -> DataSet | None:
     return next((DATA_SETS[name] for name in names if _is_named_as(name, item, files)), None)
 
 
+def _kind_by_ending(item: Item) -> tuple[str | None, str]:
+    """Return the plain format that the ending of a name stands for, or None, and the ending."""
+    ending = PurePosixPath(unpacked_name(item.path)).suffix.lower()
+    return next((kind for kind, endings in FORMATS.items() if ending in endings), None), ending
+
+
 def _recognised_by_ending(item: Item, spec: SourceSpec, files: Files) -> DataSet | None:
     """Return the plain format that an ending stands for; among several files a .txt may be anything."""
-    ending = PurePosixPath(unpacked_name(item.path)).suffix.lower()
-    kind = next((kind for kind, endings in FORMATS.items() if ending in endings), None)
+    kind, ending = _kind_by_ending(item)
     unclear = kind == "csv" and ending != ".csv" and files.several
     return None if kind is None or unclear else plain(kind, spec, (ending,))
 
@@ -256,13 +260,12 @@ def _is_named_as(name: str, item: Item, files: Files) -> bool:
 
 def _recognised_by_content(item: Item, spec: SourceSpec, files: Files) -> DataSet | None:
     """Return the data set or format that one file shows, or None."""
-    ending = PurePosixPath(unpacked_name(item.path)).suffix.lower()
-    kind = next((kind for kind, endings in FORMATS.items() if ending in endings), None)
+    kind, ending = _kind_by_ending(item)
     if kind is None:
         return None
     if kind == "mat":
         return _recognised_mat(item, files) or plain(kind, spec, (ending,))
-    if kind == "csv" and ending != ".csv" and files.several and not _is_numbers(item):
+    if kind == "csv" and ending != ".csv" and files.several and _asked(read_layout, item) is None:
         # It may be a README.txt.
         return None
     if (
@@ -272,10 +275,6 @@ def _recognised_by_content(item: Item, spec: SourceSpec, files: Files) -> DataSe
     ):
         return DATA_SETS["xjtu_sy"]
     return plain(kind, spec, (ending,))
-
-
-def _is_numbers(item: Item) -> bool:
-    return _asked(read_layout, item) is not None
 
 
 def _asked(function: Callable[[bytes, str], Any], item: Item) -> Any:

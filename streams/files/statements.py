@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from streams.types import large
 from streams.types.large import contiguous, elementwise, forget_pages, is_any
-from streams.types.samples import COUNTS, RATE_TOLERANCE, SCALED, ReaderError, stored_as
+from streams.types.samples import COUNTS, SCALED, ReaderError, stored_as
 from streams.types.stamps import CLOCK, DATE, Stamp, read_stamp
 
 _UNITS = {
@@ -89,24 +89,10 @@ def multiple_of(unit: str | None) -> tuple[str, float]:
     return _MULTIPLES.get((unit or "").lower(), (unit or "", 1.0))
 
 
-def stated_rate(facts: Facts, where: str) -> float | None:
-    """Return the sampling rate in Hz among values under plain keys, or None.
-
-    Raises:
-        ReaderError: ``wrong_rate`` where a value is no positive number or two of them differ.
-    """
-    found: dict[str, float] = {}
-    for key in _RATES:
-        if key in facts:
-            found[key] = _positive(facts[key], key, where)
-    for key in _STEPS:
-        if key in facts:
-            found[key] = 1.0 / _positive(facts[key], key, where)
-    rates = list(found.values())
-    if any(not math.isclose(rate, rates[0], rel_tol=1e-4) for rate in rates):
-        listed = ", ".join(f"{key} {rate:g} Hz" for key, rate in found.items())
-        raise ReaderError("wrong_rate", f"{where}: the file states several sampling rates: {listed}")
-    return nice_rate(rates[0], 1e-9) if rates else None
+def rates_by_key(facts: Facts, where: str) -> dict[str, float]:
+    """Return the sampling rates in Hz that plain keys state, by key; ReaderError ``wrong_rate`` for another value."""
+    rates = {key: _positive(facts[key], key, where) for key in _RATES if key in facts}
+    return rates | {key: 1.0 / _positive(facts[key], key, where) for key in _STEPS if key in facts}
 
 
 def _positive(value: object, key: str, where: str) -> float:
@@ -149,15 +135,11 @@ def stated_unit(facts: Facts) -> str | None:
 def scaled_integers(array: NDArray[Any], facts: Facts) -> tuple[NDArray[Any], Facts]:
     """Apply ``scale_factor`` or ``scale``, and ``add_offset``, to integers; add to the facts how they are stored."""
     stored = stored_as(array.dtype)
-    scale, offset = (_finite(facts, key) for key in (("scalefactor", "scale"), ("addoffset",)))
+    finite = {key: value for key, value in facts.items() if isinstance(value, float) and math.isfinite(value)}
+    scale, offset = finite.get("scalefactor", finite.get("scale")), finite.get("addoffset", 0.0)
     if stored == COUNTS and scale:
-        array, stored = elementwise(lambda part: part * scale + (offset or 0.0), array), SCALED
+        array, stored = elementwise(lambda part: part * scale + offset, array), SCALED
     return array, {**facts, STORED: stored}
-
-
-def _finite(facts: Facts, keys: Sequence[str]) -> float | None:
-    """Return the first finite number under some keys, or None."""
-    return next((v for key in keys if isinstance(v := facts.get(key), float) and math.isfinite(v)), None)
 
 
 def stated_time(facts: Facts, zone: str) -> tuple[float | None, str | None]:
@@ -243,25 +225,3 @@ def _spread_of_times(times: NDArray[np.float64], step: float) -> tuple[float, fl
         longest, shortest = max(longest, float(np.max(steps))), min(shortest, float(np.min(steps)))
         forget_pages(times)
     return deviation, largest, unit, longest, shortest
-
-
-def check_lengths(
-    sizes: Sequence[int], names: Sequence[str], rows: str, where: str, max_listed: int | None = None
-) -> None:
-    """Raise ``wrong_shape`` where rows ("channels", "vectors") differ in length."""
-    if len(set(sizes)) > 1:
-        listed = ", ".join(f"{name} {size}".strip() for name, size in zip(names, sizes, strict=True))
-        raise ReaderError("wrong_shape", f"{where}: {rows} of different lengths: {listed[:max_listed]}")
-
-
-def common_rate(rates: Iterable[float | None], rows: str, where: str, joint: str = ", ") -> float | None:
-    """Return the lowest rate in Hz that rows state, None where none is stated.
-
-    Raises:
-        ReaderError: ``wrong_rate`` where they differ by more than 1e-4 of it.
-    """
-    stated = sorted({rate for rate in rates if rate is not None})
-    if stated and stated[-1] - stated[0] > RATE_TOLERANCE * stated[0]:
-        listed = joint.join(f"{rate:g}" for rate in stated)
-        raise ReaderError("wrong_rate", f"{where}: {rows} of different rates: {listed} Hz")
-    return stated[0] if stated else None

@@ -11,13 +11,12 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from streams.files.beside import is_pulse_file, is_sidecar, pulse_pattern
 from streams.files.container import Files, Item, open_files
-from streams.files.datasets import DataSet
+from streams.files.datasets import DataSet, FileFacts
 from streams.files.load import Loader, in_own_units
-from streams.files.plausible import Level, level_of
-from streams.files.pulse_files import is_pulse_file, pulse_pattern
+from streams.files.plausible import SignalLevel, level_of
 from streams.files.recognise import data_set_of
-from streams.files.sidecar import is_sidecar
 from streams.files.statements import multiple_of, nice_rate, plain_key, rate_of_times
 from streams.turns.tacho import TachoRow, is_called_tacho, tacho_row
 from streams.types.listing import natural_key, shown
@@ -65,7 +64,7 @@ class SurveyedRow:
     written: str
     factor: float
     stored: str
-    level: Level
+    level: SignalLevel
     tacho: TachoRow | None = None
 
 
@@ -192,7 +191,7 @@ def _rows_by_length(reason: str) -> tuple[list[str], list[str]]:
 
 def _surveyed(spec: SourceSpec, path: str, files: Files, data_set: DataSet) -> Survey:
     loader = Loader(spec, data_set, files.root)
-    known: list[tuple[Item, float | None, float | None]] = []
+    known: list[tuple[Item, FileFacts]] = []
     others: list[str] = []
     read: dict[str, Samples] = {}
     refused: dict[str, str] = {}
@@ -201,28 +200,25 @@ def _surveyed(spec: SourceSpec, path: str, files: Files, data_set: DataSet) -> S
         if facts is None:
             others.append(item.path)
         else:
-            known.append((item, facts.rate, facts.speed))
+            known.append((item, facts))
             if files.sequential and not read and len(refused) < _MAX_TRIED:
                 # The members of an archive can be read in its order only.
                 _try(loader, item, read, refused)
     if not files.sequential:
         known.sort(key=lambda entry: natural_key(entry[0].path))
         for ends in (known, known[::-1]):
-            for item, _, _ in ends[:_MAX_TRIED]:
+            for item, _ in ends[:_MAX_TRIED]:
                 if item.path in read or _try(loader, item, read, refused):
                     break
-    paths = tuple(item.path for item, _, _ in known)
+    paths = tuple(item.path for item, _ in known)
     if not read:
         reasons = "; ".join(refused.values()) or f"{shown(path)}: holds no file"
         raise ReaderError("unreadable", reasons)
     others = [other for other in others if not is_pulse_file(spec.pulses, other)]
     ignored = tuple(other for other in others if not is_sidecar(other, dict.fromkeys(paths)))
-    place = {item.path: (item, rate, speed) for item, rate, speed in known}
-    first, last = next(iter(read)), list(read)[-1]
-    found = _found(
-        files.root if files.several else Path(path), data_set, place, paths, ignored, first, last, read, refused
-    )
-    return replace(found, pulses=spec.pulses)
+    place = files.root if files.several else Path(path)
+    found = _found(place, data_set, {item.path: (item, facts) for item, facts in known}, read)
+    return replace(found, ignored=ignored, refused=tuple(refused.values()), pulses=spec.pulses)
 
 
 def _try(loader: Loader, item: Item, read: dict[str, Samples], refused: dict[str, str]) -> bool:
@@ -235,29 +231,23 @@ def _try(loader: Loader, item: Item, read: dict[str, Samples], refused: dict[str
 
 
 def _found(
-    place: Path,
-    data_set: DataSet,
-    known: dict[str, tuple[Item, float | None, float | None]],
-    paths: tuple[str, ...],
-    ignored: tuple[str, ...],
-    first: str,
-    last: str,
-    read: dict[str, Samples],
-    refused: dict[str, str],
+    place: Path, data_set: DataSet, known: dict[str, tuple[Item, FileFacts]], read: dict[str, Samples]
 ) -> Survey:
-    samples, ending = read[first], read[last]
-    rows = surveyed_rows(samples, data_set.unit, samples.rate if samples.rate is not None else known[first][1])
-    rate, rate_from = samples.rate if samples.rate is not None else known[first][1], None
+    """Return what the first and the last file that were ``read`` state."""
+    first, last = next(iter(read)), list(read)[-1]
+    samples, ending, facts = read[first], read[last], known[first][1]
+    rate, rate_from = samples.rate if samples.rate is not None else facts.rate, None
+    rows = surveyed_rows(samples, data_set.unit, rate)
     if rate is None:
         rate, rate_from = _rate_by_row(samples, rows)
-    speed, speed_from = samples.speed if samples.speed is not None else known[first][2], "stated by the files"
+    speed, speed_from = samples.speed if samples.speed is not None else facts.speed, "stated by the files"
     if speed is None:
-        speed, speed_from = _speed_in_names([place.name, *paths]), "by the names"
+        speed, speed_from = _speed_in_names([place.name, *known]), "by the names"
     return Survey(
         place=place,
         data_set=data_set,
-        paths=paths,
-        ignored=ignored,
+        paths=tuple(known),
+        ignored=(),
         first=first,
         last=last,
         rows=rows,
@@ -271,7 +261,7 @@ def _found(
         load=samples.load,
         scaled=samples.scaled,
         changed=(known[first][0].changed(), known[last][0].changed()),
-        refused=tuple(refused.values()),
+        refused=(),
         values=samples,
     )
 

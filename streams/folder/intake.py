@@ -19,13 +19,13 @@ from streams.folder.life import (
     Continued,
     Drained,
     Emitted,
-    Entry,
+    FileEntry,
     Postponed,
     ReadingBegun,
     ReadingEnded,
     Retried,
 )
-from streams.folder.reading import Background, Raw, Result, Task, UnfinishedError, count_block, is_more_of, read_file
+from streams.folder.reading import Background, FileTask, Raw, Result, UnfinishedError, count_block, read_file
 from streams.folder.register import MAX_INCOMPLETE_S, Register
 from streams.reblock import Cut, Numbering
 from streams.types.block import Block, Rejected
@@ -43,7 +43,7 @@ _MAX_RETRY_SETTLES = 10.0
 _GROWS = ("csv", "tdms")
 """Formats whose files are appended to while they are read."""
 
-_Loaded = tuple[Entry, Raw, FileFacts, Samples]
+_Loaded = tuple[FileEntry, Raw, FileFacts, Samples]
 
 
 class Intake:
@@ -60,7 +60,7 @@ class Intake:
     ) -> None:
         """Continue after the last committed block of the ledger; wait for ``background`` at most ``patience_s``."""
         self.ready: deque[Delivery] = deque()
-        self.undated: dict[Entry, str] = {}
+        self.undated: dict[FileEntry, str] = {}
         """The files whose date cannot be told yet, with the reasons; the first of them is ``waits``."""
         self.waits: str | None = None
         self._spec, self._loader, self._register, self._known = spec, loader, register, register.known
@@ -73,7 +73,7 @@ class Intake:
         self._numbers = Numbering(spec.name, highest, began, None if dater is None else dater.place_time)
         self._batch: list[_Loaded] = []
         self._background, self._patience = background, patience_s
-        self._reading: tuple[Entry, FileFacts, Task] | None = None
+        self._reading: tuple[FileEntry, FileFacts, FileTask] | None = None
         self._emission: Iterator[None] = iter(())
         self._latest_order: Order | None = None
         self._files = self._delivered = self._emitting = 0
@@ -143,11 +143,11 @@ class Intake:
         item = delivery.item
         if not (isinstance(item, Rejected) and item.is_repetition):
             self._known.uncommitted.pop(item.sequence, None)
-        entries: tuple[Entry, ...] = delivery.token
+        entries: tuple[FileEntry, ...] = delivery.token
         for entry, progress in zip(entries, delivery.progress, strict=True):
             self._register.tell(entry, Committed(progress))
 
-    def _begin(self, entry: Entry, now: float) -> tuple[Entry, FileFacts, Task] | None:
+    def _begin(self, entry: FileEntry, now: float) -> tuple[FileEntry, FileFacts, FileTask] | None:
         """Begin to read a file; None where it is gone, or of another kind by now."""
         facts = self._loader.facts(entry.path)
         self.undated.pop(entry, None)
@@ -176,7 +176,7 @@ class Intake:
         )
         return entry, facts, task
 
-    def _load(self, entry: Entry, facts: FileFacts, task: Task, now: float) -> _Loaded | None:
+    def _load(self, entry: FileEntry, facts: FileFacts, task: FileTask, now: float) -> _Loaded | None:
         """Return a file that was read; None where it waits, is known already or is rejected."""
         raw: Raw | None = None
         self._register.tell(entry, ReadingEnded())
@@ -215,11 +215,11 @@ class Intake:
         self._known.add(raw.progress.content_hash, entry)
         return entry, raw, facts, samples
 
-    def _is_growing(self, entry: Entry) -> bool:
+    def _is_growing(self, entry: FileEntry) -> bool:
         """Return whether a file may get longer, and is read before it is whole."""
         return self._grows and not entry.state.whole and unpacked_name(entry.path) == entry.path
 
-    def _is_reordered(self, entry: Entry) -> bool:
+    def _is_reordered(self, entry: FileEntry) -> bool:
         """Return whether this file settled what dates the files, and others may come before it now."""
         dater = self._loader.dater
         if dater is None or self._dated_by == (dater.choice.by, dater.choice.order):
@@ -238,7 +238,7 @@ class Intake:
                 self._register.tell(waiting, Retried())
         self.undated.clear()
 
-    def _reject(self, entry: Entry, raw: Raw | None, facts: FileFacts, error: ReaderError) -> None:
+    def _reject(self, entry: FileEntry, raw: Raw | None, facts: FileFacts, error: ReaderError) -> None:
         self._deliver_batch()
         if self._loader.dater is not None and self._loader.dater.forget(entry.path):
             self._retry_undated()
@@ -257,7 +257,7 @@ class Intake:
         error = renamed(ReaderError(status, str(error)), entry.path, entry.key)
         self._deliver(self._numbers.rejected(entry.key, error, digest, number), [(entry, progress)])
 
-    def _resolve_known(self, entry: Entry, raw: Raw, facts: FileFacts, result: Result) -> bool:
+    def _resolve_known(self, entry: FileEntry, raw: Raw, facts: FileFacts, result: Result) -> bool:
         """Compare with known content; return whether the file has nothing new."""
         base = entry.state.base
         last = entry.state.read or base
@@ -266,7 +266,7 @@ class Intake:
             if touched and base is not None and base.verdict != PENDING:
                 self._register.remember(entry, replace(raw.progress, samples=base.samples, verdict=base.verdict))
                 return True
-            if touched or (self._grows and is_more_of(raw, last)):
+            if touched or (self._grows and raw.is_more_of(last)):
                 self._register.tell(entry, Continued(0 if base is None else base.samples))
                 return False
             self._deliver_batch()
@@ -291,14 +291,14 @@ class Intake:
             self._deliver(rejected, [(entry, progress)])
         return True
 
-    def _number_of(self, entry: Entry, facts: FileFacts) -> int | None:
+    def _number_of(self, entry: FileEntry, facts: FileFacts) -> int | None:
         """Return the number that a file states for its block, if blocks have such.
 
         That of a released file is taken by its rejection, so it gets the next one.
         """
         return facts.number if self._reblocker is None and not entry.state.released else None
 
-    def _emit(self, entry: Entry, raw: Raw, facts: FileFacts, samples: Samples) -> Iterator[None]:
+    def _emit(self, entry: FileEntry, raw: Raw, facts: FileFacts, samples: Samples) -> Iterator[None]:
         """Deliver the blocks of a file; yield after each."""
         begin = min(entry.state.fed, samples.values.shape[1])
         self._register.tell(entry, Emitted(raw.progress, samples.values.shape[1], self._reblocker is not None))
@@ -326,13 +326,13 @@ class Intake:
         if any(
             now - entry.state.changed < MAX_INCOMPLETE_S
             for entry in self._reblocker.origins
-            if isinstance(entry, Entry)
+            if isinstance(entry, FileEntry)
         ):
             return False
         self._flush()
         return True
 
-    def _mark_delivered(self, entry: Entry) -> None:
+    def _mark_delivered(self, entry: FileEntry) -> None:
         """Mark a file whose samples are all delivered, acknowledged or not."""
         if self._reblocker is not None and entry in self._reblocker.origins:
             return
@@ -357,7 +357,7 @@ class Intake:
             yield
 
     def _deliver(
-        self, item: Block | Rejected, pairs: list[tuple[Entry, FileProgress]], *, blocks: bool = False
+        self, item: Block | Rejected, pairs: list[tuple[FileEntry, FileProgress]], *, blocks: bool = False
     ) -> None:
         if not (isinstance(item, Rejected) and item.is_repetition):
             self._known.uncommitted[item.sequence] = item.content_hash

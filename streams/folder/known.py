@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from streams.folder.life import Entry
-from streams.folder.reading import Raw, Result, is_more_of
+from streams.folder.life import FileEntry
+from streams.folder.reading import Raw, Result
 from streams.recording.repeats import copy_error, taken_error
 from streams.types.listing import shown, stat_file, unshown
 from streams.types.samples import ReaderError, Samples
@@ -39,10 +39,10 @@ class Known:
 
     source: str
     ledger: Ledger
-    waiting: Mapping[str, Entry]
+    waiting: Mapping[str, FileEntry]
     uncommitted: dict[int, str] = field(default_factory=dict)
     """Contents of the blocks and rejections that are delivered and not committed, by number."""
-    _reading: dict[str, Entry] = field(default_factory=dict)
+    _reading: dict[str, FileEntry] = field(default_factory=dict)
 
     def file(self, path: str) -> FileProgress | None:
         """Return what the ledger knows of a file by its name, or None."""
@@ -60,17 +60,17 @@ class Known:
         """Return the content of the block with a number, None where there is none."""
         return self.uncommitted.get(number) or self.ledger.content_of(self.source, number)
 
-    def add(self, digest: str, entry: Entry) -> None:
+    def add(self, digest: str, entry: FileEntry) -> None:
         """Note the content of a file that is read but not committed as a whole."""
         self._reading[digest] = entry
 
-    def remove(self, digest: str, entry: Entry) -> None:
+    def remove(self, digest: str, entry: FileEntry) -> None:
         """Forget a content that is committed."""
         if self._reading.get(digest) is entry:
             del self._reading[digest]
 
     def match(
-        self, entry: Entry, raw: Raw, result: Result, number: int | None, *, root: str, grows: bool
+        self, entry: FileEntry, raw: Raw, result: Result, number: int | None, *, root: str, grows: bool
     ) -> Match | None:
         """Return what has the content of a file, or its ``number``; None for a new one.
 
@@ -85,7 +85,7 @@ class Known:
             return None
         return Match(error=taken_error(entry.key, number, same=self._holder(number) == digest), number=number)
 
-    def _other(self, entry: Entry, raw: Raw, result: Result, root: str, grows: bool) -> Match | None:
+    def _other(self, entry: FileEntry, raw: Raw, result: Result, root: str, grows: bool) -> Match | None:
         """Return the file whose content this one has or continues, or None; arguments as :meth:`match`."""
         digest = raw.progress.content_hash
         dead = isinstance(result, Samples) and result.is_constant
@@ -94,7 +94,7 @@ class Known:
             committed = 0 if first.state.base is None else first.state.base.samples
             return self._copy(entry, digest, first.key, committed)
         for known in self.ledger.files_like(self.source, raw.progress.head_hash, digest):
-            if known.path == entry.key or not known.samples or not is_more_of(raw, known):
+            if known.path == entry.key or not known.samples or not raw.is_more_of(known):
                 continue
             if known.verdict == PENDING and (known.content_hash != digest or self._is_gone(known)):
                 continue
@@ -109,14 +109,14 @@ class Known:
                 return self._copy(entry, digest, known.path.partition(ARCHIVED)[0], known.samples)
         return None
 
-    def _copy(self, entry: Entry, digest: str, original: str, samples: int) -> Match:
+    def _copy(self, entry: FileEntry, digest: str, original: str, samples: int) -> Match:
         return Match(samples, error=copy_error(entry.key, original), number=self.ledger.known(self.source, digest))
 
     def _is_gone(self, known: FileProgress) -> bool:
         entry = self.waiting.get(unshown(known.path))
         return entry is None or entry.state.absent is not None
 
-    def _reader_of(self, digest: str) -> Entry | None:
+    def _reader_of(self, digest: str) -> FileEntry | None:
         """Return the file with this content that is read but not committed as a whole, unless it is gone."""
         entry = self._reading.get(digest)
         if entry is None:

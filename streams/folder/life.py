@@ -285,7 +285,7 @@ def advance(state: FileState, event: FileEvent) -> tuple[FileState, tuple[Action
 
 
 @dataclass(eq=False, kw_only=True)
-class Entry(Origin):
+class FileEntry(Origin):
     """A file that waits, under the name it has now; ``key`` is its ``path`` in printable characters.
 
     ``order`` sorts the files by acquisition; ``seen`` is when it was first seen waiting, s of the monotonic clock.

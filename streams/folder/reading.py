@@ -17,7 +17,7 @@ from streams.files.datasets import FileFacts
 from streams.files.load import Loader
 from streams.files.parse.child import ReaderProcess, use_process
 from streams.files.parse.complete import whole_part
-from streams.folder.life import Entry
+from streams.folder.life import FileEntry
 from streams.reblock import Cut
 from streams.types.limits import LARGE_BYTES, ChildLimits
 from streams.types.listing import Stat, stat_file
@@ -32,6 +32,13 @@ class Raw:
     data: bytes
     progress: FileProgress
 
+    def is_more_of(self, known: FileProgress) -> bool:
+        """Return whether it begins with all the known bytes of another file, or equals it."""
+        if known.content_hash == self.progress.content_hash:
+            return True
+        longer = 0 < known.read_bytes < len(self.data)
+        return longer and content_hash(self.data[: known.read_bytes]) == known.content_hash
+
 
 class UnfinishedError(SpallwatchError):
     """A file changed while it was read; ``stat`` is its new status, None if removed."""
@@ -42,7 +49,7 @@ class UnfinishedError(SpallwatchError):
         self.stat = stat
 
 
-def read_raw(root: Path, entry: Entry, growing: str | None) -> Raw:
+def read_raw(root: Path, entry: FileEntry, growing: str | None) -> Raw:
     """Return the bytes of a file; of a ``growing`` format those whose samples are final.
 
     Raises:
@@ -68,18 +75,10 @@ def read_raw(root: Path, entry: Entry, growing: str | None) -> Raw:
     return Raw(data, FileProgress(entry.key, size, after.mtime_ns, after.inode, head, digest, len(data)))
 
 
-def is_more_of(raw: Raw, known: FileProgress) -> bool:
-    """Return whether a file begins with all the known bytes of another, or equals it."""
-    if known.content_hash == raw.progress.content_hash:
-        return True
-    longer = 0 < known.read_bytes < len(raw.data)
-    return longer and content_hash(raw.data[: known.read_bytes]) == known.content_hash
-
-
-def count_block(cut: Cut) -> Iterator[tuple[Entry, FileProgress]]:
+def count_block(cut: Cut) -> Iterator[tuple[FileEntry, FileProgress]]:
     """Give the files of which a block has samples, each with its progress once the block is committed."""
     for entry, end in cut.used:
-        if not isinstance(entry, Entry) or entry.state.read is None:
+        if not isinstance(entry, FileEntry) or entry.state.read is None:
             continue
         read, state, verdict = entry.state.read, entry.state, PENDING
         if end >= state.total and not read.is_part:
@@ -93,7 +92,7 @@ Result = Samples | ReaderError | None
 
 
 def read_file(
-    loader: Loader, entry: Entry, facts: FileFacts, growing: str | None, known: str | None
+    loader: Loader, entry: FileEntry, facts: FileFacts, growing: str | None, known: str | None
 ) -> tuple[Raw, Result]:
     """Read and parse a file, in the background; not parsed where its content hash is ``known``.
 
@@ -110,7 +109,7 @@ def read_file(
 
 
 @dataclass(frozen=True, eq=False)
-class Task:
+class FileTask:
     """Work in the background on a file, or on several; ``future`` has its result."""
 
     future: Future[Any]
@@ -140,7 +139,7 @@ class Background:
         The latter is called where a parser takes long or a file is large, and with no files after such a task.
         """
         self._wake, self._note = wake, note
-        self._tasks: queue.SimpleQueue[Task | None] = queue.SimpleQueue()
+        self._tasks: queue.SimpleQueue[FileTask | None] = queue.SimpleQueue()
         self._process: ReaderProcess | None = None
         self._thread: threading.Thread | None = None
         self._keys: tuple[str, ...] = ()
@@ -148,13 +147,13 @@ class Background:
         """Duration of the last task."""
         self._noted = False
 
-    def start(self, work: Callable[[], Any], keys: tuple[str, ...], size: int) -> Task:
+    def start(self, work: Callable[[], Any], keys: tuple[str, ...], size: int) -> FileTask:
         """Begin a task on files of ``size`` bytes; readers that it calls run in the child."""
         if self._thread is None:
             self._process = ReaderProcess(ChildLimits(), self._slow)
             self._thread = threading.Thread(target=self._run, args=(self._process,), name="reading", daemon=True)
             self._thread.start()
-        task = Task(Future(), work, keys, size, threading.Event())
+        task = FileTask(Future(), work, keys, size, threading.Event())
         self._tasks.put(task)
         return task
 
@@ -178,7 +177,7 @@ class Background:
             # Its samples may be large.
             del task
 
-    def _execute(self, task: Task) -> None:
+    def _execute(self, task: FileTask) -> None:
         self._keys, began = task.keys, time.monotonic()
         if task.size >= LARGE_BYTES:
             self._slow()

@@ -9,12 +9,12 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import replace
 
-from streams.files.sidecar import is_sidecar
+from streams.files.beside import is_sidecar
 from streams.folder.copying import HOLD, Awaited, CopyDetector, Order
 from streams.folder.known import ARCHIVED, Known
 from streams.folder.life import (
     Committed,
-    Entry,
+    FileEntry,
     FileEvent,
     FileState,
     Missing,
@@ -54,7 +54,7 @@ class Register:
         for a file of another kind; ``pulses`` is the pattern of files of pulses, without which files are not taken.
         """
         self._awaited = Awaited(pulses, settle_s)
-        self.waiting: dict[str, Entry] = {}
+        self.waiting: dict[str, FileEntry] = {}
         self.known = Known(source, ledger, self.waiting)
         self._others: set[str] = set()
         self.ignored: list[str] = []
@@ -62,8 +62,8 @@ class Register:
         self._source, self._ledger, self._settle = source, ledger, settle_s
         self._order_of = order_of
         self._done: dict[str, FileProgress] = {}
-        self._heap: list[tuple[Order, str, int, Entry]] = []
-        self._deferred: dict[str, Entry] = {}
+        self._heap: list[tuple[Order, str, int, FileEntry]] = []
+        self._deferred: dict[str, FileEntry] = {}
         self._tie = itertools.count()
         self._lock = threading.Lock()
         self._copying = CopyDetector(settle_s, now)
@@ -121,7 +121,7 @@ class Register:
             entry = self._enter(path, stat, now, known, released=released)
         self.tell(entry, Observed(stat, now, closed))
 
-    def tell(self, entry: Entry, event: FileEvent) -> None:
+    def tell(self, entry: FileEntry, event: FileEvent) -> None:
         """Let an event happen to a file, and do what the table of its life asks for."""
         actions = entry.happen(event)
         if "queue" in actions:
@@ -138,7 +138,7 @@ class Register:
                 self.remember(entry, progress)
 
     @contextmanager
-    def queued_again(self, entry: Entry) -> Iterator[None]:
+    def queued_again(self, entry: FileEntry) -> Iterator[None]:
         """Queue a file again where the ledger fails while it is handled."""
         try:
             yield
@@ -188,11 +188,11 @@ class Register:
         """About how many files are not taken yet and not deferred."""
         return len(self._heap)
 
-    def _enter(self, path: str, stat: Stat, now: float, known: FileProgress | None, *, released: bool = False) -> Entry:
+    def _enter(self, path: str, stat: Stat, now: float, base: FileProgress | None, released: bool = False) -> FileEntry:
         order = self._order_of(path) or ()
-        counted = known.verdict if known is not None and known.verdict != PENDING else None
-        state = FileState(stat=stat, changed=now, base=known, counted=counted, released=released)
-        entry = Entry(shown(path), path=path, order=order, seen=now, state=state)
+        counted = base.verdict if base is not None and base.verdict != PENDING else None
+        state = FileState(stat=stat, changed=now, base=base, counted=counted, released=released)
+        entry = FileEntry(shown(path), path=path, order=order, seen=now, state=state)
         with self._lock:
             self._count(counted, -1)
             self.waiting[path] = entry
@@ -231,7 +231,7 @@ class Register:
         self._ledger.move(self._source, known.path, moved)
         return moved
 
-    def is_settled(self, entry: Entry, now: float) -> bool:
+    def is_settled(self, entry: FileEntry, now: float) -> bool:
         """Return whether a file seems to be complete.
 
         That it was closed is enough only after another file in order: many may be copied in any order.
@@ -240,7 +240,7 @@ class Register:
             return True
         return entry.state.closed and self._taken is not None and entry.order > self._taken
 
-    def _is_whole(self, entry: Entry, now: float) -> bool:
+    def _is_whole(self, entry: FileEntry, now: float) -> bool:
         """Return whether the last line of a file counts as complete.
 
         A buffered writer stops anywhere, and may pause; but it closes a finished file, or continues in the next one.
@@ -250,11 +250,11 @@ class Register:
         later = bool(self._heap) and self._heap[0][0] > entry.order
         return entry.state.closed or later or now - entry.state.changed >= HOLD * self._settle
 
-    def await_end(self, entry: Entry) -> None:
+    def await_end(self, entry: FileEntry) -> None:
         """Defer a file that is read before its end until it counts as whole."""
         self.tell(entry, Postponed(entry.state.changed + HOLD * self._settle, awaits_end=True))
 
-    def take(self, now: float, period: float | None) -> Entry | None:
+    def take(self, now: float, period: float | None) -> FileEntry | None:
         """Return the next file in order, or None where all have to wait.
 
         A file that is still being written holds back those after it, to keep the order, for a limited time; so does a
@@ -262,10 +262,11 @@ class Register:
         readings of a growing file, s; None: it is not read before it is complete.
         """
         self._requeue_due(now)
-        if self._is_copying(now):
+        first = next(iter(self.waiting.values()), None)
+        if first is not None and self._copying.is_copying(len(self._heap), first.seen, now):
             return None
-        passed: list[tuple[Order, str, int, Entry]] = []
-        found: Entry | None = None
+        passed: list[tuple[Order, str, int, FileEntry]] = []
+        found: FileEntry | None = None
         while self._heap:
             item = heapq.heappop(self._heap)
             entry, state = item[3], item[3].state
@@ -288,7 +289,7 @@ class Register:
             heapq.heappush(self._heap, item)
         return found
 
-    def _is_ready(self, entry: Entry, now: float, period: float | None) -> bool:
+    def _is_ready(self, entry: FileEntry, now: float, period: float | None) -> bool:
         state = entry.state
         if not state.stat.regular or state.absent is not None:
             return True
@@ -303,16 +304,12 @@ class Register:
             if state.due <= now or (state.awaits_end and not state.whole and self._is_whole(entry, now)):
                 self.tell(entry, Retried())
 
-    def _is_copying(self, now: float) -> bool:
-        first = next(iter(self.waiting.values()), None)
-        return first is not None and self._copying.is_copying(len(self._heap), first.seen, now)
-
-    def remember(self, entry: Entry, progress: FileProgress) -> None:
+    def remember(self, entry: FileEntry, progress: FileProgress) -> None:
         """Store the progress of a file without a commit, and count it."""
         self._ledger.remember(self._source, [progress])
         self._finish(entry, progress)
 
-    def _finish(self, entry: Entry, progress: FileProgress) -> None:
+    def _finish(self, entry: FileEntry, progress: FileProgress) -> None:
         """Count a file under its verdict; a later change enters it again."""
         self.known.remove(progress.content_hash, entry)
         if progress.path != entry.key:
@@ -321,7 +318,7 @@ class Register:
         self.remove(entry, progress.verdict)
         self._done[entry.path] = progress
 
-    def remove(self, entry: Entry, verdict: str | None) -> None:
+    def remove(self, entry: FileEntry, verdict: str | None) -> None:
         """Remove a file from those that wait; count it unless the verdict is None."""
         with self._lock:
             if self.waiting.get(entry.path) is entry:
@@ -338,12 +335,12 @@ class Register:
             with self._lock:
                 self._count(POISONED, -1)
 
-    def adopt(self, entry: Entry, known: FileProgress) -> None:
+    def adopt(self, entry: FileEntry, known: FileProgress) -> None:
         """Record that a file is a known one that was renamed."""
         self.remove(entry, None)
         self._done[entry.path] = self._restore(replace(known, mtime_ns=entry.state.stat.mtime_ns), entry.key)
 
-    def renew(self, entry: Entry) -> None:
+    def renew(self, entry: FileEntry) -> None:
         """Treat the content as another file; the former content keeps its verdict."""
         base = entry.state.base
         if base is not None:

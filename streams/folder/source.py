@@ -14,16 +14,16 @@ from pathlib import Path
 
 from streams.dates.dater import Dater
 from streams.dates.dating import Dating, kept_dating
+from streams.files.beside import is_pulse_file
 from streams.files.container import Folder, check_readable
 from streams.files.datasets import DataSet
 from streams.files.load import Loader, is_cut, is_dated_by_choice
-from streams.files.pulse_files import is_pulse_file
 from streams.files.recognise import data_set_of
 from streams.folder.copying import Order
 from streams.folder.intake import Intake
-from streams.folder.reading import Background, Task
+from streams.folder.reading import Background, FileTask
 from streams.folder.register import MAX_INCOMPLETE_S, Register
-from streams.folder.watch import Watch
+from streams.folder.watch import FolderWatch
 from streams.types.listing import CLOSED, Stat, is_skipped, natural_key, shown, stat_file, walk_files
 from streams.types.source import MAX_IGNORED_NAMES, Backlog, Delivery, Ledger, LiveSource
 from streams.types.spec import SourceError, SourceSpec
@@ -38,7 +38,7 @@ _OVERFLOW_SHOWN_S = 60.0
 """Time for which lost events are shown as a problem."""
 
 
-class Clock:
+class FolderClock:
     """The clock of the machine; tests set their own."""
 
     def monotonic(self) -> float:
@@ -61,19 +61,19 @@ class FolderSource(LiveSource):
     files are cut into blocks that continue over files whose times do. A CSV or TDMS file that grows is continued.
     """
 
-    def __init__(self, spec: SourceSpec, root: str, clock: Clock | None = None) -> None:
+    def __init__(self, spec: SourceSpec, root: str, clock: FolderClock | None = None) -> None:
         """Prepare; the folder is not read before :meth:`open`."""
         self.name = spec.name
         self._spec = spec
         self._root = Path(root).expanduser()
         self._real = self._root
-        self._clock = clock or Clock()
+        self._clock = clock or FolderClock()
         self._loader: Loader | None = None
         self._intake: Intake | None = None
-        self._recognition: Task | None = None
+        self._recognition: FileTask | None = None
         self._wake = threading.Event()
         self._background = Background(self._wake.set, self._note)
-        self._watch = Watch(self._wake.set)
+        self._watch = FolderWatch(self._wake.set)
         self._identity: tuple[int, int] | None = None
         self._problem: str | None = None
         self._unknown: str | None = None
@@ -318,7 +318,7 @@ class FolderSource(LiveSource):
         register.reorder()
         return True
 
-    def _begin_recognition(self, now: float) -> Task | None:
+    def _begin_recognition(self, now: float) -> FileTask | None:
         """Begin to read the first settled files; None where there are none."""
         register = self._register
         ready = {

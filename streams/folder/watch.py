@@ -20,7 +20,7 @@ _OVERFLOW_MASK = 0x00000008 | 0x00000080 | 0x00000100 | 0x02000000 | 0x20000000
 """IN_CLOSE_WRITE, IN_MOVED_TO, IN_CREATE, IN_DONT_FOLLOW, and IN_MASK_ADD, which keeps the mask of the observer."""
 
 
-class Watch:
+class FolderWatch:
     """Watches a folder and all below it; a network share has no events."""
 
     def __init__(self, wake: Callable[[], None]) -> None:
@@ -103,7 +103,7 @@ class Watch:
 class _Handler:
     """Event handler of the observer."""
 
-    def __init__(self, watch: Watch) -> None:
+    def __init__(self, watch: FolderWatch) -> None:
         self._watch = watch
 
     def dispatch(self, event: Any) -> None:

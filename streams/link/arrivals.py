@@ -14,7 +14,7 @@ from typing import Any
 
 from streams.files.container import content_hash
 from streams.link.pulse_frame import Held, HeldPulses, decode_pulses, item_of_frame
-from streams.link.refusals import LINK, Refusals
+from streams.link.refusals import LINK, SenderRefusals
 from streams.link.wire import PULSES, JumpError, WireError, decode_frame, frame_version
 from streams.types.block import Block, Rejected
 from streams.types.source import Backlog, Delivery, Ledger, LiveSource, StreamCount
@@ -303,7 +303,7 @@ class Receiver(LiveSource):
         self._network = network or specs[0].network or NetworkSpec()
         streams = {address.topic or spec.name: spec for address, spec in zip(addresses, specs, strict=True)}
         self._arrivals = Arrivals(streams, self._network.max_waiting)
-        self._refusals = Refusals(self.name)
+        self._refusals = SenderRefusals(self.name)
         self._lock = threading.Lock()
         self._opened = False
         self._problem: str | None = None

@@ -8,10 +8,10 @@ from collections.abc import Mapping
 from typing import Any
 
 from models.words.errors import SpallwatchError
+from streams.files.pulse_times import MAX_PER_REVOLUTION
 from streams.types.spec import UNITS
 
 MAX_SEQUENCE = 2**63 - 1
-MAX_PER_REVOLUTION = 1_000_000
 _SPEED_HZ = (1e-3, 1e4)
 _LOAD_NEWTON = (0.0, 1e9)
 _ELAPSED_S = (0.0, 1e10)

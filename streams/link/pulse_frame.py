@@ -13,7 +13,8 @@ from typing import Any
 
 import numpy as np
 
-from streams.files.load import agreed_rate, choose_channels
+from streams.files.judge import agreed_rate
+from streams.files.load import choose_channels
 from streams.files.pulse_times import checked_pulses, fitting_pulses
 from streams.link.header import WireError, header_of, per_revolution_of
 from streams.link.wire import (

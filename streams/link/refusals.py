@@ -35,7 +35,7 @@ class _Notices:
     waiting: list[str] = field(default_factory=list)
 
 
-class Refusals:
+class SenderRefusals:
     """Counts refusals, writes some of them to the log, and collects notices; used from any thread."""
 
     def __init__(self, name: str, clock: Callable[[], float] = time.monotonic) -> None:

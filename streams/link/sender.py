@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from models.words.errors import SpallwatchError
-from streams.link.auth import NONCE_BYTES, proof
+from streams.link.peer import NONCE_BYTES, proof
 from streams.link.pulse_frame import block_frames
 from streams.link.wire import ACK, PROVEN, REFUSED, VERSION, WireError, hello
 from streams.types.block import Block, Rejected

@@ -14,8 +14,7 @@ import time
 from collections.abc import Sequence
 
 from streams.link.arrivals import Receiver, Ticket
-from streams.link.auth import NONCE_BYTES, is_proof, key_weakness, read_key, receiver_context
-from streams.link.peer import ClosedError, Peer, Phase
+from streams.link.peer import NONCE_BYTES, ClosedError, Peer, Phase, is_proof, key_weakness, read_key, receiver_context
 from streams.link.refusals import JUMP, KEY, LINK
 from streams.link.wire import ACK, PROVEN, JumpError, WireError, hello_stream, hello_version, refusal
 from streams.types.spec import NetworkSpec, SourceError, SourceSpec

@@ -9,15 +9,14 @@ from dataclasses import replace
 
 from streams.dates.dater import Dater, UndatedError
 from streams.dates.dating import Dating
+from streams.files.beside import is_pulse_file, is_sidecar
 from streams.files.container import Files, Item, hash_of_file, open_files
 from streams.files.datasets import DataSet, FileFacts
 from streams.files.load import Loader, cutter_of, is_cut, is_dated_by_choice, renamed
-from streams.files.pulse_files import is_pulse_file
 from streams.files.recognise import check_stated, data_set_of, one_run
-from streams.files.sidecar import is_sidecar
 from streams.reblock import Cut, Reblocker
 from streams.recording.repeats import Loaded, Met, reordered
-from streams.recording.state import VERSION, Reading, ReadingState, names_digest
+from streams.recording.state import VERSION, ReadingState, RecordingPass, names_digest
 from streams.types.block import Block, Rejected
 from streams.types.listing import CLOSED, natural_key, shown
 from streams.types.samples import Origin, ReaderError, Samples
@@ -246,10 +245,10 @@ class Recording:
         if self._begin is None:
             self._count = count
 
-    def _new_reading(self) -> Reading:
-        return Reading(self.name, self._dater, cutter_of(self._spec, self._set), self._begin)
+    def _new_reading(self) -> RecordingPass:
+        return RecordingPass(self.name, self._dater, cutter_of(self._spec, self._set), self._begin)
 
-    def _items(self, reading: Reading) -> Iterator[Block | Rejected]:
+    def _items(self, reading: RecordingPass) -> Iterator[Block | Rejected]:
         for part in self._parts(reading):
             if isinstance(part, Cut):
                 item = reading.numbers.cut(part)
@@ -264,7 +263,7 @@ class Recording:
             reading.note(item)
             yield item
 
-    def _parts(self, reading: Reading) -> Iterator[Cut | Loaded]:
+    def _parts(self, reading: RecordingPass) -> Iterator[Cut | Loaded]:
         """Yield the files in order or, unless each is a block, their cuts and those that give none."""
         given, numbers = reading.given, reading.numbers
         files = (
@@ -300,7 +299,7 @@ class Recording:
         except ReaderError:
             return None
 
-    def _in_order(self, reading: Reading) -> Iterator[Loaded]:
+    def _in_order(self, reading: RecordingPass) -> Iterator[Loaded]:
         """Yield the files in order of acquisition, without those behind the state that the pass began from."""
         if self._files.sequential:
             yield from self._in_order_of_archive()

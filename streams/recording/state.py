@@ -66,7 +66,7 @@ class ResumableSource(Source, Protocol):
         ...
 
 
-class Reading:
+class RecordingPass:
     """One pass over the files of a recording: numbers, repetitions, and samples that wait for more."""
 
     def __init__(

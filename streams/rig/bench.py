@@ -20,16 +20,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.machine.rig import RigParameters
-from models.machine.scene import EFFECTS, PARTS, Floor, Scene
-from models.machine.shaft_marks import ShaftMarks, time_of_turns
+from models.machine.scene import EFFECTS, Floor, Scene
+from models.machine.shaft_marks import time_of_turns
 from models.machine.speed_profile import SpeedProfile, constant
 from models.path.defect import race_radius
 from models.solve.angular.rig import AngularRig
 from models.solve.response import Response, row_of
 from models.words.extras import load
 from models.words.request import SENSORS, Sensor
-from streams.rig.machine import THRESHOLD, Machine, draw_life, machine_of, perturbed
-from streams.rig.running import RUNS, TACHO_CHANNEL, Running
+from streams.rig.machine import THRESHOLD, RigMachine, draw_life, machine_of, perturbed
+from streams.rig.running import TACHO_CHANNEL, Running, running_of
 from streams.types.block import STANDARD_GRAVITY, Block
 from streams.types.spec import SourceError
 
@@ -58,7 +58,7 @@ _GEARS: Any = load("rig", "gears")
 """Gears that run beside the bearing: options of a URL, and what the sensors show of them."""
 
 
-class Beside(Protocol):
+class SamplesBeside(Protocol):
     """What runs beside the bearing; its repr tells the blocks of one from those of another."""
 
     @property
@@ -66,7 +66,7 @@ class Beside(Protocol):
         """What it is, for people."""
         ...
 
-    def in_block(self, sequence: int) -> Beside:
+    def in_block(self, sequence: int) -> SamplesBeside:
         """Return it as it is in a block, from 1."""
         ...
 
@@ -87,9 +87,9 @@ class SimulatedRig:
         blocks: int | None = None,
         load: float = 4000.0,
         speed: float = 40.0,
-        machine: Machine | None = None,
+        machine: RigMachine | None = None,
         running: Running | None = None,
-        gears: Beside | None = None,
+        gears: SamplesBeside | None = None,
     ) -> None:
         """Draw the life of a bearing; load in N, shaft speed in Hz.
 
@@ -344,11 +344,8 @@ _OPTIONS = {
     "tacho_extra": float,
     **_GEARS.OPTIONS,
 }
-_FROM_ZERO = ("tacho_error_deg", "tacho_jitter_us", "tacho_missing", "tacho_extra")
-_OF_MACHINE = ("model", "bearing", "sensor", "gain")
-_NOT_NEGATIVE = ("seed", "slip_deg", "hunt_percent", "gear_eccentricity_um", *_FROM_ZERO)
-_OF_RUN = {"speed_hz": "speed", "speed_to_hz": "speed_to", "run": "run", "run_s": "seconds", "hunt_hz": "hunt_hz"}
-_OF_MARKS = {"tacho_missing": ("missing", 1.0), "tacho_extra": ("extra", 1.0), "tacho_jitter_us": ("jitter", 1e-6)}
+_NOT_NEGATIVE = ("seed", "slip_deg", "hunt_percent", "gear_eccentricity_um", "tacho_error_deg", "tacho_jitter_us",
+                 "tacho_missing", "tacho_extra")  # fmt: skip
 
 
 def open_rig(url: str, name: str) -> SimulatedRig:
@@ -359,7 +356,7 @@ def open_rig(url: str, name: str) -> SimulatedRig:
     """
     where = f"[[source]] {name}: url {url!r}"
     options = _options(url, where)
-    chosen = {key: options.pop(key) for key in _OF_MACHINE if key in options}
+    chosen = {key: options.pop(key) for key in ("model", "bearing", "sensor", "gain") if key in options}
     if chosen.get("sensor", SENSORS[0]) not in SENSORS:
         raise SourceError(f"{where}: sensor={chosen['sensor']!r} is none of {', '.join(SENSORS)}")
     seed = options.pop("seed", 0)
@@ -371,7 +368,7 @@ def open_rig(url: str, name: str) -> SimulatedRig:
             **{argument: options.pop(key) for key, argument in kept.items() if key in options},
             machine=machine_of(**chosen),
             gears=_GEARS.gears_of({key: options.pop(key) for key in _GEARS.OPTIONS if key in options}),
-            running=_running(options, seed),
+            running=running_of(options, seed),
         )
         if not opened.machine.is_bench or opened.running != Running(speed=opened.speed):
             # Whatever the model refuses is refused here, and not after the healthy blocks.
@@ -401,26 +398,3 @@ def _options(url: str, where: str) -> dict[str, Any]:
         if key not in ("seed", "gear_db") and not options[key] > 0:
             raise SourceError(f"{where}: {key} must be positive, got {value}")
     return options
-
-
-def _running(options: dict[str, Any], seed: int) -> Running:
-    """Return how a rig runs, from its options; raise a ValueError where they do not fit together."""
-    of_tacho = [key for key in options if key.startswith("tacho_")]
-    if of_tacho and "tacho" not in options:
-        raise ValueError(f"{of_tacho[0]} belongs to tacho, the number of pulses a turn")
-    if options.get("fault", PARTS[0]) not in PARTS:
-        raise ValueError(f"fault={options['fault']!r} is none of {', '.join(PARTS)}")
-    if options.get("run", RUNS[0]) not in RUNS:
-        raise ValueError(f"run={options['run']!r} is none of {', '.join(RUNS)}")
-    marks = None
-    if "tacho" in options:
-        faults = {name: one * options[key] for key, (name, one) in _OF_MARKS.items() if key in options}
-        error = math.radians(options.get("tacho_error_deg", 0.0))
-        marks = ShaftMarks(options["tacho"], error=error, seed=seed, **faults)
-    return Running(
-        **{argument: options[key] for key, argument in _OF_RUN.items() if key in options},
-        share=0.01 * options.get("hunt_percent", 100.0 * Running.share),
-        marks=marks,
-        slip=math.radians(options.get("slip_deg", 0.0)),
-        fault=options.get("fault", Running.fault),
-    )

@@ -93,7 +93,7 @@ RADIAL_BEARING = "6205"
 
 
 @dataclass(frozen=True)
-class Machine:
+class RigMachine:
     """What a rig simulates.
 
     Attributes:
@@ -116,7 +116,7 @@ class Machine:
     @property
     def is_bench(self) -> bool:
         """Whether it is the bench of the thesis."""
-        return self == Machine(Rig(), from_catalogue(BEARING))
+        return self == RigMachine(Rig(), from_catalogue(BEARING))
 
     @cached_property
     def effects(self) -> frozenset[str]:
@@ -139,7 +139,7 @@ class Machine:
 
 def machine_of(
     model: str = Rig.model, bearing: str | None = None, sensor: Sensor | None = None, gain: float = 1.0
-) -> Machine:
+) -> RigMachine:
     """Return a machine by the name of its model and the designation of its bearing.
 
     Without a designation the bearing is that of the bench, or ``RADIAL_BEARING`` where the model does not take it.
@@ -160,7 +160,7 @@ def machine_of(
         others = ", ".join(name for name, other in RIGS.items() if _refusal(other, entry) is None)
         raise ValueError(f"{refusal}; models that take it: {others or 'none'}")
     own = kind is Rig and entry.bearing.designation == BEARING
-    return Machine(Rig() if own else nominal_rig(kind, entry), entry.bearing, sensor, gain)
+    return RigMachine(Rig() if own else nominal_rig(kind, entry), entry.bearing, sensor, gain)
 
 
 def _refusal(kind: type[RigParameters], entry: CatalogueEntry) -> str | None:

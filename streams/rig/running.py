@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Literal, get_args
+from typing import Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
-from models.machine.scene import Part, Slip
+from models.machine.scene import PARTS, Part, Slip
 from models.machine.shaft_marks import ShaftMarks, TimeAt, as_channel
 from models.machine.speed_profile import SpeedProfile, coast_down, hunt, ramp
 
@@ -19,6 +19,9 @@ TACHO_CHANNEL = "tacho"
 
 _HELD = 0.001
 """Relative standard deviation of the speeds that the drive is set to, from block to block."""
+
+_OF_RUN = {"speed_hz": "speed", "speed_to_hz": "speed_to", "run": "run", "run_s": "seconds", "hunt_hz": "hunt_hz"}
+_OF_MARKS = {"tacho_missing": ("missing", 1.0), "tacho_extra": ("extra", 1.0), "tacho_jitter_us": ("jitter", 1e-6)}
 
 
 @dataclass(frozen=True)
@@ -104,3 +107,26 @@ class Running:
         end = samples / rate
         pulses = self.marks.pulses(time_at, float(profile.turns_at(end)), end, sequence)
         return as_channel(pulses, samples, rate, self.marks.per_turn * profile.speed_range[1])
+
+
+def running_of(options: dict[str, Any], seed: int) -> Running:
+    """Return how a rig runs, from its options; raise a ValueError where they do not fit together."""
+    of_tacho = [key for key in options if key.startswith("tacho_")]
+    if of_tacho and "tacho" not in options:
+        raise ValueError(f"{of_tacho[0]} belongs to tacho, the number of pulses a turn")
+    if options.get("fault", PARTS[0]) not in PARTS:
+        raise ValueError(f"fault={options['fault']!r} is none of {', '.join(PARTS)}")
+    if options.get("run", RUNS[0]) not in RUNS:
+        raise ValueError(f"run={options['run']!r} is none of {', '.join(RUNS)}")
+    marks = None
+    if "tacho" in options:
+        faults = {name: one * options[key] for key, (name, one) in _OF_MARKS.items() if key in options}
+        error = math.radians(options.get("tacho_error_deg", 0.0))
+        marks = ShaftMarks(options["tacho"], error=error, seed=seed, **faults)
+    return Running(
+        **{argument: options[key] for key, argument in _OF_RUN.items() if key in options},
+        share=0.01 * options.get("hunt_percent", 100.0 * Running.share),
+        marks=marks,
+        slip=math.radians(options.get("slip_deg", 0.0)),
+        fault=options.get("fault", Running.fault),
+    )

@@ -14,7 +14,7 @@ from typing import Any
 import pytest
 
 from streams.folder.source import FolderSource
-from streams.folder.watch import Watch
+from streams.folder.watch import FolderWatch
 from streams.open import open_live
 from streams.types.listing import file_system_type
 from streams.types.source import LiveSource
@@ -198,7 +198,7 @@ def test_more_files_than_the_kernel_keeps_events_for(folder: Path, prompt: Colle
 
 
 def test_a_network_share_is_not_watched(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    watch = Watch(lambda: None)
+    watch = FolderWatch(lambda: None)
     watch.start(folder)
     assert watch.listening
     monkeypatch.setattr("streams.folder.watch.file_system_type", lambda path: "cifs")
@@ -212,7 +212,7 @@ def test_a_network_share_is_not_watched(folder: Path, monkeypatch: pytest.Monkey
 def test_names_beyond_the_room_for_them_are_left_to_the_scan(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("streams.folder.watch._MAX_NAMES", 3)
     woken = []
-    watch = Watch(lambda: woken.append(1))
+    watch = FolderWatch(lambda: woken.append(1))
     for number in range(5):
         watch.note(str(folder / f"{number}"), finished=True)
     watch.note(str(folder / "6"), finished=False)

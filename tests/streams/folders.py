@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from streams.folder.source import Clock, FolderSource
+from streams.folder.source import FolderClock, FolderSource
 from streams.types.block import Block, Rejected
 from streams.types.spec import ChannelSpec, SourceSpec
 from tests.support.memory_ledger import MemoryLedger
@@ -20,7 +20,7 @@ RATE = 1000.0
 CHANNELS = (ChannelSpec("x", column=1, unit="g"),)
 
 
-class SetClock(Clock):
+class SetClock(FolderClock):
     """A clock that passes only while somebody waits."""
 
     patience_s = 60.0

@@ -9,7 +9,7 @@ from typing import Any
 from monitor.commands.init import answers as read
 from monitor.commands.init.answers import Answers, channel_names, check_bearings, has_all_bearings
 from monitor.words.numbers import duration
-from streams.dates.date_patterns import NameReading, find_readings, nearest_change
+from streams.dates.dating import NameReading, find_readings, nearest_change
 from streams.files.plausible import doubts
 from streams.files.survey import Survey, SurveyedRow
 from streams.types.listing import shown

@@ -12,7 +12,7 @@ from pathlib import Path
 from monitor.commands.init.answers import Answers, bearing_of, bearing_sections, channel_names
 from monitor.commands.init.questions import needs_scale, unit_of
 from monitor.health.onset.state import DetectSettings
-from streams.files.plausible import Level, of_one_g
+from streams.files.plausible import SignalLevel, of_one_g
 from streams.files.survey import Survey, SurveyedRow, as_pattern
 from streams.types.listing import shown
 from streams.types.samples import COUNTS, FRACTIONS
@@ -54,7 +54,7 @@ def machine_name(place: Path) -> str:
     return cleaned[:64] or "machine"
 
 
-def level_in_g(row: SurveyedRow, draft: Draft) -> Level | None:
+def level_in_g(row: SurveyedRow, draft: Draft) -> SignalLevel | None:
     """Return the level of a row in g, None where its unit does not give it."""
     answers, unit = draft.answers, unit_of(row, draft.answers)
     if needs_scale(row, draft.survey) and answers.range_g is not None and answers.scale is None:

@@ -15,25 +15,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from streams.files.judge import StatedRow, judged
 from streams.files.parse.complete import hdf5_size
-from streams.files.parse.worker import from_disk
+from streams.files.parse.worker import check_claim, from_disk, library, readable
 from streams.files.pulse_times import matches_pulses, only_one, own_facts, sought, with_pulses
-from streams.files.statements import (
-    STORED,
-    Facts,
-    check_lengths,
-    common_rate,
-    known_unit,
-    plain_key,
-    scaled_integers,
-    stated_rate,
-    stated_time,
-    stated_unit,
-)
+from streams.files.statements import STORED, Facts, plain_key, scaled_integers, stated_time
 from streams.types import large
-from streams.types.large import NOT_OF_CONTENT, Data, FileBytes, array_on_disk, forget_pages, longest_axis, parts_along
-from streams.types.limits import max_loaded_bytes
-from streams.types.samples import DIGITAL, VALUES, ReaderError, Samples, check_rows, may_be_rows, rows_of, stack_rows
+from streams.types.large import Data, FileBytes, array_on_disk, forget_pages, longest_axis, parts_along
+from streams.types.samples import DIGITAL, ReaderError, Samples, check_rows, may_be_rows, rows_of
 
 SIGNATURE = b"\x89HDF\r\n\x1a\n"
 _HIDDEN = "#"
@@ -111,15 +100,13 @@ class Budget:
 
     def __init__(self, name: str, stored: int) -> None:
         """Take the name of the file and its size in bytes."""
-        self._name, self._allowed = name, max_loaded_bytes(stored)
+        self._name, self._stored = name, stored
         self._bytes = self._rows = 0
 
     def add_bytes(self, count: int) -> None:
         """Count an array before it is loaded; ``refused`` where all are too large."""
         self._bytes += count
-        if self._bytes > self._allowed:
-            reason = f"claims {self._bytes} bytes when loaded, {self._allowed} are allowed"
-            raise ReaderError("refused", f"{self._name}: {reason}")
+        check_claim(self._bytes, self._stored, self._name)
 
     def add_rows(self, count: int) -> None:
         """Count the rows of an array; ``refused`` where there are too many."""
@@ -138,31 +125,17 @@ def join_arrays(arrays: Sequence[tuple[str, NDArray[np.floating], Facts]], name:
     """
     if not arrays:
         raise ReaderError("wrong_shape", f"{name}: {none}")
-    rows: list[NDArray[np.floating]] = []
-    names: list[str] = []
-    facts: list[Facts] = []
     numbers = [item for item in arrays if item[2].get(STORED) != DIGITAL]
     lengths = {item[1].shape[1] for item in numbers}
     # Truth values come last, so that they do not move the numbers of the others; some are flags of something else.
     digital = [item for item in arrays if item[2].get(STORED) == DIGITAL and lengths <= {item[1].shape[1]}]
+    rows: list[StatedRow] = []
     for key, array, stated in (*numbers, *digital):
-        rows.extend(array)
-        names.extend([key] if len(array) == 1 else [f"{key}_{i}" for i in range(1, len(array) + 1)])
-        facts.extend([stated] * len(array))
-    check_lengths([row.size for row in rows], names, "vectors", name, _MAX_LISTED)
-    rates = (stated_rate(item, f"{name}: {key}") for item, key in zip(facts, names, strict=True))
-    times = [stated_time(item, zone) for item in facts]
-    short = tuple(key.rpartition("/")[2] for key in names)
-    return Samples(
-        stack_rows(rows),
-        names=tuple(names),
-        channels=short if len(set(short)) == len(short) else tuple(names),
-        rate=common_rate(rates, "rows", name),
-        start=next((start for start, _ in times if start is not None), None),
-        stamp=next((stamp for _, stamp in times if stamp is not None), None),
-        units=tuple(known_unit(stated_unit(item)) for item in facts),
-        stored=tuple(str(item.get(STORED, VALUES)) for item in facts),
-    )
+        names = [key] if len(array) == 1 else [f"{key}_{i}" for i in range(1, len(array) + 1)]
+        rows += [
+            StatedRow(values, row, row.rpartition("/")[2], stated) for row, values in zip(names, array, strict=True)
+        ]
+    return judged(rows, name, "vectors", zone, of_rates="rows", max_listed=_MAX_LISTED)
 
 
 @contextmanager
@@ -177,21 +150,12 @@ def open_hdf5(data: Data, name: str) -> Iterator[Any]:
     declared = hdf5_size(data, base)
     if declared is not None and declared > len(data):
         raise ReaderError("incomplete", f"{name}: {declared} bytes are declared, {len(data)} are there")
-    try:
-        import h5py
-    except ImportError as error:
-        raise ReaderError("unreadable", f'{name}: needs h5py: pip install "spallwatch[hdf5]"') from error
-    try:
-        with h5py.File(data.path, "r") if isinstance(data, FileBytes) else _image(h5py, data) as file:
-            yield file
-    except (ReaderError, *NOT_OF_CONTENT):
-        raise
-    except Exception as error:  # Any exception may come of corrupt input.
-        raise ReaderError("unreadable", f"{name}: not a readable HDF5 file ({str(error)[:200]})") from error
-
-
-def _image(h5py: Any, data: bytes) -> Any:
-    return h5py.File(h5py.h5f.open_file_image(data))
+    h5py = library("h5py", "hdf5", f"{name}: needs")
+    with (
+        readable(name, "a readable HDF5 file", lambda error: str(error)[:200]),
+        h5py.File(data.path, "r") if isinstance(data, FileBytes) else h5py.File(h5py.h5f.open_file_image(data)) as file,
+    ):
+        yield file
 
 
 def walk(file: Any, name: str, patterns: Sequence[str] = (), separator: str = "/") -> Iterator[Found]:

@@ -5,21 +5,22 @@ from __future__ import annotations
 import struct
 import warnings
 import zlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from datetime import datetime, timedelta
 from fnmatch import fnmatchcase
+from functools import partial
 from math import prod
+from typing import Any
 
 import numpy as np
 import scipy.io
 from numpy.typing import NDArray
 
 from streams.files.formats.hdf5 import SIGNATURE, Budget, attributes, join_arrays, load, open_hdf5, walk
-from streams.files.parse.worker import from_disk
+from streams.files.parse.worker import check_claim, from_disk
 from streams.files.pulse_times import matches_pulses, only_one, own_facts, sought, with_pulses
 from streams.files.statements import KEYS, STORED, plain_key, stated_time
 from streams.types.large import Data, stream_of
-from streams.types.limits import max_loaded_bytes
 from streams.types.samples import ReaderError, Samples, may_be_rows, rows_of, stored_as
 
 _DATENUM_OF_1970 = 719529.0
@@ -49,18 +50,19 @@ def mat_variables(data: Data, name: str) -> dict[str, tuple[tuple[int, ...], str
     if not data.startswith(b"MATLAB 5.0 MAT-file") or len(data) < 136 or data[126:128] not in (b"IM", b"MI"):
         raise ReaderError("unreadable", f"{name}: not a MAT file of version 5 to 7.3")
     declared = _declared_bytes(data, name)
+    found = _by_scipy(data, name, scipy.io.whosmat)
+    declared = max(declared, sum(prod(shape) * _ITEM_BYTES.get(kind, 8) for _, shape, kind in found))
+    check_claim(declared, len(data), name)
+    return {variable: (tuple(shape), kind) for variable, shape, kind in found}
+
+
+def _by_scipy(data: Data, name: str, call: Callable[..., Any]) -> Any:
     try:
-        with warnings.catch_warnings():
+        with warnings.catch_warnings(), stream_of(data) as stream:
             warnings.simplefilter("ignore")
-            with stream_of(data) as stream:
-                found = scipy.io.whosmat(stream)
+            return call(stream)
     except Exception as error:  # Any exception may come of corrupt input.
         raise ReaderError("unreadable", f"{name}: not a readable MAT file ({error})") from error
-    declared = max(declared, sum(prod(shape) * _ITEM_BYTES.get(kind, 8) for _, shape, kind in found))
-    allowed = max_loaded_bytes(len(data))
-    if declared > allowed:
-        raise ReaderError("refused", f"{name}: claims {declared} bytes when loaded, {allowed} are allowed")
-    return {variable: (tuple(shape), kind) for variable, shape, kind in found}
 
 
 def _is_hdf5(data: Data) -> bool:
@@ -127,14 +129,9 @@ def load_mat(data: Data, name: str, patterns: Sequence[str]) -> dict[str, NDArra
     wanted = [v for v in variables if any(fnmatchcase(v, _variable(pattern)) for pattern in patterns)]
     if not wanted:
         return {}
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            # MATLAB stores doubles that are whole numbers as integers: mat_dtype restores their class.
-            with stream_of(data) as stream:
-                loaded = scipy.io.loadmat(stream, variable_names=wanted, squeeze_me=False, mat_dtype=True)
-    except Exception as error:  # As above.
-        raise ReaderError("unreadable", f"{name}: not a readable MAT file ({error})") from error
+    # MATLAB stores doubles that are whole numbers as integers: mat_dtype restores their class.
+    options = {"variable_names": wanted, "squeeze_me": False, "mat_dtype": True}
+    loaded = _by_scipy(data, name, partial(scipy.io.loadmat, **options))
     values: dict[str, NDArray[np.generic]] = {}
     for variable in wanted:
         if variable in loaded:

@@ -12,10 +12,11 @@ import scipy.io
 from numpy.typing import NDArray
 
 from streams.files.formats.hdf5 import Budget, Found, join_arrays, load, open_hdf5, walk
-from streams.files.parse.worker import from_disk
+from streams.files.judge import stated_rate
+from streams.files.parse.worker import from_disk, readable
 from streams.files.pulse_times import matches_pulses, only_one, own_facts, with_pulses
-from streams.files.statements import STORED, Facts, plain_key, rate_of_times, seconds_utc, stated_rate
-from streams.types.large import NOT_OF_CONTENT, Data, FileBytes, elementwise, is_any, stream_of
+from streams.files.statements import STORED, Facts, plain_key, rate_of_times, seconds_utc
+from streams.types.large import Data, FileBytes, elementwise, is_any, stream_of
 from streams.types.samples import SCALED, ReaderError, Samples, rows_of, stored_as
 
 _TIMES = ("time", "t")
@@ -51,7 +52,8 @@ def read_netcdf(
         )
         if not wanted or key in marks or array.dtype.kind not in "fiu" or array.size < 2:
             continue
-        facts = {**facts, STORED: _stored(array, facts)}
+        packed = array.dtype.kind in "iu" and any(isinstance(facts.get(k), float) for k in ("scalefactor", "addoffset"))
+        facts = {**facts, STORED: SCALED if packed else stored_as(array.dtype)}
         rows = rows_of(_unpacked(array, facts), f"{name}: variable {key}")
         both = {**time, **facts} if rows.shape[1] == time.get("length") else facts
         chosen.append((key, rows, both))
@@ -86,22 +88,17 @@ def _is_variable(item: Found) -> bool:
 def _classic(data: Data, name: str) -> _Variables:
     found: dict[str, tuple[NDArray[Any], Facts]] = {}
     owned: dict[str, Facts] = {}
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            mapped = isinstance(data, FileBytes)
-            with (
-                stream_of(data) as stream,
-                scipy.io.netcdf_file(stream, "r", mmap=mapped, maskandscale=False) as file,
-            ):
-                shared = _facts(file._attributes)
-                for key, variable in file.variables.items():
-                    owned[str(key)] = own = _facts(variable._attributes)
-                    found[str(key)] = variable.data if mapped else np.array(variable.data), {**shared, **own}
-    except NOT_OF_CONTENT:
-        raise
-    except Exception as error:  # Any exception may come of corrupt input.
-        raise ReaderError("unreadable", f"{name}: not a readable netCDF file ({type(error).__name__})") from error
+    mapped = isinstance(data, FileBytes)
+    with readable(name, "a readable netCDF file"), warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        with (
+            stream_of(data) as stream,
+            scipy.io.netcdf_file(stream, "r", mmap=mapped, maskandscale=False) as file,
+        ):
+            shared = _facts(file._attributes)
+            for key, variable in file.variables.items():
+                owned[str(key)] = own = _facts(variable._attributes)
+                found[str(key)] = variable.data if mapped else np.array(variable.data), {**shared, **own}
     if not found and len(data) > 32:
         raise ReaderError("unreadable", f"{name}: holds no variable")
     return found, owned
@@ -116,11 +113,6 @@ def _facts(values: dict[str, Any]) -> dict[str, object]:
         elif array.size == 1 and array.dtype.kind in "fiu":
             facts[plain_key(key)] = float(array[0])
     return facts
-
-
-def _stored(array: NDArray[Any], facts: Facts) -> str:
-    packed = any(isinstance(facts.get(key), float) for key in ("scalefactor", "addoffset"))
-    return SCALED if packed and array.dtype.kind in "iu" else stored_as(array.dtype)
 
 
 def _unpacked(array: NDArray[Any], facts: Facts) -> NDArray[Any]:

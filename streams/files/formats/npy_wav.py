@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 
 from streams.files.parse.child import isolated
 from streams.files.parse.complete import npy_header, plain_npy_header
-from streams.files.parse.worker import from_disk
+from streams.files.parse.worker import check_claim, from_disk
 from streams.types import large
 from streams.types.large import Data, FileBytes, elementwise, empty_rows, forget_pages, stream_of
-from streams.types.limits import MAX_BYTES, MAX_DIMENSIONS, max_loaded_bytes
+from streams.types.limits import MAX_BYTES, MAX_DIMENSIONS
 from streams.types.listing import packed_suffix
 from streams.types.samples import FRACTIONS, VALUES, ReaderError, Samples, check_rows, rows_of, stored_as
 
@@ -91,9 +91,7 @@ def read_wav(data: Data, name: str) -> Samples:
             dtype: Literal["float32", "float64"] = "float32" if sound.subtype in _EXACT_IN_FLOAT32 else "float64"
             stored = VALUES if sound.subtype in _FLOATING else FRACTIONS
             declared = sound.frames * sound.channels * np.dtype(dtype).itemsize
-            allowed = max_loaded_bytes(len(data))
-            if declared > allowed:
-                raise ReaderError("refused", f"{name}: claims {declared} bytes when loaded, {allowed} are allowed")
+            check_claim(declared, len(data), name)
             check_rows(sound.channels, name, "channels")
             frames, rate = sound.frames, float(sound.samplerate)
             rows, there = _sound_rows(sound, dtype)

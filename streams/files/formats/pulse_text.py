@@ -7,15 +7,14 @@ import re
 import numpy as np
 from numpy.typing import NDArray
 
+from streams.files.formats.head import MAX_HEAD_LINES, UNIT_IN_NAME, Head, decoded, head_of, titles_with_blanks
+from streams.files.formats.numbers import is_number
 from streams.files.formats.text import clean_text, read_text
-from streams.files.lines.head import Head, decoded, head_of, titles_with_blanks
-from streams.files.lines.numbers import is_number
 from streams.files.pulse_times import with_pulses
 from streams.files.statements import PULSE_KEYS, Facts, plain_key, seconds_utc
 from streams.types.limits import MAX_BYTES
 from streams.types.samples import ReaderError, Samples
 
-_MAX_HEAD_LINES = 200
 _NAMES = {
     "time",
     "times",
@@ -30,7 +29,6 @@ _NAMES = {
     "impulso",
     "tacho",
 }
-_UNIT_IN_NAME = re.compile(r"^(.*?)\s*[\[(]([^\])]*)[\])]\s*$")
 _DATE = re.compile(r"\"?(\d{4}-\d\d-\d\d)[T ](\d\d:\d\d:\d\d(?:\.\d{1,9})?)(Z|[+-]\d\d:?\d\d)?\"?\s*$")
 
 
@@ -49,7 +47,7 @@ def pulse_column(data: bytes, name: str, zone: str = "UTC") -> Samples:
     text = clean_text(data, name)
     skipped: list[str] = []
     begin = 0
-    while begin < len(text) and len(skipped) <= _MAX_HEAD_LINES:
+    while begin < len(text) and len(skipped) <= MAX_HEAD_LINES:
         end = text.find(b"\n", begin)
         line = decoded(text[begin : len(text) if end < 0 else end]).strip()
         if _DATE.match(line) or is_number(re.split(r"[;\t, ]", line)[0]):
@@ -57,8 +55,8 @@ def pulse_column(data: bytes, name: str, zone: str = "UTC") -> Samples:
         skipped.append(line)
         begin = len(text) if end < 0 else end + 1
     else:
-        if len(skipped) > _MAX_HEAD_LINES:
-            raise ReaderError("unreadable", f"{name}: no time of a pulse in the first {_MAX_HEAD_LINES} lines")
+        if len(skipped) > MAX_HEAD_LINES:
+            raise ReaderError("unreadable", f"{name}: no time of a pulse in the first {MAX_HEAD_LINES} lines")
     head = head_of(skipped) if any(skipped) else Head()
     body = text[begin:]
     base = Samples(np.zeros((1, 1)))
@@ -96,7 +94,7 @@ def _column(head: Head, width: int, name: str) -> int:
 
 def _bare(title: str) -> tuple[str, str | None]:
     """Return a title without the unit behind it, and the unit."""
-    found = _UNIT_IN_NAME.match(title)
+    found = UNIT_IN_NAME.match(title)
     return (title, None) if found is None else (found[1], found[2])
 
 

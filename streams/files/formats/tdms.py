@@ -4,28 +4,21 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Sequence
+from dataclasses import replace
 from fnmatch import fnmatchcase
+from importlib import import_module
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from streams.files.parse.worker import from_disk
+from streams.files.judge import StatedRow, judged
+from streams.files.parse.worker import check_claim, from_disk, library, readable
 from streams.files.pulse_times import matches_pulses, only_one, with_pulses
-from streams.files.statements import (
-    Facts,
-    check_lengths,
-    common_rate,
-    known_unit,
-    plain_key,
-    seconds_utc,
-    stated_rate,
-    stated_unit,
-)
+from streams.files.statements import STORED, Facts, plain_key, seconds_utc
 from streams.types import large
-from streams.types.large import NOT_OF_CONTENT, Data, contiguous, empty_rows, forget_pages, stream_of
-from streams.types.limits import max_loaded_bytes
-from streams.types.samples import ReaderError, Samples, check_rows, stack_rows, stored_as
+from streams.types.large import Data, contiguous, empty_rows, forget_pages, stream_of
+from streams.types.samples import ReaderError, Samples, check_rows, stored_as
 
 _LEAD_IN = 28
 _OPEN_END = 0xFFFFFFFFFFFFFFFF
@@ -56,42 +49,30 @@ def read_tdms(
         raise ReaderError("empty", f"{name}: the file has 0 bytes")
     _check_segments(data, name)
     tdms = _nptdms()
-    try:
-        with stream_of(data) as stream, tdms.TdmsFile.open(stream) as file:
-            channels = [channel for group in file.groups() for channel in group.channels()]
-            check_rows(len(channels), name, "channels")
-            tacho = [channel for channel in channels if matches_pulses(pulses, *_titles(channel), channel.group_name)]
-            wanted = _wanted([channel for channel in channels if channel not in tacho], name, patterns)
-            declared = sum(len(channel) * 8 for channel in (*wanted, *tacho))
-            allowed = max_loaded_bytes(len(data))
-            if declared > allowed:
-                raise ReaderError("refused", f"{name}: claims {declared} bytes when loaded, {allowed} are allowed")
-            rows = [_values(channel) for channel in wanted]
-            properties = [_properties(channel) for channel in wanted]
-            lengths = [len(channel) for channel in wanted]
-            types = [row.dtype for row in rows]
-            titles = [(str(channel.group_name), str(channel.name)) for channel in wanted]
-            marks = [(_titles(channel)[1], _values(channel), _properties(channel)) for channel in tacho]
-    except (ReaderError, *NOT_OF_CONTENT):
-        raise
-    except Exception as error:  # Any exception may come of corrupt input.
-        raise ReaderError("unreadable", f"{name}: not a readable TDMS file ({type(error).__name__})") from error
+    with (
+        readable(name, "a readable TDMS file"),
+        stream_of(data) as stream,
+        tdms.TdmsFile.open(stream) as file,
+    ):
+        channels = [channel for group in file.groups() for channel in group.channels()]
+        check_rows(len(channels), name, "channels")
+        tacho = [channel for channel in channels if matches_pulses(pulses, *_titles(channel), channel.group_name)]
+        wanted = _wanted([channel for channel in channels if channel not in tacho], name, patterns)
+        check_claim(sum(len(channel) * 8 for channel in (*wanted, *tacho)), len(data), name)
+        rows = [_values(channel) for channel in wanted]
+        properties = [_properties(channel) for channel in wanted]
+        lengths = [len(channel) for channel in wanted]
+        titles = [(str(channel.group_name), str(channel.name)) for channel in wanted]
+        marks = [(_titles(channel)[1], _values(channel), _properties(channel)) for channel in tacho]
     for row, length, title in zip(rows, lengths, titles, strict=True):
         if len(row) != length:
             raise ReaderError("incomplete", f"{name}: channel {title[1]}: {length} samples promised, {len(row)} there")
-    short = [title for _, title in titles]
-    check_lengths(lengths, short, "channels", name)
-    rates = (stated_rate(facts, f"{name}: {title}") for facts, title in zip(properties, short, strict=True))
-    names = tuple(f"{group}/{title}" for group, title in titles)
-    samples = Samples(
-        _stacked(rows),
-        names=names,
-        channels=tuple(short) if len(set(short)) == len(short) else names,
-        rate=common_rate(rates, "channels", name),
-        start=_start(properties, zone),
-        units=tuple(known_unit(stated_unit(facts)) for facts in properties),
-        stored=tuple(stored_as(dtype) for dtype in types),
-    )
+    stated = [
+        StatedRow(values, f"{group}/{title}", title, {**facts, STORED: stored_as(row.dtype)})
+        for row, values, (group, title), facts in zip(rows, _exact(rows), titles, properties, strict=True)
+    ]
+    samples = judged(stated, name, "channels", zone, called=lambda row: row.short)
+    samples = replace(samples, start=_start(properties, zone), stamp=None)
     if pulses is None:
         return samples
     title, times, facts = only_one(marks, pulses, name) or (None, None, None)
@@ -127,13 +108,9 @@ def _properties(channel: Any) -> dict[str, Any]:
 
 
 def _nptdms() -> Any:
-    try:
-        import nptdms
-        from nptdms.log import log_manager
-    except ImportError as error:
-        raise ReaderError("unreadable", 'TDMS files need nptdms: pip install "spallwatch[tdms]"') from error
+    nptdms = library("nptdms", "tdms", "TDMS files need")
     # On a string that it cannot decode it logs the bytes of the file.
-    log_manager.set_level(60)
+    import_module("nptdms.log").log_manager.set_level(60)
     return nptdms
 
 
@@ -177,9 +154,9 @@ def _wanted(channels: Sequence[Any], name: str, patterns: Sequence[str]) -> list
     return [*numbers, *(channel for channel in found if channel not in numbers and lengths <= {len(channel)})]
 
 
-def _stacked(rows: list[NDArray[Any]]) -> NDArray[np.floating]:
+def _exact(rows: list[NDArray[Any]]) -> list[NDArray[np.floating]]:
     exact = all(row.dtype.itemsize <= (4 if row.dtype.kind == "f" else 2) for row in rows)
-    return stack_rows([contiguous(row, np.float32 if exact else np.float64) for row in rows])
+    return [contiguous(row, np.float32 if exact else np.float64) for row in rows]
 
 
 def _start(properties: Sequence[Facts], zone: str) -> float | None:

@@ -6,18 +6,24 @@ import re
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
-from streams.files.lines.dated_rows import StampedRows, begins_with_stamps, split_stamps
-from streams.files.lines.head import MAX_HEAD_LINES, TIMES, Head, cut_head, head_of, names_and_units, titles_with_blanks
-from streams.files.lines.numbers import Dialect, first_line_of, located, parse_columns, parse_file, parse_row
-from streams.files.parse.worker import from_disk
-from streams.files.statements import (
-    plain_key,
-    rate_of_times,
-    stated_rate,
-    stated_time,
-    stated_unit,
+from streams.files.formats.head import (
+    MAX_HEAD_LINES,
+    TIMES,
+    Head,
+    StampedRows,
+    begins_with_stamps,
+    cut_head,
+    head_of,
+    names_and_units,
+    split_stamps,
+    titles_with_blanks,
 )
+from streams.files.formats.numbers import Dialect, first_line_of, located, parse_columns, parse_file, parse_row
+from streams.files.judge import StatedValue, rate_of, stated_rate
+from streams.files.parse.worker import from_disk
+from streams.files.statements import plain_key, rate_of_times, stated_time, stated_unit
 from streams.types.large import Data, FileBytes, elementwise
 from streams.types.limits import MIN_COLUMNS_OF_A_ROW
 from streams.types.samples import ReaderError, Samples, check_rows
@@ -204,16 +210,18 @@ def _read_from_disk(data: FileBytes, name: str, zone: str) -> Samples | None:
 def _with_times(samples: Samples, stamped: StampedRows, name: str) -> Samples:
     """Add what the stamps of the rows state."""
     times = np.where(stamped.times < -43200.0, stamped.times + 86400.0, stamped.times)
-    by_times = rate_of_times(times, name)
-    if by_times is not None and samples.rate is not None and abs(by_times - samples.rate) > 1e-4 * samples.rate:
-        raise ReaderError("wrong_rate", f"{name}: the header states {samples.rate:g} Hz, the times {by_times:g} Hz")
-    samples = replace(samples, rate=samples.rate if samples.rate is not None else by_times)
+    samples = replace(samples, rate=_rate_with_times(samples.rate, times, name))
     if stamped.start is None:
         return samples
     is_open = stamped.start.open
     return replace(
         samples, start=None if is_open else stamped.start.fixed, stamp=stamped.start.text if is_open else None
     )
+
+
+def _rate_with_times(rate: float | None, times: NDArray[np.floating], name: str) -> float | None:
+    """Return the rate in Hz on which the header and times in s agree."""
+    return rate_of((StatedValue("the header", rate), StatedValue("the times", rate_of_times(times, name))), name)
 
 
 def _read_rows(body: bytes, head: Head, name: str, zone: str, removed: int = 0) -> Samples:
@@ -257,10 +265,7 @@ def _described(samples: Samples, head: Head, name: str, zone: str) -> Samples:
         place = times[0]
         millis = plain_key(names[place]) in _IN_MS or (units[place] or "").lower() == "ms"
         seconds = elementwise(lambda times: times * (1e-3 if millis else 1.0), samples.values[place])
-        by_times = rate_of_times(seconds, name)
-        if by_times is not None and rate is not None and abs(by_times - rate) > 1e-4 * rate:
-            raise ReaderError("wrong_rate", f"{name}: the header states {rate:g} Hz, the times {by_times:g} Hz")
-        rate = rate if rate is not None else by_times
+        rate = _rate_with_times(rate, seconds, name)
         if start is None and seconds[0] > 1e8:
             start, stamp = float(seconds[0]), None
         samples = samples.select([row for row in range(len(names)) if row != place])

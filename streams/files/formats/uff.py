@@ -4,15 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from fnmatch import fnmatchcase
 from typing import Any
 
 import numpy as np
 
-from streams.files.parse.worker import from_disk, memory_file
-from streams.files.statements import check_lengths, common_rate, known_unit, nice_rate, seconds_utc
-from streams.types.large import NOT_OF_CONTENT, Data, FileBytes
-from streams.types.samples import ReaderError, Samples, stack_rows
+from streams.files.judge import StatedRow, common_rate, judged
+from streams.files.parse.worker import from_disk, library, memory_file, readable
+from streams.files.statements import Facts, known_unit, nice_rate, seconds_utc
+from streams.types.large import Data, FileBytes
+from streams.types.samples import ReaderError, Samples
 
 _TIME_RESPONSES = (0, 1)
 _REAL = (2, 4)
@@ -61,20 +63,13 @@ def universal_file(data: Data, name: str) -> Iterator[Any]:
         raise ReaderError("unreadable", f"{name}: not a universal file")
     if tags % 2:
         raise ReaderError("incomplete", f"{name}: breaks off within a data set, after {len(data)} bytes")
-    try:
-        import pyuff
-    except ImportError as error:
-        raise ReaderError("unreadable", f'{name}: needs pyuff: pip install "spallwatch[uff]"') from error
-    try:
+    pyuff = library("pyuff", "uff", f"{name}: needs")
+    with readable(name, "a readable universal file"):
         if isinstance(data, FileBytes):
             yield pyuff.UFF(data.path)
             return
         with memory_file(data) as path:
             yield pyuff.UFF(path)
-    except (ReaderError, *NOT_OF_CONTENT):
-        raise
-    except Exception as error:  # Any exception may come of corrupt input.
-        raise ReaderError("unreadable", f"{name}: not a readable universal file ({type(error).__name__})") from error
 
 
 def _functions(file: Any, name: str, patterns: Sequence[str]) -> list[Function]:
@@ -125,7 +120,8 @@ def is_si(file: Any) -> bool:
 
 
 def _described(functions: list[Function], si: bool, name: str, zone: str) -> Samples:
-    rows, rates, units, titles, nodes = [], [], [], [], []
+    rows, rates, titles, nodes = [], [], [], []
+    facts: list[Facts] = []
     for function in functions:
         promised, values = int(function["num_pts"]), np.asarray(function["data"], dtype=np.float64)
         title = str(function.get("id1", "")).strip()
@@ -142,19 +138,16 @@ def _described(functions: list[Function], si: bool, name: str, zone: str) -> Sam
         rates.append(1.0 / step)
         unit = known_unit(function.get("ordinate_axis_units_lab"))
         acceleration = int(function.get("ordinate_spec_data_type") or 0) == _ACCELERATION
-        units.append(unit or ("m/s2" if acceleration and si else None))
+        facts.append({"unit": unit or ("m/s2" if acceleration and si else None)})
         titles.append(title)
         nodes.append(_node(function))
-    check_lengths([len(row) for row in rows], [""] * len(rows), "functions", name)
+    names = [title if title and title != "NONE" and titles.count(title) == 1 else node
+             for title, node in zip(titles, nodes, strict=True)]  # fmt: skip
+    samples = judged(list(map(StatedRow, rows, names, nodes, facts)), name, "functions", zone, called=lambda row: "")
     common_rate((min(rates), max(rates)), "functions", name, joint=" to ")
-    names = tuple(title if title and title != "NONE" and titles.count(title) == 1 else node
-                  for title, node in zip(titles, nodes, strict=True))  # fmt: skip
-    return Samples(
-        stack_rows(rows),
-        names=names,
-        channels=tuple(nodes) if len(set(nodes)) == len(nodes) else names,
+    return replace(
+        samples,
         # The header holds six digits of the step.
         rate=nice_rate(rates[0], 1e-5),
         start=next((s for f in functions if (s := seconds_utc(str(f.get("id3", "")), zone)) is not None), None),
-        units=tuple(units),
     )

@@ -34,7 +34,9 @@ def declared_size(data: Data, name: str) -> int | None:
     if data[:4] == b"RIFF" and len(data) >= 8:
         return _riff_size(data)
     if data[:6] == b"\x93NUMPY":
-        return _npy_size(data)
+        # Another header promises nothing here; the reader says what is missing.
+        header = plain_npy_header(data)
+        return None if header is None else header.end + header.promised
     if data[:4] == b"TDSm" and ending == "tdms":
         return _tdms_size(data)
     for base in (0, 512):
@@ -110,12 +112,6 @@ def _plain_npy_header(text: bytes, end: int) -> NpyHeader | None:
     except TypeError:
         return None
     return NpyHeader(end, tuple(int(size) for size in match[3].split(b",") if size), match[2] == b"True", dtype)
-
-
-def _npy_size(data: Data) -> int | None:
-    # Another header promises nothing here; the reader says what is missing.
-    header = plain_npy_header(data)
-    return None if header is None else header.end + header.promised
 
 
 def hdf5_size(data: Data, base: int) -> int | None:

@@ -22,8 +22,8 @@ import numpy as np
 from models.platform.portable import MemoryFile, limit, read_at, read_into_at, taken_over, write_at
 from streams.files.container import unpack
 from streams.types import large
-from streams.types.large import FileBytes, NoRoomError, TooLargeError, contiguous, forget_pages
-from streams.types.limits import MAX_BYTES
+from streams.types.large import NOT_OF_CONTENT, FileBytes, NoRoomError, TooLargeError, contiguous, forget_pages
+from streams.types.limits import MAX_BYTES, max_loaded_bytes
 from streams.types.samples import ReaderError, Samples
 
 Reader = TypeVar("Reader", bound=Callable[..., Any])
@@ -179,6 +179,36 @@ def read_into(handle: int, target: memoryview) -> None:
         if not got:
             raise EOFError(f"{place} bytes instead of {len(view)}")
         place += got
+
+
+@contextmanager
+def readable(name: str, what: str, said: Callable[[Exception], str] | None = None) -> Iterator[None]:
+    """Make any failure of a parser that it is not ``what`` ("a readable TDMS file"), and what is ``said`` of it.
+
+    Any exception may come of corrupt input; those that are not of the content stay as they are.
+    """
+    try:
+        yield
+    except (ReaderError, *NOT_OF_CONTENT):
+        raise
+    except Exception as error:
+        reason = type(error).__name__ if said is None else said(error)
+        raise ReaderError("unreadable", f"{name}: not {what} ({reason})") from error
+
+
+def check_claim(declared: int, stored: int, name: str) -> None:
+    """Raise ``refused`` where a file of ``stored`` bytes claims more than it may have when loaded."""
+    allowed = max_loaded_bytes(stored)
+    if declared > allowed:
+        raise ReaderError("refused", f"{name}: claims {declared} bytes when loaded, {allowed} are allowed")
+
+
+def library(module: str, extra: str, needed_by: str) -> Any:
+    """Return an optional module; ``unreadable`` where it is not installed, with the extra that brings it."""
+    try:
+        return importlib.import_module(module)
+    except ImportError as error:
+        raise ReaderError("unreadable", f'{needed_by} {module}: pip install "spallwatch[{extra}]"') from error
 
 
 @contextmanager

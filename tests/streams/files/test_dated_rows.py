@@ -11,8 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
+from streams.files.formats import head as stamped
 from streams.files.formats.text import read_layout
-from streams.files.lines import dated_rows as stamped
 from streams.open import open_source
 from streams.types.block import Block
 from streams.types.samples import ReaderError

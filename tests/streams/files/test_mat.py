@@ -10,8 +10,8 @@ import pytest
 import scipy.io
 from numpy.testing import assert_array_equal
 
-from streams.files.formats import mat
 from streams.files.formats.mat import load_mat, mat_variables, read_mat, scalar
+from streams.files.parse import worker
 from streams.types.samples import ReaderError
 
 EIGHT = 1793520000.0
@@ -84,7 +84,7 @@ def test_truncated_file_is_incomplete(compressed: bool) -> None:
 
 
 def test_claims_are_checked_before_anything_is_loaded(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(mat, "max_loaded_bytes", lambda stored: 100_000)
+    monkeypatch.setattr(worker, "max_loaded_bytes", lambda stored: 100_000)
     # Zeros compress a thousandfold, and whosmat does not look into a structure.
     data = mat_bytes({"s": {"gs": np.zeros(200_000)}}, compressed=True)
     assert len(data) < 10_000

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from streams.dates.date_patterns import find_readings, nearest_change
+from streams.dates.dating import find_readings, nearest_change
 from streams.files.plausible import doubts, level_of
 from streams.files.survey import surveyed_rows
 from streams.types.samples import Samples

@@ -16,7 +16,7 @@ from streams.folder.life import (
     Continued,
     Drained,
     Emitted,
-    Entry,
+    FileEntry,
     FileEvent,
     FileState,
     Missing,
@@ -52,7 +52,7 @@ class Disk:
 
     size: int = 3
     version: int = 1
-    entry: Entry | None = None
+    entry: FileEntry | None = None
     done: FileProgress | None = None
     read: tuple[int, int, bool] = (0, 0, False)
     buffer: list[tuple[int, int]] = field(default_factory=list)
@@ -81,7 +81,7 @@ def scan(disk: Disk) -> None:
             return
         counted = None if disk.done is None else disk.done.verdict
         state = FileState(stat=disk.stat, changed=0.0, base=disk.done, counted=counted)
-        disk.entry, disk.done = Entry("f", path="f", order=(), seen=0.0, state=state), None
+        disk.entry, disk.done = FileEntry("f", path="f", order=(), seen=0.0, state=state), None
     before = disk.entry.state
     tell(disk, Observed(disk.stat, 1.0))
     if before.phase in ("deferred", "held") and before.stat != disk.stat:

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from streams.link.mqtt import MqttReceiver
-from streams.link.refusals import JUMP, KEY, LINK, Refusals
+from streams.link.refusals import JUMP, KEY, LINK, SenderRefusals
 from streams.link.sender import Link, Sender, SendError
 from streams.link.wire import MAX_SEQUENCE, block_frame, encode_frame
 from streams.types.block import Block
@@ -164,7 +164,7 @@ def test_a_frame_of_before_the_reset_does_not_meet_the_old_blocks() -> None:
 
 def test_log_lines_of_refusals_are_few_and_nothing_is_left_out(caplog: pytest.LogCaptureFixture) -> None:
     now = [0.0]
-    refusals = Refusals("press", lambda: now[0])
+    refusals = SenderRefusals("press", lambda: now[0])
     with caplog.at_level(logging.WARNING):
         for number in range(1000):
             refusals.add(f"connection {number}")

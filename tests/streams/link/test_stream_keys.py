@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from streams.link.auth import proof, read_key, sender_context
+from streams.link.peer import proof, read_key, sender_context
 from streams.link.refusals import KEY
 from streams.link.sender import Sender, SendError, TcpLink
 from streams.link.tcp import TcpReceiver

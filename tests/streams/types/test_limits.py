@@ -14,9 +14,8 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from streams.files import container as files
-from streams.files.formats import hdf5, netcdf, npy_wav
+from streams.files.formats import hdf5, netcdf, npy_wav, numbers
 from streams.files.formats.text import read_layout
-from streams.files.lines import numbers
 from streams.files.parse import worker
 from streams.open import open_source
 from streams.types import large, limits

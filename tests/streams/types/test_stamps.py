@@ -7,7 +7,7 @@ from datetime import UTC, datetime
 import numpy as np
 import pytest
 
-from streams.dates.date_patterns import place_in_names
+from streams.dates.dating import place_in_names
 from streams.files.formats.text import read_layout
 from streams.files.statements import plain_key, stated_time
 from streams.types.stamps import compiled, evidence, read_stamp, stamp_in_name, utc_text

@@ -9,22 +9,28 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import sys
 import tomllib
-from collections.abc import Container
+from collections.abc import Container, Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime
 from pathlib import Path
 from typing import Any
+from zoneinfo import ZoneInfo
 
 import numpy as np
 
 from streams.files.container import read_guarded
+from streams.files.datasets import DataSet, FileFacts
+from streams.files.formats.pulse_text import pulse_column
+from streams.files.judge import StatedValue, rate_of
+from streams.files.parse.child import isolated
 from streams.files.statements import seconds_utc
-from streams.types.large import elementwise
+from streams.types.large import Data, elementwise
 from streams.types.listing import unpacked_name
 from streams.types.samples import SCALED, VALUES, ReaderError, Samples
-from streams.types.spec import FILE_WORDS, UNITS
+from streams.types.spec import FILE_WORDS, UNITS, SourceSpec
 
 FOLDER_NAMES = ("spallwatch.json", "spallwatch.toml")
 """Names of side-cars that are for all files of their folder."""
@@ -164,8 +170,7 @@ def apply_sidecar(samples: Samples, sidecar: SideCar, name: str) -> Samples:
         ReaderError: ``wrong_rate``, ``wrong_unit`` or ``wrong_shape`` where file and side-car contradict.
     """
     where = f"{name}: {sidecar.path}"
-    if sidecar.rate is not None and samples.rate is not None and abs(sidecar.rate - samples.rate) > 1e-4 * samples.rate:
-        raise ReaderError("wrong_rate", f"{where} states {sidecar.rate:g} Hz, the file {samples.rate:g} Hz")
+    rate = rate_of((StatedValue(sidecar.path, sidecar.rate), StatedValue("the file", samples.rate, holds=True)), name)
     own = {unit for unit in samples.units if unit is not None}
     if sidecar.unit is not None and own - {"unknown", sidecar.unit}:
         raise ReaderError("wrong_unit", f"{where} states {sidecar.unit}, the file {', '.join(sorted(own))}")
@@ -187,7 +192,7 @@ def apply_sidecar(samples: Samples, sidecar: SideCar, name: str) -> Samples:
         samples,
         values=values,
         channels=sidecar.channels or samples.channels,
-        rate=samples.rate if samples.rate is not None else sidecar.rate,
+        rate=rate,
         start=samples.start if samples.start is not None else sidecar.start,
         speed=samples.speed if samples.speed is not None else sidecar.speed,
         load=samples.load if samples.load is not None else sidecar.load,
@@ -195,3 +200,59 @@ def apply_sidecar(samples: Samples, sidecar: SideCar, name: str) -> Samples:
         scaled=samples.scaled or sidecar.scale is not None or sidecar.sensitivity_mv_per_g is not None,
         stored=samples.stored if sidecar.scale is None else tuple(map(_scaled, samples.stored)),
     )
+
+
+_ENDINGS = tuple(f".{word}{end}" for word in ("pulses", "pulse", "tacho") for end in (".csv", ".txt", ""))
+"""Endings of files of pulses that need no configuration to be told."""
+
+
+def is_pulse_file(pattern: str | None, path: str) -> bool:
+    """Return whether a file is one of pulses by its name."""
+    if pattern is None or not is_beside(pattern):
+        return False
+    parts = re.split(r"\{(?:stem|name)\}", pattern)
+    return re.fullmatch(".+".join(map(re.escape, parts)), path.rpartition("/")[2]) is not None
+
+
+def pulse_pattern(paths: Sequence[str]) -> str | None:
+    """Return the pattern of files of pulses that stand beside others by their names, None where there are none."""
+    names = set(paths)
+    stems = {unpacked_name(path).rpartition(".")[0] or path for path in names}
+    for ending in _ENDINGS:
+        own = {path for path in names if path.endswith(ending)}
+        if own and own != names and all(path.removesuffix(ending) in stems for path in own):
+            return "{stem}" + ending
+    return None
+
+
+def with_pulse_files(data_set: DataSet, spec: SourceSpec, root: Path) -> DataSet:
+    """Return the data set with a reader that adds the pulses of the file beside, and without these files.
+
+    A recording without such a file, or with one of no bytes, has no pulses.
+    """
+
+    def facts(path: str, place: str, zone: ZoneInfo) -> FileFacts | None:
+        return None if is_pulse_file(spec.pulses, path) else data_set.facts(path, place, zone)
+
+    def read(data: Data, path: str) -> Samples:
+        samples = data_set.read(data, path)
+        beside = pulse_file_of(spec.pulses, path)
+        if beside is None or not os.path.lexists(f"{root}/{beside}"):
+            return samples
+        try:
+            raw = read_guarded(root, beside)
+            if not raw:
+                return samples
+            found = isolated(pulse_column, spec.timezone)(raw, beside)
+        except ReaderError as error:
+            # These words are of the recording: it has neither changed nor broken off.
+            status = "unreadable" if error.status in ("changed", "incomplete", "empty") else error.status
+            raise ReaderError(status, f"{path}: {error}") from error
+        if found.pulses is None:
+            return samples
+        epoch, pulses = found.pulse_epoch, found.pulses
+        if epoch is not None and samples.start is not None:
+            pulses, epoch = pulses.shifted(epoch - samples.start), None
+        return replace(samples, pulses=pulses, pulse_epoch=epoch)
+
+    return replace(data_set, facts=facts, read=read)

@@ -1,1 +1,0 @@
-"""Texts of numbers: their heads, their rows, their dates."""
