@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks.recordings import recordings_folder
+from reference import recordings_folder
 
 
 def pytest_runtest_setup(item: pytest.Item) -> None:

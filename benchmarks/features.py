@@ -22,7 +22,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import signal
 
-from benchmarks import plain_features as oracle
 from benchmarks.common import REFERENCE_MS, Row, Tables, benchmark, calibration_kernel, interleaved_ms
 from monitor.health.signal.comb import line_spectrum
 from monitor.health.signal.features import FAULTS, FeatureSettings, block_features
@@ -30,6 +29,7 @@ from monitor.health.signal.indicators import time_indicators
 from monitor.health.signal.lines import FALSE_ALARM, fault_lines
 from monitor.health.signal.plans import Precision
 from monitor.health.signal.transform import Band, BlockTransform
+from reference import features as oracle
 
 BAND: Band = (7000.0, 9000.0)
 BPFO = 97.8

@@ -26,10 +26,10 @@ import monitor.health.channel
 import monitor.health.step
 import monitor.service.replay
 from benchmarks.common import REFERENCE_MS, Row, Tables, benchmark, calibration_kernel
-from benchmarks.signals import HealthyMachine, bearing_lines, impacts
 from monitor.config.load import validate
 from monitor.health import onset as detect
 from monitor.records.store import Store
+from reference.signals import HealthyMachine, bearing_lines, impacts
 from streams.recording.source import Recording
 
 SAMPLES, RATE, SPEED = 128_000, 25_600.0, 30.0

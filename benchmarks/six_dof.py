@@ -28,7 +28,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.common import Row, Tables, benchmark, calibration_kernel, interleaved_ms
-from benchmarks.engine.periods import Solved, period_of, run, simulate_plainly, solve_scene
 from models.machine.scene import Defect, Floor, Scene
 from models.maps.build import build_map
 from models.maps.check import check_map
@@ -41,6 +40,7 @@ from models.solve.six_dof.kernels.settled import R_ERROR, R_RMS
 from models.words.request import Request
 from models.work.choose import local_runner
 from models.work.runner import SERIAL
+from reference.periods import Solved, period_of, run, simulate_plainly, solve_scene
 
 SEED = 11
 ACCURACIES = (2e-3, 1e-3, 2e-4)

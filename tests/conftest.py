@@ -19,6 +19,7 @@ import pytest
 from hypothesis import HealthCheck, settings
 from numpy.typing import NDArray
 
+from reference import recordings_folder
 from tests.support.broker import broker_program
 from tests.support.durations import Durations
 from tests.support.effort import effort_count
@@ -47,11 +48,6 @@ settings.register_profile(
     suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large],
 )
 settings.load_profile("any machine")
-
-
-def recordings_folder() -> Path:
-    """Return the folder of recordings: SPALLWATCH_DATA, by default ../shared/data beside the repository."""
-    return Path(os.environ.get("SPALLWATCH_DATA") or _REPOSITORY.parent / "shared" / "data")
 
 
 def chromium_program() -> str | None:

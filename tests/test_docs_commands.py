@@ -21,6 +21,7 @@ import pytest
 
 import spallwatch as sw
 from monitor.health.record import Record
+from reference.signals import bearing_lines, impacts
 from streams.types.block import STANDARD_GRAVITY
 from tests.streams.tcp_peers import receiving
 from tests.support.commands import run_command
@@ -32,7 +33,6 @@ from tests.support.library_learn import features
 from tests.support.memory_ledger import MemoryLedger
 from tests.support.pages import page_of
 from tests.support.score import DAY, record, run, stored
-from tests.support.signals import bearing_lines, impacts
 
 PRESS = """
 [machine]

@@ -20,7 +20,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from benchmarks.common import Row, Tables, benchmark
-from benchmarks.engine.periods import solve_scene
 from models.machine.rig import Rig
 from models.machine.scene import Defect, Floor, Part, Scene, Slip
 from models.solve.registry import solvers
@@ -28,6 +27,7 @@ from models.solve.response import Response
 from models.solve.six_dof import periodic, time_domain
 from models.solve.six_dof.kernels.period import ball_period, blank_trace, mean_square
 from models.words.request import Request
+from reference.periods import solve_scene
 
 ACCURACIES = (1e-2, 1e-3, 1e-4)
 FINER = 300.0

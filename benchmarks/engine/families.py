@@ -16,13 +16,13 @@ from dataclasses import replace
 import numpy as np
 
 from benchmarks.common import Row, Tables, benchmark, calibration_kernel, interleaved_ms
-from benchmarks.engine.periods import solve_scene
 from benchmarks.six_dof import ACCURACIES, random_scenes
 from models.machine.bearing import catalogue_entry
 from models.machine.contact_estimates import element_mass, estimate_stiffness
 from models.machine.rig import Rig
 from models.machine.scene import Defect, Scene
 from models.solve.simulate import simulate
+from reference.periods import solve_scene
 
 SEED = 12
 REFERENCE_ACCURACY = 1e-5

@@ -3,30 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 
 from benchmarks.forecast.cases import LEVEL, LEVELS, Answers, Cases
 from benchmarks.forecast.population import LIBRARY, THRESHOLD
 from models.lives.life import LifeHistory
-from monitor.health.size import DamageInput
 from monitor.health.size.library.fit import fit_library
 from monitor.health.size.library.forecaster import Conditions, LibrarySettings, LibraryState, step
 from monitor.health.size.library.model import Library, levels_of
 from monitor.health.size.library.summaries import LevelHistory
-
-
-def block_of(life: Any, k: int) -> DamageInput:
-    """Return what one block of a life says; its true V_eq stands for a tracked one."""
-    return DamageInput(
-        time=float(life.t[k]),
-        rms=float(life.rms[k]),
-        harmonics=tuple(life.harmonics[k].tolist()),
-        load=float(life.load[k]),
-        speed=float(life.speed[k]),
-        v_eq=float(life.v_eq[k]),
-    )
+from reference.lives import block_of
 
 
 def fitted(lives: Sequence[LifeHistory]) -> Library:

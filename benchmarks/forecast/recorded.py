@@ -33,7 +33,6 @@ from numpy.typing import NDArray
 
 from benchmarks.common import arguments, print_table, write_json
 from benchmarks.forecast.lives import cached_lives
-from benchmarks.recordings import EXAMPLES, RUNS, Run, Steps, recordings_folder
 from models.lives.population import Population
 from models.maps.data import RmsMap
 from models.maps.file import cached_map
@@ -49,6 +48,9 @@ from monitor.report.score.issued import Issued, read_issued
 from monitor.report.score.scoring import End, mean_of_runs, score_run
 from monitor.service.libraries import prior_words
 from monitor.service.setup import open_configured, source_settings
+from reference import recordings_folder
+from reference.recordings import EXAMPLES, RUNS, Run
+from reference.steps import Steps
 from streams.types.block import Block, Rejected
 
 Floats = NDArray[np.float64]

@@ -9,10 +9,10 @@ import pytest
 from click.testing import CliRunner
 
 from benchmarks.forecast.recorded import METHODS, configuration, map_of
-from benchmarks.recordings import RUNS
 from monitor.commands.score import command
 from monitor.records.store import Store
 from monitor.service.replay import replay
+from reference.recordings import RUNS
 
 pytestmark = pytest.mark.real
 

@@ -31,12 +31,12 @@ from benchmarks.common import Row, Tables, benchmark
 from benchmarks.learned.lives import constants
 from benchmarks.learned.opponents import LEVELS, Forecast, learned, opponents
 from benchmarks.onset.windows import WINDOWS, inputs_of
-from benchmarks.recordings import recordings_folder
 from monitor.health.rest.learned.fit import MIN_BLOCKS, LearnedRun, fit_runs
 from monitor.health.rest.learned.forecaster import LearnedState, step
 from monitor.health.rest.learned.onset import find_onset
 from monitor.health.rest.learned.scores import scores_out_of_run
 from monitor.health.size import DamageInput
+from reference import recordings_folder
 
 Array = NDArray[np.float64]
 SHARES = (0.25, 0.5, 0.75)

@@ -1,7 +1,7 @@
 """A census of names: each recording at its stated speed and at speeds that are stated wrongly.
 
 Run as ``python -m benchmarks.naming.census [--json FILE] [--quick] [--baseline]``. Every recording of
-``benchmarks.recordings`` goes through the program as configured by its example; the name is the one of its record.
+``reference.recordings`` goes through the program as configured by its example; the name is the one of its record.
 Tables:
 
 1. by error of the stated speed: faults named right, joined with another part (``inner|ball``), silent, wrong; healthy
@@ -27,7 +27,8 @@ from typing import Any
 
 from benchmarks.common import Row, circumstances, print_table, write_json
 from benchmarks.naming.truth import FINDABLE, comb_depth, envelope_spectrum
-from benchmarks.recordings import CASES, OTHER_ENDS, Case, recordings_folder, watch
+from reference import recordings_folder
+from reference.recordings import CASES, OTHER_ENDS, Case, watch
 from streams.types.block import Block
 
 SPEED_ERRORS = (-0.06, -0.04, -0.02, 0.0, 0.02, 0.04, 0.06)

@@ -27,11 +27,12 @@ from typing import Any
 from benchmarks.common import Row, circumstances, print_table, write_json
 from benchmarks.naming.faults import HELD_OUT, TRAINING, VALIDATION, Plan, Seeded, kept
 from benchmarks.naming.truth import FINDABLE, comb_depth, envelope_spectrum
-from benchmarks.recordings import Steps, judge
 from models.machine.bearing import from_catalogue
 from monitor.config.load import Config
 from monitor.health.state import SourceSettings
 from monitor.service.setup import source_settings
+from reference.recordings import judge
+from reference.steps import Steps
 from streams.types.block import Block
 
 VERDICTS = ("right", "joined", "silent", "wrong", "healthy named", "quiet")

@@ -8,8 +8,8 @@ import pytest
 from benchmarks.naming import faults as seeded_faults
 from benchmarks.naming.faults import HELD_OUT, TRAINING, draw, make
 from benchmarks.naming.truth import comb_depth, envelope_spectrum
-from benchmarks.recordings import CASES, OTHER_ENDS, judge
 from models.machine.bearing import from_catalogue
+from reference.recordings import CASES, OTHER_ENDS, judge
 
 RATE, BAND = 12800.0, (1000.0, 5000.0)
 

@@ -19,7 +19,7 @@ import numpy as np
 from benchmarks.common import Row, Tables, benchmark
 from benchmarks.naming.faults import Gear, Plan, Seeded, draw, realise
 from benchmarks.naming.seeded import block_of, settings_of
-from benchmarks.recordings import Steps
+from reference.steps import Steps
 
 FIRST_SEED = 200_000
 """Seeds from 100,000 on showed that lines closer than eight bins must not be named; these came after it."""

@@ -25,8 +25,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.common import Row, Tables, benchmark, calibration_kernel, interleaved_ms
-from benchmarks.recordings import RUNS, History, Run, histories, recordings_folder
-from benchmarks.signals import HealthyMachine, bearing_lines, impacts
 from models.machine.bearing import kinematics
 from monitor.health import onset as detect
 from monitor.health.channel import check_channel, detect_input, step
@@ -36,6 +34,9 @@ from monitor.health.signal.condition import Quantity
 from monitor.health.signal.features import FeatureSettings, block_features, fundamentals
 from monitor.health.signal.quality import check_samples
 from monitor.health.state import ChannelSettings, ChannelState
+from reference import recordings_folder
+from reference.recordings import RUNS, History, Run, histories
+from reference.signals import HealthyMachine, bearing_lines, impacts
 
 Marks = tuple[int, int] | None
 DEFAULTS = detect.DetectSettings()

@@ -30,8 +30,6 @@ from numpy.typing import NDArray
 from benchmarks.common import Row, Tables, benchmark
 from benchmarks.onset.detection import cusum, three_sigma
 from benchmarks.onset.windows import WINDOWS, Window, inputs_of
-from benchmarks.recordings import recordings_folder
-from benchmarks.signals import HealthyMachine, bearing_lines, impacts
 from monitor.health import onset as detect
 from monitor.health.channel import detect_input
 from monitor.health.later_stages import ChannelBlock
@@ -39,6 +37,8 @@ from monitor.health.onset.detector import one_of, threshold_for
 from monitor.health.signal.condition import Quantity
 from monitor.health.signal.features import FeatureSettings, block_features, fundamentals
 from monitor.health.signal.quality import Verdict
+from reference import recordings_folder
+from reference.signals import HealthyMachine, bearing_lines, impacts
 
 ALL = detect.DetectSettings()
 THESIS = replace(ALL, features=("rms", "h_or"))

@@ -6,8 +6,8 @@ import numpy as np
 
 from benchmarks.common import effort_count
 from benchmarks.onset.detection import HEALTHY, healthy_features, healthy_samples
-from benchmarks.signals import HealthyMachine
 from monitor.health.onset import LINES, DetectSettings, exceedance_rate, threshold_for
+from reference.signals import HealthyMachine
 
 LIMIT = 1e-3
 

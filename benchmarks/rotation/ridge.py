@@ -19,7 +19,6 @@ import numpy as np
 from scipy.io import loadmat
 
 from benchmarks.common import REFERENCE_MS, Tables, benchmark, calibration_kernel, interleaved_ms
-from benchmarks.recordings import recordings_folder
 from benchmarks.rotation.ridge_signals import (
     BEARING,
     FAULTS,
@@ -37,6 +36,7 @@ from monitor.health.signal.rotation.ridge import angle_from_vibration
 from monitor.health.signal.rotation.rotation import Rotation
 from monitor.health.signal.speed import SpeedStatus, estimate_speed
 from monitor.health.signal.transform import BlockTransform
+from reference import recordings_folder
 
 LIMITS = (8.0, 45.0)
 ORDER = 21.7

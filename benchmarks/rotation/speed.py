@@ -17,9 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.common import Tables, benchmark
-from benchmarks.recordings import recordings_folder
 from models.machine.bearing import Bearing, from_catalogue
 from monitor.health.signal.speed import SpeedStatus, estimate_speed
+from reference import recordings_folder
 from streams.open import open_source
 from streams.rig.bench import SimulatedRig
 from streams.types.block import Block

@@ -26,6 +26,9 @@ def test_no_module_of_tests_is_imported() -> None:
 
 
 def test_tests_and_benchmarks_can_be_moved_alone() -> None:
-    """Tests of a benchmark stand beside it in ``benchmarks``."""
-    for folder, other in (("tests", "benchmarks"), ("benchmarks", "tests")):
-        assert [pair for pair in _imports(folder) if pair[1].split(".")[0] == other] == []
+    """Tests of a benchmark stand beside it; what tests and benchmarks share stands in ``reference``."""
+    folders = {"tests", "benchmarks", "reference"}
+    allowed = {("tests", "reference"), ("benchmarks", "reference")}
+    for folder in folders:
+        others = {other for other in folders - {folder} if (folder, other) not in allowed}
+        assert [pair for pair in _imports(folder) if pair[1].split(".")[0] in others] == []

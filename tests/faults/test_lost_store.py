@@ -28,6 +28,7 @@ from monitor.records.published_folder import snapshot_path
 from monitor.records.recover import published
 from monitor.records.recover.salvage import SalvageReport, open_or_salvage
 from monitor.records.store import Store
+from reference.steps import Steps
 from streams.types.block import Block, Rejected
 from streams.types.source import FileProgress
 from tests.streams.folders import csv_bytes, noise
@@ -36,7 +37,6 @@ from tests.support.effort import effort_count
 from tests.support.forks import Fork
 from tests.support.ingest import settings_of
 from tests.support.lost_store import blocks_of
-from tests.support.steps import Steps
 from tests.support.victims import salvage
 from tests.support.waiting import stop, wait_until
 

@@ -11,7 +11,7 @@ import pytest
 from models.machine.bearing import kinematics
 from models.machine.scene import Defect, Floor, Part, Scene, Waviness
 from models.solve.six_dof.time_domain import simulate_time
-from tests.support.signals import record_of, recorded
+from reference.signals import record_of, recorded
 
 RATE = 25600.0
 SCENE = Scene(40.0, 4000.0)

@@ -17,8 +17,8 @@ from models.solve.simulate import simulate
 from models.solve.six_dof.kernels.period import blank_trace
 from models.solve.six_dof.kernels.step import P_OMEGA, P_PITCH
 from models.solve.six_dof.lanes import LaneOptions, simulate_lanes
+from reference.periods import period_of, run
 from tests.support.effort import effort_count
-from tests.support.periods import period_of, run
 
 G = 9.80665
 DEG = math.pi / 180.0

@@ -9,7 +9,7 @@ import pytest
 
 from models.machine.scene import Defect, Floor, Scene
 from models.solve.simulate import simulate
-from tests.support.periods import period_of
+from reference.periods import period_of
 
 G = 9.80665
 DEG = math.pi / 180.0

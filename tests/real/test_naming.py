@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
+from reference.recordings import CASES, Case, watch
 from streams.types.block import Block
 from tests.support.effort import effort_count
-from tests.support.recordings import CASES, Case, watch
 
 pytestmark = pytest.mark.real
 

@@ -21,11 +21,11 @@ from monitor.health.record import Record
 from monitor.records.store import Store
 from monitor.service.replay import replay
 from monitor.service.setup import open_configured, source_settings
+from reference import recordings_folder
+from reference.recordings import RUNS, Run, example
+from reference.steps import Steps
 from streams.types.block import Block, Rejected
-from tests.conftest import recordings_folder
 from tests.support.effort import effort_count
-from tests.support.recordings import RUNS, Run, example
-from tests.support.steps import Steps
 
 pytestmark = [pytest.mark.real, pytest.mark.usefixtures("kept_band_choices")]
 

@@ -9,7 +9,7 @@ import pytest
 import xarray as xr
 
 import spallwatch as sw
-from tests.support.signals import bearing_lines, impacts
+from reference.signals import bearing_lines, impacts
 
 RATE, SPEED, BAND = 25600.0, 30.0, (2000.0, 6000.0)
 

@@ -3,47 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Collection
-from typing import NamedTuple, Protocol
-
-import numpy as np
-from numpy.typing import NDArray
+from typing import Any, NamedTuple
 
 from monitor.health.size import Damage, DamageInput, Remaining
 from monitor.health.size.library.forecaster import LibrarySettings, LibraryState, step
 from monitor.health.size.library.model import Library
+from reference.lives import block_of
 from tests.oracles.toy_lives import THRESHOLD
 
 
-class Life(Protocol):
-    """What of a life goes into its blocks: arrays of a value a block."""
-
-    @property
-    def t(self) -> NDArray[np.float64]: ...
-    @property
-    def rms(self) -> NDArray[np.float64]: ...
-    @property
-    def harmonics(self) -> NDArray[np.float64]: ...
-    @property
-    def load(self) -> NDArray[np.float64]: ...
-    @property
-    def speed(self) -> NDArray[np.float64]: ...
-    @property
-    def v_eq(self) -> NDArray[np.float64]: ...
-
-
-def block_of(life: Life, k: int) -> DamageInput:
-    """Return what one block of a life says; its true V_eq stands for a tracked one."""
-    return DamageInput(
-        time=float(life.t[k]),
-        rms=float(life.rms[k]),
-        harmonics=tuple(life.harmonics[k].tolist()),
-        load=float(life.load[k]),
-        speed=float(life.speed[k]),
-        v_eq=float(life.v_eq[k]),
-    )
-
-
-def blocks_of(life: Life) -> list[DamageInput]:
+def blocks_of(life: Any) -> list[DamageInput]:
     return [block_of(life, k) for k in range(len(life.t))]
 
 

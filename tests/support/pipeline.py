@@ -20,7 +20,7 @@ from monitor.health.signal.quality import Verdict, with_flags
 from monitor.health.size.level_set import LevelMap
 from monitor.health.state import ChannelSettings, ChannelState
 from monitor.health.tracker import DamageSettings, PartMap
-from tests.support.signals import HealthyMachine, bearing_lines, impacts
+from reference.signals import HealthyMachine, bearing_lines, impacts
 
 RATE, N, SPEED = 25600.0, 2560, 27.5
 

@@ -12,9 +12,9 @@ from monitor.health.signal.waterfall import SpectrumChange
 from monitor.health.state import Stored
 from monitor.records.store import Store
 from monitor.service.setup import source_settings
+from reference.steps import Steps
 from streams.types.block import Block, Rejected
 from tests.support.pipeline import DETECT, RATE, SPEED, life
-from tests.support.steps import Steps
 
 START = 1_700_000_000.0
 

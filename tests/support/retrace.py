@@ -12,9 +12,9 @@ from monitor.health.record import Record
 from monitor.health.signal.condition import ConditionSettings
 from monitor.health.signal.waterfall import WaterfallSettings
 from monitor.health.state import ChannelSettings, SourceSettings, SourceState
+from reference.steps import Steps
 from streams.types.block import Block, Rejected
 from tests.support.pipeline import BANDS, RATE, SPEED, TRACKED, life
-from tests.support.steps import Steps
 
 COUNT = 80
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from tests.support.signals import bearing_lines
+from reference.signals import bearing_lines
 
 RATE, SECONDS, BLOCKS = 12_800, 4.0, 150
 FIRST_BAD, DISTURBED = 95, range(60, 63)

@@ -18,9 +18,9 @@ from models.solve.six_dof.kernels.step import P_U_1, P_U_2
 from models.solve.six_dof.lanes import simulate_lanes
 from models.solve.six_dof.setup import contact_power, operating_point
 from models.solve.six_dof.time_domain import simulate_time
+from reference.signals import recorded
 from tests.oracles import six_dof_oracle as oracle
 from tests.support.effort import effort_count
-from tests.support.signals import recorded
 
 EXPONENT = 10.0 / 9.0
 K_C = 1.2e9

@@ -26,9 +26,9 @@ from models.solve.six_dof.kernels.step import P_OMEGA, P_U_1, P_U_2
 from models.solve.six_dof.periodic import steering
 from models.solve.six_dof.rows import simulate_row
 from models.solve.six_dof.setup import defect_arrays, operating_point
+from reference.periods import period_of, solve_scene
 from tests.oracles import orbit_oracle
 from tests.support.effort import effort_count
-from tests.support.periods import period_of, solve_scene
 
 BEARING = from_catalogue("1205 ETN9")
 SCENE = Scene(40.0, 4000.0, defect=Defect(math.radians(20.0), 20e-6))

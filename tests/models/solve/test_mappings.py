@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -13,30 +12,17 @@ from models.machine.bearing import from_catalogue
 from models.machine.rig import Rig, RigParameters
 from models.machine.scene import Defect, Scene, Waviness
 from models.solve.angular.rig import AngularRig
-from models.solve.ball_inertia.rig import BallInertiaRig
 from models.solve.ball_inertia.solver import at_rest as rest_of_balls
 from models.solve.ball_inertia.solver import trace as ball_trace
 from models.solve.mappings.ring import casing_of, gain_of, ring_of, rotor_of
 from models.solve.mappings.table import MAPPINGS, Bound
-from models.solve.registry import Solver, choose, solvers
+from models.solve.registry import Solver, choose
 from models.solve.ring_impact.rig import RingImpactRig
 from models.solve.rotor.rig import RotorRig
 from models.solve.rotor.solver import trace as rotor_trace
 from models.solve.simulate import select, simulate, stand_ins
 from models.words.request import Request
-
-SOLVERS = {(solver.model, solver.name): solver for solver in solvers()}
-SHORT: dict[str, Any] = {"duration": 0.3, "rate": 25600.0}
-CAGE = 0.2
-ROTOR = RotorRig(cage_angle_a=CAGE, cage_angle_b=CAGE, m=3.0, c_n=300.0)
-BALLS = BallInertiaRig(m_b=1e-4, c_ci=500.0, c_co=500.0, defect_shape="half_sine", cage_angle=CAGE)
-FREE = Rig(k_i=1e5, beta_c=0.0, alpha_c=100.0, m_b=1.0, m_r=0.1)
-BEARING = from_catalogue("6206")
-
-
-def scene_of(rig: RigParameters, **change: Any) -> Scene:
-    return Scene(**{"speed": 30.0, "load": 1500.0, "bearing": BEARING, "rig": rig} | change)
-
+from reference.ring_scenes import BALLS, FREE, ROTOR, SHORT, SOLVERS, scene_of
 
 # Refusals.
 DEFECT = Defect(0.05, 1e-5)

@@ -25,7 +25,7 @@ from models.solve.six_dof.kernels.period import blank_trace
 from models.solve.six_dof.kernels.step import STATUS_OK
 from models.solve.six_dof.lanes import LaneOptions, simulate_lanes
 from models.solve.six_dof.time_domain import prepare_plan
-from tests.support.periods import period_of, run
+from reference.periods import period_of, run
 
 HEALTHY = Scene(40.0, 4000.0)
 WAVY = {

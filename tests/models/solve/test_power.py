@@ -25,8 +25,8 @@ from models.machine.bearing import from_catalogue
 from models.machine.rig import Rig
 from models.machine.scene import Defect, Scene, Waviness
 from models.solve.six_dof.kernels.period import Period, blank_trace
+from reference.periods import orbit_of, run
 from tests.oracles import six_dof_oracle as oracle
-from tests.support.periods import orbit_of, run
 
 # The oracle's geometry, with rollers instead of its balls.
 BARREL = replace(from_catalogue("1205 ETN9"), designation="barrel", element="roller", effective_length=8e-3)

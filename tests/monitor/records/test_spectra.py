@@ -24,12 +24,12 @@ from monitor.records.store import Store
 from monitor.service.ingest import Ingest
 from monitor.service.replay import replay
 from monitor.service.setup import source_settings
+from reference.signals import bearing_lines
 from streams.types.block import Block, Rejected
 from tests.support.effort import effort_count
 from tests.support.ingest import Queue
 from tests.support.pipeline import FIRST_BAD, RATE, SPEED, life
 from tests.support.records_spectra import START, blocks, machine, steps_of, take
-from tests.support.signals import bearing_lines
 
 LINES = bearing_lines("PRONOSTIA", SPEED)[1]
 

@@ -29,9 +29,9 @@ from monitor.commands.simulate.command import command as simulate_command
 from monitor.report.figures.rms_map import cut_nodes, map_sheet, node_errors, node_miss
 from monitor.report.figures.scene import SensorSignal, passages, resonances, scene_sheet, signal_of, ways
 from monitor.report.figures.sheet import write_sheet
+from reference.periods import period_of
 from streams.types.block import STANDARD_GRAVITY
 from tests.support.effort import effort_count
-from tests.support.periods import period_of
 
 pytestmark = pytest.mark.usefixtures("plain_layout")
 

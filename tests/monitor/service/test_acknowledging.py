@@ -21,6 +21,7 @@ from monitor.service.daemon import Acknowledgements
 from monitor.service.ingest import Ingest
 from monitor.service.machine_status import channel_condition, shown_alarms
 from monitor.service.setup import source_settings
+from reference.steps import Steps
 from streams.types.block import Block, Rejected
 from tests.streams.folders import csv_bytes, noise
 from tests.support.daemon import last, running
@@ -28,7 +29,6 @@ from tests.support.daemons import call, make_machine, start, status
 from tests.support.effort import effort_count
 from tests.support.folder_kill import config
 from tests.support.ingest import Queue, steps
-from tests.support.steps import Steps
 from tests.support.waiting import wait_until
 
 RATE = 2560.0

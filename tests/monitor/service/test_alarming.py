@@ -15,9 +15,9 @@ from monitor.health.alarms import AlarmAcknowledgement, AlarmSettings, Level, Ru
 from monitor.health.state import SourceSettings
 from monitor.records.store import Store
 from monitor.service.setup import source_settings
+from reference.steps import Steps
 from streams.types.block import Block, Rejected
 from tests.support.folder_kill import config
-from tests.support.steps import Steps
 
 RATE = 2560.0
 

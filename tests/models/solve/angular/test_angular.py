@@ -27,10 +27,10 @@ from models.solve.angular.plan import assemble, at_rest, lateral_modes, prepare_
 from models.solve.angular.rig import AngularRig
 from models.solve.angular.solver import AngularTrace, longest_step, solve, trace
 from models.words.request import Request
+from reference.signals import record_of
 from tests.oracles import angular_oracle
 from tests.oracles.angular_oracle import DM, Case, D, Pit
 from tests.support.effort import effort_count
-from tests.support.signals import record_of
 
 LEFT_BEARING, RIGHT_BEARING = (Bearing("", balls, 12.7e-3, 80e-3) for balls in (11, 10))
 SPALL = Defect(math.radians(7.0), 100e-6, width=math.radians(30.0))

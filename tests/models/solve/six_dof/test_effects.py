@@ -21,9 +21,9 @@ from models.solve.six_dof.time_domain import prepare_plan, simulate_time
 from monitor.health.name.naming import name_fault
 from monitor.health.signal.features import BlockFeatures, FeatureSettings, block_features, fundamentals
 from monitor.health.signal.transform import EnvelopeSpectrum
+from reference.signals import record_of, recorded
 from tests.oracles.time_domain_oracle import Case, Oracle, edge_depth
 from tests.support.effort import effort_count
-from tests.support.signals import record_of, recorded
 
 BASE = Scene(40.0, 4000.0)
 RATE = 25600.0

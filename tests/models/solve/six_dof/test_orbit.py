@@ -27,9 +27,9 @@ from models.solve.six_dof.kernels.orbit import (
 from models.solve.six_dof.kernels.period import blank_trace, fourier_coefficients, mean_square
 from models.solve.six_dof.orbit import PeriodicMotion, simulate_on
 from models.solve.six_dof.periodic import steering
+from reference.periods import period_of, run, simulate_plainly
 from tests.oracles import orbit_oracle
 from tests.support.effort import effort_count
-from tests.support.periods import period_of, run, simulate_plainly
 
 SCALE = np.tile(STATE_SCALE, 2)
 SCENE = Scene(40.0, 4000.0, defect=Defect(math.radians(20.0), 20e-6))

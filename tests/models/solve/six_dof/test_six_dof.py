@@ -21,9 +21,9 @@ from models.solve.six_dof.kernels.path import NUDGE
 from models.solve.six_dof.kernels.period import blank_trace, mean_square
 from models.solve.six_dof.kernels.period_setup import add_quadrature
 from models.solve.six_dof.kernels.step import P_OMEGA, P_PITCH, StepNodes, oscillator
+from reference.periods import period_of, run
 from tests.oracles.six_dof_oracle import R_O, Case, OracleResponse, simulate_oracle
 from tests.support.effort import effort_count
-from tests.support.periods import period_of, run
 
 SCENE = Scene(40.0, 4000.0, defect=Defect(math.radians(20.0), 20e-6))
 SEED = 5

@@ -17,8 +17,8 @@ from models.solve.six_dof.kernels.period import Period, blank_trace
 from models.solve.six_dof.kernels.tangent import tangent_jacobian
 from models.solve.six_dof.rows import simulate_row
 from models.words.request import Request
+from reference.periods import orbit_of, period_of, run, simulate_plainly, solve_scene
 from tests.support.effort import effort_count
-from tests.support.periods import orbit_of, period_of, run, simulate_plainly, solve_scene
 
 SPALL = Defect(math.radians(20.0), 20e-6)
 SCENE = Scene(40.0, 4000.0, defect=SPALL)

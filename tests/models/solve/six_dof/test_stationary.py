@@ -14,8 +14,8 @@ from models.machine.scene import Defect, Floor, Part, Scene, Slip, Waviness
 from models.solve.six_dof.stationary import StationaryLevel, stationary_level
 from models.solve.six_dof.stationary_record import line_frequency, steps_in_turn, take_record
 from models.solve.six_dof.time_domain import simulate_time
+from reference.signals import record_of
 from tests.support.effort import effort_count
-from tests.support.signals import record_of
 
 ACCURACY = 2e-3
 LONG_S = effort_count(quick=3, full=10)

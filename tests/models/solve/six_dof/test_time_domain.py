@@ -21,8 +21,8 @@ from models.solve.six_dof.periodic import solve
 from models.solve.six_dof.time_domain import prepare_plan, simulate_time
 from models.solve.six_dof.time_domain import solve as solve_time
 from models.words.request import Request
+from reference.signals import record_of, recorded
 from tests.support.effort import effort_count
-from tests.support.signals import record_of, recorded
 
 SPALL = Defect(math.radians(20.0), 20e-6)
 PIT = Defect(math.radians(4.0), 500e-6)

@@ -24,7 +24,7 @@ from monitor.health.signal.interference import (
     remove_lines,
     wheel_turns,
 )
-from tests.support.signals import bearing_lines, impacts
+from reference.signals import bearing_lines, impacts
 
 RATE, BAND, SPEED = 25600.0, (1000.0, 9000.0), 30.0
 BEARING, LINES = bearing_lines("6205", SPEED)

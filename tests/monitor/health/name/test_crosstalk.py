@@ -20,9 +20,9 @@ from monitor.health.signal.foreign import ForeignComb, beside_combs
 from monitor.health.state import ChannelSettings, SourceSettings, SourceState
 from monitor.health.step import SourceOutput
 from monitor.health.step import step as source_step
+from reference.signals import bearing_lines, impacts
 from streams.turns.pulses import Pulses
 from streams.types.block import Block
-from tests.support.signals import bearing_lines, impacts
 
 RATE, SECONDS, SPEED = 12800.0, 2.0, 30.0
 HEALTHY = Baseline(0.0, 0.1, dict.fromkeys(("h_or", "h_ir", "h_ball", "h_cage"), (0.3, 0.1)))

@@ -22,7 +22,7 @@ from monitor.health.schema import FAULTS
 from monitor.health.signal.quality import OrderState
 from monitor.health.state import ChannelSettings, ChannelState, Named, SourceSettings, SourceState
 from monitor.service.summary import bearing_summaries
-from tests.support.signals import bearing_lines
+from reference.signals import bearing_lines
 
 TEST_BEARING, _ = bearing_lines("PRONOSTIA", 30.0)
 NAMES = (*FAULTS, "inner|ball", "ball|cage")

@@ -26,8 +26,8 @@ from monitor.health.signal.features import FAULTS, N_HARMONICS, FeatureSettings,
 from monitor.health.signal.floor import noise_floor
 from monitor.health.signal.lines import SEARCH, fault_lines
 from monitor.health.signal.search import UNVERIFIED_SLIP
+from reference.signals import HealthyMachine, bearing_lines, impacts, pulses
 from tests.support.effort import effort_count
-from tests.support.signals import HealthyMachine, bearing_lines, impacts, pulses
 
 RATE = 25600.0
 BAND = (1000.0, 9000.0)

@@ -18,9 +18,9 @@ from monitor.health.signal.condition import ConditionSettings
 from monitor.health.state import SourceSettings, SourceState
 from monitor.health.tracker import DamageState
 from monitor.words.events import event_text
+from reference.steps import Steps
 from streams.types.block import Block
 from tests.support.pipeline import DETECT, RATE, SPEED, TRACKED, life
-from tests.support.steps import Steps
 
 # The volumes of this toy map are 0, so that a level below is reached.
 ALARMS = AlarmSettings(

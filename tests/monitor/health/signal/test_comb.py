@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from monitor.health.signal.comb import line_spectrum
 from monitor.health.signal.lines import fault_lines, noise_threshold
-from tests.oracles import features_oracle as oracle
+from reference import features as oracle
 from tests.support.effort import effort_count
 
 CASES = effort_count(quick=25, full=500)

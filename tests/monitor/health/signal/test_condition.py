@@ -19,11 +19,11 @@ from monitor.health.signal.quality import SpeedLimits
 from monitor.health.signal.rotation.rotation import Rotation, TachoSettings
 from monitor.health.signal.speed import SpeedStatus, estimate_speed
 from monitor.service.setup import source_settings, source_spec
+from reference.steps import Steps
 from streams.open import open_source
 from streams.types.block import Block
 from streams.types.spec import ChannelSpec, SourceSpec
 from tests.support.effort import effort_count
-from tests.support.steps import Steps
 
 BEARING = from_catalogue("6205")
 RATE = 12000.0

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from models.machine.bearing import Bearing, kinematics
 from monitor.health.signal.average import RecentSpectra
 from monitor.health.signal.features import FAULTS, BlockFeatures, FeatureSettings, block_features, fundamentals
-from tests.oracles import features_oracle as oracle
+from reference import features as oracle
 from tests.support.effort import effort_count
 
 RATE = 25_600.0

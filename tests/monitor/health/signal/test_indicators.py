@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from monitor.health.signal.indicators import TimeIndicators, time_indicators
-from tests.oracles import features_oracle as oracle
+from reference import features as oracle
 from tests.support.effort import effort_count
 
 CASES = effort_count(quick=15, full=300)

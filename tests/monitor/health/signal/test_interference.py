@@ -15,8 +15,8 @@ from monitor.health.signal.bands import find_band
 from monitor.health.signal.features import BlockFeatures, FeatureSettings, block_features, fundamentals
 from monitor.health.signal.interference import Interference, all_combs, remove_lines
 from monitor.health.signal.interference_search import propose
+from reference.signals import RESONANCE
 from tests.support.interference import BAND, LINES, RATE, SPEED, damaged, mesh
-from tests.support.signals import RESONANCE
 
 GEAR = Interference(orders=(23.0,), sidebands=3)
 

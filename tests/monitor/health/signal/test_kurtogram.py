@@ -13,10 +13,10 @@ from monitor.health.signal.interference import Interference
 from monitor.health.signal.kurtogram import MAX_SAMPLES, PARTS, Kurtogram, kurtogram
 from monitor.records.spectra import read_spectra
 from monitor.service.replay import replay
+from reference.signals import RESONANCE, bearing_lines, impacts
 from tests.oracles.kurtogram_oracle import band_kurtosis
 from tests.support.pipeline import RATE, life
 from tests.support.records_spectra import machine
-from tests.support.signals import RESONANCE, bearing_lines, impacts
 
 
 def noise(n: int, seed: int = 0) -> NDArray[np.float64]:

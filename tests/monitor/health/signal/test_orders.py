@@ -29,10 +29,10 @@ from monitor.health.signal.recording_bands import recording_bands
 from monitor.health.signal.rotation.rotation import Rotation, constant
 from monitor.health.signal.transform import BlockTransform
 from monitor.health.state import ChannelSettings, SourceSettings
+from reference.signals import bearing_lines
 from streams.turns.pulses import Pulses
 from streams.types.block import Block
 from tests.support.effort import effort_count
-from tests.support.signals import bearing_lines
 
 RATE, N = 8000.0, 16_000
 DURATION = N / RATE

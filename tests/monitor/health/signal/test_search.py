@@ -25,8 +25,8 @@ from monitor.health.signal.features import FeatureSettings, block_features, fund
 from monitor.health.signal.lines import SEARCH
 from monitor.health.signal.search import FamilySearch, family_searches, overlapping, slip_searches, stated_searches
 from monitor.health.signal.settings import WIDTH_BINS, shared_lines
+from reference.signals import Samples, impacts
 from tests.support.effort import effort_count
-from tests.support.signals import Samples, impacts
 
 RATE, BAND, SPEED = 25600.0, (1000.0, 9000.0), 30.0
 ENTRY = catalogue_entry("6207")

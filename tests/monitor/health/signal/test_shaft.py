@@ -15,8 +15,8 @@ from monitor.health.signal.comb import LineSpectrum, beside_shaft, line_spectrum
 from monitor.health.signal.condition import ConditionSettings, Quantity, known_sd
 from monitor.health.signal.features import BlockFeatures, FeatureSettings, block_features, fundamentals
 from monitor.health.signal.shaft import ACCEPTED, MIN_TURNS, SHAFT_ORDERS, measure_shaft
+from reference.signals import bearing_lines, impacts
 from tests.support.effort import effort_count
-from tests.support.signals import bearing_lines, impacts
 
 RATE, BAND, RESOLUTION = 12000.0, (1000.0, 5000.0), 0.2
 SAMPLES = NDArray[np.float64]

@@ -16,7 +16,7 @@ from monitor.health.signal.transform import (
     fast_length,
     get_transform,
 )
-from tests.oracles import features_oracle as oracle
+from reference import features as oracle
 from tests.support.effort import effort_count
 
 RATE = 25_600.0

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from monitor.health.signal.bands import VOTES_NEEDED, BandVotes, candidate_bands, find_band
 from monitor.health.signal.features import fundamentals
-from tests.support.signals import RESONANCE, bearing_lines, impacts
+from reference.signals import RESONANCE, bearing_lines, impacts
 
 RATE = 25600.0
 _, LINES = bearing_lines("6205", 30.0)

@@ -23,9 +23,9 @@ from monitor.health.size import DamageInput, EdvStatus
 from monitor.health.size.level_set import LevelMap, map_of_block, speeds_of
 from monitor.health.state import ChannelSettings, SourceSettings, SourceState
 from monitor.health.tracker import DamageState
+from reference.signals import bearing_lines
+from reference.steps import Steps
 from streams.types.block import Block
-from tests.support.signals import bearing_lines
-from tests.support.steps import Steps
 
 RATE, SAMPLES, COUNT = 25600.0, 4096, 90
 RELATIVE = Rule("relative", "rms", alert=Level(deviations=6.0), on_delay=2)

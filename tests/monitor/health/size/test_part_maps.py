@@ -31,9 +31,9 @@ from monitor.health.state import ChannelSettings, ChannelState, SourceSettings, 
 from monitor.health.tracker import DamageGate, DamageSettings, DamageState, PartMap, part_of
 from monitor.health.tracker import step as damage_step
 from monitor.service.setup import part_map
+from reference.signals import HealthyMachine, bearing_lines, impacts
 from streams.rig.bench import SimulatedRig, machine_of
 from tests.support.effort import effort_count
-from tests.support.signals import HealthyMachine, bearing_lines, impacts
 
 RATE, N, SPEED = 25600.0, 5120, 27.5
 BEARING, LINES = bearing_lines("PRONOSTIA", SPEED)

@@ -16,10 +16,10 @@ from monitor.health.signal.condition import ConditionSettings
 from monitor.health.signal.rotation.found import find_rotation
 from monitor.health.state import SourceSettings
 from monitor.service.setup import source_settings
+from reference.steps import Steps
 from streams.turns.pulses import Pulses
 from streams.types.block import Block
 from tests.monitor.health.signal.rotation.wheels import eccentric, wheel
-from tests.support.steps import Steps
 
 MARKS, SPEED, TURNS, BLOCKS = 64, 100.0, 201, 8
 RATE, SECONDS = 2000.0, 2.0

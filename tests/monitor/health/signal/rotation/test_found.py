@@ -14,12 +14,12 @@ from monitor.health.signal.condition import ConditionSettings
 from monitor.health.signal.rotation.found import FoundRotation, find_rotation, with_phase
 from monitor.health.signal.rotation.rotation import TachoSettings
 from monitor.service.setup import source_settings
+from reference.steps import Steps
 from streams.turns.pulses import Pulses
 from streams.types.block import Block
 from tests.monitor.health.signal.rotation.shafts import even, hunting, marks, run_up
 from tests.support.ridge import BEARING, shaken, turning
 from tests.support.ridge import RATE as RIDGE_RATE
-from tests.support.steps import Steps
 
 RATE, SECONDS = 8000.0, 4.0
 TIME = np.arange(round(RATE * SECONDS)) / RATE

@@ -12,10 +12,10 @@ import pytest
 from monitor.config.load import validate
 from monitor.health.signal.spectra import RawSpectra
 from monitor.service.setup import source_settings
+from reference.steps import Steps
 from streams.turns.pulses import Pulses
 from streams.types.block import Block
 from tests.monitor.health.signal.rotation.wheels import MARKS, wheel
-from tests.support.steps import Steps
 
 RATE, SECONDS = 8000.0, 2.0
 TRAIN = wheel(80, lines=[(4.5, 1e-3, 0.0)], jitter=1e-7)

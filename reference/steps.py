@@ -18,6 +18,7 @@ class Steps:
     """Holds the state of one source and the output of its latest block."""
 
     def __init__(self, settings: SourceSettings, stored: Stored | None = None, latest: Record | None = None) -> None:
+        """Begin where a stored state and the latest record end, or without a history."""
         self.settings = settings
         self.state = SourceState.begin(settings, stored, latest)
         self.output: SourceOutput | None = None
@@ -28,16 +29,20 @@ class Steps:
         return self.output.record
 
     def stored(self) -> Stored:
+        """Return the state as it is kept."""
         return self.state.to_stored()
 
     @property
     def outputs(self) -> Mapping[str, ChannelOutput]:
+        """By channel, of the latest block."""
         return {} if self.output is None else self.output.channels
 
     @property
     def bearings(self) -> Mapping[str, BearingVerdict]:
+        """By bearing, of the latest block."""
         return {} if self.output is None else self.output.bearings
 
     @property
     def spectra(self) -> tuple[SpectrumChange, ...]:
+        """What the latest block changes in the kept spectra."""
         return () if self.output is None else self.output.spectra

@@ -21,10 +21,10 @@ from monitor.health.record import Record
 from monitor.health.signal.features import FAULTS
 from monitor.health.state import ChannelSettings
 from monitor.service.setup import open_configured, source_settings
+from reference.steps import Steps
 from streams.types.block import Block, Rejected
-from tests.support.steps import Steps
 
-EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
+EXAMPLES = Path(__file__).resolve().parents[1] / "examples"
 
 
 @dataclass(frozen=True)
