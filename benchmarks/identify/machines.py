@@ -30,9 +30,18 @@ from numpy.typing import NDArray
 
 from benchmarks.common import Row, print_table, write_json
 from models.identify.evaluate import Evaluator
-from models.identify.evidence import DIRECTIONS, SCALES, Direction, Evidence, Peak, Prior, geometry_priors
+from models.identify.evidence import (
+    DIRECTIONS,
+    SCALES,
+    Direction,
+    Evidence,
+    Peak,
+    Prior,
+    accelerance,
+    geometry_priors,
+    modes,
+)
 from models.identify.limits import wide_limits
-from models.identify.modes import accelerance, modes
 from models.identify.resonances import find_resonances, welch
 from models.identify.run import Identification, IdentifyOptions, identify
 from models.identify.space import FREE_WITHOUT_TESTS, Space, bearing_directions

@@ -23,8 +23,7 @@ from benchmarks.scenes.draws import draw
 from benchmarks.scenes.trial import error_of
 from models.machine.scene import Scene
 from models.solve.mappings.table import Groups, groups_of_balls, groups_of_shaft
-from models.solve.registry import choose
-from models.solve.simulate import stand_ins
+from models.solve.simulate import choose, stand_ins
 from models.words.request import Quantity
 
 
@@ -84,7 +83,7 @@ def measured(training: Training, count: int) -> list[tuple[Scene, dict[str, floa
         if not training.keeps(drawn.scene):
             continue
         request = replace(drawn.request, quantity=training.quantity, accuracy=ACCURACY[training.quantity])
-        reference, _ = choose(drawn.scene, request)
+        reference = choose(drawn.scene, request)[0]
         truth = reference.solve(drawn.scene, request)
         offered = stand_ins(drawn.scene, request, reference)[0]
         one = next(one for one in offered if one.solver.model == training.model)

@@ -17,12 +17,13 @@ from models.machine.scene import Scene
 from models.solve.ball_inertia import period as ball_period
 from models.solve.ball_inertia import solver as ball_inertia
 from models.solve.mappings.table import Mapping
-from models.solve.registry import Solver, choose
+from models.solve.registry import Solver
 from models.solve.response import Response
 from models.solve.rotor import elastic as rotor_elastic
 from models.solve.rotor.solver import Rigid
-from models.solve.simulate import simulate, stand_ins, volume_slope
-from models.solve.six_dof import periodic, time_domain
+from models.solve.simulate import choose, simulate, stand_ins, volume_slope
+from models.solve.six_dof import periodic
+from models.solve.six_dof.setup import longest_step
 from models.words.request import Request
 
 FINER = 8
@@ -91,7 +92,7 @@ def first_step(scene: Scene, solver: Solver) -> float:
         return Rigid(scene, 0.0).longest_step()
     if solver.name == "elastic":
         return rotor_elastic.shaft_of(scene).longest_step()
-    return time_domain._longest_step(scene, kinematics(scene.bearing, scene.speed))
+    return longest_step(scene, kinematics(scene.bearing, scene.speed))
 
 
 def truth_of(scene: Scene, request: Request, solver: Solver) -> Response:
@@ -135,7 +136,7 @@ def _least_difference(one: NDArray[np.complex128], two: NDArray[np.complex128]) 
 def run(drawn: Drawn, turns: int = TURNS) -> Trial:
     """Return what a scene gives; the calls are timed in turns."""
     scene, request = drawn.scene, drawn.request
-    reference, _ = choose(scene, request)
+    reference = choose(scene, request)[0]
     own = replace(request, quantity="rms") if request.quantity == "v_eq" else request
     slope = 1.0
     if request.quantity == "v_eq":

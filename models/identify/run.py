@@ -22,13 +22,11 @@ import numpy as np
 
 from models.identify.evaluate import Evaluator, Key, Level
 from models.identify.evidence import Evidence
-from models.identify.front import nsga2, simulated_front
-from models.identify.intervals import ParameterInterval, Threshold, profile_intervals, threshold
+from models.identify.intervals import ParameterInterval, Threshold, profile_intervals, threshold, valley_choice
 from models.identify.posterior import draw_posterior, planned_candidates
 from models.identify.problem import Fit, Problem
-from models.identify.search import lowest, planned_evaluations, search
+from models.identify.search import lowest, nsga2, planned_evaluations, search, simulated_front
 from models.identify.trials import FEATURES, Trials
-from models.identify.valleys import valley_choice
 from models.machine.rig import RigPosterior, rounded
 from models.words.errors import WrongInputError
 from models.work.program import program

@@ -16,9 +16,9 @@ import numpy as np
 from models.machine.bearing import from_catalogue, kinematics
 from models.machine.scene import Defect, Part, Scene
 from models.published.acceptance import AcceptanceRow, Status, highest_line
-from models.solve.rotor.elastic import trace_elastic
+from models.solve.rotor.elastic import shaft_of
 from models.solve.rotor.rig import RotorRig
-from models.solve.rotor.solver import RotorTrace, trace
+from models.solve.rotor.solver import Rigid, RotorTrace
 
 if TYPE_CHECKING:
     from models.words.request import Sensor
@@ -57,7 +57,7 @@ def run(scene: Scene, *, elastic: bool = False, step: float = STEP) -> RotorTrac
     """Return a run from the printed beginning, the middle of the clearance (Table 5.3)."""
     g = scene.clearance
     rest = np.array([g, 0.0, 0.0, 0.0, g, 0.0, g, 0.0])
-    return (trace_elastic if elastic else trace)(scene, DURATION, step, rest=rest)
+    return (shaft_of if elastic else Rigid)(scene).trace(DURATION, step, rest=rest)
 
 
 def peak_value(found: RotorTrace, sensor: Sensor, scene: Scene) -> float:

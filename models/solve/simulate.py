@@ -3,7 +3,7 @@
 Which model answers for a scene: the reference, or a cheaper one that is predicted to be good enough for the request.
 
 The reference is the cheapest solver, among those that leave out nothing of the machine, that takes the parameters of
-the scene and meets the accuracy (``models.solve.registry.choose``). A mapping (``models.solve.mappings``) offers what
+the scene and meets the accuracy (``choose``). A mapping (``models.solve.mappings``) offers what
 stands for it, where the assumptions of both coincide. It is taken if it is cheaper and the predicted error of the
 exchange leaves the steps a share of the accuracy; otherwise the reference answers. So it does where what was taken says
 that it missed.
@@ -15,8 +15,9 @@ import math
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
+from models.machine.scene import EFFECTS
 from models.solve.mappings.table import MAPPINGS, Mapped, Mapping
-from models.solve.registry import AUTO, Solver, choose_priced, solvers
+from models.solve.registry import AUTO, Solver, solvers
 from models.solve.response import judged
 from models.words.request import Request
 
@@ -24,6 +25,81 @@ if TYPE_CHECKING:
     from models.machine.scene import Scene
     from models.solve.response import Response
     from models.words.request import Quantity, Sensor
+
+
+def choose(scene: Scene, request: Request) -> tuple[Solver, str | None, float | None]:
+    """Return the cheapest solver that has all effects of a scene, its parameters and the accuracy asked for, why, and
+    its expected cost, s.
+
+    It is a reference: what stands for it with parameters of another model is chosen in ``select``. The reason is None
+    where the scene names its model and that has one way only, the cost where it had no need to be known. If none
+    reaches the accuracy, the most accurate is taken, and the status of its response says so.
+
+    Raises:
+        ValueError: if no solver has all the effects, or none of those that have takes the parameters of the machine;
+            the message names those that lack, and who has them.
+    """
+    known = solvers(scene.model)
+    needed = frozenset(scene.effects)
+    able = [s for s in known if needed <= s.effects]
+    if not able:
+        raise ValueError(_refusal(scene, known))
+    able = _of_the_rig(scene, able)
+    able = [s for s in able if s.whole is None or s.whole(scene)] or able
+    accurate = [s for s in able if s.error <= request.accuracy]
+    cost: float | None = None
+    if len(accurate) > 1:
+        costs = [s.cost(scene, request) for s in accurate]
+        cost = min(costs)
+        best = accurate[costs.index(cost)]
+    else:
+        best = accurate[0] if accurate else min(able, key=lambda s: s.error)
+    if scene.model != AUTO:
+        return best, None, cost
+    return best, _reason(best, scene, len({s.model for s in able})), cost
+
+
+def _reason(best: Solver, scene: Scene, models: int) -> str:
+    named = " with " + ", ".join(EFFECTS[name] for name in scene.effects) if scene.effects else ""
+    rank = "the only model" if models == 1 else f"the cheapest of {models} models"
+    return f"{best.model} is {rank}{named}; {best.reason}"
+
+
+def _of_the_rig(scene: Scene, able: list[Solver]) -> list[Solver]:
+    """Return the solvers that take the parameters of a scene; raise the first refusal where none does."""
+    found: list[Solver] = []
+    refusals: list[ValueError] = []
+    for solver in able:
+        try:
+            scene.rig_as(solver.rig)
+        except ValueError as error:
+            refusals.append(error)
+        else:
+            found.append(solver)
+    if not found:
+        if scene.model != AUTO:
+            raise refusals[0]
+        models = sorted({f"{solver.model} ({solver.rig.__name__})" for solver in able})
+        named = ", ".join(scene.effects) or "rig"
+        raise ValueError(
+            f"{named}: {scene.rig.model}, whose parameters these are, does not describe this; models that do, "
+            f"with parameters of their own: {', '.join(models)}"
+        )
+    return found
+
+
+def _refusal(scene: Scene, known: tuple[Solver, ...]) -> str:
+    """Return why a scene is refused: what the closest solver lacks, and which models have all of it."""
+    needed = frozenset(scene.effects)
+    closest = min(known, key=lambda s: len(needed - s.effects))
+    missing = [name for name in scene.effects if name not in closest.effects]
+    rest = [name for name in scene.effects if name in closest.effects]
+    together = f" together with {', '.join(rest)}" if rest else ""
+    model = "no model" if scene.model == AUTO else scene.model
+    able = sorted({s.model for s in solvers() if needed <= s.effects})
+    others = "" if scene.model == AUTO else f"; models that describe it: {', '.join(able) or 'none'}"
+    verb = "describes" if scene.model == AUTO else "does not describe"
+    return f"{', '.join(missing)}: {model} {verb} this{together}{others}"
 
 
 # Share of the accuracy that is left to the steps of what stands for a reference.
@@ -133,7 +209,7 @@ def select(scene: Scene, request: Request) -> Choice:
     Raises:
         ValueError: if no model describes it; the message names what is missing, and who has it.
     """
-    reference, why, cost = choose_priced(scene, request)
+    reference, why, cost = choose(scene, request)
     plain = Choice(reference, scene, request, why)
     if scene.model != AUTO or request.steps_per_period is not None or reference.error > request.accuracy:
         return plain

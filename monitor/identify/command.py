@@ -14,7 +14,6 @@ import click
 import numpy as np
 
 from models.identify.evidence import Evidence
-from models.identify.intervals import ParameterInterval
 from models.identify.limits import INTERVALS, Limits, wide_limits
 from models.identify.run import Identification, IdentifyOptions, identify
 from models.identify.space import ALIASES, DEFAULT_FREE, FREE_WITHOUT_TESTS, ORDER, Space, contact_ratios
@@ -36,11 +35,9 @@ from monitor.commands.common import (
     say,
 )
 from monitor.config.load import Config
-from monitor.identify import evidence_files
-from monitor.identify.rig_table import MICRO, NAMES, find_warnings, is_calibration, key_of, rig_toml
+from monitor.identify import evidence_files, rig_table
 from monitor.identify.trial_files import HEALTHY, Measuring, TrialFile, tracked_channel, with_race_radius
 from monitor.identify.trial_folder import read_tests
-from monitor.identify.verdict import judge, verdict_lines
 from monitor.records.durable import replacing
 from streams.types.block import STANDARD_GRAVITY
 
@@ -56,7 +53,7 @@ class _Command(click.Command):
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         """Parse with the option before each name."""
-        parameters = {*ORDER, *NAMES}
+        parameters = {*ORDER, *rig_table.NAMES}
         return super().parse_args(
             ctx, list(option.spread_names(args, {"--free": parameters, "--objectives": FEATURES}))
         )
@@ -150,18 +147,22 @@ def command(
         _check_told(trials, evidence, page)
         section = next(section for section in config.bearing if section.name == channel.bearing)
         loads = {condition.load for condition in trials.conditions} | set(evidence.loads)
-        known = Space(rig, entry.bearing, tuple(sorted(loads)), section.clearance_um / MICRO)
+        known = Space(rig, entry.bearing, tuple(sorted(loads)), section.clearance_um / rig_table.MICRO)
         space = _with_unknowns(known, options, damaged=bool(np.any(trials.damaged)))
         settings = _settings(options, band)
         with _of_candidates(sharing).open(out, quiet=quiet, progress=False) as shared:
-            state = None if out is None else _state_path(out)
+            state = None if out is None else out.with_name(out.name + ".state")
             run: dict[str, Any] = {"runner": shared.runner, "progress": _progress(quiet=quiet)}
             with _near(sharing) as run["near"], _resumable(state):
                 found = identify(trials, space, settings, evidence, state=state, resume=sharing.resume, **run)
-            verdict = judge(found, config, entry, shared.runner)
-            values = _values(found, settings, table) | verdict.values(is_calibration(found))
+            verdict = rig_table.judge(found, config, entry, shared.runner)
+            values = _values(found, settings, table) | verdict.values(rig_table.is_calibration(found))
             values["cluster"] = shared.values()
-            values["warnings"] = [*table.warnings, *find_warnings(found, config, entry), *values["why_uncalibrated"]]
+            values["warnings"] = [
+                *table.warnings,
+                *rig_table.find_warnings(found, config, entry),
+                *values["why_uncalibrated"],
+            ]
             # While other commands with this OUT are refused.
             if out is not None:
                 for kind, path in _write_rig(out, found, config, channel.bearing, values):
@@ -175,7 +176,7 @@ def command(
             found=found,
             options=settings,
             trials=table.trials,
-            keys={name: key_of(name, space.rig.element) for name in space.free},
+            keys={name: rig_table.key_of(name, space.rig.element) for name in space.free},
             reasons=_REASONS,
             machine=config.machine.name,
             recordings=table.recordings,
@@ -253,7 +254,7 @@ def _write_rig(
         _write(posterior, found.posterior.text())
         values["posterior"]["out"] = str(posterior)
         yield "posterior", posterior
-    _write(out, rig_toml(found, config, bearing, values))
+    _write(out, rig_table.rig_toml(found, config, bearing, values))
     yield "rig", out
 
 
@@ -267,7 +268,7 @@ def _free(groups: Sequence[tuple[str, ...]]) -> tuple[str, ...]:
     known = (*ORDER, *ALIASES)
     for name in names:
         if name not in known:
-            near = difflib.get_close_matches(name, [*known, *NAMES], n=1)
+            near = difflib.get_close_matches(name, [*known, *rig_table.NAMES], n=1)
             hint = f"; did you mean {near[0]}?" if near else ";"
             raise InputError(f"--free {name}: cannot be free{hint} expected {', '.join(known)}, or their keys in [rig]")
     return names
@@ -275,11 +276,7 @@ def _free(groups: Sequence[tuple[str, ...]]) -> tuple[str, ...]:
 
 def _names(groups: Sequence[tuple[str, ...]]) -> tuple[str, ...]:
     """Return the names of an option that may be repeated; keys of the configuration stand for their parameters."""
-    return tuple(NAMES.get(name, name) for group in groups for name in group)
-
-
-def _state_path(out: Path) -> Path:
-    return out.with_name(out.name + ".state")
+    return tuple(rig_table.NAMES.get(name, name) for group in groups for name in group)
 
 
 @contextmanager
@@ -314,16 +311,14 @@ def _progress(*, quiet: bool) -> Callable[[str, int, int, float], None]:
 def _values(found: Identification, settings: IdentifyOptions, table: TrialFile) -> dict[str, Any]:
     """Return the keys of the interface, and what else is known."""
     space = found.space
+    keys = {name: rig_table.key_of(name, space.rig.element) for name in space.free}
 
     def keyed(values: Mapping[str, float]) -> dict[str, float]:
-        return {
-            key_of(name, space.rig.element): values[name] * (MICRO if name == "clearance" else 1.0)
-            for name in space.free
-        }
+        return {key: values[name] * (rig_table.MICRO if name == "clearance" else 1.0) for name, key in keys.items()}
 
     zeta_1, zeta_2 = contact_ratios(found.best.values, space.limits)
     low, high = (keyed({name: getattr(i, end) for name, i in found.intervals.items()}) for end in ("low", "high"))
-    reasons = {key_of(name, space.rig.element): i.reason for name, i in found.intervals.items()}
+    reasons = {keys[name]: i.reason for name, i in found.intervals.items()}
     front = found.front[:: max(1, -(-len(found.front) // _MAX_FRONT))]
     return {
         "front": [{"parameters": keyed(values), "objectives": objectives} for values, objectives in front],
@@ -334,10 +329,9 @@ def _values(found: Identification, settings: IdentifyOptions, table: TrialFile) 
         "seconds": found.seconds,
         "level": settings.level,
         "reasons": {key: _REASONS[reason] for key, reason in reasons.items() if reason},
-        "at_limit": {
-            key_of(name, space.rig.element): list(i.at_limit) for name, i in found.intervals.items() if any(i.at_limit)
-        },
-        "sd": {key_of(name, space.rig.element): _sd(name, i) for name, i in found.intervals.items()},
+        "at_limit": {keys[name]: list(i.at_limit) for name, i in found.intervals.items() if any(i.at_limit)},
+        # By the Fisher information: relative, of the clearance in um, of alpha_c in 1/s.
+        "sd": {key: finite(sd) for key, sd in keyed({name: i.sd for name, i in found.intervals.items()}).items()},
         "objectives": found.deviations,
         "noise": finite(found.noise),
         "f_r_hz": list(found.resonances),
@@ -366,11 +360,6 @@ def _values(found: Identification, settings: IdentifyOptions, table: TrialFile) 
     }
 
 
-def _sd(name: str, interval: ParameterInterval) -> float | None:
-    """Return the standard deviation by the Fisher information: relative, of the clearance in um, of alpha_c in 1/s."""
-    return finite(interval.sd * (MICRO if name == "clearance" else 1.0))
-
-
 def _write(out: Path, text: str) -> None:
     with output_errors("--out", out), replacing(out) as temporary:
         temporary.write_text(text, encoding="utf-8")
@@ -396,7 +385,7 @@ def _lines(values: Mapping[str, Any]) -> Iterator[str]:
     yield f"{len(values['front'])} candidates on the front"
     if values["not_periodic"]:
         yield f"{values['not_periodic']} conditions do not repeat with the ball passage; their levels are means"
-    yield from verdict_lines(values)
+    yield from rig_table.verdict_lines(values)
     yield from (f"warning: {text}" for text in values["warnings"])
     posterior = values["posterior"]
     yield (

@@ -1,19 +1,34 @@
-"""The ``[rig]`` table that ``identify`` writes: its keys, its claim, and what speaks against it."""
+"""The ``[rig]`` table that ``identify`` writes, and what an identification claims: whether the rig is calibrated and
+why not, on which priors its intervals lean, and what speaks against it.
+"""
 
 from __future__ import annotations
 
 import json
 from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
+from models.identify.evidence import SCALES
+from models.identify.intervals import coordinate_derivatives
 from models.identify.run import Identification
 from models.identify.space import ORDER
+from models.identify.volume import OperatingPoint, VolumeSpread, objections, volume_spread
 from models.machine.bearing import CatalogueEntry
 from models.machine.contact_estimates import estimate_stiffness
+from models.work.runner import Runner
+from monitor.commands.common import finite
 from monitor.config.bearing import RIG_KEYS, STIFFNESS_KEYS, sealed
 from monitor.config.load import Config
 from monitor.words.calibration import ASSUMED
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from models.identify.run import Identification
 
 MICRO = 1e6
 KEYS = {**RIG_KEYS, "clearance": "clearance_um"}
@@ -108,3 +123,120 @@ def _remark(key: str, values: Mapping[str, Any]) -> str:
     low, high = values["intervals"][key]
     words = f"  # {100 * values['level']:.3g} % interval {low:.4g} to {high:.4g}"
     return words + (", undetermined" if key in values["undetermined"] else "")
+
+
+LEANS = 1.5
+"""A parameter leans on a prior without which its standard deviation would be larger by this factor."""
+# Information in units of the prior of a flat coordinate of the cube, so that none is infinite.
+_FLAT = 12.0
+
+
+def leaning(found: Identification) -> dict[str, tuple[str, ...]]:
+    """Return the parameters whose uncertainty, by the information at the best fit, rests on priors, with these.
+
+    Priors are named by their parameter. Limits of the space count as a uniform distribution between them.
+    """
+    problem, space = found.problem, found.space
+    priors = problem.evidence.priors
+    if not priors:
+        return {}
+    jacobian = problem.jacobian(space, found.best.point)
+    transform = coordinate_derivatives(space, found.best)
+    first = len(jacobian) - len(priors)
+    whole = _deviations(jacobian, transform)
+    leans: dict[str, list[str]] = {}
+    for number, prior in enumerate(priors):
+        without = _deviations(np.delete(jacobian, first + number, axis=0), transform)
+        for name, before, after in zip(space.free, whole, without, strict=True):
+            if after > LEANS * before:
+                leans.setdefault(name, []).append(prior.name)
+    return {name: tuple(priors) for name, priors in leans.items()}
+
+
+def _deviations(jacobian: NDArray[np.float64], transform: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the standard deviations of the parameters from derivatives by coordinates and those of parameters."""
+    information = jacobian.T @ jacobian + _FLAT * np.eye(jacobian.shape[1])
+    return np.sqrt(np.diag(transform @ np.linalg.inv(information) @ transform.T))
+
+
+# Speed at which V_eq is judged where no other is known, Hz.
+_SPEED = 30.0
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What an identification claims.
+
+    Attributes:
+        found: the identification.
+        spread: of V_eq over the rigs that the data leave possible.
+        why_not: why the rig may not be called calibrated, in words; nothing where it may.
+        leans: priors on which the interval of a parameter leans.
+    """
+
+    found: Identification
+    spread: tuple[VolumeSpread, ...]
+    why_not: tuple[str, ...]
+    leans: Mapping[str, tuple[str, ...]]
+
+    def values(self, fits: bool) -> dict[str, Any]:
+        """Return the keys of the answer; ``fits`` is whether the model describes the tests."""
+        evidence, element = self.found.problem.evidence, self.found.space.rig.element
+        return {
+            "calibrated": fits and not self.why_not,
+            "why_uncalibrated": list(self.why_not),
+            "identification": None if self.why_not else self.found.hash,
+            "peaks": len(evidence.peaks),
+            "resonances": [
+                {
+                    "load_newton": peak.load,
+                    "direction": peak.direction or None,
+                    "frequency_hz": peak.frequency,
+                    "damping": peak.damping,
+                    "extracted": peak.extracted,
+                }
+                for peak in evidence.peaks
+            ],
+            "priors": [
+                {
+                    "name": key_of(prior.name, element),
+                    "value": prior.value,
+                    "sd": prior.sd,
+                    "source": prior.source,
+                    "at_least": prior.at_least,
+                }
+                for prior in evidence.priors
+            ],
+            "leans_on": {
+                key_of(name, element): [key_of(each, element) for each in priors] for name, priors in self.leans.items()
+            },
+            "v_eq_spread": [
+                {"v_eq_mm2": each.volume * 1e6, "lower": finite(each.low), "upper": finite(each.high)}
+                for each in self.spread
+            ],
+        }
+
+
+def judge(found: Identification, config: Config, entry: CatalogueEntry, runner: Runner) -> Verdict:
+    """Return what an identification claims, at the operating point of the machine or of its largest load."""
+    problem = found.problem
+    load = config.operating.load_newton or max(found.space.loads)
+    speeds = [condition.speed for condition in problem.trials.conditions]
+    speed = config.operating.speed_hz or max(speeds, default=_SPEED)
+    spread = volume_spread(found, OperatingPoint(load, speed, problem.evaluator.band), runner)
+    element = found.space.rig.element
+    assumed = config.rig.assumed_keys(geometric=element == "roller" or not config.owns_rig(entry))
+    configured = {name for name in SCALES if key_of(name, element) not in assumed}
+    return Verdict(found, spread, tuple(objections(found, spread, configured)), leaning(found))
+
+
+def verdict_lines(values: Mapping[str, Any]) -> Iterator[str]:
+    """Yield a verdict in words."""
+    for prior in values["priors"]:
+        relation = "at least " if prior["at_least"] else ""
+        yield f"prior of {prior['name']}: {relation}{prior['value']:.4g}, {100 * prior['sd']:.2g} % ({prior['source']})"
+    for key, priors in values["leans_on"].items():
+        yield f"the interval of {key} leans on the prior of {', '.join(priors)}"
+    for spread in values["v_eq_spread"]:
+        ends = ["beyond the map" if spread[end] is None else f"{spread[end]:.3g}" for end in ("lower", "upper")]
+        yield f"V_eq for the level of {spread['v_eq_mm2']:g} mm3/mm: {' to '.join(ends)} times it, over possible rigs"

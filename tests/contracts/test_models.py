@@ -24,10 +24,10 @@ import models.gears
 import models.solve.simulate
 from models.machine.rig import Rig, RigParameters
 from models.machine.scene import EFFECTS, Floor, Scene, Slip
-from models.solve.registry import AUTO, MODELS, Solver, choose, solvers
+from models.solve.registry import AUTO, MODELS, Solver, solvers
 from models.solve.response import HARMONICS, STATUSES, Response
 from models.solve.ring_impact.rig import RingImpactRig
-from models.solve.simulate import simulate
+from models.solve.simulate import choose, simulate
 from models.solve.six_dof.lanes import simulate_lanes
 from models.solve.six_dof.rows import simulate_row
 from models.solve.six_dof.time_domain import simulate_time
@@ -239,17 +239,17 @@ def test_what_no_model_has_is_refused_and_else_the_cheapest_is_taken(rig: type[R
         ):
             simulate(scene, **SHORT)
         return
-    chosen, why = choose(scene, REQUEST)
+    chosen, why, _ = choose(scene, REQUEST)
     assert chosen.cost(scene, REQUEST) == min(solver.cost(scene, REQUEST) for solver in able)
     assert why is not None
     assert chosen.model in why
     assert EFFECTS[effect] in why
-    named, silent = choose(replace(scene, model=chosen.model), REQUEST)
+    named, silent, _ = choose(replace(scene, model=chosen.model), REQUEST)
     assert (named, silent) == (chosen, None)
 
 
 def test_a_scene_without_effects_has_a_reason_too() -> None:
-    solver, why = choose(HEALTHY, REQUEST)
+    solver, why, _ = choose(HEALTHY, REQUEST)
     assert why == f"{solver.model} is the only model; {solver.reason}"
 
 

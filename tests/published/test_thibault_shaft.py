@@ -24,7 +24,7 @@ from models.published.thibault_shaft import (
     passage,
     turning,
 )
-from models.solve.angular.kernels.ball_ring import CARRIED, F_X, carry
+from models.solve.angular.ball_ring_kernel import CARRIED, F_X, carry
 from models.solve.angular.plan import assemble, ring_of
 from tests.support.accepted import rows_of
 

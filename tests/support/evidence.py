@@ -6,8 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from models.identify.evidence import DIRECTIONS, Direction, Peak
-from models.identify.modes import accelerance, modes
+from models.identify.evidence import DIRECTIONS, Direction, Peak, accelerance, modes
 from models.identify.space import bearing_directions
 from models.machine.rig import Rig
 from tests.models.identify.cases import BEARING

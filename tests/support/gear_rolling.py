@@ -13,7 +13,7 @@ from models.machine.bearing import from_catalogue
 from models.machine.scene import Defect, Part, Scene
 from models.solve.rotor.plan import at_rest
 from models.solve.rotor.rig import RotorRig
-from models.solve.rotor.solver import trace
+from models.solve.rotor.solver import Rigid
 
 BEARING = from_catalogue("6305")
 
@@ -40,4 +40,4 @@ def rotor_and_body(part: Part, step: float, duration: float) -> tuple[np.ndarray
     )
     # Where a ball with a defect meets a race, it is relieved at once, and the energy of its contact jumps.
     assert part == "ball" or motion.energy_residual() < 1e-4
-    return trace(scene, duration, step, rest=rest).c, motion.displacement[:, 0] + 1j * motion.displacement[:, 1]
+    return Rigid(scene).trace(duration, step, rest=rest).c, motion.displacement[:, 0] + 1j * motion.displacement[:, 1]

@@ -1,1 +1,9 @@
 """An elastic shaft on two ball bearings whose angular speed is watched (Thibault et al. 2022)."""
+
+from models.words.extras import Model
+
+DECLARED = Model(
+    "models.solve.angular.rig:AngularRig",
+    ("models.solve.angular.solver",),
+    (("angular speed", "models.solve.angular.solver:warm"),),
+)

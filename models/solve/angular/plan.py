@@ -16,9 +16,9 @@ import numpy as np
 from models.machine.ball_statics import BallStatics, RingState, ring_state
 from models.machine.hertz import point_contact_semi_axes
 from models.machine.shaft_beam import PER_NODE, TURN_X, TURN_Y, TURN_Z, X, Y, Z, add_disc, shaft_matrices
-from models.solve.angular.kernels import ball_ring as spall
-from models.solve.angular.kernels import shaft as kernels
-from models.solve.angular.kernels.ball_ring import BallRing
+from models.solve.angular import ball_ring_kernel as spall
+from models.solve.angular import kernel as kernels
+from models.solve.angular.ball_ring_kernel import BallRing
 from models.solve.angular.rig import AngularRig
 from models.words.numerics import generalised_modes
 

@@ -1,6 +1,6 @@
 """An elastic shaft on two ball bearings in the angular domain (Thibault et al. 2022): its instantaneous angular speed.
 
-``models/solve/angular/plan.py`` states what moves, ``models/solve/angular/kernels/shaft.py`` how it is integrated:
+``models/solve/angular/plan.py`` states what moves, ``models/solve/angular/kernel.py`` how it is integrated:
 Runge-Kutta steps of order four and of equal angle of the encoder's node, or in proportion to a nominal speed that
 changes.
 Sensors: "ias" is the angular speed at that node less the nominal one, rad/s; "a", "b" and "c" are the accelerations of
@@ -28,8 +28,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from models.machine.speed_profile import constant
-from models.solve.angular.kernels import shaft as kernels
-from models.solve.angular.kernels.ball_ring import CARRIED, LEFT, TORQUE
+from models.solve.angular import kernel as kernels
+from models.solve.angular.ball_ring_kernel import CARRIED, LEFT, TORQUE
 from models.solve.angular.plan import GOVERNOR_RATIO, Assembly, assemble, at_rest, prepare_plan
 from models.solve.angular.rig import AngularRig
 from models.solve.engine.motion import Motion, lead_in
@@ -90,7 +90,7 @@ class AngularTrace:
         angle: of the encoder's node, from the nominal rotation, rad, (steps,).
         ias: angular speed there less the nominal one, rad/s, (steps,).
         acceleration: of A, B and disc along the load, m/s2, (steps, 3).
-        carried: what the balls of A and B carry: see the constants of models.solve.angular.kernels.ball_ring, (steps,
+        carried: what the balls of A and B carry: see the constants of models.solve.angular.ball_ring_kernel, (steps,
             2, CARRIED).
         finite: whether the run went to its end.
     """
@@ -131,7 +131,8 @@ def solve(scene: Scene, request: Request) -> Response:
 
     def from_rest(steps: int, oversampling: int) -> tuple[NDArray[np.float64], bool]:
         wave, h = np.zeros((steps, len(SENSORS))), 1.0 / (request.rate * oversampling)
-        finite = kernels.run(rest.copy(), wave, h, h * turned, plan, kernels.new_work(plan)) == kernels.STATUS_OK
+        status = kernels.carry_over(rest.copy(), kernels.NO_ROWS, wave, h, h * turned, plan)
+        finite = status == kernels.STATUS_OK
         if not finite:
             # Not what was written before it broke off: shorter steps shall be tried.
             wave[:] = math.inf
@@ -168,7 +169,7 @@ def trace(scene: Scene, turns: float, step: float) -> AngularTrace:
     assembly = assemble(scene)
     plan = prepare_plan(scene, assembly, profile=scene.rotation(_slope_over(scene, turns)))
     rows = np.zeros((max(1, round(2.0 * math.pi * turns / step)), kernels.TRACE))
-    status = kernels.trace(at_rest(plan, assembly), rows, step, plan, kernels.new_work(plan))
+    status = kernels.carry_over(at_rest(plan, assembly), rows, kernels.NO_WAVE, 0.0, step, plan)
     carried = rows[:, 2 + kernels.SENSORS :].reshape(len(rows), 2, CARRIED)
     finite = status == kernels.STATUS_OK
     return AngularTrace(step, rows[:, 0], rows[:, 1], rows[:, 2], rows[:, 3 : 2 + kernels.SENSORS], carried, finite)

@@ -20,19 +20,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from models.platform.jit import inlined, kernel
-from models.solve.engine.kernel_stepping import (
-    EXACT_ANGLES,
-    MOST_CHANGES,
-    TINY,
-    accept,
-    attempt,
-    fill_depth,
-    fill_half,
-    fill_rest,
-    fill_start,
-    runge_kutta,
-    to_change,
-)
+from models.solve.engine.kernel_stepping import attempt, broken_step, run_over, to_change
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -207,10 +195,18 @@ def _fill_overlap(z: NDArray[np.float64], node: Index, plan: BallPlan, work: Bal
 
 
 @inlined
-def _hold(work: BallWork) -> None:
-    """Write which contacts are closed, from their overlaps."""
+def _kept(changed: bool, work: BallWork) -> bool:
+    """Write which contacts are closed, from their overlaps at the end of the step; nothing is to be looked at anew."""
     for k in range(work.closed.shape[0]):
         work.closed[k] = 1.0 if work.overlap[k] > 0.0 else 0.0
+    return False
+
+
+@inlined
+def _hold(z: NDArray[np.float64], node: Index, plan: BallPlan, work: BallWork) -> None:
+    """Write which contacts are closed at a node."""
+    _fill_overlap(z, node, plan, work)
+    _kept(False, work)
 
 
 @inlined
@@ -242,34 +238,18 @@ def _to_contact(t: float, h: float, at_end: float, interval: Index, plan: BallPl
 
 @kernel
 def _broken_step(t: float, end: float, i: int, plan: BallPlan, work: BallWork) -> int:
-    """Carry the state to ``end`` over edges and contacts that close.
+    return broken_step(_try, _to_contact, slope_of, _hold, _kept, t, end, i, plan, work)
 
-    Returns:
-        The interval at ``end``.
-    """
-    changes = 0
-    while end - t > TINY:
-        stop = min(end, plan.bounds[i + 1])
-        fill_start(t, plan.parameter, work.turn)
-        fill_depth(t, 0.0, i, plan, work.depth)
-        slope_of(work.state, np.int64(0), plan, work, np.int64(0))
-        length = stop - t
-        gap = _try(t, length, i, plan, work)
-        if gap < 0.0 and changes < MOST_CHANGES:
-            length = _to_contact(t, length, gap, i, plan, work)
-            changes += 1
-        t += length
-        accept(work)
-        _hold(work)
-        edge = plan.bounds[i + 1] - t <= TINY
-        while plan.bounds[i + 1] - t <= TINY:
-            i += 1
-        if edge:
-            fill_start(t, plan.parameter, work.turn)
-            fill_depth(t, 0.0, i, plan, work.depth)
-            _fill_overlap(work.state, np.int64(0), plan, work)
-            _hold(work)
-    return i
+
+@inlined
+def _sense(n: int, plan: BallPlan, work: BallWork, wave: NDArray[np.float64], place: NDArray[np.float64]) -> None:
+    """Write the acceleration of the ring in the sensor's direction from the first slope, and where all are."""
+    p = plan.parameter
+    wave[n, 0] = work.slope[0, 2] * p[P_DIRECTION_1] + work.slope[0, 3] * p[P_DIRECTION_2]
+    if place.shape[0] > 0:
+        place[n, 0], place[n, 1] = work.state[0], work.state[1]
+        for k in range(2, place.shape[1]):
+            place[n, k] = work.state[k + 2]
 
 
 @kernel
@@ -286,41 +266,9 @@ def run(
     Returns:
         A STATUS_ number.
     """
-    work, p = new_work(plan), plan.parameter
+    work = new_work(plan)
     work.state[:] = state
-    fill_half(h, p, work.half[0])
-    fill_start(0.0, p, work.turn)
-    fill_depth(0.0, 0.0, np.int64(0), plan, work.depth)
-    _fill_overlap(work.state, np.int64(0), plan, work)
-    _hold(work)
-    i, exact, written = 0, 0, -1
-    for n in range(wave.shape[0]):
-        t, end = n * h, (n + 1) * h
-        if exact == 0:
-            fill_start(t, p, work.turn)
-        exact = (exact + 1) % EXACT_ANGLES
-        fill_rest(work.half[0], work.turn)
-        # Without a passage in the interval the depths stay zero.
-        if i != written or plan.first[i + 1] > plan.first[i]:
-            fill_depth(t, h, i, plan, work.depth)
-            written = i
-        slope_of(work.state, np.int64(0), plan, work, np.int64(0))
-        wave[n, 0] = work.slope[0, 2] * p[P_DIRECTION_1] + work.slope[0, 3] * p[P_DIRECTION_2]
-        if place.shape[0] > 0:
-            place[n, 0], place[n, 1] = work.state[0], work.state[1]
-            for k in range(2, place.shape[1]):
-                place[n, k] = work.state[k + 2]
-        whole = plan.bounds[i + 1] - end > TINY
-        if whole:
-            runge_kutta(slope_of, h, plan, work)
-            whole = _gap_at(work.trial, np.int64(2), plan, work) >= 0.0
-        if whole:
-            accept(work)
-            _hold(work)
-            for k in range(4):
-                work.turn[0, k] = work.turn[2, k]
-        else:
-            i, exact, written = _broken_step(t, end, i, plan, work), 0, -1
+    run_over(slope_of, _gap_at, _hold, _kept, _sense, _broken_step, wave, place, h, plan, work)
     state[:] = work.state
-    inside = abs(state[0]) + abs(state[1]) < p[P_PITCH]
+    inside = abs(state[0]) + abs(state[1]) < plan.parameter[P_PITCH]
     return STATUS_OK if inside and np.all(np.isfinite(state)) else STATUS_NOT_FINITE

@@ -1,8 +1,10 @@
 """Kernel parts of models whose Runge-Kutta steps end where a contact changes or an edge is met.
 
 A model brings its kernels ``slope_of`` (the time derivative of a state at a node of the step), ``gap_of`` (the least
-gap of a contact at a node, negative where one has changed) and ``hold`` (which contacts are closed). How far balls are
-relieved by the defects that they pass is known before the run, in intervals between edges.
+gap of a contact at a node, negative where one has changed), ``hold`` (write which contacts are closed at a node),
+``kept`` (the same after a step that was taken, from what is known of its end: whether ``hold`` has to look anew) and
+``sense`` (write the sensors from the first slope). How far balls are relieved by the defects that they pass is known
+before the run, in intervals between edges.
 """
 
 from __future__ import annotations
@@ -31,7 +33,8 @@ MOST_CHANGES = 100
 """A step with more changes of contact than this is taken without looking for more."""
 EXACT_ANGLES = 32
 """The angles are computed afresh after so many steps; between, they are turned on."""
-
+NODES = 6
+"""Times from which a signal between them is interpolated."""
 
 Kernel = Callable[..., Any]
 """A kernel that is handed to another, which is compiled for it."""
@@ -262,3 +265,123 @@ def fill_depth(t: float, h: float, interval: Index, plan: HasPassages, depth: ND
         for r in range(plan.first[interval], plan.first[interval + 1]):
             angle = plan.rate[r] * (t + 0.5 * h * node) + plan.offset[r]
             depth[node, plan.ball[r]] += plan.depth[r] * math.sin(angle)
+
+
+@inlined
+def broken_step(
+    attempted: Kernel,
+    reached: Kernel,
+    slope_of: Kernel,
+    hold: Kernel,
+    kept: Kernel,
+    t: float,
+    end: float,
+    interval: int,
+    plan: HasPassages,
+    work: HasNodes,
+) -> int:
+    """Carry the state from t to ``end`` over edges and changes of contact.
+
+    ``attempted`` and ``reached`` are the model's ``attempt`` and ``to_change``.
+
+    Returns:
+        The interval at ``end``.
+    """
+    changes = 0
+    while end - t > TINY:
+        length = min(end, plan.bounds[interval + 1]) - t
+        fill_start(t, plan.parameter, work.turn)
+        fill_depth(t, 0.0, interval, plan, work.depth)
+        slope_of(work.state, np.int64(0), plan, work, np.int64(0))
+        gap = attempted(t, length, interval, plan, work)
+        if gap < 0.0 and changes < MOST_CHANGES:
+            length = reached(t, length, gap, interval, plan, work)
+            changes += 1
+        t += length
+        accept(work)
+        anew = kept(gap < 0.0, work)
+        while plan.bounds[interval + 1] - t <= TINY:
+            interval += 1
+            anew = True
+        if anew:
+            fill_start(t, plan.parameter, work.turn)
+            fill_depth(t, 0.0, interval, plan, work.depth)
+            hold(work.state, np.int64(0), plan, work)
+    return interval
+
+
+@inlined
+def run_over(
+    slope_of: Kernel,
+    gap_of: Kernel,
+    hold: Kernel,
+    kept: Kernel,
+    sense: Kernel,
+    broken: Kernel,
+    wave: NDArray[np.float64],
+    place: NDArray[np.float64],
+    h: float,
+    plan: HasPassages,
+    work: HasNodes,
+) -> None:
+    """Carry the state from t = 0 over the steps of ``wave``, of h seconds each.
+
+    ``broken`` is the model's ``broken_step``; ``wave`` and ``place`` are those that ``sense`` writes.
+    """
+    p = plan.parameter
+    fill_half(h, p, work.half[0])
+    fill_start(0.0, p, work.turn)
+    fill_depth(0.0, 0.0, np.int64(0), plan, work.depth)
+    hold(work.state, np.int64(0), plan, work)
+    i, exact, written = 0, 0, -1
+    for n in range(wave.shape[0]):
+        t, end = n * h, (n + 1) * h
+        if exact == 0:
+            fill_start(t, p, work.turn)
+        exact = (exact + 1) % EXACT_ANGLES
+        fill_rest(work.half[0], work.turn)
+        # Without a passage in the interval the depths stay zero.
+        if i != written or plan.first[i + 1] > plan.first[i]:
+            fill_depth(t, h, i, plan, work.depth)
+            written = i
+        slope_of(work.state, np.int64(0), plan, work, np.int64(0))
+        sense(n, plan, work, wave, place)
+        whole = plan.bounds[i + 1] - end > TINY
+        if whole:
+            runge_kutta(slope_of, h, plan, work)
+            whole = gap_of(work.trial, np.int64(2), plan, work) >= 0.0
+        if whole:
+            accept(work)
+            kept(False, work)
+            for k in range(work.turn.shape[1]):
+                work.turn[0, k] = work.turn[2, k]
+        else:
+            i, exact, written = broken(t, end, i, plan, work), 0, -1
+
+
+@inlined
+def at_equal_times(written: int, steps: int, h: float, wave: NDArray[np.float64], node: NDArray[np.float64]) -> int:
+    """Write what the last NODES of so many steps allow, up to the middle of their times, by Lagrange's polynomial.
+
+    Args:
+        written: rows of the wave that are there.
+        wave: values at times h seconds apart, (rows, values).
+        node: time and values at each node, (NODES, 1 + values).
+
+    Returns:
+        How many rows there are then.
+    """
+    # At the beginning those before the middle too.
+    while steps >= NODES and written < wave.shape[0] and written * h <= node[NODES // 2, 0]:
+        t, row = written * h, wave[written]
+        for k in range(row.shape[0]):
+            row[k] = 0.0
+        for i in range(NODES):
+            weight = 1.0
+            for j in range(NODES):
+                if j != i:
+                    weight *= (t - node[j, 0]) / (node[i, 0] - node[j, 0])
+            for k in range(row.shape[0]):
+                row[k] += weight * node[i, 1 + k]
+        written += 1
+    return written

@@ -14,44 +14,32 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from models.solve.registry import Solver
-from models.solve.rotor.kernels import massless
-from models.solve.rotor.kernels.forces import STATUS_OK
+from models.solve.rotor import massless_kernel
+from models.solve.rotor.kernel import STATUS_OK
 from models.solve.rotor.plan import at_rest, bearings_of
 from models.solve.rotor.rig import RotorRig
-from models.solve.rotor.solver import (
-    EFFECTS,
-    LONGEST_STEP,
-    Rigid,
-    RotorTrace,
-    check_shaft,
-    contact_step,
-    cost_of,
-    solve_motion,
-    trace,
-    trace_of,
-    trajectories_of,
-)
-from models.words.request import Request
+from models.solve.rotor.solver import EFFECTS, LONGEST_STEP, Rigid, contact_step
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from models.machine.scene import Scene
-    from models.solve.engine.motion import Trajectories
-    from models.solve.response import Response
     from models.words.request import Sensor
 
-ELASTIC_EFFECTS = EFFECTS | {"with_elastic_shaft"}
 _BENDING_ANGLE = 0.3
 _MASSLESS_STEP = 10e-6
-_SECONDS_A_STEP, _SECONDS_A_MASSLESS_STEP = 5e-7, 8e-7
 _LEAST_ERROR = 1e-5
 
 
 class _Bent(Rigid):
     """What both elastic shafts share."""
 
+    solver = "elastic"
+    effects = EFFECTS | {"with_elastic_shaft"}
     positions = 8
+
+    def at_rest(self) -> NDArray[np.float64]:
+        return at_rest(self.scene, elastic=True)
 
     def state(self, rest: NDArray[np.float64]) -> NDArray[np.float64]:
         return np.concatenate((rest, np.zeros(self.freedoms)))
@@ -64,6 +52,7 @@ class Lumped(_Bent):
     """The elastic shaft whose ends have a mass."""
 
     freedoms = 8
+    seconds_a_step = 5e-7
 
     def longest_step(self) -> float:
         """Return the step to begin with, s: an end moves between its contacts and the shaft."""
@@ -83,6 +72,7 @@ class Massless(_Bent):
 
     freedoms = 4
     sensors: tuple[Sensor, ...] = ("c",)
+    seconds_a_step = 8e-7
     iterations = (0, 0)
 
     def longest_step(self) -> float:
@@ -94,7 +84,7 @@ class Massless(_Bent):
     ) -> bool:
         """Fill as ``Rigid.run``; ``iterations`` are then those of Newton's method, all and the most of one."""
         tally = np.zeros(2, dtype=np.int64)
-        status = massless.run_massless(state, wave, place, step, self.plan(step * (len(wave) + 1)), tally)
+        status = massless_kernel.run_massless(state, wave, place, step, self.plan(step * (len(wave) + 1)), tally)
         self.iterations = int(tally[0]), int(tally[1])
         return status == STATUS_OK
 
@@ -105,52 +95,24 @@ def shaft_of(scene: Scene, direction: float = 0.0) -> Rigid:
     return kind(scene, direction)
 
 
-def solve(scene: Scene, request: Request) -> Response:
-    """Return the vibration of a rotor with an elastic shaft over the time that a request names.
-
-    Raises:
-        ValueError: if the scene or the request is outside what is solved here; the message names it.
-    """
-    check_shaft(scene, ELASTIC_EFFECTS)
-    return solve_motion(scene, request, shaft_of(scene, request.direction), "elastic")
-
-
-def trace_elastic(scene: Scene, duration: float, step: float, *, rest: NDArray[np.float64] | None = None) -> RotorTrace:
-    """Return what ``models.solve.rotor.solver.trace`` returns, of an elastic shaft."""
-    check_shaft(scene, ELASTIC_EFFECTS)
-    begin = at_rest(scene, elastic=True) if rest is None else rest
-    return trace_of(scene, duration, step, shaft_of(scene), begin)
-
-
-def trajectories(scene: Scene, request: Request) -> Trajectories | None:
-    """Return what ``models.solve.rotor.solver.trajectories`` returns, of an elastic shaft."""
-    check_shaft(scene, ELASTIC_EFFECTS)
-    return trajectories_of(scene, request, shaft_of(scene), at_rest(scene, elastic=True))
-
-
-def _cost(scene: Scene, request: Request) -> float:
-    shaft = shaft_of(scene)
-    return cost_of(scene, request, shaft, _SECONDS_A_MASSLESS_STEP if isinstance(shaft, Massless) else _SECONDS_A_STEP)
-
-
 def warm() -> None:
     """Compile the kernels: one scene with ends that have a mass, and one without."""
     from models.machine.bearing import from_catalogue
     from models.machine.scene import Scene
 
     scene = Scene(40.0, 1000.0, bearing=from_catalogue("6305"), rig=RotorRig(end_mass=0.3))
-    trace(scene, 1e-3, 1e-5)
-    trace_elastic(replace(scene, rig=RotorRig()), 1e-3, 1e-5)
+    Rigid(scene).trace(1e-3, 1e-5)
+    Massless(replace(scene, rig=RotorRig())).trace(1e-3, 1e-5)
 
 
 SOLVER = Solver(
     model="rotor",
-    name="elastic",
-    effects=ELASTIC_EFFECTS,
+    name=Massless.solver,
+    effects=Massless.effects,
     error=_LEAST_ERROR,
-    cost=_cost,
-    solve=solve,
+    cost=lambda scene, request: shaft_of(scene).cost(request),
+    solve=lambda scene, request: shaft_of(scene, request.direction).solve(request),
     reason="it bends the shaft between disc and bearings",
     rig=RotorRig,
-    trajectories=trajectories,
+    trajectories=lambda scene, request: shaft_of(scene).trajectories(request),
 )

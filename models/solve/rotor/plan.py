@@ -22,7 +22,7 @@ import numpy as np
 from models.machine.bearing import kinematics
 from models.machine.hertz import contact_exponent, element_angles, static_equilibrium
 from models.solve.engine.passages import half_wave_meetings, in_intervals
-from models.solve.rotor.kernels import forces as kernels
+from models.solve.rotor import kernel as kernels
 from models.solve.rotor.rig import RotorRig
 
 if TYPE_CHECKING:

@@ -17,7 +17,7 @@ from models.path.defect import FloorProfile, ball_path, floor_angle, race_radius
 from models.solve.six_dof.kernels import lane_paths as paths
 from models.solve.six_dof.kernels import lanes as kernels
 from models.solve.six_dof.kernels.lanes import LANES
-from models.solve.six_dof.setup import rig_parameters
+from models.solve.six_dof.setup import LANE_STEP, MIN_LANE_STEPS, rig_parameters
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -26,9 +26,6 @@ if TYPE_CHECKING:
     from models.machine.scene import Scene, Slip
 
 PERIODS = 7
-# Default step, s, and least steps a period.
-DEFAULT_STEP = 20e-6
-MIN_STEPS = 256
 # Places of each ball over which the mean-force rule averages.
 _MEAN_FORCE_POINTS = 24
 # Numbers of a step and lane for the wave, its transform and their copies; bytes of all that is small.
@@ -51,7 +48,6 @@ class Grid:
     bounds: NDArray[np.int64]
     ring: NDArray[np.float64]
     row: NDArray[np.int64]
-    flow: NDArray[np.float64]
     parameter: NDArray[np.float64]
     geometry: NDArray[np.float64]
 
@@ -64,7 +60,7 @@ class Grid:
 def block_steps(bpfo: float, steps_per_period: int | None) -> int:
     """Return the steps of a block: at least as many as asked for, with no divisor of PERIODS, quick to transform."""
     if steps_per_period is None:
-        steps_per_period = max(MIN_STEPS, math.ceil(1.0 / (bpfo * DEFAULT_STEP)))
+        steps_per_period = max(MIN_LANE_STEPS, math.ceil(1.0 / (bpfo * LANE_STEP)))
     steps = PERIODS * steps_per_period + 1
     while steps % PERIODS == 0 or not _is_smooth(steps):
         steps += 1
@@ -111,27 +107,9 @@ def grid_of(bearing: Bearing, rig: Rig, clearance: float, speed: float, steps_pe
         bounds,
         np.asarray((first + number) * (pitch / bearing.rows), dtype=np.float64),
         (first + number) % bearing.rows,
-        _half_step(rig, step),
         rig_parameters(rig, clearance, omega),
         geometry,
     )
-
-
-def _half_step(rig: Rig, step: float) -> NDArray[np.float64]:
-    """Return the kernel's ``flow``: the step and the propagators over half of it."""
-    reduced = rig.m_o * rig.m_r / (rig.m_o + rig.m_r)
-    inner = _oscillator(rig.k_i / rig.m_i, rig.c_i / rig.m_i, 0.5 * step)
-    resonator = _oscillator(rig.k_r / reduced, rig.c_r / reduced, 0.5 * step)
-    return np.concatenate(([step], inner, [0.5 * step], resonator))
-
-
-def _oscillator(omega_squared: float, damping: float, h: float) -> NDArray[np.float64]:
-    """Return the propagator over a time h of x'' + damping x' + omega_squared x = 0, row by row of (x, x')."""
-    half = 0.5 * damping
-    root = np.emath.sqrt(half * half - omega_squared)
-    c = np.real(np.cosh(root * h))
-    s = h if root == 0.0 else np.real(np.sinh(root * h) / root)
-    return math.exp(-half * h) * np.array([c + half * s, s, -omega_squared * s, c - half * s])
 
 
 @lru_cache(maxsize=4096)
@@ -260,7 +238,7 @@ class Group:
             self.plain,
             self.depth,
             self.rate,
-            g.flow,
+            g.step,
             g.parameter,
             self._lane,
             self._state,

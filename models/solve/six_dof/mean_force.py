@@ -19,9 +19,9 @@ from models.solve.engine.motion import ERROR_OF_WAVE
 from models.solve.registry import Solver
 from models.solve.response import HARMONICS, Response, Status, judged, levels_of_lines, lines_error
 from models.solve.six_dof.kernels.lanes import LANES
-from models.solve.six_dof.lane_group import DEFAULT_STEP, MIN_STEPS, PERIODS, Group, Workspace
+from models.solve.six_dof.lane_group import PERIODS, Group, Workspace
 from models.solve.six_dof.lanes import LaneOptions, shared_grid
-from models.solve.six_dof.setup import LANE_EFFECTS, MODEL, check_scene
+from models.solve.six_dof.setup import LANE_EFFECTS, LANE_STEP, MIN_LANE_STEPS, MODEL, check_scene, mean_force_cost
 from models.words.request import Request
 
 if TYPE_CHECKING:
@@ -39,7 +39,6 @@ _RESOLVED = 0.4
 _SETTLING_SHARE = 0.1
 # A smaller one is rounding.
 _LEAST_TOLERANCE = 1e-9
-_SECONDS_A_STEP = 2.5e-3
 _LEAST_ERROR = 1e-5
 
 
@@ -93,7 +92,7 @@ def _first_steps(scene: Scene, request: Request) -> tuple[int, bool]:
         ValueError: if the steps do not resolve the band or the lines.
     """
     bpfo = kinematics(scene.bearing, scene.speed).bpfo
-    steps = max(MIN_STEPS, math.ceil(1.0 / (bpfo * DEFAULT_STEP)))
+    steps = max(MIN_LANE_STEPS, math.ceil(1.0 / (bpfo * LANE_STEP)))
     most = MOST_STEPS
     if request.steps_per_period is not None:
         steps = most = request.steps_per_period
@@ -187,18 +186,12 @@ def _response(
     )
 
 
-def _cost(scene: Scene, request: Request) -> float:
-    """Return the expected processor time, s."""
-    finer = max(1.0, (1e-3 / request.accuracy) ** 0.5)
-    return _SECONDS_A_STEP * finer * max(MIN_STEPS, 1.0 / (kinematics(scene.bearing, scene.speed).bpfo * DEFAULT_STEP))
-
-
 SOLVER = Solver(
     model=MODEL,
     name="mean_force",
     effects=EFFECTS,
     error=_LEAST_ERROR,
-    cost=_cost,
+    cost=mean_force_cost,
     solve=solve,
     reason="the mean force of slip repeats with the ball passage, so that blocks of periods are simulated",
     rig=Rig,

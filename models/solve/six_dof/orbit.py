@@ -19,7 +19,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from models.solve.six_dof.kernels.orbit import SILENCE
-from models.solve.six_dof.kernels.period import ball_period, blank_trace, fourier_coefficients, mean_square
+from models.solve.six_dof.kernels.period import ball_period, blank_trace, mean_square
+from models.solve.six_dof.kernels.settled import fourier_coefficients
 from models.solve.six_dof.kernels.step import STATUS_OK
 
 if TYPE_CHECKING:

@@ -19,10 +19,8 @@ from models.machine.rig import Rig
 from models.solve.registry import Solver
 from models.solve.response import HARMONICS, Response, Status, band_lines, judged, levels_of_lines, lines_error
 from models.solve.six_dof.kernels import settled as kernels
-from models.solve.six_dof.kernels.orbit import STATE_SCALE, jacobian, newton_steering
-from models.solve.six_dof.kernels.period import fourier_coefficients, largest, mean_square
-from models.solve.six_dof.kernels.period_setup import set_up
-from models.solve.six_dof.kernels.settled import Effort
+from models.solve.six_dof.kernels.orbit import STATE_SCALE
+from models.solve.six_dof.kernels.settled import Effort, fourier_coefficients, largest
 from models.solve.six_dof.kernels.step import P_DIRECTION_1, P_DIRECTION_2, P_U_1
 from models.solve.six_dof.orbit import PeriodicMotion, simulate_on
 from models.solve.six_dof.setup import (
@@ -35,6 +33,7 @@ from models.solve.six_dof.setup import (
     damaged_rows,
     defect_arrays,
     operating_point,
+    periodic_cost,
     steps_for,
 )
 from models.words.request import Request
@@ -79,9 +78,6 @@ _JACOBIAN_STEPS = 96
 _WORST_CONDITION = 1e10
 # Estimated error of a line over its change by the last halving of the steps.
 CHANGE_TO_ERROR = 1.0 / 3.0
-# Steps of the scene's coarsest grid that are taken in all, and processor time of one, s.
-_STEPS_TAKEN = 6.0
-_SECONDS_A_STEP = 1e-6
 _LEAST_ERROR = 1e-9
 # A smaller peak counts as zero, m/s2.
 _SMALL = 1e-9
@@ -133,15 +129,9 @@ def _solve(scene: Scene, request: Request) -> Response:
         if motion.stationary or not np.all(np.isfinite(motion.state)) or rounds == _ROUNDS:
             break
         motion, rounds = simulate_on(orbit.period, motion.state, periods, tolerance, count), rounds + 1
-    if orbit.stable and motion.near(math.sqrt(mean_square(orbit.trace, 0)), _NEAR):
+    if orbit.stable and motion.near(math.sqrt(orbit.found[kernels.R_POWER]), _NEAR):
         return _repeating(scene, orbit, request, earlier)
     return _not_repeating(scene, motion, orbit, request, earlier)
-
-
-def _cost(scene: Scene, request: Request) -> float:
-    """Return the expected processor time, s."""
-    finer = max(1.0, (1e-3 / request.accuracy) ** 0.2)
-    return _SECONDS_A_STEP * _STEPS_TAKEN * steps_for(scene) * finer
 
 
 def effort_for(scene: Scene, request: Request, harmonics: int = HARMONICS) -> Effort:
@@ -259,13 +249,12 @@ def _repeating(scene: Scene, orbit: _Orbit, request: Request, earlier: int = 0) 
     """Return the response of a motion that repeats."""
     period, found = orbit.period, orbit.found
     coefficients = fourier_coefficients(orbit.trace, period, _line_count(scene, period, request))
-    power = np.array([mean_square(orbit.trace, sensor) for sensor in (0, 1)])
     peak = np.array([largest(orbit.trace.wave, period.first, sensor, 1) for sensor in (0, 1)])
     coarse = largest(orbit.trace.wave, period.first, 0, 2)
     error, wave_error = float(found[kernels.R_ERROR]), float(found[kernels.R_WAVE])
     lines = found[kernels.R_LINES :].reshape(2, HARMONICS)
     return _response(
-        *(scene, request, coefficients, power, peak),
+        *(scene, request, coefficients, found[kernels.R_POWER : kernels.R_POWER + 2], peak),
         periods=earlier + orbit.periods,
         change=float(found[kernels.R_CHANGE]),
         spread=0.0,
@@ -355,15 +344,14 @@ def steering(scene: Scene) -> NDArray[np.float64] | None:
     """
     path, profile = defect_arrays(scene.bearing, None)
     point = operating_point(scene)
-    period = set_up(path, profile, point, (0, 0), max(_JACOBIAN_STEPS, steps_for(scene)), 1, 1)
     approach = float(point.parameter[P_U_1]) - scene.clearance
     if approach <= 0.0:
         return None
     size = min(1e-2, 1e-2 * approach / STATE_SCALE[0])
-    matrix = jacobian(np.zeros((2, 6)), period, size)
+    steps = max(_JACOBIAN_STEPS, steps_for(scene))
+    matrix, inverse = kernels.healthy_steering(path, profile, point, steps, size)
     if not np.all(np.isfinite(matrix)):
         return None
-    inverse = newton_steering(matrix)
     if not np.linalg.norm(matrix) * np.linalg.norm(inverse) < _WORST_CONDITION:
         return None
     return inverse
@@ -374,7 +362,7 @@ SOLVER = Solver(
     name="periodic",
     effects=PERIODIC_EFFECTS,
     error=_LEAST_ERROR,
-    cost=_cost,
+    cost=periodic_cost,
     solve=solve,
     reason="the motion repeats with the ball passage, so that one period is solved",
     rig=Rig,

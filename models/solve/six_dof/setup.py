@@ -11,6 +11,7 @@ one-sided slope at either side, without which the error falls only slowly with t
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from functools import lru_cache
 from typing import TYPE_CHECKING
 
@@ -19,16 +20,18 @@ import numpy as np
 from models.machine.bearing import kinematics
 from models.machine.hertz import contact_exponent, contact_forces, element_angles, static_equilibrium
 from models.machine.rig import Rig, natural_frequencies
-from models.path.defect import ball_path
+from models.path.defect import ball_path, wrap
+from models.solve.engine.over_time import LOOKED_AT
 from models.solve.six_dof.kernels import path as kernel_path
 from models.solve.six_dof.kernels import step as kernels
-from models.solve.six_dof.kernels.period_setup import OperatingPoint, arc_distance
+from models.solve.six_dof.kernels.period_setup import OperatingPoint
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from models.machine.bearing import Bearing
+    from models.machine.bearing import Bearing, Kinematics
     from models.machine.scene import Defect, Scene
+    from models.words.request import Request
 
 # Read-only as the profiles of rough floors are: another type of array would be another kernel.
 _NO_PROFILE = np.zeros((4, 0))
@@ -48,6 +51,15 @@ TIME_EFFECTS = PERIODIC_EFFECTS | {
     "slip",
     "changing_speed",
 }
+
+# Periodic: steps of the coarsest grid that are taken in all, and processor time of one, s. Mean force: time of all for
+# each step in a ball period, s, of which there are this many at least, and the longest, s. Over time: longest step, and
+# time of one, s.
+_STEPS_TAKEN, _SECONDS_A_STEP = 6.0, 1e-6
+MIN_LANE_STEPS, LANE_STEP, _SECONDS_A_LANE_STEP = 256, 20e-6, 2.5e-3
+DEFAULT_STEP, _SECONDS_A_TIME_STEP = 10e-6, 4e-7
+# Dropped at the beginning of what is simulated over time: ball periods, and the minimum in seconds.
+_SETTLE_PERIODS, _SETTLE_SECONDS = 40, 0.2
 
 # The coarsest grid. Longest step times the angular frequency of the resonator (whose motion the contact follows) and of
 # the rings on the contacts, and times the damping rate of the contacts.
@@ -116,6 +128,40 @@ def steps_for(scene: Scene) -> int:
     return steps
 
 
+def periodic_cost(scene: Scene, request: Request) -> float:
+    """Return the expected processor time of one ball period, s."""
+    return _SECONDS_A_STEP * _STEPS_TAKEN * steps_for(scene) * max(1.0, (1e-3 / request.accuracy) ** 0.2)
+
+
+def mean_force_cost(scene: Scene, request: Request) -> float:
+    """Return the expected processor time of the mean force of slip, s."""
+    finer = max(1.0, (1e-3 / request.accuracy) ** 0.5)
+    steps = max(MIN_LANE_STEPS, 1.0 / (kinematics(scene.bearing, scene.speed).bpfo * LANE_STEP))
+    return _SECONDS_A_LANE_STEP * finer * steps
+
+
+def time_cost(scene: Scene, request: Request) -> float:
+    """Return the expected processor time of a simulation over time, s."""
+    lines = kinematics(scene.bearing, scene.speed)
+    looked_at = 1.0 + 3.0 * LOOKED_AT
+    simulated = request.duration + default_settling(lines)
+    return _SECONDS_A_TIME_STEP * looked_at * simulated / longest_step(scene, lines)
+
+
+def longest_step(scene: Scene, lines: Kinematics) -> float:
+    """Return the step with which a simulation over time begins, s."""
+    if scene.speed_profile is not None:
+        # What a rough floor asks for grows with the speed.
+        scene = replace(scene, speed=scene.speed_profile.speed_range[1], speed_profile=None)
+        lines = kinematics(scene.bearing, scene.speed)
+    return min(DEFAULT_STEP, 1.0 / (lines.bpfo * steps_for(scene)))
+
+
+def default_settling(lines: Kinematics) -> float:
+    """Return the time to drop at the beginning, s: the longer of 40 ball periods and 0.2 s."""
+    return max(_SETTLE_SECONDS, _SETTLE_PERIODS / lines.bpfo)
+
+
 @lru_cache(maxsize=512)
 def check_resonance(scene: Scene) -> None:
     """Raise a ValueError where a healthy scene has a resonance, at rest, above HIGHEST_RESONANCE ball rates."""
@@ -144,12 +190,13 @@ def operating_point(scene: Scene) -> OperatingPoint:
     bearing = scene.bearing
     pitch = 2.0 * math.pi / bearing.n_elements
     offsets = np.linspace(0.0, pitch, bearing.rows, endpoint=False)
-    places = [(offset + k * pitch, row) for row, offset in enumerate(offsets) for k in range(bearing.n_elements)]
-    places.sort(key=lambda place: arc_distance(place[0], pitch, 0.0))
+    starts = (offsets[:, None] + pitch * np.arange(bearing.n_elements)).ravel()
+    # By the distance from the load of the arc that each passes in a period.
+    order = np.argsort(np.maximum(np.abs(wrap(starts + 0.5 * pitch)) - 0.5 * pitch, 0.0), kind="stable")
     return OperatingPoint(
         parameter=scene_parameters(scene),
-        positions=np.array([start for start, _ in places]),
-        rows=np.array([row for _, row in places], dtype=np.int64),
+        positions=starts[order],
+        rows=np.repeat(np.arange(bearing.rows), bearing.n_elements)[order],
         offsets=offsets,
         waves=np.array(
             [

@@ -17,8 +17,8 @@ from models.machine.bearing import kinematics
 from models.solve.response import HARMONICS
 from models.solve.six_dof.kernels import time_domain as kernels
 from models.solve.six_dof.kernels.step import STATUS_OK
-from models.solve.six_dof.setup import steps_for
-from models.solve.six_dof.time_domain import default_settling, prepare_plan
+from models.solve.six_dof.setup import default_settling, steps_for
+from models.solve.six_dof.time_domain import prepare_plan
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -37,12 +37,22 @@ from models.machine.rig import Rig
 from models.machine.speed_profile import constant
 from models.path.contour import PathPieces, joined, part_paths, pieces
 from models.solve.engine.motion import Motion, lead_in, passage_rate
-from models.solve.engine.over_time import LOOKED_AT, answer, duration_of
+from models.solve.engine.over_time import answer, duration_of
 from models.solve.registry import Solver
 from models.solve.response import CASING, Response
 from models.solve.six_dof.kernels import time_domain as kernels
 from models.solve.six_dof.kernels.step import NEAR_SLOPE, P_DIRECTION_1, P_DIRECTION_2, STATUS_OK, Balls
-from models.solve.six_dof.setup import MODEL, TIME_EFFECTS, check_scene, contact_power, scene_parameters, steps_for
+from models.solve.six_dof.setup import (
+    DEFAULT_STEP,
+    MODEL,
+    TIME_EFFECTS,
+    check_scene,
+    contact_power,
+    default_settling,
+    longest_step,
+    scene_parameters,
+    time_cost,
+)
 from models.words.checks import check_positive
 from models.words.request import Request
 
@@ -232,12 +242,6 @@ def _intervals(
     return np.append(bounds, duration + 1.0), turns, first, record[by_time], interval[by_time]
 
 
-# Longest step, s.
-DEFAULT_STEP = 10e-6
-# Dropped at the beginning: ball periods, and the minimum in seconds.
-_SETTLE_PERIODS = 40
-_SETTLE_SECONDS = 0.2
-_SECONDS_A_STEP = 4e-7
 _LEAST_ERROR = 1e-6
 
 
@@ -303,7 +307,7 @@ def _simulate(
         profile=constant(scene.speed, request.duration) if profile is None else profile,
         per_turn=None if profile is None else lines.bpfo / lines.speed,
     )
-    return answer(motion, request, _longest_step(scene, lines) if step is None else step, fixed=step is not None)
+    return answer(motion, request, longest_step(scene, lines) if step is None else step, fixed=step is not None)
 
 
 class _FromRest:
@@ -328,32 +332,11 @@ class _FromRest:
         return wave, status == STATUS_OK
 
 
-def _cost(scene: Scene, request: Request) -> float:
-    """Return the expected processor time, s."""
-    lines = kinematics(scene.bearing, scene.speed)
-    looked_at = 1.0 + 3.0 * LOOKED_AT
-    return _SECONDS_A_STEP * looked_at * (request.duration + default_settling(lines)) / _longest_step(scene, lines)
-
-
-def _longest_step(scene: Scene, lines: Kinematics) -> float:
-    """Return the step to begin with, s."""
-    if scene.speed_profile is not None:
-        # What a rough floor asks for grows with the speed.
-        scene = replace(scene, speed=scene.speed_profile.speed_range[1], speed_profile=None)
-        lines = kinematics(scene.bearing, scene.speed)
-    return min(DEFAULT_STEP, 1.0 / (lines.bpfo * steps_for(scene)))
-
-
 def _block_rate(scene: Scene, lines: Kinematics) -> float:
     """Return how many blocks a second has: the slowest of the frequencies with which the level swings, Hz."""
     if scene.repeats:
         return lines.bpfo
     return lines.ftf if "ball_defect" in scene.effects else lines.speed
-
-
-def default_settling(lines: Kinematics) -> float:
-    """Return the time to drop at the beginning, s: the longer of 40 ball periods and 0.2 s."""
-    return max(_SETTLE_SECONDS, _SETTLE_PERIODS / lines.bpfo)
 
 
 def _settling(settle: float | None, lines: Kinematics) -> float:
@@ -382,7 +365,7 @@ SOLVER = Solver(
     name="time_domain",
     effects=TIME_EFFECTS,
     error=_LEAST_ERROR,
-    cost=_cost,
+    cost=time_cost,
     solve=solve,
     reason="one ball period would not show all of it, so that it is simulated over time",
     rig=Rig,

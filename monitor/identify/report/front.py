@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import FigureBase
 from numpy.typing import NDArray
 
-from models.identify.front import non_dominated
+from models.identify.search import non_dominated
 from models.identify.trials import FEATURES, deviations
 from monitor.identify.report.marks import BEST, FAR, FRONT, NEAR, band_handle, grid, legend, thinned
 from monitor.identify.report.subject import TITLES, Extent, Subject, Values

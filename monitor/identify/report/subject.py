@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -20,37 +20,9 @@ from monitor.words.statuses import FAULT_NAMES
 
 Values = NDArray[np.float64]
 
-# Symbol, unit and factor from SI to it.
-_SHOWN: Mapping[str, tuple[str, str, float]] = {
-    "m_i": ("m_i", "kg", 1.0),
-    "m_o": ("m_o", "kg", 1.0),
-    "m_r": ("m_r", "kg", 1.0),
-    "m_b": ("m_b", "kg", 1.0),
-    "k_i": ("k_i", "MN/m", 1e-6),
-    "k_r": ("k_r", "GN/m", 1e-9),
-    "c_i": ("c_i", "N\u00a0s/m", 1.0),
-    "c_r": ("c_r", "N\u00a0s/m", 1.0),
-    "alpha_c": ("α_c", "1/s", 1.0),
-    "beta_c": ("β_c", "µs", 1e6),
-    "clearance": ("clearance", "µm", 1e6),
-}
 # Of alpha_c, 1/s, and the clearance, um.
 _AS_GOOD_AS_ZERO = 1e-4
 _CONTACT_UNITS = {"ball": "N/m^1.5", "roller": "N/m^1.09"}
-MEANINGS: Mapping[str, str] = {
-    "m_i": "mass of shaft and inner ring",
-    "m_o": "mass of outer ring and casing",
-    "m_r": "mass of the resonator",
-    "m_b": "mass of a rolling element",
-    "k_i": "stiffness of the shaft",
-    "k_r": "stiffness of the resonator",
-    "k_c": "contact stiffness",
-    "c_i": "damping of the shaft",
-    "c_r": "damping of the resonator",
-    "alpha_c": "contact damping by mass",
-    "beta_c": "contact damping by stiffness",
-    "clearance": "radial clearance",
-}
 TITLES = {"rms": "RMS", "a_star": "A*"}
 """Words of the features."""
 ENDS = ("lower", "upper")
@@ -58,12 +30,13 @@ ENDS = ("lower", "upper")
 
 @dataclass(frozen=True)
 class Parameter:
-    """A parameter as it is shown: ``factor`` takes it from SI to ``unit``."""
+    """A parameter as it is shown, what it is in words, and ``factor``, which takes it from SI to ``unit``."""
 
     name: str
     symbol: str
     unit: str
     factor: float
+    meaning: str
 
     @property
     def label(self) -> str:
@@ -78,6 +51,25 @@ class Parameter:
     def write(self, value: float) -> str:
         """Return a value (SI) with its unit."""
         return f"{self.number(value)} {self.unit}"
+
+
+_PARAMETERS = {
+    parameter.name: parameter
+    for parameter in (
+        Parameter("m_i", "m_i", "kg", 1.0, "mass of shaft and inner ring"),
+        Parameter("m_o", "m_o", "kg", 1.0, "mass of outer ring and casing"),
+        Parameter("m_r", "m_r", "kg", 1.0, "mass of the resonator"),
+        Parameter("m_b", "m_b", "kg", 1.0, "mass of a rolling element"),
+        Parameter("k_i", "k_i", "MN/m", 1e-6, "stiffness of the shaft"),
+        Parameter("k_r", "k_r", "GN/m", 1e-9, "stiffness of the resonator"),
+        Parameter("k_c", "k_c", "", 1.0, "contact stiffness"),
+        Parameter("c_i", "c_i", "N\u00a0s/m", 1.0, "damping of the shaft"),
+        Parameter("c_r", "c_r", "N\u00a0s/m", 1.0, "damping of the resonator"),
+        Parameter("alpha_c", "α_c", "1/s", 1.0, "contact damping by mass"),
+        Parameter("beta_c", "β_c", "µs", 1e6, "contact damping by stiffness"),
+        Parameter("clearance", "clearance", "µm", 1e6, "radial clearance"),
+    )
+}
 
 
 @dataclass(frozen=True)
@@ -174,8 +166,8 @@ class Subject:
     def parameter(self, name: str) -> Parameter:
         """Return how a parameter is shown."""
         if name == "k_c":
-            return Parameter(name, "k_c", _CONTACT_UNITS[self.found.space.rig.element], 1.0)
-        return Parameter(name, *_SHOWN[name])
+            return replace(_PARAMETERS[name], unit=_CONTACT_UNITS[self.found.space.rig.element])
+        return _PARAMETERS[name]
 
     def bounds(self, name: str) -> Interval:
         """Return what the limits allow a free parameter, SI."""

@@ -7,14 +7,14 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from models.identify.evidence import modes
 from models.identify.intervals import ParameterInterval
 from models.identify.limits import Interval
-from models.identify.modes import modes
 from models.identify.space import bearing_directions, contact_ratios
 from models.identify.trials import FEATURES
 from monitor.identify.report.features import residuals, sorted_conditions
 from monitor.identify.report.front import one_at_a_time
-from monitor.identify.report.subject import ENDS, MEANINGS, TITLES, Extent, Parameter, Subject
+from monitor.identify.report.subject import ENDS, TITLES, Extent, Parameter, Subject
 from monitor.report.tables import Cell, Column, Table
 from monitor.words.numbers import count, figure
 from streams.types.block import STANDARD_GRAVITY
@@ -40,7 +40,7 @@ def parameter_table(subject: Subject) -> Table:
         interval = found.intervals[p.name]
         rows.append(
             [
-                f"{p.symbol}, {MEANINGS[p.name]}",
+                f"{p.symbol}, {p.meaning}",
                 _status(interval),
                 p.number(found.best.values[p.name]),
                 p.unit,

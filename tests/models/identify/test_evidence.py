@@ -19,7 +19,7 @@ from models.identify.volume import OperatingPoint, VolumeSpread, objections, sma
 from models.machine.bearing import catalogue_entry
 from models.machine.rig import Rig
 from models.words.errors import WrongInputError
-from monitor.identify.verdict import leaning
+from monitor.identify.rig_table import leaning
 from tests.models.identify.cases import BAND, BEARING, CONDITIONS, simulated_trials, space_of
 from tests.support.evidence import LIGHT, LOADS, peaks_of
 

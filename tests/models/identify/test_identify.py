@@ -13,10 +13,10 @@ import pytest
 from models.identify import evaluate
 from models.identify import run as state_module
 from models.identify.evaluate import Evaluator
-from models.identify.front import non_dominated
 from models.identify.limits import Limits
 from models.identify.problem import Problem
 from models.identify.run import Identification, IdentifyOptions, identify
+from models.identify.search import non_dominated
 from models.identify.space import Space
 from models.identify.trials import Condition, Trial, Trials, gather
 from models.machine.rig import Rig

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from models.identify.modes import accelerance, contact_coefficients, modes
+from models.identify.evidence import accelerance, contact_coefficients, modes
 from models.identify.space import bearing_directions
 from models.machine.hertz import mean_bearing_stiffness
 from models.machine.rig import Rig, natural_frequencies

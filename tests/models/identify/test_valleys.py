@@ -7,8 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from models.identify.intervals import threshold
-from models.identify.valleys import ONE_VALLEY, ValleyChoice, valley_choice
+from models.identify.intervals import ONE_VALLEY, ValleyChoice, threshold, valley_choice
 from models.words.numerics import f_quantile
 from tests.support.posterior import COUNT, NOISE, fitted, toy
 

@@ -30,7 +30,7 @@ from models.solve.ball_inertia import solver as ball_inertia
 from models.solve.ball_inertia.rig import BallInertiaRig
 from models.solve.rotor.plan import at_rest
 from models.solve.rotor.rig import RotorRig
-from models.solve.rotor.solver import trace as rotor_trace
+from models.solve.rotor.solver import Rigid
 from models.solve.six_dof.kernels import time_domain as kernels
 from models.solve.six_dof.kernels.step import STATUS_OK
 from models.solve.six_dof.time_domain import prepare_plan
@@ -125,7 +125,7 @@ def rotor(case: Case, damping: float) -> NDArray[np.float64]:
     scene = replace(case.scene, rig=rig, load=2.0 * case.load)
     rest = at_rest(scene, elastic=False)
     rest[[0, 4, 6]] += KICK
-    return rotor_trace(scene, SPAN, 0.5 * SAMPLE, rest=rest).acceleration[::2, 2]
+    return Rigid(scene).trace(SPAN, 0.5 * SAMPLE, rest=rest).acceleration[::2, 2]
 
 
 def six_dof(case: Case, damping: float) -> NDArray[np.float64]:

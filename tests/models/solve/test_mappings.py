@@ -16,11 +16,11 @@ from models.solve.ball_inertia.solver import at_rest as rest_of_balls
 from models.solve.ball_inertia.solver import trace as ball_trace
 from models.solve.mappings.ring import casing_of, gain_of, ring_of, rotor_of
 from models.solve.mappings.table import MAPPINGS, Bound
-from models.solve.registry import Solver, choose
+from models.solve.registry import Solver
 from models.solve.ring_impact.rig import RingImpactRig
 from models.solve.rotor.rig import RotorRig
-from models.solve.rotor.solver import trace as rotor_trace
-from models.solve.simulate import select, simulate, stand_ins
+from models.solve.rotor.solver import Rigid
+from models.solve.simulate import choose, select, simulate, stand_ins
 from models.words.request import Request
 from reference.ring_scenes import BALLS, FREE, ROTOR, SHORT, SOLVERS, scene_of
 
@@ -84,7 +84,7 @@ def test_a_sensor_without_counterpart_or_physics_that_is_lacking_is_not_given_up
 def ring_difference(scene: Scene) -> float:
     """Return the relative difference of the ring's path on balls with inertia from that of the rotor."""
     one = ball_trace(scene, 0.05, 2.5e-7).ring[::16, 0]
-    two = rotor_trace(rotor_of(scene, ring_of(scene)), 0.05, 4e-6).c.real
+    two = Rigid(rotor_of(scene, ring_of(scene))).trace(0.05, 4e-6).c.real
     count = min(len(one), len(two))
     one, two = (x[count // 2 : count] - np.mean(x[count // 2 : count]) for x in (one, two))
     return float(np.sqrt(np.mean((one - two) ** 2) / np.mean(two**2)))

@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 from models.machine.scene import Defect, Scene
 from models.solve.response import PASSBAND, Response
 from models.solve.simulate import simulate
-from models.solve.six_dof.kernels.period import PeriodTrace, lines
+from models.solve.six_dof.kernels.period import PeriodTrace
+from models.solve.six_dof.kernels.settled import lines
 from models.words.request import Sensor
 
 SCENE = Scene(40.0, 4000.0, defect=Defect(math.radians(20.0), 20e-6))

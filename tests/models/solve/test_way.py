@@ -10,7 +10,7 @@ from models.machine.scene import Defect, Scene
 from models.solve.simulate import simulate
 
 ROOT = Path(__file__).resolve().parents[3]
-MOST = 18
+MOST = 12
 
 
 def test_a_scene_enters_few_files() -> None:

@@ -10,14 +10,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from models.identify.modes import accelerance, modes
+from models.identify.evidence import accelerance, modes
 from models.identify.space import bearing_directions
 from models.machine.rig import Rig
 from monitor.commands.common import InputError
 from monitor.config.load import load_config
 from monitor.identify.evidence_files import read_accelerance, read_peaks
+from monitor.identify.rig_table import verdict_lines
 from monitor.identify.trial_files import Measuring, read_trials, tracked_channel
-from monitor.identify.verdict import verdict_lines
 from tests.models.identify.cases import BEARING
 from tests.support.commands import run_command
 from tests.support.commands_identify import MACHINE, RATE

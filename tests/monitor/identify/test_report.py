@@ -23,11 +23,11 @@ from models.identify.limits import Limits
 from models.identify.run import Identification, IdentifyOptions, identify
 from models.identify.trials import Condition, Trial, gather
 from models.machine.scene import Rig
-from monitor.identify.report import tables, words
+from monitor.identify.report import tables
 from monitor.identify.report.features import residuals
 from monitor.identify.report.front import one_at_a_time
 from monitor.identify.report.marks import MAX_DOTS, thinned
-from monitor.identify.report.page import write_identification
+from monitor.identify.report.page import grade, headline, write_identification
 from monitor.identify.report.profiles import lowest
 from monitor.identify.report.subject import Extent, Subject
 from monitor.report.page import lay_out
@@ -145,7 +145,7 @@ def test_the_page_holds_every_figure(whole_page: str) -> None:
 def test_what_is_not_determined_stands_first(whole_page: str) -> None:
     subject = whole()
     assert subject.found.undetermined
-    assert words.grade(subject) == "watch"
+    assert grade(subject) == "watch"
     text = plain(whole_page)
     names = " and ".join(subject.parameter(name).symbol for name in subject.found.undetermined)
     known = 4 - len(subject.found.undetermined)
@@ -164,7 +164,7 @@ def test_grades_and_headlines() -> None:
             name: replace(interval, reason=reasons.get(name, "")) for name, interval in subject.found.intervals.items()
         }  # pyright: ignore[reportArgumentType]
         changed = replace(subject, found=replace(subject.found, intervals=intervals))
-        return words.grade(changed), words.headline(changed)
+        return grade(changed), headline(changed)
 
     assert said({}) == ("good", "All 4 free parameters are determined")
     assert said({"m_r": "wide", "c_i": "wide", "c_r": "wide"})[1] == (
@@ -177,7 +177,7 @@ def test_grades_and_headlines() -> None:
 @pytest.mark.usefixtures("blank_pictures")
 def test_a_fit_that_misses_the_tests_is_no_calibration(tmp_path: Path) -> None:
     subject = replace(whole(), calibrated=False, warnings=("the model misses <all> tests",))
-    assert words.grade(subject) == "bad"
+    assert grade(subject) == "bad"
     page = written(subject, tmp_path)
     assert "This is no calibration; the tests scatter by" in page
     assert '<p class="note">Warning: the model misses &lt;all&gt; tests.</p>' in page

@@ -1,4 +1,4 @@
-"""Kernels that settle a scene with steps that are halved until the RMS no longer changes."""
+"""Kernels that settle a scene with steps that are halved until the RMS no longer changes, and measure its period."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from models.solve.six_dof.kernels.orbit import (
     settle,
     spectral_radius,
 )
-from models.solve.six_dof.kernels.period import blank_trace, lines
+from models.solve.six_dof.kernels.period import blank_trace, mean_square
 from models.solve.six_dof.kernels.period_setup import set_up
 from models.solve.six_dof.kernels.step import P_CLEARANCE, P_U_1
 from models.solve.six_dof.kernels.tangent import tangent_jacobian
@@ -40,7 +40,8 @@ R_STEPS = 6  # of the last grid
 R_WAVE = 7  # relative change of the waveform by the last halving of the steps (RMS)
 R_DELTA = 8  # relative change of the RMS by it
 R_PARTED = 9  # 1 where the rings part for a moment, so that no ball is in contact
-R_LINES = 10  # amplitudes of the first lines, m/s2, and then their changes by the last halving
+R_POWER = 10  # mean squares of outer ring and resonator, m2/s4
+R_LINES = 12  # amplitudes of the first lines, m/s2, and then their changes by the last halving
 
 # Multipliers beyond this are looked at again, by differences and with finer steps.
 _DOUBTFUL = 0.9
@@ -85,6 +86,83 @@ class Effort(NamedTuple):
     low: int
     high: int
     harmonics: int
+
+
+@kernel
+def largest(wave: NDArray[np.float64], first: NDArray[np.int64], sensor: int, stride: int) -> float:
+    """Return the largest absolute value of a sensor, as seen at every ``stride``-th value of each segment.
+
+    Between three of them it is that of the parabola through them, where that has its vertex there. ``wave`` and
+    ``first``: see models.solve.six_dof.kernels.period.
+    """
+    found = 0.0
+    for k in range(first.shape[0] - 1):
+        start, end = first[k] + k, first[k + 1] + k
+        for n in range(start, end + 1, stride):
+            at = wave[n, sensor]
+            size = abs(at)
+            if n - stride >= start and n + stride <= end:
+                before, after = wave[n - stride, sensor], wave[n + stride, sensor]
+                slope, bend = 0.5 * (after - before), after - 2.0 * at + before
+                if at * bend < 0.0 and abs(slope) < abs(bend):
+                    size += 0.5 * slope * slope / abs(bend)
+            found = max(found, size)
+    return found
+
+
+@kernel
+def _fill_turns(angle: float, c: NDArray[np.float64], s: NDArray[np.float64]) -> None:
+    """Write cosine and sine of the multiples 0, 1, ... of an angle, each from the one before."""
+    c_1, s_1 = math.cos(angle), math.sin(angle)
+    c[0], s[0] = 1.0, 0.0
+    for i in range(1, c.shape[0]):
+        c[i], s[i] = c[i - 1] * c_1 - s[i - 1] * s_1, s[i - 1] * c_1 + c[i - 1] * s_1
+
+
+@kernel
+def lines(
+    trace: PeriodTrace, time: NDArray[np.float64], first: NDArray[np.int64], count: int, sensors: int
+) -> NDArray[np.float64]:
+    """Return the Fourier coefficients 0..count of a period, (sensors, 2, count + 1): sensor, real and imaginary part.
+
+    The values of each segment are equally spaced, so that each line turns by the same angle from one to the next.
+
+    Args:
+        trace, time, first: of the period.
+        count: of the last line.
+        sensors: 1 for the casing, 2 for the resonator as well.
+    """
+    wave, weight, duration = trace.wave, trace.weight, time[-1]
+    sums = np.zeros((sensors, 2, count + 1))
+    c, s, step_c, step_s = np.empty(count + 1), np.empty(count + 1), np.empty(count + 1), np.empty(count + 1)
+    for k in range(first.shape[0] - 1):
+        start, end = first[k] + k, first[k + 1] + k
+        _fill_turns(2.0 * math.pi * (time[end] - time[start]) / duration / (end - start), step_c, step_s)
+        for sensor in range(sensors):
+            real, imaginary = sums[sensor, 0], sums[sensor, 1]
+            _fill_turns(2.0 * math.pi * time[start] / duration, c, s)
+            for n in range(start, end + 1):
+                a = weight[n] * wave[n, sensor]
+                for i in range(count + 1):
+                    real[i] += a * c[i]
+                    imaginary[i] -= a * s[i]
+                    turned = c[i] * step_c[i] - s[i] * step_s[i]
+                    s[i] = s[i] * step_c[i] + c[i] * step_s[i]
+                    c[i] = turned
+        for n in range(first[k], first[k + 1]):
+            if trace.changed[n]:
+                _fill_turns(math.pi * (time[n + k] + time[n + k + 1]) / duration, c, s)
+                for sensor in range(sensors):
+                    for i in range(count + 1):
+                        sums[sensor, 0, i] += trace.parts[n, sensor] * c[i]
+                        sums[sensor, 1, i] -= trace.parts[n, sensor] * s[i]
+    return sums
+
+
+def fourier_coefficients(trace: PeriodTrace, period: Period, count: int) -> NDArray[np.complex128]:
+    """Return the Fourier coefficients 0..count of the accelerations of a period, shape (sensors, count + 1)."""
+    parts = lines(trace, period.time, period.first, count, 2)
+    return parts[:, 0] + 1j * parts[:, 1]
 
 
 @kernel
@@ -180,6 +258,7 @@ def solve(
         spectrum = lines(trace, period.time, period.first, count, 1)
         level = _band_rms(spectrum, effort.low, effort.high) if effort.high >= effort.low else rms
         found[R_RMS] = level
+        found[R_POWER], found[R_POWER + 1] = mean_square(trace, 0), mean_square(trace, 1)
         for k in range(effort.harmonics):
             amplitude = 2.0 * math.sqrt(spectrum[0, 0, k + 1] ** 2 + spectrum[0, 1, k + 1] ** 2)
             found[R_LINES + effort.harmonics + k] = amplitude - found[R_LINES + k]
@@ -211,3 +290,15 @@ def solve(
             break
         rms_before, settled_before = level, settled
     return period, state, trace
+
+
+@kernel
+def healthy_steering(
+    path: NDArray[np.float64], profile: NDArray[np.float64], point: OperatingPoint, steps: int, size: float
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the Jacobian of the scaled period map of a healthy bearing at rest, and the steering of it, (12, 12) each.
+
+    ``steps`` are those in a period, ``size`` that of the differences in scaled coordinates.
+    """
+    matrix = jacobian(np.zeros((2, 6)), set_up(path, profile, point, (0, 0), steps, 1, 1), size)
+    return matrix, newton_steering(matrix)

@@ -21,8 +21,8 @@ from models.machine.scene import Defect, Part, Scene
 from models.machine.shaft_beam import torsion_frequencies
 from models.machine.spall_contact import Spall, force_over_spall
 from models.machine.speed_profile import SpeedProfile, constant, hunt, ramp
-from models.solve.angular.kernels import shaft as kernels
-from models.solve.angular.kernels.ball_ring import CARRIED, F_X, LEFT, OUTER, carry, pressed
+from models.solve.angular import kernel as kernels
+from models.solve.angular.ball_ring_kernel import CARRIED, F_X, LEFT, OUTER, carry, pressed
 from models.solve.angular.plan import assemble, at_rest, lateral_modes, prepare_plan, ring_of, tangents, torsion_modes
 from models.solve.angular.rig import AngularRig
 from models.solve.angular.solver import AngularTrace, longest_step, solve, trace
@@ -67,11 +67,11 @@ def test_it_begins_in_equilibrium() -> None:
         assert a.load[2] + b.load[2] == pytest.approx(-scene.axial_load, abs=1e-5)
         assert abs((a, b)[assembly.floating].load[2]) < 1e-5
         plan = prepare_plan(scene, assembly)
-        state = at_rest(plan, assembly)
-        work, row = kernels.new_work(plan), np.zeros((1, kernels.TRACE))
-        assert kernels.trace(state, row, 1e-6, plan, work) == kernels.STATUS_OK
+        begin = at_rest(plan, assembly)
+        state, row = begin.copy(), np.zeros((1, kernels.TRACE))
+        assert kernels.carry_over(state, row, kernels.NO_WAVE, 0.0, 1e-6, plan) == kernels.STATUS_OK
         assert row[0, 2] == pytest.approx(0.0, abs=1e-12)
-        rate = work.slope[0] * TURN * scene.speed
+        rate = (state - begin) / 1e-6 * TURN * scene.speed
         # But for the cages: nothing moves, accelerations of modes are rounding.
         assert np.abs(rate[1:-5]).max() < 1e-4
 
@@ -107,7 +107,7 @@ def test_torsion_rings_at_the_frequencies_of_the_shaft_with_the_damping_given() 
         # The first mode of the couplings leaves the disc at rest: both ends against each other.
         shown = plan.torsion._replace(shape=plan.torsion.shape.copy())
         shown.shape[kernels.T_ENCODER] = 1.0
-        assert kernels.trace(state, rows, step, plan._replace(torsion=shown), kernels.new_work(plan)) == 0
+        assert kernels.carry_over(state, rows, kernels.NO_WAVE, 0.0, step, plan._replace(torsion=shown)) == 0
         speed, time = rows[:, 2], rows[:, 0]
         crossings = np.flatnonzero(np.diff(np.sign(speed)) != 0)
         at = time[crossings] - speed[crossings] * np.diff(time)[crossings] / np.diff(speed)[crossings]
@@ -124,13 +124,13 @@ def test_the_drives_power_is_that_of_resistance_and_of_the_change_of_energy() ->
     assembly = assemble(scene)
     plan = prepare_plan(scene, assembly)
     torsion, n, m = plan.torsion, len(plan.lateral.square), len(plan.torsion.square)
-    state, work = at_rest(plan, assembly), kernels.new_work(plan)
+    state = at_rest(plan, assembly)
     step, row = TURN * 100.0 * 4e-6, np.zeros((1, kernels.TRACE))
     times, energy, power, momentum, torque = ([] for _ in range(5))
     speeds = torsion.shape
     for _ in range(2500):
         r, v = state[1 + 2 * n : 1 + 2 * n + m].copy(), state[1 + 2 * n + m : 1 + 2 * n + 2 * m].copy()
-        assert kernels.trace(state, row, step, plan, work) == 0
+        assert kernels.carry_over(state, row, kernels.NO_WAVE, 0.0, step, plan) == 0
         resisted = row[0, 2 + kernels.SENSORS + 5 :: CARRIED][:2]
         put_in = float(torsion.steady @ v)
         taken = resisted @ (speeds[[kernels.T_A, kernels.T_B]] @ v)
@@ -206,9 +206,8 @@ def test_records_at_equal_times_are_those_over_equal_angles(slope: float) -> Non
     assembly = assemble(scene)
     plan = prepare_plan(scene, assembly, profile=scene.rotation(0.1))
     wave = np.zeros((effort_count(quick=1500, full=4000), kernels.SENSORS))
-    work = kernels.new_work(plan)
     assert (
-        kernels.run(at_rest(plan, assembly), wave, 1.0 / rate, 0.25 * TURN * 100.0 / rate, plan, work)
+        kernels.carry_over(at_rest(plan, assembly), kernels.NO_ROWS, wave, 1.0 / rate, 0.25 * TURN * 100.0 / rate, plan)
         == kernels.STATUS_OK
     )
     found = run(scene, effort_count(quick=2, full=5), 2e-6)

@@ -22,11 +22,10 @@ from models.solve.ball_inertia import period as ball_period
 from models.solve.ball_inertia import solver as ball_inertia
 from models.solve.ball_inertia.rig import BallInertiaRig
 from models.solve.ball_inertia.solver import at_rest, longest_stable_step, trace
-from models.solve.registry import choose
 from models.solve.response import Response
 from models.solve.rotor.rig import RotorRig
-from models.solve.rotor.solver import trace as rotor_trace
-from models.solve.simulate import simulate
+from models.solve.rotor.solver import Rigid
+from models.solve.simulate import choose, simulate
 from models.words.request import Request
 from tests.oracles import ball_inertia_oracle
 from tests.oracles.ball_inertia_oracle import R_0, Case, Spot
@@ -87,7 +86,7 @@ def test_light_balls_move_the_ring_as_a_contact_in_series_does() -> None:
     )  # fmt: skip
     plain = Scene(20.0, 3000.0, bearing=bearing_of(9), rig=replace(RIG, m_b=3.5e-4), clearance=1e-5)
     heavy = replace(plain, load=6000.0, rig=rotor)
-    ours, other = trace(plain, 0.5, 1.25e-6), rotor_trace(heavy, 0.5, 5e-6)
+    ours, other = trace(plain, 0.5, 1.25e-6), Rigid(heavy).trace(0.5, 5e-6)
     one, two = (x - np.mean(x) for x in (ours.ring[160_000::4, 0], other.c.real[40_000:]))
     assert np.sqrt(np.mean((one - two) ** 2)) < 0.02 * np.sqrt(np.mean(two**2))
 

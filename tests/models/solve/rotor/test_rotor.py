@@ -14,11 +14,10 @@ import pytest
 
 from models.machine.bearing import from_catalogue, kinematics
 from models.machine.scene import Defect, Part, Scene
-from models.solve.rotor.elastic import Massless, shaft_of, trace_elastic
-from models.solve.rotor.elastic import solve as solve_elastic
+from models.solve.rotor.elastic import Massless, shaft_of
 from models.solve.rotor.plan import at_rest, prepare_plan
 from models.solve.rotor.rig import RotorRig
-from models.solve.rotor.solver import Rigid, RotorTrace, solve, trace
+from models.solve.rotor.solver import Rigid, RotorTrace
 from models.solve.simulate import simulate
 from models.words.request import Request
 from tests.oracles import rotor_oracle
@@ -37,7 +36,7 @@ def rms(x: Any) -> float:
 
 
 def test_a_free_disc_obeys_the_closed_form_of_unbalance_and_damping() -> None:
-    found = trace(replace(FREE, unbalance=5e-4), 0.2, 50e-6)
+    found = Rigid(replace(FREE, unbalance=5e-4)).trace(0.2, 50e-6)
     rig, speed = RotorRig(), 2.0 * math.pi * FREE.speed
     t, decay = found.step * np.arange(len(found.c)), rig.c_n / rig.m
     force = 5e-4 * speed**2 / (rig.m * (1j * speed + decay))
@@ -49,7 +48,7 @@ def test_a_free_disc_obeys_the_closed_form_of_unbalance_and_damping() -> None:
 def test_a_free_disc_obeys_the_closed_form_of_the_gyroscopic_moment() -> None:
     couple, lead = 1e-3, 0.7
     rig, speed = RotorRig(couple_angle=lead), 2.0 * math.pi * FREE.speed
-    found = trace(replace(FREE, rig=rig, couple_unbalance=couple), 0.2, 50e-6)
+    found = Rigid(replace(FREE, rig=rig, couple_unbalance=couple)).trace(0.2, 50e-6)
     t, own = found.step * np.arange(len(found.c)), speed * rig.j_p / rig.j_t
     # phi'' - i own phi' = couple speed^2 / j_t e^{i (speed t + lead)}, from rest.
     amplitude = couple * speed**2 / rig.j_t * np.exp(1j * lead) / (1j * (speed - own))
@@ -74,13 +73,13 @@ def test_springs_of_the_shaft_are_those_of_a_beam_on_two_supports() -> None:
 
 
 def test_equal_cages_move_as_one_bearing_without_tilt() -> None:
-    found = trace(replace(SCENE, rig=RotorRig(cage_angle_a=0.0)), 0.1, 20e-6)
+    found = Rigid(replace(SCENE, rig=RotorRig(cage_angle_a=0.0))).trace(0.1, 20e-6)
     assert np.max(np.abs(found.tilt)) < 1e-12
     assert found.acceleration[:, 0] == pytest.approx(found.acceleration[:, 2], abs=1e-6)
     # All forces and masses twice as large are the same motion.
     rig = RotorRig(cage_angle_a=0.0)
     twice = replace(rig, m=2.0 * rig.m, c_n=2.0 * rig.c_n, k_c=2.0 * rig.k_c, c_b=2.0 * rig.c_b)
-    heavy = trace(replace(SCENE, load=2.0 * SCENE.load, rig=twice), 0.1, 20e-6)
+    heavy = Rigid(replace(SCENE, load=2.0 * SCENE.load, rig=twice)).trace(0.1, 20e-6)
     assert heavy.acceleration[:, 2] == pytest.approx(found.acceleration[:, 2], abs=1e-6)
 
 
@@ -90,18 +89,18 @@ def test_exchanging_the_supports_exchanges_the_sensors(*, elastic: bool) -> None
     other = replace(ours, a=0.5, cage_angle_a=0.6, cage_angle_b=0.1)
     scene = replace(SCENE, rig=ours, second_bearing=BALLS, defect=replace(PIT, position=0.05))
     mirror = replace(scene, rig=other, defect=replace(PIT, position=0.05, support="b"))
-    run = trace_elastic if elastic else trace
-    left, right = run(scene, 0.05, 20e-6), run(mirror, 0.05, 20e-6)
+    kind = shaft_of if elastic else Rigid
+    left, right = (kind(one).trace(0.05, 20e-6) for one in (scene, mirror))
     swapped = right.acceleration[:, [1, 0, 2]]
     assert rms(left.acceleration - swapped) < 1e-5 * rms(swapped)
 
 
 def test_a_stiff_shaft_is_a_rigid_one() -> None:
     scene = replace(SCENE, rig=RotorRig(end_mass=0.3, length=0.2, a=0.1, modulus=200e9))
-    rigid = trace(scene, 0.05, 5e-6)
+    rigid = Rigid(scene).trace(0.05, 5e-6)
     errors = []
     for modulus in (200e12, 200e13):
-        bent = trace_elastic(replace(scene, rig=replace(scene.rig, modulus=modulus)), 0.05, 0.5e-6)
+        bent = shaft_of(replace(scene, rig=replace(scene.rig, modulus=modulus))).trace(0.05, 0.5e-6)
         errors.append(rms(bent.c[::10][:-1] - rigid.c[:-1][: len(bent.c[::10]) - 1]) / rms(rigid.c - rigid.c[0]))
     assert errors[0] < 2e-2
     assert errors[1] < errors[0]
@@ -109,10 +108,10 @@ def test_a_stiff_shaft_is_a_rigid_one() -> None:
 
 def test_rest_is_a_rest() -> None:
     """Shaft and cages stand still in the limit of slow speed: nothing moves away from the equilibrium."""
-    for run, elastic in ((trace, False), (trace_elastic, True)):
+    for kind, elastic in ((Rigid, False), (shaft_of, True)):
         for rig in (RotorRig(end_mass=0.3, a=0.3), RotorRig(a=0.3)):
             scene = replace(SCENE, speed=1e-6, rig=replace(rig, cage_angle_b=0.1))
-            found = run(scene, 0.02, 5e-6)
+            found = kind(scene).trace(0.02, 5e-6)
             assert np.max(np.abs(found.acceleration)) < 1e-4
             rest = at_rest(scene, elastic=elastic)
             assert found.c[-1] == pytest.approx(rest[0] + 1j * rest[1], abs=1e-12)
@@ -127,25 +126,25 @@ def fitted_order(runs: list[RotorTrace]) -> float:
 def test_order_of_the_kernels() -> None:
     pressed = replace(SCENE, load=5000.0, clearance=0.0, unbalance=1e-3)
     steps = [200e-6 / 2**k for k in (0, 1, 2, 6)]
-    assert 3.5 < fitted_order([trace(pressed, 0.0202, h) for h in steps]) < 5.5
+    assert 3.5 < fitted_order([Rigid(pressed).trace(0.0202, h) for h in steps]) < 5.5
     lumped = replace(pressed, rig=RotorRig(end_mass=0.3, length=0.2, a=0.1))
-    assert 3.5 < fitted_order([trace_elastic(lumped, 0.0202, h / 2) for h in steps]) < 5.5
+    assert 3.5 < fitted_order([shaft_of(lumped).trace(0.0202, h / 2) for h in steps]) < 5.5
     # Over impacts the square root of the contact law at its opening leaves the order 2.5 at least.
     hit = replace(SCENE, defect=replace(PIT, position=0.02), clearance=0.0, load=500.0)
-    assert fitted_order([trace(hit, 0.0202, h) for h in steps]) > 2.0
+    assert fitted_order([Rigid(hit).trace(0.0202, h) for h in steps]) > 2.0
     # Backward Euler of the dampers beside the second order of the disc.
     soft = replace(pressed, rig=RotorRig(length=0.2, a=0.1))
-    assert 0.8 < fitted_order([trace_elastic(soft, 0.0202, h / 8) for h in steps]) < 2.2
+    assert 0.8 < fitted_order([shaft_of(soft).trace(0.0202, h / 8) for h in steps]) < 2.2
 
 
 def test_massless_ends_are_the_limit_of_light_ones() -> None:
     scene = replace(
         SCENE, rig=RotorRig(length=0.2, a=0.1), defect=replace(PIT, position=0.05), clearance=0.0, load=500.0
     )
-    limit = trace_elastic(scene, 0.02, 2e-6)
+    limit = shaft_of(scene).trace(0.02, 2e-6)
     errors = []
     for mass in (0.1, 0.01):
-        light = trace_elastic(replace(scene, rig=replace(scene.rig, end_mass=mass)), 0.02, 2e-6)
+        light = shaft_of(replace(scene, rig=replace(scene.rig, end_mass=mass))).trace(0.02, 2e-6)
         errors.append(rms(light.c - limit.c) / rms(limit.c - limit.c[0]))
     assert errors[1] < 0.2 * errors[0] < 0.05
 
@@ -169,7 +168,7 @@ def test_internal_damping_drives_the_whirl_above_its_limit(speed: float, *, grow
     scene = Scene(speed, 100.0, bearing=BALLS, rig=rig)
     start = at_rest(scene, elastic=True)
     start[1] += 1e-4
-    found = trace_elastic(scene, 1.0, 20e-6, rest=start)
+    found = shaft_of(scene).trace(1.0, 20e-6, rest=start)
     quarter = len(found.c) // 4
     first, last = (rms(part - np.mean(part)) for part in (found.c[:quarter], found.c[-quarter:]))
     assert (last > 1.5 * first) if grows else (last < 0.7 * first)
@@ -228,10 +227,10 @@ HARD = {
 def test_hard_cases_stay_finite_and_within_the_clearance(name: str) -> None:
     scene = HARD[name]
     rig = scene.rig_as(RotorRig)
-    for run, end_mass in ((trace, 0.0), (trace, 0.2), (trace_elastic, 0.0), (trace_elastic, 0.2)):
+    for kind, end_mass in ((Rigid, 0.0), (Rigid, 0.2), (shaft_of, 0.0), (shaft_of, 0.2)):
         case = replace(scene, rig=replace(rig, end_mass=end_mass))
-        shaft = shaft_of(case) if run is trace_elastic else Rigid(case, 0.0)
-        found = run(case, 0.1, min(20e-6, shaft.longest_step()))
+        shaft = kind(case)
+        found = shaft.trace(0.1, min(20e-6, shaft.longest_step()))
         assert found.finite
         assert np.all(np.isfinite(found.acceleration))
         depth = sum(defect.h_d for defect in scene.defects)
@@ -240,19 +239,19 @@ def test_hard_cases_stay_finite_and_within_the_clearance(name: str) -> None:
 
 def test_response_says_what_it_knows() -> None:
     request = Request(duration=0.3, rate=25600.0, accuracy=1e-3)
-    found = solve(SCENE, request)
+    found = Rigid(SCENE).solve(request)
     assert found.sensors == ("a", "b", "c")
     assert found.status == "converged"
-    fine = solve(SCENE, replace(request, steps_per_period=8192))
+    fine = Rigid(SCENE).solve(replace(request, steps_per_period=8192))
     assert abs(found.rms / fine.rms - 1.0) < 3.0 * found.rms_error + 1e-5
-    alone = solve_elastic(SCENE, request)
+    alone = shaft_of(SCENE).solve(request)
     assert alone.sensors == ("c",)
     with pytest.raises(ValueError, match="sensor 'a': this model has c"):
         alone.levels_of("a")
-    assert solve_elastic(LUMPED, request).sensors == ("a", "b", "c")
-    turned = solve(SCENE, replace(request, direction=0.5 * math.pi))
+    assert shaft_of(LUMPED).solve(request).sensors == ("a", "b", "c")
+    turned = Rigid(SCENE, 0.5 * math.pi).solve(request)
     assert turned.rms != pytest.approx(found.rms, rel=0.01)
-    unlike = solve(replace(SCENE, second_bearing=from_catalogue("6205")), request)
+    unlike = Rigid(replace(SCENE, second_bearing=from_catalogue("6205"))).solve(request)
     assert unlike.status == "not_periodic"
 
 
@@ -289,13 +288,13 @@ def test_bearings_that_it_does_not_describe_are_refused_by_name() -> None:
     with pytest.raises(ValueError, match="that of a ball, NU 202 ECP has rollers"):
         replace(SCENE, bearing=from_catalogue("NU 202 ECP"))
     with pytest.raises(ValueError, match="has rollers"):
-        solve(replace(SCENE, second_bearing=from_catalogue("NU 202 ECP")), Request(duration=0.1))
+        Rigid(replace(SCENE, second_bearing=from_catalogue("NU 202 ECP"))).solve(Request(duration=0.1))
     with pytest.raises(ValueError, match="with_elastic_shaft: rotor does not describe this with this shaft"):
-        solve(replace(SCENE, physics=("elastic_shaft",)), Request(duration=0.1))
+        Rigid(replace(SCENE, physics=("elastic_shaft",))).solve(Request(duration=0.1))
     with pytest.raises(ValueError, match="duration"):
-        trace(SCENE, 0.0, 1e-5)
+        Rigid(SCENE).trace(0.0, 1e-5)
     with pytest.raises(ValueError, match="step"):
-        trace(SCENE, 0.1, math.nan)
+        Rigid(SCENE).trace(0.1, math.nan)
     assert RotorRig(**RotorRig(a=0.3).as_dict()) == RotorRig(a=0.3)
 
 
@@ -353,7 +352,7 @@ def scene_of(case: Case) -> Scene:
 def test_accelerations_are_those_of_the_oracle(name: str) -> None:
     case, step, duration = CASES[name], 10e-6, 0.03
     scene = scene_of(case)
-    found = (trace_elastic if case.elastic else trace)(scene, duration, step)
+    found = (shaft_of if case.elastic else Rigid)(scene).trace(duration, step)
     chosen = np.arange(0, len(found.acceleration), 7)
     expected = rotor_oracle.simulate(case, step * chosen.astype(np.float64))
     level = np.sqrt(np.mean(expected**2, axis=0))

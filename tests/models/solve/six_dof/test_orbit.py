@@ -24,7 +24,8 @@ from models.solve.six_dof.kernels.orbit import (
     settle,
     spectral_radius,
 )
-from models.solve.six_dof.kernels.period import blank_trace, fourier_coefficients, mean_square
+from models.solve.six_dof.kernels.period import blank_trace, mean_square
+from models.solve.six_dof.kernels.settled import fourier_coefficients
 from models.solve.six_dof.orbit import PeriodicMotion, simulate_on
 from models.solve.six_dof.periodic import steering
 from reference.periods import period_of, run, simulate_plainly

@@ -1,10 +1,9 @@
 """Kernel: the balls of one bearing in equilibrium, over and over, begun where they were; over spalls too.
 
 As ``models.machine.kernel_ball_statics``, whose safe solution is taken where Newton's method does not settle in a few
-steps from a ball's last place. Over a spall (``models.solve.angular.kernels.spall``) the force of a contact still grows
-with its deflection, so the equilibrium stays unique at a given contact angle.
-
-Kernel: force of a contact that lies partly over spalls, and its derivative, in closed form.
+steps from a ball's last place. Over a spall the force of a contact still grows with its deflection, so the equilibrium
+stays unique at a given contact angle. Force of a contact that lies partly over spalls, and its derivative, are in
+closed form.
 
 Source: Thibault et al. 2022, Eqs. 15-18, with the corrections that ``models.machine.spall_contact`` names. Over a spall
 the pressure of the sound contact is replaced by that of a contact which is less deep by the depth of the spall; both
@@ -31,7 +30,6 @@ from models.machine.kernel_ball_statics import (
 from models.platform.jit import inlined, kernel
 
 if TYPE_CHECKING:
-    import numpy as np
     from numpy.typing import NDArray
 
     from models.platform.jit import Index
@@ -145,7 +143,7 @@ class BallRing(NamedTuple):
 
     Attributes:
         races: of the statics.
-        surfaces: both races as of ``models.solve.angular.kernels.spall``, (2, R_SIZE).
+        surfaces: both races by the R_ constants, (2, R_SIZE).
         spalls: (spalls, S_SIZE).
         angles: of the balls in the cage, rad, (N,), evenly spaced.
         slots: cosine and sine of them, (2, N).

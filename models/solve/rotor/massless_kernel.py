@@ -10,7 +10,7 @@ dampers over the step (backward Euler). First order in the step.
 * The Jacobian is that of the shaft's spring plus a positive semidefinite one, so that it can always be solved.
 * Accelerations of the ends do not exist: their velocity jumps where a contact closes. Only that of the disc is given.
 
-State: x, y, p, s (models.solve.rotor.kernels.forces), the places x, y of A and of B, then the velocities of the first
+State: x, y, p, s (models.solve.rotor.kernel), the places x, y of A and of B, then the velocities of the first
     four.
 """
 
@@ -23,7 +23,7 @@ import numpy as np
 
 from models.platform.jit import inlined, kernel
 from models.solve.engine.kernel_stepping import TINY, fill_depth, fill_start
-from models.solve.rotor.kernels.forces import (
+from models.solve.rotor.kernel import (
     B_CLEARANCE,
     B_DAMPING,
     B_POWER,
@@ -50,7 +50,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from models.platform.jit import Index
-    from models.solve.rotor.kernels.forces import RotorPlan, RotorWork
+    from models.solve.rotor.kernel import RotorPlan, RotorWork
 
 _MOST_ITERATIONS = 60
 _BALANCED = 1e-11

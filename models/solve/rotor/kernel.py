@@ -1,4 +1,16 @@
-"""Kernel: what a rotor on two bearings is made of, and the forces of bearings and shaft."""
+"""Kernel of the rotor on two bearings: classical Runge-Kutta steps that end where a contact opens or closes.
+
+State: positions (``P_COUNT`` of them), then velocities. Positions are x, y (along the load, across it) of the line
+through the bearings at the disc and its tilt p + i s = phi_y - i phi_x; where the ends of an elastic shaft have a mass,
+also x, y of A and of B. A bow is a force that turns (``models.solve.rotor.solver``).
+
+* The force jumps where a contact closes, by its damping, and has a kink where it opens. In a step the set of loaded
+  balls is held; where a ball ends on the wrong side of zero, the step is cut at the first such instant, which is found
+  by regula falsi and bisection on the length of the step. The order of the scheme is kept.
+* Depth of defects is known beforehand: steps end where a ball meets or leaves one.
+* Balls are counted through, those of A first. Their directions turn with the cage; what turns is written at the three
+  nodes of a step (its beginning, middle and end).
+"""
 
 from __future__ import annotations
 
@@ -8,6 +20,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from models.platform.jit import inlined, kernel
+from models.solve.engine.kernel_stepping import attempt, broken_step, run_over, to_change
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -214,3 +227,99 @@ def overlap_of(z: NDArray[np.float64], bearing: Index, j: int, node: Index, plan
     u, v = end[0] * c + end[1] * s, end[1] * c - end[0] * s
     clearance = plan.parameter[P_PER_BEARING + bearing * B_SIZE + B_CLEARANCE]
     return u * plan.slots[0, j] + v * plan.slots[1, j] - clearance - work.depth[node, j]
+
+
+@kernel
+def hold(z: NDArray[np.float64], node: Index, plan: RotorPlan, work: RotorWork) -> None:
+    """Write which balls are loaded."""
+    count = 0
+    for bearing in range(2):
+        begin = count
+        first = 0 if bearing == 0 else plan.of_a[0]
+        last = plan.of_a[0] if bearing == 0 else plan.slots.shape[1]
+        for j in range(first, last):
+            if overlap_of(z, bearing, j, node, plan, work) > 0.0:
+                work.held[count] = j
+                count += 1
+        work.loaded[bearing] = count - begin
+
+
+@inlined
+def _worst(z: NDArray[np.float64], node: Index, plan: RotorPlan, work: RotorWork) -> float:
+    """Return the least distance of a ball from zero, negative where it is on the other side than held, m."""
+    p, least, n = plan.parameter, math.inf, 0
+    loaded = work.loaded[0] + work.loaded[1]
+    for bearing in range(2):
+        x, y, _, _ = end_of(z, bearing, p)
+        c, s = work.turn[node, 2 * bearing], work.turn[node, 2 * bearing + 1]
+        u, v, clearance = x * c + y * s, y * c - x * s, p[P_PER_BEARING + bearing * B_SIZE + B_CLEARANCE]
+        first = 0 if bearing == 0 else plan.of_a[0]
+        last = plan.of_a[0] if bearing == 0 else plan.slots.shape[1]
+        for j in range(first, last):
+            overlap = u * plan.slots[0, j] + v * plan.slots[1, j] - clearance - work.depth[node, j]
+            if n < loaded and work.held[n] == j:
+                n += 1
+            else:
+                overlap = -overlap
+            least = min(least, overlap)
+    return least
+
+
+@kernel
+def _try(t: float, h: float, interval: Index, plan: RotorPlan, work: RotorWork) -> float:
+    return attempt(slope_of, _worst, t, h, interval, plan, work)
+
+
+@kernel
+def _to_change(t: float, h: float, at_end: float, interval: Index, plan: RotorPlan, work: RotorWork) -> float:
+    return to_change(_try, _worst, t, h, at_end, interval, plan, work)
+
+
+@inlined
+def _kept(changed: bool, work: RotorWork) -> bool:
+    """Return whether contacts are to be looked at anew: where one has changed, for all others are as they were."""
+    return changed
+
+
+@kernel
+def _broken_step(t: float, end: float, i: int, plan: RotorPlan, work: RotorWork) -> int:
+    return broken_step(_try, _to_change, slope_of, hold, _kept, t, end, i, plan, work)
+
+
+@inlined
+def _sense(n: int, plan: RotorPlan, work: RotorWork, wave: NDArray[np.float64], place: NDArray[np.float64]) -> None:
+    """Write the accelerations of A, B and C from the first slope, and the positions."""
+    p, slope = plan.parameter, work.slope
+    count = int(p[P_COUNT])
+    d_1, d_2 = p[P_DIRECTION_1], p[P_DIRECTION_2]
+    c, s = work.turn[0, 4], work.turn[0, 5]
+    disc = slope[0, count] * d_1 + slope[0, count + 1] * d_2
+    tilt = slope[0, count + 2] * d_1 + slope[0, count + 3] * d_2
+    wave[n, 0], wave[n, 1] = disc + p[P_A] * tilt, disc - p[P_B] * tilt
+    if count == 8:
+        wave[n, 0], wave[n, 1] = slope[0, 12] * d_1 + slope[0, 13] * d_2, slope[0, 14] * d_1 + slope[0, 15] * d_2
+    wave[n, 2] = disc + (p[P_BOW_1] * c - p[P_BOW_2] * s) * d_1 + (p[P_BOW_2] * c + p[P_BOW_1] * s) * d_2
+    if place.shape[0] > 0:
+        for k in range(place.shape[1]):
+            place[n, k] = work.state[k]
+
+
+@kernel
+def run(
+    state: NDArray[np.float64], wave: NDArray[np.float64], place: NDArray[np.float64], h: float, plan: RotorPlan
+) -> int:
+    """Carry a state from t = 0 over the steps of ``wave``, of h seconds each.
+
+    Args:
+        state: (2 F,), overwritten.
+        wave: accelerations of A, B and C in the sensor's direction at the beginning of each step, (steps, 3), m/s2.
+        place: the positions of the state then, (steps, F), or (0, F) where they are not wanted.
+
+    Returns:
+        A STATUS_ number.
+    """
+    work = new_work(plan)
+    work.state[:] = state
+    run_over(slope_of, _worst, hold, _kept, _sense, _broken_step, wave, place, h, plan, work)
+    state[:] = work.state
+    return STATUS_OK if np.all(np.isfinite(state)) else STATUS_NOT_FINITE

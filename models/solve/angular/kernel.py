@@ -4,8 +4,6 @@ The motion is that of the modes of the shaft on its bearings' tangent stiffness 
 between the couplings; the latter as deviation from the nominal rotation, so that a changing speed is served. What the
 balls carry beyond that tangent stiffness is the force on the modes. Time is a state: d/d angle = (d/dt) / speed, where
 angle and speed are those of the encoder's node (Bourdon et al. 2014; Thibault et al. 2022, section I.1).
-
-Sensors at equal times from those at the steps of a motion that goes on by equal angles.
 """
 
 from __future__ import annotations
@@ -16,7 +14,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from models.platform.jit import inlined, kernel
-from models.solve.angular.kernels.ball_ring import (
+from models.solve.angular.ball_ring_kernel import (
     CARRIED,
     COSINE,
     F_Z,
@@ -32,10 +30,9 @@ from models.solve.angular.kernels.ball_ring import (
     carry,
     wrapped,
 )
-from models.solve.engine.kernel_stepping import accept, to_end, to_stage
+from models.solve.engine.kernel_stepping import NODES, accept, at_equal_times, to_end, to_stage
 
 if TYPE_CHECKING:
-    import numpy as np
     from numpy.typing import NDArray
 
     from models.platform.jit import Index
@@ -43,32 +40,6 @@ if TYPE_CHECKING:
 
 # Columns of the wave: angular speed less the nominal one, accelerations of A, B and disc.
 SENSORS = 4
-# Nodes of the interpolation from equal angles to equal times.
-NODES = 6
-
-
-@inlined
-def _interpolate(t: float, node: NDArray[np.float64], row: NDArray[np.float64]) -> None:
-    """Write the sensors at a time from those at NODES times, first column of ``node``, by Lagrange's polynomial."""
-    for k in range(SENSORS):
-        row[k] = 0.0
-    for i in range(NODES):
-        weight = 1.0
-        for j in range(NODES):
-            if j != i:
-                weight *= (t - node[j, 0]) / (node[i, 0] - node[j, 0])
-        for k in range(SENSORS):
-            row[k] += weight * node[i, 1 + k]
-
-
-@inlined
-def write_wave(written: int, steps: int, h: float, wave: NDArray[np.float64], node: NDArray[np.float64]) -> int:
-    """Write what the nodes allow after so many steps, by times up to their middle; return how many rows there are."""
-    # At the beginning those before the middle too.
-    while steps >= NODES and written < wave.shape[0] and written * h <= node[NODES // 2, 0]:
-        _interpolate(written * h, node, wave[written])
-        written += 1
-    return written
 
 
 # Places in ``AngularPlan.parameter``, SI.
@@ -92,8 +63,10 @@ TIME = 0
 T_A, T_B, T_DISC, T_ENCODER, T_LOAD = range(5)
 # Columns of a trace: time, angle, the wave, what both bearings carry (CARRIED each).
 TRACE = 2 + SENSORS + 2 * CARRIED
+NO_ROWS, NO_WAVE = np.zeros((0, TRACE)), np.zeros((0, SENSORS))
 STATUS_OK = 0
 STATUS_NOT_FINITE = 1
+# Sum of the displacements of both inner rings beyond which the shaft is no longer in its bearings, m.
 _FARTHEST = 1e-2
 # Speed at which balls pass an inner race over that of the shaft, at most.
 _INNER_PASSING = 0.8
@@ -343,38 +316,6 @@ def _at_edge(side: Index, step: float, plan: AngularPlan, ring: BallRing, work: 
 
 
 @inlined
-def _usable(work: AngularWork) -> bool:
-    """Return whether a state is finite and the shaft is still in its bearings."""
-    inside = abs(work.place[0]) + abs(work.place[1]) + abs(work.place[5]) + abs(work.place[6]) < _FARTHEST
-    return inside and math.isfinite(work.state[TIME])
-
-
-def trace(
-    state: NDArray[np.float64], rows: NDArray[np.float64], step: float, plan: AngularPlan, work: AngularWork
-) -> int:
-    """Carry a state over the steps of ``rows``, of equal angle, rad; return a STATUS_ number.
-
-    Args:
-        state: overwritten.
-        rows: written: see TRACE, at the beginning of each step, (steps, TRACE).
-    """
-    return _carry_over(state, rows, np.zeros((0, SENSORS)), 0.0, step, plan, work)
-
-
-def run(
-    state: NDArray[np.float64], wave: NDArray[np.float64], h: float, step: float, plan: AngularPlan, work: AngularWork
-) -> int:
-    """Carry a state from t = 0 in steps of some angle and write the sensors at equal times; return a STATUS_ number.
-
-    Args:
-        state: overwritten.
-        wave: written: see SENSORS, at times h seconds apart, (rows, SENSORS).
-        step: angle of a step at the speed P_SPEED, rad; in proportion to the nominal speed of each.
-    """
-    return _carry_over(state, np.zeros((0, TRACE)), wave, h, step, plan, work)
-
-
-@inlined
 def _write_trace(speed: float, plan: AngularPlan, work: AngularWork, row: NDArray[np.float64]) -> None:
     """Write a row of a trace from the first slope and its speed."""
     row[0] = work.state[TIME]
@@ -398,19 +339,26 @@ def _parts(step: float, tracing: bool, plan: AngularPlan, work: AngularWork) -> 
 
 
 @kernel
-def _carry_over(
+def carry_over(
     state: NDArray[np.float64],
     rows: NDArray[np.float64],
     wave: NDArray[np.float64],
     h: float,
     step: float,
     plan: AngularPlan,
-    work: AngularWork,
 ) -> int:
-    """Do what ``trace`` does if ``rows`` has any, else what ``run`` does.
+    """Carry a state from t = 0 in steps of some angle; return a STATUS_ number.
 
-    Both are one kernel, and ``rates`` is called in one place, because each copy of its code takes seconds to compile.
+    Both ways to record are one kernel, and ``rates`` is called in one place, because each copy of its code takes
+    seconds to compile.
+
+    Args:
+        state: overwritten.
+        rows: written: see TRACE, at the beginning of each step, (steps, TRACE); with NO_ROWS the sensors are recorded.
+        wave: written where there are no rows: see SENSORS, at times h seconds apart, (times, SENSORS).
+        step: angle of a step, rad: of a trace; else at the speed P_SPEED, in proportion to the nominal speed of each.
     """
+    work = new_work(plan)
     work.state[:] = state
     node = np.zeros((NODES, 1 + SENSORS))
     tracing = rows.shape[0] > 0
@@ -429,7 +377,8 @@ def _carry_over(
             for k in range(slope.shape[0]):
                 slope[k] *= inverse
             if stage == 0:
-                if not (_usable(work) and (tracing or speed > 0.0)):
+                away = abs(work.place[0]) + abs(work.place[1]) + abs(work.place[5]) + abs(work.place[6])
+                if not (away < _FARTHEST and math.isfinite(work.state[TIME]) and (tracing or speed > 0.0)):
                     return STATUS_NOT_FINITE
                 steps += 1
                 if tracing:
@@ -441,7 +390,7 @@ def _carry_over(
                             node[i, k] = node[i + 1, k]
                     node[NODES - 1, 0] = work.state[TIME]
                     _sense(speed, plan, work, node[NODES - 1, 1:])
-                    written = write_wave(written, steps, h, wave, node)
+                    written = at_equal_times(written, steps, h, wave, node)
             if stage % 4 == 3:
                 to_end(length, work)
                 accept(work)
