@@ -77,7 +77,7 @@ def load(place: str) -> Any:
 
 
 MODELS: dict[str, Model] = {
-    **{name: load(f"models.solve.{name}:DECLARED") for name in _OWN},
+    **{name: load(f"models.solve.{name}:MODEL") for name in _OWN},
     **{name: point.load() for name, point in brought("models").items()},
 }
 """By name."""

@@ -2,7 +2,7 @@
 
 from models.words.extras import Model
 
-DECLARED = Model(
+MODEL = Model(
     "models.solve.angular.rig:AngularRig",
     ("models.solve.angular.solver",),
     (("angular speed", "models.solve.angular.solver:warm"),),

@@ -2,7 +2,7 @@
 
 from models.words.extras import Model
 
-DECLARED = Model(
+MODEL = Model(
     "models.solve.ball_inertia.rig:BallInertiaRig",
     ("models.solve.ball_inertia.period", "models.solve.ball_inertia.solver"),
     (("balls with inertia", "models.solve.ball_inertia.solver:warm"),),

@@ -2,7 +2,7 @@
 
 from models.words.extras import Model
 
-DECLARED = Model(
+MODEL = Model(
     "models.solve.ring_impact.rig:RingImpactRig",
     ("models.solve.ring_impact.solver",),
     (("impacts on rings", "models.solve.ring_impact.solver:warm"),),

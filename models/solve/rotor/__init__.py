@@ -2,7 +2,7 @@
 
 from models.words.extras import Model
 
-DECLARED = Model(
+MODEL = Model(
     "models.solve.rotor.rig:RotorRig",
     ("models.solve.rotor.solver", "models.solve.rotor.elastic"),
     (("rotor", "models.solve.rotor.elastic:warm"),),

@@ -2,7 +2,7 @@
 
 from models.words.extras import Model
 
-DECLARED = Model(
+MODEL = Model(
     "models.machine.rig:Rig",
     ("models.solve.six_dof.periodic", "models.solve.six_dof.mean_force", "models.solve.six_dof.time_domain"),
     (
