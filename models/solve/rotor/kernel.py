@@ -20,7 +20,19 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from models.platform.jit import inlined, kernel
-from models.solve.engine.kernel_stepping import attempt, broken_step, run_over, to_change
+from models.solve.engine.kernel_stepping import (
+    EXACT_ANGLES,
+    MOST_CHANGES,
+    TINY,
+    accept,
+    attempt,
+    fill_depth,
+    fill_half,
+    fill_rest,
+    fill_start,
+    runge_kutta,
+    to_change,
+)
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -275,20 +287,39 @@ def _to_change(t: float, h: float, at_end: float, interval: Index, plan: RotorPl
     return to_change(_try, _worst, t, h, at_end, interval, plan, work)
 
 
-@inlined
-def _kept(changed: bool, work: RotorWork) -> bool:
-    """Return whether contacts are to be looked at anew: where one has changed, for all others are as they were."""
-    return changed
-
-
 @kernel
 def _broken_step(t: float, end: float, i: int, plan: RotorPlan, work: RotorWork) -> int:
-    return broken_step(_try, _to_change, slope_of, hold, _kept, t, end, i, plan, work)
+    """Carry the state, whose nodes at ``t`` are written, to ``end`` over edges and changes of contact.
+
+    Returns:
+        The interval at ``end``.
+    """
+    changes = 0
+    while end - t > TINY:
+        stop = min(end, plan.bounds[i + 1])
+        fill_start(t, plan.parameter, work.turn)
+        slope_of(work.state, np.int64(0), plan, work, np.int64(0))
+        length = stop - t
+        gap = _try(t, length, i, plan, work)
+        changed = gap < 0.0
+        if changed and changes < MOST_CHANGES:
+            length = _to_change(t, length, gap, i, plan, work)
+            changes += 1
+        t += length
+        accept(work)
+        edge = plan.bounds[i + 1] - t <= TINY
+        while plan.bounds[i + 1] - t <= TINY:
+            i += 1
+        if changed or edge:
+            fill_start(t, plan.parameter, work.turn)
+            fill_depth(t, 0.0, i, plan, work.depth)
+            hold(work.state, np.int64(0), plan, work)
+    return i
 
 
 @inlined
-def _sense(n: int, plan: RotorPlan, work: RotorWork, wave: NDArray[np.float64], place: NDArray[np.float64]) -> None:
-    """Write the accelerations of A, B and C from the first slope, and the positions."""
+def _sense(n: int, plan: RotorPlan, work: RotorWork, wave: NDArray[np.float64]) -> None:
+    """Write the accelerations of A, B and C from the first slope."""
     p, slope = plan.parameter, work.slope
     count = int(p[P_COUNT])
     d_1, d_2 = p[P_DIRECTION_1], p[P_DIRECTION_2]
@@ -299,9 +330,6 @@ def _sense(n: int, plan: RotorPlan, work: RotorWork, wave: NDArray[np.float64], 
     if count == 8:
         wave[n, 0], wave[n, 1] = slope[0, 12] * d_1 + slope[0, 13] * d_2, slope[0, 14] * d_1 + slope[0, 15] * d_2
     wave[n, 2] = disc + (p[P_BOW_1] * c - p[P_BOW_2] * s) * d_1 + (p[P_BOW_2] * c + p[P_BOW_1] * s) * d_2
-    if place.shape[0] > 0:
-        for k in range(place.shape[1]):
-            place[n, k] = work.state[k]
 
 
 @kernel
@@ -318,8 +346,34 @@ def run(
     Returns:
         A STATUS_ number.
     """
-    work = new_work(plan)
+    work, p = new_work(plan), plan.parameter
     work.state[:] = state
-    run_over(slope_of, _worst, hold, _kept, _sense, _broken_step, wave, place, h, plan, work)
+    fill_half(h, p, work.half[0])
+    fill_start(0.0, p, work.turn)
+    fill_depth(0.0, 0.0, np.int64(0), plan, work.depth)
+    hold(work.state, np.int64(0), plan, work)
+    i, exact = 0, 0
+    for n in range(wave.shape[0]):
+        t, end = n * h, (n + 1) * h
+        if exact == 0:
+            fill_start(t, p, work.turn)
+        exact = (exact + 1) % EXACT_ANGLES
+        fill_rest(work.half[0], work.turn)
+        fill_depth(t, h, i, plan, work.depth)
+        slope_of(work.state, np.int64(0), plan, work, np.int64(0))
+        _sense(n, plan, work, wave)
+        if place.shape[0] > 0:
+            for k in range(place.shape[1]):
+                place[n, k] = work.state[k]
+        whole = plan.bounds[i + 1] - end > TINY
+        if whole:
+            runge_kutta(slope_of, h, plan, work)
+            whole = _worst(work.trial, np.int64(2), plan, work) >= 0.0
+        if whole:
+            accept(work)
+            for k in range(6):
+                work.turn[0, k] = work.turn[2, k]
+        else:
+            i, exact = _broken_step(t, end, i, plan, work), 0
     state[:] = work.state
     return STATUS_OK if np.all(np.isfinite(state)) else STATUS_NOT_FINITE
