@@ -26,7 +26,6 @@ from models.solve.registry import solvers
 from models.solve.response import Response
 from models.solve.six_dof import periodic, time_domain
 from models.solve.six_dof.kernels.period import ball_period, blank_trace, mean_square
-from models.solve.six_dof.setup import DEFAULT_STEP
 from models.words.request import Request
 from reference.periods import solve_scene
 
@@ -121,7 +120,7 @@ def turning_errors(rng: np.random.Generator, number: int) -> Iterator[Stated]:
     long = time_domain.solve(scene, Request(duration=LONGER * duration))
     true = max(0.0, abs(ours.rms / long.rms - 1.0) - long.rms_error)
     yield Stated("RMS", ours.rms_error, true)
-    fine = time_domain.simulate_time(scene, duration, RATE, step=DEFAULT_STEP / 8.0)
+    fine = time_domain.simulate_time(scene, duration, RATE, step=time_domain.DEFAULT_STEP / 8.0)
     signals = [found.acceleration(RATE, duration) for found in (ours, fine)]
     yield Stated("waveform", ours.waveform_error, float(np.linalg.norm(signals[0] - signals[1])) / _norm(signals[1]))
 

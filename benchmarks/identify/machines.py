@@ -36,7 +36,6 @@ from models.identify.evidence import (
     Direction,
     Evidence,
     Peak,
-    Prior,
     accelerance,
     geometry_priors,
     modes,
@@ -160,7 +159,7 @@ def extracted(signal: Floats, load: float) -> list[Peak]:
 def known_of(rig: Rig, source: str, seed: int) -> Known:
     """Return what one source tells of a machine."""
     rng = np.random.default_rng([seed, SOURCES.index(source)])
-    priors: tuple[Prior, ...] = tuple(geometry_priors(ENTRY))
+    priors = tuple(geometry_priors(ENTRY))
     if source == "tests":
         space = Space(rig, BEARING, LOADS, free=("m_r",), limits=wide_limits())
         features = Evaluator(space, CONDITIONS, BAND).levels([space.known])[0].features

@@ -22,8 +22,7 @@ from models.solve.response import Response
 from models.solve.rotor import elastic as rotor_elastic
 from models.solve.rotor.solver import Rigid
 from models.solve.simulate import choose, simulate, stand_ins, volume_slope
-from models.solve.six_dof import periodic
-from models.solve.six_dof.setup import longest_step
+from models.solve.six_dof import periodic, time_domain
 from models.words.request import Request
 
 FINER = 8
@@ -92,7 +91,7 @@ def first_step(scene: Scene, solver: Solver) -> float:
         return Rigid(scene, 0.0).longest_step()
     if solver.name == "elastic":
         return rotor_elastic.shaft_of(scene).longest_step()
-    return longest_step(scene, kinematics(scene.bearing, scene.speed))
+    return time_domain.longest_step(scene, kinematics(scene.bearing, scene.speed))
 
 
 def truth_of(scene: Scene, request: Request, solver: Solver) -> Response:
