@@ -7,7 +7,7 @@ from typing import Annotated, Literal, Self
 
 from pydantic import AfterValidator, Field, model_validator
 
-from monitor.config.fields import Band, Count, Name, Positive, Section
+from monitor.config.fields import Band, ConfigSection, Count, Name, Positive
 from monitor.health.alarms import AlarmSettings, Level, Rule
 from monitor.words.advice import ADVICE, check_advice
 from monitor.words.features import LEVELS
@@ -15,7 +15,7 @@ from monitor.words.features import LEVELS
 _ENDINGS = ("", "_g", "_mm_s", "_mm2", "_hours", "_factor", "_sd")
 
 
-class AlarmLevel(Section):
+class AlarmLevel(ConfigSection):
     """Alert and danger of one quantity: given (``alert_g``, ``alert_mm2``, ``alert_hours``, ``alert``) or learned.
 
     ``alert_factor`` is a multiple of the median of the learning stage, ``alert_sd`` a number of standard deviations
@@ -109,7 +109,7 @@ class AlarmLevel(Section):
         )
 
 
-class AlarmsSection(Section):
+class AlarmsSection(ConfigSection):
     """Levels, and when the data of a channel count as bad."""
 
     level: tuple[AlarmLevel, ...] = ()
@@ -163,7 +163,7 @@ def _checked(text: str) -> str:
 Advice = Annotated[str, Field(max_length=500), AfterValidator(_checked)]
 
 
-class AdviceSection(Section):
+class AdviceSection(ConfigSection):
     """One line of text for each state, with the places of ``monitor.words.advice.PLACES`` in braces."""
 
     normal: Advice = ADVICE["normal"]

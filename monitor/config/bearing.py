@@ -16,7 +16,7 @@ from models.machine.bearing import Bearing, CatalogueEntry, catalogue_entry
 from models.machine.catalogue.series import GeometryOrigin
 from models.machine.contact_estimates import element_mass, estimate_stiffness
 from models.machine.rig import Calibration, Rig
-from monitor.config.fields import Name, NotNegative, Positive, Section
+from monitor.config.fields import ConfigSection, Name, NotNegative, Positive
 
 RIG_KEYS = {
     "m_i": "m_i_kg",
@@ -41,7 +41,7 @@ RING_KEYS = ("bore_mm", "outside_mm", "width_mm")
 """Keys of the rings' dimensions, which finite elements alone need: no record depends on them."""
 
 
-class BearingSection(Section):
+class BearingSection(ConfigSection):
     """A bearing, from the catalogue or by its geometry."""
 
     name: Name
@@ -137,7 +137,7 @@ class BearingSection(Section):
         return given
 
 
-class RigSection(Section):
+class RigSection(ConfigSection):
     """Lumped parameters of the six-degree-of-freedom model (thesis, Table 18).
 
     Contact stiffness and mass of the elements belong to one bearing, by default the first; those of any other are

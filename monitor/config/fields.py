@@ -40,7 +40,7 @@ class LocatedError(WrongInputError, ValueError):
         self.problems = tuple(problems)
 
 
-class Section(BaseModel):
+class ConfigSection(BaseModel):
     """A table of the configuration: frozen, and unknown keys are refused."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, str_strip_whitespace=True)
@@ -58,7 +58,7 @@ class Section(BaseModel):
 def _absolute(value: Any, folder: Path) -> Any:
     if isinstance(value, Path):
         return folder / value
-    if isinstance(value, Section):
+    if isinstance(value, ConfigSection):
         return value.with_absolute_paths(folder)
     return tuple(_absolute(item, folder) for item in value) if isinstance(value, tuple) else value
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Self
 from pydantic import Field, model_validator
 
 from models.machine.bearing import Kinematics
-from monitor.config.fields import Count, Positive, Section
+from monitor.config.fields import ConfigSection, Count, Positive
 from monitor.health.gears.settings import GearSettings, gear_interference
 from monitor.health.signal.features import fundamentals
 from monitor.health.signal.interference import Interference
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 _CLOSE = 0.02
 
 
-class InterferenceSection(Section):
+class InterferenceSection(ConfigSection):
     """Lines of gear meshes (``orders`` of the shaft), of mains, inverters or other shafts (``lines_hz``).
 
     Each counts with ``harmonics`` multiples (by default all), each of these with ``sidebands`` lines on either side,
@@ -84,7 +84,7 @@ def families_removed(lines: Interference, kinematics: Kinematics) -> tuple[str, 
     )
 
 
-class TrainSection(Section):
+class TrainSection(ConfigSection):
     """The gears beside the monitored bearings."""
 
     @property

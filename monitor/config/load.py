@@ -20,7 +20,7 @@ from models.words.extras import load
 from monitor.config.alarms import AdviceSection, AlarmsSection
 from monitor.config.bearing import RING_KEYS, STIFFNESS_KEYS, BearingSection, RigSection
 from monitor.config.explain import explain_problems, find_loose_ends, further_problems, place_words
-from monitor.config.fields import LocatedError, Section
+from monitor.config.fields import ConfigSection, LocatedError
 from monitor.config.hints import syntax_problems
 from monitor.config.interference import InterferenceSection
 from monitor.config.machine import MachineSection, OperatingSection, RetentionSection
@@ -65,7 +65,7 @@ else:
     _Gear = load("sections", "gear")
 
 
-class Config(Section):
+class Config(ConfigSection):
     """A whole configuration, one machine."""
 
     machine: MachineSection = MachineSection()

@@ -10,7 +10,7 @@ from urllib.parse import urlsplit
 
 from pydantic import Field, field_validator, model_validator
 
-from monitor.config.fields import Count, Finite, Name, NotNegative, Positive, Scale, Section
+from monitor.config.fields import ConfigSection, Count, Finite, Name, NotNegative, Positive, Scale
 from monitor.config.outputs import check_address, is_loopback
 from monitor.health.signal.condition import ConditionSettings
 from monitor.health.signal.quality import SpeedLimits
@@ -28,7 +28,7 @@ _MIN_TEETH = 4
 """Fewest teeth that a wheel with a gap must have: below, most of its intervals do not show the pitch."""
 
 
-class MachineSection(Section):
+class MachineSection(ConfigSection):
     """Name of the machine, and where its state and records are kept."""
 
     name: Name = "machine"
@@ -63,7 +63,7 @@ class MachineSection(Section):
         return WaterfallSettings(rows=self.spectra, interval=self.spectra_interval_s)
 
 
-class OperatingSection(Section):
+class OperatingSection(ConfigSection):
     """Shaft speed and load; what a block states itself takes precedence, then channels, then an estimate.
 
     The angle of the shaft, from pulses, ``speed_over_time`` or ``phase``, takes precedence over all of them.
@@ -211,7 +211,7 @@ class OperatingSection(Section):
         )
 
 
-class RetentionSection(Section):
+class RetentionSection(ConfigSection):
     """How long full records stay in the store, and how much space store and published files may take.
 
     Older records stay in the published files; the store keeps their trends, forecasts and identity.
@@ -236,7 +236,7 @@ class RetentionSection(Section):
 NodeId = Annotated[str, Field(pattern=r"^(ns=\d{1,5};)?[isgb]=.+$")]
 
 
-class OpcUaCondition(Section):
+class OpcUaCondition(ConfigSection):
     """An OPC UA server whose nodes give speed and load; they are read at intervals, each value times its scale."""
 
     url: Annotated[str, Field(pattern=r"^opc\.tcp://[^\s/]+(/\S*)?$")]

@@ -9,7 +9,7 @@ from urllib.parse import unquote, urlsplit
 
 from pydantic import Field, model_validator
 
-from monitor.config.fields import Count, Positive, Section
+from monitor.config.fields import ConfigSection, Count, Positive
 from monitor.config.webhook import WebhookTemplate
 
 HttpUrl = Annotated[str, Field(pattern=r"^https?://[^\s/]+")]
@@ -58,7 +58,7 @@ def is_loopback(host: str) -> bool:
         return False
 
 
-class BrokerSection(Section):
+class BrokerSection(ConfigSection):
     """An MQTT broker, ``mqtt://HOST[:PORT]/TOPIC`` or ``mqtts://...``, and the credentials of this machine."""
 
     url: Annotated[str, Field(pattern=r"^mqtts?://[^\s/]+/.+")]
@@ -123,7 +123,7 @@ class SparkplugSection(BrokerSection):
         return self
 
 
-class OpcUaSection(Section):
+class OpcUaSection(ConfigSection):
     """An OPC UA server of the daemon, for reading alone; other computers need a password or ``anonymous = true``."""
 
     url: Annotated[str, Field(pattern=r"^opc\.tcp://[^\s/]+(/\S*)?$")] = "opc.tcp://127.0.0.1:4840/spallwatch"
@@ -168,7 +168,7 @@ class OpcUaSection(Section):
         return urlsplit(self.url).port or 4840
 
 
-class PublishSection(Section):
+class PublishSection(ConfigSection):
     """How often the daemon writes the files of records, and the control systems that records are published to."""
 
     interval_s: Annotated[float, Field(ge=0.1, le=86400.0)] = 60.0
@@ -177,7 +177,7 @@ class PublishSection(Section):
     opcua: OpcUaSection | None = None
 
 
-class SmtpSection(Section):
+class SmtpSection(ConfigSection):
     """E-mail; with ``security = "none"`` nothing is encrypted and no password is sent."""
 
     host: Annotated[str, Field(min_length=1)]
@@ -200,7 +200,7 @@ class SmtpSection(Section):
         return self
 
 
-class WebhookSection(Section):
+class WebhookSection(ConfigSection):
     """A JSON object is posted; the content of ``token_file`` is sent as ``Authorization: Bearer``."""
 
     url: HttpUrl | None = None
@@ -240,7 +240,7 @@ class MqttSection(BrokerSection):
     """The same JSON object is published with QoS 1."""
 
 
-class NotifySection(Section):
+class NotifySection(ConfigSection):
     """Notification channels, and the limit of messages; events beyond it go into one summary."""
 
     smtp: SmtpSection | None = None
@@ -264,7 +264,7 @@ class NotifySection(Section):
         return self
 
 
-class WebSection(Section):
+class WebSection(ConfigSection):
     """The page of a machine; without ``allow_remote`` only this computer reaches it."""
 
     enabled: bool = True

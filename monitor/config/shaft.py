@@ -11,7 +11,7 @@ from models.machine.rig import RigParameters
 from models.solve.angular.rig import AngularRig
 from models.solve.ball_inertia.rig import BallInertiaRig
 from models.solve.rotor.rig import RotorRig
-from monitor.config.fields import Name, NotNegative, Positive, Section
+from monitor.config.fields import ConfigSection, Name, NotNegative, Positive
 
 UNITS = {
     "_mm": 1e-3,
@@ -68,7 +68,7 @@ SCENE_KEYS = {"unbalance": "unbalance_g_mm", "couple_unbalance": "couple_unbalan
 """Keys of what a scene has of the shaft, by field of ``models.machine.scene.Scene``."""
 
 
-class ShaftSection(Section):
+class ShaftSection(ConfigSection):
     """Shaft and rotor between the bearings A and B; what is not given is that of the model.
 
     ``second_bearing`` is the name of the bearing at B; without it, B has that of A. ``calibrated = "declared"`` vouches

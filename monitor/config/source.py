@@ -9,7 +9,7 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, field_validator, model_validator
 
-from monitor.config.fields import Band, Blocks, Name, NotNegative, Positive, Scale, Section
+from monitor.config.fields import Band, Blocks, ConfigSection, Name, NotNegative, Positive, Scale
 from monitor.health.signal.quality import bands_above_nyquist
 from streams.files.statements import known_unit
 from streams.types.spec import UNITS, NetworkSpec, SourceSpec, dating_problem, pulses_problem
@@ -22,7 +22,7 @@ _FILE_KEYS = (
 _TCP_KEYS = ("stream_key_file", "tls_cert_file", "tls_key_file")
 
 
-class SourceSection(Section):
+class SourceSection(ConfigSection):
     """Where blocks come from; docs/reference/wire.md explains the keys of TCP and MQTT."""
 
     name: Name
@@ -153,7 +153,7 @@ def _absolute_url(url: str | None, folder: Path) -> str | None:
     return str(folder / Path(url).expanduser()) if not colon else url
 
 
-class ChannelSection(Section):
+class ChannelSection(ConfigSection):
     """One sensor: its place in the source, its bearing, and the bands that are analysed."""
 
     name: Name

@@ -7,7 +7,7 @@ from typing import Annotated, Literal, Self, TypeVar
 
 from pydantic import Field, field_validator, model_validator
 
-from monitor.config.fields import Blocks, Positive, Section
+from monitor.config.fields import Blocks, ConfigSection, Positive
 from monitor.health.onset import FEATURES, DetectSettings, LevelsBy
 from monitor.health.size.filter.prior import GrowthPrior
 from monitor.health.tracker import ForecastMethod, TrackMethod
@@ -22,7 +22,7 @@ def method_or_best(method: Method | None, library: object) -> Method:
     return method or ("thesis" if library is None else "library")
 
 
-class DetectSection(Section):
+class DetectSection(ConfigSection):
     """How the start of the final stage and the end of life are detected."""
 
     learn_blocks: Annotated[int, Field(ge=10, le=100000)] | None = None
@@ -73,7 +73,7 @@ class DetectSection(Section):
         )
 
 
-class TrackSection(Section):
+class TrackSection(ConfigSection):
     """How the features of a block become the equivalent damaged volume.
 
     The default method is the library where the channel has one, else the method of the thesis. ``growth_per_hour`` is
@@ -108,7 +108,7 @@ class TrackSection(Section):
         return value
 
 
-class ForecastSection(Section):
+class ForecastSection(ConfigSection):
     """How the history up to now becomes a time to threshold.
 
     The default method is the library where the channel has one, else the method of the thesis. ``library`` is what

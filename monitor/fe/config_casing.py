@@ -11,7 +11,7 @@ from models.fe.casing.model import Point
 from models.fe.casing.modes import Damping
 from models.fe.casing.shape import CAST_IRON, STEEL, CasingMeshRule, CasingShape, Material, Seat
 from monitor.config.explain import explain_problems
-from monitor.config.fields import Finite, Name, NotNegative, Positive, Section
+from monitor.config.fields import ConfigSection, Finite, Name, NotNegative, Positive
 from monitor.config.load import ConfigError, read_toml, sort_problems
 from monitor.config.positions import find_lines
 
@@ -20,7 +20,7 @@ _MATERIALS: dict[str, Material] = {"cast_iron": CAST_IRON, "steel": STEEL}
 Place = tuple[Finite, Finite, Finite]
 
 
-class CasingSeatSection(Section):
+class CasingSeatSection(ConfigSection):
     """The seat of a bearing in a wall across the shafts; ``name`` is that of a ``[[gear.support]]``."""
 
     name: Name
@@ -46,7 +46,7 @@ class CasingSeatSection(Section):
         )
 
 
-class PlaceSection(Section):
+class PlaceSection(ConfigSection):
     """A point of the casing, or a microphone."""
 
     name: Name
@@ -59,7 +59,7 @@ class PlaceSection(Section):
         return _MM * x, _MM * y, _MM * z
 
 
-class CasingFile(Section):
+class CasingFile(ConfigSection):
     """A closed box that stands on its underside: x and y are those of the train, y up, z along the shafts.
 
     ``damping`` has pairs of a frequency, Hz, and a share of critical damping.

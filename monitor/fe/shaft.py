@@ -15,14 +15,14 @@ from models.fe.shafts.spring import bearing_spring
 from models.machine.bearing import CatalogueEntry, catalogue_entry
 from models.machine.contact_estimates import estimate_stiffness
 from monitor.config.explain import explain_problems
-from monitor.config.fields import NotNegative, Positive, Section
+from monitor.config.fields import NotNegative, Positive, ConfigSection
 from monitor.config.load import ConfigError, read_toml, sort_problems
 from monitor.config.positions import find_lines
 
 _MM = 1e-3
 
 
-class StepSection(Section):
+class StepSection(ConfigSection):
     """A length of shaft of one diameter."""
 
     length_mm: Positive
@@ -40,7 +40,7 @@ class StepSection(Section):
         return Step(_MM * self.length_mm, _MM * self.diameter_mm, _MM * self.bore_mm)
 
 
-class ShaftSeatSection(Section):
+class ShaftSeatSection(ConfigSection):
     """Where a bearing sits, in mm from the first end of the shaft."""
 
     from_mm: NotNegative
@@ -94,7 +94,7 @@ class SupportSection(ShaftSeatSection):
         return ShaftSupport(self.to_seat(), spring, self.tilt_newton_m_per_rad)
 
 
-class ShaftFile(Section):
+class ShaftFile(ConfigSection):
     """A shaft with its bearings."""
 
     step: tuple[StepSection, ...] = Field(min_length=1)

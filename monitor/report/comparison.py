@@ -26,6 +26,8 @@ _SCORES = (
     Column("answered", "answered", "1", words=lambda value: f"{value:.0%}"),
 )
 """Their keys are those of :func:`monitor.report.score.scoring.score_run`."""
+_CHANNEL = (Column("run", "run"), Column("channel", "channel"))
+"""The first columns of tables with a row for each channel of each run."""
 _END_WORDS = {"given": "given", "truth": "true", "tracked": "tracked V_eq crossed", "none": "not known"}
 _BASELINES = ("doubling", "linear", "thesis")
 
@@ -95,8 +97,7 @@ def milestones(runs: Sequence[RunSummary], zone: tzinfo) -> Table:
             seconds = (channel.t_fs, channel.t_eol, ended - channel.t_fs)
             rows.append((run.label, channel.name, *words, *seconds, until))
     columns = (
-        Column("run", "run"),
-        Column("channel", "channel"),
+        *_CHANNEL,
         Column("t_fs_words", "t_fs"),
         Column("t_eol_words", "t_EOL"),
         Column("t_fs", "t_fs", "s", "s", on_page=False),
@@ -120,8 +121,7 @@ def speeds(runs: Sequence[RunSummary]) -> Table | None:
     if not rows:
         return None
     columns = (
-        Column("run", "run"),
-        Column("channel", "channel"),
+        *_CHANNEL,
         Column("speed_min", "least speed (Hz)", "Hz", "hz"),
         Column("speed_max", "highest speed (Hz)", "Hz", "hz"),
         Column("orders", "blocks in orders", "1", words=lambda value: f"{value:.0%}"),
@@ -143,8 +143,7 @@ def laws(runs: Sequence[RunSummary]) -> Table | None:
     if not rows:
         return None
     columns = (
-        Column("run", "run"),
-        Column("channel", "channel"),
+        *_CHANNEL,
         *(
             Column(f"{name}_per_hour", f"{name} (mm³/mm{unit})", "1", words=lambda value: f"{value:.3e}")
             for name, unit in (("a", "/h²"), ("b", "/h"), ("c", ""))

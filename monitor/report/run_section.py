@@ -19,7 +19,7 @@ from monitor.report.findings import findings
 from monitor.report.options import PICTURES, Options
 from monitor.report.readings import Finding, gears_table, is_calibrated
 from monitor.report.runs import ABSENCE, Channel, Run
-from monitor.report.statements import BearingPart, bearing_parts, part_of, said_of, what_to_do
+from monitor.report.statements import BearingStatement, bearing_parts, part_of, said_of, what_to_do
 from monitor.report.tables import Column, Table, time_column
 from monitor.report.verdict import (
     GRADES,
@@ -110,7 +110,7 @@ class RunPart:
     timeline: Picture | None
     speed: Picture | None
     speeds: tuple[str, ...]
-    bearings: tuple[BearingPart, ...]
+    bearings: tuple[BearingStatement, ...]
     conditions: tuple[str, ...]
     tables: Mapping[str, Table]
     provenance: tuple[tuple[str, str], ...]

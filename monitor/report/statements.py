@@ -26,7 +26,7 @@ _BLOCKS = 20_000
 
 
 @dataclass(frozen=True)
-class BearingPart:
+class BearingStatement:
     """A bearing on the page, in words: ``basis`` and ``support`` are "–" without a name, ``others`` then "".
 
     Attributes:
@@ -56,7 +56,7 @@ def bearings_of(run: Run) -> dict[str, tuple[str, ...]]:
     return {name: tuple(c for c, bearing in found.items() if bearing == name) for name in dict.fromkeys(found.values())}
 
 
-def bearing_parts(run: Run) -> tuple[BearingPart, ...]:
+def bearing_parts(run: Run) -> tuple[BearingStatement, ...]:
     """Return what is said of each bearing of a run after its last block, in the order of the configuration."""
     bearings = bearings_of(run)
     sources = [_source_state(group, bearings, dated=run.dated) for group in _by_source(run, bearings)]
@@ -119,13 +119,13 @@ def _words(channel: Channel, name: str) -> NDArray[np.object_]:
     return channel.word(name) if name in channel.words else np.full(channel.time.size, "", dtype=object)
 
 
-def _part(name: str, verdict: BearingVerdict) -> BearingPart:
+def _part(name: str, verdict: BearingVerdict) -> BearingStatement:
     channels = ", ".join(verdict.channels)
     if verdict.fault is None or verdict.basis is None or verdict.support is None:
         grade, part = "good" if verdict.level_of is None else "open", "no part named" + level_words(verdict.level_of)
-        return BearingPart(name, grade, part, "–", "", "–", "", channels, verdict)
+        return BearingStatement(name, grade, part, "–", "", "–", "", channels, verdict)
     basis, why = BASES[verdict.basis]
-    return BearingPart(
+    return BearingStatement(
         name,
         "watch" if verdict.basis == "verdict" else "open",
         fault_words(verdict.fault),
@@ -160,7 +160,7 @@ def advice_of(run: Run) -> dict[str, str]:
     return dict(ADVICE) | given
 
 
-def said_of(run: Run, channel: Channel, part: BearingPart | None) -> Statement | None:
+def said_of(run: Run, channel: Channel, part: BearingStatement | None) -> Statement | None:
     """Return what is said of a channel, None where no block was judged; ``part`` is its bearing where known."""
     judged = np.flatnonzero(channel.word("stage") != "")
     if not judged.size:
@@ -195,6 +195,6 @@ def what_to_do(said: Statement | None) -> Finding:
     return Finding(question, f"{said.action[:1].upper()}{said.action[1:]}.", f"{support}.", known=said.key != "normal")
 
 
-def part_of(parts: tuple[BearingPart, ...], channel: str) -> BearingPart | None:
+def part_of(parts: tuple[BearingStatement, ...], channel: str) -> BearingStatement | None:
     """Return the bearing that a channel listens to."""
     return next((part for part in parts if channel in part.verdict.channels), None)

@@ -241,14 +241,11 @@ class Doorkeeper:
 
     async def delay_wrong_token(self) -> bool:
         """Delay the answer to a wrong token, one at a time; return False at once if too many wait already."""
-        if self._waiting >= _MAX_WAITING:
-            return False
-        self._waiting += 1
         try:
-            async with self._penalty:
+            async with self._turn():
                 await asyncio.sleep(_WRONG_TOKEN_S)
-        finally:
-            self._waiting -= 1
+        except SignInError:
+            return False
         return True
 
     def _forget_old(self) -> None:

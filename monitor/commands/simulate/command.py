@@ -14,7 +14,7 @@ import numpy as np
 from models.machine.bearing import Bearing, CatalogueEntry, kinematics
 from models.machine.contact_estimates import estimate_stiffness
 from models.machine.rig import Rig
-from models.machine.scene import Defect, Floor, Scene, Slip, Waviness
+from models.machine.scene import Defect, Floor, Part, Scene, Slip, Waviness
 from models.solve.registry import AUTO, MODELS
 from models.solve.response import row_of
 from models.words.extras import brought, load
@@ -196,7 +196,7 @@ def _scene(options: dict[str, Any], bearing: Bearing, rig: Rig, clearance: float
         load=options["load_newton"],
         bearing=bearing,
         rig=rig,
-        defect=_defect(options),
+        defect=_first_defect(options),
         clearance=clearance,
         model=options["model"],
         waviness=waves if options["waviness_um"] > 0.0 else (),
@@ -223,19 +223,10 @@ def _slip(options: dict[str, Any]) -> Slip | None:
 
 def _more_defects(options: dict[str, Any]) -> Iterator[Defect]:
     """Yield the further defects, with the floor and rows of the first."""
-    if options["more_defect"] and _defect(options) is None:
+    if options["more_defect"] and _first_defect(options) is None:
         raise ValueError("--more-defect needs a first defect: give --dphi-deg and --h-d-um")
     for part, dphi, h_d, position in options["more_defect"]:
-        yield Defect(
-            dphi_d=math.radians(dphi),
-            h_d=h_d * 1e-6,
-            floor=Floor(kind=options["floor"], seed=options["seed"]),
-            position=math.radians(position),
-            rows=int(options["rows"]),
-            part=part,
-            first_row=options["first_row"] - 1,
-            support=options["support"],
-        )
+        yield _defect(options, part, dphi, h_d, position=math.radians(position))
 
 
 def _plot(response: Response, options: dict[str, Any], scene: Scene, sensor: Sensor) -> None:
@@ -257,19 +248,24 @@ def _title(options: dict[str, Any], scene: Scene) -> str:
     return f"{scene.bearing.designation}, {speed_words(scene)}, {scene.load:g} N, {damage}"
 
 
-def _defect(options: dict[str, Any]) -> Defect | None:
-    if options["dphi_deg"] == 0.0 or options["h_d_um"] == 0.0:
+def _first_defect(options: dict[str, Any]) -> Defect | None:
+    dphi, h_d, width = options["dphi_deg"], options["h_d_um"], options["width_deg"]
+    if dphi == 0.0 or h_d == 0.0:
         return None
-    floor = Floor(kind=options["floor"], seed=options["seed"])
+    return _defect(options, options["fault"], dphi, h_d, width=None if width is None else math.radians(width))
+
+
+def _defect(options: dict[str, Any], part: Part, dphi: float, h_d: float, **place: Any) -> Defect:
+    """Return a defect of so many degrees and µm."""
     return Defect(
-        dphi_d=math.radians(options["dphi_deg"]),
-        h_d=options["h_d_um"] * 1e-6,
-        floor=floor,
+        dphi_d=math.radians(dphi),
+        h_d=h_d * 1e-6,
+        floor=Floor(kind=options["floor"], seed=options["seed"]),
         rows=int(options["rows"]),
-        part=options["fault"],
+        part=part,
         first_row=options["first_row"] - 1,
-        width=None if options["width_deg"] is None else math.radians(options["width_deg"]),
         support=options["support"],
+        **place,
     )
 
 

@@ -14,13 +14,13 @@ from pydantic import Field, model_validator
 from models.gears.teeth.faults import Eccentricity, GearFault, PitchError, Pitting, ProfileError, ToothCrack, ToothSpall
 from models.gears.teeth.geometry import TipRelief, ToothedWheel
 from models.gears.teeth.rack import BasicRack
-from monitor.config.fields import Finite, Name, NotNegative, Positive, Section
+from monitor.config.fields import ConfigSection, Finite, Name, NotNegative, Positive
 
 Directions = Positive | tuple[Positive, Positive]
 """A value of both directions across the shaft, or one of each, x and y."""
 
 
-class GearShaftSection(Section):
+class GearShaftSection(ConfigSection):
     """A shaft with all that turns with it, as one rigid body of the model."""
 
     name: Name
@@ -33,7 +33,7 @@ class GearShaftSection(Section):
     constant_speed: bool = False
 
 
-class GearSupportSection(Section):
+class GearSupportSection(ConfigSection):
     """A bearing of a shaft, between it and the casing."""
 
     name: Name
@@ -60,7 +60,7 @@ class GearSupportSection(Section):
         return ((x, 0.0), (0.0, y))
 
 
-class GearTorsionSection(Section):
+class GearTorsionSection(ConfigSection):
     """A coupling or a slender shaft between two bodies that turn alike."""
 
     shafts: tuple[Name, Name]
@@ -68,7 +68,7 @@ class GearTorsionSection(Section):
     beta_c_s: NotNegative | None = None
 
 
-class GearWheelSection(Section):
+class GearWheelSection(ConfigSection):
     """A wheel; without ``shaft`` it has one of its own, of the same name."""
 
     name: Name
@@ -96,7 +96,7 @@ class GearWheelSection(Section):
         return self.shaft or self.name
 
 
-class GearPairSection(Section):
+class GearPairSection(ConfigSection):
     """Two wheels in mesh: the driver, then the driven one."""
 
     wheels: tuple[Name, Name]

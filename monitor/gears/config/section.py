@@ -10,7 +10,7 @@ from typing import Any, Self
 from pydantic import Field, model_validator
 
 from monitor.config.explain import lost_name
-from monitor.config.fields import LocatedError, Name, NotNegative, Positive, Section
+from monitor.config.fields import ConfigSection, LocatedError, Name, NotNegative, Positive
 from monitor.config.interference import TrainSection
 from monitor.config.positions import Place
 from monitor.gears.config.parts import (
@@ -197,7 +197,7 @@ class GearSection(TrainSection):
 
 
 _OF_RECORDS = {"bearing_shaft", "wheel", "pair"}
-_OF_TABLES: dict[str, tuple[type[Section], set[str]]] = {
+_OF_TABLES: dict[str, tuple[type[ConfigSection], set[str]]] = {
     "wheel": (GearWheelSection, {"name", "teeth", "shaft"}),
     "pair": (GearPairSection, {"wheels"}),
 }
