@@ -13,7 +13,6 @@ from monitor.health.size.filter.prior import GrowthPrior
 from monitor.health.tracker import ForecastMethod, TrackMethod
 from streams.types.block import STANDARD_GRAVITY
 
-DetectFeature = Literal["rms", "h_or", "h_ir", "h_ball", "h_cage"]
 Method = TypeVar("Method", TrackMethod, ForecastMethod)
 
 
@@ -28,7 +27,7 @@ class DetectSection(ConfigSection):
     learn_blocks: Annotated[int, Field(ge=10, le=100000)] | None = None
     learn_hours: Positive | None = None
     run_in_blocks: Annotated[int, Field(ge=0)] = DetectSettings.run_in_blocks
-    features: tuple[DetectFeature, ...] = FEATURES
+    features: tuple[Literal[FEATURES], ...] = FEATURES  # pyright: ignore[reportInvalidTypeForm]  # the one list
     false_alarms_per_1000_blocks: Annotated[float, Field(ge=1e-6, le=100)] = DetectSettings.false_alarms_per_1000_blocks
     persist_blocks: Blocks = DetectSettings.persist_blocks
     close_blocks: Blocks = DetectSettings.close_blocks
