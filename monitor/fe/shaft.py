@@ -15,7 +15,7 @@ from models.fe.shafts.spring import bearing_spring
 from models.machine.bearing import CatalogueEntry, catalogue_entry
 from models.machine.contact_estimates import estimate_stiffness
 from monitor.config.explain import explain_problems
-from monitor.config.fields import NotNegative, Positive, ConfigSection
+from monitor.config.fields import ConfigSection, NotNegative, Positive
 from monitor.config.load import ConfigError, read_toml, sort_problems
 from monitor.config.positions import find_lines
 
