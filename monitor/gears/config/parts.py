@@ -146,7 +146,7 @@ _KEYS: dict[str, tuple[set[str], set[str]]] = {
 """Keys that each kind needs and may have."""
 
 
-class GearFaultSection(Section):
+class GearFaultSection(ConfigSection):
     """A fault of a wheel. Teeth count from 0.
 
     ``error_um`` is the amount of an eccentricity, how far a tooth stands back, or with ``seed`` and without ``tooth``
