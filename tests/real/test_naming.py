@@ -51,7 +51,7 @@ def test_the_part_that_can_be_found_is_named_and_no_other(data_dir: Path, case: 
     assert ({status for *_, status in found} == {"stopped"}) == (case.kind == "machine stopped")
 
 
-@pytest.mark.parametrize("error", [-0.04, -0.01, 0.01, 0.02, -0.02, 0.04][: effort_count(quick=4, full=6)])
+@pytest.mark.parametrize("error", [0.01, -0.04, -0.01, 0.02, -0.02, 0.04][: effort_count(quick=2, full=6)])
 @pytest.mark.parametrize("case", CASES, ids=[f"{Path(case.file).stem}-{case.config}" for case in CASES])
 def test_a_stated_speed_that_is_wrong_never_gives_a_wrong_name(data_dir: Path, case: Case, error: float) -> None:
     """The trap at one percent: four times the shaft of the healthy motor passes for the balls at its fan end."""
