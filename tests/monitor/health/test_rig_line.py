@@ -209,11 +209,13 @@ def _number(value: Any) -> float:
     return math.nan if value is None else float(value)
 
 
-def quick_to_learn(track: str, forecast: str) -> Config:
-    """The demo with a short learning window."""
+def quick_to_learn(track: str, forecast: str, *, alone: bool = False) -> Config:
+    """The demo with a short learning window; ``alone`` leaves out the support bearings in quick effort."""
     config = demo_config()
+    alone &= effort_count(quick=1, full=0) == 1
     return config.model_copy(
         update={
+            "channel": tuple(one for one in config.channel if one.name == TESTED or not alone),
             "detect": config.detect.model_copy(update={"learn_blocks": LEARN, "run_in_blocks": LEARN}),
             "track": config.track.model_copy(update={"method": track}),
             "forecast": config.forecast.model_copy(update={"method": forecast}),
@@ -236,7 +238,7 @@ def test_restarts_in_the_middle_change_no_bit(
     tmp_path: Path, rms_map: RmsMap, library: Library, simulated: Simulated, track: str, forecast: str
 ) -> None:
     """One stop while the onset is suspected but not known and RMS waits for the tracker, one while it is tracked."""
-    url, config = QUICK, quick_to_learn(track, forecast)
+    url, config = QUICK, quick_to_learn(track, forecast, alone=forecast == "library")
     given = {"maps": {TESTED: rms_map}, "libraries": {TESTED: library}}
     whole = replay(config, url, tmp_path / "whole", **given)
     summary = whole.summary["channels"][TESTED]
@@ -262,7 +264,7 @@ def test_the_library_answers_with_intervals_that_records_and_archive_hold(
     tmp_path: Path, library: Library, simulated: Simulated
 ) -> None:
     """No map is needed; without a configured method, a library is taken where there is one."""
-    config = quick_to_learn("library", "library")
+    config = quick_to_learn("library", "library", alone=True)
     chosen = {name: getattr(config, name).model_copy(update={"method": None}) for name in ("track", "forecast")}
     result = replay(config.model_copy(update=chosen), QUICK, tmp_path, libraries={TESTED: library})
     summary = result.summary["channels"][TESTED]
