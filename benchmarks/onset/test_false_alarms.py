@@ -13,8 +13,8 @@ LIMIT = 1e-3
 
 
 def test_samples_of_healthy_machines_through_all_stages() -> None:
-    count, _ = healthy_samples(0.1, effort_count(quick=2, full=55), 530, seed=42)
-    assert count.judged >= effort_count(quick=700, full=20000)
+    count, _ = healthy_samples(0.1, effort_count(quick=1, full=55), 530, seed=42)
+    assert count.judged >= effort_count(quick=350, full=20000)
     assert count.alarms <= LIMIT * count.judged
     assert count.named == 0
     # Bursts alone put one block in 200 over the threshold: that is what persistence is for.
@@ -38,7 +38,7 @@ def test_levels_of_healthy_machines_that_drift_as_much_as_is_allowed_for() -> No
         machine = HealthyMachine(
             drawn.speed, drawn.bpfo, drawn.harmonics, drawn.compliance, drift=drift, memory=memory, burst_rate=bursts
         )
-        count = healthy_features(machine, effort_count(quick=3, full=100), 5, prominence)
+        count = healthy_features(machine, effort_count(quick=2, full=100), 5, prominence)
         assert count.judged > 1000
         assert count.alarms <= LIMIT * count.judged
 

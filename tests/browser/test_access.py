@@ -10,8 +10,9 @@ from playwright.sync_api import expect
 
 from tests.browser.conftest import Visitor
 from tests.browser.machine import Served
+from tests.support.effort import effort_count
 
-VIEWS = ("#/", "#/channel/pump/x0", "#/channel/pump/x1", "#/events", "#/files")
+VIEWS = ("#/", "#/channel/pump/x0", "#/events", "#/files", "#/channel/pump/x1")[: effort_count(quick=4, full=5)]
 STATIC = Path(__file__).parents[2] / "monitor" / "web" / "static"
 
 NAMELESS = """

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import re
 import socket
-import subprocess
-import sys
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -17,10 +15,8 @@ from monitor.records.events import EventLog
 from monitor.web.users import User, changed_users, hash_password, invite
 from tests.browser.conftest import Visitor
 from tests.browser.machine import Served, channel_name
-from tests.support.daemons import ROOT
 from tests.support.effort import effort_count
-
-_CLI = "from monitor.cli import main; main()"
+from tests.support.pages import page_of
 
 pytestmark = pytest.mark.browser
 
@@ -159,11 +155,8 @@ def ended(tmp_path: Path) -> Iterator[str]:
     served.start()
     served.put(16)
     served.stop()
-    command = [sys.executable, "-c", _CLI, "page", "--config", str(served.config), "--port", "0"]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, cwd=ROOT) as process:
-        assert process.stdout is not None
-        yield process.stdout.readline().strip()
-        process.terminate()
+    with page_of(served.config) as page:
+        yield page.url
 
 
 def test_where_no_daemon_runs_nothing_is_read_as_healthy(ended: str, visitor: Visitor) -> None:

@@ -15,6 +15,8 @@ from pathlib import Path
 from signal import SIGKILL, Signals
 from typing import Any
 
+import pytest
+
 from tests.support.effort import effort_count
 from tests.support.forked_children import PRELOADED, ForkedProcess, address_of_forks, fork_children_too
 from tests.support.pace import quicken
@@ -29,6 +31,12 @@ _CONTEXT.set_forkserver_preload(
 )
 # Full effort starts the children of daemons as programs.
 _FORKED_CHILDREN = effort_count(quick=1, full=0) == 1
+
+
+def fork_workers(patch: pytest.MonkeyPatch) -> None:
+    """Fork the processes of a pool of work in quick effort; tests of the pool itself start interpreters."""
+    if _FORKED_CHILDREN:
+        patch.setattr("models.work.pool.multiprocessing.get_context", lambda _: _CONTEXT)
 
 
 class Fork:

@@ -48,6 +48,7 @@ from tests.monitor.report.dying import dies
 from tests.oracles.lives import GRAVITY, life
 from tests.oracles.page import Page
 from tests.support.effort import effort_count
+from tests.support.forks import fork_workers
 
 pytestmark = pytest.mark.usefixtures("plain_layout")
 START = 1_700_000_000.0
@@ -159,6 +160,7 @@ def test_reading_a_store_for_the_first_time_is_no_change_of_it(tmp_path: Path, l
 @pytest.mark.process
 def test_a_process_that_dies_takes_no_other_run_with_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(report_batch, "REPORTS", Work("reports", dies, memory=1000))
+    fork_workers(monkeypatch)
     items = [BatchRun(tmp_path, name) for name in ("b", "c")]
     with local_runner(2) as runner:
         outcomes = run_batch(items, tmp_path, BatchSettings(Options(), tables=False), runner)

@@ -14,7 +14,6 @@ from models.machine.scene import Part
 from models.maps.build import build_map
 from models.maps.data import RmsMap
 from models.maps.plan import MapPlan
-from models.work.choose import local_runner
 from monitor.health import tracker as damage
 from monitor.health.channel import check_channel, step
 from monitor.health.later_stages import ChannelBlock
@@ -197,8 +196,7 @@ def rms_map() -> RmsMap:
         model="rotor",
         rms_band=BAND,
     )
-    with local_runner(2) as runner:
-        return build_map(plan, runner=runner)
+    return build_map(plan)
 
 
 def features_of(rig: SimulatedRig, sequence: int) -> DamageInput:
