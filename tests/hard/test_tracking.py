@@ -188,7 +188,7 @@ def test_ten_points_are_enough_for_an_answer(method: TrackMethod, library: Libra
 
 
 @pytest.mark.parametrize(
-    ("method", "quick"), [("thesis", 4_000), ("filter", 400), ("library", 1_000)], ids=lambda value: str(value)
+    ("method", "quick"), [("thesis", 2_000), ("filter", 200), ("library", 500)], ids=lambda value: str(value)
 )
 def test_a_hundred_thousand_points_take_no_more_memory_than_a_few(
     method: TrackMethod, quick: int, library: Library

@@ -227,7 +227,12 @@ def quick_to_learn(track: str, forecast: str, *, alone: bool = False) -> Config:
 def library() -> Library:
     """A few lives at the demo's load and speed: enough for answers, not for good ones."""
     population = Population(
-        rig=Rig(calibrated=True), load=(3900.0, 4100.0), speed=(39.0, 41.0), durations=(14000.0, 24000.0), seed=3
+        rig=Rig(calibrated=True),
+        load=(3900.0, 4100.0),
+        speed=(39.0, 41.0),
+        durations=(14000.0, 24000.0),
+        interval=float(effort_count(quick=600, full=300)),
+        seed=3,
     )
     settings = FitSettings(columns=60, seed=3)
     return made_once("rig", lambda: build_library(population, runs=12, thresholds=(0.05e-6,), settings=settings))

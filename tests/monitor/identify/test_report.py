@@ -258,6 +258,7 @@ def test_the_lowest_of_each_column_is_kept() -> None:
     assert lowest(values, excess, 0.1, 0.2, wide=True)[0].size == 0
 
 
+@pytest.mark.usefixtures("blank_pictures")
 def test_without_a_star_there_is_no_trade_off(tmp_path: Path) -> None:
     tests = [replace(test, a_star=math.nan) for test in simulated_tests(MANY)]
     subject = subject_of(tests, "m_r", options=replace(OPTIONS, objectives=("rms",)))
@@ -275,6 +276,7 @@ def test_without_a_star_there_is_no_trade_off(tmp_path: Path) -> None:
     assert "One defect at a time (Table 19)" in text
 
 
+@pytest.mark.usefixtures("blank_pictures")
 def test_a_condition_without_a_star_is_left_out_of_it(tmp_path: Path) -> None:
     tests = simulated_tests(MANY[:4])
     tests[:1] = [replace(tests[0], a_star=math.nan)]
@@ -284,6 +286,7 @@ def test_a_condition_without_a_star_is_left_out_of_it(tmp_path: Path) -> None:
     assert pictures(page)["residuals"]["a_star_percent"].count(None) == 1
 
 
+@pytest.mark.usefixtures("blank_pictures")
 def test_one_load_and_one_speed(tmp_path: Path) -> None:
     subject = subject_of(simulated_tests(MANY[:3]), "k_r")
     page = written(subject, tmp_path)
@@ -319,6 +322,7 @@ def test_a_front_of_one_candidate(tmp_path: Path) -> None:
     assert "One candidate is best in both features" in plain(page)
 
 
+@pytest.mark.usefixtures("blank_pictures")
 def test_parameters_without_coupled_limits(tmp_path: Path) -> None:
     page = written(subject_of(simulated_tests(MANY[:3]), "clearance"), tmp_path)
     assert not {"resonator", "contact_damping", "damping"} & set(pictures(page))
@@ -335,6 +339,7 @@ def test_inner_defects_and_depths_are_named() -> None:
     assert subject.extent_words(inner) == "2.29° × 500 µm, inner race"
 
 
+@pytest.mark.usefixtures("blank_pictures")
 def test_motions_that_do_not_repeat_are_said(tmp_path: Path) -> None:
     subject = subject_of(simulated_tests(MANY[:4]), "m_r")
     found: Identification = replace(subject.found, not_periodic=1)
