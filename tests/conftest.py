@@ -191,11 +191,11 @@ def fewer_points_and_draws() -> Iterator[None]:
     from models.maps import build
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(build, "_POINTS", effort_count(quick=40, full=200))
-        patch.setattr(build, "_POINTS_OF_FLOORS", effort_count(quick=8, full=40))
+        patch.setattr(build, "_POINTS", effort_count(quick=20, full=200))
+        patch.setattr(build, "_POINTS_OF_FLOORS", effort_count(quick=4, full=40))
         patch.setattr(volume, "_RIGS", effort_count(quick=6, full=64))
         for module, name, quick in (
-            (search, "_PLACES", 32),
+            (search, "_PLACES", 20),
             (search, "_STARTS", 4),
             (search, "_VALLEYS", 3),
             (posterior, "_ROUND", 24),

@@ -226,7 +226,8 @@ class Bearing:
             found = root(
                 lambda v, start=start: 1e-2 * self.balance(start + 1e-6 * v, p, c_f, angle, turned)[0],
                 np.zeros(2),
-                tol=1e-13,
+                # Of 1e-6 m: the forces balance to 1e-6 N, which is checked.
+                tol=1e-9,
                 method=method,
             )
             place = start + 1e-6 * found.x

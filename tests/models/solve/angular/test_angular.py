@@ -406,7 +406,7 @@ def scene_of(case: Case) -> Scene:
 @pytest.mark.parametrize("name", list(CASES) if effort_count(quick=1, full=2) == 2 else QUICK)
 def test_speed_and_accelerations_are_those_of_the_oracle(name: str) -> None:
     # The ball meets the spall after a tenth of a millisecond.
-    case, duration = CASES[name], effort_count(quick=3, full=10) * 1e-4
+    case, duration = CASES[name], effort_count(quick=2, full=10) * 1e-4
     scene = scene_of(case)
     found = trace(scene, duration * case.speed, 2.0 * math.pi * case.speed * 1e-6)
     assert found.finite
