@@ -20,7 +20,7 @@ from tests.support.effort import effort_count
 
 pytestmark = pytest.mark.process
 
-KILLS = effort_count(quick=6, full=200)
+KILLS = effort_count(quick=4, full=200)
 _FORK = multiprocessing.get_context("fork")
 _SIZES = (200, 90)
 

@@ -223,6 +223,7 @@ def damaged(stores: dict[bool, Path], folder: Path) -> Path:
 def test_a_salvage_that_is_cut_off_anywhere_is_done_at_the_next_start(
     stores: dict[bool, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    as_it_was = damaged(stores, tmp_path / "other").read_bytes()
     ended = True
     place = 0
     while ended:
@@ -250,7 +251,7 @@ def test_a_salvage_that_is_cut_off_anywhere_is_done_at_the_next_start(
             assert len(kept) > 100
         aside = [other for other in path.parent.glob("state.db.corrupt-*") if not other.name.endswith("-wal")]
         assert len(aside) == 1, (place, before)
-        assert aside[0].read_bytes() == damaged(stores, tmp_path / "other").read_bytes()
+        assert aside[0].read_bytes() == as_it_was
         assert not list(path.parent.glob("state.db.salvag*"))
     assert place > 10
 

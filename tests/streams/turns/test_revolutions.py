@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import tomllib
 from dataclasses import replace
 from pathlib import Path
@@ -70,12 +71,17 @@ def test_each_block_has_its_turns(marks: int, channel: bool) -> None:
     assert [cut.missing == 0 for cut in found[:-1]] == [True] * 27
 
 
-@settings(max_examples=effort_count(quick=20, full=300))
+@functools.cache
+def turns_at_once(channel: bool) -> tuple[Any, Any, Any]:
+    """Return samples with two marks a turn, their turns, and the blocks that are cut of them at once."""
+    whole, turns = run(2, channel=channel), turns_for(5, 2, channel=channel)
+    return whole, turns, flushed(Reblocker(LONGEST, turns), [whole])
+
+
+@settings(max_examples=effort_count(quick=12, full=300))
 @given(sizes=st.lists(st.integers(0, 3000), max_size=8), channel=st.booleans())
 def test_the_pieces_do_not_matter(sizes: list[int], channel: bool) -> None:
-    whole = run(2, channel=channel)
-    turns = turns_for(5, 2, channel=channel)
-    at_once = flushed(Reblocker(LONGEST, turns), [whole])
+    whole, turns, at_once = turns_at_once(channel)
     pieces = [replace(whole, values=part, offset=begin) for begin, part in cut_up(whole.values, sizes)]
     in_pieces = flushed(Reblocker(LONGEST, turns), pieces)
     # A process that begins anew reads on after the last block.

@@ -242,7 +242,7 @@ def test_the_error_of_a_band_is_that_of_the_recorded_signal() -> None:
     scene = replace(SCENE, rig=Rig(beta_c=5e-4), defect=replace(SPALL, part="inner"))
     asked = Request(accuracy=0.1, duration=0.2, band=(100.0, 5000.0))
     found, fine = (
-        solve_time(scene, replace(asked, steps_per_period=n)) for n in (512, effort_count(quick=4096, full=8192))
+        solve_time(scene, replace(asked, steps_per_period=n)) for n in (512, effort_count(quick=2048, full=8192))
     )
     assert abs(found.rms / fine.rms - 1.0) <= (found.rms_error - found.rms_se / found.rms) + 1e-4
     tight = solve_time(scene, replace(asked, accuracy=1.0 / effort_count(quick=500, full=10_000)))
