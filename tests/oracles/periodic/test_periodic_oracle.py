@@ -142,7 +142,7 @@ def test_half_the_tolerance_changes_nothing(scene: OracleScene) -> None:
     assert simulate_oracle(scene, tolerance=1e-5, estimate=False).rms == pytest.approx(fine.rms, rel=1e-3)
 
 
-NOT_REPEATING = effort_count(quick=200, full=400)
+NOT_REPEATING = effort_count(quick=120, full=400)
 """Periods over which a motion that does not repeat is averaged."""
 
 
