@@ -93,7 +93,8 @@ rms_band_hz = [0, 9500]
 def test_a_library_of_lives_by_another_model(tmp_path: Path) -> None:
     config, out = tmp_path / "m.toml", tmp_path / "lives.npz"
     config.write_text(MACHINE)
-    options = ("--runs", "20", "--duration-min", "150:200", "--interval-s", "2700", "--config", str(config))
+    interval = effort_count(quick=5400, full=2700)
+    options = ("--runs", "20", "--duration-min", "150:200", "--interval-s", str(interval), "--config", str(config))
     found = build(*options, "--model", "rotor", "--out", str(out))
     assert (found["model"], found["calibrated"]) == ("rotor", "declared")
     library = load_library(out)
@@ -185,7 +186,9 @@ def test_recorded_runs_calibrate_it(tmp_path: Path, monkeypatch: pytest.MonkeyPa
     )
     lives = {f"run{number}.nc": simulate_life(population, number) for number in range(3)}
     monkeypatch.setattr("monitor.records.histories.read_history", lambda path, channel: as_recorded(lives[path.name]))
-    options = ("--runs", "20", "--duration-min", DURATIONS_MIN, "--out", str(tmp_path / "lives.npz"))
+    interval = effort_count(quick=600, full=300)
+    options = ("--runs", "20", "--duration-min", DURATIONS_MIN, "--interval-s", str(interval))
+    options += ("--out", str(tmp_path / "lives.npz"))
     records = [option for name in lives for option in ("--calibrate", name)]
     found = build(*options, *records)
     assert found["prior"].endswith("calibrated on 3 recorded runs")
