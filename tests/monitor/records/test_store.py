@@ -55,7 +55,7 @@ def test_a_committed_block_is_there_after_reopening_with_its_states(path: Path) 
 
 
 @given(st.lists(records(bands=2), max_size=4, unique_by=lambda record: record.sequence))
-@settings(max_examples=effort_count(quick=10, full=500))
+@settings(max_examples=effort_count(quick=6, full=500))
 def test_records_come_back_bit_for_bit(tmp_path_factory: pytest.TempPathFactory, made: list[Record]) -> None:
     with Store.open(tmp_path_factory.mktemp("store") / "state.db", machine="m") as store:
         assert store.commit_many([(record, {}) for record in made]) == ["committed"] * len(made)

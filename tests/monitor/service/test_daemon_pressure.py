@@ -21,7 +21,7 @@ from tests.support.waiting import wait_until
 
 pytestmark = pytest.mark.process
 
-FILES = effort_count(quick=90, full=10_000)
+FILES = effort_count(quick=80, full=10_000)
 
 
 class SlowDisk:
@@ -56,12 +56,12 @@ def test_a_burst_delays_itself_and_no_other_source(tmp_path: Path) -> None:
         while last(config, "s0") < 2 * FILES - 100:
             given += 1
             put(config, given, source=1)
-            wait_until(lambda blocks=2 * given: last(config, "s1") == blocks)
+            wait_until(lambda blocks=2 * given: last(config, "s1") == blocks, every=0.03)
             shown = status(config)["sources"]
             if shown["s0"]["pending"]:
                 assert shown["s0"]["oldest_age_s"] > 0.0
             assert shown["s0"]["offered"] == sum(shown["s0"][key] for key in ("accepted", "rejected", "pending"))
-        wait_until(lambda: last(config, "s0") == 2 * FILES)
+        wait_until(lambda: last(config, "s0") == 2 * FILES, every=0.05)
         wait_until(lambda: status(config)["sources"]["s0"]["pending"] == 0)
     places = [place for place, source in enumerate(order(config)) if source == "s1"]
     assert len(places) == 2 * given >= 4
@@ -79,8 +79,8 @@ def test_on_a_slow_disk_blocks_wait_in_turn_and_their_age_is_shown(
         put(config, number)
         put(config, number, source=1)
     with running(config):
-        wait_until(lambda: status(config)["sources"]["s0"]["oldest_age_s"] > 0.7)
-        wait_until(lambda: min(order(config).count(name) for name in ("s0", "s1")) >= 5)
+        wait_until(lambda: status(config)["sources"]["s0"]["oldest_age_s"] > 0.7, every=0.05)
+        wait_until(lambda: min(order(config).count(name) for name in ("s0", "s1")) >= 5, every=0.05)
         found = status(config)
         assert found["status"] == "running"
         assert min(found["sources"][name]["pending"] for name in ("s0", "s1")) > 10
