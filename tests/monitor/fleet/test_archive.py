@@ -258,7 +258,7 @@ def test_an_undated_history_in_parts_keeps_all_its_records(tmp_path):
 
 
 def test_days_that_come_late_extend_the_file_of_their_day(tmp_path):
-    write_files(tmp_path / "in", 20, hours=3.0)
+    write_files(tmp_path / "in", 14, hours=3.0)
     order = sorted(path.name for path in (tmp_path / "in").iterdir())
     # A logger that was read out a week later: hours of the first day come last.
     late = [order[0], *order[2:], order[1]]
@@ -300,19 +300,19 @@ def test_a_recording_whose_workers_die_is_set_aside(tmp_path):
 
 
 def test_short_recordings_share_a_task_and_are_tried_alone_once_it_fails(tmp_path, monkeypatch):
-    for number in range(6):
+    for number in range(4):
         write_files(tmp_path / f"r{number}", 1, seed=number)
     monkeypatch.setattr(replaying, "_KNOWN_TIMES", 1)
     monkeypatch.setattr(replaying, "TASK_SECONDS", 1e6)
     manifest = EACH.format('"r*"')
     together = Runner(SerialExecutor(), open_store(tmp_path / "chunks"))
-    assert make_archive(tmp_path, manifest, runner=together).done == 6
+    assert make_archive(tmp_path, manifest, runner=together).done == 4
     assert together.tally.chunks == 2
     # The second task is lost with its worker, and so is the second of its recordings, r2, alone.
     runner = Runner(Crashing(2), open_store(tmp_path / "others"))
     counts = make_archive(tmp_path, manifest, "crashed", runner=runner)
-    assert (counts.done, counts.set_aside) == (5, 1)
-    assert (runner.tally.chunks, len(runner.tally.failed)) == (5, 1)
+    assert (counts.done, counts.set_aside) == (3, 1)
+    assert (runner.tally.chunks, len(runner.tally.failed)) == (3, 1)
     with Index(tmp_path / "crashed/index.db") as index:
         assert [name for name, _ in index.wrong()] == ["m/r2"]
 
