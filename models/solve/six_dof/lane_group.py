@@ -48,6 +48,7 @@ class Grid:
     bounds: NDArray[np.int64]
     ring: NDArray[np.float64]
     row: NDArray[np.int64]
+    flow: NDArray[np.float64]
     parameter: NDArray[np.float64]
     geometry: NDArray[np.float64]
 
@@ -107,9 +108,30 @@ def grid_of(bearing: Bearing, rig: Rig, clearance: float, speed: float, steps_pe
         bounds,
         np.asarray((first + number) * (pitch / bearing.rows), dtype=np.float64),
         (first + number) % bearing.rows,
+        _half_step(rig, step),
         rig_parameters(rig, clearance, omega),
         geometry,
     )
+
+
+def _half_step(rig: Rig, step: float) -> NDArray[np.float64]:
+    """Return the kernel's ``flow``: the step and the propagators over half of it."""
+    reduced = rig.m_o * rig.m_r / (rig.m_o + rig.m_r)
+    inner = _oscillator(rig.k_i / rig.m_i, rig.c_i / rig.m_i, 0.5 * step)
+    resonator = _oscillator(rig.k_r / reduced, rig.c_r / reduced, 0.5 * step)
+    return np.concatenate(([step], inner, [0.5 * step], resonator))
+
+
+def _oscillator(omega_squared: float, damping: float, h: float) -> NDArray[np.float64]:
+    """Return the propagator over a time h of x'' + damping x' + omega_squared x = 0, row by row of (x, x').
+
+    ``kernels.step.propagators`` differs from it by rounding, which lanes of a mean force enlarge to 3e-12.
+    """
+    half = 0.5 * damping
+    root = np.emath.sqrt(half * half - omega_squared)
+    c = np.real(np.cosh(root * h))
+    s = h if root == 0.0 else np.real(np.sinh(root * h) / root)
+    return math.exp(-half * h) * np.array([c + half * s, s, -omega_squared * s, c - half * s])
 
 
 @lru_cache(maxsize=4096)
@@ -238,7 +260,7 @@ class Group:
             self.plain,
             self.depth,
             self.rate,
-            g.step,
+            g.flow,
             g.parameter,
             self._lane,
             self._state,

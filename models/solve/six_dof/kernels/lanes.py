@@ -24,6 +24,7 @@ for the beginning, middle and end of a step:
 - ``damaged`` (k, 3, L), ``plain`` (j, 2, L): cosine and sine of the slot in the frame of the cage, and for damaged ones
   the share of a ball that they stand for (1, or a weight where a force is averaged).
 - ``depth``, ``rate`` (n, 3, k, L): d and omega_c d', m and m/s.
+- ``flow`` (10): step, s, and the propagators over half of it, as in step.py.
 - ``parameter``: as in step.py; the static displacements and load in it are not used.
 - ``lane`` (3, L): static load, N, and static displacements along and across the load, m.
 - ``state`` (12, L): state along the load and across it, updated in place.
@@ -56,7 +57,6 @@ from models.solve.six_dof.kernels.step import (
     STATUS_OK,
     kick,
     propagate,
-    propagators,
 )
 
 if TYPE_CHECKING:
@@ -284,13 +284,13 @@ def advance(
     plain: NDArray[np.float64],
     depth: NDArray[np.float64],
     rate: NDArray[np.float64],
-    h: float,
+    flow: NDArray[np.float64],
     parameter: NDArray[np.float64],
     lane: NDArray[np.float64],
     state: NDArray[np.float64],
     wave: NDArray[np.float64],
 ) -> int:
-    """Carry all lanes over steps ``begin`` to ``end``, of h s; see the module for arrays. Return a STATUS_ number."""
+    """Carry all lanes over steps ``begin`` to ``end``; see the module for the arrays. Return a STATUS_ number."""
     w = np.zeros(_ROWS * LANES)
     inverse = (parameter[P_INV_M_I], parameter[P_INV_M], parameter[P_INV_M_O])
     spring = (parameter[P_K_R], parameter[P_C_R], parameter[P_INV_M_R])
@@ -298,7 +298,8 @@ def advance(
     scale = parameter[P_K_C] ** (2.0 / 3.0)
     relative = (scale, parameter[P_SHARE_R], parameter[P_TURN])
     gap = scale * parameter[P_CLEARANCE]
-    e = propagators(parameter, h)
+    h = flow[0]
+    e = (flow[1], flow[2], flow[3], flow[4], flow[5], flow[6], flow[7], flow[8], flow[9])
     _load_lanes(w, lane, state)
     for n in range(begin, end):
         c, s = turn[n, 0, 0], turn[n, 0, 1]
