@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from scipy.sparse.linalg import splu
 
-from models.fe.extra import require_skfem
+from models.fe.extra import require_gmsh, require_skfem
 from models.gears.teeth.tooth import critical_section
 
 if TYPE_CHECKING:
@@ -124,9 +124,7 @@ def _load(mesh: Any, profile: ToothProfile, roll: float) -> Array:
 
 
 def _mesh(profile: ToothProfile, hub: float, fineness: float, crack: tuple[float, float] | None) -> Any:
-    import gmsh
-
-    skfem = require_skfem()
+    gmsh, skfem = require_gmsh(), require_skfem()
     m = profile.module
     gmsh.initialize()
     try:

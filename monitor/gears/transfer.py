@@ -16,10 +16,10 @@ from models.gears.sound.levels import (
     MIN_LINES,
     REFERENCE_PRESSURE,
     Bands,
-    a_weighting,
     bands_of_density,
     density_of_record,
     level_db,
+    power,
     sum_db,
 )
 from models.gears.sound.transfer_files import read_transfer_vectors
@@ -178,13 +178,12 @@ class Felt:
     @cached_property
     def squares(self) -> Array:
         """Mean squares by output and band."""
-        return bands_of_density(*self._density, self.bands)
+        return self.weighted("Z")
 
-    @cached_property
-    def a_weighted(self) -> Array:
-        """The same with A-weighting."""
+    def weighted(self, weighting: str) -> Array:
+        """Return mean squares by output and band, with a weighting (A, C or Z)."""
         frequency, density = self._density
-        return bands_of_density(frequency, density * a_weighting(frequency), self.bands)
+        return bands_of_density(frequency, density * power(frequency, weighting), self.bands)
 
 
 def felt(run: GearRun, responses: FrequencyResponses, lead: float) -> Felt:
@@ -203,11 +202,11 @@ def felt(run: GearRun, responses: FrequencyResponses, lead: float) -> Felt:
     forces[:, :ends] *= rise
     forces[:, forces.shape[1] - ends :] *= rise[::-1]
     try:
-        records, outside = responses.apply(forces, rate)
+        found = responses.apply(forces, rate)
     except ValueError as error:
         raise InputError(f"responses: {error}") from None
-    values = records[:, ends : forces.shape[1] - ends]
-    return Felt(responses.outputs, values, rate, bands, float(outside.max()), responses.band)
+    values = found.values[:, ends : forces.shape[1] - ends]
+    return Felt(responses.outputs, values, rate, bands, float(found.outside.max()), responses.band)
 
 
 def bands_within(band: tuple[float, float], rate: float, seconds: float) -> Bands:
@@ -248,6 +247,7 @@ def motion_values(found: Felt) -> dict[str, Any]:
 
 def pressure_values(found: Felt) -> dict[str, Any]:
     """Return levels of pressures, with A-weighting too."""
+    weighted = found.weighted("A")
     return {
         **_coverage(found),
         "microphones": [
@@ -256,7 +256,7 @@ def pressure_values(found: Felt) -> dict[str, Any]:
                 **_levels("", row, REFERENCE_PRESSURE),
                 **_levels("a", weighed, REFERENCE_PRESSURE),
             }
-            for name, row, weighed in zip(found.names, found.squares, found.a_weighted, strict=True)
+            for name, row, weighed in zip(found.names, found.squares, weighted, strict=True)
         ],
     }
 

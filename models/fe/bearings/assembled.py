@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from models.fe.bearings.balance import descend
-from models.machine.load_distribution import StiffnessPassage
+from models.machine.load_distribution import LoadDistribution, StiffnessPassage
 from models.path.defect import wrap
 from models.words.errors import WrongInputError
 
@@ -217,33 +217,67 @@ class AssembledBearing(PassingElements):
         """Return the angles of the elements from the load, rad, shape (elements,)."""
         return np.asarray(cage_angle + self.spacing * np.arange(self.n_elements), dtype=np.float64)
 
-    def state(self, load: float, *, cage_angle: float = 0.0, start: FeState | None = None) -> FeState:
+    def influence(self, angles: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return S of both rings, m/N, shape (elements, elements)."""
+        matrix = np.zeros((len(angles), len(angles)))
+        for ring in (self.inner, self.outer):
+            if ring is not None:
+                matrix += ring.matrix(angles)
+        return matrix
+
+    def _slack(self, gaps: NDArray[np.float64] | None) -> NDArray[np.float64]:
+        """Return the clearance of each element, m, shape (elements,)."""
+        slack = np.full(self.n_elements, self.clearance)
+        if gaps is None:
+            return slack
+        if gaps.shape != slack.shape:
+            raise WrongInputError(f"expected a gap of each of {self.n_elements} elements, got shape {gaps.shape}")
+        return slack + gaps
+
+    def _bore(self, angles: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return by how much the races move apart for a load along and across, m/N, shape (elements, 2)."""
+        if self.bore_load is None:
+            return np.zeros((len(angles), 2))
+        # The pressure turns with the load: a small load across turns it by the ratio of both.
+        along, slope = self.bore_load.on_elements(angles)
+        return np.stack((along, -slope), axis=1)
+
+    def load_distribution(self, load: float, *, cage_angle: float = 0.0) -> LoadDistribution:
+        """Return the loads of the elements at a cage angle; NaN where the state is not converged."""
+        state = self.state(load, cage_angle=cage_angle)
+        loads = state.loads if state.converged else np.full(self.n_elements, math.nan)
+        return LoadDistribution(state.angles, loads, state.displacement)
+
+    def state(
+        self,
+        load: float,
+        *,
+        cage_angle: float = 0.0,
+        start: FeState | None = None,
+        gaps: NDArray[np.float64] | None = None,
+    ) -> FeState:
         """Return the equilibrium under a radial load, N, at a cage angle, rad.
 
         Its checks read the forces alone and not how the iteration ended.
 
+        Args:
+            gaps: further clearance of each element, m, shape (elements,): where it is over a defect, or is smaller.
+
         Raises:
-            WrongInputError: the load is negative or not finite.
+            WrongInputError: the load is negative or not finite, or there are not as many gaps as elements.
         """
         if not (math.isfinite(load) and load >= 0.0):
             raise WrongInputError(f"expected a load that is finite and not negative, got {load!r} N")
         angles, wanted = self.angles(cage_angle), np.array([load, 0.0])
         normals = np.stack((np.cos(angles), np.sin(angles)))
-        influence, bore = np.zeros((len(angles), len(angles))), np.zeros((len(angles), 2))
-        for ring in (self.inner, self.outer):
-            if ring is not None:
-                influence += ring.matrix(angles)
-        if self.bore_load is not None:
-            # The pressure turns with the load: a small load across turns it by the ratio of both.
-            along, slope = self.bore_load.on_elements(angles)
-            bore = np.stack((along, -slope), axis=1)
+        slack, influence, bore = self._slack(gaps), self.influence(angles), self._bore(angles)
         moved = bore @ wanted
         begin = None if start is None else start.displacement
-        found = descend(normals.T, self.law, wanted, influence, self.clearance + moved, begin)
+        found = descend(normals.T, self.law, wanted, influence, slack + moved, begin)
         u, force, slope = found.displacement, *self.law.force(found.approach)
         imbalance = float(np.abs(normals @ force - wanted).max()) / load if load > 0.0 else 0.0
         # The approach comes from the inverse of the law, and the rest from the displacement: no part of the iteration.
-        gap = u @ normals - self.clearance - moved - influence @ force - self.law.approach_of(force)
+        gap = u @ normals - slack - moved - influence @ force - self.law.approach_of(force)
         status, contact_error = self.check(force, found.approach, gap, imbalance)
         # dQ/d(reach), N/m, symmetric.
         tangent = np.linalg.solve(np.eye(len(slope)) + slope[:, None] * influence, np.diag(slope))

@@ -8,14 +8,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
-
-    from models.fe.bearings.law import ElementLaw
 
 RESIDUAL = 1e-10
 """Largest unbalanced force in equilibrium, as a share of the load or, without one, of the largest force."""
@@ -23,6 +21,30 @@ _MOST_DAMPING = 1e12
 _OUTER_STEPS = 200
 _INNER_STEPS = 60
 _HALVINGS = 30
+
+
+class Law(Protocol):
+    """Force of one element over its approach; both are zero or positive and grow together."""
+
+    def force(self, approach: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return force, N, and tangent, N/m, of approaches, m, of any sign; both are zero where it is negative."""
+        ...
+
+
+@dataclass(frozen=True)
+class PowerLaw:
+    """Force k delta^n of Hertz, N, with k in N/m^n."""
+
+    stiffness: float
+    exponent: float = 1.5
+
+    def force(self, approach: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return force, N, and tangent, N/m, of approaches, m."""
+        pressed = np.maximum(approach, 0.0)
+        tangent = np.zeros_like(pressed)
+        inside = pressed > 0.0
+        tangent[inside] = self.exponent * self.stiffness * pressed[inside] ** (self.exponent - 1.0)
+        return self.stiffness * pressed**self.exponent, tangent
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,7 +70,7 @@ class Balance:
 
 def settle(
     normals: NDArray[np.float64],
-    law: ElementLaw,
+    law: Law,
     load: NDArray[np.float64],
     *,
     influence: NDArray[np.float64] | None = None,
@@ -93,7 +115,7 @@ def settle(
 
 def descend(
     normals: NDArray[np.float64],
-    law: ElementLaw,
+    law: Law,
     load: NDArray[np.float64],
     mutual: NDArray[np.float64],
     gaps: NDArray[np.float64],
@@ -151,7 +173,7 @@ def _check(
 
 
 def _first_guess(
-    normals: NDArray[np.float64], law: ElementLaw, load: NDArray[np.float64], gaps: NDArray[np.float64]
+    normals: NDArray[np.float64], law: Law, load: NDArray[np.float64], gaps: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     """Return a displacement along the load at which the elements carry more than it, without mutual influence."""
     size = math.hypot(*load.tolist())
@@ -174,7 +196,7 @@ def _first_guess(
 
 def _state(
     normals: NDArray[np.float64],
-    law: ElementLaw,
+    law: Law,
     mutual: NDArray[np.float64],
     gaps: NDArray[np.float64],
     load: NDArray[np.float64],
@@ -193,7 +215,7 @@ def _state(
 
 
 def pressed_together(
-    law: ElementLaw, mutual: NDArray[np.float64], wanted: NDArray[np.float64], begin: NDArray[np.float64]
+    law: Law, mutual: NDArray[np.float64], wanted: NDArray[np.float64], begin: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     """Return the approaches c, m, that solve c + mutual Q(c) = wanted, shape (elements,); ``begin`` is a guess."""
     if not mutual.any():

@@ -220,7 +220,7 @@ class _Builder:
         return {
             "kind": kind,
             "geometry": asdict(self.geometry),
-            "rule": asdict(rule),
+            "rule": rule.key(),
             "load_newton": load,
         }
 

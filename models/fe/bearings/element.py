@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from models.fe.bearings.law import LawTable
+from models.fe.bearings.law import ElementLaw, LawTable
 from models.fe.meshes.ring_mesh import ring_mesh
 from models.fe.meshes.sizing import ContactGrid, MeshRule, contact_grid, half_sizes
 from models.fe.solid.condense import ContactCells, compliance
@@ -185,6 +185,23 @@ def element_mesh(geometry: FeGeometry, load: float, rule: MeshRule, progress: Pr
 
 def _ring_at(race: Race) -> Callable[[FeGeometry, ContactGrid, MeshRule], ElasticBody]:
     return lambda geometry, grid, rule: ring_body(geometry, race, grid, rule)
+
+
+def element_law(
+    geometry: FeGeometry, loads: Sequence[float], rule: MeshRule | None = None, progress: Progress | None = None
+) -> ElementLaw:
+    """Return the law of one element from one set of meshes for each load, N, ascending.
+
+    Each mesh serves loads from a fifth to 1.3 times its own; loads up to six times apart overlap, which gives the
+    mesh error.
+
+    Raises:
+        LawError: the loads are not ascending, or the tables make no law.
+        FeError, WrongInputError: the sizes do not fit the bodies.
+        NotConvergedError: a contact does not converge.
+    """
+    rule = rule or MeshRule()
+    return ElementLaw.from_tables([element_mesh(geometry, load, rule, progress).table() for load in loads])
 
 
 def _found_sizes(geometry: FeGeometry, cells: ContactCells, pressure: NDArray[np.float64]) -> tuple[float, float]:

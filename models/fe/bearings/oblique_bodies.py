@@ -2,7 +2,8 @@
 
 Each contact is solved in its own frame, inclined by the contact angle. The ball is an eighth, so that the pressure is
 taken as symmetric about the plane of the contact across rolling; the ring is not, and its compliance for such
-pressures, and the mean gap of both sides, go with it. Rings are held by their seats: bore and outside do not move.
+pressures, and the mean gap of both sides, go with it. The part of the ring's displacement that this leaves open is
+reported as ``asymmetry``. Rings are held by their seats: the bore and the outside do not move.
 """
 
 from __future__ import annotations
@@ -61,6 +62,19 @@ class ObliqueContact:
     def press(self, force: float) -> ContactState:
         """Return the pressed contact under a force of the whole ball, N; forces of the result are of the quarter."""
         return press_to_force(self.compliance, self.gap, self.cells.area, 0.25 * force)
+
+    def asymmetry(self, state: ContactState) -> float:
+        """Return by how much the ring yields differently on both sides, as a share of the approach, root mean square.
+
+        Weighted with the pressure, after its rolling part (proportional to z) is taken off, which the ball follows by
+        rolling along the groove.
+        """
+        upper, lower = self.loads
+        u = self.ring.solve((upper + lower) @ state.pressure)
+        odd = 0.5 * ((upper - lower).T @ u) / self.cells.area
+        weight, z = state.pressure * self.cells.area, self.cells.centre[1]
+        odd = odd - z * float(weight @ (odd * z)) / float(weight @ z**2)
+        return float(np.sqrt(weight @ odd**2 / weight.sum())) / state.approach
 
 
 def single_row(geometry: ObliqueGeometry) -> FeGeometry:
@@ -166,13 +180,40 @@ def groove_height(profile: RaceProfile, x: NDArray[np.float64], z: NDArray[np.fl
     return height
 
 
-def ball_law(loads: NDArray[np.float64], approach: NDArray[np.float64]) -> ElementLaw:
-    """Return the law of a ball, approach of both races A Q^(2/3) - B Q, fitted to samples, N and m, each (n,).
+@dataclass(frozen=True, eq=False)
+class BallLaw:
+    """Approach of both races over the force on a ball, A Q^(2/3) - B Q, fitted to computed samples.
 
     The first part is Hertz's for half spaces, the second what bodies of finite depth on a seat yield less: without
     friction it is proportional to the force. The fit takes the mesh noise of single loads, which the stiffness would
-    magnify, out of the law; its mesh error is the largest relative difference of a sample and the fit. The law ends at
-    the highest sample; Hertz's exponent is reached at a hundredth of the lowest.
+    magnify, out of the law.
+
+    Attributes:
+        loads, approach: samples, N and m, shape (n,).
+        hertz: A, m/N^(2/3).
+        depth: B, m/N.
+        residual: largest relative difference of a sample and the fit: the mesh error of the law.
+    """
+
+    loads: NDArray[np.float64]
+    approach: NDArray[np.float64]
+    hertz: float
+    depth: float
+    residual: float
+
+    @property
+    def contact_stiffness(self) -> float:
+        """k_c of Q = k_c delta^1.5 for small loads, N/m^1.5."""
+        return self.hertz**-1.5
+
+    def law(self) -> ElementLaw:
+        """Return the law up to the highest sample; Hertz's exponent is reached at a hundredth of the lowest."""
+        loads = np.geomspace(0.01 * float(self.loads.min()), float(self.loads.max()), 33)
+        return ElementLaw(loads, self.hertz * loads ** (2.0 / 3.0) - self.depth * loads, self.residual)
+
+
+def fitted_law(loads: NDArray[np.float64], approach: NDArray[np.float64]) -> BallLaw:
+    """Return the law of a ball from samples of at least three loads, N, and the approach of both races, m.
 
     Raises:
         FeError: fewer than three loads.
@@ -182,8 +223,7 @@ def ball_law(loads: NDArray[np.float64], approach: NDArray[np.float64]) -> Eleme
     terms = np.column_stack((loads ** (2.0 / 3.0), -loads)) / approach[:, None]
     (hertz, depth), *_ = np.linalg.lstsq(terms, np.ones(len(loads)), rcond=None)
     residual = float(np.abs(terms @ np.array([hertz, depth]) - 1.0).max())
-    knots = np.geomspace(0.01 * float(loads.min()), float(loads.max()), 33)
-    return ElementLaw(knots, float(hertz) * knots ** (2.0 / 3.0) - float(depth) * knots, residual)
+    return BallLaw(loads, approach, float(hertz), float(depth), residual)
 
 
 def race_displacement(

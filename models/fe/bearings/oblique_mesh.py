@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from models.fe.meshes.grid import Chooser, FeMesh, FeMeshError, HexBlock, build, extrude, lattice, on_surface
+from models.fe.meshes.grid import Chooser, FeMesh, FeMeshError, HexBlock, build, extrude, on_surface, tensor_section
 from models.fe.meshes.roller_mesh import fan_section
 from models.fe.meshes.sizing import ContactGrid, MeshRule, growing_lines
 from models.fe.solid.condense import ContactFrame
@@ -117,7 +117,7 @@ def axial_lines(profile: RaceProfile, grid: ContactGrid, rule: MeshRule) -> NDAr
     """Return the axial grid lines of a ring, m: the contact's own, then growing ones with a line at each corner."""
     tangent = np.concatenate((-grid.z[:0:-1], grid.z))
     patch = profile.place(tangent)
-    largest = rule.coarse * abs(profile.contact_radius - profile.back)
+    largest = min(rule.coarse * abs(profile.contact_radius - profile.back), rule.max_size)
     edges = np.array(profile.edges())
     if profile.land is not None and bool(np.any((edges > patch[0]) & (edges < patch[-1]))):
         raise FeMeshError(
@@ -157,7 +157,7 @@ def oblique_ring_mesh(geometry: ObliqueGeometry, race: Race, grid: ContactGrid, 
     lines = axial_lines(profile, grid, rule)
     end = math.asin(depth / profile.contact_radius)
     around = growing_lines(end, math.pi, end / (section.far.size - 1), rule.growth, MAX_ANGLE)
-    rest = lattice((around - end) / (math.pi - end), section.far)
+    rest = tensor_section((around - end) / (math.pi - end), section.far)
 
     def body(angle: NDArray[np.float64], v: NDArray[np.float64], z: NDArray[np.float64]) -> NDArray[np.float64]:
         radius = profile.race(z) * (1.0 - v) + profile.back * v
@@ -179,5 +179,5 @@ def oblique_ring_mesh(geometry: ObliqueGeometry, race: Race, grid: ContactGrid, 
         "side": on_surface(lambda p: np.abs(p[2]) - 0.5 * profile.width, depth),
         "race": on_surface(lambda p: radius(p) - profile.race(p[2]), depth),
     }
-    blocks = [HexBlock(extrude(section.quads, lines), near), HexBlock(extrude(rest, lines), far)]
-    return build(blocks, boundaries)
+    blocks = [HexBlock(extrude(section.quads, lines), near), HexBlock(extrude(rest.quads, lines), far)]
+    return build(blocks, boundaries, 2)

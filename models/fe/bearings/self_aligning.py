@@ -6,6 +6,7 @@ See ``models.fe.bearings.oblique``. Axis 1 lies along the radial load, axis 2 ac
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any, Literal, get_args
 
@@ -13,17 +14,19 @@ import numpy as np
 
 from models.fe.bearings.assembled import FeBearing, FeState, PassingElements
 from models.fe.bearings.balance import Balance, condensed, settle
-from models.fe.bearings.law import ElementLaw
 from models.fe.bearings.oblique_bodies import (
     RULE,
     SHARES,
-    ball_law,
+    BallLaw,
+    ObliqueContact,
+    fitted_law,
     largest_ball_load,
     oblique_contact,
     race_displacement,
 )
 from models.fe.cache import CacheEntry, FeCache
 from models.fe.meshes.geometry import Race
+from models.fe.meshes.sizing import MeshRule
 from models.path.defect import wrap
 from models.words.checks import check_choice, check_numbers, check_whole
 from models.words.errors import WrongInputError
@@ -32,6 +35,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from models.fe.bearings.element import Progress
+    from models.fe.bearings.law import ElementLaw
     from models.fe.bearings.oblique import ObliqueGeometry
 
 Axial = Literal["free", "held"]
@@ -56,6 +60,11 @@ class RowInfluence:
 
     same: NDArray[np.float64]
     other: NDArray[np.float64]
+
+    @classmethod
+    def none(cls, count: int) -> RowInfluence:
+        """Return that of rings which are rigid but for their contacts."""
+        return cls(np.zeros(count), np.zeros(count))
 
     def matrix(self) -> NDArray[np.float64]:
         """Return the influence of all elements on each other, row after row, zero on the diagonal."""
@@ -161,6 +170,80 @@ class SelfAligning(PassingElements):
         )
 
 
+@dataclass(frozen=True, eq=False)
+class ObliqueResult:
+    """A self-aligning bearing from finite elements.
+
+    Attributes:
+        bearing: assembled.
+        law: of one ball, with its samples.
+        unknowns: of each body that was factorised: "inner ball 60 N", "inner ring 60 N" and so on.
+        asymmetry: largest of all samples, as of :class:`models.fe.bearings.oblique_bodies.ObliqueContact`.
+    """
+
+    bearing: SelfAligning
+    law: BallLaw
+    unknowns: Mapping[str, int]
+    asymmetry: float
+
+
+def row_influence(geometry: ObliqueGeometry, inner: ObliqueContact, outer: ObliqueContact) -> RowInfluence:
+    """Return what the force of one ball does to the others through both rings on rigid seats."""
+    same, other = np.zeros(geometry.n_elements), np.zeros(geometry.n_elements)
+    for contact in (inner, outer):
+        one = race_displacement(geometry, contact)
+        same, other = same + one[0], other + one[1]
+    return RowInfluence(same, other)
+
+
+def oblique_bearing(
+    geometry: ObliqueGeometry,
+    loads: Sequence[float],
+    rule: MeshRule = RULE,
+    *,
+    clearance: float = 0.0,
+    progress: Progress | None = None,
+) -> ObliqueResult:
+    """Return the bearing assembled from meshes for given loads of a ball, N, ascending; the law ends at the last.
+
+    Each mesh serves loads down to an eighth of its own; the rings' influence is that of the last.
+
+    Args:
+        clearance: gap along the normals before the ring is displaced, m.
+        progress: told before each step what is done, the steps done and their number.
+
+    Raises:
+        WrongInputError: as of ``oblique_contact``.
+    """
+    samples: list[tuple[float, float]] = []
+    unknowns: dict[str, int] = {}
+    asymmetry, converged, done = 0.0, True, 0
+    pair: list[ObliqueContact] = []
+    for load in loads:
+        pair = []
+        approach = np.zeros(len(SHARES))
+        for race in get_args(Race):
+            if progress is not None:
+                progress(f"{race} contact on meshes for {load:g} N", done, 2 * len(loads))
+            done += 1
+            contact = oblique_contact(geometry, race, load, rule)
+            pair.append(contact)
+            unknowns |= {
+                f"{race} {body} {load:g} N": n for body, n in zip(("ball", "ring"), contact.unknowns, strict=True)
+            }
+            states = [contact.press(share * load) for share in SHARES]
+            approach += [state.approach for state in states]
+            asymmetry = max(asymmetry, *(contact.asymmetry(state) for state in states))
+            converged = converged and all(state.converged for state in states)
+        samples += [(share * load, float(value)) for share, value in zip(SHARES, approach, strict=True)]
+    law = fitted_law(*np.array(samples).T)
+    influence = row_influence(geometry, pair[0], pair[1])
+    bearing = SelfAligning(
+        law.law(), geometry.n_elements, geometry.contact_angle, influence, clearance, contacts_converged=converged
+    )
+    return ObliqueResult(bearing, law, unknowns, asymmetry)
+
+
 def self_aligning_bearing(
     geometry: ObliqueGeometry,
     load: float,
@@ -189,48 +272,28 @@ def self_aligning_bearing(
     last = math.ceil(math.log(largest) / math.log(LOAD_STEP) - 1e-9)
     limit = largest_ball_load(geometry)
     loads = (min(LOAD_STEP ** (last - 1), limit / LOAD_STEP), min(LOAD_STEP**last, limit))
-    key: dict[str, Any] = {"kind": "oblique", "geometry": asdict(geometry), "rule": asdict(RULE), "loads_newton": loads}
-    entry = (cache or FeCache(None)).get(key, lambda: _computed(geometry, loads, progress))
-    values = entry.values
-    law = ElementLaw(entry.arrays["loads"], entry.arrays["approach"], values["mesh_error"])
-    influence = RowInfluence(entry.arrays["same"], entry.arrays["other"])
+
+    def make() -> CacheEntry:
+        found = oblique_bearing(geometry, loads, progress=progress)
+        law, influence = found.law, found.bearing.influence
+        arrays = {"loads": law.loads, "approach": law.approach, "same": influence.same, "other": influence.other}
+        fit = {"hertz": law.hertz, "depth": law.depth, "residual": law.residual}
+        converged = found.bearing.contacts_converged
+        return CacheEntry(arrays, {"law": fit, "unknowns": dict(found.unknowns), "converged": converged})
+
+    key: dict[str, Any] = {
+        "kind": "oblique",
+        "geometry": asdict(geometry),
+        "rule": RULE.key(),
+        "loads_newton": list(loads),
+    }
+    entry = (cache or FeCache(None)).get(key, make)
     rows = SelfAligning(
-        law,
+        BallLaw(entry.arrays["loads"], entry.arrays["approach"], **entry.values["law"]).law(),
         geometry.n_elements,
         geometry.contact_angle,
-        influence,
+        RowInfluence(entry.arrays["same"], entry.arrays["other"]),
         clearance * radial,
-        contacts_converged=values["converged"],
+        contacts_converged=entry.values["converged"],
     )
-    return FeBearing(rows, {}, values["unknowns"])
-
-
-def _computed(geometry: ObliqueGeometry, loads: tuple[float, float], progress: Progress | None) -> CacheEntry:
-    """Return the law of a ball and the influence of the rings from meshes for loads of a ball, N, ascending.
-
-    Each mesh serves loads down to an eighth of its own; the rings' influence is that of the last.
-    """
-    samples: list[tuple[float, float]] = []
-    unknowns: dict[str, int] = {}
-    converged, done = True, 0
-    same, other = np.zeros(geometry.n_elements), np.zeros(geometry.n_elements)
-    for load in loads:
-        approach = np.zeros(len(SHARES))
-        for race in get_args(Race):
-            if progress is not None:
-                progress(f"{race} contact on meshes for {load:g} N", done, 2 * len(loads))
-            done += 1
-            contact = oblique_contact(geometry, race, load, RULE)
-            unknowns |= {
-                f"{race} {body} {load:g} N": n for body, n in zip(("ball", "ring"), contact.unknowns, strict=True)
-            }
-            states = [contact.press(share * load) for share in SHARES]
-            approach += [state.approach for state in states]
-            converged = converged and all(state.converged for state in states)
-            if load == loads[-1]:
-                one = race_displacement(geometry, contact)
-                same, other = same + one[0], other + one[1]
-        samples += [(share * load, float(value)) for share, value in zip(SHARES, approach, strict=True)]
-    law = ball_law(*np.array(samples).T)
-    arrays = {"loads": law.loads, "approach": law.approach, "same": same, "other": other}
-    return CacheEntry(arrays, {"mesh_error": law.mesh_error, "unknowns": unknowns, "converged": converged})
+    return FeBearing(rows, {}, entry.values["unknowns"])

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from models.fe.casing.shape import CasingMeshRule, CasingShape, Patch, Seat
+    from models.fe.casing.shape import CasingMeshRule, CasingShape, Foot, Patch, Seat
     from models.fe.solid.shape import FeMesh
 
     Array = NDArray[np.float64]
@@ -53,7 +53,7 @@ class _FrontView:
 def casing_mesh(shape: CasingShape, rule: CasingMeshRule) -> FeMesh:
     """Return a casing of 27-node hexahedra.
 
-    Its boundaries are the outer sides "x0" to "z1", and the bores by the names of their seats.
+    Its boundaries are the outer sides "x0" to "z1", the bores by the names of their seats, and "foot1", "foot2", ...
 
     Raises:
         MissingExtraError: scikit-fem is missing.
@@ -83,6 +83,7 @@ def _front_view(shape: CasingShape, patches: tuple[Patch, ...], rule: CasingMesh
     for axis, (room, side) in enumerate(((shape.length, "x"), (shape.height, "y"))):
         marks[axis] += [shape.thickness(f"{side}0"), room - shape.thickness(f"{side}1")]
         marks[axis] += [patch.centre[axis] + sign * patch.half for patch in patches for sign in (-1.0, 1.0)]
+    marks[0] += [place for foot in shape.feet for place in foot.x]
     x, y = (
         _divided(places, rule.size, _walls(shape, axis, rule.through)) for axis, places in zip("xy", marks, strict=True)
     )
@@ -176,7 +177,7 @@ def _depth_marks(shape: CasingShape) -> list[float]:
     marks = [0.0, shape.depth, shape.thickness("z0"), shape.depth - shape.thickness("z1")]
     for seat in shape.seats:
         marks += [place if seat.wall == "z0" else shape.depth - place for place in shape.reach(seat)]
-    return marks
+    return marks + [place for foot in shape.feet for place in foot.z]
 
 
 def _walls(shape: CasingShape, axis: str, through: int) -> dict[float, int]:
@@ -230,6 +231,8 @@ def _named(flat: FeMesh, shape: CasingShape) -> dict[str, Numbers]:
         named[f"{letter}1"] = facets[middle[axis] > shape.size(f"{letter}0") - near]
     for seat in shape.seats:
         named[seat.name] = facets[_on_bore(middle, shape, seat, near)]
+    for number, foot in enumerate(shape.feet, 1):
+        named[f"foot{number}"] = facets[_on_foot(middle, foot, near)]
     return named
 
 
@@ -239,3 +242,8 @@ def _on_bore(middle: Array, shape: CasingShape, seat: Seat, near: float) -> NDAr
     cover, _, end = shape.reach(seat)
     # The middle of a facet on a square lies on it.
     return (np.abs(rho - 0.5 * seat.bore) < near) & (deep > cover + near) & (deep < end - near)
+
+
+def _on_foot(middle: Array, foot: Foot, near: float) -> NDArray[np.bool_]:
+    x, y, z = middle
+    return (y < near) & (x > foot.x[0]) & (x < foot.x[1]) & (z > foot.z[0]) & (z < foot.z[1])

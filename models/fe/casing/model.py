@@ -81,10 +81,10 @@ class Casing:
     """A casing, assembled at once and factorised when that is first needed.
 
     Args:
-        shape: walls and seats.
+        shape: walls, seats and feet.
         material: of all of it.
         rule: sizes of the cells.
-        fixed: side -> components that are held; by default the underside in all three.
+        fixed: side, foot or seat -> components that are held; by default the feet, or the underside, in all three.
 
     Attributes:
         body: the elastic body, with the supports.
@@ -105,10 +105,11 @@ class Casing:
     ) -> None:
         """Assemble."""
         self.shape, self.material, self.rule = shape, material, rule
-        supports = {"y0": (0, 1, 2)} if fixed is None else fixed
+        held = [f"foot{n}" for n in range(1, len(shape.feet) + 1)] or ["y0"]
+        supports = dict.fromkeys(held, (0, 1, 2)) if fixed is None else dict(fixed)
         mesh = casing_mesh(shape, rule)
         self.body = ElasticBody(mesh, material.modulus, material.poisson, supports, name="the casing")
-        self._masters = _masters(self.body, shape.seats)
+        self._masters = _masters(self.body, [seat for seat in shape.seats if seat.spider == "rigid"])
         self.transform: SparseMatrix = _transform(self.body, self._masters)
         self._ports: dict[str, Array] = {}
         for seat in shape.seats:
@@ -215,7 +216,7 @@ def _masters(body: ElasticBody, seats: Sequence[Seat]) -> list[_Master]:
     for seat in seats:
         nodes = np.unique(np.asarray(body.dofs.get_facet_dofs(body.mesh.boundaries[seat.name]).flatten(), np.int64))
         if np.any(free[nodes] < body.dim):
-            raise FeError(f"seat {seat.name!r} is rigid and cannot be held")
+            raise FeError(f"seat {seat.name!r} is rigid and cannot be held: give it the spider 'mean'")
         if np.any(taken[nodes]):
             raise FeError(f"seat {seat.name!r} is rigid and shares nodes with another rigid seat")
         taken[nodes] = True

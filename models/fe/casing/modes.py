@@ -39,8 +39,7 @@ def lowest_eigenpairs(
 ) -> tuple[Array, Array]:
     """Return the least eigenvalues, ascending, and their vectors (unknowns, values) with x' M x = 1.
 
-    A block Lanczos method: it finds modes of one frequency, of which ARPACK, with one vector, may miss some, and goes
-    on until all up to a frequency are known, whose number is not. The start is the same each time, so is the result.
+    The start is the same each time, so is the result.
 
     Args:
         solve: K^-1 times columns.
@@ -161,9 +160,18 @@ class Damping:
             if not 0.0 <= ratio < 1.0:
                 raise ValueError(f"damping: ratios must be from 0 to below 1, got {ratio!r}")
 
+    @classmethod
+    def constant(cls, ratio: float) -> Damping:
+        """Return one ratio at all frequencies."""
+        return cls((0.0,), (ratio,))
+
     def at(self, frequency: Array) -> Array:
         """Return the ratios at frequencies, Hz."""
         return np.asarray(np.interp(frequency, self.frequency, self.ratio), np.float64)
+
+
+THESIS_DAMPING = Damping((562.0, 828.0, 1221.0, 1423.0, 2154.0, 2818.0), (0.076, 0.076, 0.037, 0.018, 0.005, 0.023))
+"""Table 26 of the thesis, taken as shares of critical damping, which it does not say."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -233,6 +241,8 @@ def modal_responses(
     outputs: Mapping[str, Array],
     inputs: Mapping[str, Array],
     unit: str = "m/s2",
+    *,
+    static: bool = True,
 ) -> FrequencyResponses:
     """Return the responses of motions to forces, N.
 
@@ -241,12 +251,17 @@ def modal_responses(
         frequency: of the lines, Hz, ascending.
         outputs, inputs: name -> column b, shape (unknowns,), see :meth:`models.fe.casing.model.Casing.columns`.
         unit: of the outputs: "m", "m/s" or "m/s2".
+        static: whether what modes left out give at rest is added.
     """
     out, into = (np.stack(list(columns.values()), axis=1) for columns in (outputs, inputs))
     omega, natural = math.tau * np.asarray(frequency, np.float64), math.tau * modes.frequency
     ratio = damping.at(modes.frequency)
     left, right = out.T @ modes.shapes, into.T @ modes.shapes
-    rest = out.T @ casing.solve(into) - (left / natural**2) @ right.T
+    rest = (
+        out.T @ casing.solve(into) - (left / natural**2) @ right.T
+        if static
+        else np.zeros((out.shape[1], into.shape[1]))
+    )
     h = np.empty((len(omega), out.shape[1], into.shape[1]), np.complex128)
     for start in range(0, len(omega), _LINES_AT_ONCE):
         part = omega[start : start + _LINES_AT_ONCE, None]

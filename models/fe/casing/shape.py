@@ -1,7 +1,8 @@
-"""What a casing is: walls of a box, and seats of bearings in two of them.
+"""What a casing is: walls of a box, seats of bearings in two of them, feet.
 
 The box is ``length`` along x, ``height`` along y, which is upwards, and ``depth`` along z, the direction of the shafts;
-its outside begins at the origin. Seats are in the walls z0 (at z = 0) and z1 (at z = depth). Lengths are in m.
+its outside begins at the origin. Seats are in the walls z0 (at z = 0) and z1 (at z = depth), feet on y = 0. Lengths are
+in m.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ if TYPE_CHECKING:
 
 SIDES = ("x0", "x1", "y0", "y1", "z0", "z1")
 Wall = Literal["z0", "z1"]
+Spider = Literal["rigid", "mean"]
 # A patch of cells about a seat reaches this many times the radius of the boss, where there is room, and this at least.
 _PATCH, _MIN_PATCH = 1.35, 1.05
 
@@ -43,7 +45,7 @@ STEEL = Material(210e9, 0.3, 7850.0)
 
 @dataclass(frozen=True)
 class Seat:
-    """A bearing's seat: a bore through a wall that stays round and moves as one, and a boss that reaches into the box.
+    """A bearing's seat: a bore through a wall, and a boss about it that reaches into the box.
 
     Attributes:
         name: of the bearing; forces on it are ``NAME.x``, ``NAME.y``, ``NAME.z``.
@@ -53,6 +55,8 @@ class Seat:
         boss_length: of the boss beyond the wall.
         cover: thickness of a lid over the outer end of the bore, part of the wall; 0 for an open bore.
         mass: carried by the seat in all directions, such as of shaft and wheels, kg.
+        spider: "rigid" for a bore that stays round and moves as one; "mean" for a force spread evenly over a bore that
+            may deform.
     """
 
     name: str
@@ -63,6 +67,7 @@ class Seat:
     boss_length: float = 0.0
     cover: float = 0.0
     mass: float = 0.0
+    spider: Spider = "rigid"
 
     def __post_init__(self) -> None:
         """Raise a ValueError that names the field of an unusable value."""
@@ -70,6 +75,7 @@ class Seat:
         if not self.name or self.name in SIDES or "." in self.name:
             raise ValueError(f"name of a seat must be a word without a point and no side, got {self.name!r}")
         check_choice(self.wall, f"{prefix}wall", ("z0", "z1"))
+        check_choice(self.spider, f"{prefix}spider", ("rigid", "mean"))
         check_numbers(self, prefix, "positive", "bore", "boss")
         check_numbers(self, prefix, "not negative", "boss_length", "cover", "mass")
         if self.boss <= self.bore:
@@ -79,12 +85,21 @@ class Seat:
 
 
 @dataclass(frozen=True)
+class Foot:
+    """A rectangle of the underside that is held: from and to along x and z."""
+
+    x: tuple[float, float]
+    z: tuple[float, float]
+
+
+@dataclass(frozen=True)
 class CasingShape:
-    """Walls and seats; the underside is held.
+    """Walls, seats and feet.
 
     Attributes:
         length, height, depth: outer sizes along x, y, z.
         walls: side -> thickness; a side that is left out is open. A plate has the one wall "z0" as thick as the depth.
+        seats, feet: without feet the whole underside is held.
     """
 
     length: float
@@ -92,6 +107,7 @@ class CasingShape:
     depth: float
     walls: Mapping[str, float]
     seats: tuple[Seat, ...] = ()
+    feet: tuple[Foot, ...] = ()
 
     def __post_init__(self) -> None:
         """Raise a ValueError that names the part of an unusable value."""
@@ -112,12 +128,27 @@ class CasingShape:
             raise ValueError(f"seats must have different names, got {', '.join(names)}")
         for seat in self.seats:
             self._check_seat(seat)
+        for foot in self.feet:
+            for axis, (begin, end), room in (("x", foot.x, self.length), ("z", foot.z, self.depth)):
+                if not 0.0 <= begin < end <= room:
+                    raise ValueError(f"foot: {axis} must ascend within 0 to {room!r} m, got {begin!r} to {end!r}")
         tuple(self.patches())
 
     @classmethod
-    def box(cls, size: tuple[float, float, float], thickness: float, seats: tuple[Seat, ...] = ()) -> Self:
+    def plate(cls, length: float, height: float, thickness: float, seats: tuple[Seat, ...] = ()) -> Self:
+        """Return a flat plate; seats are in "z0"."""
+        return cls(length, height, thickness, {"z0": thickness}, seats)
+
+    @classmethod
+    def box(
+        cls,
+        size: tuple[float, float, float],
+        thickness: float,
+        seats: tuple[Seat, ...] = (),
+        feet: tuple[Foot, ...] = (),
+    ) -> Self:
         """Return a closed box with walls of one thickness."""
-        return cls(*size, dict.fromkeys(SIDES, thickness), seats)
+        return cls(*size, dict.fromkeys(SIDES, thickness), seats, feet)
 
     def size(self, side: str) -> float:
         """Return the outer size across a side, m."""

@@ -18,13 +18,15 @@ from models.fe.meshes.grid import (
     FeMesh,
     FeMeshError,
     HexBlock,
+    Mapper,
+    Order,
     build,
     extrude,
     lattice,
     on_surface,
     within,
 )
-from models.fe.meshes.roller_mesh import fan_section, inner_rows
+from models.fe.meshes.roller_mesh import contact_section, inner_rows
 from models.fe.meshes.sizing import ContactGrid, MeshRule, growing_lines
 
 if TYPE_CHECKING:
@@ -46,8 +48,10 @@ _FADE = 0.4
 _BEYOND, _LEAST_REACH, _MOST_REACH = 1.1, _DIAGONAL, 0.88
 
 
-def ball_mesh(geometry: FeGeometry, grid: ContactGrid, rule: MeshRule | None = None) -> FeMesh:
-    """Return the eighth of a ball.
+def ball_mesh(
+    geometry: FeGeometry, grid: ContactGrid, rule: MeshRule | None = None, order: Order = 2, *, half: bool = True
+) -> FeMesh:
+    """Return the eighth of a ball, or with ``half=False`` the quarter x, y >= 0.
 
     Boundaries: contact (the patch), race (the rest of the sphere), x0, y0, z0.
 
@@ -60,10 +64,10 @@ def ball_mesh(geometry: FeGeometry, grid: ContactGrid, rule: MeshRule | None = N
         raise FeMeshError(f"{geometry.designation}: a roller has no ball mesh")
     if grid.z[-1] > _MOST_REACH / 1.05 * radius:
         raise FeMeshError(f"{geometry.designation}: the contact reaches {grid.z[-1]!r} m along a ball of {radius!r} m")
-    section = fan_section(grid, _DIAGONAL * radius, rule)
+    section = contact_section(grid, _DIAGONAL * radius, (1.0 - _AXIS) * radius, rule)
     reach = min(max(_BEYOND * float(grid.z[-1]) / radius, _LEAST_REACH), _MOST_REACH)
     lines = _along(grid, reach * radius, rule) / (reach * radius)
-    steps = np.linspace(0.0, 1.0, inner_rows(grid) + 1)
+    steps = np.linspace(0.0, 1.0, inner_rows(grid, _AXIS * radius, rule) + 1)
     octant = _Octant(radius, reach, float(grid.x[-1]) / (_DIAGONAL * radius))
     blocks = [
         HexBlock(extrude(section.quads, lines), octant.contact),
@@ -77,15 +81,23 @@ def ball_mesh(geometry: FeGeometry, grid: ContactGrid, rule: MeshRule | None = N
         "race": sphere,
         "x0": on_surface(lambda p: p[0], radius),
         "y0": on_surface(lambda p: p[1], radius),
-        "z0": on_surface(lambda p: p[2], radius),
     }
-    return build(blocks, found)
+    if half:
+        return build(blocks, {**found, "z0": on_surface(lambda p: p[2], radius)}, order)
+    return build([*blocks, *(HexBlock(block.corners, _mirrored(block.place)) for block in blocks)], found, order)
 
 
 def _along(grid: ContactGrid, end: float, rule: MeshRule) -> NDArray[np.float64]:
     """Return the lines along the shaft, m: those of the contact, growing to the end of its block."""
     start, size = float(grid.z[-1]), float(grid.z[-1] - grid.z[-2])
-    return np.concatenate((grid.z, growing_lines(start, end, size, rule.growth, 0.5 * end)[1:]))
+    return np.concatenate((grid.z, growing_lines(start, end, size, rule.growth, min(rule.max_size, 0.5 * end))[1:]))
+
+
+def _mirrored(place: Mapper) -> Mapper:
+    def other(point: NDArray[np.float64]) -> NDArray[np.float64]:
+        return place(point) * np.array([[1.0], [1.0], [-1.0]])
+
+    return other
 
 
 @dataclass(frozen=True)

@@ -14,9 +14,10 @@ from models.words.errors import WrongInputError
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from models.machine.bearing import CatalogueEntry, Element
+    from models.machine.bearing import Bearing, CatalogueEntry, Element
 
 Race = Literal["inner", "outer"]
+Profile = Literal["straight", "crowned", "logarithmic"]
 
 STEEL_MODULUS = 210e9
 STEEL_POISSON = 0.3
@@ -25,6 +26,8 @@ SHOULDER_HEIGHT = 0.2
 # Radius of a roller's rounded edge by its diameter, where no drawing is known: 0.2 mm of the 5.5 mm of NU 202 ECP
 # (thesis, section 3.2.1).
 EDGE_RADIUS = 0.2 / 5.5
+# Factor of the diameter in the logarithmic profile, for rollers up to 2.5 diameters long and for longer ones.
+_LOG_SHORT, _LOG_LONG, _LOG_RATIO = 0.00035, 0.0005, 2.5
 
 
 class FeGeometryError(WrongInputError):
@@ -41,6 +44,7 @@ class FeGeometry:
             of the radius of the race itself is a sphere (self-aligning).
         effective_length: length of the line contact, or None (balls).
         roller_length: whole length with both rounded edges, or None.
+        profile: of the roller within its effective length; ``crown_radius`` is the radius of a crowned one.
         shoulder_height: of the shoulders over the bottom of the groove.
         width: of the rings.
         modulus, poisson: Young's modulus, Pa, and Poisson's ratio.
@@ -63,6 +67,8 @@ class FeGeometry:
     effective_length: float | None = None
     roller_length: float | None = None
     edge_radius: float = 0.0
+    profile: Profile = "straight"
+    crown_radius: float | None = None
     modulus: float = STEEL_MODULUS
     poisson: float = STEEL_POISSON
 
@@ -100,7 +106,8 @@ class FeGeometry:
     def drop(self, z: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return how far a roller's surface lies below its largest radius at ``z`` from its middle, m; inf beyond it.
 
-        Within the effective length it is straight; beyond, the rounded edge takes over.
+        Within the effective length it is zero (straight), z^2 / (2 R) (crowned) or 0.00035 D ln(1 / (1 - (2 z / l)^2))
+        (logarithmic; 0.0005 where l > 2.5 D; ISO 16281); beyond, the rounded edge takes over.
 
         Raises:
             FeGeometryError: balls have no profile.
@@ -111,7 +118,19 @@ class FeGeometry:
         place = np.abs(np.asarray(z, dtype=np.float64))
         over = np.clip(place - half, 0.0, self.edge_radius)
         rounding = self.edge_radius - np.sqrt(self.edge_radius**2 - over**2)
-        return np.where(place <= end * (1.0 + 1e-12), rounding, np.inf)
+        shape = self._shape(np.minimum(place, half * (1.0 - 1e-6)))
+        return np.where(place <= end * (1.0 + 1e-12), shape + rounding, np.inf)
+
+    def _shape(self, place: NDArray[np.float64]) -> NDArray[np.float64]:
+        assert self.effective_length is not None
+        if self.profile == "crowned":
+            assert self.crown_radius is not None
+            return 0.5 * place**2 / self.crown_radius
+        if self.profile == "logarithmic":
+            diameter = 2.0 * self.element_radius
+            factor = _LOG_SHORT if self.effective_length <= _LOG_RATIO * diameter else _LOG_LONG
+            return -factor * diameter * np.log1p(-((2.0 * place / self.effective_length) ** 2))
+        return np.zeros_like(place)
 
     def _check_order(self, *names: str) -> None:
         for small, large in pairwise(names):
@@ -140,6 +159,8 @@ class FeGeometry:
         if self.roller_length > self.effective_length + 2.0 * self.edge_radius * (1.0 + 1e-9):
             reason = f"{self.roller_length!r} m exceeds effective_length by more than two rounded edges"
             raise self._error("roller_length", reason)
+        if self.profile == "crowned" and not (self.crown_radius is not None and self.crown_radius > 0.0):
+            raise self._error("crown_radius", f"must be positive for a crowned roller, got {self.crown_radius!r}")
 
     def _number(self, name: str) -> float:
         return float(getattr(self, name))
@@ -148,12 +169,34 @@ class FeGeometry:
         return FeGeometryError(f"{self.designation}: {name} {reason}")
 
 
-def fe_geometry(entry: CatalogueEntry) -> FeGeometry:
+def _race_radii(bearing: Bearing) -> tuple[float, float]:
+    """Return the radii of the inner and the outer race, m; without a contact angle they follow from the pitch."""
+    races = {"inner": bearing.inner_race_radius, "outer": bearing.outer_race_radius}
+    for race, side in (("inner", -0.5), ("outer", 0.5)):
+        if races[race] is None and bearing.contact_angle == 0.0:
+            races[race] = 0.5 * bearing.pitch_diameter + side * bearing.element_diameter
+    inner, outer = races["inner"], races["outer"]
+    if inner is None or outer is None:
+        missing = f"{bearing.designation}: {'inner' if inner is None else 'outer'}_race_radius is unknown"
+        raise FeGeometryError(f"{missing}, and does not follow from the pitch at a contact angle")
+    return inner, outer
+
+
+def fe_geometry(
+    entry: CatalogueEntry,
+    *,
+    modulus: float = STEEL_MODULUS,
+    poisson: float = STEEL_POISSON,
+    profile: Profile = "straight",
+    crown_radius: float | None = None,
+    edge_radius: float | None = None,
+    shoulder_height: float | None = None,
+) -> FeGeometry:
     """Return the dimensions of a bearing of the catalogue for finite elements.
 
     Race radii that the catalogue lacks follow from pitch and element diameter where the contact angle is zero. The
-    edge radius of rollers is that of NU 202 ECP in proportion to the diameter, the shoulders of grooves a fifth of the
-    ball's diameter: neither is in the catalogue.
+    edge radius of rollers is that of NU 202 ECP in proportion to the diameter unless given, the shoulders of grooves a
+    fifth of the ball's diameter: neither is in the catalogue.
 
     Raises:
         FeGeometryError: a dimension is unknown or contradicts another, or the bearing is a tapered one.
@@ -167,25 +210,18 @@ def fe_geometry(entry: CatalogueEntry) -> FeGeometry:
     if bearing.element == "roller" and bearing.rows == 1 and bearing.contact_angle != 0.0:
         raise FeGeometryError(f"{name}: contact_angle of rollers in one row is a tapered bearing, which has no mesh")
     bore, outside, width = entry.dimensions
-    radius = 0.5 * bearing.element_diameter
-    races = {"inner": bearing.inner_race_radius, "outer": bearing.outer_race_radius}
-    for race, side in (("inner", -1.0), ("outer", 1.0)):
-        if races[race] is None and bearing.contact_angle == 0.0:
-            races[race] = 0.5 * bearing.pitch_diameter + side * radius
-    inner, outer = races["inner"], races["outer"]
-    if inner is None or outer is None:
-        missing = "inner_race_radius" if inner is None else "outer_race_radius"
-        raise FeGeometryError(f"{name}: {missing} is unknown, and does not follow from the pitch at a contact angle")
+    inner, outer = _race_radii(bearing)
     roller = bearing.element == "roller"
-    edge = EDGE_RADIUS * bearing.element_diameter if roller else 0.0
+    edge = (EDGE_RADIUS * bearing.element_diameter if edge_radius is None else edge_radius) if roller else 0.0
     length = bearing.effective_length if bearing.effective_length is not None else entry.series_length
+    shoulder = SHOULDER_HEIGHT * bearing.element_diameter if shoulder_height is None else shoulder_height
     return FeGeometry(
         designation=name,
         element=bearing.element,
         n_elements=bearing.n_elements,
         rows=bearing.rows,
         contact_angle=bearing.contact_angle,
-        element_radius=radius,
+        element_radius=0.5 * bearing.element_diameter,
         inner_race_radius=inner,
         outer_race_radius=outer,
         bore_radius=0.5 * bore,
@@ -193,8 +229,12 @@ def fe_geometry(entry: CatalogueEntry) -> FeGeometry:
         width=width,
         inner_groove_radius=None if roller else bearing.inner_groove_radius,
         outer_groove_radius=None if roller else bearing.outer_groove_radius,
-        shoulder_height=0.0 if roller else SHOULDER_HEIGHT * bearing.element_diameter,
+        shoulder_height=0.0 if roller else shoulder,
         effective_length=length if roller else None,
         roller_length=length + 2.0 * edge if roller and length is not None else None,
         edge_radius=edge,
+        profile=profile,
+        crown_radius=crown_radius,
+        modulus=modulus,
+        poisson=poisson,
     )

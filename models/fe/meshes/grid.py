@@ -9,17 +9,19 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
 from models.fe.extra import require_skfem
-from models.fe.solid.shape import FeMesh
 from models.words.errors import WrongInputError
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+# skfem has no types: a MeshHex1 or MeshHex2 with named boundaries.
+FeMesh = Any
+Order = Literal[1, 2]
 # Places (3, ...) in m from reference coordinates (3, ...).
 Mapper = Callable[["NDArray[np.float64]"], "NDArray[np.float64]"]
 # Which facets, by the places of their four vertices, shape (3, 4, facets), belong to a boundary.
@@ -77,6 +79,11 @@ def fan(columns: int, lines: NDArray[np.float64]) -> FanSection:
     return FanSection(np.concatenate((squares, right, below), axis=2), steps, steps)
 
 
+def tensor_section(u: NDArray[np.float64], v: NDArray[np.float64]) -> FanSection:
+    """Return rows and columns with the given breaks, each from 0 to 1."""
+    return FanSection(lattice(u, v), v, u)
+
+
 def lattice(u: NDArray[np.float64], v: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the quadrilaterals between the lines u and v, shape (2, 4, (len(u) - 1) (len(v) - 1))."""
     corners = [np.meshgrid(a, b, indexing="ij") for b in (v[:-1], v[1:]) for a in (u[:-1], u[1:])]
@@ -93,36 +100,69 @@ def extrude(quads: NDArray[np.float64], lines: NDArray[np.float64]) -> NDArray[n
     return corners.reshape(3, 8, -1)
 
 
-def build(blocks: list[HexBlock], boundaries: Mapping[str, Chooser]) -> FeMesh:
-    """Return the mesh (MeshHex2: quadratic geometry) of joined blocks with named boundaries.
+def build(blocks: list[HexBlock], boundaries: Mapping[str, Chooser], order: Order = 2) -> FeMesh:
+    """Return the mesh of joined blocks with named boundaries.
 
     Args:
         blocks: may meet in whole faces; nodes there agree to ``JOINED`` of the body's size.
         boundaries: the first that chooses a facet on the surface has it.
+        order: 1 for ``MeshHex1``, 2 for ``MeshHex2`` (quadratic geometry).
 
     Raises:
         FeMeshError: an element is turned inside out, or a facet of the surface belongs to no boundary.
     """
     skfem = require_skfem()
+    if order not in (1, 2):
+        raise FeMeshError(f"order of a mesh must be 1 or 2, got {order!r}")
     blocks = [_right_handed(block) for block in blocks]
     vertices = _mapped(blocks, np.asarray(skfem.ElementHex1.doflocs))
     points, table = _joined(vertices)
     linear = skfem.MeshHex1(points, table)
-    element = skfem.ElementHex2()
-    unknowns = skfem.Dofs(linear, element)
-    nodes = np.empty((3, unknowns.N))
-    nodes[:, unknowns.element_dofs] = _mapped(blocks, np.asarray(element.doflocs))
-    # Vertices keep their numbers: they come first in the table of unknowns.
-    mesh = skfem.MeshHex2(nodes, linear.t)
+    if order == 1:
+        mesh = linear
+    else:
+        element = skfem.ElementHex2()
+        unknowns = skfem.Dofs(linear, element)
+        nodes = np.empty((3, unknowns.N))
+        nodes[:, unknowns.element_dofs] = _mapped(blocks, np.asarray(element.doflocs))
+        # Vertices keep their numbers: they come first in the table of unknowns.
+        mesh = skfem.MeshHex2(nodes, linear.t)
     _check_jacobian(mesh)
     return mesh.with_boundaries(_named(mesh, boundaries))
 
 
-def _check_jacobian(mesh: FeMesh) -> None:
-    """Raise where the Jacobian is not positive at 4^3 points of each element."""
+@dataclass(frozen=True)
+class MeshQuality:
+    """Size of a mesh, its volume, m^3, and the least Jacobian by the mean one of its element."""
+
+    elements: int
+    nodes: int
+    volume: float
+    least_jacobian: float
+
+
+def mesh_quality(mesh: FeMesh) -> MeshQuality:
+    """Return size, volume and least relative Jacobian of a mesh, at 4^3 points of each element."""
+    jacobian, weights = _jacobian(mesh)
+    volumes = jacobian @ weights
+    return MeshQuality(
+        elements=int(mesh.t.shape[1]),
+        nodes=int(mesh.doflocs.shape[1]),
+        volume=float(np.sum(volumes)),
+        least_jacobian=float(np.min(jacobian.min(axis=1) / volumes)),
+    )
+
+
+def _jacobian(mesh: FeMesh) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the determinant at quadrature points, (elements, points), and their weights, which sum to one."""
     skfem = require_skfem()
-    points, _ = skfem.quadrature.get_quadrature(skfem.refdom.RefHex, 7)
-    least = np.asarray(mesh.mapping().detDF(points)).min(axis=1)
+    points, weights = skfem.quadrature.get_quadrature(skfem.refdom.RefHex, 7)
+    return np.asarray(mesh.mapping().detDF(points)), np.asarray(weights)
+
+
+def _check_jacobian(mesh: FeMesh) -> None:
+    jacobian, _ = _jacobian(mesh)
+    least = jacobian.min(axis=1)
     if not np.all(least > 0.0):
         worst = int(np.argmin(least))
         where = np.mean(mesh.doflocs[:, mesh.t[:, worst]], axis=1)

@@ -1,4 +1,4 @@
-"""Mesh of a ring with one fine patch: half the ring, half as wide as the ring.
+"""Mesh of a ring with one fine patch: half the ring, or a sector, half as wide as the ring.
 
 The point at angle t from the contact and radius r is (r sin t, r cos t, z): the contact is at t = 0, z = 0, the plane
 x = 0 is one of symmetry. About the contact the section of angle and depth is a fan; from there plain rows follow the
@@ -18,13 +18,14 @@ from models.fe.meshes.grid import (
     FeMesh,
     FeMeshError,
     HexBlock,
+    Order,
     build,
     extrude,
     lattice,
     on_surface,
     within,
 )
-from models.fe.meshes.roller_mesh import fan_section
+from models.fe.meshes.roller_mesh import fan_section, row_lines
 from models.fe.meshes.sizing import ContactGrid, MeshRule, groove_reach, growing_lines
 
 if TYPE_CHECKING:
@@ -39,29 +40,47 @@ if TYPE_CHECKING:
 MAX_ROW_ANGLE = 0.35
 
 
-def ring_mesh(geometry: FeGeometry, race: Race, grid: ContactGrid, rule: MeshRule | None = None) -> FeMesh:
-    """Return half a ring from the contact at angle zero to the angle pi, from its middle to its side.
+def ring_mesh(
+    geometry: FeGeometry,
+    race: Race,
+    grid: ContactGrid,
+    rule: MeshRule | None = None,
+    order: Order = 2,
+    *,
+    angle: float = math.pi,
+    half: bool = True,
+) -> FeMesh:
+    """Return a ring from the contact at angle zero to ``angle``, from its middle to its side.
 
     Args:
         geometry: of the bearing.
         race: which ring.
         grid: of its contact.
         rule: growth, and the largest elements away from the contact.
+        order: 1 or 2, of the geometry.
+        angle: pi for half the ring, which the plane x = 0 ends too; less for a sector, which ends at boundary "cut".
+        half: False: at full width, from side to side.
 
     Boundaries: contact (the patch), race (the rest of it), shoulder (beside a groove), x0, z0, side, bore (inner ring)
-    or outside (outer ring).
+    or outside (outer ring), cut.
 
     Raises:
         FeMeshError: the sizes do not fit the ring.
     """
     rule = rule or MeshRule()
+    if not 0.0 < angle <= math.pi * (1.0 + 1e-12):
+        raise FeMeshError(f"angle of a ring must be above 0 and up to pi, got {angle!r}")
     radius, back = geometry.race_radius(race), geometry.back_radius(race)
     thickness = abs(back - radius)
     rise = race_rise(geometry, race)
     lines = ring_lines(geometry, race, grid, rule)
-    reference = _section(grid, radius * math.pi, thickness, rule, min(rule.coarse * thickness, MAX_ROW_ANGLE * radius))
-    place = _placed(geometry, race, rise, float(grid.x[-1]))
-    return build([HexBlock(extrude(reference, lines), place)], _boundaries(geometry, race, grid))
+    rows = min(rule.coarse * thickness, rule.max_size, MAX_ROW_ANGLE * radius)
+    reference = _section(grid, radius * angle, thickness, rule, rows)
+    place = _placed(geometry, race, rise, float(grid.x[-1]), angle)
+    mesh_lines = lines if half else np.concatenate((-lines[:0:-1], lines))
+    return build(
+        [HexBlock(extrude(reference, mesh_lines), place)], _boundaries(geometry, race, grid, angle, half), order
+    )
 
 
 def race_rise(geometry: FeGeometry, race: Race) -> Callable[[NDArray[np.float64]], NDArray[np.float64]]:
@@ -90,7 +109,7 @@ def ring_lines(geometry: FeGeometry, race: Race, grid: ContactGrid, rule: MeshRu
     end, side = float(grid.z[-1]), 0.5 * geometry.width
     if end > side * (1.0 + 1e-9):
         raise FeMeshError(f"{geometry.designation}: half length of contact {end!r} m exceeds half the width {side!r} m")
-    largest = side / 3.0
+    largest = min(rule.max_size, side / 3.0)
     stops = [side]
     if geometry.groove_radius(race) is not None:
         stops.insert(0, groove_reach(geometry, race))
@@ -104,10 +123,11 @@ def ring_lines(geometry: FeGeometry, race: Race, grid: ContactGrid, rule: MeshRu
 
 
 def _section(grid: ContactGrid, length: float, thickness: float, rule: MeshRule, largest: float) -> NDArray[np.float64]:
-    """Return quadrilaterals (2, 4, n) in length along the race and depth, m.
+    """Return quadrilaterals (2, 4, n) in length along the race and depth, m: in the rule's layout.
 
-    A fan fills the smaller of both; rows follow along the longer.
-    """
+    A fan fills the smaller of both; rows follow along the longer."""
+    if rule.layout == "rows":
+        return lattice(row_lines(grid, length, rule), row_lines(grid, thickness, rule))
     size = min(length, thickness)
     section = fan_section(grid, size, rule)
     last = size * (1.0 - 1.0 / max(rule.growth, 1.2))
@@ -126,12 +146,13 @@ def _placed(
     race: Race,
     rise: Callable[[NDArray[np.float64]], NDArray[np.float64]],
     exact: float,
+    angle: float,
 ) -> Callable[[NDArray[np.float64]], NDArray[np.float64]]:
     """Return the map of length along the race, depth and z to places in the ring."""
     radius, back = geometry.race_radius(race), geometry.back_radius(race)
     inwards = -1.0 if race == "inner" else 1.0
     thickness = abs(back - radius)
-    fade = min(4.0 * exact, radius * math.pi)
+    fade = min(4.0 * exact, radius * angle)
 
     def place(point: NDArray[np.float64]) -> NDArray[np.float64]:
         length, depth, z = point
@@ -149,7 +170,7 @@ def _placed(
     return place
 
 
-def _boundaries(geometry: FeGeometry, race: Race, grid: ContactGrid) -> dict[str, Chooser]:
+def _boundaries(geometry: FeGeometry, race: Race, grid: ContactGrid, angle: float, half: bool) -> dict[str, Chooser]:
     radius, back = geometry.race_radius(race), geometry.back_radius(race)
     rise = race_rise(geometry, race)
     inwards = -1.0 if race == "inner" else 1.0
@@ -161,6 +182,8 @@ def _boundaries(geometry: FeGeometry, race: Race, grid: ContactGrid) -> dict[str
     found["race"] = surface
     found["bore" if race == "inner" else "outside"] = on_surface(lambda p: np.hypot(p[0], p[1]) - back, radius)
     found["x0"] = on_surface(lambda p: p[0], radius)
-    found["z0"] = on_surface(lambda p: p[2], radius)
+    if half:
+        found["z0"] = on_surface(lambda p: p[2], radius)
     found["side"] = on_surface(lambda p: np.abs(p[2]) - 0.5 * geometry.width, radius)
+    found["cut"] = on_surface(lambda p: p[0] * math.cos(angle) - p[1] * math.sin(angle), radius)
     return found

@@ -18,14 +18,16 @@ from models.fe.meshes.grid import (
     FeMesh,
     FeMeshError,
     HexBlock,
+    Order,
     build,
     extrude,
     fan,
     lattice,
     on_surface,
+    tensor_section,
     within,
 )
-from models.fe.meshes.sizing import ContactGrid, MeshRule
+from models.fe.meshes.sizing import ContactGrid, MeshRule, growing_lines
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -37,8 +39,10 @@ _ARC = math.sqrt(0.5)
 _SIDE, _MIDDLE = 0.5, 0.42
 
 
-def roller_mesh(geometry: FeGeometry, grid: ContactGrid, rule: MeshRule | None = None) -> FeMesh:
-    """Return the eighth of a roller.
+def roller_mesh(
+    geometry: FeGeometry, grid: ContactGrid, rule: MeshRule | None = None, order: Order = 2, *, half: bool = True
+) -> FeMesh:
+    """Return the eighth of a roller, or with ``half=False`` the quarter x, y >= 0 at its full length.
 
     Boundaries: contact (the patch), race (the rest of the rolling surface), x0, y0, z0, side (the rounded edge and the
     end face).
@@ -50,10 +54,10 @@ def roller_mesh(geometry: FeGeometry, grid: ContactGrid, rule: MeshRule | None =
     radius = geometry.element_radius
     if geometry.effective_length is None or geometry.roller_length is None:
         raise FeMeshError(f"{geometry.designation}: a ball has no roller mesh")
+    section = contact_section(grid, _ARC * radius, (1.0 - _SIDE) * radius, rule)
+    rows = inner_rows(grid, _SIDE * radius, rule)
+    blocks = _disc(geometry, section, rows, float(grid.x[-1]), roller_lines(geometry, grid, half=half))
     end = 0.5 * geometry.roller_length
-    # Those of the contact, and the end beyond the rounded edge.
-    lines = grid.z if end <= grid.z[-1] * (1.0 + 1e-9) else np.append(grid.z, end)
-    blocks = _disc(geometry, fan_section(grid, _ARC * radius, rule), inner_rows(grid), float(grid.x[-1]), lines)
     straight = 0.5 * geometry.effective_length * (1.0 + 1e-9)
     surface = on_surface(lambda p: np.hypot(p[0], p[1]) - radius * _disc_share(geometry, p[2]), radius)
     outside: dict[str, Chooser] = {
@@ -61,10 +65,19 @@ def roller_mesh(geometry: FeGeometry, grid: ContactGrid, rule: MeshRule | None =
         "race": lambda p: surface(p) & np.all(np.abs(p[2]) <= straight, axis=0),
         "x0": on_surface(lambda p: p[0], radius),
         "y0": on_surface(lambda p: p[1], radius),
-        "z0": on_surface(lambda p: p[2], radius),
         "side": lambda p: np.all(np.abs(p[2]) > 0.5 * end, axis=0),
     }
-    return build(blocks, outside)
+    if half:
+        outside = {"z0": on_surface(lambda p: p[2], radius), **outside}
+    return build(blocks, outside, order)
+
+
+def roller_lines(geometry: FeGeometry, grid: ContactGrid, *, half: bool = True) -> NDArray[np.float64]:
+    """Return the lines along a roller, m: those of the contact and the end beyond the rounded edge."""
+    assert geometry.roller_length is not None
+    end = 0.5 * geometry.roller_length
+    lines = grid.z if end <= grid.z[-1] * (1.0 + 1e-9) else np.append(grid.z, end)
+    return lines if half else np.concatenate((-lines[:0:-1], lines))
 
 
 def fan_section(grid: ContactGrid, size: float, rule: MeshRule) -> FanSection:
@@ -82,9 +95,33 @@ def fan_section(grid: ContactGrid, size: float, rule: MeshRule) -> FanSection:
     return fan(grid.columns, np.concatenate(([inner, first], outer)) / size)
 
 
-def inner_rows(grid: ContactGrid) -> int:
-    """Return how many rows the blocks away from the contact have."""
-    return max(2, grid.columns // 2)
+def contact_section(grid: ContactGrid, width: float, depth: float, rule: MeshRule) -> FanSection:
+    """Return the section about a contact, of a given width and depth, m, in the rule's layout.
+
+    Raises:
+        FeMeshError: the section cannot hold the patch.
+    """
+    if rule.layout == "fan":
+        return fan_section(grid, width, rule)
+    return tensor_section(row_lines(grid, width, rule) / width, row_lines(grid, depth, rule) / depth)
+
+
+def row_lines(grid: ContactGrid, end: float, rule: MeshRule) -> NDArray[np.float64]:
+    """Return the lines of the contact's grid and growing ones from there to ``end``, m.
+
+    Raises:
+        FeMeshError: the patch is larger.
+    """
+    start = float(grid.x[-1])
+    if start > 0.95 * end:
+        raise FeMeshError(f"the patch reaches {start!r} m from the contact, the body holds {end!r} m")
+    size = min(rule.growth * (start - float(grid.x[-2])), rule.max_size)
+    return np.concatenate((grid.x, growing_lines(start, end, size, rule.growth, rule.max_size)[1:]))
+
+
+def inner_rows(grid: ContactGrid, length: float, rule: MeshRule) -> int:
+    """Return how many rows the blocks away from the contact have over a length, m."""
+    return max(2, grid.columns // 2 if rule.layout == "fan" else 1, math.ceil(length / rule.max_size))
 
 
 def _disc(

@@ -8,8 +8,8 @@ section 3.3).
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
@@ -20,6 +20,8 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from models.fe.meshes.geometry import FeGeometry, Race
+
+Layout = Literal["fan", "rows"]
 
 # Share of the shoulder's distance, and of the ball's radius, up to which a contact's grid may reach along the shaft.
 _GROOVE_REACH, _BALL_REACH = 0.97, 0.8
@@ -45,6 +47,9 @@ class MeshRule:
             indentation b^2 / (2 r) reaches; 0 ends the contact with the effective length, as the thesis does, and the
             pressure at the roller's end then grows with each refinement (the approach moves by 0.2 %).
         coarse: size of the largest elements away from the contact, by the thickness of the body.
+        max_size: size of the largest elements beyond the patch, m; layers of a fan are not limited.
+        layout: "fan", in which elements coarsen in all directions from the contact, or "rows": rows and columns through
+            the whole body, as in a mesh of one size, or of a local and a global one.
     """
 
     patch: float = 1.6
@@ -55,12 +60,16 @@ class MeshRule:
     end: float = 0.25
     over: int = 0
     coarse: float = 3.0
+    max_size: float = math.inf
+    layout: Layout = "fan"
 
     def __post_init__(self) -> None:
         """Refuse factors that make no mesh."""
-        for name in ("patch", "size", "along_patch", "end", "coarse"):
+        for name in ("patch", "size", "along_patch", "end", "coarse", "max_size"):
             if not getattr(self, name) > 0.0:
                 raise WrongInputError(f"mesh rule: {name} must be positive, got {getattr(self, name)!r}")
+        if self.layout not in ("fan", "rows"):
+            raise WrongInputError(f"mesh rule: layout must be fan or rows, got {self.layout!r}")
         if not 1.05 <= self.growth <= 5.0:
             raise WrongInputError(f"mesh rule: growth must be from 1.05 to 5, got {self.growth!r}")
         if self.size > self.patch * (1.0 + 1e-9):
@@ -77,6 +86,10 @@ class MeshRule:
         """Elements across the half patch: the least number of which none is larger than ``size`` times b."""
         return max(1, math.ceil(self.patch / self.size - 1e-9))
 
+    def key(self) -> dict[str, Any]:
+        """Return its values as JSON can hold them: a largest size without a bound is None."""
+        return {**asdict(self), "max_size": None if math.isinf(self.max_size) else self.max_size}
+
 
 # Cells on the rounded edge of a roller: without them the pressure at its end grows with each refinement.
 _OVER = 2
@@ -87,6 +100,26 @@ NAMED_RULES: dict[MeshName, MeshRule] = {
     "fine": MeshRule(patch=1.6, size=0.27, growth=1.5, along=7, over=_OVER),
 }
 """Elements across the half width of the contact: about 1, 2 and 4."""
+
+
+def chapter_rule(geometry: FeGeometry, race: Race, force: float, eta: float) -> MeshRule:
+    """Return the rule that the thesis found: one element over the half patch of a roller, g = l / eta elsewhere.
+
+    Rollers: w = l = 1.5 a, four layers on half the roller (Table 8, third row); balls: w = 1.5 b and 1.5 a, l = b
+    (Table 10, third row, found for tetrahedra; here two elements of 0.75 b).
+    """
+    _, half_width = half_sizes(geometry, race, force)
+    size = 1.5 if geometry.element == "roller" else 1.0
+    return MeshRule(
+        patch=1.5,
+        size=size,
+        growth=2.0,
+        along=4,
+        along_patch=1.5,
+        end=1.0,
+        max_size=size * half_width / eta,
+        layout="rows",
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -156,7 +189,7 @@ def contact_grid(geometry: FeGeometry, race: Race, force: float, rule: MeshRule 
             f"{geometry.element_radius!r} m: the load is too large for small strains, or the rule's patch is"
         )
     inside = np.linspace(0.0, width, rule.columns + 1)
-    x = np.append(inside, width + rule.growth * width / rule.columns)
+    x = np.append(inside, width + min(rule.growth * width / rule.columns, max(rule.max_size, width / rule.columns)))
     if geometry.groove_radius(race) is None:
         lines = np.concatenate((_line_layers(half_length, rule), _edge_layers(geometry, race, half_width, rule)))
         return ContactGrid(half_width, half_length, rule.columns, x, lines)
@@ -183,6 +216,33 @@ def groove_reach(geometry: FeGeometry, race: Race) -> float:
         return min(0.5 * geometry.width, 0.9 * groove)
     height = min(geometry.shoulder_height, groove)
     return min(math.sqrt(groove**2 - (groove - height) ** 2), 0.5 * geometry.width)
+
+
+def uniform_rule(geometry: FeGeometry, race: Race, force: float, size: float, along: int | None = None) -> MeshRule:
+    """Return the rule of elements of one size, m, throughout; ``along`` layers on half the contact, by default as many.
+
+    The patch is 1.5 half widths rounded up to whole elements, so that the cells of the contact are those of the mesh.
+
+    Raises:
+        WrongInputError: the size is not positive.
+    """
+    if not size > 0.0:
+        raise WrongInputError(f"size of elements must be positive, got {size!r} m")
+    half_length, half_width = half_sizes(geometry, race, force)
+    relative = size / half_width
+    columns = max(1, math.ceil(1.5 / relative))
+    reach = half_length if geometry.element == "roller" else 1.3 * half_length
+    layers = max(1, math.ceil(reach / size)) if along is None else along
+    return MeshRule(
+        patch=columns * relative,
+        size=relative,
+        growth=1.05,
+        along=layers,
+        along_patch=1.3,
+        end=1.0,
+        max_size=size,
+        layout="rows",
+    )
 
 
 def _line_layers(half_length: float, rule: MeshRule) -> NDArray[np.float64]:

@@ -12,6 +12,8 @@ from models.machine.hertz import contact_exponent, contact_forces, element_angle
 from models.words.numerics import find_root
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from numpy.typing import NDArray
 
     from models.machine.bearing import Bearing
@@ -107,3 +109,8 @@ def bearing_spring(bearing: Bearing, k_c: float, clearance: float = 0.0) -> Radi
     return RadialSpring(
         tuple((clearance + beyond).tolist()), tuple(force(clearance + float(x)) for x in beyond), clearance
     )
+
+
+def table_spring(loads: Sequence[float], displacement: Sequence[float], play: float = 0.0) -> RadialSpring:
+    """Return the spring of computed displacements, m, under loads, N, both ascending; it goes through each of them."""
+    return RadialSpring(tuple(displacement), tuple(loads), play)

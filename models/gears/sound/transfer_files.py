@@ -11,16 +11,20 @@ from __future__ import annotations
 import csv
 import io
 import math
+import os
+import tempfile
 import zipfile
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import IO, TYPE_CHECKING
 
 import numpy as np
 
 from models.gears.sound.transfer_vectors import TransferVectorError, TransferVectors
 
 if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable
+
     from numpy.typing import NDArray
 
 _NEEDED = ("microphone", "point", "frequency_hz", "real_pascal_per_m_per_s", "imag_pascal_per_m_per_s")
@@ -45,6 +49,37 @@ def read_transfer_vectors(path: Path | str) -> TransferVectors:
         return _read_npz(path) if path.suffix.lower() == ".npz" else _read_csv(path)
     except OSError as error:
         raise TransferVectorError(f"{path}: cannot be read ({error.strerror or error})") from error
+
+
+def write_transfer_vectors(path: Path | str, vectors: TransferVectors) -> None:
+    """Write transfer vectors, ``.npz`` or else CSV with all digits, replacing the file at once."""
+    path = Path(path)
+    if path.suffix.lower() == ".npz":
+        places = {name: getattr(vectors, name) for name in _PLACES if getattr(vectors, name) is not None}
+        arrays = {
+            "version": np.array(_VERSION),
+            "frequency": vectors.frequency,
+            "h": vectors.h,
+            "microphones": np.array(vectors.microphones),
+            "points": np.array(vectors.points),
+            "sound_speed": np.array(vectors.sound_speed),
+            "over_plane": np.array(vectors.over_plane),
+        }
+        _replace(path, lambda stream: np.savez_compressed(stream, **arrays, **places))
+    else:
+        lines = "\n".join(_csv_lines(vectors)) + "\n"
+        _replace(path, lambda stream: stream.write(lines.encode()))
+
+
+def _replace(path: Path, write: Callable[[IO[bytes]], object]) -> None:
+    handle, beside = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+    try:
+        with os.fdopen(handle, "wb") as stream:
+            write(stream)
+        Path(beside).replace(path)
+    except BaseException:
+        Path(beside).unlink(missing_ok=True)
+        raise
 
 
 def _read_npz(path: Path) -> TransferVectors:
@@ -132,6 +167,26 @@ def _assemble(
     owners = {"microphone_position": microphones, "point_position": points, "normal": points}
     known = {name: np.array([places[name][owner] for owner in owners[name]]) for name in _PLACES if places[name]}
     return replace(TransferVectors(np.array(frequency), h, microphones, points), **known)
+
+
+def _csv_lines(vectors: TransferVectors) -> Iterable[str]:
+    yield "# acoustic transfer vectors, exp(+i omega t), normals into the air"
+    yield f"{_SPEED}{vectors.sound_speed!r}"
+    if vectors.over_plane:
+        yield _PLANE
+    known = [name for name in _PLACES if getattr(vectors, name) is not None]
+    yield ",".join((*_NEEDED, *(column for name in known for column in _PLACES[name])))
+    for j, microphone in enumerate(vectors.microphones):
+        for k, point in enumerate(vectors.points):
+            rows = {name: getattr(vectors, name)[j if name == "microphone_position" else k] for name in known}
+            tail = "".join(f",{float(value)!r}" for row in rows.values() for value in row)
+            names = ",".join(_cell(name) for name in (microphone, point))
+            for f, value in zip(vectors.frequency, vectors.h[:, j, k], strict=True):
+                yield f"{names},{float(f)!r},{float(value.real)!r},{float(value.imag)!r}{tail}"
+
+
+def _cell(text: str) -> str:
+    return '"' + text.replace('"', '""') + '"' if any(sign in text for sign in ',"#') else text
 
 
 def _number(text: str, where: str) -> float:

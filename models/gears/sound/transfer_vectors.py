@@ -105,6 +105,25 @@ class TransferVectors:
             found[place] = np.einsum("i,ijk->jk", weights, near * np.exp(1j * turn))
         return found
 
+    def pressure(self, frequency: ArrayLike, velocity: ArrayLike) -> NDArray[np.complex128]:
+        """Return the pressures at the microphones, Pa, shape (frequencies, microphones).
+
+        Args:
+            frequency: (frequencies,) Hz, within those of the vectors.
+            velocity: (frequencies, points) complex normal velocity, m/s; amplitudes give amplitudes.
+
+        Raises:
+            TransferVectorError: for a frequency outside, or velocities of another shape.
+        """
+        f, v = np.atleast_1d(np.asarray(frequency, np.float64)), np.asarray(velocity, np.complex128)
+        if v.shape != (len(f), len(self.points)):
+            wanted = f"(frequencies, points) {(len(f), len(self.points))}"
+            raise TransferVectorError(f"velocity must have the shape {wanted}, got {v.shape}")
+        found = np.empty((len(f), len(self.microphones)), np.complex128)
+        for place in range(len(f)):
+            found[place] = self.at(f[place])[0] @ v[place]
+        return found
+
     def interpolation_error_db(self) -> NDArray[np.float64]:
         """Return what interpolation would miss at each inner frequency without it, dB, largest of the microphones.
 

@@ -10,6 +10,7 @@ import math
 import os
 import struct
 import tempfile
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -19,7 +20,7 @@ from models.words.checks import check_positive, check_whole
 from models.words.errors import WrongInputError
 
 if TYPE_CHECKING:
-    from numpy.typing import ArrayLike
+    from numpy.typing import ArrayLike, NDArray
 
 _COUNTS = 1 << 23
 _STATES = "spallwatch full_scale_pascal="
@@ -27,7 +28,16 @@ _MAX_BYTES = 0xFFFF_FFFF - 1024
 
 
 class WavError(WrongInputError):
-    """A pressure that a WAV file cannot hold."""
+    """A pressure that a WAV file cannot hold, or a file that is none of this module's."""
+
+
+@dataclass(frozen=True)
+class Sound:
+    """Pressure, Pa, shape (channels, samples), its rate, Hz, and the pressure at full scale, Pa."""
+
+    pressure: NDArray[np.float64]
+    rate: int
+    full_scale: float
 
 
 def full_scale_for(pressure: ArrayLike) -> float:
@@ -91,3 +101,51 @@ def _replace(path: Path, content: bytes) -> None:
     except BaseException:
         Path(beside).unlink(missing_ok=True)
         raise
+
+
+def read_wav(path: Path | str) -> Sound:
+    """Read a file that ``write_wav`` wrote, in Pa.
+
+    Raises:
+        WavError: if the file is no such WAV, is cut short or does not state its full scale.
+    """
+    content = Path(path).read_bytes()
+    if content[:4] != b"RIFF" or content[8:12] != b"WAVE":
+        raise WavError(f"{path}: expected a WAV file, got {content[:12]!r}")
+    chunks = _chunks(content, 12, str(path))
+    comments = _chunks(chunks.get(b"LIST", b"INFO"), 4, str(path))
+    comment = comments.get(b"ICMT", b"").rstrip(b"\0").decode("ascii", "replace")
+    if not comment.startswith(_STATES):
+        raise WavError(f"{path}: expected the comment '{_STATES}...' that states the full scale, got {comment!r}")
+    if b"fmt " not in chunks or b"data" not in chunks or len(chunks[b"fmt "]) < 16:
+        raise WavError(f"{path}: expected the chunks 'fmt ' and 'data', got {sorted(chunks)}")
+    kind, channels, rate, _, _, bits = struct.unpack("<HHIIHH", chunks[b"fmt "][:16])
+    if (kind, bits) != (1, 24):
+        raise WavError(f"{path}: expected 24-bit integers (format 1), got {bits} bits of format {kind}")
+    full_scale = _number(comment.removeprefix(_STATES), str(path))
+    data = np.frombuffer(chunks[b"data"], np.uint8).reshape(-1, 3)
+    counts = np.zeros((len(data), 4), np.uint8)
+    counts[:, 1:] = data
+    values = (counts.view("<i4").reshape(-1, channels) >> 8).T
+    return Sound(np.asarray(values * (full_scale / _COUNTS), np.float64), rate, full_scale)
+
+
+def _number(text: str, path: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not (math.isfinite(value) and value > 0.0):
+        raise WavError(f"{path}: expected a positive full_scale_pascal in the comment, got {text!r}")
+    return value
+
+
+def _chunks(content: bytes, start: int, path: str) -> dict[bytes, bytes]:
+    found: dict[bytes, bytes] = {}
+    while start + 8 <= len(content):
+        name, size = struct.unpack_from("<4sI", content, start)
+        if start + 8 + size > len(content):
+            raise WavError(f"{path}: the chunk {name!r} promises {size} bytes, {len(content) - start - 8} are there")
+        found[name] = content[start + 8 : start + 8 + size]
+        start += 8 + size + size % 2
+    return found

@@ -155,18 +155,22 @@ class ToothCrack(FaultOfOneTooth):
 
 @dataclass(frozen=True)
 class ToothSpall(FaultOfOneTooth):
-    """A spall with vertical walls on the flank of one tooth, about the reference circle and the middle of the face.
+    """A spall with vertical walls on the flank of one tooth.
 
     Attributes:
         length: along the profile (difference of radii), m.
         width: along the face, m.
         depth: m.
+        radius: of its middle, m; None for the reference circle.
+        place: of its middle along the face, m; None for the middle.
     """
 
     kind = "spall"
     length: float
     width: float
     depth: float
+    radius: float | None = None
+    place: float | None = None
 
     def __post_init__(self) -> None:
         """Raise a ValueError that names a field which cannot be."""
@@ -175,28 +179,39 @@ class ToothSpall(FaultOfOneTooth):
 
     def edges(self, face_width: float) -> tuple[float, ...]:
         """Return where it begins and ends along the face, m."""
-        middle = 0.5 * face_width
-        return max(middle - 0.5 * self.width, 0.0), min(middle + 0.5 * self.width, face_width)
+        middle = 0.5 * face_width if self.place is None else self.place
+        low, high = max(middle - 0.5 * self.width, 0.0), min(middle + 0.5 * self.width, face_width)
+        if low >= high:
+            raise ValueError(f"spall place must be on the face of {1e3 * face_width:.4g} mm, got {1e3 * middle:.4g} mm")
+        return low, high
 
     def effect(self, flank: Flank, tooth: int) -> Effect:
         """Return what it takes from the flank."""
-        across = np.abs(flank.radius - flank.profile.reference_radius) <= 0.5 * self.length
+        middle = flank.profile.reference_radius if self.radius is None else self.radius
+        if not flank.profile.form_radius <= middle <= flank.profile.tip_radius:
+            raise ValueError(
+                f"spall radius must be on the flank, {1e3 * flank.profile.form_radius:.5g} to "
+                f"{1e3 * flank.profile.tip_radius:.5g} mm, got {1e3 * middle:.5g} mm"
+            )
+        across = np.abs(flank.radius - middle) <= 0.5 * self.length
         along = flank.within(*self.edges(float(flank.edges[-1]))) > 0.5
         return Effect.of_gap(np.where(across & along, self.depth, 0.0))
 
 
 @dataclass(frozen=True)
 class Pitting(FaultOfOneTooth):
-    """Pits on a band of a flank about the reference circle: they carry nothing, the rest of the face does.
+    """Pits on a band of the flank of one tooth: they carry nothing, the rest of the face does.
 
     Attributes:
         share: of the band's area that is pitted.
         length: of the band along the profile (difference of radii), m.
+        radius: of its middle, m; None for the reference circle.
     """
 
     kind = "pitting"
     share: float
     length: float
+    radius: float | None = None
 
     def __post_init__(self) -> None:
         """Raise a ValueError that names a field which cannot be."""
@@ -208,7 +223,8 @@ class Pitting(FaultOfOneTooth):
 
     def effect(self, flank: Flank, tooth: int) -> Effect:
         """Return what no longer carries."""
-        inside = np.abs(flank.radius - flank.profile.reference_radius) <= 0.5 * self.length
+        middle = flank.profile.reference_radius if self.radius is None else self.radius
+        inside = np.abs(flank.radius - middle) <= 0.5 * self.length
         cover = np.where(inside, 1.0 - self.share, 1.0)
         return Effect(np.zeros_like(cover), cover, np.zeros_like(cover))
 

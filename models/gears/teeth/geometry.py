@@ -224,6 +224,15 @@ class GearPair:
         """Total contact ratio eps_gamma."""
         return self.transverse_contact_ratio + self.overlap_ratio
 
+    @property
+    def valid_foundation(self) -> tuple[bool, bool]:
+        """Whether Sainsot's fits of the body's deflection cover the driver and the driven wheel."""
+        covered = (
+            1.4 <= p.root_radius / w.hub_radius <= 7.0 and 0.01 <= p.root_half_angle <= 0.12 for _, w, p in self._sides
+        )
+        first, second = covered
+        return first, second
+
     def stations(self, samples: int) -> Array:
         """Return phases of a pitch at which the mesh is computed, shape (samples,): 0, 1 / samples ..."""
         check_whole(samples, "samples", 4)

@@ -7,7 +7,8 @@ of shafts. Faulty teeth are met by sound ones of the other wheel, see ``models.g
 
 ISO 6336-1, method B, is an approximation for steel gears, against which the models are held: c' is the largest
 stiffness of a single pair, c_gamma the mean stiffness of the mesh, both for a face of unit width and in the transverse
-section along the line of action. Valid for 100 N/mm and more of specific load.
+section along the line of action. Valid for 100 N/mm and more of specific load; below it the standard lets both fall
+with the fourth root.
 """
 
 from __future__ import annotations
@@ -29,6 +30,7 @@ if TYPE_CHECKING:
 
 # N/(mm um) to N/m per m of face.
 _UNIT = 1e9
+_LIMIT_LOAD = 100e3
 _STEEL = 206e9
 # Theory against measurement, c' over c'_th.
 _MEASURED = 0.8
@@ -41,16 +43,23 @@ class IsoStiffness:
     Attributes:
         single: c'.
         mesh: c_gamma_alpha, the mean of the mesh.
+        valid: whether the standard's ranges of profile shift and of load are kept.
     """
 
     single: float
     mesh: float
+    valid: bool
 
 
-def iso_stiffness(pair: GearPair) -> IsoStiffness:
-    """Return c' and c_gamma_alpha of solid wheels with the pair's rack and modulus under a load within their range.
+def iso_stiffness(pair: GearPair, tangential_force: float | None = None) -> IsoStiffness:
+    """Return c' and c_gamma_alpha of solid wheels with the pair's rack and modulus.
 
-    The smaller wheel counts as the standard's first.
+    Args:
+        pair: the gears; the smaller wheel counts as the standard's first.
+        tangential_force: F_t K_A at the reference circle, N; None for a load within the standard's range.
+
+    Raises:
+        ValueError: where the force is not positive.
     """
     first, second = sorted(pair.wheels, key=lambda wheel: wheel.teeth)
     helix = math.cos(pair.base_helix_angle) ** 2 * math.cos(pair.helix_angle)
@@ -62,7 +71,13 @@ def iso_stiffness(pair: GearPair) -> IsoStiffness:
     rack = (1.0 + 0.5 * (1.2 - pair.rack.dedendum)) * (1.0 - 0.02 * (20.0 - math.degrees(pair.pressure_angle)))
     moduli = 2.0 * first.modulus * second.modulus / (first.modulus + second.modulus)
     single = _UNIT * _MEASURED * rack * math.cos(pair.helix_angle) * moduli / _STEEL / compliance
-    return IsoStiffness(single, single * (0.75 * pair.transverse_contact_ratio + 0.25))
+    valid = x1 >= x2 and -0.5 <= x1 + x2 <= 2.0
+    if tangential_force is not None:
+        check_positive(tangential_force=tangential_force)
+        load = tangential_force / pair.face_width
+        single *= min(load / _LIMIT_LOAD, 1.0) ** 0.25
+        valid = valid and load >= _LIMIT_LOAD
+    return IsoStiffness(single, single * (0.75 * pair.transverse_contact_ratio + 0.25), valid)
 
 
 if TYPE_CHECKING:
@@ -85,12 +100,14 @@ class LoadedMesh:
     Attributes:
         stiffness: secant or tangent, as the method says, N/m, shape (n,).
         error: e of ``models.gears.teeth.mesh``, m, shape (n,).
+        no_load_error: transmission error without load, m, shape (n,).
         loaded_error: approach of the base circles under the force, m, shape (n,): the loaded transmission error.
         forces: of the tooth pairs, N, shape (n, pairs); pair j has been in contact for j pitches.
     """
 
     stiffness: Array
     error: Array
+    no_load_error: Array
     loaded_error: Array
     forces: Array
 
@@ -233,7 +250,7 @@ class _Grid:
             stiffness = 1.0 / (1.0 / shared.slope + body)
             error = approach - force / stiffness
         forces = shared.forces.reshape(len(approach), self.cover.shape[1], -1).sum(axis=2)
-        return LoadedMesh(stiffness, error, approach, forces)
+        return LoadedMesh(stiffness, error, shared.contact, approach, forces)
 
 
 def _edges(pair: GearPair, method: StiffnessMethod, faults: Sequence[GearFault]) -> Array:

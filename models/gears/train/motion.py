@@ -118,6 +118,21 @@ class TrainMotion:
         angles = np.array([name.endswith(".angle") for name in self.names])
         return self.displacement @ (matrices(self.train).drive * angles).T
 
+    @property
+    def axial_force(self) -> Array:
+        """Force of each mesh along the axes of helical wheels, to which no body yields, N, 0 of spur wheels, (N, m)."""
+        return self.mesh_force * np.tan([mesh.base_helix for mesh in self.train.meshes])
+
+    def speed(self, body: str) -> Array:
+        """Return the speed of a body beside its mean speed, Hz, (N,); 0 where it turns at the mean speed exactly.
+
+        Raises:
+            ValueError: if there is no such body; the message names those that there are.
+        """
+        if not self.train.body(body).rotates:
+            return np.zeros(len(self.velocity))
+        return self.of(f"{body}.angle", "velocity") / (2.0 * math.pi)
+
     def bearing_forces(self) -> dict[str, Array]:
         """Return the forces of the supports on the casing, springs and dampers, N, by name: x and y, (N, 2)."""
         found = support_forces(self.train, self.displacement, self.velocity)

@@ -148,6 +148,7 @@ class Mesh:
             touch. With 0 the teeth never separate: the mesh is a linear spring.
         damps_without_contact: whether the damping acts where no flanks touch, as in most published models of one pair.
         driver_start, driven_start: turns of the wheels at time 0 from where a tooth begins its mesh.
+        base_helix: helix angle on the base cylinder, rad: the axial force is the transverse one times its tangent.
     """
 
     driver: str
@@ -160,11 +161,12 @@ class Mesh:
     damps_without_contact: bool = False
     driver_start: float = 0.0
     driven_start: float = 0.0
+    base_helix: float = 0.0
 
     def __post_init__(self) -> None:
         """Raise a ValueError that names an unusable field."""
         check_numbers(self, f"{self.name}: ", "not negative", "damping")
-        check_numbers(self, f"{self.name}: ", "finite", "line_of_action", "driver_start", "driven_start")
+        check_numbers(self, f"{self.name}: ", "finite", "line_of_action", "driver_start", "driven_start", "base_helix")
         if self.driver == self.driven:
             raise ValueError(f"{self.name}: driver and driven are the same wheel")
         if not self.backlash >= 0.0:
@@ -325,6 +327,11 @@ class GearTrain:
     def mesh_frequencies(self) -> dict[str, float]:
         """Return the mean mesh frequency of each mesh, Hz, by name."""
         return {name: order * self.speed for name, order in self.mesh_orders(self.drive).items()}
+
+    def hunting_tooth_frequencies(self) -> dict[str, float]:
+        """Return how often the same two teeth of each mesh meet, Hz: f_mesh / lcm(z1, z2)."""
+        teeth = {mesh.name: (self.wheel(mesh.driver).teeth, self.wheel(mesh.driven).teeth) for mesh in self.meshes}
+        return {name: value / math.lcm(*teeth[name]) for name, value in self.mesh_frequencies().items()}
 
     def torques(self) -> dict[str, float]:
         """Return the torque on each body, N m, by name: as given, and of the drive what keeps the mean speed.

@@ -21,7 +21,7 @@ from models.words.checks import check_positive
 from models.words.numerics import fast_length
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Iterator, Mapping, Sequence
     from typing import Self
 
     from numpy.typing import NDArray
@@ -105,19 +105,29 @@ class FrequencyResponses:
         weight = (frequency - self.frequency[low]) / (self.frequency[low + 1] - self.frequency[low])
         return low, weight
 
-    def apply(self, forces: Array, rate: float) -> tuple[Array, Array]:
-        """Return the outputs in time of inputs in time, and what is left out, by the transform of the whole record.
+    def interpolation_error(self) -> Array:
+        """Return the estimated error of interpolation, of the greatest response of a pair, shape (outputs, inputs).
 
-        There is nothing before the record, and the outputs begin at rest; zeros are appended for as long as the lines
-        can tell, one over their least distance.
+        It is a quarter of the error with which every other line is interpolated from its neighbours: the error falls
+        with the square of the distance. Lines that are too far apart to show a resonance at all are not noticed.
+        """
+        if self.frequency.size < 3:
+            return np.full(self.h.shape[1:], np.inf)
+        f = self.frequency
+        share = ((f[1:-1] - f[:-2]) / (f[2:] - f[:-2]))[:, None, None]
+        missed = np.abs(self.h[1:-1] - (1.0 - share) * self.h[:-2] - share * self.h[2:]).max(axis=0)
+        greatest = np.abs(self.h).max(axis=0)
+        return 0.25 * missed / np.where(greatest > 0.0, greatest, 1.0)
+
+    def apply(self, forces: Array, rate: float, *, periodic: bool = False) -> Transferred:
+        """Return the outputs in time of inputs in time, through the Fourier transform of the whole record.
 
         Args:
             forces: shape (inputs, samples), in the unit and order of the inputs.
             rate: of the samples, Hz.
-
-        Returns:
-            Outputs, shape (outputs, samples), and the share of the mean square of each input, its mean left out, that
-            lies outside the band and gives nothing, shape (inputs,).
+            periodic: whether the record is one period of what goes on for ever, so that its end meets its beginning.
+                Otherwise there is nothing before it and the outputs begin at rest; zeros are appended for as long as
+                the lines can tell, one over their least distance.
 
         Raises:
             ValueError: the shape does not fit, a value is not finite, the rate not positive or the lines too near.
@@ -131,14 +141,14 @@ class FrequencyResponses:
         if not np.isfinite(forces).all():
             raise ValueError("forces must be finite")
         samples = forces.shape[1]
-        closest = np.diff(self.frequency).min()
-        memory = int(np.ceil(rate / closest))
+        memory = 0 if periodic else int(np.ceil(rate / np.diff(self.frequency).min()))
         if samples + memory > MAX_SAMPLES:
+            closest = np.diff(self.frequency).min()
             raise ValueError(
                 f"lines {closest:g} Hz apart with {samples} samples at {rate:g} Hz need a transform of more than "
                 f"{MAX_SAMPLES} samples"
             )
-        length = fast_length(samples + memory)
+        length = samples if periodic else fast_length(samples + memory)
         spectrum = np.asarray(np.fft.rfft(forces, length), np.complex128)
         frequency = np.asarray(np.fft.rfftfreq(length, 1.0 / rate), np.float64)
         outside = _outside(spectrum, self.inside(frequency), length)
@@ -147,7 +157,26 @@ class FrequencyResponses:
         for start in range(0, kept.size, _LINES_AT_ONCE):
             part = kept[start : start + _LINES_AT_ONCE]
             answer[:, part] = np.einsum("foi,if->of", self.at(frequency[part]), spectrum[:, part])
-        return np.asarray(np.fft.irfft(answer, length)[:, :samples], np.float64), outside
+        values = np.asarray(np.fft.irfft(answer, length)[:, :samples], np.float64)
+        return Transferred(values, rate, self.outputs, self.output_unit, outside)
+
+    def lines(self, frequency: Array, amplitudes: Complex) -> TransferredLines:
+        """Return the complex amplitudes of the outputs for lines of the inputs.
+
+        Args:
+            frequency: of the lines, Hz, shape (n,).
+            amplitudes: of the inputs, shape (n, inputs), with the time factor exp(+i omega t).
+
+        Raises:
+            ValueError: the shape does not fit.
+        """
+        frequency, amplitudes = np.asarray(frequency, np.float64), np.asarray(amplitudes, np.complex128)
+        if amplitudes.shape != (frequency.size, len(self.inputs)) or frequency.ndim != 1:
+            raise ValueError(
+                f"amplitudes must have shape (n, inputs) = {(frequency.size, len(self.inputs))}, got {amplitudes.shape}"
+            )
+        found = np.einsum("foi,fi->fo", self.at(frequency), amplitudes)
+        return TransferredLines(frequency, found, self.inside(frequency), self.outputs, self.output_unit)
 
     def select(self, outputs: Sequence[str] | None = None, inputs: Sequence[str] | None = None) -> Self:
         """Return the responses of some outputs to some inputs, in the order given.
@@ -158,6 +187,42 @@ class FrequencyResponses:
         kept = _indices(self.outputs, outputs, "output"), _indices(self.inputs, inputs, "input")
         names = tuple(self.outputs[i] for i in kept[0]), tuple(self.inputs[i] for i in kept[1])
         return replace(self, h=self.h[:, kept[0]][:, :, kept[1]], outputs=names[0], inputs=names[1])
+
+    def distributed(self, shares: Mapping[str, Mapping[str, float]]) -> Self:
+        """Return the responses to new inputs, each of which is shared out to inputs of this.
+
+        Such as a force on a shaft to its two bearings: ``{"shaft.x": {"left.x": 0.4, "right.x": 0.6}}``.
+
+        Raises:
+            ValueError: a share goes to an unknown input or is not finite.
+        """
+        matrix = np.zeros((len(self.inputs), len(shares)))
+        for column, parts in enumerate(shares.values()):
+            for name, row in zip(parts, _indices(self.inputs, tuple(parts), "input"), strict=True):
+                matrix[row, column] = parts[name]
+        if not np.isfinite(matrix).all():
+            raise ValueError(f"shares must be finite, got {shares!r}")
+        return replace(self, h=self.h @ matrix, inputs=tuple(shares))
+
+    def then(self, after: FrequencyResponses) -> FrequencyResponses:
+        """Return the chain of these responses and others whose inputs are outputs of these.
+
+        It has the lines of these in the band that both have; the others are interpolated there.
+
+        Raises:
+            ValueError: units or names do not meet, or fewer than two lines are in both bands.
+        """
+        if after.input_unit != self.output_unit:
+            raise ValueError(f"inputs that follow must be in {self.output_unit}, got {after.input_unit}")
+        common = after.inside(self.frequency)
+        if np.count_nonzero(common) < 2:
+            raise ValueError("bands of a chain must have two lines in common, got {:g} to {:g} and {:g} to {:g} Hz"
+                             .format(*self.band, *after.band))  # fmt: skip
+        first = self.select(after.inputs).h[common]
+        h = after.at(self.frequency[common]) @ first
+        return FrequencyResponses(
+            self.frequency[common], h, after.outputs, self.inputs, after.output_unit, self.input_unit
+        )
 
     def in_unit(self, unit: str) -> Self:
         """Return the responses of a motion as displacement, velocity or acceleration.
@@ -173,6 +238,63 @@ class FrequencyResponses:
             raise ValueError(f"responses in {self.output_unit} at 0 Hz do not tell those in {unit}")
         omega = 2j * np.pi * self.frequency
         return replace(self, h=self.h * (omega**order)[:, None, None], output_unit=unit)
+
+
+@dataclass(frozen=True, eq=False)
+class Transferred:
+    """Outputs in time.
+
+    Attributes:
+        values: shape (outputs, samples).
+        rate: Hz.
+        outside: share of the mean square of each input, its mean left out, that lies outside the band and gives
+            nothing, shape (inputs,).
+    """
+
+    values: Array
+    rate: float
+    outputs: tuple[str, ...]
+    unit: str
+    outside: Array
+
+
+@dataclass(frozen=True, eq=False)
+class TransferredLines:
+    """Outputs of single lines.
+
+    Attributes:
+        frequency: Hz, shape (n,).
+        amplitudes: complex, shape (n, outputs), zero where a line is outside the band.
+        inside: which lines are in the band, shape (n,).
+    """
+
+    frequency: Array
+    amplitudes: Complex
+    inside: NDArray[np.bool_]
+    outputs: tuple[str, ...]
+    unit: str
+
+
+def joined(parts: Sequence[FrequencyResponses]) -> FrequencyResponses:
+    """Return responses of the same lines and inputs but different outputs as one.
+
+    Raises:
+        ValueError: there is none, or lines, inputs or units differ.
+    """
+    if not parts:
+        raise ValueError("responses to join: expected one at least, got none")
+    first = parts[0]
+    for part in parts[1:]:
+        if not np.array_equal(part.frequency, first.frequency):
+            raise ValueError("responses to join must have the same lines")
+        for field in ("inputs", "input_unit", "output_unit"):
+            if getattr(part, field) != getattr(first, field):
+                raise ValueError(
+                    f"responses to join must have the same {field}, got {getattr(first, field)!r} "
+                    f"and {getattr(part, field)!r}"
+                )
+    h = np.concatenate([part.h for part in parts], axis=1)
+    return replace(first, h=h, outputs=tuple(name for part in parts for name in part.outputs))
 
 
 def _indices(known: tuple[str, ...], wanted: Sequence[str] | None, kind: str) -> list[int]:

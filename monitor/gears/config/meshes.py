@@ -99,6 +99,12 @@ class PairModel:
         return self.geometry.backlash if self.geometry is not None and self.geometry.backlash > 0.0 else math.inf
 
     @property
+    def base_helix(self) -> float:
+        """Helix angle on the base cylinder, rad."""
+        sine = math.sin(math.radians(self.section.helix_angle_deg))
+        return math.asin(sine * math.cos(math.radians(self.section.pressure_angle_deg)))
+
+    @property
     def contact_ratio(self) -> float | None:
         """Total contact ratio, None where it is not known."""
         return self.section.contact_ratio if self.geometry is None else self.geometry.contact_ratio

@@ -321,6 +321,7 @@ class TrainBuilder:
                 backlash=model.backlash,
                 driver_start=starts[0],
                 driven_start=starts[1],
+                base_helix=model.base_helix,
             )
 
     @staticmethod

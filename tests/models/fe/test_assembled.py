@@ -66,6 +66,7 @@ def test_a_passage_and_a_series_of_loads_are_the_analytic_ones():
     wanted = stiffness_against_load(bearing, [500.0, 2000.0], k_c, clearance=1e-5, points=8)
     np.testing.assert_allclose(displacement, wanted[0], rtol=1e-8)
     np.testing.assert_allclose(stiffness, wanted[1], atol=1e-6 * wanted[1].max())
+    np.testing.assert_allclose(found.load_distribution(500.0).loads, found.state(500.0).loads)
 
 
 def test_linear_contacts_on_rings_that_yield_solve_the_linear_complementarity():
@@ -133,6 +134,18 @@ def test_a_stiffness_on_a_shaft_is_symmetric_and_less_than_on_rings_that_do_not_
     assert state.displacement[0] > rigid.displacement[0]
 
 
+def test_an_element_over_a_pit_carries_less():
+    bearing, gaps = flexible(), np.zeros(10)
+    gaps[0] = 5e-6
+    healthy, damaged = bearing.state(3000.0), bearing.state(3000.0, gaps=gaps)
+    assert damaged.converged
+    assert damaged.loads[0] < healthy.loads[0]
+    assert damaged.loads[1] > healthy.loads[1]
+    # A pit that no load reaches the bottom of leaves the element free.
+    gaps[0] = 1e-3
+    assert bearing.state(3000.0, gaps=gaps).loads[0] == 0.0
+
+
 def test_no_load_leaves_a_loose_bearing_without_stiffness():
     state = flexible(clearance=1e-5).state(0.0)
     assert state.converged
@@ -146,6 +159,7 @@ def test_a_load_beyond_the_law_is_not_called_converged():
     beyond = bearing.state(4000.0)
     assert beyond.status == "outside_law"
     assert not beyond.converged
+    assert np.all(np.isnan(bearing.load_distribution(4000.0).loads))
     displacement, stiffness = bearing.stiffness_against_load([1000.0, 4000.0], points=4)
     assert np.isfinite(displacement).tolist() == [True, False]
     assert np.isfinite(stiffness[:, 0, 0]).tolist() == [True, False]
@@ -181,6 +195,8 @@ def test_wrong_input_is_refused_by_name():
     bearing = flexible()
     with pytest.raises(WrongInputError, match="load"):
         bearing.state(-1.0)
+    with pytest.raises(WrongInputError, match="gap of each of 10"):
+        bearing.state(1.0, gaps=np.zeros(3))
     with pytest.raises(WrongInputError, match="n_elements 2"):
         AssembledBearing(bearing.law, 2)
     with pytest.raises(WrongInputError, match="clearance"):

@@ -73,7 +73,7 @@ def test_the_meshes_serve_all_loads_and_no_more(lowest: float, highest: float):
         assert loads[-2] * MAX_SHARE < highest
 
 
-def test_the_gap_is_that_of_circles():
+def test_the_gap_is_that_of_circles_and_of_the_profile():
     cells = ContactCells.grid(np.array([0.0, 1e-4, 2e-4]), np.array([0.0, 1e-3, 2e-3]))
     for geometry in (ROLLER, BALL):
         for race, sign in (("inner", 1.0), ("outer", -1.0)):
@@ -85,6 +85,9 @@ def test_the_gap_is_that_of_circles():
             gap = surface_gap(geometry, race, cells)  # pyright: ignore[reportArgumentType]
             # Parabolas, and the next order of the circles: 5 % on a ball at z = 0.3 r.
             np.testing.assert_allclose(gap, 0.5 * (rolling * x2 + curvature * z2), rtol=0.1)
+    crowned = fe_geometry(catalogue_entry("NU 202 ECP"), profile="crowned", crown_radius=1.0)
+    drop = surface_gap(crowned, "inner", cells) - surface_gap(ROLLER, "inner", cells)
+    np.testing.assert_allclose(drop, (cells.z0**2 + cells.z0 * cells.z1 + cells.z1**2) / 6.0, rtol=1e-6)
 
 
 @needs_extra

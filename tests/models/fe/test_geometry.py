@@ -50,6 +50,7 @@ def test_contradictions_are_named():
         ({"effective_length": 6.1e-3}, "effective_length"),
         ({"roller_length": 12e-3}, "effective_length"),
         ({"edge_radius": 0.1e-3}, "roller_length"),
+        ({"profile": "crowned"}, "crown_radius"),
         ({"poisson": 0.5}, "poisson"),
     ):
         with pytest.raises(FeGeometryError, match=name):
@@ -62,12 +63,17 @@ def test_contradictions_are_named():
             replace(ball, **wrong)
 
 
-def test_rounded_edges_of_rollers():
+def test_profiles_of_rollers():
     roller = fe_geometry(catalogue_entry("NU 202 ECP"))
     z = np.array([-2.8e-3, 0.0, 2.8e-3, 2.9e-3, 3.0e-3, 3.1e-3])
     rounded = 0.2e-3 - math.sqrt(0.03) * 1e-3
     assert roller.drop(z)[:5] == pytest.approx([0.0, 0.0, 0.0, rounded, 0.2e-3], abs=1e-12)
     assert roller.drop(z)[5] == math.inf
+    crowned = replace(roller, profile="crowned", crown_radius=1.0)
+    assert crowned.drop(np.array([2e-3])) == pytest.approx(2e-6)
+    logarithmic = replace(roller, profile="logarithmic")
+    # ISO 16281: at half the half length, 0.00035 * 5.5 mm * ln(1 / (1 - 0.25)).
+    assert logarithmic.drop(np.array([1.4e-3])) == pytest.approx(0.00035 * 5.5e-3 * math.log(4.0 / 3.0))
     ball = fe_geometry(catalogue_entry("6210"))
     with pytest.raises(FeGeometryError, match="effective_length"):
         ball.drop(z)

@@ -20,7 +20,7 @@ GEOMETRY = oblique_geometry(ENTRY)
 LAW = ElementLaw.from_power(K_C, 1.5, 1e-3, 1e9)
 
 
-NONE = RowInfluence(np.zeros(12), np.zeros(12))
+NONE = RowInfluence.none(12)
 
 
 def rigid(angle: float = GEOMETRY.contact_angle, axial: Axial = "free") -> SelfAligning:
@@ -135,7 +135,7 @@ def test_what_does_not_fit_is_refused() -> None:
     with pytest.raises(ValueError, match="land_radius must lie within"):
         replace(GEOMETRY, land_radius=30e-3)
     with pytest.raises(ValueError, match="influence must have 12 values"):
-        SelfAligning(LAW, 12, 0.1, RowInfluence(np.zeros(11), np.zeros(11)))
+        SelfAligning(LAW, 12, 0.1, RowInfluence.none(11))
     with pytest.raises(ValueError, match="load must be finite and positive"):
         rigid().state(0.0)
     with pytest.raises(ValueError, match="axial must be one of"):

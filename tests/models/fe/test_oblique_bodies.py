@@ -7,21 +7,19 @@ import pytest
 
 from models.fe.bearings.oblique import oblique_geometry
 from models.fe.bearings.oblique_bodies import (
-    ObliqueContact,
     _gap,
     _slope,
-    ball_law,
+    fitted_law,
     groove_height,
     largest_ball_load,
     oblique_contact,
-    race_displacement,
     single_row,
 )
 from models.fe.bearings.oblique_mesh import axial_lines, contact_frame, oblique_ring_mesh, race_profile
+from models.fe.bearings.self_aligning import row_influence
 from models.fe.extra import has_extra
 from models.fe.meshes.grid import FeMeshError
 from models.fe.meshes.sizing import MeshRule, contact_grid
-from models.fe.solid.contact import ContactState
 from models.fe.solid.elastic import FeError
 from models.machine import hertz
 from models.machine.bearing import catalogue_entry
@@ -78,38 +76,26 @@ def test_coarse_contact_is_near_hertz_and_its_ring_passes_little_on() -> None:
     assert state.force == pytest.approx(100.0)
     approach = (400.0 / hertz.point_contact_stiffness(*GEOMETRY.relative_radii[0], "elliptic")) ** (2 / 3)
     assert state.approach == pytest.approx(approach, rel=0.15)
-    assert asymmetry(contact, state) < 1e-2
-    same, other = race_displacement(GEOMETRY, contact)
-    assert 0.0 < 2.0 * np.abs(same).max() < 1e-2 * state.approach / 400.0
-    np.testing.assert_allclose(other, other[::-1])
-
-
-def asymmetry(contact: ObliqueContact, state: ContactState) -> float:
-    """How differently the ring yields on both sides, as a share of the approach, root mean square by the pressure.
-
-    Its rolling part (proportional to z) is taken off, which the ball follows by rolling along the groove.
-    """
-    upper, lower = contact.loads
-    u = contact.ring.solve((upper + lower) @ state.pressure)
-    odd = 0.5 * ((upper - lower).T @ u) / contact.cells.area
-    weight, z = state.pressure * contact.cells.area, contact.cells.centre[1]
-    odd = odd - z * float(weight @ (odd * z)) / float(weight @ z**2)
-    return float(np.sqrt(weight @ odd**2 / weight.sum())) / state.approach
+    assert contact.asymmetry(state) < 1e-2
+    influence = row_influence(GEOMETRY, contact, contact)
+    assert 0.0 < np.abs(influence.same).max() < 1e-2 * state.approach / 400.0
+    np.testing.assert_allclose(influence.other, influence.other[::-1])
 
 
 def test_law_of_a_ball_is_recovered_and_its_noise_reported() -> None:
     loads = np.array([7.0, 15.0, 30.0, 60.0, 120.0, 240.0])
     exact = 3.2e-7 * loads ** (2 / 3) - 1.4e-9 * loads
-    fit = ball_law(loads, exact)
-    assert fit.approach_of(loads) == pytest.approx(exact, rel=1e-6)
-    assert fit.mesh_error < 1e-12
-    noisy = ball_law(loads, exact * (1 + 0.01 * np.array([1, -1, 1, -1, 1, -1])))
-    assert 0.005 < noisy.mesh_error < 0.015
-    force, tangent = noisy.force(np.array([1e-9, 5e-6]))
+    fit = fitted_law(loads, exact)
+    assert (fit.hertz, fit.depth) == pytest.approx((3.2e-7, 1.4e-9), rel=1e-9)
+    assert fit.residual < 1e-12
+    noisy = fitted_law(loads, exact * (1 + 0.01 * np.array([1, -1, 1, -1, 1, -1])))
+    assert 0.005 < noisy.residual < 0.015
+    force, tangent = noisy.law().force(np.array([1e-9, 5e-6]))
     # Hertz's exponent holds down to nothing, whatever the noise.
     assert tangent[0] * 1e-9 / force[0] == pytest.approx(1.5, abs=5e-3)
+    assert noisy.law().mesh_error == noisy.residual
     with pytest.raises(FeError, match="expected 3 loads at least"):
-        ball_law(np.array([1.0, 2.0]), np.array([1e-6, 2e-6]))
+        fitted_law(np.array([1.0, 2.0]), np.array([1e-6, 2e-6]))
 
 
 @pytest.mark.parametrize("race", ["inner", "outer"])

@@ -12,7 +12,7 @@ import pytest
 
 from models.fe.meshes.shaft_mesh import ShaftMeshRule, Step, shaft_mesh
 from models.fe.shafts.shaft import PER_SEAT, ShaftModel, ShaftSeat, ShaftSupport, SteppedShaft, condense_shaft
-from models.fe.shafts.spring import RadialSpring, bearing_spring
+from models.fe.shafts.spring import RadialSpring, bearing_spring, table_spring
 from models.machine.bearing import from_catalogue
 from models.machine.hertz import contact_stiffness
 from models.machine.load_distribution import stiffness_against_load
@@ -182,11 +182,11 @@ def test_spring_bearing() -> None:
     assert bearing_spring(bearing, k_c, 1e-5).force(9e-6) == (0.0, 0.0)
 
 
-def test_a_spring_goes_through_its_points_and_its_stiffness_is_the_slope() -> None:
-    spring = RadialSpring((1e-6, 8e-6, 3e-5), (100.0, 1000.0, 5000.0))
+def test_spring_table() -> None:
+    spring = table_spring([100.0, 1000.0, 5000.0], [1e-6, 8e-6, 3e-5])
     assert [spring.displacement_at(f) for f in (100.0, 1000.0, 5000.0)] == pytest.approx([1e-6, 8e-6, 3e-5])
     step = 1e-12
     slope = (spring.force(5e-6 + step)[0] - spring.force(5e-6 - step)[0]) / (2.0 * step)
     assert spring.force(5e-6)[1] == pytest.approx(slope, rel=1e-5)
     with pytest.raises(ValueError, match=r"spring.displacement needs two ascending"):
-        RadialSpring((1e-6, 1e-6), (100.0, 1000.0))
+        table_spring([100.0, 1000.0], [1e-6, 1e-6])

@@ -97,6 +97,14 @@ def test_helical_gears_overlap():
     assert gears.transverse_contact_ratio == pytest.approx((end - begin) / gears.base_pitch)
 
 
+def test_what_the_fits_of_the_body_cover_is_said():
+    assert GearPair(ToothedWheel(30, 20e-3, 10e-3), ToothedWheel(100, 20e-3, 75e-3), 2e-3).valid_foundation == (
+        True,
+        False,
+    )
+    assert pair(20, 40).valid_foundation == (False, True)
+
+
 def test_relief_is_full_at_the_tip_and_ends_after_its_length():
     below = np.array([0.0, 0.5e-3, 1e-3, 2e-3])
     np.testing.assert_allclose(TipRelief(20e-6, 1e-3).removed(below), [20e-6, 10e-6, 0.0, 0.0])

@@ -211,7 +211,8 @@ def test_pitch_errors_that_are_drawn_close_after_a_turn():
     [
         (ToothCrack(20, 1e-3), "crack tooth must be from 0 to 19, got 20"),
         (ToothCrack(0, 9e-3), "crack depth must be from 0 to"),
-        (ToothSpall(20, 1e-3, 5e-3, 1e-5), "spall tooth must be from 0 to 19, got 20"),
+        (ToothSpall(0, 1e-3, 5e-3, 1e-5, radius=10e-3), "spall radius must be on the flank"),
+        (ToothSpall(0, 1e-3, 5e-3, 1e-5, place=40e-3), "spall place must be on the face of 20 mm, got 40 mm"),
         (PitchError((0.0, 1e-6)), "pitch error positions must be 20, one a tooth, got 2"),
     ],
 )

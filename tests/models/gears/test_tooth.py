@@ -140,3 +140,13 @@ def test_iso_gives_its_own_round_figures_for_ordinary_gears():
     iso = iso_stiffness(GearPair(ToothedWheel(25, 20e-3, 10e-3), ToothedWheel(60, 20e-3, 20e-3), 3e-3))
     assert iso.single / 1e9 == pytest.approx(14.0, rel=0.05)
     assert iso.mesh / 1e9 == pytest.approx(20.0, rel=0.05)
+    assert iso.valid
+
+
+def test_iso_is_not_valid_for_small_loads_and_wheels_with_the_larger_shift():
+    gears = GearPair(ToothedWheel(25, 20e-3, 10e-3), ToothedWheel(60, 20e-3, 20e-3), 3e-3)
+    light = iso_stiffness(gears, 100.0)
+    assert not light.valid
+    assert light.single == pytest.approx(iso_stiffness(gears).single * 0.05**0.25)
+    shifted = GearPair(ToothedWheel(25, 20e-3, 10e-3), ToothedWheel(60, 20e-3, 20e-3, 0.3), 3e-3)
+    assert not iso_stiffness(shifted, 4000.0).valid

@@ -22,6 +22,7 @@ def test_speeds_orders_and_torques_follow_from_the_teeth() -> None:
     assert train.speeds() == pytest.approx({"motor": 25.0, "in": 25.0, "middle": 10.0, "out": 10.0 / 3.0})
     assert train.mesh_frequencies() == pytest.approx({"w20-w50": 500.0, "w25-w75": 250.0})
     assert train.mesh_orders("middle") == pytest.approx({"w20-w50": 50.0, "w25-w75": 25.0})
+    assert train.hunting_tooth_frequencies() == pytest.approx({"w20-w50": 5.0, "w25-w75": 10.0 / 3.0})
     assert train.drive_torque() == pytest.approx(300.0 / 7.5)
     force = mean_state(train).mesh_force
     assert force == pytest.approx([40.0 / 0.03, 100.0 / 0.04])
@@ -96,6 +97,22 @@ def test_torques_and_energies_balance_where_flanks_part() -> None:
     assert motion.mesh_force.mean() == pytest.approx(100.0 / (RADIUS * 41 / 37), rel=0.02)
     parted = motion.mesh_displacement[:, 0] < 0.0
     assert (motion.mesh_force[parted, 0] == 0.0).all()
+
+
+def test_speed_and_axial_force_follow_from_the_motion() -> None:
+    train = pair(60.0)
+    mesh = replace(train.meshes[0], base_helix=0.2)
+    steady = replace(train.bodies[0], rotates=False)
+    motion = simulate_train(
+        replace(train, bodies=(steady, train.bodies[1]), meshes=(mesh,)), duration=0.01, rate=2e5, settle=0.0
+    )
+    np.testing.assert_allclose(motion.axial_force, math.tan(0.2) * motion.mesh_force)
+    assert (motion.speed("first") == 0.0).all()
+    turned = 2.0 * math.pi * np.concatenate([[0.0], np.cumsum(motion.speed("second")[:-1])]) / motion.rate
+    angle = motion.of("second.angle")
+    np.testing.assert_allclose(turned, angle - angle[0], rtol=0.0, atol=0.1 * np.ptp(angle))
+    with pytest.raises(ValueError, match="no body 'third'"):
+        motion.speed("third")
 
 
 def test_shares_of_time_count_what_is_returned() -> None:

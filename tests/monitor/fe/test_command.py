@@ -10,6 +10,7 @@ import json
 import math
 import sys
 import tomllib
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache, partial
 from pathlib import Path
@@ -25,8 +26,8 @@ from models.fe.bearings.assembled import AssembledBearing, FeBearing
 from models.fe.bearings.element import RACES, FeContact, Progress
 from models.fe.bearings.law import ElementLaw
 from models.fe.bearings.oblique import ObliqueGeometry
-from models.fe.bearings.oblique_bodies import ball_law
-from models.fe.cache import CacheEntry
+from models.fe.bearings.oblique_bodies import fitted_law
+from models.fe.bearings.self_aligning import ObliqueResult, RowInfluence, SelfAligning
 from models.fe.extra import has_extra
 from models.fe.meshes.geometry import FeGeometry, Race
 from models.fe.meshes.sizing import NAMED_RULES, half_sizes
@@ -218,15 +219,15 @@ def test_bearings_of_other_kinds_are_refused_with_the_reason(designation: str, r
 
 
 def test_a_self_aligning_bearing_has_two_rows_and_no_symmetric_contact(monkeypatch: pytest.MonkeyPatch) -> None:
-    def computed(geometry: ObliqueGeometry, loads: tuple[float, float], progress: Progress) -> CacheEntry:
+    def rows(geometry: ObliqueGeometry, loads: Sequence[float], *, progress: Progress) -> ObliqueResult:
         progress("inner contact", 0, 1)
         forces = np.geomspace(10.0, max(loads), 5)
-        law = ball_law(forces, (forces / 5.45e9) ** (2.0 / 3.0) * (1.0 + 1e-3 * np.array([1, -1, 0, 1, -1])))
-        none = np.zeros(geometry.n_elements)
-        arrays = {"loads": law.loads, "approach": law.approach, "same": none, "other": none}
-        return CacheEntry(arrays, {"mesh_error": law.mesh_error, "unknowns": {"inner ring": 50_000}, "converged": True})
+        law = fitted_law(forces, (forces / 5.45e9) ** (2.0 / 3.0) * (1.0 + 1e-3 * np.array([1, -1, 0, 1, -1])))
+        alone = RowInfluence.none(geometry.n_elements)
+        bearing = SelfAligning(law.law(), geometry.n_elements, geometry.contact_angle, alone)
+        return ObliqueResult(bearing, law, {"inner ring": 50_000}, 1e-4)
 
-    monkeypatch.setattr("models.fe.bearings.self_aligning._computed", computed)
+    monkeypatch.setattr("models.fe.bearings.self_aligning.oblique_bearing", rows)
     whole = values.__wrapped__(SELF_ALIGNING, "--load-newton", "4000")
     found = whole["fe"]
     assert found["status"] == "converged"

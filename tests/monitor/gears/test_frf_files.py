@@ -9,9 +9,8 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from models.gears.transfer.frf import FrequencyResponses
-from monitor.gears.frf_files import FrfError, read_frf
+from monitor.gears.frf_files import FrfError, frf_to_csv, frf_to_uff, read_frf
 from tests.support.effort import effort_count
-from tests.support.frf_writers import frf_to_csv, frf_to_uff
 
 pyuff = pytest.importorskip("pyuff")
 HEAD = "frequency_hz,output,input,real_m_per_s2_per_newton,imag_m_per_s2_per_newton\n"
@@ -80,6 +79,19 @@ def test_binary_functions_are_read(order: str) -> None:
     data = before + mark + b"\n".join(lines[:12]) + b"\n" + body + b"\n    -1\n"
     assert head
     assert_same(read_frf(data, "x.uff"), frf, rtol=0.0)
+
+
+def test_pyuff_reads_what_is_written(tmp_path: Path) -> None:
+    frf = responses()
+    path = tmp_path / "x.uff"
+    path.write_bytes(frf_to_uff(frf))
+    sets = pyuff.UFF(str(path)).read_sets()
+    assert sets[0]["type"] == 164
+    assert sets[0]["units_code"] == 1
+    first, last = sets[1], sets[-1]
+    assert (first["rsp_ent_name"].strip(), first["rsp_dir"], first["ref_ent_name"].strip()) == ("acc1", 1, "left")
+    assert (last["rsp_node"], last["rsp_dir"], last["ref_node"], last["ref_dir"]) == (12, 3, 7, 3)
+    np.testing.assert_allclose(last["data"], frf.h[:, 1, 2], rtol=5e-13)
 
 
 def test_magnitude_and_phase_and_g_are_read() -> None:
@@ -178,3 +190,15 @@ def test_changed_bytes_are_read_or_refused_by_name(universal: bool, place: int, 
 def test_what_is_no_csv_is_refused(data: bytes) -> None:
     with pytest.raises(FrfError, match=r"x.csv: expected CSV"):
         read_frf(data, "x.csv")
+
+
+def test_what_a_universal_file_cannot_hold_is_refused() -> None:
+    frf = responses()
+    with pytest.raises(ValueError, match="up to 10 characters, got 'accelerometer'"):
+        frf_to_uff(FrequencyResponses(frf.frequency, frf.h[:, :1], ("accelerometer.x",), frf.inputs))
+    with pytest.raises(ValueError, match="six digits"):
+        frf_to_uff(responses(np.array([1000.0, 1000.001])))
+    with pytest.raises(ValueError, match=r"universal files know .*, got 'V'"):
+        frf_to_uff(responses(unit="V"))
+    with pytest.raises(ValueError, match="V over N have no column name"):
+        frf_to_csv(responses(unit="V"))

@@ -9,13 +9,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import soundfile
 
+from models.gears.sound.transfer_files import write_transfer_vectors
 from models.gears.sound.transfer_vectors import TransferVectors
+from models.gears.sound.wav import read_wav
 from models.gears.transfer.frf import FrequencyResponses
 from monitor.commands.common import InputError
 from monitor.gears.config.section import GearSection
 from monitor.gears.forces import GearRun, amplitudes
+from monitor.gears.frf_files import frf_to_csv
 from monitor.gears.transfer import (
     CasingResponses,
     bands_within,
@@ -28,9 +30,7 @@ from monitor.gears.transfer import (
 )
 from streams.types.block import STANDARD_GRAVITY
 from tests.support.commands import run_command
-from tests.support.frf_writers import frf_to_csv
 from tests.support.gear_forces import RATE, VARIED, run_of, toml
-from tests.support.transfer_writers import write_transfer_vectors
 
 GEAR = GearSection.model_validate(VARIED)
 INPUTS = tuple(f"b{n}.{axis}" for n in range(3) for axis in "xy")
@@ -164,11 +164,9 @@ def test_the_command_goes_from_teeth_to_a_sound(tmp_path: Path) -> None:
     values = json.loads(done.stdout)
     assert [one["name"] for one in values["casing"]["outputs"]] == ["right"]
     level = values["sound"]["microphones"][0]["level_db"]
-    full_scale = values["sound"]["full_scale_pascal"]
-    with soundfile.SoundFile(tmp_path / "s.wav") as file:
-        assert file.comment == f"spallwatch full_scale_pascal={full_scale}"
-        pressure = full_scale * file.read()
-    assert 20.0 * math.log10(float(pressure.std()) / 20e-6) == pytest.approx(level, abs=0.2)
+    sound = read_wav(tmp_path / "s.wav")
+    assert sound.full_scale == values["sound"]["full_scale_pascal"]
+    assert 20.0 * math.log10(float(sound.pressure.std()) / 20e-6) == pytest.approx(level, abs=0.2)
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,7 @@ import math
 import numpy as np
 
 from models.fe.casing.model import Casing
-from models.fe.casing.shape import STEEL, CasingMeshRule, CasingShape, Material, Seat
+from models.fe.casing.shape import STEEL, CasingMeshRule, CasingShape, Foot, Material, Seat
 
 LENGTH, HEIGHT, THICKNESS = 0.4, 0.3, 0.03
 SIMPLY = {"x0": (1, 2), "x1": (1, 2), "y0": (0, 2), "y1": (0, 2)}
@@ -18,27 +18,23 @@ SIMPLY = {"x0": (1, 2), "x1": (1, 2), "y0": (0, 2), "y1": (0, 2)}
 @functools.cache
 def plate(cells: int, thickness: float = THICKNESS, through: int = 1) -> Casing:
     """A simply supported plate with so many cells along x."""
-    return Casing(
-        CasingShape(LENGTH, HEIGHT, thickness, {"z0": thickness}),
-        STEEL,
-        CasingMeshRule(LENGTH / cells, through),
-        SIMPLY,
-    )
+    return Casing(CasingShape.plate(LENGTH, HEIGHT, thickness), STEEL, CasingMeshRule(LENGTH / cells, through), SIMPLY)
 
 
-def box_shape(mass: float = 0.0) -> CasingShape:
-    """A box with a seat in each end wall."""
+def box_shape(cover: float = 0.004, mass: float = 0.0, spider: str = "rigid") -> CasingShape:
+    """A box on two feet with a seat in each end wall."""
     seats = tuple(
-        Seat(f"seat{n}", wall, (0.1, 0.08), 0.04, 0.06, 0.02, 0.004, mass)  # type: ignore[arg-type]
+        Seat(f"seat{n}", wall, (0.1, 0.08), 0.04, 0.06, 0.02, cover, mass, spider)  # type: ignore[arg-type]
         for n, wall in enumerate(("z0", "z1"), 1)
     )
-    return CasingShape.box((0.2, 0.16, 0.12), 0.01, seats)
+    feet = (Foot((0.0, 0.05), (0.0, 0.12)), Foot((0.15, 0.2), (0.0, 0.12)))
+    return CasingShape.box((0.2, 0.16, 0.12), 0.01, seats, feet)
 
 
 @functools.cache
-def box(mass: float = 0.0) -> Casing:
+def box(spider: str = "rigid", mass: float = 0.0) -> Casing:
     """The box, coarse."""
-    return Casing(box_shape(mass), STEEL, CasingMeshRule(0.1))
+    return Casing(box_shape(mass=mass, spider=spider), STEEL, CasingMeshRule(0.1))
 
 
 def mindlin(m: int, n: int, thickness: float = THICKNESS, material: Material = STEEL) -> float:

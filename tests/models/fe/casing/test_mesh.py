@@ -11,7 +11,7 @@ from scipy.sparse.linalg import spsolve
 
 from models.fe.casing.mesh import casing_mesh
 from models.fe.casing.model import radiating_surface
-from models.fe.casing.shape import STEEL, CasingMeshRule, CasingShape, Material, Seat
+from models.fe.casing.shape import STEEL, CasingMeshRule, CasingShape, Foot, Material, Seat
 from models.fe.solid.traction import boundary_points
 from models.gears.sound.surface import Surface
 from tests.models.fe.casing.casings import box, box_shape
@@ -35,7 +35,7 @@ def test_mass_and_bores_are_those_of_the_drawing() -> None:
 
 def test_cells_are_upright_and_named() -> None:
     mesh: Any = casing_mesh(box_shape(), CasingMeshRule(0.06, through=2))
-    assert {"x0", "x1", "y0", "y1", "z0", "z1", "seat1", "seat2"} == set(mesh.boundaries)
+    assert {"x0", "x1", "y0", "y1", "z0", "z1", "seat1", "seat2", "foot1", "foot2"} == set(mesh.boundaries)
     walls = np.unique(np.round(mesh.doflocs[2], 9))
     assert np.isin([0.0, 0.01, 0.11, 0.12], walls).all()
 
@@ -79,7 +79,7 @@ def test_a_motion_as_a_whole_moves_elements_by_their_normals() -> None:
     for axis, turned in enumerate(([1, 0, 0], [0, 0, 1], [0, -1, 0])):
         motion = np.zeros((casing.body.nodes.shape[1], 3))
         motion[:, axis] = 1.0
-        # In the unknowns; held nodes cannot move, so that only elements away from the underside count.
+        # In the unknowns; held nodes cannot move, so that only elements away from the feet count.
         q = _unknowns(casing, motion.ravel())
         found = np.array([column @ q for column in surface.columns.values()])
         corners = surface.corners[surface.elements]
@@ -112,6 +112,7 @@ SEAT = Seat("a", "z0", (0.1, 0.08), 0.04, 0.06)
         ({"walls": {"up": 0.01}}, "side of a wall must be one of"),
         ({"walls": {"z0": 0.2}}, "wall z0 must be above 0 and up to 0.12"),
         ({"walls": {"z0": 0.08, "z1": 0.08}}, "walls z0 and z1 are 0.16 m thick together"),
+        ({"feet": (Foot((0.1, 0.05), (0.0, 0.1)),)}, "foot: x must ascend within 0 to 0.2 m"),
         ({"length": -1.0}, "casing.length must be positive"),
     ],
 )
@@ -128,6 +129,8 @@ def test_seats_materials_and_rules_that_cannot_be_are_named() -> None:
         Seat("a", "z0", (0.0, 0.0), 0.04, 0.03)
     with pytest.raises(ValueError, match=r"without a point and no side, got 'a.b'"):
         Seat("a.b", "z0", (0.0, 0.0), 0.04, 0.05)
+    with pytest.raises(ValueError, match="seat 'a': spider must be one of 'rigid', 'mean'"):
+        Seat("a", "z0", (0.0, 0.0), 0.04, 0.05, spider="soft")  # type: ignore[arg-type]
     with pytest.raises(ValueError, match=r"material.poisson"):
         Material(1e9, 0.5, 1000.0)
     with pytest.raises(ValueError, match=r"rule.through must be a whole number"):

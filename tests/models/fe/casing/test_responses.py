@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from models.fe.casing.model import Point
 from models.fe.casing.modes import CasingModes, Damping, first_modes, modal_responses
+from models.gears.transfer.mode_sets import assurance
 from tests.models.fe.casing.casings import box, plate
 
 pytest.importorskip("skfem", reason="needs the extra fe")
@@ -46,8 +47,8 @@ def direct(frequency: NDArray[np.float64]) -> NDArray[np.complex128]:
     return np.array(found)
 
 
-def error(modes: CasingModes, frequency: NDArray[np.float64]) -> float:
-    found = modal_responses(plate(4), modes, rayleigh(modes), frequency, columns(), columns(), "m")
+def error(modes: CasingModes, frequency: NDArray[np.float64], *, static: bool) -> float:
+    found = modal_responses(plate(4), modes, rayleigh(modes), frequency, columns(), columns(), "m", static=static)
     expected = direct(frequency)
     return float(np.abs(found.h - expected).max() / np.abs(expected).max())
 
@@ -56,19 +57,22 @@ def test_responses_with_all_modes_are_those_of_the_direct_solution() -> None:
     """The damping leaves the modes as they are, so that both are exact."""
     frequency = np.array([300.0, float(plate_modes().frequency[0]), 3000.0, 20000.0])
     every = plate_modes(plate(4).unknowns)
-    assert error(every, frequency) < 1e-7
+    for static in (True, False):
+        assert error(every, frequency, static=static) < 1e-7
 
 
 def test_the_static_part_of_modes_left_out_takes_most_of_their_error() -> None:
     frequency = np.array([300.0, float(plate_modes().frequency[0]), 3000.0])
-    assert error(plate_modes(), frequency) < 2e-4
+    corrected, truncated = (error(plate_modes(), frequency, static=static) for static in (True, False))
+    assert corrected < 2e-4
+    assert truncated > 20.0 * corrected
 
 
 def test_forces_and_motions_can_change_places() -> None:
     casing = box()
     every = casing.columns([Point("top", (0.1, 0.16, 0.06))])
     found = modal_responses(
-        casing, first_modes(casing, 6), Damping((0.0,), (0.02,)), np.array([100.0, 900.0]), every, every
+        casing, first_modes(casing, 6), Damping.constant(0.02), np.array([100.0, 900.0]), every, every
     )
     np.testing.assert_allclose(found.h, found.h.transpose(0, 2, 1), atol=1e-9 * np.abs(found.h).max())
     assert found.outputs[0] == "seat1.x"
@@ -80,11 +84,17 @@ def test_forces_and_motions_can_change_places() -> None:
 
 def test_units_are_rates_of_each_other() -> None:
     frequency = np.array([200.0, 700.0])
-    damping = Damping((0.0,), (0.01,))
-    of = {unit: modal_responses(plate(4), plate_modes(), damping, frequency, columns(), columns(), unit)
+    of = {unit: modal_responses(plate(4), plate_modes(), Damping.constant(0.01), frequency, columns(), columns(), unit)
           for unit in ("m", "m/s", "m/s2")}  # fmt: skip
     for unit in ("m/s", "m/s2"):
         np.testing.assert_allclose(of["m"].in_unit(unit).h, of[unit].h, rtol=1e-12)
+
+
+def test_modes_agree_with_themselves_and_are_told_apart() -> None:
+    shapes = plate_modes().shapes
+    found = assurance(shapes[:, :6], shapes[:, :6])
+    np.testing.assert_allclose(np.diag(found), 1.0)
+    assert found[~np.eye(6, dtype=bool)].max() < 0.2
 
 
 def test_damping_is_linear_between_its_points_and_constant_beyond() -> None:

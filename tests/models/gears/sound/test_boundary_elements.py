@@ -17,9 +17,9 @@ from models.gears.sound.boundary_elements import (
     radiation_cost,
     transfer_vectors,
 )
+from models.gears.sound.shapes import box, sphere
 from models.gears.sound.surface import Surface, SurfaceError
 from tests.oracles.sphere_over_plane import MOTIONS, SphereOverPlane, exact_pressure
-from tests.support.surfaces import box, sphere
 
 SPEED = 343.0
 AROUND = np.array([(3.0, 0.5, 1.0), (0.3, 1.3, 2.0), (2.0, 2.0, 0.3)])
@@ -70,7 +70,7 @@ def test_a_box_that_moves_as_a_source_within_demands_radiates_as_that_source(on_
     microphones = np.array([(0.5, 0.2, 0.3), (-0.4, 0.1, 0.1), (0.0, 0.0, 0.6)])
     found = transfer_vectors(surface, hertz(k), microphones)
     assert found.per_wavelength[0] > 8.0
-    pressure = found.vectors.at(hertz(k))[0] @ velocity
+    pressure = found.vectors.pressure(hertz(k), velocity[None])[0]
     assert decibels(pressure, source(microphones, k, over_plane=on_plane)) == pytest.approx(0.0, abs=0.3)
 
 
@@ -153,6 +153,11 @@ def test_what_cannot_be_used_is_refused_by_name(make, said):
         make()
 
 
-def test_a_density_that_is_not_positive_is_refused():
+def test_shapes_check_their_arguments():
+    for call, said in ((lambda: sphere(0.0, 2), "radius"), (lambda: sphere(1.0, 0), "splits")):
+        with pytest.raises(ValueError, match=said):
+            call()
+    with pytest.raises(ValueError, match="base"):
+        box((1.0, 1.0, 1.0), (1, 1, 1), (0.0, 0.0, 1.0), on_plane=True)
     with pytest.raises(ValueError, match="density"):
         transfer_vectors(CUBE, 50.0, AROUND, density=-1.0)

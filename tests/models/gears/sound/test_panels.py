@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from models.gears.sound.panels import Panels, static_integrals
-from tests.support.surfaces import box, sphere
+from models.gears.sound.shapes import box, sphere
 
 TRIANGLE = np.array([(0.0, 0.0, 0.0), (1.0, 0.1, 0.0), (0.3, 0.9, 0.0), (0.3, 0.9, 0.0)])
 QUADRANGLE = np.array([(0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (1.2, 0.8, 0.0), (-0.1, 0.7, 0.0)])

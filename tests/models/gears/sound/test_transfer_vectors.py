@@ -8,21 +8,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from models.gears.sound.levels import level_db
-from models.gears.sound.transfer_files import read_transfer_vectors
+from models.gears.sound.levels import level_db, line_mean_squares
+from models.gears.sound.transfer_files import read_transfer_vectors, write_transfer_vectors
 from models.gears.sound.transfer_vectors import TransferVectorError, TransferVectors
-from tests.support.transfer_writers import write_transfer_vectors
 
 SPEED = 343.0
 GRID = np.linspace(500.0, 2900.0, 25)
-
-
-def pressure(vectors: TransferVectors, frequency: np.ndarray, velocity: np.ndarray) -> np.ndarray:
-    return np.einsum("fmn,fn->fm", vectors.at(frequency), velocity)
-
-
-def mean_squares(amplitude: np.ndarray) -> np.ndarray:
-    return 0.5 * np.abs(amplitude) ** 2
 
 
 def monopoles(frequency: np.ndarray, *, placed: bool = True) -> TransferVectors:
@@ -50,13 +41,13 @@ def test_given_vectors_applied_between_their_frequencies_are_within_a_tenth_of_a
     between = np.linspace(501.0, 2899.0, 40)
     v = velocities(40)
     exact = np.einsum("fmn,fn->fm", monopoles(between).h, v)
-    levels = level_db(mean_squares(pressure(monopoles(GRID), between, v)))
-    assert levels == pytest.approx(level_db(mean_squares(exact)), abs=0.1)
+    levels = level_db(line_mean_squares(monopoles(GRID).pressure(between, v)))
+    assert levels == pytest.approx(level_db(line_mean_squares(exact)), abs=0.1)
 
 
 def test_at_their_own_frequencies_they_are_exact():
     vectors, v = monopoles(GRID, placed=False), velocities(len(GRID))
-    assert pressure(vectors, GRID, v) == pytest.approx(np.einsum("fmn,fn->fm", vectors.h, v), rel=1e-12)
+    assert vectors.pressure(GRID, v) == pytest.approx(np.einsum("fmn,fn->fm", vectors.h, v), rel=1e-12)
 
 
 @pytest.mark.parametrize("delay", [0.0, 2e-3])
@@ -86,9 +77,9 @@ def test_without_positions_the_phase_is_followed_and_a_finer_grid_needed():
     with_places, without = monopoles(GRID), monopoles(GRID, placed=False)
     assert with_places.interpolation_error_db().max() < 0.5 * without.interpolation_error_db().max()
     fine, between = np.linspace(500.0, 2900.0, 49), np.linspace(501.0, 2899.0, 40)
-    found = pressure(monopoles(fine, placed=False), between, velocities(40))
+    found = monopoles(fine, placed=False).pressure(between, velocities(40))
     exact = np.einsum("fmn,fn->fm", monopoles(between).h, velocities(40))
-    assert level_db(mean_squares(found)) == pytest.approx(level_db(mean_squares(exact)), abs=0.1)
+    assert level_db(line_mean_squares(found)) == pytest.approx(level_db(line_mean_squares(exact)), abs=0.1)
 
 
 @pytest.mark.parametrize("placed", [True, False])
@@ -177,7 +168,9 @@ def test_fields_that_do_not_fit_are_refused_by_name(changes, said):
         replace(good, **changes)
 
 
-def test_nothing_is_extrapolated():
+def test_nothing_is_extrapolated_and_velocities_must_fit():
     vectors = monopoles(GRID)
     with pytest.raises(TransferVectorError, match="499 Hz is outside the transfer vectors' 500 to 2900 Hz"):
-        vectors.at([600.0, 499.0])
+        vectors.pressure([600.0, 499.0], velocities(2))
+    with pytest.raises(TransferVectorError, match="velocity must have the shape"):
+        vectors.pressure([600.0], velocities(2))

@@ -6,8 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from models.gears.transfer.frf import FrequencyResponses
-from models.words.numerics import fast_length
+from models.gears.transfer.frf import FrequencyResponses, joined
 from tests.support.effort import effort_count
 
 RATE = 2048.0
@@ -42,12 +41,11 @@ def direct(frf: FrequencyResponses, forces: NDArray[np.float64], rate: float) ->
     return found
 
 
-def test_the_outputs_are_the_sum_over_the_lines_of_the_record_with_zeros_after_it() -> None:
+def test_a_period_equals_the_sum_over_its_lines() -> None:
     frf = two_by_two(np.arange(60.0, 700.0, 7.0))
-    forces = np.zeros((2, fast_length(256 + 293)))
-    forces[:, :256] = np.random.default_rng(1).normal(size=(2, 256))
-    found, _ = frf.apply(forces[:, :256], RATE)
-    np.testing.assert_allclose(found, direct(frf, forces, RATE)[:, :256], atol=1e-12)
+    forces = np.random.default_rng(1).normal(size=(2, 256))
+    found = frf.apply(forces, RATE, periodic=True)
+    np.testing.assert_allclose(found.values, direct(frf, forces, RATE), atol=1e-12)
 
 
 def test_an_impulse_gives_the_response_of_an_oscillator_at_rest() -> None:
@@ -58,7 +56,7 @@ def test_an_impulse_gives_the_response_of_an_oscillator_at_rest() -> None:
     frf = FrequencyResponses(frequency, h[:, None, None], ("a",), ("f",), "m")
     force = np.zeros((1, 4000))
     force[0, 0] = rate
-    found = frf.apply(force, rate)[0][0]
+    found = frf.apply(force, rate).values[0]
     t = np.arange(4000) / rate
     natural = 2.0 * np.pi * resonance
     damped = natural * np.sqrt(1.0 - damping**2)
@@ -71,7 +69,7 @@ def test_nothing_comes_round_from_the_end_of_a_record_that_is_no_period() -> Non
     frf = two_by_two(np.arange(20.0, 900.0, 4.0))
     forces = np.zeros((2, 1024))
     forces[:, 900:] = 1.0
-    once, round_again = frf.apply(forces, RATE)[0], direct(frf, forces, RATE)
+    once, round_again = (frf.apply(forces, RATE, periodic=periodic).values for periodic in (False, True))
     assert np.abs(round_again[:, :100]).max() > 10.0 * np.abs(once[:, :100]).max()
 
 
@@ -81,17 +79,18 @@ def test_the_share_outside_the_band_is_said_for_each_input() -> None:
     forces = np.stack(
         [np.cos(2 * np.pi * 200 * t) + 7.0, np.cos(2 * np.pi * 200 * t) + 2.0 * np.cos(2 * np.pi * 600 * t)]
     )
-    # What the begin and the end of the record spread is the rest.
-    rise = np.hanning(2048)
-    _, outside = frf.apply((forces - forces.mean(axis=1, keepdims=True)) * rise, RATE)
-    np.testing.assert_allclose(outside, [0.0, 0.8], atol=1e-6)
-    assert not frf.at(600.0).any()
+    found = frf.apply(forces, RATE, periodic=True)
+    np.testing.assert_allclose(found.outside, [0.0, 0.8], atol=1e-12)
+    lines = frf.lines(np.array([200.0, 600.0]), np.ones((2, 2), complex))
+    assert lines.inside.tolist() == [True, False]
+    assert not lines.amplitudes[1].any()
+    np.testing.assert_allclose(lines.amplitudes[0], frf.at(200.0)[0].sum(axis=1))
 
 
-def test_an_input_of_zeros_has_nothing_outside() -> None:
-    values, outside = two_by_two(np.arange(100.0, 500.0, 5.0)).apply(np.zeros((2, 64)), RATE)
-    assert outside.tolist() == [0.0, 0.0]
-    assert not values.any()
+def test_an_input_that_is_constant_has_nothing_outside() -> None:
+    found = two_by_two(np.arange(100.0, 500.0, 5.0)).apply(np.ones((2, 64)), RATE, periodic=True)
+    assert found.outside.tolist() == [0.0, 0.0]
+    assert np.abs(found.values).max() < 1e-15
 
 
 @settings(max_examples=effort_count(quick=20, full=500), deadline=None)
@@ -114,10 +113,30 @@ def test_interpolation_keeps_the_stated_bound(resonance: float, damping: float, 
     assert error <= (step / (2.0 * damping * resonance)) ** 2 * 1.0001
 
 
-def test_selections_and_units() -> None:
+def test_the_estimated_error_of_interpolation_is_that_of_a_fine_grid() -> None:
+    for step in (1.0, 2.0, 4.0):
+        frequency = np.arange(50.0, 600.0, step)
+        frf = FrequencyResponses(frequency, oscillator(frequency, 301.3, 0.03)[:, None, None], ("a",), ("f",))
+        fine = np.arange(50.0, 599.0 - step, 0.05)
+        exact = oscillator(fine, 301.3, 0.03)
+        true = np.abs(frf.at(fine)[:, 0, 0] - exact).max() / np.abs(exact).max()
+        assert 0.5 < frf.interpolation_error()[0, 0] / true < 2.0
+    assert np.isinf(frf.select().__class__(frequency[:2], frf.h[:2], ("a",), ("f",)).interpolation_error()).all()
+
+
+def test_chains_selections_shares_and_units() -> None:
     frf = two_by_two(np.arange(100.0, 500.0, 5.0))
-    np.testing.assert_array_equal(frf.select(["a.y"], ["left.y", "left.x"]).h, frf.h[:, 1:, ::-1])
+    sound = FrequencyResponses(
+        np.array([150.0, 400.0]), np.array([[[2.0, 1.0]], [[2.0, 1.0]]]), ("mic",), ("a.y", "a.x"), "Pa", "m/s2"
+    )
+    chain = frf.then(sound)
+    inside = (frf.frequency >= 150.0) & (frf.frequency <= 400.0)
+    np.testing.assert_allclose(chain.h[:, 0], (2.0 * frf.h[:, 1] + frf.h[:, 0])[inside])
+    assert (chain.output_unit, chain.outputs, chain.inputs) == ("Pa", ("mic",), frf.inputs)
+    shared = frf.distributed({"shaft": {"left.x": 0.25, "left.y": -1.0}})
+    np.testing.assert_allclose(shared.h[:, :, 0], 0.25 * frf.h[:, :, 0] - frf.h[:, :, 1])
     np.testing.assert_allclose(frf.in_unit("m").in_unit("m/s2").h, frf.h, rtol=1e-14)
+    np.testing.assert_allclose(joined([frf.select(["a.x"]), frf.select(["a.y"])]).h, frf.h)
 
 
 @pytest.mark.parametrize(
@@ -148,9 +167,17 @@ def test_unusable_calls_are_named() -> None:
     with pytest.raises(ValueError, match="rate must be positive"):
         frf.apply(np.zeros((2, 9)), 0.0)
     with pytest.raises(ValueError, match=r"unknown input 'b'; there are left.x, left.y"):
-        frf.select(inputs=["b"])
+        frf.distributed({"s": {"b": 1.0}})
     with pytest.raises(ValueError, match="at 0 Hz do not tell those in m/s"):
         frf.in_unit("m/s")
+    with pytest.raises(ValueError, match="inputs that follow must be in m/s2, got N"):
+        frf.then(frf)
     near = FrequencyResponses(np.array([1.0, 1.0 + 1e-7]), np.zeros((2, 1, 1), complex), ("a",), ("f",))
     with pytest.raises(ValueError, match=r"lines 1e-07 Hz apart .* need a transform"):
         near.apply(np.zeros((1, 9)), RATE)
+    with pytest.raises(ValueError, match="two lines in common"):
+        frf.then(
+            FrequencyResponses(np.array([900.0, 990.0]), np.zeros((2, 1, 1), complex), ("m",), ("a.x",), "Pa", "m/s2")
+        )
+    with pytest.raises(ValueError, match="same lines"):
+        joined([frf, near])

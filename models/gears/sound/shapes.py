@@ -8,6 +8,7 @@ import numpy as np
 
 from models.gears.sound.panels import Panels
 from models.gears.sound.surface import Surface
+from models.words.checks import check_positive, check_whole
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -24,6 +25,8 @@ def sphere(radius: float, splits: int, centre: Point = (0.0, 0.0, 0.0), *, over_
         centre: m.
         over_plane: whether z = 0 is a rigid plane.
     """
+    check_positive(radius=radius)
+    check_whole(splits, "splits", 1)
     corners, faces = _icosahedron()
     grid = [(i, j) for i in range(splits + 1) for j in range(splits + 1 - i)]
     places: list[NDArray[np.float64]] = []
@@ -65,6 +68,11 @@ def box(size: Point, counts: tuple[int, int, int], base: Point = (0.0, 0.0, 0.0)
         base: middle of the lower face, m.
         on_plane: whether it stands on the rigid plane z = 0, open there; the base's height is then zero.
     """
+    for edge, count in zip(size, counts, strict=True):
+        check_positive(size=edge)
+        check_whole(count, "counts", 1)
+    if on_plane and base[2] != 0.0:
+        raise ValueError(f"base must be at the height 0 on the plane, got {base[2]!r} m")
     places: list[NDArray[np.float64]] = []
     elements: list[NDArray[np.int64]] = []
     for axis in range(3):
@@ -90,7 +98,15 @@ def box(size: Point, counts: tuple[int, int, int], base: Point = (0.0, 0.0, 0.0)
 def _merged(
     vertices: NDArray[np.float64], elements: NDArray[np.int64]
 ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Return vertices without repetitions, in the order in which they come, and the elements by their new numbers."""
-    # Adding zero makes the negative zero the positive one.
-    _, first, names = np.unique(np.round(vertices, 9) + 0.0, axis=0, return_index=True, return_inverse=True)
-    return vertices[np.sort(first)], np.argsort(np.argsort(first))[names.ravel()][elements]
+    """Return vertices without repetitions, and the elements by their new numbers."""
+    numbers: dict[tuple[float, ...], int] = {}
+    kept: list[NDArray[np.float64]] = []
+    renamed = np.empty(len(vertices), np.int64)
+    for place, vertex in enumerate(vertices):
+        # Adding zero makes the negative zero the positive one.
+        key = tuple(float(round(value, 9)) + 0.0 for value in vertex)
+        if key not in numbers:
+            numbers[key] = len(kept)
+            kept.append(vertex)
+        renamed[place] = numbers[key]
+    return np.array(kept), renamed[elements]
