@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from reference import recordings_folder
+from reference.once import folder_of_the_run as folder_of_the_run
 
 
 def pytest_runtest_setup(item: pytest.Item) -> None:

@@ -20,10 +20,10 @@ from hypothesis import HealthCheck, settings
 from numpy.typing import NDArray
 
 from reference import recordings_folder
+from reference.once import folder_of_the_run as folder_of_the_run
 from tests.support.broker import broker_program
 from tests.support.durations import Durations
 from tests.support.effort import effort_count
-from tests.support.once import share_in
 
 if TYPE_CHECKING:
     from tests.support.object_storage import ObjectStorage
@@ -205,13 +205,6 @@ def fewer_points_and_draws() -> Iterator[None]:
             if effort_count(quick=1, full=0):
                 patch.setattr(module, name, quick)
         yield
-
-
-@pytest.fixture(autouse=True, scope="session")
-def folder_of_the_run(tmp_path_factory: pytest.TempPathFactory) -> None:
-    """Let the workers of a run share results that take seconds."""
-    if "PYTEST_XDIST_WORKER" in os.environ:
-        share_in(tmp_path_factory.getbasetemp().parent)
 
 
 @pytest.fixture(autouse=True, scope="session")

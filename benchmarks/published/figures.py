@@ -15,15 +15,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from benchmarks.common import Row, print_table, write_json
-from models.gears import published as gearbox
-from models.published import beat, ceruti, marin, thibault, thibault_shaft
 from models.published.acceptance import Figure, worst
 from models.published.thesis import published_figures
 from models.published.uncomputed import uncomputed_figures
+from reference.accepted import ACCEPTANCE, rows_of
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from models.published.acceptance import AcceptanceRow
 
 Marks = tuple[str, str]
@@ -31,15 +28,6 @@ MARKS: Marks = ("<!-- table of benchmarks.published.figures -->\n", "<!-- end of
 ACCEPTANCE_MARKS: Marks = (
     "<!-- acceptance table of benchmarks.published.figures -->\n",
     "<!-- end of the acceptance table -->\n",
-)
-# The rows of each model.
-ACCEPTANCE: tuple[Callable[[], list[AcceptanceRow]], ...] = (
-    beat.acceptance_rows,
-    ceruti.acceptance_rows,
-    marin.acceptance_rows,
-    thibault.acceptance_rows,
-    thibault_shaft.acceptance_rows,
-    gearbox.acceptance_rows,
 )
 
 
@@ -103,7 +91,7 @@ def figure_rows(figures: list[Figure]) -> list[Row]:
 
 def acceptance_rows() -> list[AcceptanceRow]:
     """Return the acceptance rows of all models but the thesis' bearings."""
-    return [row for rows in ACCEPTANCE for row in rows()]
+    return [row for module in ACCEPTANCE for row in rows_of(module)]
 
 
 def acceptance_table(accepted: list[AcceptanceRow]) -> list[Row]:

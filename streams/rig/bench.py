@@ -344,8 +344,8 @@ _OPTIONS = {
     "tacho_extra": float,
     **_GEARS.OPTIONS,
 }
-_NOT_NEGATIVE = ("seed", "slip_deg", "hunt_percent", "gear_eccentricity_um", "tacho_error_deg", "tacho_jitter_us",
-                 "tacho_missing", "tacho_extra")  # fmt: skip
+_FROM_ZERO = ("tacho_error_deg", "tacho_jitter_us", "tacho_missing", "tacho_extra")
+_NOT_NEGATIVE = ("seed", "slip_deg", "hunt_percent", "gear_eccentricity_um", *_FROM_ZERO)
 
 
 def open_rig(url: str, name: str) -> SimulatedRig:

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from monitor.health.size.library.fit import FitSettings, fit_library
 from monitor.health.size.library.model import Library
+from reference.once import made_once
 from tests.support.effort import effort_count
-from tests.support.once import made_once
 
 THRESHOLD = 5e-8
 RADIUS = 22.91e-3

@@ -38,7 +38,7 @@ from models.solve.rotor.rig import RotorRig
 from models.solve.rotor.solver import Rigid
 from models.words.request import Request, Sensor
 from monitor.health.signal.features import BlockFeatures, FeatureSettings, block_features, fundamentals
-from tests.support.accepted import rows_of
+from reference.accepted import rows_of
 
 PER_MILLIMETRE = 1e3**1.5
 MODULUS = 200.0 / 210.0

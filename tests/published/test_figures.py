@@ -22,7 +22,7 @@ from models.machine.rig import Rig, contact_damping, natural_frequencies, stiffn
 from models.published.acceptance import Figure, worst
 from models.published.thesis import inner_taken_as_concave, published_figures
 from models.published.uncomputed import uncomputed_figures
-from tests.support.accepted import rows_of
+from reference.accepted import ACCEPTANCE, rows_of
 
 BEYOND = {
     ("Table 14", "k_c, exact elliptic Hertz"),
@@ -47,13 +47,6 @@ COUNTS = {"reproduced": 72, "close": 43, "not reproduced": 23}
 @cache
 def all_figures() -> list[Figure]:
     return published_figures()
-
-
-ACCEPTANCE = (
-    *(f"models.published.{name}" for name in ("beat", "ceruti", "marin", "thibault", "thibault_shaft")),
-    "models.gears.published",
-)
-"""Modules with the figures of the other sources."""
 
 
 def figure(text: str, obtained: float, **others: str) -> Figure:

@@ -11,7 +11,7 @@ from scipy.linalg import eigh
 
 from models.gears import published as gearbox
 from models.gears.train.linear import natural_frequencies
-from tests.support.accepted import rows_of
+from reference.accepted import rows_of
 
 Array = NDArray[np.float64]
 

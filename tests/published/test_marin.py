@@ -16,7 +16,7 @@ from models.published.marin import INNER, SPEED, bearing_of, level, scene_of
 from models.solve.ball_inertia.solver import solve
 from models.words.request import Request
 from monitor.health.signal.features import FeatureSettings, block_features, fundamentals
-from tests.support.accepted import rows_of
+from reference.accepted import rows_of
 
 RATE, DURATION = 25600.0, 4.0
 # Lines closer than this are one, Hz; so far may one be from its place.

@@ -24,9 +24,9 @@ from models.solve.ring_impact.rig import RingImpactRig
 from models.solve.ring_impact.solver import MeasuredLevel, calibrate, noise_level, solve
 from models.words.request import Request
 from monitor.health.signal.features import BlockFeatures, FeatureSettings, block_features, fundamentals
+from reference.accepted import rows_of
+from reference.once import made_once
 from streams.types.block import STANDARD_GRAVITY
-from tests.support.accepted import rows_of
-from tests.support.once import made_once
 
 RATE, DURATION = 12_000.0, 5.0
 BEARING = from_catalogue("6205")

@@ -24,7 +24,7 @@ from models.published.thibault import (
     statics,
     torsion,
 )
-from tests.support.accepted import rows_of
+from reference.accepted import rows_of
 
 
 def fewest(balls: int, axial: float, speed: float) -> int:

@@ -26,7 +26,7 @@ from models.published.thibault_shaft import (
 )
 from models.solve.angular.ball_ring_kernel import CARRIED, F_X, carry
 from models.solve.angular.plan import assemble, ring_of
-from tests.support.accepted import rows_of
+from reference.accepted import rows_of
 
 DAMAGED = replace(REFERENCE, defect=SPALL)
 RIGHT_DAMAGED = replace(REFERENCE, defect=replace(SPALL, support="b"))

@@ -35,10 +35,10 @@ from monitor.records.library_file import save_library
 from monitor.records.store import Store
 from monitor.service.libraries import build_library
 from monitor.service.replay import Replay, replay
+from reference.once import made_once
 from streams.rig.bench import CHANNELS, SimulatedRig, open_rig
 from streams.types.block import Block
 from tests.support.effort import effort_count
-from tests.support.once import made_once
 
 pytestmark = pytest.mark.usefixtures("kept_band_choices")
 

@@ -31,11 +31,11 @@ from monitor.identify.report.page import grade, headline, write_identification
 from monitor.identify.report.profiles import lowest
 from monitor.identify.report.subject import Extent, Subject
 from monitor.report.page import lay_out
+from reference.once import made_once
 from streams.types.block import STANDARD_GRAVITY
 from tests.models.identify.cases import BAND, space_of
 from tests.monitor.conftest import ARRANGE
 from tests.support.identify import stand_in
-from tests.support.once import made_once
 
 pytestmark = pytest.mark.usefixtures("plain_layout")
 

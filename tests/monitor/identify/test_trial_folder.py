@@ -19,11 +19,11 @@ from monitor.commands.common import InputError
 from monitor.config.load import load_config
 from monitor.identify.trial_files import Measuring, tracked_channel
 from monitor.identify.trial_folder import compile_names, read_tests
+from reference.once import made_once
 from streams.files.datasets import ferrara_name
 from streams.types.block import STANDARD_GRAVITY
 from tests.models.identify.cases import BAND, BEARING, CONDITIONS, TRUTH, space_of
 from tests.support.commands import run_command
-from tests.support.once import made_once
 
 MACHINE = """
 [[bearing]]

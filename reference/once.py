@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import functools
 import hashlib
+import os
 import pickle
 from collections.abc import Callable
 from contextlib import closing
 from pathlib import Path
 from typing import ParamSpec, TypeVar, cast
+
+import pytest
 
 from models.platform.portable import FileLock
 
@@ -18,9 +21,11 @@ T = TypeVar("T")
 _folder: list[Path] = []
 
 
-def share_in(folder: Path) -> None:
-    """Keep what is made in this folder, which the other workers of the run use too."""
-    _folder[:] = [folder]
+@pytest.fixture(autouse=True, scope="session")
+def folder_of_the_run(tmp_path_factory: pytest.TempPathFactory) -> None:
+    """Let the workers of a run share results that take seconds."""
+    if "PYTEST_XDIST_WORKER" in os.environ:
+        _folder[:] = [tmp_path_factory.getbasetemp().parent]
 
 
 def made_once(name: str, make: Callable[[], T]) -> T:

@@ -5,7 +5,17 @@ from __future__ import annotations
 from importlib import import_module
 
 from models.published.acceptance import AcceptanceRow
-from tests.support.once import shared_by_workers
+from reference.once import shared_by_workers
+
+ACCEPTANCE = (
+    "models.published.beat",
+    "models.published.ceruti",
+    "models.published.marin",
+    "models.published.thibault",
+    "models.published.thibault_shaft",
+    "models.gears.published",
+)
+"""Modules of printed figures other than those of the thesis' bearings."""
 
 
 @shared_by_workers
