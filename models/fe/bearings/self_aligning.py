@@ -178,7 +178,8 @@ class ObliqueResult:
         bearing: assembled.
         law: of one ball, with its samples.
         unknowns: of each body that was factorised: "inner ball 60 N", "inner ring 60 N" and so on.
-        asymmetry: largest of all samples, as of :class:`models.fe.bearings.oblique_bodies.ObliqueContact`.
+        asymmetry: largest of all samples, as of :class:`models.fe.bearings.oblique_bodies.ObliqueContact`; NaN where it
+            was not asked for.
     """
 
     bearing: SelfAligning
@@ -202,6 +203,7 @@ def oblique_bearing(
     rule: MeshRule = RULE,
     *,
     clearance: float = 0.0,
+    asymmetry: bool = True,
     progress: Progress | None = None,
 ) -> ObliqueResult:
     """Return the bearing assembled from meshes for given loads of a ball, N, ascending; the law ends at the last.
@@ -210,6 +212,7 @@ def oblique_bearing(
 
     Args:
         clearance: gap along the normals before the ring is displaced, m.
+        asymmetry: whether it is computed, which takes one more solution of a ring for each sample.
         progress: told before each step what is done, the steps done and their number.
 
     Raises:
@@ -217,7 +220,7 @@ def oblique_bearing(
     """
     samples: list[tuple[float, float]] = []
     unknowns: dict[str, int] = {}
-    asymmetry, converged, done = 0.0, True, 0
+    largest, converged, done = 0.0 if asymmetry else math.nan, True, 0
     pair: list[ObliqueContact] = []
     for load in loads:
         pair = []
@@ -233,7 +236,8 @@ def oblique_bearing(
             }
             states = [contact.press(share * load) for share in SHARES]
             approach += [state.approach for state in states]
-            asymmetry = max(asymmetry, *(contact.asymmetry(state) for state in states))
+            if asymmetry:
+                largest = max(largest, *(contact.asymmetry(state) for state in states))
             converged = converged and all(state.converged for state in states)
         samples += [(share * load, float(value)) for share, value in zip(SHARES, approach, strict=True)]
     law = fitted_law(*np.array(samples).T)
@@ -241,7 +245,7 @@ def oblique_bearing(
     bearing = SelfAligning(
         law.law(), geometry.n_elements, geometry.contact_angle, influence, clearance, contacts_converged=converged
     )
-    return ObliqueResult(bearing, law, unknowns, asymmetry)
+    return ObliqueResult(bearing, law, unknowns, largest)
 
 
 def self_aligning_bearing(
@@ -274,7 +278,7 @@ def self_aligning_bearing(
     loads = (min(LOAD_STEP ** (last - 1), limit / LOAD_STEP), min(LOAD_STEP**last, limit))
 
     def make() -> CacheEntry:
-        found = oblique_bearing(geometry, loads, progress=progress)
+        found = oblique_bearing(geometry, loads, asymmetry=False, progress=progress)
         law, influence = found.law, found.bearing.influence
         arrays = {"loads": law.loads, "approach": law.approach, "same": influence.same, "other": influence.other}
         fit = {"hertz": law.hertz, "depth": law.depth, "residual": law.residual}

@@ -219,7 +219,10 @@ def test_bearings_of_other_kinds_are_refused_with_the_reason(designation: str, r
 
 
 def test_a_self_aligning_bearing_has_two_rows_and_no_symmetric_contact(monkeypatch: pytest.MonkeyPatch) -> None:
-    def rows(geometry: ObliqueGeometry, loads: Sequence[float], *, progress: Progress) -> ObliqueResult:
+    def rows(
+        geometry: ObliqueGeometry, loads: Sequence[float], *, asymmetry: bool, progress: Progress
+    ) -> ObliqueResult:
+        assert not asymmetry
         progress("inner contact", 0, 1)
         forces = np.geomspace(10.0, max(loads), 5)
         law = fitted_law(forces, (forces / 5.45e9) ** (2.0 / 3.0) * (1.0 + 1e-3 * np.array([1, -1, 0, 1, -1])))
