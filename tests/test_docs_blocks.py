@@ -26,7 +26,7 @@ from monitor.config.load import validate
 from monitor.fleet.manifest import read_manifest
 from monitor.report.options import read_options
 from monitor.report.runs import ReportError
-from streams.files.beside import find_sidecar
+from streams.files.sidecar import find_sidecar
 from tests.support.docs import DOCS, FOR_USERS, ROOT, read
 
 FENCE = re.compile(r"^```(\w*) ?(\S*)\n(.*?)^```$", re.MULTILINE | re.DOTALL)

@@ -44,7 +44,7 @@ from monitor.health.size.library.calibrate import RecordedRun, calibrate
 from monitor.health.size.library.fit import FitSettings, fit_library
 from monitor.health.size.library.model import Library
 from monitor.records.store import Store
-from monitor.report.score.issued import Issued, read_issued
+from monitor.report.score.forecasts import Issued, read_issued
 from monitor.report.score.scoring import End, mean_of_runs, score_run
 from monitor.service.libraries import prior_words
 from monitor.service.setup import open_configured, source_settings

@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 from benchmarks.common import Row, arguments, interleaved_ms, print_table, write_json
 from models.machine.speed_profile import SpeedProfile, hunt, ramp
 from monitor.health.signal.condition import ConditionSettings
-from monitor.health.signal.rotation.found import FoundRotation, find_rotation
 from monitor.health.signal.rotation.rotation import TachoSettings
+from monitor.health.signal.rotation.shaft_angle import FoundRotation, find_rotation
 from streams.turns.pulses import Pulses
 from streams.types.block import Block
 

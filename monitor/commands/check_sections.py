@@ -46,7 +46,7 @@ class TachoView:
 
 def tacho_view(block: Block, config: Config, section: SourceSection) -> TachoView | None:
     """Return what the tacho of a source shows in a block; None where none is configured, and none comes with it."""
-    from monitor.health.signal.rotation.found import find_rotation
+    from monitor.health.signal.rotation.shaft_angle import find_rotation
     from streams.turns.tacho import edge_times
 
     condition = config.operating.to_condition(pulses=section.pulses is not None)

@@ -17,10 +17,10 @@ from monitor.commands.cluster_options import Sharing, sharing
 from monitor.commands.common import InputError
 from monitor.commands.shared_folders import Seen, check_seen, record_files, seen
 from monitor.report.score import scoring
-from monitor.report.score.issued import Issued, read_issued
+from monitor.report.score.forecasts import Issued, read_issued
 
 if TYPE_CHECKING:
-    from monitor.report.score.issued import Issued
+    from monitor.report.score.forecasts import Issued
 
 MEMORY = 300_000_000
 """Bytes that reading or scoring a run needs at most beside the program, measured."""
@@ -59,7 +59,7 @@ def read_records(threshold: float | None, task: RecordsTask) -> list[Issued]:
     """Read the forecasts in records for a threshold, m2.
 
     Raises:
-        ScoreError, ReportError: as :func:`monitor.report.score.issued.read_issued`.
+        ScoreError, ReportError: as :func:`monitor.report.score.forecasts.read_issued`.
         SharedFolderError: this worker sees other records than the caller.
     """
     if task.elsewhere:

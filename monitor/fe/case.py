@@ -23,7 +23,7 @@ from monitor.commands.bearing.statics import LOAD_STEPS
 from monitor.commands.common import PROGRESS_AFTER_S, InputError, say
 
 if TYPE_CHECKING:
-    from models.fe.bearings.assembled import FeBearing, FePassage, FeState
+    from models.fe.bearings.assembly import FeBearing, FePassage, FeState
     from models.fe.bearings.element import Progress
     from models.fe.cache import FeCache
 

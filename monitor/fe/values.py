@@ -22,7 +22,7 @@ from monitor.fe.shaft import shaft_lines
 from monitor.words.numbers import figure
 
 if TYPE_CHECKING:
-    from models.fe.bearings.assembled import FePassage
+    from models.fe.bearings.assembly import FePassage
     from models.fe.bearings.bearing import FeContact
     from models.fe.meshes.geometry import FeGeometry, Race
     from monitor.fe.case import FeCase

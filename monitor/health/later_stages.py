@@ -17,7 +17,7 @@ from monitor.health.rest import trend
 from monitor.health.rest.trend import TimeToAlarm
 from monitor.health.signal.condition import Quantity
 from monitor.health.signal.quality import Verdict
-from monitor.health.signal.rotation.found import FoundRotation
+from monitor.health.signal.rotation.shaft_angle import FoundRotation
 from monitor.health.size import Damage, DamageInput, Remaining
 from monitor.health.state import ChannelSettings, ChannelState, Named
 

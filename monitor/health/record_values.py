@@ -19,8 +19,8 @@ from monitor.health.signal.comb import FaultLines
 from monitor.health.signal.condition import Quantity
 from monitor.health.signal.features import SPECTRUM_LINES, BlockFeatures, fundamentals
 from monitor.health.signal.orders import MAX_SPEED_RATIO
-from monitor.health.signal.rotation.found import FoundRotation
 from monitor.health.signal.rotation.rotation import Rotation
+from monitor.health.signal.rotation.shaft_angle import FoundRotation
 from monitor.health.signal.velocity import NO_ABSOLUTE_LEVEL
 from monitor.health.signal.waterfall import SpectrumRow
 from monitor.health.size import Remaining

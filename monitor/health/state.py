@@ -13,6 +13,7 @@ from typing import Any, TypeVar
 from models.machine.bearing import KNOWN, Bearing, KinematicUncertainty
 from models.machine.rig import Calibration
 from monitor.health.alarms import AlarmSettings, AlarmState
+from monitor.health.codec import StoredState
 from monitor.health.gears.naming import GearsState
 from monitor.health.gears.settings import GearSettings
 from monitor.health.name.evidence import BlockEvidence, ChannelEvidence
@@ -31,7 +32,6 @@ from monitor.health.signal.waterfall import WaterfallSettings, WaterfallState
 from monitor.health.size import RemainingSettings
 from monitor.health.size.filter.particle_filter import FilterState
 from monitor.health.size.library.forecaster import LibraryState
-from monitor.health.stored import StoredState
 from monitor.health.tracker import DamageSettings, DamageState
 from monitor.words.zones import MachineClass
 

@@ -47,8 +47,8 @@ from monitor.health.signal.quality import (
     verdict_of_block,
     with_flags,
 )
-from monitor.health.signal.rotation.found import FoundRotation, find_rotation, with_phase
 from monitor.health.signal.rotation.ias import with_ias
+from monitor.health.signal.rotation.shaft_angle import FoundRotation, find_rotation, with_phase
 from monitor.health.signal.spectra import WAVEFORM_SAMPLES, BlockView
 from monitor.health.signal.transform import MIN_SAMPLES
 from monitor.health.signal.waterfall import SpectrumChange, WaterfallState

@@ -12,6 +12,7 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Literal
 
 from models.machine.scene import Part
+from monitor.health.codec import StoredState
 from monitor.health.rest import quadratic as forecast
 from monitor.health.rest.learned.forecaster import LearnedState
 from monitor.health.rest.learned.forecaster import step as learned_step
@@ -26,7 +27,6 @@ from monitor.health.size.level_set import LevelMap, map_of_block
 from monitor.health.size.library.forecaster import LibrarySettings, LibraryState
 from monitor.health.size.library.forecaster import step as library_step
 from monitor.health.size.library.model import Library
-from monitor.health.stored import StoredState
 
 if TYPE_CHECKING:
     from models.maps import data as map_data

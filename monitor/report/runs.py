@@ -24,7 +24,7 @@ from monitor.records.publish import PublishError, day_dataset, days
 from monitor.records.published_folder import absence_text, moved_days
 from monitor.records.queries import condensed_blocks
 from monitor.records.store import Store
-from monitor.report.beside import StoredBeside, read_beside
+from monitor.report.store_details import StoredBeside, read_beside
 from monitor.words.numbers import count
 
 Records = xr.Dataset | Store | Path | str

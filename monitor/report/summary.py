@@ -17,7 +17,7 @@ from monitor.report.readings import VolumeScale
 from monitor.report.run_section import ChannelPart, RunPart
 from monitor.report.runs import Channel, Run
 from monitor.report.score import scoring
-from monitor.report.score.issued import ScoreError, issued_of, running_time
+from monitor.report.score.forecasts import ScoreError, issued_of, running_time
 from monitor.report.verdict import ChannelVerdict
 from streams.types.block import STANDARD_GRAVITY
 

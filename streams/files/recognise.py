@@ -10,7 +10,6 @@ from pathlib import Path, PurePosixPath
 from typing import Any
 from zoneinfo import ZoneInfo
 
-from streams.files.beside import FOLDER_NAMES, apply_sidecar, find_sidecar, is_beside, is_pulse_file, with_pulse_files
 from streams.files.container import Files, Item, is_archive
 from streams.files.datasets import DATA_SETS, DataSet, FileFacts
 from streams.files.formats.hdf5 import read_hdf5
@@ -21,6 +20,7 @@ from streams.files.formats.tdms import read_tdms
 from streams.files.formats.text import first_characters, read_layout
 from streams.files.formats.uff import read_uff
 from streams.files.parse.child import isolated
+from streams.files.sidecar import FOLDER_NAMES, apply_sidecar, find_sidecar, is_beside, is_pulse_file, with_pulse_files
 from streams.types.large import Data
 from streams.types.listing import natural_key, unpacked_name
 from streams.types.samples import ReaderError, Samples

@@ -23,9 +23,9 @@ from models.platform.scratch import free_bytes, scratch_folder
 from models.words.errors import SpallwatchError
 from models.work.filesystem import cause, error_code, filesystem, repeated
 from models.work.redact import bare_url, has_user_info, redact
-from streams.files.beside import pulse_file_of, sidecar_paths
 from streams.files.container import is_archive
 from streams.files.download import RemoteError, download, refuse_size
+from streams.files.sidecar import pulse_file_of, sidecar_paths
 from streams.types.listing import is_skipped, natural_key, shown
 from streams.types.spec import SourceError
 

@@ -12,10 +12,10 @@ from pathlib import Path, PurePosixPath
 
 from models.platform.scratch import free_bytes, scratch_folder
 from models.work.filesystem import filesystem
-from streams.files.beside import FOLDER_NAMES, pulse_file_of
 from streams.files.container import Item, read_regular
 from streams.files.download import refuse_size
 from streams.files.remote import FETCHED, RemoteFile, fetch_files, fetched, foreseen, remote_files, split_url, target_of
+from streams.files.sidecar import FOLDER_NAMES, pulse_file_of
 from streams.types.large import Data
 from streams.types.listing import shown
 

@@ -11,12 +11,12 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from streams.files.beside import is_pulse_file, is_sidecar, pulse_pattern
 from streams.files.container import Files, Item, open_files
 from streams.files.datasets import DataSet, FileFacts
 from streams.files.load import Loader, in_own_units
 from streams.files.plausible import SignalLevel, level_of
 from streams.files.recognise import data_set_of
+from streams.files.sidecar import is_pulse_file, is_sidecar, pulse_pattern
 from streams.files.statements import multiple_of, nice_rate, plain_key, rate_of_times
 from streams.turns.tacho import TachoRow, is_called_tacho, tacho_row
 from streams.types.listing import natural_key, shown

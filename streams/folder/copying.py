@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from streams.files.beside import is_pulse_file, pulse_file_of
+from streams.files.sidecar import is_pulse_file, pulse_file_of
 from streams.types.listing import Stat
 
 

@@ -63,7 +63,7 @@ class Intake:
         self.undated: dict[FileEntry, str] = {}
         """The files whose date cannot be told yet, with the reasons; the first of them is ``waits``."""
         self.waits: str | None = None
-        self._spec, self._loader, self._register, self._known = spec, loader, register, register.known
+        self._spec, self._loader, self._register, self._inquiry = spec, loader, register, register.inquiry
         self._reblocker = cutter_of(spec, loader.data_set)
         # Pulses may be written after their samples.
         self._grows = self._reblocker is not None and spec.pulses is None and loader.data_set.name in _GROWS
@@ -142,7 +142,7 @@ class Intake:
         """Record that a delivery is committed."""
         item = delivery.item
         if not (isinstance(item, Rejected) and item.is_repetition):
-            self._known.uncommitted.pop(item.sequence, None)
+            self._inquiry.uncommitted.pop(item.sequence, None)
         entries: tuple[FileEntry, ...] = delivery.token
         for entry, progress in zip(entries, delivery.progress, strict=True):
             self._register.tell(entry, Committed(progress))
@@ -158,7 +158,7 @@ class Intake:
             reason = f"{entry.key}: is gone, before all of it could be read"
             self._reject(entry, None, facts, ReaderError("unreadable", reason))
             return None
-        if self._known.is_poisoned(entry.key):
+        if self._inquiry.is_poisoned(entry.key):
             reason = f"{entry.key}: the monitor died repeatedly while it handled this file; it is set aside"
             self._reject(entry, None, facts, ReaderError(POISONED, reason))
             return None
@@ -212,7 +212,7 @@ class Intake:
             return None
         if self._is_reordered(entry):
             return None
-        self._known.add(raw.progress.content_hash, entry)
+        self._inquiry.add(raw.progress.content_hash, entry)
         return entry, raw, facts, samples
 
     def _is_growing(self, entry: FileEntry) -> bool:
@@ -247,7 +247,7 @@ class Intake:
             self._flush()
         digest = "" if raw is None else raw.progress.content_hash
         number, status = self._number_of(entry, facts), error.status
-        if not self._known.is_free(number):
+        if not self._inquiry.is_free(number):
             status = "changed"
         stat = entry.state.stat
         known = entry.state.base or (raw.progress if raw is not None else FileProgress(entry.key, 0, 0, 0))
@@ -273,7 +273,7 @@ class Intake:
             self._flush()
             self._register.renew(entry)
         number, root = self._number_of(entry, facts), str(self._loader.root)
-        match = self._known.match(entry, raw, result, number, root=root, grows=self._grows)
+        match = self._inquiry.match(entry, raw, result, number, root=root, grows=self._grows)
         if match is None:
             return False
         if match.renamed is not None:
@@ -360,7 +360,7 @@ class Intake:
         self, item: Block | Rejected, pairs: list[tuple[FileEntry, FileProgress]], *, blocks: bool = False
     ) -> None:
         if not (isinstance(item, Rejected) and item.is_repetition):
-            self._known.uncommitted[item.sequence] = item.content_hash
+            self._inquiry.uncommitted[item.sequence] = item.content_hash
             self._numbers.note(item)
         self._delivered += 1
         for entry, _ in pairs:

@@ -9,9 +9,9 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import replace
 
-from streams.files.beside import is_sidecar
+from streams.files.sidecar import is_sidecar
 from streams.folder.copying import HOLD, Awaited, CopyDetector, Order
-from streams.folder.known import ARCHIVED, Known
+from streams.folder.inquiry import ARCHIVED, Inquiry
 from streams.folder.life import (
     Committed,
     FileEntry,
@@ -55,7 +55,7 @@ class Register:
         """
         self._awaited = Awaited(pulses, settle_s)
         self.waiting: dict[str, FileEntry] = {}
-        self.known = Known(source, ledger, self.waiting)
+        self.inquiry = Inquiry(source, ledger, self.waiting)
         self._others: set[str] = set()
         self.ignored: list[str] = []
         """The paths of the files that are ignored, as of the latest listing, in natural order."""
@@ -107,7 +107,7 @@ class Register:
             done = self._done.get(path)
             if path in self._others or (done is not None and done.is_of(stat)):
                 return
-            known = done or self.known.file(path)
+            known = done or self.inquiry.file(path)
             released = known is not None and known.verdict == RELEASED
             if released:
                 known = None
@@ -311,7 +311,7 @@ class Register:
 
     def _finish(self, entry: FileEntry, progress: FileProgress) -> None:
         """Count a file under its verdict; a later change enters it again."""
-        self.known.remove(progress.content_hash, entry)
+        self.inquiry.remove(progress.content_hash, entry)
         if progress.path != entry.key:
             # It was renamed before its last block was committed.
             progress = self._restore(progress, entry.key)

@@ -14,11 +14,11 @@ from pathlib import Path
 
 from streams.dates.dater import Dater
 from streams.dates.dating import Dating, kept_dating
-from streams.files.beside import is_pulse_file
 from streams.files.container import Folder, check_readable
 from streams.files.datasets import DataSet
 from streams.files.load import Loader, is_cut, is_dated_by_choice
 from streams.files.recognise import data_set_of
+from streams.files.sidecar import is_pulse_file
 from streams.folder.copying import Order
 from streams.folder.intake import Intake
 from streams.folder.reading import Background, FileTask
@@ -331,7 +331,7 @@ class FolderSource(LiveSource):
                 or now - entry.state.changed >= MAX_INCOMPLETE_S
             )
         }
-        poisoned = [path for path in ready if register.known.is_poisoned(shown(path))]
+        poisoned = [path for path in ready if register.inquiry.is_poisoned(shown(path))]
         if poisoned and len(poisoned) == len(ready):
             self._unknown = f"{shown(poisoned[0])}: the monitor died repeatedly while it handled this file"
         if len(poisoned) == len(ready) or (ready == self._tried and now < self._retry):

@@ -9,11 +9,11 @@ from dataclasses import replace
 
 from streams.dates.dater import Dater, UndatedError
 from streams.dates.dating import Dating
-from streams.files.beside import is_pulse_file, is_sidecar
 from streams.files.container import Files, Item, hash_of_file, open_files
 from streams.files.datasets import DataSet, FileFacts
 from streams.files.load import Loader, cutter_of, is_cut, is_dated_by_choice, renamed
 from streams.files.recognise import check_stated, data_set_of, one_run
+from streams.files.sidecar import is_pulse_file, is_sidecar
 from streams.reblock import Cut, Reblocker
 from streams.recording.repeats import Loaded, Met, reordered
 from streams.recording.state import VERSION, ReadingState, RecordingPass, names_digest

@@ -20,8 +20,8 @@ from monitor.health.record_values import record_values, rotation_values, spectru
 from monitor.health.schema import DOMAINS, ROTATION_STATUSES
 from monitor.health.signal.condition import Quantity
 from monitor.health.signal.quality import Verdict, rejected
-from monitor.health.signal.rotation.found import FoundRotation
 from monitor.health.signal.rotation.rotation import PulseCounts, Rotation
+from monitor.health.signal.rotation.shaft_angle import FoundRotation
 from monitor.health.signal.spectra import BlockView, RawSpectra
 from monitor.health.signal.waterfall import SpectrumChange
 from monitor.health.state import ChannelState

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from models.fe.bearings.assembled import AssembledBearing
+from models.fe.bearings.assembly import AssembledBearing
 from models.fe.bearings.law import ElementLaw
 from models.fe.bearings.ring_bodies import BalancedBody, bore_traction
 from models.fe.bearings.rings import BoreLoad, RingInfluence

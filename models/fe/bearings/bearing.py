@@ -14,7 +14,7 @@ from contextlib import suppress
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
-from models.fe.bearings.assembled import AssembledBearing, FeBearing
+from models.fe.bearings.assembly import AssembledBearing, FeBearing
 from models.fe.bearings.element import ELEMENT_STEPS, MAX_SHARE, RACES, ElementMesh, FeContact, Progress, element_mesh
 from models.fe.bearings.law import ElementLaw
 from models.fe.bearings.ring_bodies import INFLUENCE_RULE, bore_load, influence_load, ring_influence

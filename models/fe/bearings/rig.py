@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from models.fe.bearings.assembled import PassingElements
+    from models.fe.bearings.assembly import PassingElements
     from models.machine.bearing import Bearing
 
 POINTS = 16

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import numpy as np
 
-from models.fe.bearings.assembled import FeBearing, FeState, PassingElements
+from models.fe.bearings.assembly import FeBearing, FeState, PassingElements
 from models.fe.bearings.balance import Balance, condensed, settle
 from models.fe.bearings.oblique_bodies import (
     RULE,

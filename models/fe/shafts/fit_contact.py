@@ -16,7 +16,7 @@ from models.fe.bearings.balance import Balance, settle
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from models.fe.bearings.assembled import AssembledBearing
+    from models.fe.bearings.assembly import AssembledBearing
 
 Fit = Literal["touching", "held", "sinusoidal"]
 """The shaft may part from the bore; or holds it where it would; or a pressure cos(angle) stands for it (Fig. 21)."""

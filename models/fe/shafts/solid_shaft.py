@@ -29,7 +29,7 @@ from models.words.checks import check_whole
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from models.fe.bearings.assembled import AssembledBearing
+    from models.fe.bearings.assembly import AssembledBearing
     from models.fe.meshes.geometry import FeGeometry
 
 _BALANCE = 1e-8

@@ -28,8 +28,8 @@ from monitor.commands.init.questions import (
 from monitor.commands.init.text import Draft, configuration_text, level_in_g, machine_name
 from monitor.config.load import Config, load_config
 from monitor.words.numbers import duration
-from streams.files.beside import is_beside
 from streams.files.plausible import doubts
+from streams.files.sidecar import is_beside
 from streams.files.survey import Survey, survey
 from streams.types.listing import shown
 from streams.types.samples import ReaderError

@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
+from monitor.health.codec import StoredState
 from monitor.health.onset import HEALTHY
-from monitor.health.stored import StoredState
 
 NORMAL, MAINTENANCE, OUT_OF_SPECIFICATION = "normal", "maintenance_required", "out_of_specification"
 CHECK, FAILURE, NO_DATA, BAD_DATA = "check_function", "failure", "no_data", "bad_data"

@@ -20,10 +20,10 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
+from monitor.health.codec import StoredState
 from monitor.health.gears.indicators import GearIndicators
 from monitor.health.gears.settings import GearSettings
 from monitor.health.onset.detector import one_of, threshold_for
-from monitor.health.stored import StoredState
 
 VALUES = ("fm4", "m6a", "residual", "sideband")
 """What is learned of each wheel, as logarithms."""

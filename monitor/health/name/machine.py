@@ -26,6 +26,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
+from monitor.health.codec import StoredState
 from monitor.health.name.evidence import (
     UNNAMED_DEPTH,
     BlockEvidence,
@@ -36,7 +37,6 @@ from monitor.health.name.evidence import (
 )
 from monitor.health.onset import DetectSettings
 from monitor.health.schema import HINT, VERDICT
-from monitor.health.stored import StoredState
 from monitor.words.parts import FAULTS
 
 

@@ -23,7 +23,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from monitor.health.stored import StoredState
+from monitor.health.codec import StoredState
 
 Array = NDArray[np.float64]
 LevelsBy = Literal["none", "speed", "load", "speed_and_load", "auto"]

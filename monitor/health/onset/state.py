@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+from monitor.health.codec import StoredState
 from monitor.health.onset.dependence import (
     UNKNOWN,
     Condition,
@@ -16,7 +17,6 @@ from monitor.health.onset.dependence import (
     condition_of,
     leaves,
 )
-from monitor.health.stored import StoredState
 from monitor.words.parts import PARTS
 
 LEARNING, HEALTHY, FINAL, END_OF_LIFE = "learning", "healthy", "final", "end_of_life"

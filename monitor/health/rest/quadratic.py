@@ -14,8 +14,8 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+from monitor.health.codec import StoredState
 from monitor.health.size import Remaining, TtStatus
-from monitor.health.stored import StoredState
 
 MIN_POINTS = 3
 """Least number of V_eq points for a fit, the first included: they determine a curve."""

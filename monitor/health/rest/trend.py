@@ -15,10 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from monitor.health.alarms import SEVERITIES, AlarmSettings, Level, LevelState, Rule, applies, limit_of, move_level
+from monitor.health.codec import StoredState
 from monitor.health.rest.growth import Crossing, crossing, segments
 from monitor.health.rest.learned.history import StageHistory
 from monitor.health.size import RemainingSettings
-from monitor.health.stored import StoredState
 
 DEFAULT_FACTOR = 4.0
 DEFAULT_RULE = Rule(name="default", feature="rms", alert=Level(factor=DEFAULT_FACTOR))

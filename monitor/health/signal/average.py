@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from monitor.health.stored import FLOAT32
+from monitor.health.codec import FLOAT32
 
 MAX_TURNS_RATIO = 1.25
 """Revolutions of two blocks of one average, the larger over the smaller: lines are as much broader in the shorter."""

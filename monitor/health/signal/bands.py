@@ -19,6 +19,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from monitor.health.codec import StoredState
 from monitor.health.signal.floor import MIN_FLOOR_BINS, noise_floor
 from monitor.health.signal.indicators import sample_range
 from monitor.health.signal.interference import Comb, fixed_combs, remove_lines
@@ -26,7 +27,6 @@ from monitor.health.signal.orders import Warp, order_amplitude, warp_of
 from monitor.health.signal.plans import envelope_length
 from monitor.health.signal.rotation.rotation import Rotation
 from monitor.health.signal.transform import Band, band_bins, fast_length
-from monitor.health.stored import StoredState
 
 _PARTS = (2, 3, 4, 6, 8, 12)
 _TOP_SHARE = 0.98

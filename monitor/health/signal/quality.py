@@ -13,8 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from monitor.health.codec import StoredState
 from monitor.health.signal.indicators import span_of
-from monitor.health.stored import StoredState
 
 REJECTIONS = (
     "empty",

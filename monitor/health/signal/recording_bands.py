@@ -12,7 +12,7 @@ from models.machine.bearing import kinematics
 from monitor.health.signal.bands import BandVotes, find_band
 from monitor.health.signal.features import fundamentals
 from monitor.health.signal.interference import all_combs
-from monitor.health.signal.rotation.found import find_rotation
+from monitor.health.signal.rotation.shaft_angle import find_rotation
 from monitor.health.signal.transform import Band
 from monitor.health.state import ChannelSettings, SourceSettings
 from streams.types.block import Block

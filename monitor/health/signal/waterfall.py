@@ -14,9 +14,9 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from monitor.health.codec import StoredState
 from monitor.health.signal.kurtogram import Kurtogram
 from monitor.health.signal.spectra import BlockView
-from monitor.health.stored import StoredState
 
 Kind = Literal["newest", "kept", "pinned"]
 """How long a spectrum is kept: until the next one comes, until it is thinned out, always."""

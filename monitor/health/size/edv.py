@@ -21,9 +21,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from monitor.health.codec import StoredState
 from monitor.health.size import Damage, EdvStatus
 from monitor.health.size.level_set import LevelMap, LevelPoint, least_volume, step_back, widened_steps
-from monitor.health.stored import StoredState
 
 if TYPE_CHECKING:
     from models.maps.data import RmsMap

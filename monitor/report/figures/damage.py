@@ -36,7 +36,7 @@ from monitor.report.figures.trends import draw_marks, zoom_marks
 from monitor.report.figures.zoom import Band, Line, Panel, zoom_data
 from monitor.report.readings import VolumeScale, unscaled
 from monitor.report.runs import Channel
-from monitor.report.score.issued import running_time
+from monitor.report.score.forecasts import running_time
 from monitor.report.score.scoring import ALPHA
 from monitor.report.verdict import ChannelContext, interval_name
 from monitor.words.numbers import count, figure, volume

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from monitor.report.score import baselines, metrics
-from monitor.report.score.issued import Issued
+from monitor.report.score.forecasts import Issued
 
 Floats = NDArray[np.float64]
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from models.fe.bearings import bearing, ring_bodies
-from models.fe.bearings.assembled import FeBearing
+from models.fe.bearings.assembly import FeBearing
 from models.fe.bearings.bearing import analytic_law, fe_bearing, largest_load, mesh_loads
 from models.fe.bearings.element import MAX_SHARE, MIN_SHARE, ElementMesh, Progress, element_mesh, surface_gap
 from models.fe.bearings.rings import Support

@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from models.fe.bearings.assembled import AssembledBearing
+from models.fe.bearings.assembly import AssembledBearing
 from models.fe.bearings.law import ElementLaw
 from models.fe.bearings.rig import BearingAnswer, bearing_answers, effective_stiffness, rig_stiffness
 from models.fe.solid.elastic import NotConvergedError

@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from models.fe.bearings.assembled import AssembledBearing
+from models.fe.bearings.assembly import AssembledBearing
 from models.fe.bearings.bearing import analytic_law
 from models.fe.bearings.ring_bodies import bore_load, influence_load, ring_influence
 from models.fe.meshes.geometry import FeGeometry, fe_geometry

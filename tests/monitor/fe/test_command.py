@@ -22,7 +22,7 @@ from click.testing import CliRunner
 
 import models.fe.bearings.bearing
 import spallwatch as sw
-from models.fe.bearings.assembled import AssembledBearing, FeBearing
+from models.fe.bearings.assembly import AssembledBearing, FeBearing
 from models.fe.bearings.element import RACES, FeContact, Progress
 from models.fe.bearings.law import ElementLaw
 from models.fe.bearings.oblique import ObliqueGeometry

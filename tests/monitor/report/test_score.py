@@ -12,7 +12,7 @@ from click.testing import CliRunner
 
 from monitor.commands.score import command
 from monitor.health.record import Record
-from monitor.report.score.issued import Issued, ScoreError, read_issued
+from monitor.report.score.forecasts import Issued, ScoreError, read_issued
 from monitor.report.score.scoring import End, end_of, mean_of_runs, score_run
 from tests.support.score import DAY, KNOWN, STEP, TT, record, run, stored
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from streams.files.beside import is_pulse_file, pulse_file_of
+from streams.files.sidecar import is_pulse_file, pulse_file_of
 from streams.open import open_source
 from streams.recording.source import Recording
 from streams.types.block import Block, Rejected

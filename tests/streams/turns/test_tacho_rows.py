@@ -13,7 +13,7 @@ from click.testing import CliRunner
 from monitor.commands.init.command import command
 from monitor.config.load import load_config
 from monitor.service.setup import open_configured
-from streams.files.beside import pulse_pattern
+from streams.files.sidecar import pulse_pattern
 from streams.files.survey import surveyed_rows
 from streams.types.block import Block
 from streams.types.samples import Samples

@@ -8,12 +8,12 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 
+from monitor.health.codec import StoredState
 from monitor.health.rest.learned.fit import MIN_POINTS
 from monitor.health.rest.learned.history import StageHistory
 from monitor.health.rest.learned.model import Distribution, LearnedModel
 from monitor.health.size import DamageInput, Remaining, RemainingSettings, TtStatus
 from monitor.health.size.library.forecaster import QUANTILES
-from monitor.health.stored import StoredState
 
 
 @dataclass(frozen=True)

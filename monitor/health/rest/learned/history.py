@@ -13,7 +13,7 @@ from statistics import median
 import numpy as np
 from numpy.typing import NDArray
 
-from monitor.health.stored import StoredState
+from monitor.health.codec import StoredState
 
 Array = NDArray[np.float64]
 

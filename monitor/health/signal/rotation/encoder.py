@@ -20,6 +20,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from monitor.health.codec import Float32Row, StoredState
 from monitor.health.signal.rotation.intervals import (
     MIN_TURNS,
     Intervals,
@@ -28,7 +29,6 @@ from monitor.health.signal.rotation.intervals import (
     UnevenPulsesError,
     intervals,
 )
-from monitor.health.stored import Float32Row, StoredState
 
 LEARNING_TURNS = 1000
 """Turns of the wheel over which its error is learned: five blocks of 5 s at 40 Hz."""

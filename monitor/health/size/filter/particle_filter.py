@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from monitor.health.codec import StoredState
 from monitor.health.size import Damage, DamageInput, EdvStatus
 from monitor.health.size.filter.particles import (
     GAIN,
@@ -30,7 +31,6 @@ from monitor.health.size.filter.particles import (
     two_peaks,
 )
 from monitor.health.size.filter.prior import ErrorModel, GrowthPrior, MapLookup, build_lookup
-from monitor.health.stored import StoredState
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from monitor.health.codec import FLOAT32, Float32Array, StoredState
 from monitor.health.size.filter.prior import ErrorModel, GrowthPrior, MapLookup
-from monitor.health.stored import FLOAT32, Float32Array, StoredState
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -20,6 +20,7 @@ from typing import Any
 
 import numpy as np
 
+from monitor.health.codec import StoredState
 from monitor.health.size import Damage, DamageInput, EdvStatus, Remaining, RemainingSettings, TtStatus
 from monitor.health.size.library.model import (
     LINES,
@@ -32,7 +33,6 @@ from monitor.health.size.library.model import (
 )
 from monitor.health.size.library.plausible import Watch, step_score
 from monitor.health.size.library.summaries import LevelHistory
-from monitor.health.stored import StoredState
 
 QUANTILES = (0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95)
 """Levels of the quantiles in a result."""

@@ -14,7 +14,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 from numpy.typing import NDArray
 
-from monitor.health.stored import Float64Array, StoredState
+from monitor.health.codec import Float64Array, StoredState
 
 RECENT = 48
 FIRST = 6

@@ -13,7 +13,7 @@ import pytest
 from monitor.config.load import validate
 from monitor.health.record import Record
 from monitor.health.signal.condition import ConditionSettings
-from monitor.health.signal.rotation.found import find_rotation
+from monitor.health.signal.rotation.shaft_angle import find_rotation
 from monitor.health.state import SourceSettings
 from monitor.service.setup import source_settings
 from reference.steps import Steps

@@ -11,8 +11,8 @@ import pytest
 
 from monitor.config.load import validate
 from monitor.health.signal.condition import ConditionSettings
-from monitor.health.signal.rotation.found import FoundRotation, find_rotation, with_phase
 from monitor.health.signal.rotation.rotation import TachoSettings
+from monitor.health.signal.rotation.shaft_angle import FoundRotation, find_rotation, with_phase
 from monitor.service.setup import source_settings
 from reference.steps import Steps
 from streams.turns.pulses import Pulses

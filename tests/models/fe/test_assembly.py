@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from models.fe.bearings import assembled, balance
-from models.fe.bearings.assembled import AssembledBearing
+from models.fe.bearings import assembly, balance
+from models.fe.bearings.assembly import AssembledBearing
 from models.fe.bearings.law import ElementLaw
 from models.fe.bearings.rings import BoreLoad, RingInfluence
 from models.machine.bearing import from_catalogue
@@ -177,7 +177,7 @@ def test_contacts_that_do_not_close_are_not_called_converged(monkeypatch: pytest
     start = bearing.state(3000.0)
     monkeypatch.setattr(ElementLaw, "approach_of", lambda law, force: (1.0 + 1e-6) * inverse(law, force))
     state = bearing.state(3000.0, start=start)
-    assert state.imbalance <= assembled.EQUILIBRIUM_TOLERANCE
+    assert state.imbalance <= assembly.EQUILIBRIUM_TOLERANCE
     assert state.contact_error > 0.0
     assert state.status == "contact_violated"
 

@@ -34,8 +34,8 @@ class Match:
 
 
 @dataclass
-class Known:
-    """Knows files by name, content and number; ``waiting`` are those that wait, by path."""
+class Inquiry:
+    """What the ledger of a source says of files by name, content and number; ``waiting``: those that wait, by path."""
 
     source: str
     ledger: Ledger
