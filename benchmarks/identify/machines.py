@@ -45,7 +45,7 @@ from models.identify.resonances import find_resonances, welch
 from models.identify.run import Identification, IdentifyOptions, identify
 from models.identify.space import FREE_WITHOUT_TESTS, Space, bearing_directions
 from models.identify.trials import Condition, Trial, Trials, gather, no_trials
-from models.identify.volume import OperatingPoint, levels, objections, small_map, volume_spread
+from models.identify.volume import VolumePoint, levels, objections, small_map, volume_spread
 from models.machine.bearing import catalogue_entry, kinematics
 from models.machine.rig import Rig
 from models.published.thesis import EXTENTS_DEG, SEEDED_DEPTH
@@ -78,7 +78,7 @@ MACHINES: Mapping[str, tuple[Rig, int]] = {
 SOURCES = ("peaks", "accelerance", "run-up", "healthy", "tests")
 LOADS = (1000.0, 2000.0)
 BAND = (0.0, 9500.0)
-POINT = OperatingPoint(2000.0, 30.0, BAND)
+POINT = VolumePoint(2000.0, 30.0, BAND)
 NOISE, FREQUENCY_SD, DAMPING_SD, LEVEL_SD = 0.03, 0.005, 0.1, 0.1
 RATE, SECONDS = 25600.0, 30.0
 # c_i and alpha_c stay those of Table 18, wrong for these machines: tests tell them least.

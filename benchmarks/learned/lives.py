@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from benchmarks.common import Row, Tables, benchmark
 from monitor.health.rest.learned import fit
-from monitor.health.rest.learned.fit import LearnedRun, Moments, moments_of
+from monitor.health.rest.learned.fit import LearnedRun, RunMoments, moments_of
 from monitor.health.rest.learned.scores import SCORED_SHARES, covers, crps_share
 
 Array = NDArray[np.float64]
@@ -102,8 +102,8 @@ def _growth(law: int, share: Array, rng: np.random.Generator) -> Array:
 class Drawn:
     """Runs of one kind to learn from and to be asked, with their moments over the whole of each life."""
 
-    learned: tuple[tuple[LearnedRun, Moments], ...]
-    asked: tuple[tuple[LearnedRun, Moments, Moments], ...]
+    learned: tuple[tuple[LearnedRun, RunMoments], ...]
+    asked: tuple[tuple[LearnedRun, RunMoments, RunMoments], ...]
 
 
 def draw_kinds(kinds: int, runs: int, seed: int) -> list[Drawn]:
@@ -132,10 +132,10 @@ def constants(chosen: Mapping[str, Any]) -> Iterator[None]:
             setattr(fit, name, value)
 
 
-def _middle(run: LearnedRun, moments: Moments, margin: float) -> Moments:
+def _middle(run: LearnedRun, moments: RunMoments, margin: float) -> RunMoments:
     share = moments.elapsed / run.life
     kept = (share >= margin) & (share <= 1.0 - margin)
-    return Moments(moments.inputs[kept], moments.elapsed[kept], moments.left[kept])
+    return RunMoments(moments.inputs[kept], moments.elapsed[kept], moments.left[kept])
 
 
 def score(drawn: Sequence[Drawn], chosen: Mapping[str, Any]) -> Row:

@@ -40,7 +40,7 @@ Key = tuple[float, ...]
 
 
 @dataclass(frozen=True, eq=False)
-class Level:
+class CandidateLevel:
     """What one candidate does at all conditions.
 
     Attributes:
@@ -155,7 +155,7 @@ class Evaluator:
     band: tuple[float, float] | None = None
     runner: Runner = SERIAL
     near: Runner = SERIAL
-    kept: dict[Key, Level] = field(default_factory=dict[Key, Level])
+    kept: dict[Key, CandidateLevel] = field(default_factory=dict[Key, CandidateLevel])
     simulated: int = 0
     notify: Callable[[], None] | None = None
 
@@ -174,7 +174,7 @@ class Evaluator:
             extents = tuple(self.conditions[n].dphi_d for n in members)
             self._rows.append(_Row(self.conditions[members[0]], members, extents))
 
-    def levels(self, candidates: Sequence[Values]) -> list[Level]:
+    def levels(self, candidates: Sequence[Values]) -> list[CandidateLevel]:
         """Return the levels of candidates.
 
         Raises:
@@ -189,7 +189,7 @@ class Evaluator:
         found = iter(self._simulate(tasks))
         shape = len(self.conditions), len(FEATURES)
         for key in missing:
-            level = Level(np.empty(shape), np.empty(shape))
+            level = CandidateLevel(np.empty(shape), np.empty(shape))
             for row in self._rows:
                 features, doubt = next(found)
                 level.features[list(row.numbers)], level.doubt[list(row.numbers)] = features, doubt

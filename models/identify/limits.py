@@ -12,7 +12,7 @@ LEAST_ALPHA_C = 1e-6
 
 
 @dataclass(frozen=True)
-class Limits:
+class AdmissibleLimits:
     """Admissible intervals of Eq. 80, SI units; damping ratios are pure numbers.
 
     The defaults are Table 16 and section 4.4.1.
@@ -58,7 +58,7 @@ class Limits:
         if not 0.0 < self.f_1 < self.f_2:
             raise ValueError(f"f_1 and f_2 must be positive and ascend, got {self.f_1!r} and {self.f_2!r} Hz")
 
-    def with_intervals(self, intervals: dict[str, Interval]) -> Limits:
+    def with_intervals(self, intervals: dict[str, Interval]) -> AdmissibleLimits:
         """Return these limits with some intervals replaced; ValueError for a name that has none."""
         for name in intervals:
             if name not in INTERVALS:
@@ -66,7 +66,7 @@ class Limits:
         return replace(self, **intervals)
 
 
-INTERVALS = (*(field.name for field in fields(Limits) if not field.name.startswith("f_")), "f_r")
+INTERVALS = (*(field.name for field in fields(AdmissibleLimits) if not field.name.startswith("f_")), "f_r")
 """Names of the limits that are intervals."""
 
 
@@ -75,7 +75,7 @@ def intersection(*intervals: Interval) -> Interval:
     return max(low for low, _ in intervals), min(high for _, high in intervals)
 
 
-def beta_c_interval(limits: Limits, alpha_c: float | None) -> Interval:
+def beta_c_interval(limits: AdmissibleLimits, alpha_c: float | None) -> Interval:
     """Return the beta_c that keep zeta_1 and zeta_2 within their limits, s, for a known or an unknown alpha_c, 1/s."""
     w_1, w_2 = 2.0 * math.pi * limits.f_1, 2.0 * math.pi * limits.f_2
     ratios = ((w_1, limits.zeta_1), (w_2, limits.zeta_2))
@@ -91,7 +91,7 @@ def beta_c_interval(limits: Limits, alpha_c: float | None) -> Interval:
     return intersection(limits.beta_c, crossing, *own)
 
 
-def alpha_c_interval(limits: Limits, beta_c: float) -> Interval:
+def alpha_c_interval(limits: AdmissibleLimits, beta_c: float) -> Interval:
     """Return the alpha_c that keep zeta_1 and zeta_2 within their limits, 1/s, for a beta_c, s."""
     ratios = ((2.0 * math.pi * limits.f_1, limits.zeta_1), (2.0 * math.pi * limits.f_2, limits.zeta_2))
     return intersection(
@@ -99,9 +99,9 @@ def alpha_c_interval(limits: Limits, beta_c: float) -> Interval:
     )
 
 
-def wide_limits() -> Limits:
+def wide_limits() -> AdmissibleLimits:
     """Return limits for a machine of which nothing is known but that it is made of steel: Table 16 is of one bench."""
-    return Limits(
+    return AdmissibleLimits(
         m_r=(1e-3, 100.0),
         k_r=(1e7, 1e11),
         f_r=(500.0, 50e3),

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from models.identify.evaluate import Evaluator, Level, Values
+from models.identify.evaluate import CandidateLevel, Evaluator, Values
 from models.identify.evidence import Evidence
 from models.identify.trials import FEATURES, Trials, global_deviation
 from models.words.numerics import least_squares_in_cube
@@ -79,7 +79,7 @@ class Problem:
         """Number of features, measured values and priors that are compared; upper and lower limits are not counted."""
         return int(np.count_nonzero(~self._healthy)) + self.evidence.observations
 
-    def residuals(self, level: Level, values: Values) -> NDArray[np.float64]:
+    def residuals(self, level: CandidateLevel, values: Values) -> NDArray[np.float64]:
         """Return the residuals of a candidate: two for each known feature, then those of the evidence.
 
         The first half are the logarithms of model over test, over their standard deviation: that of the test, and that
@@ -94,11 +94,11 @@ class Problem:
         tests = np.concatenate([difference / np.sqrt(1.0 + widened), np.sqrt(np.log1p(widened))])
         return np.concatenate([tests, self.evidence.residuals(self.evaluator.space, values)])
 
-    def cost(self, level: Level, values: Values) -> float:
+    def cost(self, level: CandidateLevel, values: Values) -> float:
         """Return the sum of the squared residuals of a candidate."""
         return float(np.sum(np.square(self.residuals(level, values))))
 
-    def deviations(self, level: Level) -> dict[str, float]:
+    def deviations(self, level: CandidateLevel) -> dict[str, float]:
         """Return Delta RMS and Delta A*, as far as they are objectives, % (Eqs. 55 and 56); {} without tests."""
         damaged = self.trials.damaged
         return {

@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from models.identify.evaluate import Evaluator, Key, Level
+from models.identify.evaluate import CandidateLevel, Evaluator, Key
 from models.identify.evidence import Evidence
 from models.identify.intervals import ParameterInterval, Threshold, profile_intervals, threshold, valley_choice
 from models.identify.posterior import draw_posterior, planned_candidates
@@ -50,7 +50,7 @@ class StateFile:
         self._part = path.with_name(path.name + ".part")
         self._saved = time.monotonic()
 
-    def load(self) -> dict[Key, Level]:
+    def load(self) -> dict[Key, CandidateLevel]:
         """Return what an earlier run found, nothing where there is no file.
 
         Raises:
@@ -70,7 +70,7 @@ class StateFile:
                 "program have changed; delete it, or leave --resume out"
             )
         keys, features, doubt = arrays
-        return {tuple(key): Level(f, d) for key, f, d in zip(keys.tolist(), features, doubt, strict=True)}
+        return {tuple(key): CandidateLevel(f, d) for key, f, d in zip(keys.tolist(), features, doubt, strict=True)}
 
     def save_sometimes(self, evaluator: Evaluator) -> None:
         """Save what an evaluator has found, if the last time is long ago."""

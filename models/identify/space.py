@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from models.identify.limits import Interval, Limits, alpha_c_interval, beta_c_interval, intersection
+from models.identify.limits import AdmissibleLimits, Interval, alpha_c_interval, beta_c_interval, intersection
 from models.machine.hertz import contact_exponent, mean_bearing_stiffness
 from models.machine.rig import Rig, resonator_stiffness
 from models.words.errors import WrongInputError
@@ -63,7 +63,7 @@ class Space:
     loads: tuple[float, ...]
     clearance: float = 0.0
     free: tuple[str, ...] = DEFAULT_FREE
-    limits: Limits = field(default_factory=Limits)
+    limits: AdmissibleLimits = field(default_factory=AdmissibleLimits)
 
     def __post_init__(self) -> None:
         """Put the free parameters in order; raise a SpaceError for names that cannot be free."""
@@ -283,7 +283,7 @@ class Space:
         return np.sqrt(np.maximum(np.linalg.eigvalsh(scaled), 0.0)) / (2.0 * math.pi)
 
 
-def contact_ratios(values: Mapping[str, float], limits: Limits) -> tuple[float, float]:
+def contact_ratios(values: Mapping[str, float], limits: AdmissibleLimits) -> tuple[float, float]:
     """Return zeta_1 and zeta_2 of the contact damping (Eq. 70)."""
     first, second = (
         0.5 * (values["alpha_c"] / w + values["beta_c"] * w)

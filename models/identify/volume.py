@@ -53,7 +53,7 @@ _EFFECTIVE = 30.0
 
 
 @dataclass(frozen=True)
-class OperatingPoint:
+class VolumePoint:
     """Where the volume is judged: load, N; speed, Hz; band of the RMS, Hz, or None; clearance, m."""
 
     load: float
@@ -80,7 +80,7 @@ class SmallMap:
         return float(np.median(self.rms[near])) if np.any(near) else math.nan
 
 
-def small_map(rig: Rig, bearing: Bearing, point: OperatingPoint) -> SmallMap:
+def small_map(rig: Rig, bearing: Bearing, point: VolumePoint) -> SmallMap:
     """Simulate a coarse map; a motion that does not repeat counts as its neighbour with less depth."""
     rows = [np.zeros(len(_EXTENTS))]
     for depth in _DEPTHS[1:]:
@@ -97,7 +97,7 @@ def small_map(rig: Rig, bearing: Bearing, point: OperatingPoint) -> SmallMap:
 
 
 def levels(
-    rig: Rig, bearing: Bearing, point: OperatingPoint, extents: NDArray[np.float64], depth: float
+    rig: Rig, bearing: Bearing, point: VolumePoint, extents: NDArray[np.float64], depth: float
 ) -> NDArray[np.float64]:
     """Return the RMS at defects of one depth (m), extents in rad; NaN where the motion was not found to repeat."""
     defect = Defect(float(extents[-1]), depth)
@@ -129,14 +129,14 @@ class VolumeSpread:
         return self.high / self.low if self.low > 0.0 else math.inf
 
 
-def _map_of(bearing: Bearing, drawn: tuple[Rig, OperatingPoint]) -> SmallMap:
+def _map_of(bearing: Bearing, drawn: tuple[Rig, VolumePoint]) -> SmallMap:
     return small_map(drawn[0], bearing, drawn[1])
 
 
 _SMALL_MAPS = Work("small maps of drawn rigs", _map_of, memory=_MEMORY, threads=True)
 
 
-def volume_spread(found: Identification, point: OperatingPoint, runner: Runner = SERIAL) -> tuple[VolumeSpread, ...]:
+def volume_spread(found: Identification, point: VolumePoint, runner: Runner = SERIAL) -> tuple[VolumeSpread, ...]:
     """Return how far the rigs that the data leave possible agree on V_eq at some levels."""
     space, draws = found.space, found.posterior.draws
     clearance = found.best.values["clearance"]

@@ -14,7 +14,7 @@ import click
 import numpy as np
 
 from models.identify.evidence import Evidence
-from models.identify.limits import INTERVALS, Limits, wide_limits
+from models.identify.limits import INTERVALS, AdmissibleLimits, wide_limits
 from models.identify.run import Identification, IdentifyOptions, identify
 from models.identify.space import ALIASES, DEFAULT_FREE, FREE_WITHOUT_TESTS, ORDER, Space, contact_ratios
 from models.identify.trials import FEATURES, Trials, gather, no_trials
@@ -141,7 +141,7 @@ def command(
         table = read_tests(tests, measuring, options["names"], counter("tests", quiet=quiet))
     with input_errors("identify"):
         rig = config.rig_of(entry)
-        source = evidence_files.Source(measuring, entry, rig)
+        source = evidence_files.EvidenceSubject(measuring, entry, rig)
         evidence = evidence_files.read_evidence(source, options, table.healthy, lambda name: _names([(name,)])[0])
         trials = gather(table.trials) if table.trials else no_trials()
         _check_told(trials, evidence, page)
@@ -195,7 +195,7 @@ def _with_unknowns(known: Space, options: Mapping[str, Any], *, damaged: bool) -
     return replace(
         known,
         free=_free(options["free"]) or (DEFAULT_FREE if damaged else FREE_WITHOUT_TESTS),
-        limits=(Limits() if damaged else wide_limits()).with_intervals(dict(options["limits"])),
+        limits=(AdmissibleLimits() if damaged else wide_limits()).with_intervals(dict(options["limits"])),
     )
 
 

@@ -83,7 +83,7 @@ def options(function: F) -> F:
 
 
 @dataclass(frozen=True)
-class Source:
+class EvidenceSubject:
     """What evidence is read for: machine and channel, its bearing, and the configured rig."""
 
     measuring: Measuring
@@ -92,7 +92,7 @@ class Source:
 
 
 def read_evidence(
-    source: Source,
+    source: EvidenceSubject,
     given: Mapping[str, Any],
     healthy: Sequence[HealthyRecording],
     names: Callable[[str], str],
@@ -119,7 +119,7 @@ def read_evidence(
     return Evidence(tuple(peaks), tuple(_priors(source, given, names)))
 
 
-def _priors(source: Source, given: Mapping[str, Any], names: Callable[[str], str]) -> Iterable[Prior]:
+def _priors(source: EvidenceSubject, given: Mapping[str, Any], names: Callable[[str], str]) -> Iterable[Prior]:
     if given["shaft_mm"] is not None and GEOMETRY not in given["priors"]:
         raise InputError("--shaft-mm belongs to --prior geometry")
     for each in given["priors"]:

@@ -16,7 +16,7 @@ from models.identify.evidence import SCALES
 from models.identify.intervals import coordinate_derivatives
 from models.identify.run import Identification
 from models.identify.space import ORDER
-from models.identify.volume import OperatingPoint, VolumeSpread, objections, volume_spread
+from models.identify.volume import VolumePoint, VolumeSpread, objections, volume_spread
 from models.machine.bearing import CatalogueEntry
 from models.machine.contact_estimates import estimate_stiffness
 from models.work.runner import Runner
@@ -164,7 +164,7 @@ _SPEED = 30.0
 
 
 @dataclass(frozen=True)
-class Verdict:
+class IdentificationVerdict:
     """What an identification claims.
 
     Attributes:
@@ -217,17 +217,17 @@ class Verdict:
         }
 
 
-def judge(found: Identification, config: Config, entry: CatalogueEntry, runner: Runner) -> Verdict:
+def judge(found: Identification, config: Config, entry: CatalogueEntry, runner: Runner) -> IdentificationVerdict:
     """Return what an identification claims, at the operating point of the machine or of its largest load."""
     problem = found.problem
     load = config.operating.load_newton or max(found.space.loads)
     speeds = [condition.speed for condition in problem.trials.conditions]
     speed = config.operating.speed_hz or max(speeds, default=_SPEED)
-    spread = volume_spread(found, OperatingPoint(load, speed, problem.evaluator.band), runner)
+    spread = volume_spread(found, VolumePoint(load, speed, problem.evaluator.band), runner)
     element = found.space.rig.element
     assumed = config.rig.assumed_keys(geometric=element == "roller" or not config.owns_rig(entry))
     configured = {name for name in SCALES if key_of(name, element) not in assumed}
-    return Verdict(found, spread, tuple(objections(found, spread, configured)), leaning(found))
+    return IdentificationVerdict(found, spread, tuple(objections(found, spread, configured)), leaning(found))
 
 
 def verdict_lines(values: Mapping[str, Any]) -> Iterator[str]:

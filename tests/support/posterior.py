@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from models.identify.evaluate import Evaluator, Level
+from models.identify.evaluate import CandidateLevel, Evaluator
 from models.identify.evidence import Evidence
-from models.identify.limits import Limits
+from models.identify.limits import AdmissibleLimits
 from models.identify.problem import Fit, Problem
 from models.identify.trials import Condition, Trial, gather
 from models.machine.rig import Rig
@@ -33,12 +33,12 @@ class Toy(Evaluator):
 
     law: Law = lambda point: point
 
-    def levels(self, candidates: Sequence[Mapping[str, float]]) -> list[Level]:
-        found: list[Level] = []
+    def levels(self, candidates: Sequence[Mapping[str, float]]) -> list[CandidateLevel]:
+        found: list[CandidateLevel] = []
         for values in candidates:
             assert not self.space.violations(values)
             features = np.exp(self.law(self.space.encode(values))).reshape(COUNT, 2)
-            found.append(Level(features, np.zeros_like(features)))
+            found.append(CandidateLevel(features, np.zeros_like(features)))
         self.simulated += len(candidates)
         return found
 
@@ -48,7 +48,7 @@ def toy(
     truth: Sequence[float],
     *free: str,
     noise: float = NOISE,
-    limits: Limits | None = None,
+    limits: AdmissibleLimits | None = None,
     evidence: Evidence | None = None,
 ) -> Problem:
     """Return the problem of noisy tests of a truth, by its coordinates."""

@@ -66,7 +66,7 @@ _GROWN = _phi(1.0 + AHEAD) - _phi(np.ones(1))
 
 
 @dataclass(frozen=True, eq=False)
-class Crossing:
+class LevelCrossing:
     """When a level is reached.
 
     Attributes:
@@ -116,7 +116,7 @@ def segments(times: Array, levels: Array, blocks: Array) -> tuple[Array, Array, 
     return np.add.reduceat(times * blocks, kept) / weight, np.add.reduceat(levels * blocks, kept) / weight, weight
 
 
-def crossing(times: Array, levels: Array, blocks: Array, now: float, distance: float, noise: float) -> Crossing:
+def crossing(times: Array, levels: Array, blocks: Array, now: float, distance: float, noise: float) -> LevelCrossing:
     """Return when a level is reached.
 
     Args:
@@ -153,7 +153,7 @@ def crossing(times: Array, levels: Array, blocks: Array, now: float, distance: f
     still[len(SHAPES) :] = 1.0
     by_trend = np.maximum.accumulate(weight @ by_shape)
     reached = 1.0 - (1.0 - by_trend) * STEP / (STEP + AHEAD)
-    return Crossing(by_trend, reached, float(weight @ still))
+    return LevelCrossing(by_trend, reached, float(weight @ still))
 
 
 def _student(t: Array, freedom: float) -> Array:

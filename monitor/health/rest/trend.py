@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from monitor.health.alarms import SEVERITIES, AlarmSettings, Level, LevelState, Rule, applies, limit_of, move_level
 from monitor.health.codec import StoredState
-from monitor.health.rest.growth import Crossing, crossing, segments
+from monitor.health.rest.growth import LevelCrossing, crossing, segments
 from monitor.health.rest.learned.history import StageHistory
 from monitor.health.size import RemainingSettings
 
@@ -236,7 +236,7 @@ def _answer(state: TrendState, block: TrendInput, target: _Target, settings: Rem
     )
 
 
-def crossing_of(history: StageHistory, baseline: tuple[float, float], level: float) -> Crossing:
+def crossing_of(history: StageHistory, baseline: tuple[float, float], level: float) -> LevelCrossing:
     """Return when a level is reached, RMS in the unit of the history; its elapsed time must be positive."""
     ln_baseline, noise = baseline
     times, levels, blocks = points_of(history)

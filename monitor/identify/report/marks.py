@@ -20,7 +20,7 @@ FAR_EXCESS = 30.0
 
 
 @dataclass(frozen=True)
-class Mark:
+class CandidateMark:
     """How one kind of candidate is drawn, and its words in a legend."""
 
     words: str
@@ -47,13 +47,13 @@ class Mark:
         )  # fmt: skip
 
 
-ANY = Mark("simulated candidate", ".", AXIS, 3.5)
-FAR = Mark("outside the intervals", ".", AXIS, 3.5)
-NEAR = Mark("within the intervals", ".", BLUE, 5.5)
-DRAW = Mark("draw of the posterior", "o", PURPLE, 3.5, filled=False)
-FRONT = Mark("on the front", "D", ORANGE, 4.5)
-BEST = Mark("best fit", "*", VERMILION, 13.0)
-BEFORE = Mark("configured before", "s", INK, 6.5, filled=False)
+ANY = CandidateMark("simulated candidate", ".", AXIS, 3.5)
+FAR = CandidateMark("outside the intervals", ".", AXIS, 3.5)
+NEAR = CandidateMark("within the intervals", ".", BLUE, 5.5)
+DRAW = CandidateMark("draw of the posterior", "o", PURPLE, 3.5, filled=False)
+FRONT = CandidateMark("on the front", "D", ORANGE, 4.5)
+BEST = CandidateMark("best fit", "*", VERMILION, 13.0)
+BEFORE = CandidateMark("configured before", "s", INK, 6.5, filled=False)
 
 
 def band_handle(words: str) -> Line2D:
@@ -61,7 +61,7 @@ def band_handle(words: str) -> Line2D:
     return Line2D([], [], color=SKY, alpha=0.4, lw=7, solid_capstyle="butt", label=words)
 
 
-def legend(made: FigureBase, marks: list[Mark], more: list[Line2D] | None = None) -> None:
+def legend(made: FigureBase, marks: list[CandidateMark], more: list[Line2D] | None = None) -> None:
     """Add one legend of marks above all panels of a figure."""
     handles = [*(mark.handle for mark in marks), *(more or [])]
     made.legend(handles=handles, loc="outside upper left", ncols=len(handles), handletextpad=0.4, columnspacing=1.4)
@@ -85,7 +85,7 @@ def thinned(cost: Values, rows: NDArray[np.intp]) -> NDArray[np.intp]:
     return order[np.linspace(0, order.size - 1, MAX_DOTS).astype(int)]
 
 
-def draw_plane(axes: Axes, subject: Subject, across: str, up: str) -> list[Mark]:
+def draw_plane(axes: Axes, subject: Subject, across: str, up: str) -> list[CandidateMark]:
     """Draw candidates, front, best fit and configured values in the plane of two parameters; return the marks.
 
     ``across`` and ``up`` are names of parameters.

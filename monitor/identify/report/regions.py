@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from models.identify.limits import Interval, alpha_c_interval
 from models.identify.space import contact_ratios
-from monitor.identify.report.marks import BEFORE, BEST, FAR, NEAR, Mark, chosen, draw_plane, grid, legend
+from monitor.identify.report.marks import BEFORE, BEST, FAR, NEAR, CandidateMark, chosen, draw_plane, grid, legend
 from monitor.identify.report.subject import Subject, Values
 from monitor.report.figures.drawing import BLUE, INK, SHADE, SOFT, log_ticks
 from monitor.report.figures.sheet import Part
@@ -197,7 +197,7 @@ def _draw_ratios(axes: Axes, subject: Subject) -> None:
 
     for mark, rows in zip((FAR, NEAR), chosen(subject), strict=True):
         mark.draw(axes, *at(values["alpha_c"][rows], values["beta_c"][rows]))
-    pairs: tuple[tuple[Mark, dict[str, float]], ...] = ((BEFORE, found.space.known), (BEST, found.best.values))
+    pairs: tuple[tuple[CandidateMark, dict[str, float]], ...] = ((BEFORE, found.space.known), (BEST, found.best.values))
     for mark, one in pairs:
         mark.draw(axes, *at(np.array([one["alpha_c"]]), np.array([one["beta_c"]])), order=5)
 

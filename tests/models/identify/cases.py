@@ -9,7 +9,7 @@ from functools import cache
 import numpy as np
 
 from models.identify.evaluate import Evaluator
-from models.identify.limits import Limits
+from models.identify.limits import AdmissibleLimits
 from models.identify.space import Space
 from models.identify.trials import Condition, Trial, Trials, gather
 from models.machine.bearing import from_catalogue
@@ -21,9 +21,11 @@ CONDITIONS = tuple(Condition(2000.0, 40.0, math.radians(extent), 5e-4) for exten
 TRUTH = replace(Rig(), m_r=2.8)
 
 
-def space_of(*free: str, rig: Rig = TRUTH, limits: Limits | None = None, loads: tuple[float, ...] = (2000.0,)) -> Space:
+def space_of(
+    *free: str, rig: Rig = TRUTH, limits: AdmissibleLimits | None = None, loads: tuple[float, ...] = (2000.0,)
+) -> Space:
     """Return a space around a rig."""
-    return Space(rig, BEARING, loads, free=free, limits=limits or Limits())
+    return Space(rig, BEARING, loads, free=free, limits=limits or AdmissibleLimits())
 
 
 @cache

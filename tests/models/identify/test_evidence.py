@@ -15,7 +15,7 @@ from models.identify.problem import Problem
 from models.identify.run import Identification, IdentifyOptions, identify
 from models.identify.space import Space
 from models.identify.trials import Condition, Trial, gather, no_trials
-from models.identify.volume import OperatingPoint, VolumeSpread, objections, small_map, volume_spread
+from models.identify.volume import VolumePoint, VolumeSpread, objections, small_map, volume_spread
 from models.machine.bearing import catalogue_entry
 from models.machine.rig import Rig
 from models.words.errors import WrongInputError
@@ -98,7 +98,7 @@ def test_the_scale_comes_from_a_prior_or_an_accelerance() -> None:
     held = _identified(Evidence(tuple(peaks_of(LIGHT, directions=("along",)))), "k_c", "m_o", rig=wrong)
     assert held.best.values["k_c"] == pytest.approx(LIGHT.k_c, rel=0.02)
     known = {"m_i", "m_r", "k_i", "k_r", "c_i", "c_r", "beta_c"}
-    point = OperatingPoint(2000.0, 30.0, BAND)
+    point = VolumePoint(2000.0, 30.0, BAND)
     spread = volume_spread(held, point)
     assert spread
     assert all(0.5 < each.low <= each.high < 2.0 for each in spread)
@@ -162,7 +162,7 @@ def test_geometry_tells_contacts_and_limits_of_masses() -> None:
 
 
 def test_a_small_map_reads_back_its_own_volumes() -> None:
-    point = OperatingPoint(CONDITIONS[0].load, CONDITIONS[0].speed, BAND)
+    point = VolumePoint(CONDITIONS[0].load, CONDITIONS[0].speed, BAND)
     made = small_map(Rig(), BEARING, point)
     assert made.rms.shape == made.volume.shape
     assert made.least_volume(0.0) == 0.0

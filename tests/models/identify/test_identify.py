@@ -13,7 +13,7 @@ import pytest
 from models.identify import evaluate
 from models.identify import run as state_module
 from models.identify.evaluate import Evaluator
-from models.identify.limits import Limits
+from models.identify.limits import AdmissibleLimits
 from models.identify.problem import Problem
 from models.identify.run import Identification, IdentifyOptions, identify
 from models.identify.search import non_dominated
@@ -84,7 +84,7 @@ def stand_in_trials(noise: float = 0.01, seed: int = 1) -> Trials:
     return gather([Trial(c, rms, a) for c, (rms, a) in zip(MANY, noisy.tolist(), strict=True)])
 
 
-def stand_in_space(*free: str, limits: Limits | None = None) -> Space:
+def stand_in_space(*free: str, limits: AdmissibleLimits | None = None) -> Space:
     return space_of(*(free or ("k_r", "c_i")), rig=Rig(), limits=limits, loads=(1000.0, 2000.0))
 
 
@@ -103,7 +103,7 @@ def test_no_candidate_outside_eq_80_is_ever_simulated(
     trials = stand_in_trials()
     simulated.clear()
     # Narrow, so that much of the space is outside.
-    space = stand_in_space(*free, limits=Limits(f_r=(7000.0, 7600.0), zeta_2=(0.05, 0.14)))
+    space = stand_in_space(*free, limits=AdmissibleLimits(f_r=(7000.0, 7600.0), zeta_2=(0.05, 0.14)))
     identify(trials, space, replace(OPTIONS, method=method, population=12, generations=4))
     assert len(simulated) > 50
     assert [values for values in simulated[::20] if broken(space, values)] == []
@@ -152,7 +152,9 @@ def test_a_state_of_other_tests_is_refused(
     with pytest.raises(WrongInputError, match="state of another identification"):
         identify(stand_in_trials(seed=2), stand_in_space(), OPTIONS, state=kept, resume=True)
     with pytest.raises(WrongInputError, match="state of another identification"):
-        identify(stand_in_trials(), stand_in_space(limits=Limits(k_r=(1e9, 9e9))), OPTIONS, state=kept, resume=True)
+        identify(
+            stand_in_trials(), stand_in_space(limits=AdmissibleLimits(k_r=(1e9, 9e9))), OPTIONS, state=kept, resume=True
+        )
     with monkeypatch.context() as patch:
         patch.setattr("models.identify.run.program", lambda: "another")
         with pytest.raises(WrongInputError, match="or the program have changed"):

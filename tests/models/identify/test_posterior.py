@@ -10,7 +10,7 @@ import pytest
 from models.identify import posterior
 from models.identify.evidence import Evidence, Prior
 from models.identify.intervals import profile_intervals, threshold
-from models.identify.limits import Limits
+from models.identify.limits import AdmissibleLimits
 from models.identify.posterior import Drawn, draw_posterior
 from models.identify.problem import Problem
 from tests.support.posterior import COUNT, NOISE, Law, fitted, toy
@@ -124,7 +124,7 @@ def test_two_valleys_have_their_shares() -> None:
 
 
 def test_every_draw_is_admissible_and_the_limits_cut_it() -> None:
-    limits = Limits(f_r=(7000.0, 7600.0), zeta_2=(0.05, 0.14))
+    limits = AdmissibleLimits(f_r=(7000.0, 7600.0), zeta_2=(0.05, 0.14))
     # The truth lies in a corner of the space.
     problem = toy(linear(SLOPES[:, :2]), (0.02, 0.99), "m_r", "k_r", limits=limits, noise=0.1)
     best = fitted(problem, (0.2, 0.8))

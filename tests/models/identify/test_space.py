@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from models.identify import evaluate
 from models.identify.evaluate import Evaluator
-from models.identify.limits import Limits
+from models.identify.limits import AdmissibleLimits
 from models.identify.space import DEFAULT_FREE, ORDER, SpaceError, contact_ratios
 from models.machine.rig import Rig, contact_damping, stiffness_damping
 from tests.models.identify.cases import BAND, CONDITIONS, space_of
@@ -24,15 +24,15 @@ PLACES = st.lists(st.floats(0.0, 1.0), min_size=len(ORDER), max_size=len(ORDER))
 # Limits that leave more and that leave less than those printed.
 LIMITS = st.sampled_from(
     [
-        Limits(),
-        Limits(beta_c=(0.25e-5, 5e-5), zeta_2=(1e-3, 0.3)),
-        Limits(f_r=(7000.0, 7600.0), zeta_1=(0.02, 0.08), zeta_2=(0.05, 0.14), zeta_r=(1e-3, 0.02)),
+        AdmissibleLimits(),
+        AdmissibleLimits(beta_c=(0.25e-5, 5e-5), zeta_2=(1e-3, 0.3)),
+        AdmissibleLimits(f_r=(7000.0, 7600.0), zeta_1=(0.02, 0.08), zeta_2=(0.05, 0.14), zeta_r=(1e-3, 0.02)),
     ]
 )
 
 
 @given(free=FREE, places=PLACES, limits=LIMITS)
-def test_no_point_of_the_cube_is_outside_eq_80(free: list[str], places: list[float], limits: Limits) -> None:
+def test_no_point_of_the_cube_is_outside_eq_80(free: list[str], places: list[float], limits: AdmissibleLimits) -> None:
     space = space_of(*free, rig=Rig(), limits=limits, loads=LOADS)
     values = space.decode(np.array(places[: len(free)]))
     assume(values is not None)
@@ -42,7 +42,7 @@ def test_no_point_of_the_cube_is_outside_eq_80(free: list[str], places: list[flo
 
 
 @given(places=PLACES, limits=LIMITS)
-def test_the_default_unknowns_leave_no_hole_in_the_cube(places: list[float], limits: Limits) -> None:
+def test_the_default_unknowns_leave_no_hole_in_the_cube(places: list[float], limits: AdmissibleLimits) -> None:
     space = space_of(*DEFAULT_FREE, rig=Rig(), limits=limits, loads=LOADS)
     values = space.decode(np.array(places[: len(DEFAULT_FREE)]))
     assert values is not None
@@ -93,15 +93,15 @@ def test_what_is_outside_is_refused_before_anything_is_simulated(monkeypatch: py
 
 
 def test_where_the_resonator_is_known_other_masses_are_refused() -> None:
-    space = space_of("m_o", limits=Limits(f_r=(7300.0, 9000.0)), rig=Rig())
+    space = space_of("m_o", limits=AdmissibleLimits(f_r=(7300.0, 9000.0)), rig=Rig())
     assert space.decode(np.array([0.0])) is not None
     assert space.decode(np.array([1.0])) is None
 
 
 def test_damping_ratios_of_the_study() -> None:
     values = {"alpha_c": 154.9, "beta_c": 2.5e-5}
-    assert contact_ratios(values, Limits()) == pytest.approx((0.0622, 0.126), rel=2e-3)
-    assert contact_damping(*contact_ratios(values, Limits()), 400.0, 1500.0) == pytest.approx((154.9, 2.5e-5))
+    assert contact_ratios(values, AdmissibleLimits()) == pytest.approx((0.0622, 0.126), rel=2e-3)
+    assert contact_damping(*contact_ratios(values, AdmissibleLimits()), 400.0, 1500.0) == pytest.approx((154.9, 2.5e-5))
     # c_i and c_r at the limits of zeta_i and zeta_r.
     space = space_of("c_i", "c_r", rig=Rig())
     least, most = space.decode(np.zeros(2)), space.decode(np.ones(2))
@@ -130,13 +130,13 @@ def test_wrong_names_are_refused(free: tuple[str, ...], message: str) -> None:
 
 def test_limits_are_checked() -> None:
     with pytest.raises(ValueError, match=r"limits of f_r: expected 0 <= LO < HI, got 9000\.0 and 4500\.0"):
-        Limits(f_r=(9000.0, 4500.0))
+        AdmissibleLimits(f_r=(9000.0, 4500.0))
     with pytest.raises(ValueError, match="'f_9' has no limits"):
-        Limits().with_intervals({"f_9": (1.0, 2.0)})
+        AdmissibleLimits().with_intervals({"f_9": (1.0, 2.0)})
 
 
 def test_contradicting_limits_name_the_parameter() -> None:
-    space = space_of("m_r", "k_r", rig=Rig(), limits=Limits(m_r=(0.1, 0.2), k_r=(9e9, 10e9)))
+    space = space_of("m_r", "k_r", rig=Rig(), limits=AdmissibleLimits(m_r=(0.1, 0.2), k_r=(9e9, 10e9)))
     assert space.decode(np.full(2, 0.5)) is None
     with pytest.raises(SpaceError, match="no admissible value of m_r is left"):
         space.encode(space.known)
@@ -144,5 +144,5 @@ def test_contradicting_limits_name_the_parameter() -> None:
 
 def test_an_interval_of_two_neighbouring_numbers_has_a_place() -> None:
     # Their logarithms are the same.
-    space = space_of("c_i", limits=Limits(c_i=(1000.0, math.nextafter(1000.0, math.inf))))
+    space = space_of("c_i", limits=AdmissibleLimits(c_i=(1000.0, math.nextafter(1000.0, math.inf))))
     assert space.encode({"c_i": 1000.0}).tolist() == [0.5]

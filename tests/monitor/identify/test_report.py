@@ -19,7 +19,7 @@ from matplotlib.layout_engine import ConstrainedLayoutEngine
 from models.identify import evaluate
 from models.identify.evaluate import Evaluator
 from models.identify.evidence import Evidence, Peak, Prior
-from models.identify.limits import Limits
+from models.identify.limits import AdmissibleLimits
 from models.identify.run import Identification, IdentifyOptions, identify
 from models.identify.trials import Condition, Trial, gather
 from models.machine.scene import Rig
@@ -77,7 +77,7 @@ def simulated_tests(conditions: Sequence[Condition], noise: float = 0.02, repeti
 
 
 def subject_of(
-    tests: list[Trial], *free: str, options: IdentifyOptions = OPTIONS, limits: Limits | None = None
+    tests: list[Trial], *free: str, options: IdentifyOptions = OPTIONS, limits: AdmissibleLimits | None = None
 ) -> Subject:
     loads = tuple(sorted({test.condition.load for test in tests}))
     found = identify(gather(tests), space_of(*free, rig=Rig(), limits=limits, loads=loads), options)

@@ -64,7 +64,7 @@ class LearnedRun:
 
 
 @dataclass(frozen=True, eq=False)
-class Moments:
+class RunMoments:
     """Moments of a run: inputs (m, d), elapsed time and TT (m,), s."""
 
     inputs: Array
@@ -77,7 +77,7 @@ class Moments:
         return np.log(self.left / self.elapsed)
 
 
-def moments_of(run: LearnedRun, shares: Sequence[float]) -> Moments:
+def moments_of(run: LearnedRun, shares: Sequence[float]) -> RunMoments:
     """Return the moments of a run at shares of its life; those with fewer than ``MIN_POINTS`` blocks are left out."""
     last = (np.searchsorted(run.t, np.asarray(shares) * run.life * (1.0 + 1e-12), side="right") - 1).tolist()
     wanted = set(last)
@@ -90,7 +90,7 @@ def moments_of(run: LearnedRun, shares: Sequence[float]) -> Moments:
     used = [place for place in last if place in inputs]
     elapsed = run.t[used]
     rows = [inputs[place] for place in used]
-    return Moments(np.array(rows).reshape(-1, len(INPUTS)), elapsed, run.life - elapsed)
+    return RunMoments(np.array(rows).reshape(-1, len(INPUTS)), elapsed, run.life - elapsed)
 
 
 def training_shares() -> Array:
@@ -121,7 +121,7 @@ def fit_runs(runs: Sequence[LearnedRun]) -> LearnedModel:
     )
 
 
-def fit_moments(runs: Sequence[Moments]) -> LearnedModel:
+def fit_moments(runs: Sequence[RunMoments]) -> LearnedModel:
     """Return the regression and its scale for moments of runs, each with at least one."""
     return replace(_regression(runs), scale=_scale(runs))
 
@@ -157,7 +157,7 @@ def _settings() -> dict[str, Any]:
     }
 
 
-def _regression(runs: Sequence[Moments]) -> LearnedModel:
+def _regression(runs: Sequence[RunMoments]) -> LearnedModel:
     """Return the regression on moments of runs, its scale 1; with none, the prior."""
     if not runs:
         return LearnedModel()
@@ -172,7 +172,7 @@ def _regression(runs: Sequence[Moments]) -> LearnedModel:
     )
 
 
-def _solve(runs: Sequence[Moments], centre: Array) -> tuple[Array, Array]:
+def _solve(runs: Sequence[RunMoments], centre: Array) -> tuple[Array, Array]:
     """Return the coefficients of the ridge regression, each run counted once, and their covariance."""
     precision, right = np.diag(RIDGE), np.zeros(len(RIDGE))
     for run in runs:
@@ -184,7 +184,7 @@ def _solve(runs: Sequence[Moments], centre: Array) -> tuple[Array, Array]:
     return covariance @ right, covariance
 
 
-def _scale(runs: Sequence[Moments]) -> float:
+def _scale(runs: Sequence[RunMoments]) -> float:
     """Return the most likely scale of the errors of runs left out, and of ``PRIOR_RUNS`` runs of the prior."""
     errors, weights = [_LOGISTIC], [np.full(_LOGISTIC.size, PRIOR_RUNS / _LOGISTIC.size)]
     for place in range(len(runs) if len(runs) > 1 else 0):
