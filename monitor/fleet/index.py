@@ -138,7 +138,7 @@ class Index(Closing):
             self._run("INSERT OR REPLACE INTO meta VALUES (?, ?)", *pair)
 
     @contextmanager
-    def transaction(self) -> Iterator[None]:
+    def all_or_nothing(self) -> Iterator[None]:
         """Write all of a block, or nothing where it raises."""
         self._run("BEGIN IMMEDIATE")
         try:
@@ -200,7 +200,7 @@ class Index(Closing):
         """Return which of some recordings, by machine and URL, it does not hold."""
         self._run("CREATE TEMP TABLE named (machine TEXT, url TEXT)")
         try:
-            with self.transaction():
+            with self.all_or_nothing():
                 for pair in recordings:
                     self._run("INSERT INTO named VALUES (?, ?)", *pair)
             row = self._run(
@@ -215,7 +215,7 @@ class Index(Closing):
 
     def note(self, outcomes: Iterable[RecordingOutcome]) -> None:
         """Note outcomes in one transaction."""
-        with self.transaction():
+        with self.all_or_nothing():
             for outcome in outcomes:
                 self._run(
                     "UPDATE recordings SET status = ?, rows = ?, first = ?, last = ?, seconds = ?, chunk = ?,"

@@ -76,7 +76,7 @@ class Planner:
             ManifestError: the manifest cannot be used; the index stays empty.
             ConfigError: a configuration cannot be used.
         """
-        with self.index.transaction():
+        with self.index.all_or_nothing():
             digest = _Digest(self._shown)
             for entry in read_manifest(manifest):
                 digest.add(entry)
@@ -272,7 +272,7 @@ def extend(index: Index, manifest: Path, store: FileStore, overlap: Overlap | No
             meta = planned.meta()
         with index.compared(path):
             _Check(index, manifest).all()
-            with index.transaction():
+            with index.all_or_nothing():
                 count, first = 0, ""
                 for url in index.add_compared(_name_of):
                     count, first = count + 1, first or url
