@@ -43,15 +43,30 @@ class Packed:
         return numbers.reshape(shape).astype(np.float64)
 
 
+@dataclass(frozen=True)
+class _Unset:
+    """How a number is written that may not be known yet: NaN as None. Any other NaN is refused by the store."""
+
+    @staticmethod
+    def encode(value: float) -> float | None:
+        return None if math.isnan(value) else value
+
+    @staticmethod
+    def decode(stored: float | None) -> float:
+        return math.nan if stored is None else stored
+
+
 FLOAT32 = Packed("float32")
 Float32Array = Annotated[NDArray[np.float64], FLOAT32]
 Float64Array = Annotated[NDArray[np.float64], Packed("float64")]
 Float32Row = Annotated[NDArray[np.float64], Packed("float32", shaped=False)]
 """Types of the fields of a state that are arrays."""
+FloatOrNan = Annotated[float, _Unset()]
+"""Type of the fields that are NaN as long as nothing is known."""
 
 
 class StoredState:
-    """A frozen dataclass that a store keeps; the order of its fields is that of the keys. A NaN is written as None.
+    """A frozen dataclass that a store keeps; the order of its fields is that of the keys.
 
     Attributes:
         VERSIONS: layouts that are read, the present one last; () where the state that holds it has the version.
@@ -91,8 +106,6 @@ class StoredState:
 
 def _plain(value: Any) -> Any:
     kind = cast("type[Any]", type(value))
-    if kind is float:
-        return None if value != value else value
     if kind in _PLAIN or isinstance(value, float | str):
         return value
     if kind is tuple:
@@ -117,9 +130,9 @@ def _encoders(kind: type[Any]) -> dict[str, Callable[[Any], Any]]:
     return {name: _plain if packing is None else packing.encode for name, packing in found.items()}
 
 
-def _packing(kind: Any) -> Packed | None:
-    """Return how an array of a declared type is written, None for another type."""
-    return next((one for one in get_args(kind)[1:] if isinstance(one, Packed)), None)
+def _packing(kind: Any) -> Packed | _Unset | None:
+    """Return how values of a declared type are written, None for a type that says nothing of it."""
+    return next((one for one in get_args(kind)[1:] if isinstance(one, Packed | _Unset)), None)
 
 
 @cache
@@ -130,7 +143,7 @@ def _names(kind: type[Any]) -> tuple[str, ...]:
 @cache
 def _decoders(kind: type[Any]) -> dict[str, _Decoder]:
     hints = get_type_hints(kind, include_extras=True)
-    return {name: _number if hints[name] is float else _decoder(hints[name]) for name in _names(kind)}
+    return {name: _decoder(hints[name]) for name in _names(kind)}
 
 
 def _restored(kind: type[Any], values: Mapping[str, Any]) -> Any:
@@ -169,7 +182,3 @@ def _decoder(kind: Any) -> _Decoder:
 
 def _same(value: Any) -> Any:
     return value
-
-
-def _number(value: Any) -> Any:
-    return math.nan if value is None else value

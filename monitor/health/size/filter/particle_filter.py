@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from monitor.health.codec import StoredState
+from monitor.health.codec import FloatOrNan, StoredState
 from monitor.health.size import Damage, DamageInput, EdvStatus
 from monitor.health.size.filter.particles import (
     GAIN,
@@ -112,9 +112,9 @@ class FilterState(StoredState):
     version: int = VERSIONS[-1]
     count: int = 0
     t: float | None = None
-    interval: float = math.nan
-    load: float = math.nan
-    speed: float = math.nan
+    interval: FloatOrNan = math.nan
+    load: FloatOrNan = math.nan
+    speed: FloatOrNan = math.nan
     sensors: tuple[int, ...] = ()
     particles: Particles | None = None
 

@@ -14,7 +14,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 from numpy.typing import NDArray
 
-from monitor.health.codec import Float64Array, StoredState
+from monitor.health.codec import Float64Array, FloatOrNan, StoredState
 
 RECENT = 48
 FIRST = 6
@@ -51,7 +51,7 @@ class LevelHistory(StoredState):
         turns: number of its changes of sign, shape (K,).
     """
 
-    t_first: float
+    t_first: FloatOrNan
     count: int
     recent: Float64Array
     first: Float64Array
