@@ -102,7 +102,17 @@ def use_account(variables: Mapping[str, str], monkeypatch: pytest.MonkeyPatch) -
         monkeypatch.delenv(name, raising=False)
     for name, value in variables.items():
         monkeypatch.setenv(name, value)
-    importlib.import_module("s3fs").S3FileSystem.clear_instance_cache()
+    kind: Any = importlib.import_module("s3fs").S3FileSystem
+    for files in list(kind._cache.values()):
+        _close(files)
+    kind.clear_instance_cache()
+
+
+def _close(files: Any) -> None:
+    """Close the connections of a file system, for which its finalizer takes a tenth of a second at most."""
+    creator = getattr(files, "_s3creator", None)
+    if creator is not None and not files.asynchronous:
+        importlib.import_module("fsspec.asyn").sync(files.loop, creator.__aexit__, None, None, None, timeout=30.0)
 
 
 def _variables(endpoint: str, key: Mapping[str, str]) -> dict[str, str]:
