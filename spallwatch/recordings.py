@@ -27,7 +27,7 @@ class RecordingError(WrongInputError):
     """A recording, or a block of it, that cannot be read; the message names it, what was expected and what came."""
 
 
-class ReadingOptions(TypedDict, total=False):
+class Reading(TypedDict, total=False):
     """How a recording is read; what it states itself need not be given. Keys as in ``[[source]]`` and ``[[channel]]``.
 
     Attributes:
@@ -92,12 +92,12 @@ def to_signal(samples: ArrayLike, *, rate_hz: float, unit: str, channels: Sequen
     return _array(converted, names, rate_hz, si_unit)
 
 
-def read(path: str | PathLike[str], **how: Unpack[ReadingOptions]) -> xr.DataArray:
+def read(path: str | PathLike[str], **how: Unpack[Reading]) -> xr.DataArray:
     """Read one file of any known format.
 
     Args:
         path: of the file.
-        how: see ``ReadingOptions``.
+        how: see ``Reading``.
 
     Returns:
         Dimensions (channel, time), in m/s2; ``time`` in s from the first sample; attributes ``rate_hz``, and
@@ -118,7 +118,7 @@ def blocks(
     *,
     block_s: float | Literal["file"] = DEFAULT_BLOCK_SECONDS,
     skip_rejected: bool = False,
-    **how: Unpack[ReadingOptions],
+    **how: Unpack[Reading],
 ) -> Iterator[xr.DataArray]:
     """Yield the blocks of a recording in order: of a file, a folder, an archive or ``rig:ferrara?seed=1``.
 
@@ -126,7 +126,7 @@ def blocks(
         path: of the recording; also with the name of a data set before it, such as ``dataset:pronostia:PATH``.
         block_s: length of a block, s; "file": one block a file.
         skip_rejected: go on after a block that cannot be read, instead of raising.
-        how: see ``ReadingOptions``.
+        how: see ``Reading``.
 
     Yields:
         As ``read``, with the further attributes ``name``, ``sequence`` (from 1) and ``elapsed_s``, from the first
@@ -146,11 +146,11 @@ def blocks(
         raise RecordingError(_in_words_of_calls(str(error))) from None
 
 
-def source_of(path: str | PathLike[str], block_s: float | Literal["file"], how: ReadingOptions) -> SourceSpec:
+def source_of(path: str | PathLike[str], block_s: float | Literal["file"], how: Reading) -> SourceSpec:
     """Return the source that arguments stand for, without its channels; TypeError for an unknown argument."""
-    wrong = sorted(set(how) - set(ReadingOptions.__annotations__))
+    wrong = sorted(set(how) - set(Reading.__annotations__))
     if wrong:
-        allowed = ", ".join(ReadingOptions.__annotations__)
+        allowed = ", ".join(Reading.__annotations__)
         raise TypeError(f"{wrong[0]!r} is not an argument of a recording; expected {allowed}")
     start = how.get("start_utc")
     if start is not None and start.tzinfo is None:
@@ -171,7 +171,7 @@ def source_of(path: str | PathLike[str], block_s: float | Literal["file"], how: 
     )
 
 
-def _with_channels(spec: SourceSpec, how: ReadingOptions) -> SourceSpec:
+def _with_channels(spec: SourceSpec, how: Reading) -> SourceSpec:
     """Add the channels, all of the first readable file where unit or scale are given without them."""
     scaling = {key for key in ("unit", "scale", "sensitivity_mv_per_g") if key in how}
     names = tuple(how["channels"]) if "channels" in how else None
@@ -220,7 +220,7 @@ def first_channels(spec: SourceSpec, *, vibration: bool = False) -> dict[str, st
     return {row.name: row.unit or found.data_set.unit for row in rows}
 
 
-def _signal_of(block: Block, how: ReadingOptions) -> xr.DataArray:
+def _signal_of(block: Block, how: Reading) -> xr.DataArray:
     rows: list[NDArray[np.floating]] = []
     units: list[str] = []
     for row, unit in zip(block.samples, block.units, strict=True):

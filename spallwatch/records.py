@@ -19,7 +19,7 @@ from streams.types.spec import DEFAULT_BLOCK_SECONDS
 
 if TYPE_CHECKING:
     from monitor.config.load import Config
-    from spallwatch.recordings import ReadingOptions
+    from spallwatch.recordings import Reading
 
 BESIDE_VARIABLES = ("source", "name", "status", "reason", "sequence")
 """Entries of the ledger that are read beside the variables that are asked for."""
@@ -40,7 +40,7 @@ def replay(
     out: str | PathLike[str] | None = None,
     limit: int | None = None,
     block_s: float | Literal["file"] = DEFAULT_BLOCK_SECONDS,
-    **how: Unpack[ReadingOptions],
+    **how: Unpack[Reading],
 ) -> xr.Dataset:
     """Let a monitor see a recording, as fast as it goes, and return its records.
 
@@ -54,7 +54,7 @@ def replay(
         out: folder that keeps the store and the published records; by default nothing is kept.
         limit: greatest number of blocks.
         block_s: length of a block, s; "file": one block a file.
-        how: ``spallwatch.recordings.ReadingOptions``; without ``channels``, all that seem vibration are monitored.
+        how: ``spallwatch.recordings.Reading``; without ``channels``, all that seem vibration are monitored.
 
     Returns:
         As ``open_records``. Channels have the names of the file, in letters that a configuration takes.
@@ -149,7 +149,7 @@ def _configured(
     bearing: Bearing | str,
     operating: Mapping[str, Any],
     block_s: float | Literal["file"],
-    how: ReadingOptions,
+    how: Reading,
 ) -> Config:
     """Return the configuration of a machine with one source, whose channels are those of the recording."""
     from spallwatch._arguments import configuration, plain_names
