@@ -20,7 +20,19 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from models.platform.jit import inlined, kernel
-from models.solve.engine.kernel_stepping import attempt, broken_step, run_over, to_change
+from models.solve.engine.kernel_stepping import (
+    EXACT_ANGLES,
+    TINY,
+    accept,
+    attempt,
+    broken_step,
+    fill_depth,
+    fill_half,
+    fill_rest,
+    fill_start,
+    runge_kutta,
+    to_change,
+)
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -210,20 +222,14 @@ def _hold(z: NDArray[np.float64], node: Index, plan: BallPlan, work: BallWork) -
 
 
 @inlined
-def _gap(work: BallWork) -> float:
-    """Return the least gap of a contact that counts as open, negative where it has closed, m."""
+def _gap_at(z: NDArray[np.float64], node: Index, plan: BallPlan, work: BallWork) -> float:
+    """Write the overlaps at a node; return the least gap of a contact that counts as open, negative if closed, m."""
+    _fill_overlap(z, node, plan, work)
     least = math.inf
     for k in range(work.closed.shape[0]):
         gap = -work.overlap[k] if work.closed[k] == 0.0 else math.inf
         least = gap if gap < least else least
     return least
-
-
-@inlined
-def _gap_at(z: NDArray[np.float64], node: Index, plan: BallPlan, work: BallWork) -> float:
-    """Write the overlaps at a node; return what ``_gap`` says of them."""
-    _fill_overlap(z, node, plan, work)
-    return _gap(work)
 
 
 @kernel
@@ -241,17 +247,6 @@ def _broken_step(t: float, end: float, i: int, plan: BallPlan, work: BallWork) -
     return broken_step(_try, _to_contact, slope_of, _hold, _kept, t, end, i, plan, work)
 
 
-@inlined
-def _sense(n: int, plan: BallPlan, work: BallWork, wave: NDArray[np.float64], place: NDArray[np.float64]) -> None:
-    """Write the acceleration of the ring in the sensor's direction from the first slope, and where all are."""
-    p = plan.parameter
-    wave[n, 0] = work.slope[0, 2] * p[P_DIRECTION_1] + work.slope[0, 3] * p[P_DIRECTION_2]
-    if place.shape[0] > 0:
-        place[n, 0], place[n, 1] = work.state[0], work.state[1]
-        for k in range(2, place.shape[1]):
-            place[n, k] = work.state[k + 2]
-
-
 @kernel
 def run(
     state: NDArray[np.float64], wave: NDArray[np.float64], place: NDArray[np.float64], h: float, plan: BallPlan
@@ -266,9 +261,40 @@ def run(
     Returns:
         A STATUS_ number.
     """
-    work = new_work(plan)
+    work, p = new_work(plan), plan.parameter
     work.state[:] = state
-    run_over(slope_of, _gap_at, _hold, _kept, _sense, _broken_step, wave, place, h, plan, work)
+    fill_half(h, p, work.half[0])
+    fill_start(0.0, p, work.turn)
+    fill_depth(0.0, 0.0, np.int64(0), plan, work.depth)
+    _hold(work.state, np.int64(0), plan, work)
+    i, exact, written = 0, 0, -1
+    for n in range(wave.shape[0]):
+        t, end = n * h, (n + 1) * h
+        if exact == 0:
+            fill_start(t, p, work.turn)
+        exact = (exact + 1) % EXACT_ANGLES
+        fill_rest(work.half[0], work.turn)
+        # Without a passage in the interval the depths stay zero.
+        if i != written or plan.first[i + 1] > plan.first[i]:
+            fill_depth(t, h, i, plan, work.depth)
+            written = i
+        slope_of(work.state, np.int64(0), plan, work, np.int64(0))
+        wave[n, 0] = work.slope[0, 2] * p[P_DIRECTION_1] + work.slope[0, 3] * p[P_DIRECTION_2]
+        if place.shape[0] > 0:
+            place[n, 0], place[n, 1] = work.state[0], work.state[1]
+            for k in range(2, place.shape[1]):
+                place[n, k] = work.state[k + 2]
+        whole = plan.bounds[i + 1] - end > TINY
+        if whole:
+            runge_kutta(slope_of, h, plan, work)
+            whole = _gap_at(work.trial, np.int64(2), plan, work) >= 0.0
+        if whole:
+            accept(work)
+            _kept(False, work)
+            for k in range(4):
+                work.turn[0, k] = work.turn[2, k]
+        else:
+            i, exact, written = _broken_step(t, end, i, plan, work), 0, -1
     state[:] = work.state
-    inside = abs(state[0]) + abs(state[1]) < plan.parameter[P_PITCH]
+    inside = abs(state[0]) + abs(state[1]) < p[P_PITCH]
     return STATUS_OK if inside and np.all(np.isfinite(state)) else STATUS_NOT_FINITE

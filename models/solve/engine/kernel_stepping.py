@@ -1,10 +1,9 @@
 """Kernel parts of models whose Runge-Kutta steps end where a contact changes or an edge is met.
 
 A model brings its kernels ``slope_of`` (the time derivative of a state at a node of the step), ``gap_of`` (the least
-gap of a contact at a node, negative where one has changed), ``hold`` (write which contacts are closed at a node),
-``kept`` (the same after a step that was taken, from what is known of its end: whether ``hold`` has to look anew) and
-``sense`` (write the sensors from the first slope). How far balls are relieved by the defects that they pass is known
-before the run, in intervals between edges.
+gap of a contact at a node, negative where one has changed), ``hold`` (write which contacts are closed at a node) and
+``kept`` (the same after a step that was taken, from what is known of its end: whether ``hold`` has to look anew). How
+far balls are relieved by the defects that they pass is known before the run, in intervals between edges.
 """
 
 from __future__ import annotations
@@ -308,55 +307,6 @@ def broken_step(
             fill_depth(t, 0.0, interval, plan, work.depth)
             hold(work.state, np.int64(0), plan, work)
     return interval
-
-
-@inlined
-def run_over(
-    slope_of: Kernel,
-    gap_of: Kernel,
-    hold: Kernel,
-    kept: Kernel,
-    sense: Kernel,
-    broken: Kernel,
-    wave: NDArray[np.float64],
-    place: NDArray[np.float64],
-    h: float,
-    plan: HasPassages,
-    work: HasNodes,
-) -> None:
-    """Carry the state from t = 0 over the steps of ``wave``, of h seconds each.
-
-    ``broken`` is the model's ``broken_step``; ``wave`` and ``place`` are those that ``sense`` writes.
-    """
-    p = plan.parameter
-    fill_half(h, p, work.half[0])
-    fill_start(0.0, p, work.turn)
-    fill_depth(0.0, 0.0, np.int64(0), plan, work.depth)
-    hold(work.state, np.int64(0), plan, work)
-    i, exact, written = 0, 0, -1
-    for n in range(wave.shape[0]):
-        t, end = n * h, (n + 1) * h
-        if exact == 0:
-            fill_start(t, p, work.turn)
-        exact = (exact + 1) % EXACT_ANGLES
-        fill_rest(work.half[0], work.turn)
-        # Without a passage in the interval the depths stay zero.
-        if i != written or plan.first[i + 1] > plan.first[i]:
-            fill_depth(t, h, i, plan, work.depth)
-            written = i
-        slope_of(work.state, np.int64(0), plan, work, np.int64(0))
-        sense(n, plan, work, wave, place)
-        whole = plan.bounds[i + 1] - end > TINY
-        if whole:
-            runge_kutta(slope_of, h, plan, work)
-            whole = gap_of(work.trial, np.int64(2), plan, work) >= 0.0
-        if whole:
-            accept(work)
-            kept(False, work)
-            for k in range(work.turn.shape[1]):
-                work.turn[0, k] = work.turn[2, k]
-        else:
-            i, exact, written = broken(t, end, i, plan, work), 0, -1
 
 
 @inlined

@@ -22,10 +22,10 @@ import numpy as np
 from models.platform.jit import inlined, kernel
 from models.solve.engine.kernel_stepping import (
     EXACT_ANGLES,
-    MOST_CHANGES,
     TINY,
     accept,
     attempt,
+    broken_step,
     fill_depth,
     fill_half,
     fill_rest,
@@ -287,34 +287,15 @@ def _to_change(t: float, h: float, at_end: float, interval: Index, plan: RotorPl
     return to_change(_try, _worst, t, h, at_end, interval, plan, work)
 
 
+@inlined
+def _kept(changed: bool, work: RotorWork) -> bool:
+    """Return whether the loaded balls may be others: they stay as they are while none opens or closes."""
+    return changed
+
+
 @kernel
 def _broken_step(t: float, end: float, i: int, plan: RotorPlan, work: RotorWork) -> int:
-    """Carry the state, whose nodes at ``t`` are written, to ``end`` over edges and changes of contact.
-
-    Returns:
-        The interval at ``end``.
-    """
-    changes = 0
-    while end - t > TINY:
-        stop = min(end, plan.bounds[i + 1])
-        fill_start(t, plan.parameter, work.turn)
-        slope_of(work.state, np.int64(0), plan, work, np.int64(0))
-        length = stop - t
-        gap = _try(t, length, i, plan, work)
-        changed = gap < 0.0
-        if changed and changes < MOST_CHANGES:
-            length = _to_change(t, length, gap, i, plan, work)
-            changes += 1
-        t += length
-        accept(work)
-        edge = plan.bounds[i + 1] - t <= TINY
-        while plan.bounds[i + 1] - t <= TINY:
-            i += 1
-        if changed or edge:
-            fill_start(t, plan.parameter, work.turn)
-            fill_depth(t, 0.0, i, plan, work.depth)
-            hold(work.state, np.int64(0), plan, work)
-    return i
+    return broken_step(_try, _to_change, slope_of, hold, _kept, t, end, i, plan, work)
 
 
 @inlined
