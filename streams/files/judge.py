@@ -114,6 +114,7 @@ def judged(
     zone: str,
     *,
     called: Callable[[StatedRow], str] = lambda row: row.name,
+    dated: Callable[[Facts, str], tuple[float | None, str | None]] = stated_time,
     of_rates: str | None = None,
     max_listed: int | None = None,
 ) -> Samples:
@@ -125,6 +126,7 @@ def judged(
         kind: of the rows in messages ("channels"), ``of_rates`` where their rates differ.
         zone: IANA name of the zone of stamps that name none.
         called: gives the name of a row in messages.
+        dated: gives the time of the first sample that is stated of a row, as :func:`stated_time` does.
         max_listed: characters of a list of rows in messages.
 
     Raises:
@@ -135,7 +137,7 @@ def judged(
         listed = ", ".join(f"{called(row)} {row.values.size}".strip() for row in rows)
         raise ReaderError("wrong_shape", f"{where}: {kind} of different lengths: {listed[:max_listed]}")
     rates = (stated_rate(row.facts, f"{where}: {called(row)}") for row in rows)
-    times = [stated_time(row.facts, zone) for row in rows]
+    times = [dated(row.facts, zone) for row in rows]
     names, short = tuple(row.name for row in rows), tuple(row.short for row in rows)
     return Samples(
         stack_rows([row.values for row in rows]),

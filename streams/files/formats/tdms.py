@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Sequence
-from dataclasses import replace
 from fnmatch import fnmatchcase
 from importlib import import_module
 from typing import Any
@@ -71,14 +70,13 @@ def read_tdms(
         StatedRow(values, f"{group}/{title}", title, {**facts, STORED: stored_as(row.dtype)})
         for row, values, (group, title), facts in zip(rows, _exact(rows), titles, properties, strict=True)
     ]
-    samples = judged(stated, name, "channels", zone, called=lambda row: row.short)
-    samples = replace(samples, start=_start(properties, zone), stamp=None)
+    samples = judged(stated, name, "channels", zone, called=lambda row: row.short, dated=_dated)
     if pulses is None:
         return samples
     title, times, facts = only_one(marks, pulses, name) or (None, None, None)
     if title is None or times is None or facts is None:
         return samples
-    return with_pulses(samples, times, facts, zone, f"{name}: channel {title}", _start([facts], zone))
+    return with_pulses(samples, times, facts, zone, f"{name}: channel {title}", _dated(facts, zone)[0])
 
 
 def _titles(channel: Any) -> tuple[str, str]:
@@ -159,10 +157,9 @@ def _exact(rows: list[NDArray[Any]]) -> list[NDArray[np.floating]]:
     return [contiguous(row, np.float32 if exact else np.float64) for row in rows]
 
 
-def _start(properties: Sequence[Facts], zone: str) -> float | None:
-    for facts in properties:
-        start = seconds_utc(facts.get("wfstarttime"), zone)
-        if start is not None and start > _LABVIEW_ZERO + 1.0:
-            offset = facts.get("wfstartoffset", 0.0)
-            return start + (float(offset) if isinstance(offset, int | float) and abs(offset) < 1e9 else 0.0)
-    return None
+def _dated(facts: Facts, zone: str) -> tuple[float | None, None]:
+    start = seconds_utc(facts.get("wfstarttime"), zone)
+    if start is None or start <= _LABVIEW_ZERO + 1.0:
+        return None, None
+    offset = facts.get("wfstartoffset", 0.0)
+    return start + (float(offset) if isinstance(offset, int | float) and abs(offset) < 1e9 else 0.0), None

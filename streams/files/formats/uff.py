@@ -138,16 +138,18 @@ def _described(functions: list[Function], si: bool, name: str, zone: str) -> Sam
         rates.append(1.0 / step)
         unit = known_unit(function.get("ordinate_axis_units_lab"))
         acceleration = int(function.get("ordinate_spec_data_type") or 0) == _ACCELERATION
-        facts.append({"unit": unit or ("m/s2" if acceleration and si else None)})
+        unit = unit or ("m/s2" if acceleration and si else None)
+        facts.append({"unit": unit, "id3": str(function.get("id3", ""))})
         titles.append(title)
         nodes.append(_node(function))
     names = [title if title and title != "NONE" and titles.count(title) == 1 else node
              for title, node in zip(titles, nodes, strict=True)]  # fmt: skip
-    samples = judged(list(map(StatedRow, rows, names, nodes, facts)), name, "functions", zone, called=lambda row: "")
+    stated = list(map(StatedRow, rows, names, nodes, facts))
+    samples = judged(stated, name, "functions", zone, called=lambda row: "", dated=_dated)
     common_rate((min(rates), max(rates)), "functions", name, joint=" to ")
-    return replace(
-        samples,
-        # The header holds six digits of the step.
-        rate=nice_rate(rates[0], 1e-5),
-        start=next((s for f in functions if (s := seconds_utc(str(f.get("id3", "")), zone)) is not None), None),
-    )
+    # The header holds six digits of the step.
+    return replace(samples, rate=nice_rate(rates[0], 1e-5))
+
+
+def _dated(facts: Facts, zone: str) -> tuple[float | None, None]:
+    return seconds_utc(facts["id3"], zone), None
