@@ -5,7 +5,7 @@ from __future__ import annotations
 import importlib.util
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from models.machine.bearing import kinematics
 from monitor.config.interference import families_removed, removed_lines, words_of
@@ -16,9 +16,6 @@ from monitor.health.signal.interference import Interference, all_combs
 from monitor.health.signal.interference_search import Proposal, propose
 from monitor.words.numbers import count
 from streams.types.block import Block
-
-if TYPE_CHECKING:
-    from streams.types.block import Block
 
 
 @dataclass(frozen=True)

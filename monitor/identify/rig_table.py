@@ -28,8 +28,6 @@ from monitor.words.calibration import ASSUMED
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from models.identify.run import Identification
-
 MICRO = 1e6
 KEYS = {**RIG_KEYS, "clearance": "clearance_um"}
 """Keys of the configuration of the parameters that can be free, but of the contact stiffness."""

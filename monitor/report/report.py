@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from monitor import __version__
 from monitor.health.schema import VARIABLES
-from monitor.records.durable import replacing
+from monitor.records.durable import free_name, replacing
 from monitor.report.comparison import compare, laws, milestones, scores
 from monitor.report.data_quality import without_folders
 from monitor.report.figures.spectrum import SpectrumView
@@ -67,10 +67,8 @@ def _named(runs: Sequence[Run]) -> Iterator[tuple[str, Run, Channel]]:
     for place, run in enumerate(runs, start=1):
         prefix = f"run{place}-" if len(runs) > 1 else ""
         for channel in run.channels.values():
-            name = plain = f"{prefix}trends-{_FOREIGN.sub('_', channel.name)}"
-            number = 2
-            while name.casefold() in taken:
-                name, number = f"{plain}-{number}", number + 1
+            plain = f"{prefix}trends-{_FOREIGN.sub('_', channel.name)}"
+            name = free_name(plain, lambda found: found.casefold() in taken)
             taken.add(name.casefold())
             yield name, run, channel
 
