@@ -6,6 +6,7 @@ stopped on purpose. Nothing here imports dask; the commands are those of ``deplo
 
 from __future__ import annotations
 
+import gc
 import os
 import signal
 import socket
@@ -13,6 +14,7 @@ import subprocess
 import sys
 import threading
 import time
+import warnings
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
@@ -265,3 +267,15 @@ def cluster_processes(
         yield cluster
     finally:
         cluster.stop()
+        _collect_connections()
+
+
+def _collect_connections() -> None:
+    """Collect what a client of dask left behind, before it is reported in another test.
+
+    ``Client._ensure_connected`` of distributed does not close the connection on which a handshake with a new scheduler
+    fails, so that the garbage collector closes it, and warns.
+    """
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ResourceWarning)
+        gc.collect()
