@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator, Sequence
+from collections.abc import Container, Iterator, Sequence
 from dataclasses import replace
 from datetime import UTC, datetime
 from os import PathLike, fspath
@@ -31,7 +31,7 @@ class Reading(TypedDict, total=False):
     """How a recording is read; what it states itself need not be given. Keys as in ``[[source]]`` and ``[[channel]]``.
 
     Attributes:
-        channels: names of the columns or variables that are taken, by default all.
+        channels: names of the columns or variables that are taken, by default all of vibration or a tacho.
         unit: of all channels: "g", "m/s2", "V" or "unknown".
         sensitivity_mv_per_g: of the sensors, for "V".
         scale: factor from the stored numbers to ``unit``.
@@ -176,7 +176,7 @@ def _with_channels(spec: SourceSpec, how: Reading) -> SourceSpec:
     scaling = {key for key in ("unit", "scale", "sensitivity_mv_per_g") if key in how}
     names = tuple(how["channels"]) if "channels" in how else None
     if names is None and scaling:
-        names = tuple(first_channels(spec))
+        names = tuple(first_channels(spec, ("vibration", "tacho")))
     if names is None:
         return spec
     try:
@@ -195,10 +195,10 @@ def _with_channels(spec: SourceSpec, how: Reading) -> SourceSpec:
     return replace(spec, channels=channels)
 
 
-def first_channels(spec: SourceSpec, *, vibration: bool = False) -> dict[str, str | None]:
+def first_channels(spec: SourceSpec, kinds: Container[str] | None = None) -> dict[str, str | None]:
     """Return the channels of the first file of a source that can be read, with their units where they are stated.
 
-    ``vibration``: only those that seem to be vibration, not a temperature or a speed.
+    ``kinds``: those of :mod:`streams.files.columns` that are returned, None: all.
 
     Raises:
         RecordingError: there is none.
@@ -216,7 +216,7 @@ def first_channels(spec: SourceSpec, *, vibration: bool = False) -> dict[str, st
         found = survey(path, kind, spec.timezone)
     except (SourceError, ReaderError) as error:
         raise RecordingError(_in_words_of_calls(str(error)).replace("[[source]] survey: url: ", "")) from None
-    rows = found.vibration if vibration else found.rows
+    rows = [row for row in found.rows if kinds is None or row.kind in kinds]
     return {row.name: row.unit or found.data_set.unit for row in rows}
 
 

@@ -155,7 +155,7 @@ def _configured(
     from spallwatch._arguments import configuration, plain_names
     from spallwatch.recordings import first_channels, source_of
 
-    there = first_channels(source_of(path, block_s, how), vibration="channels" not in how)
+    there = first_channels(source_of(path, block_s, how), None if "channels" in how else ("vibration",))
     titles = list(how.get("channels", there))
     units = [how.get("unit", there.get(title)) for title in titles]
     if missing := [title for title, unit in zip(titles, units, strict=True) if unit is None]:

@@ -12,6 +12,7 @@ from zoneinfo import ZoneInfo
 
 import numpy as np
 
+from streams.files.columns import vibration_rows, with_times
 from streams.files.container import changed_error
 from streams.files.judge import agreed_rate
 from streams.files.parse.complete import declared_size
@@ -147,6 +148,7 @@ class Loader:
             if not raw:
                 raise ReaderError("empty", f"{path}: the file has 0 bytes")
             samples = self.data_set.read(raw, path)
+            samples = with_times(samples, path) if self.data_set.plain else samples
             if isinstance(raw, FileBytes) and raw.is_changed:
                 raise changed_error(path)
             return samples
@@ -220,22 +222,20 @@ def choose_channels(
     """Select the rows of the configured channels, with their names and units.
 
     Args:
-        channels: none: every row, by the data set's names.
+        channels: none: every row of vibration (:mod:`streams.files.columns`), by the data set's names.
         unit: of every row by the data set, or None.
         range_g: full scale in g of rows that are stored as fractions of it, where no scale is given.
 
     Raises:
-        ReaderError: ``wrong_shape`` where a channel matches no row or several; ``wrong_unit`` where the file states
-            another unit than the configuration, or neither states one, or nothing states the level of integers.
+        ReaderError: ``wrong_shape`` where a channel matches no row or several, or no row is vibration; ``wrong_unit``
+            where the file states another unit than the configuration, or neither states one, or nothing states the
+            level of integers.
     """
     if unit is not None:
         samples = replace(samples, units=tuple(stated or unit for stated in samples.units))
     samples, multiples = in_own_units(samples)
     if not channels:
-        # A row of truth values is of a tacho or a switch.
-        kept = [row for row, stored in enumerate(samples.stored) if stored != DIGITAL]
-        if not kept:
-            raise ReaderError("wrong_shape", f"{where}: holds only rows that are on or off, and no vibration")
+        kept = vibration_rows(samples, where, is_ours=unit is not None)
         samples, multiples = samples.select(kept), tuple(multiples[row] for row in kept)
         for row, (name, stated) in enumerate(zip(samples.names, samples.units, strict=True)):
             _check_unit(stated, name, where)

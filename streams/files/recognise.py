@@ -103,15 +103,16 @@ def plain(kind: str, spec: SourceSpec, endings: tuple[str, ...]) -> DataSet:
             f"[[source]] {spec.name}: pulses = {inside!r}: files of {kind} hold no array of pulses besides their "
             "channels; give a file beside them, such as {stem}.pulses.csv, or [operating] tacho_channel"
         )
+    wishes = [_titles(spec, any_unit=False), _titles(spec, any_unit=True)]
     readers: dict[str, Callable[[Data, str], Samples]] = {
         "csv": isolated(read_layout, zone),
         "npy": read_plain_npy,
         "wav": isolated(read_wav),
-        "mat": isolated(read_mat, keys or ["*"], zone, inside),
-        "tdms": isolated(read_tdms, keys, zone, inside),
-        "hdf5": isolated(read_hdf5, keys, zone, inside),
+        "mat": isolated(read_mat, keys or ["*"], zone, inside, *wishes),
+        "tdms": isolated(read_tdms, keys, zone, inside, *wishes),
+        "hdf5": isolated(read_hdf5, keys, zone, inside, *wishes),
         "uff": isolated(read_uff, keys, zone),
-        "netcdf": isolated(read_netcdf, keys, zone, inside),
+        "netcdf": isolated(read_netcdf, keys, zone, inside, *wishes),
     }
 
     def facts(path: str, place: str, zone: ZoneInfo) -> FileFacts | None:
@@ -123,6 +124,20 @@ def plain(kind: str, spec: SourceSpec, endings: tuple[str, ...]) -> DataSet:
     return DataSet(
         kind, shown, facts, readers[kind], unit=None, states_rate=rate, states_unit=unit, plain=True, endings=endings
     )
+
+
+def _titles(spec: SourceSpec, *, any_unit: bool) -> list[str]:
+    """Return the patterns of the rows of the configured channels, of those that are taken in any unit or the others."""
+    return [
+        channel.key or as_pattern(channel.column if isinstance(channel.column, str) else channel.name)
+        for channel in spec.channels
+        if channel.any_unit == any_unit and not isinstance(channel.column, int)
+    ]
+
+
+def as_pattern(title: str) -> str:
+    """Return the key that matches a title and nothing else."""
+    return re.sub(r"([*?\[])", r"[\1]", title)
 
 
 def data_set_of(spec: SourceSpec, files: Files, kind: str, endings: tuple[str, ...] | None = None) -> DataSet:

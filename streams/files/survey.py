@@ -2,40 +2,30 @@
 
 from __future__ import annotations
 
+import contextlib
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from streams.files.columns import ColumnKind, Kind, kinds_of
 from streams.files.container import Files, Item, open_files
 from streams.files.datasets import DataSet, FileFacts
 from streams.files.load import Loader, in_own_units
 from streams.files.plausible import SignalLevel, level_of
-from streams.files.recognise import data_set_of
+from streams.files.recognise import as_pattern, data_set_of
 from streams.files.sidecar import is_pulse_file, is_sidecar, pulse_pattern
-from streams.files.statements import multiple_of, nice_rate, plain_key, rate_of_times
+from streams.files.statements import nice_rate, rate_of_times
 from streams.turns.tacho import TachoRow, is_called_tacho, tacho_row
 from streams.types.listing import natural_key, shown
 from streams.types.samples import ReaderError, Samples
 from streams.types.spec import UNITS, ChannelSpec, SourceError, SourceSpec
 
-Kind = Literal["vibration", "speed", "load", "tacho", "time", "other"]
-
 _MAX_TRIED = 5
 """Files that are tried from each end until one can be read."""
-_BEHIND = re.compile(r"[\[(]([^\])]*)[\])]\s*$")
-_TIMES = {"t", "time", "times", "zeit", "timestamp", "zeits"}
-_SPEEDS = re.compile(r"rpm|\bspeed|drehzahl|tacho|umdrehung|1/min|min-1|\bgiri", re.IGNORECASE)
-_LOADS = re.compile(r"\bload|\bforce|kraft|\blast\b", re.IGNORECASE)
-_OTHERS = re.compile(
-    r"temp|°|\bdegc\b|current|strom|druck|press|\bbar\b|humid|feuchte|torque|moment|counter|\bindex\b|\bsample\b|\bnr\b"
-    r"|\bno\.?\b",
-    re.IGNORECASE,
-)
 _RPM_IN_NAME = re.compile(r"(?<![\d.])(\d{2,5}(?:\.\d+)?)[ _-]?(?:rpm|upm|u[_-]?min)", re.IGNORECASE)
 
 
@@ -47,13 +37,14 @@ class SurveyedRow:
         name: short name by the file or its data set.
         title: name in the file, by which a channel finds it.
         column: its number, from 1.
-        kind: what it seems to measure.
+        kind: what it seems to measure, ``evidence`` in words why; "" for vibration.
         unit: "g", "m/s2", "V" or "unknown" where the file states one of them, or a multiple; else None.
         written: the unit as the file spells it, "" where it states none.
         factor: from the stored numbers to ``unit``, of a multiple.
         stored: how the numbers are stored (:mod:`streams.types.samples`).
         level: of the first file that can be read, in ``unit``.
         tacho: its pulses in that file, None where it is no tacho.
+        samples: their number where it is another one than that of the signals, else None.
     """
 
     name: str
@@ -66,6 +57,8 @@ class SurveyedRow:
     stored: str
     level: SignalLevel
     tacho: TachoRow | None = None
+    evidence: str = ""
+    samples: int | None = None
 
 
 @dataclass(frozen=True)
@@ -88,7 +81,7 @@ class Survey:
         changed: times of the last change of the first and the last file, s since 1970 UTC.
         refused: files that cannot be read, with the reason.
         values: samples of the first file, shape (row, sample).
-        chosen: whether only the longest rows are read, of files whose rows differ in length.
+        chosen: whether the files hold rows of other lengths than those of ``rows``; those are ``beside``.
         pulses: pattern of the files of pulses beside the others, or name of an array of them; None: there are none.
     """
 
@@ -112,6 +105,7 @@ class Survey:
     refused: tuple[str, ...]
     values: Samples
     chosen: bool = False
+    beside: tuple[SurveyedRow, ...] = ()
     pulses: str | None = None
 
     @property
@@ -128,6 +122,11 @@ class Survey:
     def vibration(self) -> tuple[SurveyedRow, ...]:
         """The rows that seem to be vibration."""
         return tuple(row for row in self.rows if row.kind == "vibration")
+
+    @property
+    def all_rows(self) -> tuple[SurveyedRow, ...]:
+        """The rows, and those of other lengths."""
+        return *self.rows, *self.beside
 
     @property
     def tacho(self) -> SurveyedRow | None:
@@ -156,37 +155,27 @@ def survey(path: str, kind: str = "auto", zone: str = "UTC") -> Survey:
     files = open_files("survey", path)
     spec = replace(spec, pulses=None if files.sequential else pulse_pattern([item.path for item in files]))
     data_set = data_set_of(spec, files, kind)
-    try:
-        return _surveyed(spec, path, files, data_set)
-    except ReaderError as error:
-        longest, shorter = _rows_by_length(str(error))
-        if not longest:
-            raise
-    channels = tuple(ChannelSpec(title, key=as_pattern(title)) for title in longest)
-    tachos = [title for title in shorter if is_called_tacho(title)]
-    pulses = as_pattern(tachos[0]) if len(tachos) == 1 and spec.pulses is None else spec.pulses
-    spec = replace(spec, channels=channels)
-    try:
-        with_pulses = replace(spec, pulses=pulses)
-        return replace(_surveyed(with_pulses, path, files, data_set_of(with_pulses, files, data_set.name)), chosen=True)
-    except (ReaderError, SourceError):
-        # What is called so holds no times.
-        return replace(_surveyed(spec, path, files, data_set_of(spec, files, data_set.name)), chosen=True)
+    found = _surveyed(spec, path, files, data_set)
+    if not found.values.beside:
+        return found
+    tachos = [title for title in found.values.beside if is_called_tacho(title)]
+    if len(tachos) == 1 and spec.pulses is None:
+        with_pulses = replace(spec, pulses=as_pattern(tachos[0]))
+        # What is called so may hold no times.
+        with contextlib.suppress(ReaderError, SourceError):
+            found = _surveyed(with_pulses, path, files, data_set_of(with_pulses, files, data_set.name))
+    beside = tuple(row for title in found.values.beside for row in _row_beside(spec, files, found, title))
+    return replace(found, chosen=True, beside=beside)
 
 
-def as_pattern(title: str) -> str:
-    """Return the key that matches a title and nothing else."""
-    return re.sub(r"([*?\[])", r"[\1]", title)
-
-
-def _rows_by_length(reason: str) -> tuple[list[str], list[str]]:
-    """Return the names of the longest rows of a file, and of the others, by the reason why it was refused."""
-    # Each file that was tried lists its rows.
-    listed = re.search(r"of different lengths: (.*?)(?:; |$)", reason)
-    found = [] if listed is None else re.findall(r"([^,]+?) (\d+)(?:, |$)", listed[1])
-    sizes = {name.strip(): int(size) for name, size in found}
-    longest = max(sizes.values(), default=0)
-    return [name for name in sizes if sizes[name] == longest], [name for name in sizes if sizes[name] < longest]
+def _row_beside(spec: SourceSpec, files: Files, found: Survey, title: str) -> Iterator[SurveyedRow]:
+    """Yield the row of the first file that has another length than its signals, where it can be read."""
+    alone = replace(spec, channels=(ChannelSpec(title, key=as_pattern(title)),))
+    with contextlib.suppress(ReaderError, SourceError):
+        item = next(item for item in files if item.path == found.first)
+        samples = data_set_of(alone, files, found.data_set.name).read(item.read(), item.path)
+        row = replace(surveyed_rows(samples, None)[0], samples=samples.values.shape[1])
+        yield replace(row, kind="other") if row.kind == "vibration" else row
 
 
 def _surveyed(spec: SourceSpec, path: str, files: Files, data_set: DataSet) -> Survey:
@@ -270,20 +259,23 @@ def surveyed_rows(samples: Samples, unit: str | None, rate: float | None = None)
     """Return what each row of a file is; ``unit`` is that of all rows by the data set, or None, ``rate`` in Hz."""
     written = tuple(stated or unit or "" for stated in samples.units)
     own, factors = in_own_units(replace(samples, units=tuple(text or None for text in written)))
+    vibration = ColumnKind("vibration")
+    kinds = kinds_of(samples.names, written, list(samples.values)) if unit is None else [vibration] * len(written)
     rows = [
         SurveyedRow(
             name=name,
             title=title,
             column=column,
-            kind=_kind(title, row, text, is_ours=unit is not None),
+            kind=kind.kind,
+            evidence=kind.evidence,
             unit=stated if stated in UNITS else None,
             written=text,
             factor=factor,
             stored=stored,
             level=level_of(row).times(factor),
         )
-        for name, title, column, row, text, stated, factor, stored in zip(
-            samples.channels, samples.names, samples.columns, samples.values, written, own.units, factors,
+        for name, title, column, kind, row, text, stated, factor, stored in zip(
+            samples.channels, samples.names, samples.columns, kinds, samples.values, written, own.units, factors,
             samples.stored, strict=True,
         )
     ]  # fmt: skip
@@ -291,8 +283,6 @@ def surveyed_rows(samples: Samples, unit: str | None, rate: float | None = None)
         told = [_with_tacho(row, values, rate) for row, values in zip(rows, samples.values, strict=True)]
         # Where nothing else is left, a row is no tacho.
         rows = told if any(row.kind == "vibration" for row in told) else rows
-    if not any(row.kind == "vibration" for row in rows):
-        rows = [replace(row, kind="vibration") if row.kind == "other" and not row.written else row for row in rows]
     return tuple(rows)
 
 
@@ -302,23 +292,6 @@ def _with_tacho(row: SurveyedRow, values: NDArray[np.floating], rate: float | No
         return row
     found = tacho_row(values, f"{row.title} {row.written}", rate)
     return row if found is None else replace(row, kind="tacho", tacho=found)
-
-
-def _kind(title: str, row: Sequence[float], unit: str, *, is_ours: bool) -> Kind:
-    """Return what a row seems to measure, by its title and its unit."""
-    last = re.split(r"[/.]", title)[-1]
-    if is_ours:
-        return "vibration"
-    if plain_key(last) in _TIMES and len(row) > 1 and bool(row[1] > row[0]):
-        return "time"
-    behind = _BEHIND.search(title)
-    words = f"{title} {unit or (behind[1] if behind else '')}"
-    if _SPEEDS.search(words):
-        return "speed"
-    if _LOADS.search(words) or unit in ("N", "kN"):
-        return "load"
-    known = multiple_of(unit)[0] in UNITS
-    return "other" if (unit and not known) or (not known and _OTHERS.search(words)) else "vibration"
 
 
 def _rate_by_row(samples: Samples, rows: Sequence[SurveyedRow]) -> tuple[float | None, str | None]:

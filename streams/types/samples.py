@@ -67,6 +67,7 @@ class Samples:
         pulses: of a tacho or an encoder over the whole origin, their times counted from its first sample.
         pulse_epoch: s since 1970 UTC from which the times of pulses count until the origin is dated, else None.
         pulses_per_revolution: pulses of a whole turn in a row that is a tacho.
+        beside: names of rows of the file that are left out because they have another length.
     """
 
     values: NDArray[Any]
@@ -88,6 +89,7 @@ class Samples:
     pulses: Pulses | None = None
     pulse_epoch: float | None = None
     pulses_per_revolution: int | None = None
+    beside: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         """Fill in the defaults of the rows; ValueError where parts do not fit."""

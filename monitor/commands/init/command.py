@@ -30,7 +30,7 @@ from monitor.config.load import Config, load_config
 from monitor.words.numbers import duration
 from streams.files.plausible import doubts
 from streams.files.sidecar import is_beside
-from streams.files.survey import Survey, survey
+from streams.files.survey import Survey, SurveyedRow, survey
 from streams.types.listing import shown
 from streams.types.samples import ReaderError
 from streams.types.spec import SourceError
@@ -320,8 +320,9 @@ def survey_lines(seen: Survey, path: str, timezone: str) -> Iterator[str]:
         lengths = " and ".join(dict.fromkeys(duration_words(length) for length in seen.seconds(seen.rate)))
         by = "" if seen.rate_from is None else f" by the row {seen.rate_from}"
         yield f"  rate: {seen.rate:g} Hz{by}; first and last file of {lengths}"
-    for row in seen.rows:
-        yield f"  row {row.column}, {row.title}: {_row_words(row)}"
+    for row in seen.all_rows:
+        place = f"row {row.column}" if row.samples is None else f"of {row.samples} samples"
+        yield f"  {place}, {row.title}: {_row_words(row)}"
     if seen.pulses is not None:
         place = "beside the files" if is_beside(seen.pulses) else "in the files"
         yield f"  pulses of a tacho: {shown(seen.pulses)} {place}"
@@ -333,11 +334,13 @@ def duration_words(seconds: float) -> str:
     return f"{seconds:.3g} s" if seconds < 90.0 else duration(seconds)
 
 
-def _row_words(row: Any) -> str:
+def _row_words(row: SurveyedRow) -> str:
     if row.kind != "vibration":
         tacho = "" if row.tacho is None else f"a tacho, {row.tacho.pulses} pulses in the first file"
-        words = {"time": "times, no channel", "other": "no vibration, left out", "tacho": tacho}
-        return words.get(row.kind, f"the {row.kind}")
+        words = {"time": "times, no channel", "tacho": tacho}
+        mean = f", mean {row.level.mean:.4g} {row.written}".rstrip()
+        left = f"left out: it {row.evidence}" if row.evidence else "left out"
+        return words.get(row.kind, f"the {row.kind}{mean}" if row.kind in ("speed", "load") else left)
     unit = "" if row.unit in (None, "unknown") else f" {row.unit}"
     spelled = f"unit {row.written}" if row.written else "no unit"
     stored = "" if row.stored == "values" else f", stored as {row.stored}"

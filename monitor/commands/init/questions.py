@@ -128,7 +128,7 @@ def _states_speed(survey: Survey) -> bool:
 
 
 def _has(survey: Survey, kind: str) -> bool:
-    return sum(row.kind == kind for row in survey.rows) == 1
+    return sum(row.kind == kind for row in survey.all_rows) == 1
 
 
 def unit_of(row: SurveyedRow, answers: Answers) -> str | None:

@@ -13,7 +13,8 @@ from monitor.commands.init.answers import Answers, bearing_of, bearing_sections,
 from monitor.commands.init.questions import needs_scale, unit_of
 from monitor.health.onset.state import DetectSettings
 from streams.files.plausible import SignalLevel, of_one_g
-from streams.files.survey import Survey, SurveyedRow, as_pattern
+from streams.files.recognise import as_pattern
+from streams.files.survey import Survey, SurveyedRow
 from streams.types.listing import shown
 from streams.types.samples import COUNTS, FRACTIONS
 
@@ -139,7 +140,7 @@ def _bearings(draft: Draft) -> Iterator[str]:
 def _operating(draft: Draft) -> Iterator[str]:
     answers, survey = draft.answers, draft.survey
     yield from ("", "[operating]")
-    row = next((row for row in survey.rows if row.kind == "speed"), None)
+    row = next((row for row in survey.all_rows if row.kind == "speed"), None)
     if answers.speed_hz is not None:
         yield _pair("speed_hz", answers.speed_hz, f"{60 * answers.speed_hz:.4g} rpm")
     elif row is not None:
@@ -156,7 +157,7 @@ def _operating(draft: Draft) -> Iterator[str]:
         yield _pair("tacho_channel", tacho.title, "pulses of the shaft: its angle and speed")
     if tacho is not None or survey.pulses is not None:
         yield _pair("pulses_per_revolution", answers.pulses_per_revolution or 1)
-    row = next((row for row in survey.rows if row.kind == "load"), None)
+    row = next((row for row in survey.all_rows if row.kind == "load"), None)
     if answers.load_newton is not None:
         yield _pair("load_newton", answers.load_newton, "radial")
     elif row is not None:

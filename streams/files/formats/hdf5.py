@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from streams.files.judge import StatedRow, judged
+from streams.files.lengths import of_one_length, with_beside
 from streams.files.parse.complete import hdf5_size
 from streams.files.parse.worker import check_claim, from_disk, library, readable
 from streams.files.pulse_times import matches_pulses, only_one, own_facts, sought, with_pulses
@@ -49,7 +50,13 @@ class Found:
 
 @from_disk
 def read_hdf5(
-    data: Data, name: str, patterns: Sequence[str] = (), zone: str = "UTC", pulses: str | None = None
+    data: Data,
+    name: str,
+    patterns: Sequence[str] = (),
+    zone: str = "UTC",
+    pulses: str | None = None,
+    wanted: Sequence[str] = (),
+    slow: Sequence[str] = (),
 ) -> Samples:
     """Read the numeric data sets of an HDF5 file.
 
@@ -60,6 +67,7 @@ def read_hdf5(
         patterns: of the paths of the wanted data sets, such as ``run1/acc*``; none: all.
         zone: IANA name of the zone of stamps that name none.
         pulses: pattern of the path of the times of pulses; see :mod:`.pulse_times`.
+        wanted, slow: see :func:`streams.files.lengths.of_one_length`.
 
     Raises:
         ReaderError: ``empty``; ``refused`` for links, external storage, virtual data sets and more than
@@ -87,7 +95,8 @@ def read_hdf5(
             arrays.append((item.path, rows_of(array, f"{name}: data set {item.path}"), facts))
             budget.add_rows(len(arrays[-1][1]))
         held = ", ".join(f"{item.path}{list(item.dataset.shape or ())}"[:60] for item in found[:12]) or "no data set"
-        samples = join_arrays(arrays, name, zone, f"no vector matches {', '.join(patterns) or '*'}; {held}")
+        none = f"no vector matches {', '.join(patterns) or '*'}; {held}"
+        samples = join_arrays(arrays, name, zone, none, wanted, slow)
         tacho = None if pulses is None else only_one(marks, pulses, name)
         if tacho is None:
             return samples
@@ -114,11 +123,19 @@ class Budget:
         check_rows(self._rows, self._name, "vectors")
 
 
-def join_arrays(arrays: Sequence[tuple[str, NDArray[np.floating], Facts]], name: str, zone: str, none: str) -> Samples:
+def join_arrays(
+    arrays: Sequence[tuple[str, NDArray[np.floating], Facts]],
+    name: str,
+    zone: str,
+    none: str,
+    wanted: Sequence[str] = (),
+    slow: Sequence[str] = (),
+) -> Samples:
     """Join arrays of shape (row, sample), with their names and what is stated of each.
 
     A row is named as its array, ``NAME_1`` and so on where it has several. ``zone`` is the IANA name of the zone of
-    stamps that name none, ``none`` the reason to give where there is no array.
+    stamps that name none, ``none`` the reason to give where there is no array; ``wanted`` and ``slow`` as in
+    :func:`streams.files.lengths.of_one_length`.
 
     Raises:
         ReaderError: ``wrong_shape`` without rows or for different lengths, ``wrong_rate`` for different rates.
@@ -135,7 +152,8 @@ def join_arrays(arrays: Sequence[tuple[str, NDArray[np.floating], Facts]], name:
         rows += [
             StatedRow(values, row, row.rpartition("/")[2], stated) for row, values in zip(names, array, strict=True)
         ]
-    return judged(rows, name, "vectors", zone, of_rates="rows", max_listed=_MAX_LISTED)
+    rows, beside = of_one_length(rows, wanted, slow, name, "vectors", max_listed=_MAX_LISTED)
+    return with_beside(judged(rows, name, "vectors", zone, of_rates="rows", max_listed=_MAX_LISTED), beside)
 
 
 @contextmanager

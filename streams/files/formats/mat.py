@@ -179,7 +179,13 @@ def text(values: MatValues, key: str) -> str | None:
 
 @from_disk
 def read_mat(
-    data: Data, name: str, patterns: Sequence[str] = ("*",), zone: str | None = None, pulses: str | None = None
+    data: Data,
+    name: str,
+    patterns: Sequence[str] = ("*",),
+    zone: str | None = None,
+    pulses: str | None = None,
+    wanted: Sequence[str] = (),
+    slow: Sequence[str] = (),
 ) -> Samples:
     """Read the numeric vectors of a MAT file that match some patterns.
 
@@ -191,13 +197,14 @@ def read_mat(
             neighbours do so first.
         pulses: pattern of the variable, field or structure of times of pulses, see :mod:`.pulse_times`; what states
             its unit is a field beside it. Only with ``zone``.
+        wanted, slow: see :func:`streams.files.lengths.of_one_length`.
 
     Raises:
         ReaderError: as :func:`mat_variables`; ``wrong_shape`` where no vector matches or their lengths differ,
             ``wrong_rate`` where they state contradictory rates.
     """
     if zone is None:
-        return _joined(load_mat(data, name, patterns), data, name, patterns, {}, "UTC")
+        return _joined(load_mat(data, name, patterns), data, name, patterns, {}, "UTC", wanted, slow)
     stating = [key for key in mat_variables(data, name) if plain_key(key) in KEYS]
     parents = {pattern.rpartition(".")[0] for pattern in patterns if "." in pattern}
     parents |= {pulses.rpartition(".")[0] or pulses} if pulses is not None else set()
@@ -205,7 +212,7 @@ def read_mat(
     values = load_mat(data, name, asked)
     marks = [key for key, array in values.items() if _is_pulses(key, array, pulses)]
     beside = {key.rpartition(".")[0] for key in marks} - {""}
-    wanted = {
+    vectors = {
         key: array
         for key, array in values.items()
         if key not in marks
@@ -213,7 +220,7 @@ def read_mat(
         and any(fnmatchcase(key, pattern) for pattern in patterns)
     }
     facts = _stated(values)
-    samples = _joined(wanted, data, name, patterns, facts, zone)
+    samples = _joined(vectors, data, name, patterns, facts, zone, wanted, slow)
     tacho = None if pulses is None else only_one(marks, pulses, name)
     if tacho is None:
         return samples
@@ -250,6 +257,8 @@ def _joined(
     patterns: Sequence[str],
     facts: Mapping[str, Mapping[str, object]],
     zone: str,
+    wanted: Sequence[str],
+    slow: Sequence[str],
 ) -> Samples:
     """Join the vectors; ``facts`` are stated by the structure of that name, those of "" for all."""
     arrays = [
@@ -265,4 +274,4 @@ def _joined(
     if not arrays:
         held = [f"{variable} {kind}{list(shape)}" for variable, (shape, kind) in mat_variables(data, name).items()]
     none = f"no vector matches {', '.join(patterns)}; it holds {', '.join(held[:12]) or 'no variable'}"
-    return join_arrays(arrays, name, zone, none)
+    return join_arrays(arrays, name, zone, none, wanted, slow)

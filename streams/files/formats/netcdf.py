@@ -27,7 +27,13 @@ _Variables = tuple[dict[str, tuple[NDArray[Any], Facts]], dict[str, Facts]]
 
 @from_disk
 def read_netcdf(
-    data: Data, name: str, patterns: Sequence[str] = (), zone: str = "UTC", pulses: str | None = None
+    data: Data,
+    name: str,
+    patterns: Sequence[str] = (),
+    zone: str = "UTC",
+    pulses: str | None = None,
+    wanted: Sequence[str] = (),
+    slow: Sequence[str] = (),
 ) -> Samples:
     """Read the numeric variables of a netCDF file, a row for each vector.
 
@@ -47,10 +53,8 @@ def read_netcdf(
     marks = [key for key in arrays if matches_pulses(pulses, key, key.rpartition("/")[0])]
     time = _time(arrays, name, zone)
     for key, (array, facts) in arrays.items():
-        wanted = (
-            any(fnmatchcase(key, p) for p in patterns) if patterns else key not in coordinates and key not in _TIMES
-        )
-        if not wanted or key in marks or array.dtype.kind not in "fiu" or array.size < 2:
+        taken = any(fnmatchcase(key, p) for p in patterns) if patterns else key not in coordinates and key not in _TIMES
+        if not taken or key in marks or array.dtype.kind not in "fiu" or array.size < 2:
             continue
         packed = array.dtype.kind in "iu" and any(isinstance(facts.get(k), float) for k in ("scalefactor", "addoffset"))
         facts = {**facts, STORED: SCALED if packed else stored_as(array.dtype)}
@@ -58,7 +62,8 @@ def read_netcdf(
         both = {**time, **facts} if rows.shape[1] == time.get("length") else facts
         chosen.append((key, rows, both))
     held = ", ".join(f"{key}{list(array.shape)}" for key, (array, _) in list(arrays.items())[:12]) or "no variable"
-    samples = join_arrays(chosen, name, zone, f"no vector matches {', '.join(patterns) or '*'}; it holds {held}")
+    none = f"no vector matches {', '.join(patterns) or '*'}; it holds {held}"
+    samples = join_arrays(chosen, name, zone, none, wanted, slow)
     tacho = None if pulses is None else only_one(marks, pulses, name)
     if tacho is None:
         return samples

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from streams.files.judge import StatedRow, judged
+from streams.files.lengths import of_one_length, with_beside
 from streams.files.parse.worker import check_claim, from_disk, library, readable
 from streams.files.pulse_times import matches_pulses, only_one, with_pulses
 from streams.files.statements import STORED, Facts, plain_key, seconds_utc
@@ -27,7 +28,13 @@ _LABVIEW_ZERO = -2082844800.0
 
 @from_disk
 def read_tdms(
-    data: Data, name: str, patterns: Sequence[str] = (), zone: str = "UTC", pulses: str | None = None
+    data: Data,
+    name: str,
+    patterns: Sequence[str] = (),
+    zone: str = "UTC",
+    pulses: str | None = None,
+    wanted: Sequence[str] = (),
+    slow: Sequence[str] = (),
 ) -> Samples:
     """Read the numeric channels of a TDMS file, a row for each, scaled as it says.
 
@@ -38,10 +45,11 @@ def read_tdms(
         patterns: of the channels that are wanted, as ``CHANNEL`` or ``GROUP/CHANNEL``; none: all.
         zone: IANA name of the zone of stamps that name none.
         pulses: pattern of the channel, or of the group of the one channel, of pulses; see :mod:`.pulse_times`.
+        wanted, slow: see :func:`streams.files.lengths.of_one_length`.
 
     Raises:
         ReaderError: ``empty``; ``incomplete`` where a segment is shorter than declared; ``refused`` above
-            the limits; ``wrong_shape`` where no channel matches or their lengths differ; ``wrong_rate`` where
+            the limits; ``wrong_shape`` where no channel matches or lengths differ; ``wrong_rate`` where
             their rates do; ``unreadable``.
     """
     if not data:
@@ -56,12 +64,12 @@ def read_tdms(
         channels = [channel for group in file.groups() for channel in group.channels()]
         check_rows(len(channels), name, "channels")
         tacho = [channel for channel in channels if matches_pulses(pulses, *_titles(channel), channel.group_name)]
-        wanted = _wanted([channel for channel in channels if channel not in tacho], name, patterns)
-        check_claim(sum(len(channel) * 8 for channel in (*wanted, *tacho)), len(data), name)
-        rows = [_values(channel) for channel in wanted]
-        properties = [_properties(channel) for channel in wanted]
-        lengths = [len(channel) for channel in wanted]
-        titles = [(str(channel.group_name), str(channel.name)) for channel in wanted]
+        taken = _wanted([channel for channel in channels if channel not in tacho], name, patterns)
+        check_claim(sum(len(channel) * 8 for channel in (*taken, *tacho)), len(data), name)
+        rows = [_values(channel) for channel in taken]
+        properties = [_properties(channel) for channel in taken]
+        lengths = [len(channel) for channel in taken]
+        titles = [(str(channel.group_name), str(channel.name)) for channel in taken]
         marks = [(_titles(channel)[1], _values(channel), _properties(channel)) for channel in tacho]
     for row, length, title in zip(rows, lengths, titles, strict=True):
         if len(row) != length:
@@ -70,7 +78,8 @@ def read_tdms(
         StatedRow(values, f"{group}/{title}", title, {**facts, STORED: stored_as(row.dtype)})
         for row, values, (group, title), facts in zip(rows, _exact(rows), titles, properties, strict=True)
     ]
-    samples = judged(stated, name, "channels", zone, called=lambda row: row.short, dated=_dated)
+    stated, beside = of_one_length(stated, wanted, slow, name, "channels")
+    samples = with_beside(judged(stated, name, "channels", zone, called=lambda row: row.short, dated=_dated), beside)
     if pulses is None:
         return samples
     title, times, facts = only_one(marks, pulses, name) or (None, None, None)

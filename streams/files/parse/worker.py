@@ -39,7 +39,7 @@ _LIBRARIES = {
 _FROM_DISK = "takes_files_from_disk"
 _FIELDS = (
     *("channels", "names", "columns", "units", "rate", "start", "speed", "load", "scaled", "stamp", "stored"),
-    *("pulse_epoch", "pulses_per_revolution"),
+    *("pulse_epoch", "pulses_per_revolution", "beside"),
 )
 
 

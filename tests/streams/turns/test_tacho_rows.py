@@ -41,8 +41,8 @@ ROWS = {
     "the speed over time": ("tacho", 1500.0 + NOISE, "speed", None),
     "rpm": ("n [rpm]", 1500.0 + NOISE, "speed", None),
     "giri al minuto": ("giri/min", 1500.0 + NOISE, "speed", None),
-    "an index of samples": ("index", np.arange(4000.0), "other", None),
-    "a switch": ("door", (TIME > 1.0).astype(float), "vibration", None),
+    "an index of samples": ("index", np.arange(4000.0), "index", None),
+    "a switch": ("door", (TIME > 1.0).astype(float), "other", None),
 }
 
 
