@@ -5,14 +5,13 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from streams.types import large
-from streams.types.large import contiguous, elementwise, forget_pages, is_any
-from streams.types.samples import COUNTS, SCALED, ReaderError, stored_as
+from streams.types.large import contiguous, forget_pages, is_any
+from streams.types.samples import ReaderError
 from streams.types.stamps import CLOCK, DATE, Stamp, read_stamp
 
 _UNITS = {
@@ -130,16 +129,6 @@ def nice_rate(rate: float, tolerance: float) -> float:
 def stated_unit(facts: Facts) -> str | None:
     """Find the unit among named values, as :func:`known_unit` gives it."""
     return next((unit for key in _UNIT_KEYS if (unit := known_unit(facts.get(key))) is not None), None)
-
-
-def scaled_integers(array: NDArray[Any], facts: Facts) -> tuple[NDArray[Any], Facts]:
-    """Apply ``scale_factor`` or ``scale``, and ``add_offset``, to integers; add to the facts how they are stored."""
-    stored = stored_as(array.dtype)
-    finite = {key: value for key, value in facts.items() if isinstance(value, float) and math.isfinite(value)}
-    scale, offset = finite.get("scalefactor", finite.get("scale")), finite.get("addoffset", 0.0)
-    if stored == COUNTS and scale:
-        array, stored = elementwise(lambda part: part * scale + offset, array), SCALED
-    return array, {**facts, STORED: stored}
 
 
 def stated_time(facts: Facts, zone: str) -> tuple[float | None, str | None]:

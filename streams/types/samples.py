@@ -191,9 +191,7 @@ def stack_rows(rows: Sequence[NDArray[np.floating]]) -> NDArray[np.floating]:
     """Join rows of equal length to shape (row, sample); a single one is not copied."""
     if len(rows) == 1:
         return contiguous(rows[0], rows[0].dtype)[np.newaxis]
-    if len({row.dtype for row in rows}) > 1 or len({row.size for row in rows}) > 1:
-        return np.stack(rows)
-    found = empty_rows((len(rows), rows[0].size), rows[0].dtype)
+    found = empty_rows((len(rows), rows[0].size), np.result_type(*rows))
     for target, row in zip(found, rows, strict=True):
         copy_into(target, row)
     return found

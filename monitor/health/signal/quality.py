@@ -122,7 +122,7 @@ def check_samples(
     low, high = span_of(samples) if span is None else span
     if not (math.isfinite(low) and math.isfinite(high)):
         bad = int(n - np.count_nonzero(np.isfinite(samples)))
-        return rejected("nan", f"{bad} of {n} samples are not finite")
+        return rejected("nan", f"{bad} of {n} samples are missing or not finite")
     limit = 1.05 * signal_range if signal_range is not None else (1e7 if absolute else 1e30)
     if max(-low, high) > limit:
         return rejected("out_of_range", f"peak {max(-low, high):.4g} exceeds what the sensor can give ({limit:.4g})")

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from fnmatch import fnmatchcase
 from math import prod
 from typing import Any
@@ -17,10 +17,11 @@ from numpy.typing import NDArray
 
 from streams.files.judge import StatedRow, judged
 from streams.files.lengths import of_one_length, with_beside
+from streams.files.packing import attribute_facts, property_fill, unpacked
 from streams.files.parse.complete import hdf5_size
 from streams.files.parse.worker import check_claim, from_disk, library, readable
 from streams.files.pulse_times import matches_pulses, only_one, own_facts, sought, with_pulses
-from streams.files.statements import STORED, Facts, plain_key, scaled_integers, stated_time
+from streams.files.statements import STORED, Facts, stated_time
 from streams.types import large
 from streams.types.large import Data, FileBytes, array_on_disk, forget_pages, longest_axis, parts_along
 from streams.types.samples import DIGITAL, ReaderError, Samples, check_rows, may_be_rows, rows_of
@@ -31,7 +32,7 @@ _HIDDEN = "#"
 _MAX_DEPTH = 16
 _MAX_OBJECTS = 10_000
 _MAX_ATTRIBUTES = 256
-_MAX_TEXT_BYTES = 4096
+_MAX_ATTRIBUTE_BYTES = 4096
 _MAX_LISTED = 400
 
 
@@ -91,7 +92,7 @@ def read_hdf5(
         arrays: list[tuple[str, NDArray[np.floating], Facts]] = []
         budget = Budget(name, len(data))
         for item in vectors:
-            array, facts = scaled_integers(load(item, name, budget), item.facts)
+            array, facts = load_unpacked(item, name, budget)
             arrays.append((item.path, rows_of(array, f"{name}: data set {item.path}"), facts))
             budget.add_rows(len(arrays[-1][1]))
         held = ", ".join(f"{item.path}{list(item.dataset.shape or ())}"[:60] for item in found[:12]) or "no data set"
@@ -101,7 +102,8 @@ def read_hdf5(
         if tacho is None:
             return samples
         own, where = own_facts(tacho.own, tacho.facts), f"{name}: data set {tacho.path}"
-        return with_pulses(samples, load(tacho, name, budget), own, zone, where, stated_time(tacho.own, zone)[0])
+        times = load_unpacked(replace(tacho, facts=tacho.own), name, budget)[0]
+        return with_pulses(samples, times, own, zone, where, stated_time(tacho.own, zone)[0])
 
 
 class Budget:
@@ -213,20 +215,21 @@ def walk(file: Any, name: str, patterns: Sequence[str] = (), separator: str = "/
 
 
 def attributes(item: Any) -> dict[str, object]:
-    """Return the attributes that are one number or one text, under plain keys."""
-    found: dict[str, object] = {}
-    for key in list(item.attrs)[:_MAX_ATTRIBUTES]:
-        attribute = item.attrs.get_id(key)
-        if prod(attribute.shape or ()) != 1 or attribute.dtype.itemsize > _MAX_TEXT_BYTES:
-            continue
-        value = np.asarray(item.attrs[key]).reshape(-1)[0]
-        if isinstance(value, bytes):
-            value = value.decode("utf-8", "replace")
-        if isinstance(value, str):
-            found[plain_key(key)] = str(value)[:_MAX_TEXT_BYTES]
-        elif isinstance(value, np.number) and np.isrealobj(value):
-            found[plain_key(key)] = float(value)
-    return found
+    """Return the attributes as :func:`streams.files.packing.attribute_facts` does, without large ones."""
+
+    def small() -> Iterator[tuple[str, Any]]:
+        for key in list(item.attrs)[:_MAX_ATTRIBUTES]:
+            attribute = item.attrs.get_id(key)
+            if prod(attribute.shape or ()) * attribute.dtype.itemsize <= _MAX_ATTRIBUTE_BYTES:
+                yield key, item.attrs[key]
+
+    return attribute_facts(small())
+
+
+def load_unpacked(item: Found, name: str, budget: Budget) -> tuple[NDArray[Any], Facts]:
+    """Read the values of a data set, NaN for missing samples, and what is stated of it; ReaderError."""
+    fill = property_fill(item.dataset)
+    return unpacked(load(item, name, budget), item.own, item.facts, f"{name}: data set {item.path[:100]}", (fill,))
 
 
 def load(item: Found, name: str, budget: Budget) -> NDArray[Any]:

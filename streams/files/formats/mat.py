@@ -6,6 +6,7 @@ import struct
 import warnings
 import zlib
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from datetime import datetime, timedelta
 from fnmatch import fnmatchcase
 from functools import partial
@@ -16,7 +17,7 @@ import numpy as np
 import scipy.io
 from numpy.typing import NDArray
 
-from streams.files.formats.hdf5 import SIGNATURE, Budget, attributes, join_arrays, load, open_hdf5, walk
+from streams.files.formats.hdf5 import SIGNATURE, Budget, attributes, join_arrays, load_unpacked, open_hdf5, walk
 from streams.files.parse.worker import check_claim, from_disk
 from streams.files.pulse_times import matches_pulses, only_one, own_facts, sought, with_pulses
 from streams.files.statements import KEYS, STORED, plain_key, stated_time
@@ -90,11 +91,11 @@ def _load_hdf5(data: Data, name: str, patterns: Sequence[str]) -> dict[str, NDAr
         for item in walk(file, name, patterns, separator="."):
             if item.dataset.dtype.hasobject or "matlabempty" in item.own:
                 continue
-            array = load(item, name, budget).T
+            array, _ = load_unpacked(replace(item, facts=item.own), name, budget)
             if item.own.get("matlabclass") == "char":
                 # Text is stored as UTF-16 units.
-                array = np.array([[array.astype("<u2").tobytes("F").decode("utf-16-le", "replace")]])
-            values[item.path] = array
+                array = np.array([[array.T.astype("<u2").tobytes("F").decode("utf-16-le", "replace")]])
+            values[item.path] = (array.astype(np.bool) if item.own.get("matlabclass") == "logical" else array).T
         return values
 
 

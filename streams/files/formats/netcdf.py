@@ -13,11 +13,12 @@ from numpy.typing import NDArray
 
 from streams.files.formats.hdf5 import Budget, Found, join_arrays, load, open_hdf5, walk
 from streams.files.judge import stated_rate
+from streams.files.packing import attribute_facts, netcdf_fill, unpacked
 from streams.files.parse.worker import from_disk, readable
 from streams.files.pulse_times import matches_pulses, only_one, own_facts, with_pulses
-from streams.files.statements import STORED, Facts, plain_key, rate_of_times, seconds_utc
-from streams.types.large import Data, FileBytes, elementwise, is_any, stream_of
-from streams.types.samples import SCALED, ReaderError, Samples, rows_of, stored_as
+from streams.files.statements import Facts, rate_of_times, seconds_utc
+from streams.types.large import Data, FileBytes, stream_of
+from streams.types.samples import ReaderError, Samples, rows_of
 
 _TIMES = ("time", "t")
 
@@ -38,8 +39,8 @@ def read_netcdf(
     """Read the numeric variables of a netCDF file, a row for each vector.
 
     Rate, unit and time of the first sample come from the attributes as in :func:`streams.files.formats.hdf5.read_hdf5`,
-    else rate and time from a coordinate ``time`` in ``seconds since ...``. ``scale_factor``, ``add_offset`` and fill
-    values are applied; a fill value becomes NaN.
+    else rate and time from a coordinate ``time`` in ``seconds since ...``. Numbers are unpacked as the attributes say,
+    missing ones are NaN; see :mod:`streams.files.packing`.
 
     Raises:
         ReaderError: as :func:`streams.files.formats.hdf5.read_hdf5`, whose arguments it takes; without patterns it
@@ -51,14 +52,14 @@ def read_netcdf(
     coordinates = {key for key, (_, facts) in arrays.items() if facts.get("class") == "DIMENSION_SCALE"}
     chosen: list[tuple[str, NDArray[np.floating], Facts]] = []
     marks = [key for key in arrays if matches_pulses(pulses, key, key.rpartition("/")[0])]
-    time = _time(arrays, name, zone)
+    time = _time(arrays, owned, name, zone)
     for key, (array, facts) in arrays.items():
         taken = any(fnmatchcase(key, p) for p in patterns) if patterns else key not in coordinates and key not in _TIMES
         if not taken or key in marks or array.dtype.kind not in "fiu" or array.size < 2:
             continue
-        packed = array.dtype.kind in "iu" and any(isinstance(facts.get(k), float) for k in ("scalefactor", "addoffset"))
-        facts = {**facts, STORED: SCALED if packed else stored_as(array.dtype)}
-        rows = rows_of(_unpacked(array, facts), f"{name}: variable {key}")
+        where = f"{name}: variable {key}"
+        values, facts = unpacked(array, owned[key], facts, where, (netcdf_fill(array.dtype),))
+        rows = rows_of(values, where)
         both = {**time, **facts} if rows.shape[1] == time.get("length") else facts
         chosen.append((key, rows, both))
     held = ", ".join(f"{key}{list(array.shape)}" for key, (array, _) in list(arrays.items())[:12]) or "no variable"
@@ -68,8 +69,8 @@ def read_netcdf(
     if tacho is None:
         return samples
     times, facts = arrays[tacho]
-    own = own_facts(owned.get(tacho, {}), facts)
-    return with_pulses(samples, _unpacked(times, own), own, zone, f"{name}: variable {tacho}")
+    own, where = own_facts(owned[tacho], facts), f"{name}: variable {tacho}"
+    return with_pulses(samples, unpacked(times, own, own, where, (netcdf_fill(times.dtype),))[0], own, zone, where)
 
 
 def _netcdf4(data: Data, name: str) -> _Variables:
@@ -100,45 +101,18 @@ def _classic(data: Data, name: str) -> _Variables:
             stream_of(data) as stream,
             scipy.io.netcdf_file(stream, "r", mmap=mapped, maskandscale=False) as file,
         ):
-            shared = _facts(file._attributes)
+            shared = attribute_facts(file._attributes.items())
             for key, variable in file.variables.items():
-                owned[str(key)] = own = _facts(variable._attributes)
+                owned[str(key)] = own = attribute_facts(variable._attributes.items())
                 found[str(key)] = variable.data if mapped else np.array(variable.data), {**shared, **own}
     if not found and len(data) > 32:
         raise ReaderError("unreadable", f"{name}: holds no variable")
     return found, owned
 
 
-def _facts(values: dict[str, Any]) -> dict[str, object]:
-    facts: dict[str, object] = {}
-    for key, value in values.items():
-        array = np.asarray(value).reshape(-1)
-        if isinstance(value, bytes):
-            facts[plain_key(key)] = value.decode("utf-8", "replace")
-        elif array.size == 1 and array.dtype.kind in "fiu":
-            facts[plain_key(key)] = float(array[0])
-    return facts
-
-
-def _unpacked(array: NDArray[Any], facts: Facts) -> NDArray[Any]:
-    fills = [fill for key in ("fillvalue", "missingvalue") if isinstance(fill := facts.get(key), float)]
-    scale, offset = facts.get("scalefactor"), facts.get("addoffset")
-    packed = isinstance(scale, float) or isinstance(offset, float)
-    factor, zero = scale if isinstance(scale, float) else 1.0, offset if isinstance(offset, float) else 0.0
-
-    def holes(part: NDArray[Any]) -> NDArray[np.bool]:
-        return np.logical_or.reduce([part == fill for fill in fills])
-
-    has_holes = bool(fills) and is_any(holes, array)
-
-    def unpacked(part: NDArray[Any]) -> NDArray[Any]:
-        values = part * factor + zero if packed else part
-        return np.where(holes(part), np.nan, values.astype(np.float64)) if has_holes else values
-
-    return elementwise(unpacked, array) if packed or has_holes else array
-
-
-def _time(arrays: dict[str, tuple[NDArray[Any], Facts]], name: str, zone: str) -> dict[str, object]:
+def _time(
+    arrays: dict[str, tuple[NDArray[Any], Facts]], owned: dict[str, Facts], name: str, zone: str
+) -> dict[str, object]:
     """Return what a coordinate of times states, and its length."""
     key = next((key for key in _TIMES if key in arrays), None)
     if key is None:
@@ -152,6 +126,7 @@ def _time(arrays: dict[str, tuple[NDArray[Any], Facts]], name: str, zone: str) -
         or words[0] not in ("s", "sec", "second", "seconds")
     ):
         return {}
+    times, _ = unpacked(times, owned[key], owned[key], f"{name}: variable {key}")
     found: dict[str, object] = {"length": len(times)}
     rate = None if stated_rate(facts, name) is not None else rate_of_times(times, name)
     if rate is not None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import struct
 from collections.abc import Sequence
 from fnmatch import fnmatchcase
@@ -22,6 +23,7 @@ from streams.types.samples import ReaderError, Samples, check_rows, stored_as
 
 _LEAD_IN = 28
 _OPEN_END = 0xFFFFFFFFFFFFFFFF
+_SCALE_KIND = re.compile(r"NI_Scale\[\d+\]_Scale_Type")
 _LABVIEW_ZERO = -2082844800.0
 """Seconds from 1970 to 1904-01-01, the stamp of a waveform whose time was never set."""
 
@@ -66,6 +68,8 @@ def read_tdms(
         tacho = [channel for channel in channels if matches_pulses(pulses, *_titles(channel), channel.group_name)]
         taken = _wanted([channel for channel in channels if channel not in tacho], name, patterns)
         check_claim(sum(len(channel) * 8 for channel in (*taken, *tacho)), len(data), name)
+        for channel in (*taken, *tacho):
+            _check_scales(channel, file, f"{name}: channel {channel.name}")
         rows = [_values(channel) for channel in taken]
         properties = [_properties(channel) for channel in taken]
         lengths = [len(channel) for channel in taken]
@@ -93,16 +97,41 @@ def _titles(channel: Any) -> tuple[str, str]:
     return str(channel.name), f"{channel.group_name}/{channel.name}"
 
 
+def _dtype(channel: Any) -> np.dtype[Any] | None:
+    """Return the type of the values of a channel, also of one without a scale whose samples are those of DAQmx."""
+    if channel.dtype is None or np.dtype(channel.dtype).kind != "V":
+        return None if channel.dtype is None else np.dtype(channel.dtype)
+    counts = list((channel.scaler_data_types or {}).values())
+    return np.dtype(counts[0].nptype) if len(counts) == 1 else None
+
+
+def _check_scales(channel: Any, file: Any, where: str) -> None:
+    """Raise ``wrong_unit`` where samples are to be scaled in a way that nptdms does not know: it leaves them out."""
+    for stated in (channel.properties, file[channel.group_name].properties, file.properties):
+        kinds = [str(value) for key, value in stated.items() if _SCALE_KIND.fullmatch(str(key))]
+        is_unscaled = stated.get("NI_Scaling_Status", "unscaled") != "scaled"
+        if kinds and is_unscaled and import_module("nptdms.scaling").get_scaling(stated, {}, {}) is None:
+            reason = f"its samples are still to be scaled, and not all its scales are known: {', '.join(kinds)[:100]}"
+            raise ReaderError("wrong_unit", f"{where}: {reason}")
+
+
+def _part(channel: Any, begin: int, end: int) -> NDArray[Any]:
+    if np.dtype(channel.dtype).kind == "V":
+        (counts,) = channel.read_data(begin, end - begin, scaled=False).values()
+        return np.asarray(counts)
+    return np.asarray(channel[begin:end])
+
+
 def _values(channel: Any) -> NDArray[Any]:
     """Return the scaled values of a channel; many of them are read piece by piece, and are on disk."""
     length = len(channel)
     if 8 * length < large.MAX_IN_MEMORY:
-        return np.asarray(channel[:])
+        return _part(channel, 0, length)
     step = max(1, large.PIECE_BYTES // 8)
-    first = np.asarray(channel[:step])
+    first = _part(channel, 0, step)
     found = empty_rows((length,), first.dtype)
     for begin in range(0, length, step):
-        part = first if begin == 0 else np.asarray(channel[begin : begin + step])
+        part = first if begin == 0 else _part(channel, begin, min(begin + step, length))
         if len(part) < min(step, length - begin):
             return found[: begin + len(part)]
         found[begin : begin + step] = part
@@ -143,7 +172,8 @@ def _check_segments(data: Data, name: str) -> None:
 
 
 def _wanted(channels: Sequence[Any], name: str, patterns: Sequence[str]) -> list[Any]:
-    numeric = [c for c in channels if c.dtype is not None and np.dtype(c.dtype).kind in "fiub" and len(c)]
+    kinds = {channel: getattr(_dtype(channel), "kind", "") for channel in channels}
+    numeric = [channel for channel in channels if kinds[channel] in tuple("fiub") and len(channel)]
     found = [
         channel
         for channel in numeric
@@ -155,7 +185,7 @@ def _wanted(channels: Sequence[Any], name: str, patterns: Sequence[str]) -> list
         raise ReaderError(
             status, f"{name}: no channel with numbers matches {', '.join(patterns) or '*'}; it holds {held}"
         )
-    numbers = [channel for channel in found if np.dtype(channel.dtype).kind != "b"]
+    numbers = [channel for channel in found if kinds[channel] != "b"]
     lengths = {len(channel) for channel in numbers}
     # Truth values come last, so that they do not move the numbers of the others; some are flags of something else.
     return [*numbers, *(channel for channel in found if channel not in numbers and lengths <= {len(channel)})]
