@@ -1,0 +1,1 @@
+"""Invented loggers with a known truth, and what init, replay and Python make of their files."""
