@@ -11,6 +11,7 @@ from dataclasses import replace
 from streams.dates.dater import UndatedError
 from streams.files.datasets import FileFacts
 from streams.files.load import Loader, cutter_of, renamed
+from streams.files.parse.riff import is_open_wav
 from streams.folder.copying import Order
 from streams.folder.life import (
     BlockDelivered,
@@ -190,6 +191,8 @@ class Intake:
             if result is None:
                 self._register.tell(entry, Retried())
                 return None
+            if now - entry.state.changed < MAX_INCOMPLETE_S and not entry.state.closed and is_open_wav(raw.data):
+                raise ReaderError("incomplete", f"{entry.path}: its header does not state where its samples end")
             changed, growing = raw.progress.mtime_ns / 1e9, self._is_growing(entry)
             samples = self._loader.date(result, entry.path, facts, changed, whole=not growing)
         except UnfinishedError as error:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import struct
 from collections.abc import Callable
 from typing import Any
 
@@ -36,6 +37,13 @@ def sound(kind: str) -> Callable[[Integers], bytes]:
         return stream.getvalue()
 
     return make
+
+
+def open_wav(counts: Integers, size: int, tail: bytes = b"", magic: bytes = b"RIFF", before: bytes = b"") -> bytes:
+    """Return a WAV file whose header has ``size`` for the sizes of file and samples, with chunks around the samples."""
+    form = struct.pack("<4sIHHIIHH", b"fmt ", 16, 1, 1, 1000, 2000, 2, 16)
+    head = struct.pack("<4sI4s", magic, size, b"WAVE") + before + form + struct.pack("<4sI", b"data", size)
+    return head + counts.astype("<i2").tobytes() + tail
 
 
 def hdf5(counts: NDArray[Any], **stated: Any) -> bytes:

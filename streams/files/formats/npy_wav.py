@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from streams.files.parse.child import isolated
 from streams.files.parse.complete import npy_header, plain_npy_header
+from streams.files.parse.riff import end_of_samples, wav_sizes
 from streams.files.parse.worker import check_claim, from_disk
 from streams.types import large
 from streams.types.large import Data, FileBytes, elementwise, empty_rows, forget_pages, stream_of
@@ -20,6 +21,9 @@ from streams.types.samples import FRACTIONS, VALUES, ReaderError, Samples, check
 
 _EXACT_IN_FLOAT32 = ("PCM_S8", "PCM_U8", "PCM_16", "PCM_24", "FLOAT", "ALAW", "ULAW")
 _FLOATING = ("FLOAT", "DOUBLE")
+_SAMPLE_BYTES = {
+    "PCM_S8": 1, "PCM_U8": 1, "PCM_16": 2, "PCM_24": 3, "PCM_32": 4, "FLOAT": 4, "DOUBLE": 8, "ALAW": 1, "ULAW": 1,
+}  # fmt: skip
 
 
 def read_plain_npy(data: Data, name: str) -> Samples:
@@ -77,24 +81,26 @@ def read_wav(data: Data, name: str) -> Samples:
     """Read a WAV or FLAC file, with the rate of its header.
 
     Integer samples are given as ``FRACTIONS`` of full scale, -1 to 1, float32 up to 24 bits, else float64. Floating
-    samples are given as stored.
+    samples are given as stored. Where the header leaves the length open, as that of a stream, they are those before
+    the chunks at the end of the file.
 
     Raises:
-        ReaderError: ``empty``; ``unreadable``; ``incomplete`` where the header promises more than there is; ``refused``
-            beyond the limits.
+        ReaderError: ``empty``; ``unreadable``; ``incomplete`` where the header promises more than there is, or the file
+            was never closed; ``refused`` beyond the limits.
     """
     if not data:
         raise ReaderError("empty", f"{name}: the file has 0 bytes")
-    _check_riff(data, name)
+    _check_sizes(data, name)
     try:
         with stream_of(data) as stream, soundfile.SoundFile(stream) as sound:
             dtype: Literal["float32", "float64"] = "float32" if sound.subtype in _EXACT_IN_FLOAT32 else "float64"
             stored = VALUES if sound.subtype in _FLOATING else FRACTIONS
-            declared = sound.frames * sound.channels * np.dtype(dtype).itemsize
-            check_claim(declared, len(data), name)
+            open_frames = _open_frames(data, sound, name)
+            frames = sound.frames if open_frames is None else min(sound.frames, open_frames)
+            check_claim(frames * sound.channels * np.dtype(dtype).itemsize, len(data), name)
             check_rows(sound.channels, name, "channels")
-            frames, rate = sound.frames, float(sound.samplerate)
-            rows, there = _sound_rows(sound, dtype)
+            rate = float(sound.samplerate)
+            rows, there = _sound_rows(sound, frames, dtype)
     except (soundfile.LibsndfileError, RuntimeError, TypeError) as error:
         # The library names the object that it was given.
         reason = str(error).rpartition(">: ")[2]
@@ -106,13 +112,15 @@ def read_wav(data: Data, name: str) -> Samples:
     return Samples(rows, rate=rate, stored=(stored,) * len(rows))
 
 
-def _sound_rows(sound: soundfile.SoundFile, dtype: Literal["float32", "float64"]) -> tuple[NDArray[np.floating], int]:
-    """Return the samples as (channel, frame), and the number of frames that are there."""
-    rows = empty_rows((sound.channels, sound.frames), dtype)
+def _sound_rows(
+    sound: soundfile.SoundFile, frames: int, dtype: Literal["float32", "float64"]
+) -> tuple[NDArray[np.floating], int]:
+    """Return the first frames as (channel, frame), and the number of frames that are there."""
+    rows = empty_rows((sound.channels, frames), dtype)
     step = max(1, large.PIECE_BYTES // (sound.channels * rows.dtype.itemsize))
     place = 0
-    while place < sound.frames:
-        part = sound.read(min(step, sound.frames - place), dtype=dtype, always_2d=True)
+    while place < frames:
+        part = sound.read(min(step, frames - place), dtype=dtype, always_2d=True)
         if not len(part):
             break
         rows[:, place : place + len(part)] = part.T
@@ -121,18 +129,33 @@ def _sound_rows(sound: soundfile.SoundFile, dtype: Literal["float32", "float64"]
     return rows, place
 
 
-def _check_riff(data: Data, name: str) -> None:
+def _open_frames(data: Data, sound: soundfile.SoundFile, name: str) -> int | None:
+    """Return the number of frames of a WAV file whose header leaves it open, None for another file.
+
+    Raises:
+        ReaderError: ``incomplete`` where the file breaks off, or was never closed; ``unreadable``.
+    """
+    sizes = wav_sizes(data)
+    if sizes is None or sizes.begin is None or sizes.samples is not None:
+        return None
+    width = _SAMPLE_BYTES.get(sound.subtype)
+    if width is None:
+        raise ReaderError(
+            "unreadable", f"{name}: its header states no length, and a sample of {sound.subtype} has none"
+        )
+    return (end_of_samples(data, sizes.begin) - sizes.begin) // (width * sound.channels)
+
+
+def _check_sizes(data: Data, name: str) -> None:
     """Compare the data chunk with the file; libsndfile silently shortens it."""
-    if data[:4] != b"RIFF" or data[8:12] != b"WAVE":
+    sizes = wav_sizes(data)
+    if sizes is None or (sizes.begin is not None and sizes.samples is None):
         return
-    position = 12
-    while position + 8 <= len(data):
-        chunk = data[position : position + 4]
-        size = int.from_bytes(data[position + 4 : position + 8], "little")
-        present = len(data) - position - 8
-        if chunk == b"data":
-            if size > present:
-                raise ReaderError("incomplete", f"{name}: the header promises {size} bytes, {present} are there")
-            return
-        position += 8 + size + size % 2
-    raise ReaderError("incomplete", f"{name}: breaks off before its samples")
+    if sizes.begin is None or sizes.samples is None:
+        raise ReaderError("incomplete", f"{name}: breaks off before its samples")
+    present = len(data) - sizes.begin
+    if sizes.samples > present:
+        raise ReaderError("incomplete", f"{name}: the header promises {sizes.samples} bytes, {present} are there")
+    if not sizes.samples and end_of_samples(data, sizes.begin) > sizes.begin:
+        reason = f"the header states no samples, {present} bytes follow: its writer never closed it"
+        raise ReaderError("incomplete", f"{name}: {reason}; repair the header, or record it again")

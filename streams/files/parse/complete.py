@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from streams.files.parse.riff import wav_sizes
 from streams.types.large import Data, stream_of
 
 _TDMS_LEAD = 28
@@ -28,11 +29,12 @@ _NPY_HEADER = re.compile(
 def declared_size(data: Data, name: str) -> int | None:
     """Return the least size in bytes that a header promises, None where it does not.
 
-    Known are WAV (RIFF), .npy, HDF5 with netCDF4 and MAT v7.3 (end-of-file address of the superblock) and TDMS.
+    Known are WAV (RIFF, RF64), .npy, HDF5 with netCDF4 and MAT v7.3 (end-of-file address of the superblock) and TDMS.
     """
     ending = name.lower().rpartition(".")[2]
-    if data[:4] == b"RIFF" and len(data) >= 8:
-        return _riff_size(data)
+    sound = wav_sizes(data)
+    if sound is not None:
+        return sound.whole
     if data[:6] == b"\x93NUMPY":
         # Another header promises nothing here; the reader says what is missing.
         header = plain_npy_header(data)
@@ -43,12 +45,6 @@ def declared_size(data: Data, name: str) -> int | None:
         if data[base : base + 8] == b"\x89HDF\r\n\x1a\n":
             return hdf5_size(data, base)
     return None
-
-
-def _riff_size(data: Data) -> int | None:
-    (size,) = struct.unpack("<I", data[4:8])
-    # Writers to a pipe put 0 or the largest number there, and never come back to it.
-    return None if size in (0, 0xFFFFFFFF, 0x7FFFFFFF) else size + 8
 
 
 @dataclass(frozen=True)

@@ -1,14 +1,21 @@
 from __future__ import annotations
 
 import io
+import struct
+from pathlib import Path
 
 import numpy as np
 import pytest
 import soundfile
 from numpy.testing import assert_array_equal
+from numpy.typing import NDArray
 
 from streams.files.formats.npy_wav import read_npy, read_wav
+from streams.files.parse.complete import declared_size
+from streams.files.parse.riff import is_open_wav
+from streams.types.large import FileBytes
 from streams.types.samples import ReaderError
+from tests.support.streams_levels import open_wav
 
 
 def npy_bytes(array: np.ndarray, pickled: bool = False) -> bytes:
@@ -116,3 +123,46 @@ def test_wav_wrong_inputs(data: bytes, status: str) -> None:
     with pytest.raises(ReaderError, match=r"x\.wav") as caught:
         read_wav(data, "x.wav")
     assert caught.value.status == status
+
+
+COUNTS = np.arange(-500, 500, dtype=np.int16) * 3
+LIST = b"LIST" + struct.pack("<I", 26) + b"INFOISFT" + struct.pack("<I", 14) + b"Lavf58.29.100\0"
+ID3 = b"id3 " + struct.pack("<I", 5) + b"abcde"
+
+
+@pytest.mark.parametrize("tail", [b"", LIST, LIST + ID3, LIST + ID3 + b"\0", ID3 + b"\0" + LIST])
+@pytest.mark.parametrize("size", [0xFFFFFFFF, 0x7FFFFFFF, 0x7FFFF000, 0x80000000])
+def test_sound_of_a_stream_ends_where_its_last_chunks_begin(size: int, tail: bytes, tmp_path: Path) -> None:
+    data = open_wav(COUNTS, size, tail)
+    assert declared_size(data, "x.wav") is None
+    assert is_open_wav(data)
+    assert_array_equal(read_wav(data, "x.wav").values, [COUNTS / np.float32(2**15)])
+    (tmp_path / "x.wav").write_bytes(data)
+    assert_array_equal(read_wav(FileBytes.opened(str(tmp_path / "x.wav")), "x.wav").values[0] * 2**15, COUNTS)
+
+
+@pytest.mark.parametrize("tail", [b"", LIST])
+def test_sound_that_was_never_closed_is_incomplete(tail: bytes) -> None:
+    with pytest.raises(
+        ReaderError, match=r"states no samples, 20\d\d bytes follow: its writer never closed it"
+    ) as caught:
+        read_wav(open_wav(COUNTS, 0, tail), "x.wav")
+    assert caught.value.status == "incomplete"
+    # Other chunks behind no samples are no samples.
+    with pytest.raises(ReaderError, match="holds no samples"):
+        read_wav(open_wav(COUNTS[:0], 0, tail), "x.wav")
+
+
+def rf64(samples: int, there: NDArray[np.int16], tail: bytes = LIST) -> bytes:
+    sizes = struct.pack("<4sIQQQI", b"ds64", 28, 72 + samples + len(tail), samples, samples // 2, 0)
+    return open_wav(there, 0xFFFFFFFF, tail, b"RF64", sizes)
+
+
+def test_sizes_of_64_bits() -> None:
+    data = rf64(2 * COUNTS.size, COUNTS)
+    assert declared_size(data, "x.wav") == len(data)
+    assert_array_equal(read_wav(data, "x.wav").values[0] * 2**15, COUNTS)
+    assert declared_size(data[:-50], "x.wav") == len(data)
+    for broken, words in ((data[:-50], "promises 2000 bytes, 1984 are there"), (rf64(0, COUNTS), "never closed it")):
+        with pytest.raises(ReaderError, match=words):
+            read_wav(broken, "x.wav")

@@ -12,8 +12,9 @@ import pytest
 from streams.folder.source import FolderSource
 from streams.types.block import Block, Rejected
 from streams.types.listing import is_skipped, shown, unshown
-from streams.types.spec import SourceError, SourceSpec
+from streams.types.spec import ChannelSpec, SourceError, SourceSpec
 from tests.streams.folders import Rig, SetClock, csv_bytes, noise, verdicts
+from tests.support.streams_levels import open_wav
 from tests.support.waiting import PATIENCE_S
 
 
@@ -180,6 +181,20 @@ def test_a_lying_header_waits_as_long_as_what_it_promises_may_come(rig: Rig) -> 
     (rig.root / "b.npy").write_bytes(data[:1000])
     assert rig.run(590.0) == []
     assert verdicts(rig.run(20.0)) == [("b.npy", "incomplete")]
+
+
+def test_sound_without_a_length_is_read_once_it_is_closed_or_long_unchanged(rig: Rig) -> None:
+    channel = ChannelSpec("x", column=1, unit="g", scale=1.0)
+    rig = Rig(rig.root, channels=(channel,), format="wav")
+    data = open_wav(np.arange(200, dtype=np.int16), 0xFFFFFFFF)
+    (rig.root / "a.wav").write_bytes(data[:300])
+    assert rig.run(300.0) == []
+    (rig.root / "a.wav").write_bytes(data)
+    assert rig.run(590.0) == []
+    assert verdicts(rig.run(20.0)) == [("a.wav", "accepted")]
+    (rig.root / "b.wav").write_bytes(data[:400])
+    rig.watch.closed.add("b.wav")
+    assert verdicts(rig.run(5.0)) == [("b.wav", "accepted")]
 
 
 def test_names_that_are_no_text_are_shown_and_kept(rig: Rig) -> None:
