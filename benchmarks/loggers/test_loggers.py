@@ -11,9 +11,11 @@ import scipy.io
 import soundfile
 from numpy.testing import assert_allclose
 
+from benchmarks.loggers.fuzz import MUTATIONS, base, verdict
 from benchmarks.loggers.generate import generate
 from benchmarks.loggers.judge import ASKED, MISSED, REFUSED, RIGHT, WRONG, configuration_of, judge
 from benchmarks.loggers.plan import GRAVITY, PER_UNIT, LoggerTruth, TrueChannel, TrueFile, read_truth
+from benchmarks.loggers.shapes import FILE
 from benchmarks.loggers.trial import judged
 from benchmarks.loggers.ways import BlockRead, Came
 
@@ -103,3 +105,19 @@ def test_the_configuration_by_hand_says_what_no_file_states() -> None:
     unknown = replace(TRUTH, unknowable=["rate"])
     assert "rate_hz = 4096" in (configuration_of(unknown) or "")
     assert "rate_hz" not in (configuration_of(TRUTH) or "")
+
+
+def test_a_file_of_the_fuzz_is_read_and_one_that_lies_is_found(tmp_path: Path) -> None:
+    mutant = base(np.random.default_rng(0), "mat")
+    assert verdict(mutant, tmp_path) == (RIGHT, "")
+    mutant.shape.at[FILE]["unit"] = {"g": "m/s2", "m/s2": "g"}[mutant.shape.units[0]]
+    mutant.shape.at[FILE].pop("units", None)
+    assert verdict(mutant, tmp_path)[0] == WRONG
+
+
+def test_a_contradiction_of_rates_is_one_in_the_file(tmp_path: Path) -> None:
+    mutant = MUTATIONS["rate contradicts, same scope"](np.random.default_rng(1), base(np.random.default_rng(1), "hdf5"))
+    assert mutant.contradicts
+    assert verdict(mutant, tmp_path)[0] == RIGHT
+    mutant.contradicts = False
+    assert verdict(mutant, tmp_path)[0] == REFUSED
