@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import contextlib
 import itertools
 from collections.abc import Container, Iterator, Sequence
 from dataclasses import replace
 from datetime import UTC, datetime
 from os import PathLike, fspath
+from pathlib import Path
 from typing import Literal, TypedDict, Unpack
 
 import numpy as np
@@ -42,6 +44,8 @@ class Reading(TypedDict, total=False):
         timezone: of dates without one, such as "Europe/Rome".
         time_from, time_name: what dates several files, and the strptime pattern of dates in their names.
         interval_s: from the start of a file to that of the next one, where they are counted.
+        files: pattern of the names of files of a folder, several: of those recorded at the same time, a channel each;
+            by default told by their names.
         pulses: name of the array with the times of a tacho's pulses, or of the text file beside each file.
     """
 
@@ -57,6 +61,7 @@ class Reading(TypedDict, total=False):
     time_from: Literal["header", "name", "count", "mtime"]
     time_name: str
     interval_s: float
+    files: str | Sequence[str]
     pulses: str
 
 
@@ -135,7 +140,7 @@ def blocks(
     Raises:
         RecordingError: the recording cannot be opened, or a block of it not be read.
     """
-    spec = _with_channels(source_of(path, block_s, how), how)
+    spec = _with_channels(with_groups(source_of(path, block_s, how)), how)
     try:
         for item in open_source(spec):
             if isinstance(item, Block):
@@ -152,7 +157,7 @@ def source_of(path: str | PathLike[str], block_s: float | Literal["file"], how: 
     if wrong:
         allowed = ", ".join(Reading.__annotations__)
         raise TypeError(f"{wrong[0]!r} is not an argument of a recording; expected {allowed}")
-    start = how.get("start_utc")
+    start, files = how.get("start_utc"), how.get("files", ())
     if start is not None and start.tzinfo is None:
         start = start.replace(tzinfo=UTC)
     return SourceSpec(
@@ -168,7 +173,30 @@ def source_of(path: str | PathLike[str], block_s: float | Literal["file"], how: 
         time_name=how.get("time_name"),
         interval=how.get("interval_s"),
         pulses=how.get("pulses"),
+        files=(files,) if isinstance(files, str) else tuple(files),
     )
+
+
+def with_groups(spec: SourceSpec) -> SourceSpec:
+    """Return a source whose files are read together where their names are those of channels; of a folder alone."""
+    kind, path = _place_of(spec)
+    if spec.files or not Path(path).is_dir():
+        return spec
+    with contextlib.suppress(SourceError, ReaderError):
+        return replace(spec, files=survey(path, kind, spec.timezone).files)
+    # It is refused when it is opened.
+    return spec
+
+
+def _place_of(spec: SourceSpec) -> tuple[str, str]:
+    """Return the format and the path of a source of files."""
+    scheme, colon, rest = spec.url.partition(":")
+    if scheme == "folder" and colon:
+        return spec.format, rest
+    if scheme == "dataset" and colon:
+        kind, _, path = rest.partition(":")
+        return kind, path
+    return spec.format, spec.url
 
 
 def _with_channels(spec: SourceSpec, how: Reading) -> SourceSpec:
@@ -203,17 +231,12 @@ def first_channels(spec: SourceSpec, kinds: Container[str] | None = None) -> dic
     Raises:
         RecordingError: there is none.
     """
-    scheme, colon, rest = spec.url.partition(":")
-    if scheme == "rig" and colon:
+    if spec.url.startswith("rig:"):
         block = next(item for item in open_source(spec) if isinstance(item, Block))
         return dict(zip(block.channels, block.units, strict=True))
-    kind, path = spec.format, spec.url
-    if scheme == "folder" and colon:
-        path = rest
-    if scheme == "dataset" and colon:
-        kind, _, path = rest.partition(":")
+    kind, path = _place_of(spec)
     try:
-        found = survey(path, kind, spec.timezone)
+        found = survey(path, kind, spec.timezone, spec.files)
     except (SourceError, ReaderError) as error:
         raise RecordingError(_in_words_of_calls(str(error)).replace("[[source]] survey: url: ", "")) from None
     rows = [row for row in found.rows if kinds is None or row.kind in kinds]

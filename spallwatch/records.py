@@ -153,9 +153,10 @@ def _configured(
 ) -> Config:
     """Return the configuration of a machine with one source, whose channels are those of the recording."""
     from spallwatch._arguments import configuration, plain_names
-    from spallwatch.recordings import first_channels, source_of
+    from spallwatch.recordings import first_channels, source_of, with_groups
 
-    there = first_channels(source_of(path, block_s, how), None if "channels" in how else ("vibration",))
+    spec = with_groups(source_of(path, block_s, how))
+    there = first_channels(spec, None if "channels" in how else ("vibration",))
     titles = list(how.get("channels", there))
     units = [how.get("unit", there.get(title)) for title in titles]
     if missing := [title for title, unit in zip(titles, units, strict=True) if unit is None]:
@@ -171,7 +172,7 @@ def _configured(
         ],
         bearing=bearing,
         operating=operating,
-        source={"block_s": block_s, **{key: given.get(key) for key in keys}},
+        source={"block_s": block_s, "files": list(spec.files), **{key: given.get(key) for key in keys}},
         machine={"timezone": how.get("timezone")},
     )
 

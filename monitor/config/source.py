@@ -12,7 +12,7 @@ from pydantic import Field, field_validator, model_validator
 from monitor.config.fields import Band, Blocks, ConfigSection, Name, NotNegative, Positive, Scale
 from monitor.health.signal.quality import bands_above_nyquist
 from streams.files.statements import known_unit
-from streams.types.spec import UNITS, NetworkSpec, SourceSpec, dating_problem, pulses_problem
+from streams.types.spec import UNITS, NetworkSpec, SourceSpec, dating_problem, files_problem, pulses_problem
 
 _DATING_KEYS = ("time_from", "time_name", "interval_s", "date_order")
 _FILE_KEYS = (
@@ -50,6 +50,10 @@ class SourceSection(ConfigSection):
         str | None,
         Field(description="times of the pulses of a tacho: name of an array, group or channel, or {stem}.pulses.csv"),
     ] = None
+    files: Annotated[
+        tuple[str, ...],
+        Field(description="pattern of its files; several: of files recorded at the same time, a channel each"),
+    ] = ()
     rate_hz: Positive | None = None
     range_g: Positive | None = None
     peers: tuple[str, ...] = ()
@@ -72,6 +76,11 @@ class SourceSection(ConfigSection):
     @classmethod
     def _in_utc(cls, value: datetime | None) -> datetime | None:
         return value.replace(tzinfo=UTC) if value is not None and value.tzinfo is None else value
+
+    @field_validator("files", mode="before")
+    @classmethod
+    def _one_pattern(cls, value: object) -> object:
+        return [value] if isinstance(value, str) else value
 
     @field_validator("peers")
     @classmethod
@@ -98,11 +107,13 @@ class SourceSection(ConfigSection):
 
     @model_validator(mode="after")
     def _with_pulses(self) -> Self:
-        problem = pulses_problem(self.pulses)
+        problem = pulses_problem(self.pulses) or files_problem(self.files)
         if problem is not None:
             raise ValueError(problem)
         if self.url is not None and self.url.startswith(("tcp:", "mqtt:", "rig:")):
             kind = self.url.partition(":")[0]
+            if self.files:
+                raise ValueError(f"files is for sources of files; {kind} blocks have none")
             if self.pulses is not None:
                 raise ValueError(f"pulses is for sources of files; {kind} blocks bring theirs with them")
             if self.block_revolutions is not None:

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import importlib.util
 import re
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
+from fnmatch import fnmatchcase
 from pathlib import Path, PurePosixPath
 from typing import Any
 from zoneinfo import ZoneInfo
@@ -19,12 +20,13 @@ from streams.files.formats.npy_wav import read_plain_npy, read_wav
 from streams.files.formats.tdms import read_tdms
 from streams.files.formats.text import first_characters, read_layout
 from streams.files.formats.uff import read_uff
+from streams.files.groups import with_files
 from streams.files.parse.child import isolated
 from streams.files.sidecar import FOLDER_NAMES, apply_sidecar, find_sidecar, is_beside, is_pulse_file, with_pulse_files
 from streams.types.large import Data
 from streams.types.listing import natural_key, unpacked_name
 from streams.types.samples import ReaderError, Samples
-from streams.types.spec import SourceError, SourceSpec
+from streams.types.spec import ChannelSpec, SourceError, SourceSpec
 
 
 def check_stated(spec: SourceSpec, data_set: DataSet, facts: FileFacts, samples: Samples | None) -> None:
@@ -90,10 +92,12 @@ def plain(kind: str, spec: SourceSpec, endings: tuple[str, ...]) -> DataSet:
             f"[[source]] {spec.name}: {kind} files need {library}, which is not installed: "
             f'pip install "spallwatch[{extra}]"'
         )
-    keys = [channel.key for channel in spec.channels if channel.key is not None]
+    # The rows of files that are read together have other names than in their files.
+    asked = spec.channels if len(spec.files) < 2 else ()
+    keys = [channel.key for channel in asked if channel.key is not None]
     # A matrix gives rows NAME_1, NAME_2, ...
     keys += [key[: match.start()] for key in keys if (match := re.search(r"_\d+$", key)) and kind in _MATRICES]
-    if len(spec.channels) > sum(channel.key is not None for channel in spec.channels):
+    if len(asked) > len([channel for channel in asked if channel.key is not None]):
         # A channel that is found by its column or name may be any variable.
         keys = []
     zone = spec.timezone
@@ -103,7 +107,7 @@ def plain(kind: str, spec: SourceSpec, endings: tuple[str, ...]) -> DataSet:
             f"[[source]] {spec.name}: pulses = {inside!r}: files of {kind} hold no array of pulses besides their "
             "channels; give a file beside them, such as {stem}.pulses.csv, or [operating] tacho_channel"
         )
-    wishes = [_titles(spec, any_unit=False), _titles(spec, any_unit=True)]
+    wishes = [_titles(asked, any_unit=False), _titles(asked, any_unit=True)]
     readers: dict[str, Callable[[Data, str], Samples]] = {
         "csv": isolated(read_layout, zone),
         "npy": read_plain_npy,
@@ -126,11 +130,11 @@ def plain(kind: str, spec: SourceSpec, endings: tuple[str, ...]) -> DataSet:
     )
 
 
-def _titles(spec: SourceSpec, *, any_unit: bool) -> list[str]:
-    """Return the patterns of the rows of the configured channels, of those that are taken in any unit or the others."""
+def _titles(channels: Sequence[ChannelSpec], *, any_unit: bool) -> list[str]:
+    """Return the patterns of the rows of channels, of those that are taken in any unit or the others."""
     return [
         channel.key or as_pattern(channel.column if isinstance(channel.column, str) else channel.name)
-        for channel in spec.channels
+        for channel in channels
         if channel.any_unit == any_unit and not isinstance(channel.column, int)
     ]
 
@@ -150,6 +154,18 @@ def data_set_of(spec: SourceSpec, files: Files, kind: str, endings: tuple[str, .
     """
     known = endings is not None and kind in FORMATS
     found = plain(kind, spec, endings or ()) if known else _found_data_set(spec, files, kind)
+    if spec.files and not found.plain:
+        raise SourceError(
+            f"[[source]] {spec.name}: files = {spec.files[0]!r}: {found.name} says which files are its own"
+        )
+    if len(spec.files) > 1 and files.sequential:
+        raise SourceError(f"[[source]] {spec.name}: files = {list(spec.files)}: archives have no files beside files")
+    found = _with_beside(found, spec, files)
+    return with_files(found, spec, files.root) if spec.files else found
+
+
+def _with_beside(found: DataSet, spec: SourceSpec, files: Files) -> DataSet:
+    """Return the data set with side-cars, and with files of pulses."""
     if is_beside(spec.pulses):
         if files.sequential:
             raise SourceError(f"[[source]] {spec.name}: pulses = {spec.pulses!r}: archives have no files beside files")
@@ -214,7 +230,7 @@ def _found_data_set(spec: SourceSpec, files: Files, kind: str) -> DataSet:
     unfilled: list[Item] = []
     try:
         for item in files:
-            if is_pulse_file(spec.pulses, item.path):
+            if is_pulse_file(spec.pulses, item.path) or not fnmatchcase(item.path, (*spec.files, "*")[0]):
                 continue
             paths.append(item.path)
             if not item.filled:

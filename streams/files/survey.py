@@ -7,6 +7,7 @@ import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from zoneinfo import ZoneInfo
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +15,7 @@ from numpy.typing import NDArray
 from streams.files.columns import ColumnKind, Kind, kinds_of
 from streams.files.container import Files, Item, open_files
 from streams.files.datasets import DataSet, FileFacts
+from streams.files.groups import NameGroups, is_member, lone_members, name_groups
 from streams.files.load import Loader, in_own_units
 from streams.files.plausible import SignalLevel, level_of
 from streams.files.recognise import as_pattern, data_set_of
@@ -82,6 +84,8 @@ class Survey:
         refused: files that cannot be read, with the reason.
         values: samples of the first file, shape (row, sample).
         chosen: whether the files hold rows of other lengths than those of ``rows``; those are ``beside``.
+        files: patterns of the files, of several each is that of a channel.
+        groups: into which the names fall, where it is open whether their files are read together.
         pulses: pattern of the files of pulses beside the others, or name of an array of them; None: there are none.
     """
 
@@ -107,6 +111,8 @@ class Survey:
     chosen: bool = False
     beside: tuple[SurveyedRow, ...] = ()
     pulses: str | None = None
+    files: tuple[str, ...] = ()
+    groups: NameGroups | None = None
 
     @property
     def is_folder(self) -> bool:
@@ -139,13 +145,16 @@ class Survey:
         return self.samples[0] / rate, self.samples[1] / rate
 
 
-def survey(path: str, kind: str = "auto", zone: str = "UTC") -> Survey:
+def survey(path: str, kind: str = "auto", zone: str = "UTC", patterns: tuple[str, ...] = ()) -> Survey:
     """Look at the files of a path.
+
+    Files whose names are those of channels are read together.
 
     Args:
         path: a file, a folder or an archive.
         kind: name of a format or data set; "auto": recognised.
         zone: IANA name of the zone of times that name none.
+        patterns: of its files, see :class:`streams.types.spec.SourceSpec`; none: told by the names.
 
     Raises:
         SourceError: there is no such path, or nothing in it is recognised.
@@ -154,8 +163,13 @@ def survey(path: str, kind: str = "auto", zone: str = "UTC") -> Survey:
     spec = SourceSpec("survey", path, format=kind, timezone=zone)
     files = open_files("survey", path)
     spec = replace(spec, pulses=None if files.sequential else pulse_pattern([item.path for item in files]))
+    spec = replace(spec, files=patterns)
     data_set = data_set_of(spec, files, kind)
-    found = _surveyed(spec, path, files, data_set)
+    groups = None if patterns or not files.several or not data_set.plain else _groups(data_set, files)
+    if groups is not None and groups.is_certain and groups.is_exact and not files.sequential:
+        spec, groups = replace(spec, files=groups.patterns), None
+        data_set = data_set_of(spec, files, kind)
+    found = replace(_surveyed(spec, path, files, data_set), groups=groups)
     if not found.values.beside:
         return found
     tachos = [title for title in found.values.beside if is_called_tacho(title)]
@@ -163,9 +177,16 @@ def survey(path: str, kind: str = "auto", zone: str = "UTC") -> Survey:
         with_pulses = replace(spec, pulses=as_pattern(tachos[0]))
         # What is called so may hold no times.
         with contextlib.suppress(ReaderError, SourceError):
-            found = _surveyed(with_pulses, path, files, data_set_of(with_pulses, files, data_set.name))
+            read = _surveyed(with_pulses, path, files, data_set_of(with_pulses, files, data_set.name))
+            found = replace(read, groups=groups)
     beside = tuple(row for title in found.values.beside for row in _row_beside(spec, files, found, title))
     return replace(found, chosen=True, beside=beside)
+
+
+def _groups(data_set: DataSet, files: Files) -> NameGroups | None:
+    """Return the groups into which the names of the files of a format fall, None where they are one sequence."""
+    zone = ZoneInfo("UTC")
+    return name_groups([item.path for item in files if data_set.facts(item.path, str(files.root), zone) is not None])
 
 
 def _row_beside(spec: SourceSpec, files: Files, found: Survey, title: str) -> Iterator[SurveyedRow]:
@@ -204,10 +225,12 @@ def _surveyed(spec: SourceSpec, path: str, files: Files, data_set: DataSet) -> S
         reasons = "; ".join(refused.values()) or f"{shown(path)}: holds no file"
         raise ReaderError("unreadable", reasons)
     others = [other for other in others if not is_pulse_file(spec.pulses, other)]
+    lone = lone_members(spec.files, others, paths)
+    others = [other for other in others if other in lone or not is_member(spec.files, other)]
     ignored = tuple(other for other in others if not is_sidecar(other, dict.fromkeys(paths)))
     place = files.root if files.several else Path(path)
     found = _found(place, data_set, {item.path: (item, facts) for item, facts in known}, read)
-    return replace(found, ignored=ignored, refused=tuple(refused.values()), pulses=spec.pulses)
+    return replace(found, ignored=ignored, refused=tuple(refused.values()), pulses=spec.pulses, files=spec.files)
 
 
 def _try(loader: Loader, item: Item, read: dict[str, Samples], refused: dict[str, str]) -> bool:

@@ -1,28 +1,32 @@
-"""What a file waits for: a folder that is being copied in any order, and the file of its pulses."""
+"""What a file waits for: a folder that is being copied in any order, and the files that are read with it."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
+from streams.files.groups import is_member, members_of
 from streams.files.sidecar import is_pulse_file, pulse_file_of
 from streams.types.listing import Stat
 
 
 class Awaited:
-    """The files of pulses of one folder, and since when they have not changed.
+    """The files of one folder that are read with others: pulses and channels; since when they have not changed.
 
-    A file waits for the one that belongs to it as long as others wait for it, and so keeps their order; then it is
-    read without.
+    A file waits for those that belong to it as long as others wait for it, and so keeps their order; then it is read
+    without pulses, and rejected without a channel.
     """
 
-    def __init__(self, pattern: str | None, settle_s: float) -> None:
-        """Take the pattern of the files of pulses, None: there are none; ``settle_s`` is the settling time."""
-        self._pattern, self._settle = pattern, settle_s
+    def __init__(self, pattern: str | None, settle_s: float, files: Sequence[str] = ()) -> None:
+        """Take the pattern of the files of pulses, None: there are none; ``settle_s`` is the settling time.
+
+        ``files``: patterns of files that are read together.
+        """
+        self._pattern, self._settle, self._files = pattern, settle_s, files
         self._there: dict[str, tuple[Stat, float]] = {}
 
     def note(self, path: str, stat: Stat, now: float) -> None:
-        """Record the status of a file, if it is one of pulses; ``now`` in s."""
-        if is_pulse_file(self._pattern, path):
+        """Record the status of a file, if it is read with another; ``now`` in s."""
+        if self.has(path):
             known = self._there.get(path)
             if known is None or known[0] != stat:
                 self._there[path] = (stat, now)
@@ -33,16 +37,17 @@ class Awaited:
             self._there = {path: known for path, known in self._there.items() if path in listing}
 
     def holds(self, path: str, changed: float, now: float) -> bool:
-        """Return whether a file that last changed at ``changed``, s, waits for its pulses."""
-        beside = pulse_file_of(self._pattern, path)
-        if beside is None or now - changed >= HOLD * self._settle:
+        """Return whether a file that last changed at ``changed``, s, waits for one that is read with it."""
+        pulses = pulse_file_of(self._pattern, path)
+        beside = (*members_of(self._files, path), *(() if pulses is None else (pulses,)))
+        if not beside or now - changed >= HOLD * self._settle:
             return False
-        known = self._there.get(beside)
-        return known is None or known[0].size == 0 or now - known[1] < self._settle
+        found = [self._there.get(other) for other in beside]
+        return any(known is None or known[0].size == 0 or now - known[1] < self._settle for known in found)
 
     def has(self, path: str) -> bool:
-        """Return whether a file is one of pulses."""
-        return is_pulse_file(self._pattern, path)
+        """Return whether a file is read with another."""
+        return is_pulse_file(self._pattern, path) or is_member(self._files, path)
 
 
 Order = tuple[object, ...]

@@ -66,8 +66,9 @@ class Intake:
         self.waits: str | None = None
         self._spec, self._loader, self._register, self._inquiry = spec, loader, register, register.inquiry
         self._reblocker = cutter_of(spec, loader.data_set)
-        # Pulses may be written after their samples.
-        self._grows = self._reblocker is not None and spec.pulses is None and loader.data_set.name in _GROWS
+        # Pulses and other channels may be written after the samples.
+        alone = spec.pulses is None and len(spec.files) < 2
+        self._grows = self._reblocker is not None and alone and loader.data_set.name in _GROWS
         self._period = spec.block_s if self._grows and spec.block_s != "file" else None
         highest, began, dater = ledger.committed(spec.name), ledger.began(spec.name), loader.dater
         self._dated_by = None if dater is None else (dater.choice.by, dater.choice.order)

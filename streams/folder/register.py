@@ -5,7 +5,7 @@ from __future__ import annotations
 import heapq
 import itertools
 import threading
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 
@@ -33,6 +33,10 @@ MAX_INCOMPLETE_S = 600.0
 """Time without a change after which an incomplete file is rejected."""
 
 
+MAX_COMPARED = 512
+"""Files that are done whose names are compared with those that wait."""
+
+
 class Register:
     """The files of one folder: names, times and counts; contents stay on the disk.
 
@@ -47,13 +51,14 @@ class Register:
         order_of: Callable[[str], Order | None],
         now: float,
         pulses: str | None = None,
+        files: Sequence[str] = (),
     ) -> None:
         """Begin with the pending files of the ledger.
 
         ``settle_s`` is the time for which a file must be unchanged; ``order_of`` gives the sorting key of a path, None
-        for a file of another kind; ``pulses`` is the pattern of files of pulses, without which files are not taken.
+        for a file of another kind; ``pulses`` and ``files`` are patterns of files that are read with others.
         """
-        self._awaited = Awaited(pulses, settle_s)
+        self._awaited = Awaited(pulses, settle_s, files)
         self.waiting: dict[str, FileEntry] = {}
         self.inquiry = Inquiry(source, ledger, self.waiting)
         self._others: set[str] = set()
@@ -149,6 +154,11 @@ class Register:
     def paths(self) -> list[str]:
         """Return the paths of the files that wait or are done."""
         return [*self.waiting, *self._done]
+
+    def recent_paths(self) -> list[str]:
+        """Return the paths of the files that wait, and of some that are done."""
+        here = (path for path, entry in self.waiting.items() if entry.state.absent is None)
+        return [*here, *itertools.islice(reversed(self._done), MAX_COMPARED)]
 
     def taken_paths(self) -> list[str]:
         """Return the paths of the files that are there and of which samples are in blocks."""

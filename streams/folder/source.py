@@ -16,6 +16,7 @@ from streams.dates.dater import Dater
 from streams.dates.dating import Dating, kept_dating
 from streams.files.container import Folder, check_readable
 from streams.files.datasets import DataSet
+from streams.files.groups import is_member, name_groups
 from streams.files.load import Loader, is_cut, is_dated_by_choice
 from streams.files.recognise import data_set_of
 from streams.files.sidecar import is_pulse_file
@@ -77,6 +78,7 @@ class FolderSource(LiveSource):
         self._identity: tuple[int, int] | None = None
         self._problem: str | None = None
         self._unknown: str | None = None
+        self._named: list[str] = []
         self._tried: dict[str, Stat] = {}
         self._retry = 0.0
         self._next_scan = 0.0
@@ -113,7 +115,8 @@ class FolderSource(LiveSource):
             self._load_as(data_set)
         self._intake = None
         now = self._clock.monotonic()
-        self._register = Register(self.name, ledger, self._spec.settle_s, self._order_of, now, self._spec.pulses)
+        spec = self._spec
+        self._register = Register(self.name, ledger, spec.settle_s, self._order_of, now, spec.pulses, spec.files)
         self._next_scan = now
 
     def _look(self) -> tuple[Path, DataSet | None]:
@@ -289,7 +292,7 @@ class FolderSource(LiveSource):
         self._loader = Loader(self._spec, data_set, self._real, dater=dater)
 
     def _order_of(self, path: str) -> Order | None:
-        if is_pulse_file(self._spec.pulses, path):
+        if is_pulse_file(self._spec.pulses, path) or is_member(self._spec.files, path):
             return None
         if self._loader is None:
             return natural_key(path)
@@ -317,6 +320,19 @@ class FolderSource(LiveSource):
         self._unknown = None
         register.reorder()
         return True
+
+    def _is_mixed(self, data_set: DataSet) -> bool:
+        """Return whether the names of the files are those of several channels, which is a problem then."""
+        if self._spec.files or not data_set.plain:
+            return False
+        paths = self._register.recent_paths()
+        if paths != self._named:
+            self._named, groups = paths, name_groups(paths)
+            mixed = None if groups is None or not groups.is_certain else f"{self._root}: {groups.words}"
+            if groups is not None and self._unknown is None:
+                _LOG.warning("source %s: %s: %s", self.name, self._root, groups.words)
+            self._unknown = mixed
+        return self._unknown is not None
 
     def _begin_recognition(self, now: float) -> FileTask | None:
         """Begin to read the first settled files; None where there are none."""
@@ -346,6 +362,8 @@ class FolderSource(LiveSource):
     def _advance(self, now: float) -> bool:
         """Take the next files; return whether anything happened."""
         if self._loader is None and not self._recognise(now):
+            return False
+        if self._loader is not None and self._is_mixed(self._loader.data_set):
             return False
         if self._intake is None and self._loader is not None:
             self._intake = Intake(

@@ -11,6 +11,7 @@ from streams.dates.dater import Dater, UndatedError
 from streams.dates.dating import Dating
 from streams.files.container import Files, Item, hash_of_file, open_files
 from streams.files.datasets import DataSet, FileFacts
+from streams.files.groups import check_names, is_member, lone_members
 from streams.files.load import Loader, cutter_of, is_cut, is_dated_by_choice, renamed
 from streams.files.recognise import check_stated, data_set_of, one_run
 from streams.files.sidecar import is_pulse_file, is_sidecar
@@ -189,8 +190,10 @@ class Recording:
         met = self._met_files()
         if self._files.sequential:
             return sorted(met.others, key=natural_key)
+        lone = lone_members(self._spec.files, met.others, met.known)
         others = (path for path in met.others if not is_pulse_file(self._spec.pulses, path))
-        return [path for path in others if not is_sidecar(path, met.known)]
+        beside = (path for path in others if path in lone or not is_member(self._spec.files, path))
+        return [path for path in beside if not is_sidecar(path, met.known)]
 
     def _met_files(self) -> Met:
         if self._met is None:
@@ -286,6 +289,9 @@ class Recording:
             text = f"{where}: url: {self._files.root} {place} of {self._set.name} ({self._set.files})"
             raise SourceError("; ".join((text, *(f"{name} {reason}" for name, reason in self.closed().items()))))
         check_stated(self._spec, self._set, found[0], samples)
+        doubt = check_names(self._spec, self._set, self._listed) if self._files.several else None
+        if doubt is not None and self._dater is not None:
+            self._dater.remarks["names"] = doubt
 
     def _peek(self, facts: FileFacts, item: Item) -> Samples | None:
         """Read the first file if only it can state rate or unit; None if it is unreadable."""

@@ -67,6 +67,7 @@ class Samples:
         pulses: of a tacho or an encoder over the whole origin, their times counted from its first sample.
         pulse_epoch: s since 1970 UTC from which the times of pulses count until the origin is dated, else None.
         pulses_per_revolution: pulses of a whole turn in a row that is a tacho.
+        hashed: rows of the file whose content is compared, where others come from files beside it; None: all.
         beside: names of rows of the file that are left out because they have another length.
     """
 
@@ -90,6 +91,7 @@ class Samples:
     pulse_epoch: float | None = None
     pulses_per_revolution: int | None = None
     beside: tuple[str, ...] = ()
+    hashed: int | None = None
 
     def __post_init__(self) -> None:
         """Fill in the defaults of the rows; ValueError where parts do not fit."""
@@ -114,8 +116,9 @@ class Samples:
 
     @property
     def is_constant(self) -> bool:
-        """Whether all samples of each row are equal, as those of a dead sensor."""
-        return bool(np.all(self.values == self.values[:, :1]))
+        """Whether all samples of each row whose content is compared are equal, as those of a dead sensor."""
+        rows = self.values[: self.hashed]
+        return bool(np.all(rows == rows[:, :1]))
 
     @property
     def end(self) -> int:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import ipaddress
 import math
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -150,6 +151,8 @@ class SourceSpec:
         date_order: of day and month in dates that do not state it; None: told over all files.
         pulses: pattern of the array, group or channel with the times of pulses of a tacho; with ``{stem}`` or
             ``{name}``, which stand for the name of a file without and with its ending, a text file beside it.
+        files: pattern of the names of its files, below its folder; of several each is one of files that are recorded at
+            the same time, and read as one. Empty: all of the format, which must be a single sequence.
         block_revolutions: how many turns a block has where files are cut by them; ``block_s`` is the longest then.
     """
 
@@ -170,6 +173,7 @@ class SourceSpec:
     interval: float | None = None
     date_order: Order | None = None
     pulses: str | None = None
+    files: tuple[str, ...] = ()
     block_revolutions: BlockRevolutions | None = None
 
     def __post_init__(self) -> None:
@@ -186,7 +190,7 @@ class SourceSpec:
             raise SourceError(f"{where}: {problem}")
         if self.max_gap_blocks < 1:
             raise SourceError(f"{where}: max_gap_blocks must be 1 or more, got {self.max_gap_blocks}")
-        problem = pulses_problem(self.pulses)
+        problem = pulses_problem(self.pulses) or files_problem(self.files)
         if problem is not None:
             raise SourceError(f"{where}: {problem}")
         if self.block_revolutions is not None and not self._counts_turns(self.block_revolutions):
@@ -245,6 +249,19 @@ def pulses_problem(pattern: str | None) -> str | None:
         return f"pulses = {pattern!r}: expected a name in the folder of the file, such as {{stem}}.pulses.csv"
     if rest == pattern and "{" in pattern:
         return f"pulses = {pattern!r}: a file beside the recording is named by {' or '.join(FILE_WORDS)}"
+    return None
+
+
+def files_problem(patterns: Sequence[str]) -> str | None:
+    """Return what is wrong with the key that names the files, or None."""
+    if any(not pattern or "\0" in pattern or pattern.startswith("/") for pattern in patterns):
+        return "files: expected patterns of paths below the folder, such as *_ch1.csv"
+    if len(patterns) < 2:
+        return None
+    stars = {len(re.findall(r"(?<!\[)\*(?!\])", pattern)) for pattern in patterns}
+    if len(set(patterns)) < len(patterns) or len(stars) > 1 or any("?" in pattern for pattern in patterns):
+        wanted = "several patterns, such as *_ch1.csv and *_ch2.csv, have * in the same places"
+        return f"files: {wanted}; got {', '.join(patterns)}"
     return None
 
 

@@ -66,6 +66,7 @@ class Answers:
         time_name: pattern of the dates in names.
         date_order: of day and month.
         pulses_per_revolution: of the tacho in the files.
+        files: "together" or "sequence": how files are read whose names fall into groups.
     """
 
     bearing: AnsweredBearing | None = None
@@ -84,6 +85,7 @@ class Answers:
     time_name: str | None = None
     date_order: Order | None = None
     pulses_per_revolution: int | None = None
+    files: str | None = None
 
 
 def _number(text: str) -> float:
@@ -237,6 +239,14 @@ def read_pulses(text: str) -> dict[str, Any]:
     if match is None or int(match[1]) < 1:
         raise ValueError(f"expected a whole number of pulses, such as 1 or 60; got {text!r}")
     return {"pulses_per_revolution": int(match[1])}
+
+
+def read_files(text: str) -> dict[str, Any]:
+    """Return how files are read whose names fall into groups."""
+    word = text.strip().lower()
+    if word not in ("together", "sequence"):
+        raise ValueError(f"expected together or sequence; got {text!r}")
+    return {"files": word}
 
 
 def read_interval(text: str) -> dict[str, Any]:

@@ -75,6 +75,7 @@ _LEAST_RATE_HZ = 200.0
 @click.option("--time-name", callback=_words(read.read_pattern), help="strptime pattern of the dates in names.")
 @click.option("--date-order", callback=_words(read.read_order), help="day_first or month_first.")
 @click.option("--pulses-per-revolution", callback=_words(read.read_pulses), help="Of a tacho in the files.")
+@click.option("--files", callback=_words(read.read_files), help="together or sequence, where names fall into groups.")
 @click.option("--timezone", default="UTC", help="Zone of dates that state none.")
 @click.option("--format", "kind", default="auto", help="Format or data set, where it is not recognised.")
 @click.option("--name", help="Of the machine. Default: the folder's.")
@@ -110,6 +111,7 @@ def command(
     for line in survey_lines(seen, path, timezone):
         talk.say(line)
     conversation = _Conversation(seen, answers, talk, timezone, name or machine_name(seen.place.resolve()), out)
+    conversation.group_files()
     config, problems = conversation.settle()
     conversation.write(out)
     values = {"out": str(out), "problems": problems, "machine": config.machine.name, "hash": config.hash}
@@ -204,6 +206,7 @@ class _Conversation:
             if self.talk.ask:
                 try:
                     self.answers = replace(self.answers, **self.talk.answer(question))
+                    self.group_files()
                 except click.Abort:
                     self.talk.ask = False
                     asked.discard(question.option)
@@ -215,6 +218,14 @@ class _Conversation:
             listed = (f"  {question.option}: {question.words}. {question.why}" for question in missing)
             lines = "\n".join(wrapped(line, "    ") for line in listed)
             raise InputError(f"these answers are missing; give them as options:\n{lines}")
+
+    def group_files(self) -> None:
+        """Look again at files whose names fall into groups, once it is answered how they are read."""
+        groups = self.seen.groups
+        if groups is not None and self.answers.files is not None:
+            together = self.answers.files == "together"
+            patterns = groups.patterns if together else ("*",)
+            self.seen = survey(str(self.seen.place), self.seen.data_set.name, self.timezone, patterns)
 
     def _interval(self) -> Iterator[Question]:
         rate = self.seen.rate or self.answers.rate_hz
@@ -310,6 +321,8 @@ def survey_lines(seen: Survey, path: str, timezone: str) -> Iterator[str]:
     count = f"{len(seen.paths)} {'file' if len(seen.paths) == 1 else 'files'} of {seen.data_set.name}"
     ends = seen.first if seen.first == seen.last else f"{seen.first} to {seen.last}"
     yield f"{shown(path)}: {count}, {ends}"
+    if len(seen.files) > 1:
+        yield f"  read together, a channel each: {', '.join(map(shown, seen.files))}"
     if seen.ignored:
         more = f" and {len(seen.ignored) - 3} more" if len(seen.ignored) > 3 else ""
         yield f"  left out, of another format: {', '.join(map(shown, seen.ignored[:3]))}{more}"

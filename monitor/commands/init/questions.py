@@ -10,6 +10,7 @@ from monitor.commands.init import answers as read
 from monitor.commands.init.answers import Answers, channel_names, check_bearings, has_all_bearings
 from monitor.words.numbers import duration
 from streams.dates.dating import NameReading, find_readings, nearest_change
+from streams.files.groups import NameGroups
 from streams.files.plausible import doubts
 from streams.files.survey import Survey, SurveyedRow
 from streams.types.listing import shown
@@ -48,6 +49,15 @@ def open_questions(
         now: s since 1970 UTC; later dates in names are other numbers.
         last_problem: why the dates could not be told by the answers so far, "" where they could.
     """
+    if survey.groups is not None:
+        yield Question(
+            "--files",
+            "Are these recorded at the same time",
+            f"The names fall into groups, {', '.join(survey.groups.patterns[:4])}: read together (a channel each), "
+            "or in sequence (one after the other).",
+            None,
+            _files_reader(survey.groups),
+        )
     if not has_all_bearings(survey, answers):
         yield _bearing_question(survey)
     if answers.rate_hz is None and survey.rate is None:
@@ -81,6 +91,18 @@ def open_questions(
             "unknown",
             read.read_load,
         )
+
+
+def _files_reader(groups: NameGroups) -> Callable[[str], dict[str, Any]]:
+    """Return a reader of the answer how files are read."""
+
+    def parse(text: str) -> dict[str, Any]:
+        found = read.read_files(text)
+        if found["files"] == "together" and not groups.is_exact:
+            raise ValueError("their files do not pair: each group needs a [[source]] of its own")
+        return found
+
+    return parse
 
 
 def _bearing_question(survey: Survey) -> Question:

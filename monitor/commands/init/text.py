@@ -177,6 +177,10 @@ def _source(draft: Draft) -> Iterator[str]:
     yield from ("", "[[source]]", _pair("name", _SOURCE))
     yield _pair("url", url)
     yield _pair("format", survey.data_set.name)
+    if len(survey.files) > 1:
+        yield _pair("files", list(survey.files), "a channel each")
+    elif survey.files:
+        yield _pair("files", survey.files[0], "one after the other")
     if not survey.data_set.plain and survey.rate is not None:
         yield _pair("rate_hz", survey.rate, "of the first file; each file states its own", off=True)
     elif survey.rate is None or survey.rate_from is not None:
@@ -244,6 +248,9 @@ def _channels(draft: Draft) -> Iterator[str]:
 def _place(row: SurveyedRow, survey: Survey) -> Iterator[str]:
     """Yield the key that finds a row in its file."""
     if len(survey.rows) == 1 and not survey.chosen:
+        return
+    if len(survey.files) > 1:
+        yield _pair("column", row.name)
         return
     if survey.data_set.name in ("mat", "tdms", "hdf5", "uff", "netcdf"):
         yield _pair("key", as_pattern(row.title))
