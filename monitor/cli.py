@@ -28,7 +28,7 @@ _COMMANDS = {
     "release": ("run:release", "Let a file be handled again that was set aside as poisoned."),
     "replay": ("replay:command", "Run the pipeline over a recording, as fast as possible or at a pace."),
     "report": ("report:command", "One self-contained HTML report of records, or one per run."),
-    "check": ("check:command", "Validate a configuration and list what would be monitored."),
+    "check": ("check.command:command", "Validate a configuration and list what would be monitored."),
     "redate": ("redate:command", "Choose anew what dates the later blocks of a source."),
     "bearing": ("bearing.command:command", "Fault frequencies, stiffness, natural frequencies and life."),
     "ias": ("ias:command", "Angular speed of a shaft from the pulses of an encoder."),

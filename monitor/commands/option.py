@@ -84,8 +84,8 @@ line_contact = click.option(
 rows = click.option("--out", type=OUT_FILE, help="Write the rows too: .csv, .json or .nc.")
 
 
-Result = tuple[Mapping[str, Any], Iterable[str]] | tuple[Mapping[str, Any], Iterable[str], bool]
-"""What a command answers: its JSON object, the lines for people, and whether the exit code is 1; by default it is 0."""
+Result = tuple[Mapping[str, Any], Iterable[str]] | tuple[Mapping[str, Any], Iterable[str], int]
+"""What a command answers: its JSON object, the lines for people, and the exit code (true is 1); by default it is 0."""
 
 
 def output(function: Callable[..., Any]) -> Any:
@@ -106,8 +106,8 @@ def output(function: Callable[..., Any]) -> Any:
         if result is None:
             return
         emit(*result[:2], as_json=as_json)
-        if any(result[2:]):
-            click.get_current_context().exit(1)
+        if len(result) == 3 and result[2]:
+            click.get_current_context().exit(int(result[2]))
 
     return command
 

@@ -2,30 +2,30 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
-from itertools import islice
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
 from monitor.commands import option
-from monitor.commands.check_sections import TachoView, tacho_problem, tacho_view
+from monitor.commands.check.recordings import MAX_OPENED, look_at
+from monitor.commands.check.sections import TachoView, tacho_view
 from monitor.commands.common import InputError, find_source, publish_change, read_config
 from monitor.config.load import Config, ConfigError
+from monitor.config.plausible.doubt import Doubt, Severity
+from monitor.config.plausible.rules import NOTHING_STATED, JudgedConfig, SourceFacts, place_of
 from monitor.config.source import SourceSection
 
 if TYPE_CHECKING:
     from streams.dates.dating import Dating
     from streams.files.container import Files
-    from streams.recording.repeats import Loaded
     from streams.types.block import Block
     from streams.types.spec import SourceSpec
 
-_MAX_OPENED = 100
-"""Waiting files that ``check`` looks at."""
 _MAX_LAST = 20
 """Files at the end of the folder that it looks at besides."""
 
@@ -59,9 +59,9 @@ def command(source: str, config_path: Path | None) -> option.Result:
 class DatingPreview:
     """What would date the blocks of a watched folder: ``text`` in words, and the first block as an example.
 
-    ``levels`` says in words what states the level of each channel, ``ends`` what the first and the last file hold,
-    ``choice`` is the choice as it would be kept, ``kept`` whether it is; ``tacho`` is what the pulses of the first
-    block show.
+    ``doubts`` are those of its files, ``facts`` what they state. ``levels`` says in words what states the level of each
+    channel, ``ends`` what the first and the last file hold, ``choice`` is the choice as it would be kept, ``kept``
+    whether it is; ``tacho`` is what the pulses of the first block show.
     """
 
     by: str | None
@@ -69,7 +69,8 @@ class DatingPreview:
     file: str | None = None
     time_utc: str | None = None
     elapsed_s: float | None = None
-    problems: tuple[str, ...] = ()
+    doubts: tuple[Doubt, ...] = ()
+    facts: SourceFacts = NOTHING_STATED
     levels: Mapping[str, str] = field(default_factory=dict)
     ends: tuple[str, ...] = ()
     choice: Dating | None = None
@@ -91,36 +92,48 @@ def preview_dating(config: Config, section: SourceSection) -> DatingPreview | No
     watched = section.url is not None and section.url.startswith("folder:")
     if section.url is None or not (watched or _is_path(section.url)):
         return None
+    if watched and not Path(section.url.removeprefix("folder:")).exists():
+        return None
     spec = source_spec(config, section)
     kept = _kept_dating(spec, config)
+    said = partial(_doubt, config, section)
     try:
         paths, files, closed = _first_and_last_files(spec.name, section.url)
+        locked = tuple(said("place", "warning", "folders that can be read", text) for text in closed)
         if not paths:
-            return DatingPreview(None, "not known", problems=closed) if closed else None
+            return DatingPreview(None, "not known", doubts=locked) if closed else None
         recording = Recording(spec, files, data_set_of(spec, files, spec.format), kept)
-        levels, first, refused = recording.levels(), *_first_items(recording)
-        ends, doubtful = _looked_at(recording.ends(), config)
+        levels, view = recording.levels(), look_at(recording, config, section)
     except (SourceError, OSError) as error:
-        return DatingPreview(None, "not known", problems=(f"nothing dates its blocks yet: {error}",))
+        came = f"nothing dates its blocks yet: {error}"
+        return DatingPreview(None, "not known", doubts=(said("dating", "problem", "files that can be dated", came),))
     choice = recording.dating
     by, text = (None, "by the data set") if choice is None else (choice.by, choice.describe())
     if choice is not None and len(paths) == 1 and choice.group is not None and choice.interval is None:
         # Its only file may still grow: the daemon sees its end, and with it the step.
         choice = replace(choice, step=None)
+    remarks = tuple(said("dating", "warning", "one date for each block", remark) for remark in recording.remarks)
     found = DatingPreview(
         *(by, text),
-        problems=(*closed, *recording.remarks, *doubtful),
+        doubts=(*locked, *remarks, *view.doubts),
+        facts=view.facts,
         levels=levels,
-        ends=ends,
+        ends=view.ends,
         choice=choice if watched else None,
         kept=kept is not None and kept.by is not None,
     )
-    if first is not None:
-        return _with_block(found, first, config, section)
-    if refused is None or any(refused.reason in problem for problem in found.problems):
+    if view.first is not None:
+        return _with_block(found, view.first, config, section)
+    refused = view.refused
+    if refused is None or any(refused.reason in doubt.came for doubt in found.doubts):
         return found
-    problem = f"no block comes of its first files: {refused.status}: {refused.reason}"
-    return replace(found, problems=(problem, *found.problems))
+    came = f"no block comes of its first files: {refused.status}: {refused.reason}"
+    return replace(found, doubts=(said("file", "problem", "files that fit the configuration", came), *found.doubts))
+
+
+def _doubt(config: Config, section: SourceSection, rule: str, severity: Severity, expected: str, came: str) -> Doubt:
+    """Return what is doubtful in the files of a source."""
+    return JudgedConfig(config).doubt(rule, severity, place_of(config, "source", section.name, "url"), expected, came)
 
 
 def _kept_dating(spec: SourceSpec, config: Config) -> Dating | None:
@@ -149,7 +162,7 @@ def _first_and_last_files(name: str, url: str) -> tuple[list[str], Files, tuple[
         return [root.name], open_files(name, str(root)), ()
     folders: list[str] = []
     paths = sorted(list_files(str(root), folders), key=natural_key)
-    paths = paths[:_MAX_OPENED] + paths[_MAX_OPENED:][-_MAX_LAST:]
+    paths = paths[:MAX_OPENED] + paths[MAX_OPENED:][-_MAX_LAST:]
     closed = tuple(f"folder {shown(str(root / folder))} {CLOSED}" for folder in sorted(folders))
     return paths, Folder(root, paths), closed
 
@@ -157,12 +170,17 @@ def _first_and_last_files(name: str, url: str) -> tuple[list[str], Files, tuple[
 def _with_block(found: DatingPreview, first: Block, config: Config, section: SourceSection) -> DatingPreview:
     """Return a preview with its first block as the example."""
     tacho = tacho_view(first, config, section)
-    problem = None if tacho is None else tacho_problem(tacho)
-    undated = first.start is None and not found.problems
-    problems = ("nothing dates its blocks; give start_utc",) if undated else found.problems
-    problems = problems if problem is None else (*problems, problem)
+    found_doubts = list(found.doubts)
+    if first.start is None and not any(doubt.rule in ("dating", "file") for doubt in found.doubts):
+        came = "nothing dates its blocks; give start_utc"
+        found_doubts.append(_doubt(config, section, "dating", "warning", "a date", came))
+    if tacho is not None and tacho.status != "ok":
+        came = f"its tacho gives no angle in {tacho.file} ({tacho.pulses} pulses): rotation_status {tacho.status}"
+        found_doubts.append(_doubt(config, section, "tacho", "problem", "pulses that give the angle", came))
     time = None if first.start is None else _utc_text(first.start)
-    return replace(found, tacho=tacho, file=first.name, time_utc=time, elapsed_s=first.elapsed, problems=problems)
+    return replace(
+        found, tacho=tacho, file=first.name, time_utc=time, elapsed_s=first.elapsed, doubts=tuple(found_doubts)
+    )
 
 
 def _is_path(url: str) -> bool:
@@ -196,48 +214,6 @@ def keep_previews(config: Config, previews: Mapping[str, DatingPreview]) -> dict
         for name, choice in todo.items():
             keep_dating(store, name, choice.to_dict())
     return {name: replace(found, kept=found.kept or name in todo) for name, found in previews.items()}
-
-
-def _looked_at(loaded: Sequence[Loaded], config: Config) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Return what files hold in words, and what is wrong or doubtful with them."""
-    from streams.files.plausible import doubts, level_of, of_one_g
-    from streams.types.samples import Samples
-    from streams.types.stamps import utc_text
-
-    words: list[str] = []
-    problems: list[str] = []
-    doubtful: dict[str, list[str]] = {}
-    channels = {channel.name: channel for channel in config.channel}
-    for file in loaded:
-        if not isinstance(file.result, Samples):
-            problems.append(f"would be rejected, {file.result.status}: {file.result}")
-            continue
-        samples, levels = file.result, []
-        for name, row in zip(samples.channels, samples.values, strict=True):
-            channel = channels.get(name)
-            if channel is None:
-                continue
-            level = level_of(row).times(channel.scale or 1.0)
-            one_g = of_one_g(channel.unit, channel.sensitivity_mv_per_g)
-            levels.append(f"{name} RMS " + (f"{level.rms:.3g}" if one_g is None else f"{level.rms / one_g:.3g} g"))
-            found = doubts(level, channel.unit, channel.sensitivity_mv_per_g)
-            doubtful.setdefault(name, [f"channel {name!r} of {file.name}: {text}" for text in found])
-        when = "no date" if samples.start is None else utc_text(samples.start)
-        length = samples.values.shape[1] / samples.known_rate
-        words.append(f"{file.name}: {samples.known_rate:g} Hz, {length:.4g} s, {when}, {', '.join(levels)}")
-    return tuple(words), (*problems, *(text for found in doubtful.values() for text in found))
-
-
-def _first_items(recording: Any) -> tuple[Any, Any]:
-    """Return the first block and the first rejection before it, among the first items of a recording."""
-    from streams.types.block import Rejected
-
-    refused = None
-    for item in islice(recording, _MAX_OPENED):
-        if not isinstance(item, Rejected):
-            return item, refused
-        refused = refused or item
-    return None, refused
 
 
 def _utc_text(seconds: float) -> str:

@@ -69,12 +69,15 @@ def command(
         replays = (config_path or Path("config.toml"), out, limit, report)
         return _replay_many(recordings, replays, sharing, quiet=quiet)
     from monitor.service.replay import replay
+    from monitor.service.start import judged
 
     if sharing.chunks is not None:
         raise InputError(
             "--chunks: expected several PATHs or --cluster; one recording is kept in its store under --out"
         )
     config = read_config(config_path)
+    for doubt in judged(config):
+        say(doubt, quiet=quiet)
     path = paths[0] if paths else None
     # Until the page is written, too.
     hold_output(out)

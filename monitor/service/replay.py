@@ -30,6 +30,7 @@ from monitor.records.recover.salvage import open_or_salvage
 from monitor.records.store import Store
 from monitor.service.neighbours.condition import RecordedCondition
 from monitor.service.setup import only_source, open_configured, source_settings
+from monitor.service.start import judged
 from monitor.service.summary import bearing_summaries, channel_summary, run_attributes, uncalibrated_lines, with_words
 from streams.dates.dating import Dating
 from streams.recording.state import ResumableSource
@@ -77,8 +78,9 @@ def replay(
         progress: wraps the iteration over so many blocks, to show it.
 
     Raises:
-        ConfigError: the configuration does not fit the recording, or ``out`` holds a store already.
+        ConfigError: the configuration is implausible or does not fit the recording, or ``out`` holds a store already.
     """
+    judged(config)
     section = only_source(config, "replay")
     settings = source_settings(config, section, maps, libraries)
     source = open_configured(config, section, path, kept_dating(out, section.name) if resume else None)

@@ -10,6 +10,8 @@ from pathlib import Path
 
 from models.platform.portable import is_read_only, may_write
 from monitor.config.load import Config, ConfigError
+from monitor.config.plausible import find_doubts
+from monitor.config.plausible.rules import refusals
 from monitor.config.source import SourceSection
 from monitor.health.state import SourceSettings
 from monitor.pipeline import resumed_state
@@ -60,6 +62,19 @@ def inspect(config: Config, sources: Sequence[SourceSection] | None = None, *, r
             refusals.append(str(error))
     refusals += check_live(specs, taken=running)
     return Inspection(settings, tuple(specs), tuple(refusals))
+
+
+def judged(config: Config) -> list[str]:
+    """Return what is doubtful in the values of a configuration, one sentence each, for a log.
+
+    Raises:
+        ConfigError: every result would be wrong, as with a speed that no machine has; decision 25.
+    """
+    doubts = find_doubts(config)
+    refused = refusals(doubts)
+    if refused:
+        raise ConfigError("\n".join(doubt.text for doubt in refused))
+    return [f"{doubt.severity}: {doubt.text}" for doubt in doubts]
 
 
 def store_refusals(config: Config, found: Inspection) -> Iterator[str]:

@@ -1,4 +1,4 @@
-"""Whether the level of a signal is one that a sensor on a machine gives."""
+"""What a row of samples measures: mean, RMS, peak, and whether it is constant or clipped."""
 
 from __future__ import annotations
 
@@ -9,11 +9,6 @@ from numpy.typing import NDArray
 
 from streams.types.block import STANDARD_GRAVITY
 
-_MOST_RMS_G, _MOST_PEAK_G = 100.0, 1000.0
-_LEAST_RMS_G = 1e-4
-"""RMS below which a signal is the noise of a good accelerometer, or in another unit."""
-_BIAS = (7.0, 14.0)
-"""Bias voltage of IEPE sensors, V."""
 _CLIPPED_SHARE = 1e-3
 _MIN_CLIPPED, _MIN_STEPS = 10, 64
 
@@ -82,32 +77,3 @@ def of_one_g(unit: str, sensitivity_mv_per_g: float | None) -> float | None:
     if unit == "V":
         return None if sensitivity_mv_per_g is None else 1e-3 * sensitivity_mv_per_g
     return {"g": 1.0, "m/s2": STANDARD_GRAVITY}.get(unit)
-
-
-def doubts(level: SignalLevel, unit: str, sensitivity_mv_per_g: float | None = None) -> list[str]:
-    """Return sentences on what makes a level in a unit ("g", "m/s2", "V", "unknown") doubtful."""
-    if level.constant:
-        return ["all samples are equal: a dead sensor, or no sensor"]
-    found: list[str] = []
-    if not level.finite:
-        found.append("it holds values that are no numbers")
-    if level.clipped:
-        found.append(f"{level.clipped:.1%} of the samples are at one end: the range of the input is too small")
-    one_g = of_one_g(unit, sensitivity_mv_per_g)
-    if unit == "V" and _BIAS[0] <= abs(level.mean) <= _BIAS[1]:
-        found.append(f"its mean is {level.mean:.3g} V, the bias of an IEPE sensor: only the alternating part counts")
-    if one_g is None:
-        return found
-    mean, rms, peak = level.mean / one_g, level.rms / one_g, level.peak / one_g
-    if unit == "g" and 9.3 <= abs(mean) <= 10.3:
-        found.append(f"its mean is {level.mean:.3g} g, which is gravity in m/s2: is the unit m/s2?")
-    elif unit == "m/s2" and 0.95 <= abs(level.mean) <= 1.05 and level.rms < 5.0:
-        found.append(f"its mean is {level.mean:.3g} m/s2, which is gravity in g: is the unit g?")
-    if rms > _MOST_RMS_G or peak > _MOST_PEAK_G:
-        found.append(
-            f"an RMS of {rms:.3g} g with peaks of {peak:.3g} g is more than machines have: is the unit another one, "
-            "such as m/s2, mV or counts?"
-        )
-    elif rms < _LEAST_RMS_G:
-        found.append(f"an RMS of {rms:.2g} g is less than the noise of usual sensors: is it V, or scaled twice?")
-    return found

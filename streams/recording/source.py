@@ -161,8 +161,13 @@ class Recording:
         """Load the first and the last file, one where there is no other or an archive has to be read in its order."""
         if self._files.sequential:
             return [self._load(item, facts) for facts, item in itertools.islice(self._known(), 1)]
-        known = sorted(self._known(), key=lambda pair: (pair[0].order, pair[1].path))
+        known = sorted(self._known(), key=_in_order_of_name)
         return [self._load(item, facts) for facts, item in (known if len(known) < 2 else (known[0], known[-1]))]
+
+    def first_files(self, count: int) -> Iterator[Loaded]:
+        """Load the first files, at most ``count``."""
+        known = self._known() if self._files.sequential else sorted(self._known(), key=_in_order_of_name)
+        yield from (self._load(item, facts) for facts, item in itertools.islice(known, count))
 
     def files(self) -> Backlog:
         """Return the counts of files: those that the latest iteration has not given are pending."""
@@ -310,7 +315,7 @@ class Recording:
         if self._files.sequential:
             yield from self._in_order_of_archive()
             return
-        known = sorted(self._known(), key=lambda pair: (pair[0].order, pair[1].path))
+        known = sorted(self._known(), key=_in_order_of_name)
         paths = one_run([item.path for _, item in known], self.name, self._set)
         first, begin = reading.files, self._begin
         if begin is not None and names_digest(paths[: first + 1]) != begin.names:
@@ -370,6 +375,10 @@ class Recording:
                 continue
             yield from cutter.feed(samples)
         yield from cutter.flush()
+
+
+def _in_order_of_name(pair: tuple[FileFacts, Item]) -> tuple[tuple[object, ...], str]:
+    return pair[0].order, pair[1].path
 
 
 def open_recording(

@@ -11,6 +11,7 @@ from typing import Any
 
 from models.machine import bearing as bearings
 from monitor.config.fields import plain_name
+from monitor.config.plausible.machine import MAX_SPEED_HZ, MAX_USUAL_SPEED_HZ, rpm_words
 from streams.files.survey import Survey, SurveyedRow
 from streams.types.spec import UNITS
 from streams.types.stamps import ORDERS, Order
@@ -24,7 +25,6 @@ _VOLTS = re.compile(
 )
 _LEVEL = re.compile(rf"\s*{_NUMBER}\s*(g|m/s\^?[2²])\s*", re.IGNORECASE)
 _RATE = re.compile(rf"\s*{_NUMBER}\s*(hz|khz|1/s|s/s)?\s*", re.IGNORECASE)
-_MAX_SPEED_HZ = 500.0
 _STANDARD_GRAVITY = 9.80665
 
 
@@ -142,10 +142,12 @@ def read_speed(text: str) -> dict[str, Any]:
         raise ValueError(f'expected a speed such as 29.5 Hz or 1770 rpm, or "estimate"; got {text!r}')
     per_minute = (match[2] or "hz").lower() in ("rpm", "upm", "1/min", "u/min", "/min")
     speed = _number(match[1]) / (60.0 if per_minute else 1.0)
-    if not 0.0 < speed <= _MAX_SPEED_HZ:
+    # A number without a unit may be rpm; with one, the bearing judges it.
+    most = MAX_USUAL_SPEED_HZ if match[2] is None else MAX_SPEED_HZ
+    if not 0.0 < speed <= most:
         raise ValueError(
-            f"expected a speed above 0 and up to {_MAX_SPEED_HZ:g} Hz, the turns per second; got {text!r}"
-            + (f", did you mean {match[1]} rpm?" if speed > _MAX_SPEED_HZ and match[2] is None else "")
+            f"expected a speed above 0 and up to {most:g} Hz, the turns per second; got {text!r}"
+            + (f", did you mean {match[1]} rpm? {rpm_words(speed)}" if speed > most and match[2] is None else "")
         )
     return {"speed_hz": speed}
 

@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -23,18 +23,20 @@ from monitor.commands.init.questions import (
     needs_interval,
     open_questions,
     period_of,
-    unit_of,
 )
-from monitor.commands.init.text import Draft, configuration_text, level_in_g, machine_name
+from monitor.commands.init.text import Draft, configuration_text, machine_name
 from monitor.config.load import Config, load_config
 from monitor.words.numbers import duration
-from streams.files.plausible import doubts
 from streams.files.sidecar import is_beside
 from streams.files.survey import Survey, SurveyedRow, survey
 from streams.types.listing import shown
 from streams.types.samples import ReaderError
 from streams.types.spec import SourceError
 from streams.types.stamps import stamp_in_name, utc_text
+
+if TYPE_CHECKING:
+    from monitor.commands.redate import DatingPreview
+    from monitor.config.plausible.doubt import Doubt
 
 
 def _words(reader: Callable[[str], dict[str, Any]]) -> Callable[[Any, Any, str | None], dict[str, Any]]:
@@ -52,8 +54,6 @@ def _words(reader: Callable[[str], dict[str, Any]]) -> Callable[[Any, Any, str |
 
 
 _WIDTH = 88
-_LEAST_RATE_HZ = 200.0
-"""Sampling rate below which no shaft of usual speed shows its bearing."""
 
 
 @click.command("init")
@@ -112,10 +112,11 @@ def command(
         talk.say(line)
     conversation = _Conversation(seen, answers, talk, timezone, name or machine_name(seen.place.resolve()), out)
     conversation.group_files()
-    config, problems = conversation.settle()
+    config, doubts = conversation.settle()
     conversation.write(out)
+    problems = [doubt.text for doubt in doubts]
     values = {"out": str(out), "problems": problems, "machine": config.machine.name, "hash": config.hash}
-    lines = [f"wrote {out}", *(f"problem: {problem}" for problem in problems), *_next_steps(seen, out)]
+    lines = [f"wrote {out}", *(f"{doubt.severity}: {doubt.text}" for doubt in doubts), *_next_steps(seen, out)]
     return values, lines
 
 
@@ -180,8 +181,8 @@ class _Conversation:
     out: Path
     text: str = ""
 
-    def settle(self) -> tuple[Config, list[str]]:
-        """Return the configuration, and the problems that remain.
+    def settle(self) -> tuple[Config, list[Doubt]]:
+        """Return the configuration, and what remains doubtful in it and in the files.
 
         Raises:
             InputError: answers are missing; it lists all of them with their options.
@@ -189,10 +190,11 @@ class _Conversation:
         last_problem = ""
         while True:
             self._answer_all(last_problem)
-            config, dates = self._drafted()
-            if "date_order" not in dates or self.answers.date_order is not None:
-                return config, self._problems(config, dates)
-            last_problem = dates
+            config, preview = self._drafted()
+            dates = [] if preview is None else [doubt.came for doubt in preview.doubts if doubt.rule == "dating"]
+            last_problem = "; ".join(dates)
+            if "date_order" not in last_problem or self.answers.date_order is not None:
+                return config, self._doubts(config, preview)
 
     def _answer_all(self, last_problem: str) -> None:
         missing: list[Question] = []
@@ -232,14 +234,13 @@ class _Conversation:
         if rate is not None and needs_interval(self.seen, self.answers):
             yield interval_question(self.seen, rate)
 
-    def _drafted(self) -> tuple[Config, str]:
-        """Write the text, and return its configuration with what keeps its blocks from being dated, or ""."""
+    def _drafted(self) -> tuple[Config, DatingPreview | None]:
+        """Write the text, and return its configuration with what `check` sees in the files."""
         self.text = configuration_text(self.draft())
         config = self._read_back()
         from monitor.commands.redate import preview_dating
 
-        found = preview_dating(config, config.source[0])
-        return config, "" if found is None else "; ".join(found.problems)
+        return config, preview_dating(config, config.source[0])
 
     def draft(self) -> Draft:
         """Return what the configuration is written of."""
@@ -271,21 +272,14 @@ class _Conversation:
         with output_errors("--out", out):
             out.write_text(self.text, encoding="utf-8")
 
-    def _problems(self, config: Config, dates: str) -> list[str]:
-        from monitor.commands.check import find_problems
+    def _doubts(self, config: Config, preview: DatingPreview | None) -> list[Doubt]:
+        """Return what `check` will doubt, but that a recording is one."""
+        from monitor.commands.check.problems import find_problems
 
-        found = [text for text in find_problems(config) if self.seen.is_folder or "is a recording" not in text]
-        found += [dates] if dates else []
-        draft = self.draft()
-        if draft.rate < _LEAST_RATE_HZ:
-            found.append(f"a rate of {draft.rate:g} Hz is that of a trend: fault lines need the waveform of a sensor")
-        for row, name in zip(self.seen.vibration, channel_names(self.seen.vibration), strict=True):
-            level, unit = level_in_g(row, draft), unit_of(row, self.answers)
-            words = doubts(row.level, "unknown") if level is None else doubts(level, "g")
-            if level is None or unit in ("V", "m/s2"):
-                words = doubts(row.level, unit or "unknown", self.answers.sensitivity_mv_per_g)
-            found += [f"channel {name!r}: {text}" for text in words]
-        return found
+        known = preview is not None and preview.file is not None
+        facts = {config.source[0].name: preview.facts} if known and preview is not None else {}
+        found = [*find_problems(config, facts), *(() if preview is None else preview.doubts)]
+        return [doubt for doubt in found if self.seen.is_folder or doubt.rule != "place"]
 
 
 def _proposed_bands(draft: Draft) -> Iterator[tuple[str, tuple[float, float]]]:

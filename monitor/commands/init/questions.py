@@ -8,10 +8,10 @@ from typing import Any
 
 from monitor.commands.init import answers as read
 from monitor.commands.init.answers import Answers, channel_names, check_bearings, has_all_bearings
+from monitor.config.plausible.levels import doubts
 from monitor.words.numbers import duration
 from streams.dates.dating import NameReading, find_readings, nearest_change
 from streams.files.groups import NameGroups
-from streams.files.plausible import doubts
 from streams.files.survey import Survey, SurveyedRow
 from streams.types.listing import shown
 from streams.types.samples import COUNTS, FRACTIONS
@@ -216,7 +216,9 @@ def _unit_words(rows: Sequence[SurveyedRow]) -> str:
     text = (
         f"{_names(rows)}: no unit is stated; {row.title} has an RMS of {level.rms:.3g} and a mean of {level.mean:.3g}."
     )
-    unlikely = [f"{unit}: {found[0].partition(': ')[0]}." for unit in ("g", "m/s2") if (found := doubts(level, unit))]
+    unlikely = [
+        f"{unit}: {found[0].came.partition(': ')[0]}." for unit in ("g", "m/s2") if (found := doubts(level, unit))
+    ]
     return " ".join([text, *(f"If {words}" for words in unlikely), "Answer g, m/s2, mV, V, or unknown."])
 
 

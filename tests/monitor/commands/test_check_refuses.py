@@ -208,8 +208,10 @@ def test_a_recording_is_a_problem_for_the_daemon_alone(tmp_path: Path, path: str
     config.write_text(text_of(**url(path)))
     done = run_command("check", "--config", config, "--json")
     assert done.returncode == 0
-    (problem,) = json.loads(done.stdout)["problems"]
-    assert problem.endswith("is a recording: replay reads it, run refuses it")
+    problems = json.loads(done.stdout)["problems"]
+    assert {problem["severity"] for problem in problems} == {"warning"}
+    (problem,) = (problem for problem in problems if problem["key"] == "source[s0].url")
+    assert problem["came"].endswith("is a recording: replay reads it, run refuses it")
     assert "is not a source that goes on for ever" in refused_by("run", config)[0]
 
 
@@ -224,7 +226,7 @@ def test_the_limits_of_a_simulated_rig_are_said(tmp_path: Path) -> None:
     assert "models that take it: six_dof, ring_impact" in run_command("check", "--config", config).stdout
 
 
-def test_a_missing_folder_and_a_damaged_store_are_no_refusals(tmp_path: Path) -> None:
+def test_a_missing_folder_is_a_problem_and_a_damaged_store_no_refusal(tmp_path: Path) -> None:
     config, database = tmp_path / "m.toml", tmp_path / "state" / "state.db"
     config.write_text(text_of())
     store_of(database)
@@ -232,8 +234,11 @@ def test_a_missing_folder_and_a_damaged_store_are_no_refusals(tmp_path: Path) ->
     data[4096:8192] = bytes(4096)
     database.write_bytes(data)
     done = run_command("check", "--config", config)
-    assert done.returncode == 0, done.stderr
+    assert done.returncode == 2, done.stderr
+    line = config.read_text().splitlines().index('url = "folder:in"') + 1
+    assert f"problem: {config}:{line}: source[s0].url: folder" in done.stdout
     assert "does not exist (yet)" in done.stdout
+    assert done.stderr == ""
     assert database.read_bytes() == data
 
 

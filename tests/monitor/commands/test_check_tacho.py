@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from monitor.commands.check import command
+from monitor.commands.check.command import command
 
 RATE = 2000
 CONFIG = """
@@ -51,8 +51,9 @@ def check(folder: Path, monkeypatch: pytest.MonkeyPatch, operating: str = "", so
     rows = "".join(f"{value:.4f},{on:d}\n" for value, on in zip(noise, tacho, strict=True))
     (folder / "in" / "a.csv").write_text(f"de,tacho\n{rows}")
     result = CliRunner().invoke(command, ["--json"])
-    assert result.exit_code == 0, result.output
-    return json.loads(result.stdout)
+    found = json.loads(result.stdout)
+    assert result.exit_code == (2 if "problem" in {entry["severity"] for entry in found["problems"]} else 0)
+    return found
 
 
 def test_a_channel_of_pulses(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -61,7 +62,7 @@ def test_a_channel_of_pulses(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) ->
     assert (view["file"], view["status"], view["per_revolution"], view["missing"]) == ("a.csv", "ok", 4, 1)
     assert view["pulses"] == 99
     assert view["speed_min_hz"] == pytest.approx(25.0, rel=0.01)
-    assert not [text for text in found["problems"] if "speed" in text or "tacho" in text]
+    assert not [entry for entry in found["problems"] if "speed" in entry["key"] or "tacho" in entry["came"]]
     words = CliRunner().invoke(command, []).stdout
     assert "  tacho: 99 pulses in a.csv, 4 a revolution: 25 to 25 Hz; 1 missing, 0 too many\n" in words
 
@@ -70,12 +71,13 @@ def test_files_of_pulses_and_a_file_without(tmp_path: Path, monkeypatch: pytest.
     key = 'pulses = "{stem}.t"'
     found = check(tmp_path, monkeypatch, source=key)
     assert found["tacho"]["s"]["status"] == "none"
-    assert "source 's': its tacho gives no angle in a.csv (0 pulses): rotation_status none" in found["problems"]
+    came = {entry["came"]: entry["severity"] for entry in found["problems"]}
+    assert came["its tacho gives no angle in a.csv (0 pulses): rotation_status none"] == "problem"
     (tmp_path / "in" / "a.t").write_text("ppr: 2\n" + "".join(f"{0.005 + k / 50}\n" for k in range(100)))
     found = check(tmp_path, monkeypatch, source=key)
     view = found["tacho"]["s"]
     assert (view["pulses"], view["per_revolution"], view["status"]) == (50, 2, "ok")
-    assert not [text for text in found["problems"] if "speed" in text or "tacho" in text]
+    assert not [entry for entry in found["problems"] if "speed" in entry["key"] or "tacho" in entry["came"]]
 
 
 def test_without_a_tacho_nothing_is_said(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

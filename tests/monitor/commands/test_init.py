@@ -87,7 +87,11 @@ def test_two_answers_give_right_times_and_levels(
         assert levels == pytest.approx(list(file.rms_g.values()), rel=1e-4)
     checked = run_command("check", "--config", "m.toml", "--json", cwd=here)
     assert checked.returncode == 0
-    assert json.loads(checked.stdout)["problems"] == []
+    # Files of 0.25 s: of one logger two lines lie on multiples of 60 Hz, of another the cage turns twice too slowly.
+    assert {(found["severity"], found["key"]) for found in json.loads(checked.stdout)["problems"]} <= {
+        ("warning", "bearing[bearing]"),
+        ("warning", "source[logger].block_s"),
+    }
 
 
 def test_missing_answers_are_listed_all_at_once(written: tuple[Path, dict[str, list[Truth]]], here: Path) -> None:
@@ -277,8 +281,9 @@ def test_check_opens_the_last_file_of_many_and_a_recording(here: Path) -> None:
     checked = json.loads(run_command("check", "--json", cwd=here).stdout)
     assert f"{names[0]}: 1000 Hz, 2 s, 2024-01-02T00:00:00Z" in checked["dating"]["logger"]["ends"][0]
     (problem,) = checked["problems"]
-    assert f"would be rejected, wrong_rate: {names[-1]}" in problem
-    assert "write rate_hz = 500" in problem
+    assert (problem["severity"], problem["key"]) == ("problem", "source[logger].rate_hz")
+    assert f"would be rejected, wrong_rate: {names[-1]}" in problem["came"]
+    assert "write rate_hz = 500" in problem["came"]
     path = here / "03-04-2024_10-00-00.csv"
     path.write_text("# rate: 1000 Hz\n# Start: 03/04/2024 10:00:00\nacc [g]\n" + "1\n-1\n" * 1000)
     done = run_command("init", path.name, *options, "--out", "one.toml", cwd=here)

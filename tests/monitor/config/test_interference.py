@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 
 from models.machine.bearing import kinematics
-from monitor.commands.check_sections import interference_lines, taken_families
+from monitor.commands.check.sections import interference_lines, taken_families
 from monitor.config.load import Config, validate
+from monitor.config.plausible.rules import JudgedConfig
 from monitor.health.signal.interference import Interference
 from monitor.service.setup import source_settings
 from monitor.service.summary import run_attributes
@@ -149,10 +150,11 @@ def test_the_meshes_of_gears_are_removed_by_themselves_as_far_as_the_shaft_is_so
 
 
 def test_gears_whose_mesh_is_the_comb_of_a_part_are_a_problem() -> None:
-    assert list(taken_families(with_gears({}))) == []
+    assert list(taken_families(JudgedConfig(with_gears({})))) == []
     # The outer line of this bearing is 7.09 times the shaft.
     few = {"wheel": [{"name": "a", "teeth": 7}, {"name": "b", "teeth": 40}], "pair": [{"wheels": ["a", "b"]}]}
     values = {**MINIMAL, "gear": few, "bearing": [{"name": "test", "designation": "ZA-2115"}]}
-    (said,) = taken_families(validate(values, Path("machine.toml")))
-    assert said.startswith("interference gear a, b: within 2 % of the outer line of bearing 'test'")
+    (said,) = taken_families(JudgedConfig(validate(values, Path("machine.toml"))))
+    assert said.key == "gear"
+    assert said.came.startswith("interference gear a, b: within 2 % of the outer line of bearing 'test'")
     assert list(interference_lines(with_gears({})))[-1].endswith("orders, removed before the envelope")

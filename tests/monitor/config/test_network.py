@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from monitor.commands.check import find_problems
+from monitor.commands.check.problems import find_problems
 from monitor.config.load import ConfigError, validate
 from monitor.service.setup import source_spec
 
@@ -45,7 +45,7 @@ def test_keys_of_tcp_reach_the_source() -> None:
 
 def problems(**source: Any) -> str:
     found = find_problems(config(**source))
-    return "\n".join(problem for problem in found if "press" in problem)
+    return "\n".join(doubt.text for doubt in found if "press" in doubt.key)
 
 
 def test_check_says_who_may_send_without_proof(tmp_path: Path) -> None:

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from models.machine.rig import Rig
-from monitor.commands.check import find_problems
+from monitor.commands.check.problems import find_problems
 from monitor.config.bearing import RIG_KEYS, STIFFNESS_KEYS, RigSection, sealed
 from monitor.config.load import Config, ConfigError, validate
 
@@ -53,9 +53,9 @@ def test_true_without_the_hash_of_an_identification_is_a_declaration() -> None:
     found = config(calibrated=True)
     assert rigs(found)[0].calibrated == "declared"
     assert found.calibration_of(found.channel[0]) == "declared"
-    assert any("without identification" in problem for problem in find_problems(found))
+    assert any("without identification" in doubt.came for doubt in find_problems(found))
     identified = config(calibrated=True, identification=HASH)
-    assert not any("identification" in problem for problem in find_problems(identified))
+    assert not any("identification" in doubt.came for doubt in find_problems(identified))
 
 
 @pytest.mark.parametrize(
@@ -100,13 +100,12 @@ def test_numbers_that_were_changed_after_the_identification_are_refused(changed:
 
 
 def test_check_names_the_numbers_that_a_calibrated_rig_leaves_to_the_default_bench(tmp_path: Path) -> None:
-    (problem,) = (text for text in find_problems(config(calibrated="declared", **NUMBERS)) if "rig" in text)
-    assert problem.startswith(
-        'rig.calibrated = "declared", but m_o_kg, m_r_kg, m_b_kg, k_i_newton_per_m, k_c_newton_per_m15, c_r'
-    )
-    assert not any("rig" in text for text in find_problems(config(**NUMBERS)))
+    (doubt,) = (one for one in find_problems(config(calibrated="declared", **NUMBERS)) if one.rule == "rig")
+    assert (doubt.severity, doubt.key) == ("warning", "rig.calibrated")
+    assert doubt.came.startswith('"declared", but m_o_kg, m_r_kg, m_b_kg, k_i_newton_per_m, k_c_newton_per_m15, c_r')
+    assert not any(doubt.rule == "rig" for doubt in find_problems(config(**NUMBERS)))
     whole = config(calibrated="declared", **RigSection().numbers)
-    assert not any("rig" in text for text in find_problems(whole))
+    assert not any(doubt.rule == "rig" for doubt in find_problems(whole))
 
 
 def test_only_keys_of_the_file_count_as_given(tmp_path: Path) -> None:

@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from monitor.commands.check import gear_lines
+from monitor.commands.check.command import gear_lines
 from monitor.config.load import validate
 from tests.support.commands import run_command
 from tests.support.config import MINIMAL

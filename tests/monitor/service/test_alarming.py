@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from monitor.commands.check import find_problems
+from monitor.commands.check.problems import find_problems
 from monitor.config.alarms import AlarmLevel, AlarmsSection
 from monitor.config.load import Config
 from monitor.health.alarms import AlarmAcknowledgement, AlarmSettings, Level, Rule, acknowledged
@@ -96,7 +96,7 @@ def test_check_names_the_levels_that_came_too_late_to_learn(tmp_path: Path) -> N
     )
 
     def said(found: Config) -> list[str]:
-        return [problem for problem in find_problems(found) if "level" in problem]
+        return [doubt.came for doubt in find_problems(found) if "level" in doubt.came]
 
     later = machine.model_copy(
         update={

@@ -15,7 +15,7 @@ from models.maps.data import RmsMap
 from models.maps.file import save_map
 from models.maps.plan import MapPlan
 from models.solve.rotor.rig import RotorRig
-from monitor.commands.check import find_problems
+from monitor.commands.check.problems import find_problems
 from monitor.config.bearing import RigSection
 from monitor.config.load import Config, validate
 from monitor.service.machine_status import channel_state
@@ -127,14 +127,18 @@ def test_check_names_the_default_bench_the_missing_claim_and_the_suspended_level
 ) -> None:
     path = tmp_path / "map.nc"
     save_map(small_map, path)
-    found = [text for text in find_problems(config({}, map=str(path))) if "calibrated" in text]
+    found = [one.came for one in find_problems(config({}, map=str(path))) if "calibrated" in one.came]
     assert len(found) == 2
     assert "masses and springs are those of the default test bench" in found[0]
     assert "TT to a threshold in mm3/mm is not issued" in found[0]
     assert "level 'v_eq' not applied: the rig is not calibrated; give a level on v_eq_relative" in found[1]
-    (declared, _) = (text for text in find_problems(config(CLAIMS["declared"], map=str(path))) if "calibrated" in text)
+    (declared, _) = (
+        one.came for one in find_problems(config(CLAIMS["declared"], map=str(path))) if "calibrated" in one.came
+    )
     assert "its map or library was built before [rig] was calibrated" in declared
-    missing = [text for text in find_problems(config({}, map=str(tmp_path / "none.nc"))) if "uncalibrated" in text]
+    missing = [
+        one.came for one in find_problems(config({}, map=str(tmp_path / "none.nc"))) if "uncalibrated" in one.came
+    ]
     assert len(missing) == 1
 
 
@@ -187,4 +191,6 @@ def test_a_level_that_is_not_applied_is_the_reason_of_the_state() -> None:
 def test_a_calibrated_rig_says_nothing(tmp_path: Path, small_map: RmsMap) -> None:
     path = tmp_path / "map.nc"
     save_map(claimed(small_map, "declared"), path)
-    assert not [text for text in find_problems(config(CLAIMS["declared"], map=str(path))) if "calibrated" in text]
+    assert not [
+        one.came for one in find_problems(config(CLAIMS["declared"], map=str(path))) if "calibrated" in one.came
+    ]

@@ -15,7 +15,7 @@ from models.maps.file import save_map
 from models.maps.plan import MapPlan
 from models.solve.nominal_rigs import nominal_rig
 from models.solve.rotor.rig import RotorRig
-from monitor.commands.check import find_problems
+from monitor.commands.check.problems import find_problems
 from monitor.config.load import ConfigError, validate
 from monitor.health.onset import FEATURES
 from monitor.health.size import EdvStatus
@@ -106,12 +106,12 @@ def test_one_map_a_part_is_read_from_the_files_and_two_of_a_part_are_refused(pla
         assert used.part_radius == pytest.approx(radius)
         assert used.lines == lines
         assert found.volume(0.1, 1e-5) == pytest.approx(radius * 1e-6)
-    assert not [problem for problem in find_problems(c) if "map" in problem]
+    assert not [problem for problem in find_problems(c) if "map" in problem.came]
     twice = config(map=[files[0], files[0]])
     with pytest.raises(ConfigError, match="two files are maps of the part 'inner'"):
         source_settings(twice, twice.source[0])
     missing = config(map=[files[0], str(tmp_path / "ball.nc")])
-    assert any("ball.nc does not exist" in problem for problem in find_problems(missing))
+    assert any("ball.nc does not exist" in problem.came for problem in find_problems(missing))
 
 
 def test_a_map_of_the_inner_race_needs_its_radius(plan, small_map):
@@ -228,6 +228,6 @@ def test_a_library_of_another_rig_is_refused(library):
 
 def test_check_names_the_library_that_is_not_there(tmp_path):
     c = config(library=str(tmp_path / "none.npz"))
-    assert [problem for problem in find_problems(c) if "none.npz does not exist" in problem]
+    assert [problem for problem in find_problems(c) if "none.npz does not exist" in problem.came]
     with pytest.raises(ConfigError, match=r"none\.npz"):
         damage_of(c)

@@ -10,7 +10,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from streams.dates.dating import find_readings, nearest_change
-from streams.files.plausible import doubts, level_of
 from streams.files.survey import surveyed_rows
 from streams.types.samples import Samples
 
@@ -54,31 +53,6 @@ def test_the_last_change_decides_between_readings_if_it_is_near_one() -> None:
 
 
 NOISE = np.random.default_rng(1).normal(size=4000)
-
-
-@pytest.mark.parametrize(
-    ("row", "unit", "sensitivity", "words"),
-    [
-        (NOISE, "g", None, ""),
-        (NOISE * 9.81, "m/s2", None, ""),
-        (NOISE * 0.1, "V", 100.0, ""),
-        (NOISE + 9.81, "g", None, "gravity in m/s2"),
-        (NOISE + 1.0, "m/s2", None, "gravity in g"),
-        (NOISE * 0.1 + 11.5, "V", 100.0, "bias of an IEPE sensor"),
-        (NOISE * 200.0, "g", None, "more than machines have"),
-        (NOISE * 1e-6, "g", None, "less than the noise"),
-        (np.clip(NOISE, -1.0, 1.0), "g", None, "range of the input"),
-        (np.round(np.sin(np.arange(4000.0)), 4), "g", None, ""),
-        (np.round(NOISE), "g", None, ""),
-        (np.zeros(100), "g", None, "dead sensor"),
-        (np.append(NOISE, np.nan), "g", None, "no numbers"),
-        (NOISE * 1e300, "g", None, "more than machines have"),
-        (NOISE * 1e9, "unknown", None, ""),
-    ],
-)
-def test_levels_that_a_sensor_does_not_give(row: np.ndarray, unit: str, sensitivity: float | None, words: str) -> None:
-    found = "; ".join(doubts(level_of(row), unit, sensitivity))
-    assert words in found if words else found == ""
 
 
 def test_rows_are_told_apart_by_titles_and_units() -> None:

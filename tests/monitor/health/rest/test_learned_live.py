@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from monitor.commands.check import find_problems
+from monitor.commands.check.problems import find_problems
 from monitor.config.load import Config, ConfigError, validate
 from monitor.health.rest.learned.fit import LearnedRun, fit_runs
 from monitor.health.rest.learned.forecaster import LearnedState
@@ -205,7 +205,7 @@ def test_the_library_of_the_forecast_is_read_and_named(tmp_path: Path) -> None:
     assert "4 recorded runs" in attributes["prior"]
     # A level on TT compares no volume; one on V_eq does, and this rig is not calibrated.
     assert settings.alarms.suspended == ("v_eq",)
-    assert not [problem for problem in find_problems(config) if "no_map" in problem or "runs.npz" in problem]
+    assert not [one for one in find_problems(config) if "no_map" in one.came or "runs.npz" in one.came]
 
 
 def test_what_a_configuration_may_not_say(tmp_path: Path) -> None:
@@ -219,12 +219,12 @@ def test_what_a_configuration_may_not_say(tmp_path: Path) -> None:
     config = configured(tmp_path, {"method": "learned", "library": "none.npz"})
     with pytest.raises(ConfigError, match=r"\[forecast\] library: .*no such file"):
         source_settings(config, config.source[0])
-    assert [one for one in find_problems(config) if "none.npz does not exist" in one]
+    assert [one for one in find_problems(config) if "none.npz does not exist" in one.came]
     misplaced = configured(tmp_path, {"method": "learned"}, library="runs.json")
     with pytest.raises(ConfigError, match=r"give it as library of \[forecast\]"):
         source_settings(misplaced, misplaced.source[0])
     without = configured(tmp_path, {"method": "learned"})
-    assert [one for one in find_problems(without) if "as long again as it has lasted" in one]
+    assert [one for one in find_problems(without) if "as long again as it has lasted" in one.came]
 
 
 def test_a_file_changes_the_hash_of_the_configuration(tmp_path: Path) -> None:

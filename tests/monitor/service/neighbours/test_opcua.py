@@ -26,7 +26,7 @@ from cryptography import x509
 from cryptography.hazmat.primitives.serialization import Encoding
 from cryptography.x509.oid import ExtendedKeyUsageOID
 
-from monitor.commands.check import find_problems
+from monitor.commands.check.problems import find_problems
 from monitor.config.load import ConfigError
 from monitor.config.machine import OpcUaCondition
 from monitor.service.companions import Companions
@@ -326,14 +326,14 @@ def test_check_says_what_to_install_and_that_the_speed_is_read(tmp_path: Path, m
     machine.close()
     assert list(find_problems(machine.config)) == []
     missing = {"asyncua", "google.protobuf"}
-    monkeypatch.setattr("monitor.commands.check_sections._is_installed", lambda name: name not in missing)
+    monkeypatch.setattr("monitor.commands.check.sections._is_installed", lambda name: name not in missing)
     problems = list(find_problems(machine.config))
-    assert [text.partition(" needs")[0] for text in problems] == [
+    assert [doubt.came.partition(" needs")[0] for doubt in problems] == [
         "[publish.sparkplug]",
         "[publish.opcua]",
         "[operating.opcua]",
     ]
-    assert problems[0].endswith('pip install "spallwatch[sparkplug]"')
+    assert problems[0].came.endswith('pip install "spallwatch[sparkplug]"')
 
 
 def test_what_cannot_be_served_is_a_sentence_without_secrets(tmp_path: Path) -> None:

@@ -10,6 +10,8 @@ from typing import Any
 from models.machine.bearing import kinematics
 from monitor.config.interference import families_removed, removed_lines, words_of
 from monitor.config.load import Config, ConfigError
+from monitor.config.plausible.doubt import Doubt
+from monitor.config.plausible.rules import JudgedConfig
 from monitor.config.source import SourceSection
 from monitor.health.output import ChannelOutput
 from monitor.health.signal.interference import Interference, all_combs
@@ -79,13 +81,6 @@ def tacho_words(view: TachoView) -> str:
     return f"{words}; {view.missing} missing, {view.extra} too many"
 
 
-def tacho_problem(view: TachoView) -> str | None:
-    """Return in words that the tacho gives no angle, None where it does."""
-    if view.status == "ok":
-        return None
-    return f"its tacho gives no angle in {view.file} ({view.pulses} pulses): rotation_status {view.status}"
-
-
 _DEPTH = 0.1
 """The best family of the bearing, if it is this deep, is taken for damage, named or not: its lines are not proposed."""
 
@@ -96,18 +91,23 @@ def interference_lines(config: Config) -> Iterator[str]:
         yield f"interference {words_of(lines)}, removed before the envelope"
 
 
-def taken_families(config: Config) -> Iterator[str]:
+def taken_families(subject: JudgedConfig) -> Iterator[Doubt]:
     """Yield which ``[[interference]]``, or mesh of ``[gear]``, would remove the comb of a part of a bearing."""
+    config = subject.config
     speed = config.operating.speed_hz
-    for place, lines in enumerate(removed_lines(config)):
-        for bearing in config.bearing if speed is not None else ():
-            assert speed is not None
+    if speed is None:
+        return
+    for at, lines in enumerate(removed_lines(config)):
+        given = at < len(config.interference)
+        place = ("interference", at) if given else ("gear",)
+        for bearing in config.bearing:
             for fault in families_removed(lines, kinematics(bearing.to_bearing(), speed)):
-                who = lines.name or f"number {place + 1}"
-                yield (
+                who = lines.name or f"number {at + 1}"
+                came = (
                     f"interference {who}: within 2 % of the {fault} line of bearing {bearing.name!r}: "
                     "damage of that part can be removed with it"
                 )
+                yield subject.doubt("interference", "warning", place, "lines apart from those of the bearings", came)
 
 
 def propose_interference(config: Config, recording: str) -> list[dict[str, Any]]:
@@ -159,8 +159,9 @@ def proposal_words(found: dict[str, Any]) -> str:
     )
 
 
-def missing_extras(config: Config) -> Iterator[str]:
+def missing_extras(subject: JudgedConfig) -> Iterator[Doubt]:
     """Yield what to install for sections whose packages are missing; the daemon runs without them."""
+    config = subject.config
     sections = (
         ("publish.mqtt", config.publish.mqtt, "mqtt", ("paho",)),
         ("publish.sparkplug", config.publish.sparkplug, "sparkplug", ("paho", "google.protobuf")),
@@ -170,7 +171,8 @@ def missing_extras(config: Config) -> Iterator[str]:
     )
     for name, section, extra, modules in sections:
         if section is not None and not all(map(_is_installed, modules)):
-            yield f'[{name}] needs more packages: pip install "spallwatch[{extra}]"'
+            came = f'[{name}] needs more packages: pip install "spallwatch[{extra}]"'
+            yield subject.doubt("extra", "problem", tuple(name.split(".")), "its packages", came)
 
 
 def _is_installed(module: str) -> bool:

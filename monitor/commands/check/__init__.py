@@ -1,0 +1,1 @@
+"""``spallwatch check``: validate a configuration, judge it and the recordings that it names."""

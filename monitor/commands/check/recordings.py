@@ -1,0 +1,234 @@
+"""What the first and the last files of a source show, read as the daemon reads them."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import islice
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from monitor.config.load import Config
+from monitor.config.plausible.doubt import Doubt
+from monitor.config.plausible.levels import alternates, doubts, same_signals, shape_of
+from monitor.config.plausible.machine import speed_doubt
+from monitor.config.plausible.rules import JudgedConfig, SourceFacts, key_words, place_of
+from monitor.config.positions import Place
+from monitor.config.source import ChannelSection, SourceSection
+from streams.files.plausible import SignalLevel, level_of, of_one_g
+from streams.types.block import Block, Rejected
+from streams.types.samples import Samples
+from streams.types.stamps import utc_text
+
+if TYPE_CHECKING:
+    from streams.recording.repeats import Loaded
+    from streams.recording.source import Recording
+
+MAX_OPENED = 100
+"""Items of a recording that are read until one is a block."""
+_MAX_COMPARED, _MAX_COMPARED_S = 8, 5.0
+"""Files that are compared for sensors that alternate, and the time for it."""
+_MAX_SAMPLES = 1 << 21
+"""Samples of a row that are judged."""
+_SPEED_TOLERANCE = 0.25
+_SHAPES = ("RMS", "mean frequency", "crest factor")
+_REJECTED_KEYS = {"wrong_rate": "rate_hz", "out_of_range": "range_g"}
+
+
+@dataclass(frozen=True)
+class RecordingView:
+    """What the files of a source hold.
+
+    Attributes:
+        ends: the first and the last file in words.
+        first: the first block, and ``refused`` the first rejection before it.
+        facts: what they state where the configuration does not.
+        doubts: about them.
+    """
+
+    ends: tuple[str, ...]
+    first: Block | None
+    refused: Rejected | None
+    facts: SourceFacts
+    doubts: tuple[Doubt, ...]
+
+
+def look_at(recording: Recording, config: Config, section: SourceSection) -> RecordingView:
+    """Read the first and the last file of a recording, its first block, and some files to compare them.
+
+    Raises:
+        SourceError: files contradict each other.
+    """
+    first, refused = _first_items(recording)
+    subject = JudgedConfig(config)
+    loaded = recording.ends()
+    found = [*_rejections(subject, section, loaded), *_levels(subject, section, loaded)]
+    if first is not None:
+        found += [*_same(subject, first), *_speeds(subject, first)]
+    if len(loaded) > 1:
+        found += _alternating(subject, recording)
+    facts = SourceFacts() if first is None else SourceFacts(first.rate, first.duration, _speed_of(config, first))
+    return RecordingView(tuple(_end_words(config, loaded)), first, refused, facts, tuple(found))
+
+
+def _first_items(recording: Recording) -> tuple[Block | None, Rejected | None]:
+    refused = None
+    for item in islice(recording, MAX_OPENED):
+        if not isinstance(item, Rejected):
+            return item, refused
+        refused = refused or item
+    return None, refused
+
+
+def _level(samples: Samples, row: int, channel: ChannelSection) -> SignalLevel:
+    return level_of(samples.values[row, :_MAX_SAMPLES]).times(channel.scale or 1.0)
+
+
+def _rows(config: Config, file: Loaded) -> Iterator[tuple[ChannelSection, SignalLevel]]:
+    """Yield the levels of the channels of a file; none of one that would be rejected."""
+    channels = {channel.name: channel for channel in config.channel}
+    if isinstance(file.result, Samples):
+        for row, name in enumerate(file.result.channels):
+            if name in channels:
+                yield channels[name], _level(file.result, row, channels[name])
+
+
+def _end_words(config: Config, loaded: Sequence[Loaded]) -> Iterator[str]:
+    """Yield rate, length, date and levels of files in words."""
+    for file in loaded:
+        samples = file.result
+        if not isinstance(samples, Samples):
+            continue
+        levels = []
+        for channel, level in _rows(config, file):
+            one_g = of_one_g(channel.unit, channel.sensitivity_mv_per_g)
+            levels.append(
+                f"{channel.name} RMS " + (f"{level.rms:.3g}" if one_g is None else f"{level.rms / one_g:.3g} g")
+            )
+        when = "no date" if samples.start is None else utc_text(samples.start)
+        length = samples.values.shape[1] / samples.known_rate
+        yield f"{file.name}: {samples.known_rate:g} Hz, {length:.4g} s, {when}, {', '.join(levels)}"
+
+
+def _rejections(subject: JudgedConfig, section: SourceSection, loaded: Sequence[Loaded]) -> Iterator[Doubt]:
+    for file in loaded:
+        if not isinstance(file.result, Samples):
+            key = _REJECTED_KEYS.get(file.result.status, "url")
+            came = f"would be rejected, {file.result.status}: {file.result}"
+            place = place_of(subject.config, "source", section.name, key)
+            yield subject.doubt("file", "problem", place, "files that fit the configuration", came)
+
+
+def _levels(subject: JudgedConfig, section: SourceSection, loaded: Sequence[Loaded]) -> Iterator[Doubt]:
+    """Yield what is doubtful in the levels of files, each once a channel; in one of two, a low one is a warning."""
+    config = subject.config
+    seen: dict[tuple[str, str], list[tuple[str, Doubt]]] = {}
+    files = 0
+    for file in loaded:
+        files += isinstance(file.result, Samples)
+        for channel, level in _rows(config, file):
+            found = [
+                *doubts(level, channel.unit, channel.sensitivity_mv_per_g),
+                *_peaks(subject, section, channel, level),
+            ]
+            for doubt in found:
+                seen.setdefault((channel.name, doubt.rule), []).append((file.name, doubt))
+    for (name, _), (*_, (file_name, doubt)) in seen.items():
+        number = len(seen[name, doubt.rule])
+        severity = "warning" if doubt.rule == "low_level" and number < files else doubt.severity
+        place = doubt.place if doubt.key else place_of(config, "channel", name, *map(str, doubt.place))
+        came = f"channel {name!r}: {doubt.came} ({file_name})"
+        yield replace(doubt, severity=severity, came=came, place=place, key=key_words(config, place))
+
+
+def _peaks(
+    subject: JudgedConfig, section: SourceSection, channel: ChannelSection, level: SignalLevel
+) -> Iterator[Doubt]:
+    """Yield that a peak ends a life at once, or lies beyond the range."""
+    one_g = of_one_g(channel.unit, channel.sensitivity_mv_per_g)
+    if one_g is None or level.constant:
+        return
+    peak, limit = level.peak / one_g, subject.config.detect.end_of_life_peak_g
+    if section.range_g is not None and peak > section.range_g:
+        place = place_of(subject.config, "source", section.name, "range_g")
+        came = f"a peak of {peak:.3g} g is beyond range_g, so that the block is rejected"
+        yield subject.doubt("high_level", "problem", place, f"peaks up to {section.range_g:g} g", came)
+    elif peak >= limit:
+        came = f"a peak of {peak:.3g} g, as at the end of a life"
+        place: Place = ("detect", "end_of_life_peak_g")
+        yield subject.doubt("end_of_life", "warning", place, f"peaks below {limit:g} g", came)
+
+
+def _same(subject: JudgedConfig, block: Block) -> Iterator[Doubt]:
+    """Yield the channels of a block that are one signal, though they name different columns."""
+    config = subject.config
+    channels = {channel.name: channel for channel in config.channel}
+    rows = {name: block.samples[row, :_MAX_SAMPLES] for row, name in enumerate(block.channels) if name in channels}
+    for first, second, factor in same_signals(rows):
+        one, other = channels[first], channels[second]
+        if (one.column, one.key) == (other.column, other.key) != (None, None):
+            continue
+        times = "" if math.isclose(factor, 1.0, rel_tol=1e-3) else f", times {factor:.4g}"
+        came = f"the same signal as channel {first!r} in {block.name}{times}"
+        place = place_of(config, "channel", second)
+        yield subject.doubt("same_signal", "problem", place, "a sensor of its own", came)
+
+
+def _speed_of(config: Config, block: Block) -> float | None:
+    """Return the speed that a block states itself or by its channel, Hz."""
+    operating = config.operating
+    name = str(operating.speed_channel)
+    if block.speed is not None or operating.speed_channel is None or name not in block.channels:
+        return block.speed
+    row = block.samples[block.channels.index(name)]
+    mean = float(np.nanmean(row)) * operating.speed_channel_scale if np.isfinite(row).any() else 0.0
+    return mean if mean > 0.0 else None
+
+
+def _speeds(subject: JudgedConfig, block: Block) -> Iterator[Doubt]:
+    """Yield what is doubtful in the speed of a block, by itself and against the configured one."""
+    operating = subject.config.operating
+    found, configured = _speed_of(subject.config, block), operating.speed_hz
+    if found is None:
+        return
+    by_channel = block.speed is None
+    place: Place = ("operating", "speed_channel_scale" if by_channel else "speed_hz")
+    doubt = speed_doubt(subject, place, found)
+    if doubt is not None:
+        whose = "speed_channel" if by_channel else "the file"
+        yield replace(doubt, came=f"by {whose} in {block.name}, {doubt.came}")
+    if configured is None or abs(found / configured - 1.0) <= _SPEED_TOLERANCE:
+        return
+    ratio = max(found / configured, configured / found)
+    severity = "problem" if abs(ratio / 60.0 - 1.0) < _SPEED_TOLERANCE else "warning"
+    came = f"{configured:g} Hz is configured, {block.name} states {found:.5g} Hz"
+    expected = "the speed of the file, which takes precedence" + (
+        ": one of both is rpm" if severity == "problem" else ""
+    )
+    yield subject.doubt("file_speed", severity, ("operating", "speed_hz"), expected, came)
+
+
+def _alternating(subject: JudgedConfig, recording: Recording) -> Iterator[Doubt]:
+    """Yield the channels whose files alternate between two levels or spectra, as those of two sensors do."""
+    config = subject.config
+    channels = {channel.name for channel in config.channel}
+    shapes: dict[str, list[tuple[float, ...]]] = {}
+    began = time.monotonic()
+    for file in recording.first_files(_MAX_COMPARED):
+        if isinstance(file.result, Samples):
+            for name, row in zip(file.result.channels, file.result.values, strict=True):
+                if name in channels:
+                    shapes.setdefault(name, []).append(shape_of(row[:_MAX_SAMPLES]))
+        if time.monotonic() - began > _MAX_COMPARED_S:
+            break
+    for name, found in shapes.items():
+        for what, values in zip(_SHAPES, zip(*found, strict=True), strict=True):
+            ratio = alternates(values)
+            if ratio is not None:
+                came = f"every second file has {ratio:.3g} times the {what} of those between, over {len(found)} files"
+                place = place_of(config, "channel", name)
+                yield subject.doubt("alternating", "problem", place, "files of one sensor", came)
+                break

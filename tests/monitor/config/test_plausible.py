@@ -1,0 +1,313 @@
+"""Each rule has a configuration that it doubts, and the nearest good one; no plausible machine is doubted."""
+
+from __future__ import annotations
+
+import copy
+import math
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from models.machine.bearing import kinematics
+from monitor.config.load import Config, ConfigError, load_config, validate
+from monitor.config.plausible import find_doubts
+from monitor.config.plausible.doubt import Doubt
+from monitor.config.plausible.rules import RULES, SourceFacts, refusals, rules_table
+from monitor.health.signal.settings import fundamentals
+from monitor.service.start import judged
+from tests.support.config import MINIMAL
+from tests.support.docs import DOCS, ROOT, read
+
+Changes = dict[str, Any]
+
+VOLTS = {"channel.0.unit": "V", "channel.0.sensitivity_mv_per_g": 100}
+OWN = {"n_elements": 9, "element_diameter_mm": 7.94, "pitch_diameter_mm": 39.04}
+
+
+def own(**changed: float) -> Changes:
+    return {"bearing.0": {"name": "test", **OWN, **changed}}
+
+
+TWO = {
+    "channel": [
+        {"name": "a", "source": "logger", "unit": "g", "bearing": "test", "column": 1},
+        {"name": "b", "source": "logger", "unit": "g", "bearing": "test", "column": 2},
+    ]
+}
+SOURCES = {
+    "source": [
+        {"name": "logger", "url": "folder:data", "rate_hz": 25600},
+        {"name": "other", "url": "folder:data", "rate_hz": 25600},
+    ],
+    "channel": [
+        {"name": "a", "source": "logger", "unit": "g", "bearing": "test"},
+        {"name": "b", "source": "other", "unit": "g", "bearing": "test"},
+    ],
+}
+TRACKED = {"channel.0.track": True}
+SLOW = {"operating.speed_hz": 0.2, "source.0.block_s": 60}
+BEARING, BAND = "bearing[test]", "channel[de].band_hz"
+SENSITIVITY = "channel[de].sensitivity_mv_per_g"
+LEVEL = {"alarms": {"level": [{"feature": "rms", "alert_g": 3.0}]}}
+
+CASES: list[tuple[str, str, str, Changes, Changes]] = [
+    ("speed", "problem", "operating.speed_hz", {"operating.speed_hz": 1488}, {"operating.speed_hz": 24.8}),
+    ("speed", "problem", "operating.speed_hz", {"operating.speed_hz": 600}, {"operating.speed_hz": 100}),
+    ("speed", "warning", "operating.speed_hz", {"operating.speed_hz": 350}, {"operating.speed_hz": 300}),
+    ("speed", "warning", "operating.speed_hz", {"operating.speed_hz": 0.01}, SLOW),
+    (
+        "speed",
+        "problem",
+        "operating.speed_range_hz",
+        {"operating": {"speed": "estimate", "speed_range_hz": [300, 1500]}},
+        {"operating": {"speed": "estimate", "speed_range_hz": [5, 25]}},
+    ),
+    (
+        "speed_limits",
+        "problem",
+        "operating.min_speed_hz",
+        {"operating.min_speed_hz": 40},
+        {"operating.min_speed_hz": 20},
+    ),
+    ("geometry", "problem", f"{BEARING}.pitch_diameter_mm", own(n_elements=16), own(n_elements=12)),
+    (
+        "geometry",
+        "problem",
+        f"{BEARING}.pitch_diameter_mm",
+        own(element_diameter_mm=0.3126, pitch_diameter_mm=1.537),
+        own(),
+    ),
+    (
+        "geometry",
+        "warning",
+        f"{BEARING}.pitch_diameter_mm",
+        own(element_diameter_mm=3.97),
+        own(element_diameter_mm=6),
+    ),
+    ("geometry", "warning", "bearing[test].contact_angle_deg", own(contact_angle_deg=0.26), own(contact_angle_deg=15)),
+    (
+        "geometry",
+        "warning",
+        "bearing[test].clearance_um",
+        {"bearing.0.clearance_um": 10000},
+        {"bearing.0.clearance_um": 10},
+    ),
+    ("load", "problem", "operating.load_newton", {"operating.load_newton": 4}, {"operating.load_newton": 4000}),
+    ("load", "problem", "operating.load_newton", {"operating.load_newton": 4e6}, {"operating.load_newton": 1e4}),
+    ("load", "warning", "operating.load_newton", {"operating.load_newton": 2e4}, {"operating.load_newton": 1e4}),
+    ("load", "warning", "operating.load_newton", {"operating.load_newton": 20}, {"operating.load_newton": 100}),
+    ("rate", "problem", "source[logger].rate_hz", {"source.0.rate_hz": 25.6}, {"source.0.rate_hz": 25600}),
+    ("rate", "problem", "source[logger].rate_hz", {"source.0.rate_hz": 205}, {"source.0.rate_hz": 2000}),
+    ("rate", "warning", "source[logger].rate_hz", {"source.0.rate_hz": 1000}, {"source.0.rate_hz": 2000}),
+    ("band", "problem", BAND, {"channel.0.band_hz": [2, 10]}, {"channel.0.band_hz": [2000, 10000]}),
+    (
+        "band",
+        "problem",
+        "channel[de].band_hz",
+        {"channel.0.band_hz": [3000, 3100]},
+        {"channel.0.band_hz": [3000, 4000]},
+    ),
+    (
+        "band",
+        "warning",
+        "channel[de].band_hz",
+        {"channel.0.band_hz": [3000, 3500]},
+        {"channel.0.band_hz": [3000, 4000]},
+    ),
+    (
+        "band",
+        "problem",
+        "channel[de].rms_band_hz",
+        {"channel.0.rms_band_hz": [0, 9.5]},
+        {"channel.0.rms_band_hz": [0, 9500]},
+    ),
+    ("block", "problem", "source[logger].block_s", {"source.0.block_s": 0.05}, {"source.0.block_s": 0.25}),
+    ("block", "warning", "source[logger].block_s", {"source.0.block_s": 0.1}, {"source.0.block_s": 0.25}),
+    ("block", "warning", "source[logger].block_s", {"source.0.block_s": 5000}, {"source.0.block_s": 5}),
+    ("block", "problem", "source[logger].block_s", {"source.0.block_s": 1e5}, {"source.0.block_s": 60}),
+    (
+        "tacho_rate",
+        "problem",
+        "operating.pulses_per_revolution",
+        {"operating.tacho_channel": "t", "operating.pulses_per_revolution": 1024},
+        {"operating.tacho_channel": "t", "operating.pulses_per_revolution": 60},
+    ),
+    ("mains", "warning", "bearing[test]", {"operating.speed_hz": 27.9}, {"operating.speed_hz": 29.0}),
+    (
+        "mains",
+        "warning",
+        "bearing[test]",
+        {"operating.speed_hz": 27.9},
+        {"operating.speed_hz": 27.9, "interference": [{"lines_hz": [50]}]},
+    ),
+    (
+        "sensitivity",
+        "problem",
+        SENSITIVITY,
+        {**VOLTS, "channel.0.sensitivity_mv_per_g": 0.1},
+        VOLTS,
+    ),
+    (
+        "sensitivity",
+        "problem",
+        SENSITIVITY,
+        {**VOLTS, "channel.0.sensitivity_mv_per_g": 1e5},
+        VOLTS,
+    ),
+    ("duplicate", "problem", "channel[b].column", {**TWO, "channel.1.column": 1}, TWO),
+    ("duplicate", "problem", "source[other].url", SOURCES, {**SOURCES, "source.1.url": "folder:more"}),
+    (
+        "learning",
+        "warning",
+        "detect.learn_blocks",
+        {"source.0.interval_s": 86400, "source.0.start_utc": "2024-01-01T00:00:00Z", "source.0.time_from": "count"},
+        {"source.0.interval_s": 3600, "source.0.start_utc": "2024-01-01T00:00:00Z", "source.0.time_from": "count"},
+    ),
+    ("learning", "warning", "detect.learn_hours", {"detect.learn_hours": 0.01}, {"detect.learn_hours": 1}),
+    (
+        "end_of_life",
+        "problem",
+        "detect.end_of_life_peak_g",
+        {"source.0.range_g": 16, "detect.end_of_life_peak_g": 20},
+        {"source.0.range_g": 50, "detect.end_of_life_peak_g": 20},
+    ),
+    ("end_of_life", "warning", "detect.end_of_life_peak_g", {"source.0.range_g": 16}, {"source.0.range_g": 50}),
+    (
+        "end_of_life",
+        "warning",
+        "detect.end_of_life_peak_g",
+        {"detect.end_of_life_peak_g": 500},
+        {"detect.end_of_life_peak_g": 50},
+    ),
+    (
+        "alarm_level",
+        "problem",
+        "alarms.level[rms].alert_g",
+        {**LEVEL, "alarms.level.0.alert_g": 60, "source.0.range_g": 50},
+        {**LEVEL, "source.0.range_g": 50},
+    ),
+    ("alarm_level", "warning", "alarms.level[rms].alert_g", {**LEVEL, "alarms.level.0.alert_g": 3000}, LEVEL),
+    (
+        "threshold",
+        "problem",
+        "forecast.threshold_mm2",
+        {**TRACKED, "forecast.threshold_mm2": 100.0},
+        {**TRACKED, "forecast.threshold_mm2": 0.5},
+    ),
+    (
+        "threshold",
+        "warning",
+        "forecast.threshold_mm2",
+        {**TRACKED, "forecast.threshold_mm2": 10.0},
+        {**TRACKED, "forecast.threshold_mm2": 0.5},
+    ),
+]
+
+
+def config_of(changes: Changes) -> Config:
+    values: Any = copy.deepcopy(MINIMAL)
+    for path, value in changes.items():
+        *tables, last = path.split(".")
+        found = values
+        for part in tables:
+            found = found[int(part)] if part.isdigit() else found.setdefault(part, {})
+        found[int(last) if last.isdigit() else last] = copy.deepcopy(value)
+    return validate(values, Path("machine.toml"))
+
+
+def doubted(changes: Changes) -> list[Doubt]:
+    return find_doubts(config_of(changes))
+
+
+@pytest.mark.parametrize(("rule", "severity", "key", "bad", "good"), CASES, ids=range(len(CASES)))
+def test_a_rule_doubts_one_and_not_its_neighbour(
+    rule: str, severity: str, key: str, bad: Changes, good: Changes
+) -> None:
+    found = [doubt for doubt in doubted(bad) if doubt.rule == rule]
+    assert [(doubt.severity, doubt.key) for doubt in found] == [(severity, key)], doubted(bad)
+    assert doubted(good) == []
+
+
+def test_both_readings_are_said() -> None:
+    (speed,) = doubted({"operating.speed_hz": 1488})
+    assert "1488 Hz is 89280 rpm; 24.8 Hz if rpm was meant" in speed.came
+    (band,) = doubted({"channel.0.band_hz": [2, 10]})
+    assert "[2000, 10000] Hz if kHz was meant" in band.came
+    assert "25600 Hz if kHz was meant" in doubted({"source.0.rate_hz": 25.6})[0].came
+    assert "4000 N if kN was meant" in doubted({"operating.load_newton": 4})[0].came
+    assert "100 mV/g if V/g was meant" in doubted({**VOLTS, "channel.0.sensitivity_mv_per_g": 0.1})[0].came
+
+
+def test_what_makes_every_result_wrong_is_refused_and_the_rest_said() -> None:
+    with pytest.raises(ConfigError, match=r"operating\.speed_hz: 1488 Hz is 89280 rpm"):
+        judged(config_of({"operating.speed_hz": 1488}))
+    (said,) = judged(config_of({"operating.load_newton": 4}))
+    assert said.startswith("problem: operating.load_newton: 4 N")
+    assert judged(config_of({})) == []
+
+
+def test_the_files_of_a_source_state_what_the_configuration_does_not() -> None:
+    config = config_of({"source.0": {"name": "logger", "url": "folder:data", "block_s": "file"}})
+    assert find_doubts(config) == []
+    (doubt,) = find_doubts(config, {"logger": SourceFacts(rate=25600.0, duration=0.05)})
+    assert (doubt.rule, doubt.severity) == ("block", "problem")
+    (doubt,) = find_doubts(config, {"logger": SourceFacts(rate=100.0, duration=5.0)})
+    assert (doubt.rule, doubt.severity) == ("rate", "problem")
+
+
+FILES = sorted([*(ROOT / "examples").glob("*.toml"), ROOT / "config.toml", ROOT / "deploy" / "machine.toml.example"])
+
+
+@pytest.mark.parametrize("path", FILES, ids=lambda path: path.name)
+def test_no_example_has_a_problem(path: Path) -> None:
+    assert [doubt.text for doubt in find_doubts(load_config(path)) if doubt.severity == "problem"] == []
+
+
+def test_the_reference_has_the_table_of_the_rules() -> None:
+    assert rules_table() in read(DOCS / "reference" / "configuration.md")
+    assert {rule for rule, *_ in CASES} <= set(RULES)
+
+
+@st.composite
+def machines(draw: st.DrawFn) -> Changes:
+    """Draw a machine of wide but usual proportions: sizes from small motors to mills, sensors and loggers for them."""
+    count = draw(st.integers(7, 20))
+    pitch = draw(st.floats(12.0, 600.0))
+    diameter = draw(st.floats(0.5, 0.95)) * pitch * math.sin(math.pi / count)
+    dn = draw(st.floats(2e3, 5e5))
+    speed = min(dn / pitch / 60.0, 400.0)
+    bearing = {
+        "name": "test",
+        "n_elements": count,
+        "element_diameter_mm": diameter,
+        "pitch_diameter_mm": pitch,
+        "contact_angle_deg": draw(st.sampled_from([0.0, 15.0, 25.0, 40.0])),
+        "element": draw(st.sampled_from(["ball", "roller"])),
+        "clearance_um": draw(st.floats(0.0, 5.0)) * pitch / 100.0,
+    }
+    shaft = kinematics(config_of({"bearing.0": bearing}).bearing[0].to_bearing(), speed)
+    lines = fundamentals(shaft)
+    fastest = max(lines.values())
+    rate = max(draw(st.floats(2000.0, 100000.0)), 12.0 * fastest)
+    low = draw(st.floats(0.05, 0.2)) * rate
+    return {
+        "bearing.0": bearing,
+        "operating": {"speed_hz": speed, "load_newton": draw(st.floats(0.1, 30.0)) * pitch * diameter / 3.0},
+        "source.0.rate_hz": rate,
+        "source.0.block_s": draw(st.floats(2.5, 20.0)) / lines["cage"],
+        "channel.0.band_hz": draw(st.sampled_from(["auto", [low, 0.49 * rate]])),
+        "channel.0.unit": "V",
+        "channel.0.sensitivity_mv_per_g": draw(st.floats(1.0, 2000.0)),
+        "detect.end_of_life_peak_g": draw(st.floats(2.0, 100.0)),
+    }
+
+
+@given(machines())
+def test_no_usual_machine_has_a_problem(changes: Changes) -> None:
+    config = config_of(changes)
+    found = find_doubts(config)
+    assert [doubt.text for doubt in found if doubt.severity == "problem"] == []
+    assert refusals(found) == []
