@@ -76,11 +76,11 @@ def command(
             "--chunks: expected several PATHs or --cluster; one recording is kept in its store under --out"
         )
     config = read_config(config_path)
-    for doubt in judged(config):
-        say(doubt, quiet=quiet)
     path = paths[0] if paths else None
     # Until the page is written, too.
     hold_output(out)
+    for doubt in judged(config):
+        say(doubt, quiet=quiet)
     section = config.source[0]
     with local_source(section.url if path is None else path, out / "fetched", section.pulses) as source:
         result = replay(
