@@ -68,7 +68,7 @@ def _speed(subject: JudgedConfig) -> Iterator[Doubt]:
             f"neither the configuration nor the first file of source {unstated[0]!r} states a speed: no part is named"
         )
         yield subject.doubt("no_speed", "problem", place, 'speed_hz, or speed = "estimate"', came)
-    else:
+    elif not subject.facts:
         came = "is not given: only recordings that state their speed can be monitored"
         yield subject.doubt("no_speed", "warning", place, 'speed_hz, or speed = "estimate"', came)
 

@@ -9,11 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from monitor.config.plausible.doubt import Doubt, Severity
+from monitor.health.signal.quality import STOPPED_RMS
 from streams.files.plausible import SignalLevel, of_one_g
+from streams.types.block import STANDARD_GRAVITY
 
 _MAX_RMS_G, _MAX_PEAK_G = 100.0, 1000.0
 _MIN_RMS_G = 1e-4
 """RMS below which a signal is the noise of a good accelerometer, or in another unit."""
+_RESTING_RMS_G = STOPPED_RMS / STANDARD_GRAVITY
 _BIAS = (7.0, 14.0)
 """Bias voltage of IEPE sensors, V."""
 _OF_UNIT = ("gravity", "high_level", "low_level")
@@ -62,6 +65,9 @@ def _level_doubts(level: SignalLevel, unit: str, one_g: float) -> list[Doubt]:
     elif rms < _MIN_RMS_G:
         words = f"an RMS of {rms:.2g} g is less than the noise of usual sensors: is it V, or scaled twice?"
         found.append(_doubt("low_level", f"an RMS of at least {_MIN_RMS_G:g} g", words))
+    elif rms < _RESTING_RMS_G:
+        words = f"an RMS of {rms:.2g} g is that of a resting machine: such blocks have the flag stopped"
+        found.append(_doubt("low_level", f"an RMS above {_RESTING_RMS_G:.2g} g while it runs", words, "warning"))
     return found
 
 

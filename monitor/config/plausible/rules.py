@@ -83,7 +83,7 @@ RULES: dict[str, DoubtRule] = {
     "bias": DoubtRule("mean", "7 to 14 V: bias"),
     "gravity": DoubtRule("mean", "gravity in the other unit"),
     "high_level": DoubtRule("level", "above 100 g RMS, 1000 g peak or `range_g`"),
-    "low_level": DoubtRule("level", "below 0.1 mg RMS", "in one of two files"),
+    "low_level": DoubtRule("level", "below 0.1 mg RMS", "below 3 mg: resting; in one of two files"),
     "alternating": DoubtRule("files", "alternate between two sensors"),
     "same_signal": DoubtRule("two channels", "one signal, or a multiple"),
 }

@@ -42,7 +42,7 @@ _RATE_TOLERANCE = 1e-3
 """Largest relative difference of equal rates; far inside the speed search."""
 _STOPPED_SHARE = 0.05
 """A channel below this share of its learned RMS is of a stopped machine."""
-_STOPPED_RMS = 0.03
+STOPPED_RMS = 0.03
 """The same before a level is learned, m/s2 (3 mg, above the noise of the electronics)."""
 _CLIP_SHARE = 1e-3
 _PROVING_SHARE = 32
@@ -128,7 +128,7 @@ def check_samples(
         return rejected("out_of_range", f"peak {max(-low, high):.4g} exceeds what the sensor can give ({limit:.4g})")
     if low == high or _stuck(samples):
         return Verdict("flat", ("flat",), "the sensor gives a constant")
-    least_rms = _STOPPED_SHARE * reference_rms if reference_rms is not None else (_STOPPED_RMS if absolute else 0.0)
+    least_rms = _STOPPED_SHARE * reference_rms if reference_rms is not None else (STOPPED_RMS if absolute else 0.0)
     if not _exceeds(samples, least_rms):
         rms = float(np.std(samples, dtype=np.float64))
         if rms < least_rms:
