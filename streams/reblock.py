@@ -14,6 +14,7 @@ from streams.turns.pulses import BlockRevolutions, Pulses
 from streams.types.block import Block, Rejected
 from streams.types.large import forget_pages
 from streams.types.samples import RATE_TOLERANCE, Origin, ReaderError, Samples
+from streams.types.times import MIN_TIME, TimeStatement
 
 MIN_BLOCK_SHARE = 0.9
 """A last block of at least this part of the full length is kept."""
@@ -252,7 +253,7 @@ class Numbering:
     def note(self, item: Block | Rejected) -> None:
         """Count an item; the next one has a higher number."""
         self.highest = max(self.highest, item.sequence)
-        if self.began is None and isinstance(item, Block):
+        if self.began is None and isinstance(item, Block) and (item.start or 0.0) >= MIN_TIME:
             self.began = item.start
 
     def block(self, samples: Samples, name: str, digest: str, number: int | None = None) -> Block:
@@ -262,7 +263,11 @@ class Numbering:
         if self._place_time is None or block.start is not None or block.elapsed is not None:
             return block
         placed = self._place_time(number, block.duration)
-        return block if placed is None else replace(block, start=placed[0], elapsed=placed[1])
+        return (
+            block
+            if placed is None
+            else replace(block, start=placed[0], elapsed=placed[1], stated=TimeStatement("count"))
+        )
 
     def rejected(self, name: str, error: ReaderError, digest: str, number: int | None = None) -> Rejected:
         """Return a rejection, under the next number by default."""

@@ -20,6 +20,7 @@ from monitor.health.signal.quality import Verdict
 from monitor.health.signal.rotation.shaft_angle import FoundRotation
 from monitor.health.size import Damage, DamageInput, Remaining
 from monitor.health.state import ChannelSettings, ChannelState, Named
+from streams.dates.observed import UNKNOWN_TIME, JudgedTime
 
 
 def track(
@@ -55,7 +56,7 @@ def track(
         final=state.detect.t_fs is not None,
         raised=state.detect.elevated is not None,
         closed=detection.closed is not None,
-        usable=block.verdict.for_tracker,
+        usable=block.for_fit,
         absolute=settings.absolute,
         fault=None if state.named is None else state.named.parts,
         baseline=state.detect.reference_rms,
@@ -86,7 +87,7 @@ def time_to_alarm(
         sequence=block.sequence,
         time=state.running_time,
         rms=rms if reference is None else reference,
-        usable=block.verdict.for_tracker,
+        usable=block.for_fit,
         outside=reference == 0.0,
         baseline=None if learned is None else (learned.ln_rms, learned.ln_rms_sd),
         elevated=state.detect.elevated is not None,
@@ -119,6 +120,7 @@ class ChannelBlock:
         span: least and largest sample, where known.
         found: angle of the shaft over the block, or why only its mean speed is known.
         recorded_range: least and highest speed, Hz, of a block whose record alone is left.
+        judged: how sure its time is.
     """
 
     samples: NDArray[np.floating]
@@ -131,6 +133,12 @@ class ChannelBlock:
     span: tuple[float, float] | None = None
     found: FoundRotation = field(default_factory=FoundRotation)
     recorded_range: tuple[float, float] | None = None
+    judged: JudgedTime = UNKNOWN_TIME
+
+    @property
+    def for_fit(self) -> bool:
+        """Whether it is a point of a fit over time: its level counts, and its distance in time to those before."""
+        return self.verdict.for_tracker and self.judged.holds
 
     @property
     def speed_range(self) -> tuple[float, float] | None:
@@ -174,14 +182,18 @@ def later_stages(
 
 
 def _run_clock(state: ChannelState, block: ChannelBlock) -> ChannelState:
-    """Advance the damage time, which is the time that the machine ran; between two running blocks it runs."""
-    flags = set(block.verdict.flags)
-    if block.time is None or {"late", "out_of_order", "clock"} & flags:
+    """Advance the damage time, which is the time that the machine ran; between two running blocks it runs.
+
+    A block whose distance in time to those before is not known leaves it: the next one makes up for it.
+    """
+    flags, judged = set(block.verdict.flags), block.judged
+    if block.time is None or {"late", "out_of_order"} & flags or not (judged.holds or judged.advance is not None):
         return state
     running = "stopped" not in flags
     gained = 0.0
-    if running and state.was_running and state.last_time is not None and block.time > state.last_time:
-        gained = block.time - state.last_time
+    if running and state.was_running and state.last_time is not None:
+        gained = block.time - state.last_time if judged.advance is None else judged.advance
+        gained = max(gained, 0.0)
     return replace(state, running_time=state.running_time + gained, last_time=block.time, was_running=running)
 
 

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from monitor.health import onset as detect
 from monitor.health.alarms import AlarmAcknowledgement
+from monitor.health.block_time import retimed
 from monitor.health.channel import is_for_detector, shallow_lines
 from monitor.health.gears.naming import GearsInput, GearsState
 from monitor.health.gears.naming import step as gears_step
@@ -27,11 +28,12 @@ from monitor.health.onset import LINES, DetectInput, DetectOutput
 from monitor.health.record import Record
 from monitor.health.signal.average import RecentSpectra
 from monitor.health.signal.condition import Quantity
-from monitor.health.signal.quality import OrderState, Verdict, check_order
+from monitor.health.signal.quality import Verdict
 from monitor.health.signal.transform import Band
 from monitor.health.signal.waterfall import step as waterfall_step
 from monitor.health.state import ChannelSettings, ChannelState, Named, SourceSettings, SourceState
 from monitor.health.step import take_record
+from streams.dates.observed import JudgedTime
 
 AVERAGED_SPECTRA, BAND_VOTES = "averaged_spectra", "band_votes"
 
@@ -72,7 +74,8 @@ def _missing(values: Mapping[str, Any], settings: ChannelSettings) -> set[str]:
 
 def _retrace_one(state: SourceState, record: Record, settings: SourceSettings, averaged: dict[str, int]) -> SourceState:
     """Take one record; ``averaged`` counts the spectra that were averaged by channel, and is changed."""
-    state = replace(state, order=_order(state.order, record))
+    order, judged = retimed(state.order, record)
+    state = replace(state, order=order)
     channels, waterfalls = dict(state.channels), dict(state.waterfalls)
     verdicts: dict[str, Verdict] = {}
     for name, channel in settings.channels.items():
@@ -86,7 +89,7 @@ def _retrace_one(state: SourceState, record: Record, settings: SourceSettings, a
         if verdict.for_baseline:
             begun = 0 if _chosen_since(before, values, channel) else averaged[name]
             averaged[name] = min(begun + 1, channel.average_blocks)
-        channels[name], found = _channel(before, record, verdict, values, channel, averaged[name])
+        channels[name], found = _channel(before, record, verdict, values, channel, averaged[name], judged)
         if name in waterfalls and verdict.for_baseline:
             waterfalls[name], _, _ = waterfall_step(
                 waterfalls[name],
@@ -115,15 +118,6 @@ def _gears(state: GearsState, record: Record, settings: ChannelSettings) -> Gear
     return gears_step(state, given, settings.gears, rules_of(settings))[0]
 
 
-def _order(state: OrderState, record: Record) -> OrderState:
-    time = _time_of(record)
-    after, flags = check_order(state, record.sequence, time, dated=record.time is not None)
-    if "clock" in record.flags and not {"clock", "late"} & set(flags):
-        # The clock of that day showed that the time lay in the future.
-        return OrderState(sequence=record.sequence, time=state.time, interval=state.interval)
-    return after
-
-
 def _time_of(record: Record) -> float | None:
     return record.time if record.time is not None else record.elapsed
 
@@ -140,6 +134,7 @@ def _channel(
     values: Mapping[str, Any],
     settings: ChannelSettings,
     averaged: int,
+    judged: JudgedTime,
 ) -> tuple[ChannelState, DetectOutput]:
     """Take the values of one channel through the stages, as ``monitor.health.channel.step`` takes samples."""
     block = ChannelBlock(
@@ -151,6 +146,7 @@ def _channel(
         speed=Quantity(values.get("speed")),
         load=Quantity(values.get("load")),
         recorded_range=_speed_range(values),
+        judged=judged,
     )
     band_source = values.get("band_source") or "provisional"
     if _chosen_since(state, values, settings):

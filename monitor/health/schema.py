@@ -21,6 +21,7 @@ from monitor.words.features import ACCELERATION, FEATURES, GABRIELLI, PURE, ROTA
 from monitor.words.parts import FAULTS
 from monitor.words.statuses import UNDECIDED
 from monitor.words.zones import ZONES
+from streams.types.times import TIME_SOURCES
 
 SCHEMA_VERSION = 1
 """Version of the record schema and of the store; a higher one is refused."""
@@ -50,6 +51,7 @@ OPTIONAL_DIMENSIONS = frozenset({"band", "threshold", "gear"})
 _LINES = ("band", "fault", "harmonic")
 _SEARCH, _ONSET, _GEARS = "monitor/health/signal/lines.py", "monitor/health/onset", "monitor/health/gears"
 _CONDITION, _SHAFT = "monitor/health/signal/condition.py", "monitor/health/signal/shaft.py"
+_CLOCK = "streams/dates/clock.py"
 _TREND, _ZONES, _ORDERS = "monitor/health/rest/trend", "ISO 20816-3:2022, Tables A.1 and A.2", "docs/decisions/0021"
 _NO_YES = ("no", "yes")
 
@@ -215,6 +217,10 @@ _TABLE: tuple[Variable, ...] = (
             ("gear",),
         ),
         _float("gear_variance", "mean square of the residual of a wheel", "m2 s-4", "", _GEARS, ("gear",)),
+        _float("duration", "length of the block", "s"),
+        _float("time_uncertainty_s", "uncertainty of the time", "s", "", _CLOCK),
+        _flag("time_source", TIME_SOURCES, "what dates the block", _CLOCK),
+        _float("time_stated", "stated time that is not believed", "time", "", _CLOCK),
     ),
 )
 

@@ -15,6 +15,7 @@ from typing import Any
 
 from monitor.health.alarms import AlarmAcknowledgement, AlarmInput, AlarmState, acknowledged
 from monitor.health.alarms import step as alarms_step
+from monitor.health.block_time import TimedBlock, timed
 from monitor.health.channel import analyse, check_channel, conclude
 from monitor.health.gears.stage import gears_step
 from monitor.health.later_stages import ChannelBlock
@@ -107,11 +108,11 @@ def step(
         reason = f"{item.name}: {length} samples, the analysis needs at least {MIN_SAMPLES}"
         item = rejection_of(item, "short", reason)
     if isinstance(item, Rejected):
-        order, _ = check_order(state.order, item.sequence, None, dated=False)
+        order, _, _ = check_order(state.order, item.sequence, None)
         state, output = replace(state, order=order), SourceOutput(rejected_record(item), misfit=misfit)
     else:
-        order, flags = check_order(state.order, item.sequence, _time_of(item), dated=item.start is not None, now=now)
-        state, output = _analyse(replace(state, order=order), item, flags, settings, truth)
+        order, placed = timed(state.order, item, now)
+        state, output = _analyse(replace(state, order=order), placed, settings, truth)
     verdicts = {name: channel.block.verdict for name, channel in output.channels.items()}
     state, events, bearings = take_record(state, output.record, verdicts, settings, acknowledgements)
     record = output.record
@@ -192,12 +193,12 @@ def rejected_record(item: Rejected) -> Record:
 
 def _analyse(
     state: SourceState,
-    block: Block,
-    flags: tuple[str, ...],
+    placed: TimedBlock,
     settings: SourceSettings,
     truth: Mapping[str, Any] | None,
 ) -> tuple[SourceState, SourceOutput]:
     """Take a block through all stages but the alarms."""
+    block, flags = placed.block, placed.flags
     verdict = check_rate(block.rate, settings.rate)
     if not verdict.accepted:
         return state, SourceOutput(_record(block, verdict))
@@ -208,7 +209,7 @@ def _analyse(
     angles = {condition: find_rotation(block, condition, state.encoder, learn=not flags) for condition in conditions}
     encoder = next((found.encoder for found in angles.values() if found.encoder is not None), state.encoder)
     blocks = {
-        name: _channel_block(block, flags, state.channels[name], channel, angles[channel.condition])
+        name: _channel_block(placed, state.channels[name], channel, angles[channel.condition])
         for name, channel in settings.channels.items()
     }
     analysed = {name: analyse(state.channels[name], blocks[name], one) for name, one in settings.channels.items()}
@@ -223,8 +224,10 @@ def _analyse(
         events += channel_events(states[name].detect, output)
     record = _record(
         block,
-        verdict,
-        channels={name: record_values(states[name].detect, output, truth) for name, output in outputs.items()},
+        replace(verdict, reason=placed.reason_with(verdict.reason)),
+        channels={
+            name: record_values(states[name].detect, output, truth) | placed.values for name, output in outputs.items()
+        },
         forecasts=tuple(forecasts),
         events=tuple(events),
     )
@@ -250,9 +253,10 @@ def _record(block: Block, verdict: Verdict, **results: Any) -> Record:
 
 
 def _channel_block(
-    block: Block, flags: tuple[str, ...], state: ChannelState, settings: ChannelSettings, found: FoundRotation
+    placed: TimedBlock, state: ChannelState, settings: ChannelSettings, found: FoundRotation
 ) -> ChannelBlock:
     """Return one channel of a block in SI, with the verdict on it, its speed and its load."""
+    block = placed.block
     row = block.channels.index(settings.name)
     unit = block.units[row]
     samples, si_unit = to_si(block.samples[row], unit, settings.scale, settings.sensitivity_mv_per_g)
@@ -283,18 +287,14 @@ def _channel_block(
         samples=samples,
         rate=block.rate,
         sequence=block.sequence,
-        time=_time_of(block),
-        verdict=with_flags(verdict, (*flags, *speed_flags(speed, condition.limits, found.rotation))),
+        time=placed.time,
+        verdict=with_flags(verdict, (*placed.flags, *speed_flags(speed, condition.limits, found.rotation))),
         speed=speed,
         load=load_of(block.load, others, condition, block.load_source),
         span=span,
         found=found,
+        judged=placed.judged,
     )
-
-
-def _time_of(block: Block) -> float | None:
-    """Return seconds of the first sample, UTC where dated, else since the first block; None where unknown."""
-    return block.start if block.start is not None else block.elapsed
 
 
 def _spectra(

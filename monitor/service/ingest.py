@@ -106,7 +106,7 @@ class Ingest(Pipeline, Closing):
         """Return the usual interval of the blocks of a source, s; None where it is unknown or only assumed."""
         if any(live.name == source and live.assumes_interval() for live in self.sources):
             return None
-        return self._states[source].order.interval
+        return self._states[source].order.clock.interval
 
     def run(self, stop: threading.Event, seen: Callable[[Record], None] | None = None) -> None:
         """Take deliveries until ``stop`` is set, and call ``seen`` with each committed record."""

@@ -282,7 +282,7 @@ def _alarm_time(values: Mapping[str, Any], baseline: float | None) -> dict[str, 
 def bearing_summaries(sources: Iterable[tuple[SourceState, SourceSettings]]) -> dict[str, dict[str, Any]]:
     """Return by bearing what the channels of all sources of a machine say of it: the keys of the interface."""
     pairs = list(sources)
-    patience = patience_of(state.order.interval for state, _ in pairs) if len(pairs) > 1 else None
+    patience = patience_of(state.order.clock.interval for state, _ in pairs) if len(pairs) > 1 else None
     bearings = channels_by_bearing(channel for _, settings in pairs for channel in settings.channels.values())
     found = weigh([state.machine for state, _ in pairs], bearings, patience)
     return {name: verdict.to_dict() for name, verdict in found.items()}

@@ -8,15 +8,18 @@ from __future__ import annotations
 
 import logging
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 
 from models.words.errors import SpallwatchError
 from streams.dates.dating import Dating, check_kept, folder_of, numbers_of, place_in_names, wanted_by
+from streams.dates.places import NamedTime, Place, counted, counter_in, may_be_wrong, places_of
+from streams.dates.stating import COUNTED, Witnesses, by_header, by_name
 from streams.types.listing import printable
 from streams.types.samples import Samples
 from streams.types.spec import SourceSpec
-from streams.types.stamps import Order, Stamp, evidence, read_stamp, stamp_in_name, utc_text
+from streams.types.stamps import Order, Stamp, evidence, read_stamp, repeated_by, stamp_in_name, utc_text
+from streams.types.times import TimeStatement
 
 _LOG = logging.getLogger(__name__)
 
@@ -44,6 +47,7 @@ class Dater:
         several: bool = True,
         keep: Callable[[Dating], None] = lambda choice: None,
         names: Callable[[], Iterable[str]] = tuple,
+        changes: Callable[[], Mapping[str, float]] | None = None,
     ) -> None:
         """Begin with the kept choice of a source, if there is one.
 
@@ -52,6 +56,7 @@ class Dater:
             several: there may be more than one file.
             keep: stores a choice before it is used.
             names: gives the paths of the files that are known.
+            changes: gives the times of their last changes, s since 1970 UTC, where no other files will come.
 
         Raises:
             SourceError: the configuration contradicts the choice.
@@ -61,20 +66,45 @@ class Dater:
         self.remarks: dict[str, str] = {}
         """Sentences for people: what is not used, what has no date."""
         self._spec, self._cut, self._several = spec, cut, several
-        self._keep, self._names = keep, names
+        self._keep, self._names, self._changes = keep, names, changes
+        self._places: Mapping[str, Place] | None = None
         self._conflicts: dict[str, str] = {}
         self._open: set[str] = set()
         self._scanned: set[str] = set()
         self._evidence: dict[Order, str] = {}
 
-    def name_time(self, path: str) -> float | None:
-        """Return the time in the name of a file where names are what dates, None where it is not known."""
+    def name_order(self, path: str) -> float | None:
+        """Return what orders a file where names are what dates, None where its name states no time."""
         if self.choice.by != "name":
             return None
-        stamp = self._name_stamp(path)
-        if stamp is None:
+        place = self._place(path)
+        if place is not None:
+            return place.rank
+        named = self._named(path)
+        if named is None or self.choice.counter is None:
+            return None if named is None else named.time
+        return counted(named, self.choice.counter)
+
+    def _named(self, path: str) -> NamedTime | None:
+        """Return the time in a name, None where there is none, or its order of day and month is open."""
+        stamp, zone = self._name_stamp(path), self._spec.timezone
+        time = None if stamp is None else stamp.fixed if self.choice.order is None else stamp.at(self.choice.order)
+        if stamp is None or time is None:
             return None
-        return stamp.fixed if self.choice.order is None else stamp.at(self.choice.order)
+        repeated_s = repeated_by(time, zone) if stamp.local and not stamp.skipped else 0.0
+        return NamedTime(path, time, repeated_s, path.replace(stamp.text, "_", 1))
+
+    def _place(self, path: str) -> Place | None:
+        """Return the place of a file among all, where no others will come and their order is settled."""
+        if self._changes is None:
+            return None
+        if self._places is None:
+            # The names are listed by their order, which is not needed for that.
+            self._places = {}
+            named = [found for name in self._names() if (found := self._named(name)) is not None]
+            is_open = any(one.repeated_s for one in named) or may_be_wrong(named)
+            self._places = places_of(named, self.choice.counter, self._changes() if is_open else {})
+        return self._places.get(path)
 
     def date(self, samples: Samples, path: str, mtime: float | None, *, whole: bool = True) -> Samples:
         """Return the samples of a file, at a settled rate, with start and elapsed time, None where not known.
@@ -92,26 +122,44 @@ class Dater:
             self._choose(samples, path)
         choice = self.choice
         length = samples.values.shape[1] / samples.known_rate
+        ended = mtime - length if mtime is not None and whole else None
         if choice.by == "count" and samples.start is not None and choice.start is None:
             # Nothing dates the source, but this file states its date.
-            return samples
+            return self._by_header(samples, samples.start, path, ended)
         if choice.by == "count":
             return self._counted(samples, path, length, whole)
         if choice.by == "mtime":
             start = None if mtime is None else mtime - length
-            return replace(samples, start=start, elapsed=None, joins=False)
+            return replace(samples, start=start, elapsed=None, joins=False, stated=TimeStatement("mtime"))
         if choice.by == "name":
-            stamp = self._name_stamp(path)
-            start = None if stamp is None else self._resolved(stamp, path)
-            samples = replace(samples, start=start, elapsed=None, joins=False)
-        elif choice.by == "header" and samples.start is not None:
-            self._wait_for_open(path)
+            samples = self._by_name(samples, path, ended)
         elif choice.by == "header":
-            stamp = self._header_stamp(samples)
-            samples = replace(samples, start=None if stamp is None else self._resolved(stamp, path))
+            stamp = None if samples.start is not None else self._header_stamp(samples)
+            start = samples.start if stamp is None else self._resolved(stamp, path)
+            if stamp is None and start is not None:
+                self._wait_for_open(path)
+            samples = replace(samples, start=None) if start is None else self._by_header(samples, start, path, ended)
         if samples.start is None and choice.by in ("header", "name"):
             self._remark("undated", f"{path} has no date in its {choice.by}: its blocks have none")
         return samples
+
+    def _by_name(self, samples: Samples, path: str, ended: float | None) -> Samples:
+        """Date a file by its name; ``ended`` is its last change less its length."""
+        stamp = self._name_stamp(path)
+        start = None if stamp is None else self._resolved(stamp, path)
+        stated = None
+        if stamp is not None and start is not None:
+            stated = by_name(stamp, start, self._spec.timezone, {"header": samples.start, "mtime": ended})
+            place = self._place(path)
+            if place is not None and (place.placed_s is not None or not place.is_known):
+                stated = replace(stated, placed_s=place.placed_s, margin_s=place.margin_s, has_place=place.is_known)
+        return replace(samples, start=start, elapsed=None, joins=False, stated=stated)
+
+    def _by_header(self, samples: Samples, start: float, path: str, ended: float | None) -> Samples:
+        """Date a file by its header; ``ended`` is its last change less its length."""
+        named = self._name_stamp(path)
+        others: Witnesses = {"name": None if named is None else named.fixed, "mtime": ended}
+        return replace(samples, start=start, stated=by_header(samples, start, self._spec.timezone, others))
 
     def note_own(self, name: str, start: float | None) -> None:
         """Remark which keys are not used because the files of a data set state their time."""
@@ -166,6 +214,8 @@ class Dater:
 
     def _set(self, choice: Dating) -> None:
         self._keep(choice)
+        if (choice.by, choice.order, choice.counter) != (self.choice.by, self.choice.order, self.choice.counter):
+            self._places = None
         self.choice = choice
 
     def _remark(self, kind: str, text: str) -> None:
@@ -189,7 +239,9 @@ class Dater:
         order = spec.date_order if by in ("header", "name") else None
         choice = Dating(by, order=order, decided_by=None if order is None else "configuration", example=path)
         if by == "name":
-            choice = replace(choice, pattern=spec.time_name)
+            self.choice = choice = replace(choice, pattern=spec.time_name)
+            named = [found for name in {path, *self._names()} if (found := self._named(name)) is not None]
+            choice = replace(choice, counter=counter_in(named))
         elif by == "count":
             choice = self._count_choice(choice, samples, path)
         self._set(choice)
@@ -226,7 +278,7 @@ class Dater:
         """Date a file by the number in its name; one that is counted by its blocks is left as it is."""
         choice = self.choice
         if not self._several:
-            return replace(samples, start=choice.start, elapsed=0.0)
+            return replace(samples, start=choice.start, elapsed=0.0, stated=COUNTED)
         if samples.start is not None and self._spec.time_from is None:
             self._remark("header", f"{path} states {utc_text(samples.start)}, but blocks are dated {choice.describe()}")
         if choice.group is None:
@@ -253,7 +305,7 @@ class Dater:
             return _without_time(samples)
         elapsed = place * (step or 0.0)
         start = None if choice.start is None else choice.start + elapsed
-        return replace(samples, start=start, elapsed=elapsed, joins=False)
+        return replace(samples, start=start, elapsed=elapsed, joins=False, stated=COUNTED)
 
     def _settled_step(self, path: str, length: float, whole: bool) -> float | None:
         """Return the time between files, chosen at the first whole one; None before.
@@ -333,4 +385,4 @@ class Dater:
 
 def _without_time(samples: Samples) -> Samples:
     """Return samples that have no time of their own and are not joined by it."""
-    return replace(samples, start=None, elapsed=None, joins=False)
+    return replace(samples, start=None, elapsed=None, joins=False, stated=None)

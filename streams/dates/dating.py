@@ -13,6 +13,8 @@ from streams.types.source import ACCEPTED, Ledger
 from streams.types.spec import SourceError, SourceSpec
 from streams.types.stamps import Order, stamp_in_name, utc_text
 
+_VERSIONS = (1, 2)
+"""Layouts that are read; version 1 knew no ``counter``."""
 By = Literal["header", "name", "count", "mtime", "nothing"]
 
 
@@ -31,6 +33,7 @@ class Dating:
         first: the number at ``start``.
         numbers: how many numbers a name has; ``folder`` holds all files that are counted by their names.
         example: the file at which the choice was made.
+        counter: which number beside the date in a name counts files, from the right; None: the dates alone order them.
         growing: a file whose end was not seen, ``grown`` its length so far, s: the step, once another file comes.
     """
 
@@ -46,18 +49,19 @@ class Dating:
     numbers: int = 0
     folder: str = ""
     example: str = ""
+    counter: int | None = None
     growing: str = ""
     grown: float | None = None
 
     def to_dict(self) -> dict[str, Any]:
         """Return the choice as plain values for JSON."""
-        return {"version": 1, **asdict(self)}
+        return {"version": _VERSIONS[-1], **asdict(self)}
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> Dating:
         """Restore a choice written by :meth:`to_dict`; ValueError for another version."""
-        if values.get("version") != 1:
-            raise ValueError(f"dating of version {values.get('version')!r}, expected 1")
+        if values.get("version") not in _VERSIONS:
+            raise ValueError(f"dating of version {values.get('version')!r}, expected {_VERSIONS[-1]}")
         return cls(**{key: value for key, value in values.items() if key != "version"})
 
     def describe(self) -> str:

@@ -13,7 +13,16 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from streams.files.statements import STORED, Facts, known_unit, nice_rate, rates_by_key, stated_time, stated_unit
+from streams.files.statements import (
+    STORED,
+    Facts,
+    known_unit,
+    nice_rate,
+    rates_by_key,
+    stated_time,
+    stated_unit,
+    written_start,
+)
 from streams.types.samples import RATE_TOLERANCE, VALUES, ReaderError, Samples, stack_rows
 
 
@@ -146,6 +155,7 @@ def judged(
         rate=common_rate(rates, of_rates or kind, where),
         start=next((start for start, _ in times if start is not None), None),
         stamp=next((stamp for _, stamp in times if stamp is not None), None),
+        written=next((text for row in rows if (text := written_start(row.facts, zone)) is not None), None),
         units=tuple(known_unit(stated_unit(row.facts)) for row in rows),
         stored=tuple(str(row.facts.get(STORED, VALUES)) for row in rows),
     )

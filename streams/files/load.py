@@ -24,6 +24,8 @@ from streams.types.large import Data, FileBytes, NoRoomError, elementwise
 from streams.types.limits import max_blocks
 from streams.types.samples import DIGITAL, FRACTIONS, SCALED, VALUES, ReaderError, Samples
 from streams.types.spec import UNITS, ChannelSpec, SourceSpec
+from streams.types.stamps import repeated_by, resolution_of
+from streams.types.times import TimeStatement
 
 if TYPE_CHECKING:
     # At run time the receivers of frames, which call this module too, need no parser.
@@ -79,8 +81,8 @@ class Loader:
     def facts(self, path: str) -> FileFacts | None:
         """Return what the path of a file states; None for a file of another kind."""
         facts = self.data_set.facts(path, str(self.root), self._zone)
-        time = None if facts is None or self.dater is None else self.dater.name_time(path)
-        return facts if facts is None or time is None else replace(facts, order=((0, time, ""), *facts.order))
+        place = None if facts is None or self.dater is None else self.dater.name_order(path)
+        return facts if facts is None or place is None else replace(facts, order=((0, place, ""), *facts.order))
 
     @property
     def ignored(self) -> str:
@@ -120,10 +122,21 @@ class Loader:
         """Return what :meth:`load_undated` gave with its times; arguments and errors as :meth:`load`."""
         if self.dater is None or facts.start is not None or facts.elapsed is not None:
             start, elapsed = self._times(samples, facts)
+            if start is not None:
+                stated = self._stated(start, counted=elapsed is not None, named=facts.start is not None)
+                samples = replace(samples, stated=stated)
             if self.dater is not None:
                 self.dater.note_own(self.data_set.name, start if elapsed is None else None)
             return fitting_pulses(replace(samples, start=start, elapsed=elapsed), path)
         return fitting_pulses(self.dater.date(samples, path, changed, whole=whole), path)
+
+    def _stated(self, start: float, *, counted: bool, named: bool) -> TimeStatement:
+        """Return what the start of a file of a data set is by: a count, a local time in its name, or its header."""
+        if counted:
+            return TimeStatement("count")
+        if not named:
+            return TimeStatement("header", resolution_of(start))
+        return TimeStatement("name_local", resolution_of(start), repeated_by(start, self._spec.timezone))
 
     def load_undated(self, raw: Data, path: str, facts: FileFacts, name: str) -> Samples:
         """Return the same without times but those that the file states; ReaderError as :meth:`load`."""

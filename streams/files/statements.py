@@ -137,6 +137,20 @@ def stated_time(facts: Facts, zone: str) -> tuple[float | None, str | None]:
     A stamp whose order of day and month is open is returned as text, behind None. Date and time of day may be values
     of their own. ``zone`` is the IANA name of the zone of a stamp that names none.
     """
+    stamp = stated_stamp(facts, zone)
+    if stamp is None:
+        return None, None
+    return (None, stamp.text) if stamp.open else (stamp.fixed, None)
+
+
+def written_start(facts: Facts, zone: str) -> str | None:
+    """Return the start among named values as it is written, where it names no zone; arguments as above."""
+    stamp = stated_stamp(facts, zone)
+    return stamp.text if stamp is not None and stamp.local else None
+
+
+def stated_stamp(facts: Facts, zone: str) -> Stamp | None:
+    """Return the stamp of the first sample among named values, or None; arguments as :func:`stated_time`."""
     whole = (key for key in (*_STARTS, *_MOMENTS) if not is_date(facts.get(key)))
     stamp = next((found for key in whole if (found := read_stamp(facts.get(key), zone)) is not None), None)
     stamp = stamp or _joined_stamp(facts, zone)
@@ -144,9 +158,7 @@ def stated_time(facts: Facts, zone: str) -> tuple[float | None, str | None]:
         # A day alone is the start where the key says so.
         days = (key for key in _STARTS if is_date(facts.get(key)))
         stamp = next((found for key in days if (found := read_stamp(facts.get(key), zone)) is not None), None)
-    if stamp is None:
-        return None, None
-    return (None, stamp.text) if stamp.open else (stamp.fixed, None)
+    return stamp
 
 
 def _joined_stamp(facts: Facts, zone: str) -> Stamp | None:

@@ -20,6 +20,7 @@ from streams.link.header import MAX_SEQUENCE, WireError, header_of, stated_frame
 from streams.types.block import Block
 from streams.types.samples import Samples
 from streams.types.spec import MAX_FRAME
+from streams.types.times import TimeStatement
 
 VERSION = 1
 PULSES = 2
@@ -43,6 +44,7 @@ MAX_CHANNELS = 1024
 MAX_STREAM_ID = 64
 MAX_REASON_BYTES = 500
 
+_FRAME = TimeStatement("frame", 1e-9)
 _RATE_HZ = (1.0, 1e8)
 _START_NS = (-2_208_988_800 * 10**9, 4_102_444_800 * 10**9)
 """From 1900 to 2100."""
@@ -85,7 +87,9 @@ class Frame:
             # A value out of range becomes inf, which the quality stage names.
             with np.errstate(over="ignore", invalid="ignore"):
                 scaled = (scaled * np.asarray(self.scale, dtype=np.float64)[:, np.newaxis]).astype(kind)
-        return replace(self.samples, values=scaled, start=None if self.start is None else self.start / 10**9)
+        if self.start is None:
+            return replace(self.samples, values=scaled, start=None)
+        return replace(self.samples, values=scaled, start=self.start / 10**9, stated=_FRAME)
 
 
 class JumpError(WireError):

@@ -51,7 +51,7 @@ class Recording:
         self._dater: Dater | None = None
         cut = is_cut(spec, data_set)
         if is_dated_by_choice(spec, data_set):
-            self._dater = Dater(spec, kept, cut=cut, several=files.several, names=self._listed)
+            self._dater = Dater(spec, kept, cut=cut, several=files.several, names=self._listed, changes=self._changes)
             self._dater.remarks |= {} if begin is None else begin.remarks
         self._loader = Loader(spec, data_set, files.root, several=files.several, dater=self._dater)
         self._count: int | None = None
@@ -76,6 +76,13 @@ class Recording:
     def _listed(self) -> list[str]:
         """Return the paths of the files of the data set, listed once."""
         return list(self._met_files().known)
+
+    def _changes(self) -> dict[str, float]:
+        """Return the times of the last changes of the files, s since 1970 UTC."""
+        with contextlib.suppress(ReaderError):
+            changed = {item.path: item.changed() for _, item in self._known()}
+            return {path: time for path, time in changed.items() if time is not None}
+        return {}
 
     def _settle_dating(self) -> None:
         """Choose what dates the files by the first that can be read, and the order of day and month by all.

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from streams.turns.pulses import Pulses
+from streams.types.times import TimeStatement
 
 STANDARD_GRAVITY = 9.80665
 """m/s2 in one g (the conventional value, CGPM 1901)."""
@@ -31,6 +32,7 @@ class Block:
         pulses: of a tacho or an encoder, None where the source has none besides its channels.
         pulses_per_revolution: pulses of a whole turn in a channel that is a tacho, None where it is not stated.
         content_hash: hexadecimal digest of the raw bytes the block was read from, or of its samples.
+        stated: what states the start, and how exactly; None where that is not known.
     """
 
     samples: NDArray[np.floating]
@@ -49,6 +51,7 @@ class Block:
     load_source: str = "block"
     pulses: Pulses | None = None
     pulses_per_revolution: int | None = None
+    stated: TimeStatement | None = None
 
     def __post_init__(self) -> None:
         """Raise ValueError where the parts do not fit together."""

@@ -15,6 +15,7 @@ from streams.turns.pulses import Pulses
 from streams.types.block import Block
 from streams.types.large import chosen_rows, contiguous, copy_into, empty_rows
 from streams.types.limits import MAX_BYTES, MAX_DIMENSIONS, MAX_ROWS
+from streams.types.times import TimeStatement
 
 VALUES, SCALED, COUNTS, FRACTIONS = "values", "scaled integers", "integers", "fractions of full scale"
 DIGITAL = "on and off"
@@ -56,6 +57,8 @@ class Samples:
         rate: Hz, None where not stated; likewise None in what follows.
         start: seconds since 1970 UTC of the first sample of the origin.
         stamp: a date of the file whose order of day and month is open, as it is written; start is None then.
+        written: the start as it is written, where it names no zone.
+        stated: what states the start, and how exactly; None before the file is dated.
         joins: whether samples of another origin may be joined by their start.
         elapsed: seconds from the first sample of the source to that of the origin.
         speed: of the shaft, Hz.
@@ -92,6 +95,8 @@ class Samples:
     pulses_per_revolution: int | None = None
     beside: tuple[str, ...] = ()
     hashed: int | None = None
+    written: str | None = None
+    stated: TimeStatement | None = None
 
     def __post_init__(self) -> None:
         """Fill in the defaults of the rows; ValueError where parts do not fit."""
@@ -187,6 +192,7 @@ class Samples:
             content_hash=content_hash,
             pulses=self.block_pulses,
             pulses_per_revolution=self.pulses_per_revolution,
+            stated=self.stated,
         )
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime, timedelta, timezone, tzinfo
 from functools import lru_cache
 from typing import Literal, get_args
@@ -33,6 +33,8 @@ DATE = re.compile(_DATE)
 CLOCK = re.compile(_CLOCK + _ZONE)
 """A time of day alone."""
 
+_LEAP_SECOND = re.compile(r"(?<!\d)(\d\d:?59:?)60(?!\d)")
+
 _CLOCK_IN_NAME = (
     r"(?P<H>\d\d)(?:(?P<t>[-_.:h])(?P<M>\d\d)(?:[-_.:m](?P<S>\d\d)(?:[-_.,](?P<f>\d{6}|\d{3}))?)?"
     r"|(?P<M2>\d\d)(?P<S2>\d\d)(?:[-_.,]?(?P<f2>\d{6}|\d{3}))?)"
@@ -48,6 +50,22 @@ _IN_NAMES = tuple(
     )
 )
 """The usual dates in names of files."""
+_IN_FOLDERS = tuple(
+    re.compile(rf"(?<!\d){date}(?!\d)")
+    for date in (
+        # 2024/11/04, data_2024-11-04, 20241104
+        r"(?P<a>(?:19|20)\d\d)(?P<sep>[-_./]?)(?P<b>\d\d)(?P=sep)(?P<c>\d\d)",
+        r"(?P<a>\d\d?)(?P<sep>[-_.])(?P<b>\d\d?)(?P=sep)(?P<c>(?:19|20)\d\d)",
+    )
+)
+"""Dates in the names of folders, or in folders one below the other."""
+_CLOCK_BELOW = re.compile(
+    r"(?<!\d)(?:"
+    r"(?P<H>\d\d)(?P<t>[-_.:h/])(?P<M>\d\d)(?:(?:(?P=t)|[m.])(?P<S>\d\d)(?:[-_.,](?P<f>\d{6}|\d{3}))?)?"
+    r"|(?P<H3>\d\d)/?(?P<M2>\d\d)(?P<S2>\d\d)(?:[-_.,]?(?P<f2>\d{6}|\d{3}))?"
+    r")(?P<zone>Z)?(?!\d)"
+)
+"""A time of day below folders of a date; the hour may be a folder."""
 
 _DIRECTIVES = {
     "Y": r"\d{4}",
@@ -71,12 +89,18 @@ class Stamp:
         day_first, month_first: by the order of day and month, None where the text cannot be read so. Where the text
             leaves no choice (ISO, a name of a month, dots, which stand for day first) both are the same.
         open: whether the order of day and month is not stated by the way of writing.
+        local: whether the zone is that of the reader, because the text states none.
+        skipped: whether a reading is a local time that does not exist, in the hour left out in spring.
+        resolution: s, of the last digit that is written.
     """
 
     text: str
     day_first: float | None
     month_first: float | None
     open: bool = False
+    local: bool = False
+    skipped: bool = False
+    resolution: float = 1.0
 
     @property
     def fixed(self) -> float | None:
@@ -105,36 +129,93 @@ def utc_text(seconds: float) -> str:
 def read_stamp(value: object, zone: str) -> Stamp | None:
     """Return a stamp of a header, as ISO 8601, in numbers or with a name of a month; None where it is none.
 
-    ``zone`` is the IANA name of the zone of a stamp that names none.
+    The second 60 of a leap second is the first of the next minute. ``zone`` is the IANA name of the zone of a stamp
+    that names none.
     """
     if isinstance(value, np.datetime64):
         seconds = float((value - np.datetime64(0, "s")) / np.timedelta64(1, "s"))
-        return _fixed(str(value), seconds if math.isfinite(seconds) else None)
+        return _stamp_utc(str(value), seconds if math.isfinite(seconds) else None)
     if isinstance(value, int | float | np.integer | np.floating) and not isinstance(value, bool):
         # Smaller numbers are seconds from something else.
-        return _fixed(str(value), float(value) if 1e8 < value < 1e11 else None)
+        return _stamp_utc(str(value), float(value) if 1e8 < value < 1e11 else None)
     if isinstance(value, datetime):
-        return _fixed(str(value), _seconds(value, zone))
+        return _stamp(str(value), value, zone)
     if not isinstance(value, str):
         return None
     text = value.strip()[:_MAX_TEXT]
+    plain, leap = _LEAP_SECOND.subn(r"\g<1>59", text)
     try:
-        return _fixed(text, _seconds(datetime.fromisoformat(text), zone))
+        return _stamp(text, datetime.fromisoformat(plain), zone, leap)
     except ValueError:
         pass
     match = _WRITTEN.fullmatch(text)
     if match is not None:
-        return _in_numbers(text, match, zone)
+        return _in_numbers(text, match.groupdict(), zone)
     for pattern in _WITH_MONTH_NAME:
         try:
-            return _fixed(text, _seconds(datetime.strptime(text, pattern), zone))
+            return _stamp(text, datetime.strptime(plain, pattern), zone, leap)
         except ValueError:
             continue
     return None
 
 
-def _fixed(text: str, seconds: float | None) -> Stamp | None:
-    return None if seconds is None else Stamp(text, seconds, seconds)
+def resolution_of(seconds: float) -> float:
+    """Return the resolution of a time that comes as a number, s: a whole one is stated to the second."""
+    return 1.0 if seconds == math.floor(seconds) else 1e-3
+
+
+def repeated_by(seconds: float, zone: str) -> float:
+    """Return how much later a local time occurs again, s; 0 where it occurs once.
+
+    ``seconds`` is the first of the two, since 1970 UTC, in the zone of an IANA name.
+    """
+    try:
+        first = datetime.fromtimestamp(seconds, ZoneInfo(zone)).replace(fold=0)
+        return max(first.replace(fold=1).timestamp() - first.timestamp(), 0.0)
+    except (OverflowError, ValueError, OSError):
+        return 0.0
+
+
+def _stamp_utc(text: str, seconds: float | None) -> Stamp | None:
+    return None if seconds is None else Stamp(text, seconds, seconds, resolution=resolution_of(seconds))
+
+
+def _stamp(text: str, moment: datetime, zone: str, leap: int = 0) -> Stamp | None:
+    """Return the stamp of a moment that is ``leap`` seconds later than written; None beyond all calendars."""
+    seconds = _seconds(moment, zone)
+    if seconds is None:
+        return None
+    local = moment.tzinfo is None
+    return Stamp(
+        text,
+        seconds + leap,
+        seconds + leap,
+        local=local,
+        skipped=local and _is_skipped(moment, seconds, zone),
+        resolution=_resolution_in(text),
+    )
+
+
+def _is_skipped(moment: datetime, seconds: float, zone: str | tzinfo) -> bool:
+    """Return whether a local time, read as so many seconds since 1970 UTC, does not exist."""
+    inside = ZoneInfo(zone) if isinstance(zone, str) else zone
+    return datetime.fromtimestamp(seconds, inside).replace(tzinfo=None, fold=0) != moment.replace(tzinfo=None, fold=0)
+
+
+def _resolution_in(text: str) -> float:
+    """Return the resolution of a time as written, s."""
+    match = CLOCK.search(text)
+    if match is None:
+        return 1.0 if re.search(r"T\d{6}", text) else 86400.0
+    return _resolution(match.groupdict())
+
+
+def _resolution(parts: Mapping[str, str | None]) -> float:
+    fraction = parts.get("f") or parts.get("f2")
+    if fraction:
+        return 10.0 ** -len(fraction)
+    has_seconds = parts.get("S") is not None or parts.get("S2") is not None
+    return 1.0 if has_seconds else 60.0 if parts.get("M") is not None else 86400.0
 
 
 def _seconds(moment: datetime, zone: str | tzinfo) -> float | None:
@@ -145,37 +226,49 @@ def _seconds(moment: datetime, zone: str | tzinfo) -> float | None:
         return None
 
 
-def _in_numbers(text: str, match: re.Match[str], zone: str) -> Stamp | None:
-    """Return the stamp of a date in numbers, None where it has no valid reading."""
-    parts = match.groupdict()
-    a, b, c, separator = parts["a"], parts["b"], parts["c"], parts["sep"]
+def _in_numbers(text: str, parts: Mapping[str, str | None], zone: str) -> Stamp | None:
+    """Return the stamp of a date in numbers, by the groups of its expression; None where it has no valid reading."""
+    a, b, c, separator = (parts[key] or "" for key in ("a", "b", "c", "sep"))
     if len(a) == 4:
-        return _fixed(text, _at(int(a), b, c, parts, zone)) if len(c) <= 2 else None
-    if len(a) > 2 or len(c) == 1 or (len(c) == 2 and separator == "-"):
+        day_first = month_first = _at(int(a), b, c, parts, zone) if len(c) <= 2 else None
+    elif len(a) > 2 or len(c) == 1 or (len(c) == 2 and separator == "-"):
         # 24-03-04 may begin with the year, too.
         return None
-    year = int(c) if len(c) == 4 else int(c) + (2000 if int(c) < 70 else 1900)
-    day_first, month_first = _at(year, b, a, parts, zone), _at(year, a, b, parts, zone)
-    if separator == "." and day_first is not None:
-        return _fixed(text, day_first)
-    if day_first is None and month_first is None:
+    else:
+        year = int(c) if len(c) == 4 else int(c) + (2000 if int(c) < 70 else 1900)
+        day_first, month_first = _at(year, b, a, parts, zone), _at(year, a, b, parts, zone)
+        if separator == "." and day_first is not None:
+            month_first = day_first
+    known = [reading for reading in (day_first, month_first) if reading is not None]
+    if not known:
         return None
-    return Stamp(text, day_first, month_first, open=True)
+    return Stamp(
+        text,
+        *(None if reading is None else reading[0] for reading in (day_first, month_first)),
+        open=len(a) != 4 and not (separator == "." and day_first is not None),
+        local=not parts.get("zone"),
+        skipped=any(skipped for _, skipped in known),
+        resolution=_resolution(parts),
+    )
 
 
-def _at(year: int, month: str, day: str, parts: Mapping[str, str | None], zone: str) -> float | None:
-    hour, half = int(parts["H"] or 0), (parts.get("half") or "")[:1].lower()
+def _at(year: int, month: str, day: str, parts: Mapping[str, str | None], zone: str) -> tuple[float, bool] | None:
+    """Return s since 1970 UTC of a reading, and whether it is a local time that does not exist; None for no reading."""
+    hour, half = int(parts["H"] or parts.get("H3") or 0), (parts.get("half") or "")[:1].lower()
     minute, second = (int(parts.get(key) or parts.get(f"{key}2") or 0) for key in "MS")
     if half and not 1 <= hour <= 12:
         return None
     if half:
         hour = hour % 12 + (12 if half == "p" else 0)
+    leap = int(second == 60 and minute == 59)
     fraction = parts.get("f") or parts.get("f2") or ""
     try:
-        moment = datetime(year, int(month), int(day), hour, minute, second, int(f"{fraction:0<6}"[:6]))
-        return _seconds(moment, _offset(parts.get("zone")) or zone)
+        moment = datetime(year, int(month), int(day), hour, minute, second - leap, int(f"{fraction:0<6}"[:6]))
     except ValueError:
         return None
+    own = _offset(parts.get("zone"))
+    seconds = _seconds(moment, own or zone)
+    return None if seconds is None else (seconds + leap, own is None and _is_skipped(moment, seconds, zone))
 
 
 def _offset(text: str | None) -> tzinfo | None:
@@ -189,15 +282,22 @@ def _offset(text: str | None) -> tzinfo | None:
 
 
 def stamp_in_name(path: str, zone: str, pattern: str | None = None) -> Stamp | None:
-    """Return the date and time in the name of a file, or in the name with its folder; None without one.
+    """Return the date and time in the name of a file, or in the name with its folders; None without one.
 
-    ``pattern`` is that of :func:`datetime.strptime` for a part of the path; None: one of the usual dates. A name with
-    two different dates has none.
+    ``pattern`` is that of :func:`datetime.strptime` for a part of the path; None: one of the usual dates, or a time of
+    day below folders of a date. A name with two different dates, or times of day, has none.
     """
-    name = path.rpartition("/")[2]
-    folder = path.rpartition("/")[0].rpartition("/")[2]
-    for text in (name, f"{folder}/{name}" if pattern is None else path):
-        found = _found_usual(text, zone) if pattern is None else _found_by(text, zone, pattern)
+    folders, _, name = path.rpartition("/")
+    if pattern is None:
+        ways = (
+            lambda: _found_usual(name, zone),
+            lambda: _found_usual(f"{folders.rpartition('/')[2]}/{name}", zone),
+            lambda: _found_below(folders, name, zone),
+        )
+    else:
+        ways = (lambda: _found_by(name, zone, pattern), lambda: _found_by(path, zone, pattern))
+    for way in ways:
+        found = way()
         if found:
             first = found[0]
             return (
@@ -210,18 +310,37 @@ def stamp_in_name(path: str, zone: str, pattern: str | None = None) -> Stamp | N
 
 def _found_usual(text: str, zone: str) -> list[Stamp]:
     matches = (match for pattern in _IN_NAMES for match in pattern.finditer(text))
-    return [stamp for match in matches if (stamp := _in_numbers(match[0], match, zone)) is not None]
+    return [stamp for match in matches if (stamp := _in_numbers(match[0], match.groupdict(), zone)) is not None]
+
+
+def _found_below(folders: str, name: str, zone: str) -> list[Stamp]:
+    """Return the times of day in a name and the folders below the last date of a path, on that date."""
+    dates = [match for pattern in _IN_FOLDERS for match in pattern.finditer(folders)]
+    if not dates:
+        return []
+    date = max(dates, key=lambda match: match.end())
+    rest = f"{folders}/{name}"[date.end() :]
+    return [
+        stamp
+        for clock in _CLOCK_BELOW.finditer(rest)
+        # Elsewhere, numbers without the separators of a time of day may count something.
+        if (clock["S"] or rest[clock.start() - 1] == "/")
+        and (stamp := _in_numbers(f"{date[0]}{rest[: clock.end()]}", {**clock.groupdict(), **date.groupdict()}, zone))
+    ]
 
 
 def _found_by(text: str, zone: str, pattern: str) -> list[Stamp]:
     found: list[Stamp] = []
     for match in compiled(pattern).finditer(text):
+        plain, leap = match[0], 0
+        if match.groupdict().get("S") == "60" and match.groupdict().get("M") == "59":
+            begin, end = (place - match.start() for place in match.span("S"))
+            plain, leap = f"{plain[:begin]}59{plain[end:]}", 1
         try:
-            moment = datetime.strptime(match[0], pattern)
+            stamp = _stamp(match[0], datetime.strptime(plain, pattern), zone, leap)
         except ValueError:
             continue
-        stamp = _fixed(match[0], _seconds(moment, zone))
-        found += [] if stamp is None else [stamp]
+        found += [] if stamp is None else [replace(stamp, resolution=_resolution(match.groupdict()))]
     return found
 
 
@@ -243,7 +362,10 @@ def compiled(pattern: str) -> re.Pattern[str]:
         raise ValueError(f"{pattern!r}: expected year, month and day, such as %Y%m%d_%H%M%S")
     if any(names.count(name) > 1 for name in names if name != "%"):
         raise ValueError(f"{pattern!r}: a directive is given twice")
-    body = "".join(re.escape(part) if index % 2 == 0 else _DIRECTIVES[part] for index, part in enumerate(parts))
+    body = "".join(
+        re.escape(part) if index % 2 == 0 else "%" if part == "%" else f"(?P<{part}>{_DIRECTIVES[part]})"
+        for index, part in enumerate(parts)
+    )
     return re.compile(rf"(?<!\d){body}(?!\d)")
 
 

@@ -8,13 +8,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, field, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from monitor.health.codec import StoredState
 from monitor.health.signal.indicators import span_of
+from streams.dates.clock import judge_time
+from streams.dates.observed import UNKNOWN_TIME, ClockState, JudgedTime, TimeObservation
 
 REJECTIONS = (
     "empty",
@@ -47,8 +50,6 @@ STOPPED_RMS = 0.03
 _CLIP_SHARE = 1e-3
 _PROVING_SHARE = 32
 _RAIL = 0.995
-_MIN_TIME = 315532800.0
-"""1980-01-01 UTC, s: earlier times are of a clock that was never set."""
 
 
 @dataclass(frozen=True)
@@ -202,52 +203,55 @@ def check_speed(speed: tuple[float, float] | None, acceleration: float | None, l
 
 @dataclass(frozen=True)
 class OrderState(StoredState):
-    """Position in the stream of one source; version 1.
+    """Position in the stream of one source; version 2, version 1 knew time and interval of the clock alone.
 
     Attributes:
         sequence: of the newest block, 0 before the first.
-        time: its time, s (UTC where dated, else since the first block), or None.
-        interval: usual block interval, s, or None before the second.
+        clock: what is known of the clock of the source.
     """
 
-    VERSIONS = (1,)
+    VERSIONS = (1, 2)
 
     version: int = VERSIONS[-1]
     sequence: int = 0
-    time: float | None = None
-    interval: float | None = None
+    clock: ClockState = field(default_factory=ClockState)
+
+    @classmethod
+    def upgraded(cls, stored: Mapping[str, Any]) -> Mapping[str, Any]:
+        """Return a state of version 1 as the present one has it."""
+        if stored["version"] > 1:
+            return stored
+        time, interval = stored["time"], stored["interval"]
+        clock = ClockState(time=time, interval=interval, began=time, believed=0 if time is None else stored["sequence"])
+        return {"version": 2, "sequence": stored["sequence"], "clock": asdict(clock)}
 
 
 def check_order(
-    state: OrderState, sequence: int, time: float | None, *, dated: bool, now: float | None = None
-) -> tuple[OrderState, tuple[str, ...]]:
-    """Check the position of a block in its stream; return its ``late``, ``gap`` and ``clock`` flags.
+    state: OrderState, sequence: int, seen: TimeObservation | None, *, now: float | None = None
+) -> tuple[OrderState, tuple[str, ...], JudgedTime]:
+    """Check the position of a block in its stream and judge its time.
 
     Args:
         sequence: of the block, from 1.
-        time: s, or None.
-        dated: ``time`` is seconds since 1970 UTC.
+        seen: what it states of its time, None where nothing does.
         now: the present, s UTC, for a live stream; None in a replay.
+
+    Returns:
+        The state, the flags ``late``, ``out_of_order``, ``gap`` and ``clock``, and the time of the block.
     """
     if sequence <= state.sequence:
-        return state, ("late",)
-    flags: list[str] = []
-    if state.sequence and sequence > state.sequence + 1:
-        flags.append("gap")
-    interval = state.interval
-    if time is not None:
-        bad_clock = dated and (time < _MIN_TIME or (now is not None and time > now + 60.0))
-        if bad_clock:
-            flags.append("clock")
-            return OrderState(1, sequence, state.time, interval), tuple(flags)
-        if state.time is not None:
-            step = time - state.time
-            if step <= 0:
-                return OrderState(1, sequence, state.time, interval), (*flags, "clock")
-            if interval is not None and step > 2.5 * interval and "gap" not in flags:
-                flags.append("gap")
-            interval = step if interval is None else min(interval, step)
-    return OrderState(1, sequence, time if time is not None else state.time, interval), tuple(flags)
+        found = UNKNOWN_TIME if seen is None else JudgedTime(seen.time, seen.resolution, seen.source)
+        return state, ("late",), found
+    missing = bool(state.sequence) and sequence > state.sequence + 1
+    if seen is None:
+        return replace(state, sequence=sequence), ("gap",) if missing else (), UNKNOWN_TIME
+    clock, found = judge_time(state.clock, replace(seen, in_order=not missing), now)
+    flags = {"gap"} if missing or found.gap else set[str]()
+    if found.doubt:
+        flags.add("clock")
+    if seen.statement is not None and not seen.statement.has_place:
+        flags.add("out_of_order")
+    return OrderState(sequence=sequence, clock=clock), tuple(flag for flag in FLAGS if flag in flags), found
 
 
 def check_rate(rate: float, expected: float | None) -> Verdict:

@@ -23,7 +23,7 @@ from streams.files.formats.head import (
 from streams.files.formats.numbers import Dialect, first_line_of, located, parse_columns, parse_file, parse_row
 from streams.files.judge import StatedValue, rate_of, stated_rate
 from streams.files.parse.worker import from_disk
-from streams.files.statements import plain_key, rate_of_times, stated_time, stated_unit
+from streams.files.statements import plain_key, rate_of_times, stated_time, stated_unit, written_start
 from streams.types.large import Data, FileBytes, elementwise
 from streams.types.limits import MIN_COLUMNS_OF_A_ROW
 from streams.types.samples import ReaderError, Samples, check_rows
@@ -215,7 +215,10 @@ def _with_times(samples: Samples, stamped: StampedRows, name: str) -> Samples:
         return samples
     is_open = stamped.start.open
     return replace(
-        samples, start=None if is_open else stamped.start.fixed, stamp=stamped.start.text if is_open else None
+        samples,
+        start=None if is_open else stamped.start.fixed,
+        stamp=stamped.start.text if is_open else None,
+        written=stamped.start.text if stamped.start.local else None,
     )
 
 
@@ -269,7 +272,7 @@ def _described(samples: Samples, head: Head, name: str, zone: str) -> Samples:
         if start is None and seconds[0] > 1e8:
             start, stamp = float(seconds[0]), None
         samples = samples.select([row for row in range(len(names)) if row != place])
-    return replace(samples, rate=rate, start=start, stamp=stamp)
+    return replace(samples, rate=rate, start=start, stamp=stamp, written=written_start(head.facts, zone))
 
 
 def _moved(error: ReaderError, name: str, lines: int, columns: int) -> ReaderError:

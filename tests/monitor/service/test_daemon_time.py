@@ -19,6 +19,7 @@ from monitor.records.ledger import StoreLedger
 from monitor.records.store import Store
 from monitor.service.ingest import Ingest
 from monitor.service.summary import channel_summary
+from streams.types.times import MIN_TIME
 from tests.streams.makers import ims_text
 from tests.support.daemon import last, put, running
 from tests.support.daemons import make_machine, status
@@ -68,11 +69,15 @@ def flagged(records: list[Record]) -> list[bool]:
     return ["clock" in record.flags for record in records]
 
 
-def test_stamps_that_repeat_or_lie_ahead_are_flagged_and_kept_as_they_are(tmp_path: Path) -> None:
+def test_stamps_that_repeat_or_lie_ahead_are_flagged_and_follow_the_order(tmp_path: Path) -> None:
     times = [NOW, NOW + 1, NOW + 1, NOW + 2, NOW + 2 + 61, NOW + 3, 0.0, NOW + 4]
     records = judged(tmp_path, times, [NOW + 2] * len(times))
     assert flagged(records) == [False, False, True, False, True, False, True, False]
-    assert [record.time for record in records] == times
+    # One that is a minute ahead keeps its time; what repeats or is of 1970 comes an interval after the block before.
+    assert [record.time for record in records] == [NOW + k for k in (0, 1, 2, 2, 63, 3, 4, 4)]
+    assert [record.channels["x"].get("time_stated") for record in records] == [
+        *(None, None, NOW + 1, None, None, None, 0.0, None)
+    ]
 
 
 def test_a_jump_of_the_computers_clock_flags_what_seems_to_lie_ahead_and_is_over_with_it(tmp_path: Path) -> None:
@@ -93,14 +98,15 @@ def test_no_stamp_and_no_clock_loses_a_block(
     tmp_path_factory: pytest.TempPathFactory, stamps: list[float], clock: list[float]
 ) -> None:
     records = judged(tmp_path_factory.mktemp("t"), stamps, clock)
-    assert [record.time for record in records] == stamps
     assert all(record.accepted for record in records)
-    newest: float | None = None
-    for record, now in zip(records, clock, strict=False):
-        assert record.time is not None
-        believed = 315532800.0 <= record.time <= now + 60.0 and (newest is None or record.time > newest)
-        assert ("clock" in record.flags) is not believed
-        newest = record.time if believed else newest
+    for record, stamp in zip(records, stamps, strict=True):
+        values = record.channels["x"]
+        if "clock" not in record.flags:
+            assert record.time == stamp >= MIN_TIME
+        elif record.time != stamp:
+            # What is not believed is kept beside what is.
+            assert values["time_stated"] == stamp
+        assert record.time is None or values["time_source"] is not None
 
 
 def local_files(folder: Path, names: Sequence[str]) -> list[Record]:
@@ -140,16 +146,15 @@ def test_in_spring_local_times_go_on_without_a_gap(tmp_path: Path) -> None:
 
 
 @pytest.mark.process
-def test_in_autumn_the_hour_that_comes_twice_is_flagged_and_nothing_is_lost(tmp_path: Path) -> None:
-    # At 3 o'clock it is 2 o'clock again: what is named 02.15 then is taken for the first 02.15, before 02.50.
+def test_in_autumn_the_hour_that_comes_twice_follows_the_order_of_the_files(tmp_path: Path) -> None:
+    # At 3 o'clock it is 2 o'clock again: what is named 02.15 after 02.50 is an hour later than it seems.
     names = ["02.30", "02.40", "02.50", "02.15", "02.25", "02.55", "03.05"]
     records = local_files(tmp_path, [f"2026.10.25.{name}.00" for name in names])
     start = datetime(2026, 10, 25, 0, 30, tzinfo=UTC)
-    assert [record.time for record in records] == minutes(start, 0, 10, 20, -15, -5, 25, 95)
+    assert [record.time for record in records] == minutes(start, 0, 10, 20, 45, 55, 85, 95)
     assert [record.accepted for record in records] == [True] * 7
-    late = [bool({"clock", "late"} & set(record.flags)) for record in records]
-    assert late == [False, False, False, True, True, False, False]
-    assert "gap" in records[-1].flags
+    # Which hour the first one is of, nothing tells; nor how far the second is from it.
+    assert [bool({"clock", "late"} & set(record.flags)) for record in records] == [True, True, *[False] * 5]
     with xr.open_dataset(tmp_path / "records" / "m-20261025.nc") as day:
         assert day.sizes["time"] == 7
         assert (day.time.values[1:] > day.time.values[:-1]).all()

@@ -23,6 +23,7 @@ from monitor.health.signal.quality import OrderState
 from monitor.health.state import ChannelSettings, ChannelState, Named, SourceSettings, SourceState
 from monitor.service.summary import bearing_summaries
 from reference.signals import bearing_lines
+from streams.dates.observed import ClockState
 
 TEST_BEARING, _ = bearing_lines("PRONOSTIA", 30.0)
 NAMES = (*FAULTS, "inner|ball", "ball|cage")
@@ -252,7 +253,7 @@ def test_the_sources_of_a_machine_are_weighed_together() -> None:
     assert found == {
         "fault": "inner", "fault_basis": "verdict", "disagreement": {}, "channels": ["x", "y"], "level_of": None
     }  # fmt: skip
-    slow = replace(pairs[0][0], order=OrderState(interval=5 * 86400.0)), pairs[0][1]
+    slow = replace(pairs[0][0], order=OrderState(clock=ClockState(interval=5 * 86400.0))), pairs[0][1]
     assert bearing_summaries([slow, pairs[1]])["drive"]["disagreement"] == {"x": "outer"}
 
 

@@ -18,6 +18,7 @@ from monitor.health.signal.quality import (
     rejected,
     with_flags,
 )
+from streams.dates.observed import TimeObservation
 from tests.support.effort import effort_count
 
 RNG = np.random.default_rng(0)
@@ -114,7 +115,7 @@ def test_rate(rate):
 def orders(items, dated=False):
     state, flags = OrderState(), []
     for sequence, time in items:
-        state, found = check_order(state, sequence, time, dated=dated)
+        state, found, _ = check_order(state, sequence, TimeObservation(time, dated=dated))
         flags.append(found)
     return flags
 
@@ -129,15 +130,22 @@ def test_order_flags():
 
 
 def test_a_clock_from_the_future_is_flagged_live():
-    state, _ = check_order(OrderState(), 1, 1e9, dated=True, now=1e9)
-    assert check_order(state, 2, 2e9, dated=True, now=1e9 + 5)[1] == ("clock",)
+    state, *_ = check_order(OrderState(), 1, TimeObservation(1e9), now=1e9)
+    assert check_order(state, 2, TimeObservation(2e9), now=1e9 + 5)[1] == ("clock",)
 
 
 def test_order_state_survives_json():
-    state, _ = check_order(OrderState(), 1, 0.1, dated=False)
+    state, *_ = check_order(OrderState(), 1, TimeObservation(0.1, dated=False))
     assert OrderState.from_dict(state.to_dict()) == state
-    with pytest.raises(ValueError, match="order state: version 1 expected, got 9"):
+    with pytest.raises(ValueError, match="order state: version 2 expected, got 9"):
         OrderState.from_dict({**state.to_dict(), "version": 9})
+
+
+def test_a_state_of_version_1_is_read():
+    state = OrderState.from_dict({"version": 1, "sequence": 3, "time": 1e9, "interval": 10.0})
+    assert (state.version, state.sequence, state.clock.time, state.clock.interval) == (2, 3, 1e9, 10.0)
+    assert check_order(state, 4, TimeObservation(1e9 + 10.0))[1] == ()
+    assert check_order(state, 4, TimeObservation(1e9 + 26.0))[1] == ("gap",)
 
 
 @settings(max_examples=effort_count(quick=20, full=50))

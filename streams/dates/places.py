@@ -1,0 +1,240 @@
+"""The places of files whose names state their time, told by all names at once: what counts them, which clock was wrong.
+
+A number that counts files is more certain than a clock. By it, or by the times of the last changes, a clock that fell
+back or jumped ahead shows as files that do not fit between their neighbours.
+"""
+
+from __future__ import annotations
+
+import itertools
+import statistics
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+from streams.dates.clock import is_reset
+from streams.dates.dating import numbers_of
+from streams.types.listing import natural_key
+
+_DAY = 86400.0
+_ERA_S = 30 * _DAY
+"""Times farther apart, from file to file in order, are of two settings of a clock."""
+_MAX_PAUSE_S = 10 * 365.25 * _DAY
+_MAX_PAUSE_AFTER_RESET_S = 180 * _DAY
+"""A longer pause is no pause: of the files on its sides, the fewer have a wrong clock."""
+_MIN_COUNTED = 6
+"""Files from which a number counts them though a clock was set back; with fewer, its times must rise in each era."""
+_DENSE = 1.5
+_AGREE_S = 900.0
+
+
+@dataclass(frozen=True)
+class NamedTime:
+    """A file whose name states its time.
+
+    Attributes:
+        time: s since 1970 UTC, the first one where the local hour occurs twice.
+        repeated_s: how much later it is the second time, else 0.
+        rest: its path without the date.
+    """
+
+    path: str
+    time: float
+    repeated_s: float
+    rest: str
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where a file comes among all.
+
+    Attributes:
+        rank: from 0.
+        placed_s: what its neighbours add to the stated time, None where that is believed; ``margin_s`` its uncertainty.
+        is_known: whether anything tells its place.
+    """
+
+    rank: int
+    placed_s: float | None = None
+    margin_s: float = 0.0
+    is_known: bool = True
+
+
+def counter_in(named: Sequence[NamedTime]) -> int | None:
+    """Return which number beside the date counts files, from the right; None where none does, or it says no more.
+
+    It is another one in every name, leaves out few numbers, and the times rise with it, but where a clock was wrong.
+    """
+    rows = [[number.value for number in numbers_of(one.rest)] for one in named]
+    if len(rows) < 3 or len({len(row) for row in rows}) != 1:
+        return None
+    for place in range(1, len(rows[0]) + 1):
+        values = [row[-place] for row in rows]
+        if len(set(values)) < len(values) or max(values) - min(values) >= _DENSE * len(values):
+            continue
+        times = [one.time for _, one in sorted(zip(values, named, strict=True), key=lambda pair: pair[0])]
+        if _rises(times):
+            return place
+    return None
+
+
+def _rises(times: Sequence[float]) -> bool:
+    """Return whether times rise in each era, with few exceptions where there are many."""
+    eras: dict[int, list[float]] = {}
+    for era, time in zip(_eras(times), times, strict=True):
+        eras.setdefault(era, []).append(time)
+    falls = sum(after < before for era in eras.values() for before, after in itertools.pairwise(era))
+    return falls <= (max(1, len(times) // 8) if len(times) >= _MIN_COUNTED else 0)
+
+
+def _eras(times: Sequence[float]) -> list[int]:
+    """Return the era of each time: those that a walk in order of time reaches by steps below ``_ERA_S``."""
+    found: dict[float, int] = {}
+    era, last = 0, None
+    for time in sorted(set(times)):
+        era += last is not None and time - last > _ERA_S
+        found[time], last = era, time
+    return [found[time] for time in times]
+
+
+def counted(named: NamedTime, place: int) -> int | None:
+    """Return the number of a name that counts files, None where it has no such."""
+    numbers = numbers_of(named.rest)
+    return numbers[-place].value if len(numbers) >= place else None
+
+
+def places_of(named: Sequence[NamedTime], counter: int | None, changes: Mapping[str, float]) -> dict[str, Place]:
+    """Return the place of each file, and the time of those whose clock was wrong, by path.
+
+    Args:
+        named: all files whose names state their time.
+        counter: which number counts files, see :func:`counter_in`.
+        changes: time of the last change of each file, s since 1970 UTC; {} where not known.
+    """
+    ordered = _in_hours(named, changes)
+    if counter is not None:
+        ordered.sort(key=lambda one: (counted(one, counter) is None, counted(one, counter) or 0))
+    wrong = _wrong(ordered)
+    if not wrong:
+        return {one.path: Place(rank) for rank, one in enumerate(ordered)}
+    if counter is None:
+        right = [one for one in ordered if one.path not in wrong]
+        if not _go_together(right, changes):
+            last = [one for one in ordered if one.path in wrong]
+            known = {one.path: Place(rank) for rank, one in enumerate(right)}
+            return known | {one.path: Place(rank, is_known=False) for rank, one in enumerate(last, len(right))}
+        ordered.sort(key=lambda one: changes[one.path])
+    return _between(ordered, wrong)
+
+
+def _in_hours(named: Iterable[NamedTime], changes: Mapping[str, float]) -> list[NamedTime]:
+    """Return the files in order of time, those of the second of two equal local hours behind those of the first.
+
+    Of two files of the same time, the second in natural order is of the second hour; others are told by their changes.
+    """
+    found: list[tuple[float, tuple[tuple[int, int, str], ...], NamedTime]] = []
+    seen: set[float] = set()
+    for one in sorted(named, key=lambda one: (one.time, natural_key(one.path))):
+        time, changed = one.time, changes.get(one.path)
+        if one.repeated_s:
+            near = None if changed is None else changed - one.time
+            is_second = near is not None and abs(near - one.repeated_s) <= _AGREE_S < abs(near)
+            is_first = near is not None and abs(near) <= _AGREE_S < abs(near - one.repeated_s)
+            if is_second or (time in seen and not is_first):
+                time += one.repeated_s
+            seen.add(one.time)
+        found.append((time, natural_key(one.path), one))
+    return [one for *_, one in sorted(found, key=lambda row: row[:2])]
+
+
+def may_be_wrong(named: Iterable[NamedTime]) -> bool:
+    """Return whether times are so far apart that a clock may have been wrong."""
+    times = sorted(one.time for one in named)
+    return any(after - before > _ERA_S for before, after in itertools.pairwise(times))
+
+
+def _wrong(ordered: Sequence[NamedTime]) -> set[str]:
+    """Return the files whose time does not fit those before and after: of eras that contradict, the shorter."""
+    segments: list[list[NamedTime]] = []
+    for one in ordered:
+        if segments and abs(one.time - segments[-1][-1].time) <= _ERA_S:
+            segments[-1].append(one)
+        else:
+            segments.append([one])
+    if len(segments) < 2:
+        return set()
+    # The heaviest chain of segments in which time rises without a pause of years.
+    best: list[tuple[int, int | None]] = []
+    for place, segment in enumerate(segments):
+        before = [
+            (best[i][0], i)
+            for i in range(max(0, place - 200), place)
+            if segments[i][-1].time < segment[0].time <= _latest_after(segments[i])
+        ]
+        weight, link = max(before, key=lambda pair: pair, default=(0, None))
+        best.append((weight + len(segment), link))
+    chosen: set[int] = set()
+    # Of two that weigh the same the later one: clocks are set sooner than they are lost.
+    place: int | None = max(range(len(best)), key=lambda i: (best[i][0], i))
+    while place is not None:
+        chosen.add(place)
+        place = best[place][1]
+    return {one.path for i, segment in enumerate(segments) if i not in chosen for one in segment}
+
+
+def _latest_after(segment: Sequence[NamedTime]) -> float:
+    """Return until when files may follow those of a segment without a change of the clock."""
+    pause = _MAX_PAUSE_AFTER_RESET_S if is_reset(segment[0].time) else _MAX_PAUSE_S
+    return segment[-1].time + pause
+
+
+def _go_together(right: Sequence[NamedTime], changes: Mapping[str, float]) -> bool:
+    """Return whether the last changes of files go with their times, and so tell the order of others."""
+    if len(right) < 2 or any(one.path not in changes for one in right):
+        return False
+    lags = [changes[one.path] - one.time for one in right]
+    span = max(one.time for one in right) - min(one.time for one in right)
+    return max(lags) - min(lags) <= min(0.1 * span, 3600.0)
+
+
+def _between(ordered: Sequence[NamedTime], wrong: set[str]) -> dict[str, Place]:
+    """Place the files with a wrong clock between their neighbours; that clock tells how far they are apart."""
+    found = {one.path: Place(rank) for rank, one in enumerate(ordered)}
+    right = [one.time for one in ordered if one.path not in wrong]
+    steps = [after - before for before, after in itertools.pairwise(right) if after > before]
+    interval = statistics.median_low(steps) if steps else 0.0
+    for begin, end in _runs([one.path in wrong for one in ordered]):
+        run = ordered[begin:end]
+        before = ordered[begin - 1].time if begin else None
+        after = ordered[end].time if end < len(ordered) else None
+        for one, (time, margin) in zip(run, _times(run, before, after, interval), strict=True):
+            found[one.path] = replace(found[one.path], placed_s=time - one.time, margin_s=margin)
+    return found
+
+
+def _runs(flags: Sequence[bool]) -> list[tuple[int, int]]:
+    """Return begin and end of each run of true values."""
+    edges = [i for i in range(len(flags) + 1) if (i > 0 and flags[i - 1]) != (i < len(flags) and flags[i])]
+    return list(zip(edges[::2], edges[1::2], strict=True))
+
+
+def _times(
+    run: Sequence[NamedTime], before: float | None, after: float | None, interval: float
+) -> list[tuple[float, float]]:
+    """Return time and uncertainty of the files of a run, s, from its neighbours and the interval of the others, s."""
+    own = [one.time - run[0].time for one in run]
+    steady = all(0.0 < b - a <= max(10.0 * interval, _DAY) for a, b in itertools.pairwise(own))
+    if before is not None and after is not None:
+        slack = after - before - own[-1]
+        if steady and slack > 0.0:
+            return [(before + 0.5 * slack + offset, 0.5 * slack) for offset in own]
+        step = (after - before) / (len(run) + 1)
+        return [
+            (before + step * (i + 1), max(step * (i + 1), after - before - step * (i + 1))) for i in range(len(run))
+        ]
+    if not steady:
+        own = [interval * i for i in range(len(run))]
+    if before is not None:
+        return [(before + interval + offset, interval + offset) for offset in own]
+    # Nothing says how long before the others they were.
+    end = (after or 0.0) - interval - own[-1]
+    return [(end + offset, interval + own[-1] - offset) for offset in own]

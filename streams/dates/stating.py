@@ -1,0 +1,45 @@
+"""What states the time of a file, and which other times of it are known."""
+
+from __future__ import annotations
+
+from streams.types.samples import Samples
+from streams.types.stamps import Stamp, read_stamp, repeated_by, resolution_of
+from streams.types.times import TimeSource, TimeStatement
+
+_SKIPPED_S = 3600.0
+"""Usual length of what is left out of local time in spring."""
+COUNTED = TimeStatement("count")
+"""Of a count: no clock says how exact it is."""
+Witnesses = dict[TimeSource, float | None]
+"""Other times of the start of a file, s since 1970 UTC, None where there is none."""
+
+
+def by_header(samples: Samples, start: float, zone: str, others: Witnesses) -> TimeStatement:
+    """Return what the start in a header is by; ``zone`` is the IANA name of the zone of stamps that name none."""
+    written = samples.stamp if samples.stamp is not None else samples.written
+    stamp = None if written is None else read_stamp(written, zone)
+    if stamp is None or not stamp.local:
+        resolution = resolution_of(start) if stamp is None else stamp.resolution
+        return TimeStatement("header", resolution, witnesses=_lags(start, others))
+    return _local("header_local", stamp, start, zone, others)
+
+
+def by_name(stamp: Stamp, start: float, zone: str, others: Witnesses) -> TimeStatement:
+    """Return what the start in a name is by; arguments as of :func:`by_header`."""
+    if not stamp.local:
+        return TimeStatement("name", stamp.resolution, witnesses=_lags(start, others))
+    return _local("name_local", stamp, start, zone, others)
+
+
+def _local(source: TimeSource, stamp: Stamp, start: float, zone: str, others: Witnesses) -> TimeStatement:
+    return TimeStatement(
+        source,
+        stamp.resolution,
+        repeated_s=0.0 if stamp.skipped else repeated_by(start, zone),
+        skipped_s=_SKIPPED_S if stamp.skipped else 0.0,
+        witnesses=_lags(start, others),
+    )
+
+
+def _lags(start: float, others: Witnesses) -> tuple[tuple[TimeSource, float], ...]:
+    return tuple((source, time - start) for source, time in others.items() if time is not None)
