@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
@@ -13,19 +13,24 @@ import click
 
 from models.machine.bearing import kinematics
 from models.solve.registry import MODELS
+from models.work.redact import redact
 from monitor.commands import option
-from monitor.commands.check.problems import find_problems, is_recording, methods
+from monitor.commands.check.entries import (
+    entries,
+    invalid_entries,
+    problem_lines,
+    redacted,
+    refused_doubts,
+    run_refusals,
+)
+from monitor.commands.check.problems import find_problems, methods
 from monitor.commands.check.sections import interference_lines, proposal_words, propose_interference, tacho_words
 from monitor.commands.common import read_config
 from monitor.commands.model_parameters import effects_of
 from monitor.commands.redate import DatingPreview, keep_previews, preview_dating
 from monitor.config.load import Config, ConfigError
-from monitor.config.plausible.doubt import Doubt
-from monitor.config.positions import find_lines
 from monitor.config.source import ChannelSection, SourceSection
-from monitor.service.system import is_running
 from monitor.words.calibration import rig_words
-from monitor.words.numbers import count
 
 DONE, WRONG = 0, 2
 
@@ -40,12 +45,14 @@ DONE, WRONG = 0, 2
     help="Look at the first block of a recording for strong lines of other origin, and propose [[interference]].",
 )
 @option.output
-def command(config_path: Path | None, schema: bool, keep: bool, recording: str | None) -> option.Result | None:
+def command(
+    config_path: Path | None, schema: bool, keep: bool, recording: str | None, as_json: bool
+) -> option.Result | None:
     """Validate a configuration, judge it and the files that wait, and list what would be monitored.
 
     Exit code 2 where something is a problem: results would be wrong, or absent though they are asked for. A warning
     does not change the exit code. Whatever `run` would refuse is refused, and a folder of records that cannot be
-    written.
+    written; with --json, the object lists that among its problems.
 
     Nothing is written, but with --keep, while the daemon is stopped: then the choice that is shown is the one of the
     daemon, whatever files have come by its start. Only `redate` changes it.
@@ -53,15 +60,27 @@ def command(config_path: Path | None, schema: bool, keep: bool, recording: str |
     if schema:
         click.echo(json.dumps(Config.model_json_schema(), indent=2))
         return None
-    config = read_config(config_path)
-    refuse_what_run_refuses(config)
+    path = config_path or Path("config.toml")
+    try:
+        config = read_config(config_path)
+        refused = run_refusals(config)
+        if refused and not as_json:
+            raise ConfigError("\n".join(refused))
+    except ConfigError as error:
+        if not as_json or not path.is_file():
+            raise
+        return {"problems": invalid_entries(redact(str(error)), path)}, (), WRONG
     proposals = [] if recording is None else propose_interference(config, recording)
-    dated = {source.name: found for source in config.source if (found := preview_dating(config, source)) is not None}
-    if keep:
+    dated = {} if refused else _previews(config)
+    if keep and not refused:
         dated = keep_previews(config, dated)
     facts = {name: found.facts for name, found in dated.items() if found.file is not None}
-    doubts = [*find_problems(config, facts), *(doubt for found in dated.values() for doubt in found.doubts)]
-    problems = entries(doubts, config_path or Path("config.toml"))
+    doubts = [
+        *refused_doubts(config, refused),
+        *find_problems(config, facts),
+        *(doubt for found in dated.values() for doubt in found.doubts),
+    ]
+    problems = entries(doubts, path)
     values = {
         **config.model_dump(mode="json"),
         "hash": config.hash,
@@ -77,33 +96,13 @@ def command(config_path: Path | None, schema: bool, keep: bool, recording: str |
         *(proposal_words(found) for found in proposals),
         *problem_lines(problems),
     ]
+    values = redacted(values) if refused else values
     return values, lines, WRONG if any(problem["severity"] == "problem" for problem in problems) else DONE
 
 
-def entries(doubts: Iterable[Doubt], path: Path) -> list[dict[str, Any]]:
-    """Return doubts of a configuration file as plain values, problems first, each with the line of its key."""
-    lines = find_lines(path.read_text(encoding="utf-8-sig"))
-    found = [
-        {
-            "severity": doubt.severity,
-            "file": str(path),
-            "line": lines.get(doubt.place),
-            "key": doubt.key,
-            "expected": doubt.expected,
-            "came": doubt.came,
-        }
-        for doubt in dict.fromkeys(doubts)
-    ]
-    return sorted(found, key=lambda entry: (entry["severity"], entry["line"] or 0))
-
-
-def problem_lines(problems: Sequence[Mapping[str, Any]]) -> Iterator[str]:
-    """Yield a line for each problem and warning, and one that sums up."""
-    for entry in problems:
-        where = entry["file"] if entry["line"] is None else f"{entry['file']}:{entry['line']}"
-        yield f"{entry['severity']}: {where}: {entry['key']}: {entry['came']}; expected {entry['expected']}"
-    number = sum(entry["severity"] == "problem" for entry in problems)
-    yield f"{count(number, 'problem')}, {count(len(problems) - number, 'warning')}"
+def _previews(config: Config) -> dict[str, DatingPreview]:
+    """Return what dates the blocks of each source of files."""
+    return {source.name: found for source in config.source if (found := preview_dating(config, source)) is not None}
 
 
 def _rig_limits(source: SourceSection) -> list[str]:
@@ -117,20 +116,6 @@ def _rig_limits(source: SourceSection) -> list[str]:
         return list(open_rig(source.url, source.name).limits)
     except SourceError as error:
         return [str(error)]
-
-
-def refuse_what_run_refuses(config: Config) -> None:
-    """Raise ConfigError with all reasons why a daemon cannot start with a configuration, or cannot publish.
-
-    A source without a URL or with that of a recording is left to ``replay``.
-    """
-    from monitor.service.start import inspect, records_refusals, store_refusals
-
-    sources = [source for source in config.source if not is_recording(source)]
-    found = inspect(config, sources, running=is_running(config.machine.state_dir))
-    refusals = [*found.refusals, *store_refusals(config, found), *records_refusals(config)]
-    if refusals:
-        raise ConfigError("\n".join(dict.fromkeys(refusals)))
 
 
 def _lines(config: Config, dated: Mapping[str, DatingPreview]) -> Iterator[str]:

@@ -7,14 +7,15 @@ import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import islice
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from monitor.config.load import Config
 from monitor.config.plausible.doubt import Doubt
 from monitor.config.plausible.levels import alternates, doubts, same_signals, shape_of
-from monitor.config.plausible.machine import speed_doubt
+from monitor.config.plausible.machine import load_doubts, speed_doubt
 from monitor.config.plausible.rules import JudgedConfig, SourceFacts, key_words, place_of
 from monitor.config.positions import Place
 from monitor.config.source import ChannelSection, SourceSection
@@ -67,9 +68,8 @@ def look_at(recording: Recording, config: Config, section: SourceSection) -> Rec
     loaded = recording.ends()
     found = [*_rejections(subject, section, loaded), *_levels(subject, section, loaded)]
     if first is not None:
-        found += [*_same(subject, first), *_speeds(subject, first)]
-    if len(loaded) > 1:
-        found += _alternating(subject, recording)
+        found += [*_same(subject, first), *_speeds(subject, first), *_load(subject, first)]
+    found += _alternating(subject, _rows_of_files(recording) if len(loaded) > 1 else _rows_of_blocks(recording))
     facts = SourceFacts() if first is None else SourceFacts(first.rate, first.duration, _speed_of(config, first))
     return RecordingView(tuple(_end_words(config, loaded)), first, refused, facts, tuple(found))
 
@@ -196,7 +196,7 @@ def _speeds(subject: JudgedConfig, block: Block) -> Iterator[Doubt]:
         return
     by_channel = block.speed is None
     place: Place = ("operating", "speed_channel_scale" if by_channel else "speed_hz")
-    doubt = speed_doubt(subject, place, found)
+    doubt = None if _is_close(found, configured) else speed_doubt(subject, place, found)
     if doubt is not None:
         whose = "speed_channel" if by_channel else "the file"
         yield replace(doubt, came=f"by {whose} in {block.name}, {doubt.came}")
@@ -211,24 +211,55 @@ def _speeds(subject: JudgedConfig, block: Block) -> Iterator[Doubt]:
     yield subject.doubt("file_speed", severity, ("operating", "speed_hz"), expected, came)
 
 
-def _alternating(subject: JudgedConfig, recording: Recording) -> Iterator[Doubt]:
-    """Yield the channels whose files alternate between two levels or spectra, as those of two sensors do."""
+def _load(subject: JudgedConfig, block: Block) -> Iterator[Doubt]:
+    """Yield what is doubtful in the load of a block, by itself or its channel."""
+    operating = subject.config.operating
+    stated, key, load = block.load is not None, "load_newton", block.load
+    if not stated and operating.load_channel is not None and str(operating.load_channel) in block.channels:
+        row = block.samples[block.channels.index(str(operating.load_channel))]
+        load, key = float(np.mean(row)) * operating.load_channel_scale, "load_channel_scale"
+    if load is None or not load > 0.0 or _is_close(load, operating.load_newton):
+        return
+    for doubt in load_doubts(subject, ("operating", key), load):
+        yield replace(doubt, came=f"by {'the file' if stated else 'load_channel'} in {block.name}, {doubt.came}")
+
+
+def _is_close(stated: float, configured: float | None) -> bool:
+    """Return whether a file states what is configured, which is judged there."""
+    return configured is not None and math.isclose(stated, configured, rel_tol=1e-3)
+
+
+NamedRows = Iterator[tuple[tuple[str, ...], NDArray[Any]]]
+"""Names of channels, and their rows, of files or blocks."""
+
+
+def _rows_of_files(recording: Recording) -> NamedRows:
+    loaded = (file.result for file in recording.first_files(_MAX_COMPARED))
+    yield from ((samples.channels, samples.values) for samples in loaded if isinstance(samples, Samples))
+
+
+def _rows_of_blocks(recording: Recording) -> NamedRows:
+    blocks = (item for item in islice(recording, _MAX_COMPARED) if not isinstance(item, Rejected))
+    yield from ((block.channels, block.samples) for block in blocks)
+
+
+def _alternating(subject: JudgedConfig, parts: NamedRows) -> Iterator[Doubt]:
+    """Yield the channels whose files, or blocks, alternate between two levels or spectra, as two sensors do."""
     config = subject.config
     channels = {channel.name for channel in config.channel}
     shapes: dict[str, list[tuple[float, ...]]] = {}
     began = time.monotonic()
-    for file in recording.first_files(_MAX_COMPARED):
-        if isinstance(file.result, Samples):
-            for name, row in zip(file.result.channels, file.result.values, strict=True):
-                if name in channels:
-                    shapes.setdefault(name, []).append(shape_of(row[:_MAX_SAMPLES]))
+    for names, rows in parts:
+        for name, row in zip(names, rows, strict=True):
+            if name in channels:
+                shapes.setdefault(name, []).append(shape_of(row[:_MAX_SAMPLES]))
         if time.monotonic() - began > _MAX_COMPARED_S:
             break
     for name, found in shapes.items():
         for what, values in zip(_SHAPES, zip(*found, strict=True), strict=True):
             ratio = alternates(values)
             if ratio is not None:
-                came = f"every second file has {ratio:.3g} times the {what} of those between, over {len(found)} files"
+                came = f"every second block has {ratio:.3g} times the {what} of those between, over {len(found)}"
                 place = place_of(config, "channel", name)
-                yield subject.doubt("alternating", "problem", place, "files of one sensor", came)
+                yield subject.doubt("alternating", "problem", place, "blocks of one sensor", came)
                 break

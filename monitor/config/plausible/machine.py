@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from dataclasses import replace
 
 from models.machine.bearing import Bearing
 from models.machine.catalogue.ratings import Internal, dynamic_rating
@@ -20,12 +21,13 @@ MAX_SPEED_HZ = 5000.0
 _MIN_SPEED_HZ = 0.02
 _ANGULAR_RAD, _TAPERED_RAD = math.radians(12.0), math.radians(5.0)
 _MAX_DN = {
-    "ball bearing": (0.75e6, 2.0e6),
-    "angular contact ball bearing": (1.5e6, 3.0e6),
-    "cylindrical roller bearing": (0.7e6, 1.5e6),
-    "tapered or spherical roller bearing": (0.5e6, 1.0e6),
+    "ball bearing": (0.5e6, 0.75e6, 2.0e6),
+    "angular contact ball bearing": (1.2e6, 1.5e6, 3.0e6),
+    "cylindrical roller bearing": (0.5e6, 0.7e6, 1.5e6),
+    "tapered or spherical roller bearing": (0.35e6, 0.5e6, 1.0e6),
 }
-"""Pitch diameter times speed, mm/min, by kind: as makers allow it with oil, and as the best of spindles and motors."""
+"""Pitch diameter times speed, mm/min, by kind: as makers allow it with grease, with oil, and as the best of spindles
+and motors reach it. Above ``MAX_USUAL_SPEED_HZ`` the second is the limit."""
 _MAX_LOAD, _USUAL_LOAD = 5.0, 1.0
 _MIN_LOAD, _USUAL_MIN_LOAD = 1 / 2000, 1 / 500
 """Loads over the dynamic rating. Makers ask for 1/100 at least, or the elements skid."""
@@ -51,8 +53,9 @@ def rpm_words(speed: float) -> str:
 def kind_of(bearing: Bearing) -> str:
     """Return the kind of a bearing, as far as it limits the speed."""
     if bearing.element == "ball":
-        # The angle of a self-aligning bearing, of two rows, is no sign of a spindle.
-        return "angular contact ball bearing" if bearing.contact_angle >= _ANGULAR_RAD else "ball bearing"
+        # Two rows, self-aligning or not, are no sign of a spindle.
+        angular = bearing.contact_angle >= _ANGULAR_RAD and bearing.rows == 1
+        return "angular contact ball bearing" if angular else "ball bearing"
     return (
         "cylindrical roller bearing" if bearing.contact_angle < _TAPERED_RAD else "tapered or spherical roller bearing"
     )
@@ -65,13 +68,13 @@ def speed_doubt(subject: JudgedConfig, place: Place, speed: float) -> Doubt | No
     worst, found = 0.0, None
     for bearing in _monitored(subject.config):
         kind = kind_of(bearing)
-        usual, most = _MAX_DN[kind]
+        usual, oiled, most = _MAX_DN[kind]
         pitch = 1e3 * bearing.pitch_diameter
         dn = 60.0 * speed * pitch
         if dn <= usual * max(1.0, worst):
             continue
         worst = dn / usual
-        impossible = dn > most or speed > MAX_USUAL_SPEED_HZ
+        impossible = dn > (oiled if speed > MAX_USUAL_SPEED_HZ else most)
         expected = f"up to {usual / pitch / 60.0:.3g} Hz ({usual / pitch:.5g} rpm), as usual for a {kind} of "
         found = subject.doubt(
             "speed",
@@ -96,12 +99,13 @@ def _speeds(subject: JudgedConfig) -> Iterator[Doubt]:
     speeds: list[tuple[str, float | None]] = [("speed_hz", operating.speed_hz)]
     if operating.speed_range_hz is not None:
         speeds.append(("speed_range_hz", operating.speed_range_hz[1]))
-    # An upper limit may be set far away; a lower one beyond all speeds makes every block stopped.
-    speeds.append(("min_speed_hz", operating.min_speed_hz))
+    # A lower limit beyond all speeds leaves no block; an upper one may be set far away.
+    speeds += [("min_speed_hz", operating.min_speed_hz), ("max_speed_hz", operating.max_speed_hz)]
     for key, speed in speeds:
         doubt = None if speed is None else speed_doubt(subject, ("operating", key), speed)
-        if doubt is not None and not (key == "min_speed_hz" and doubt.severity == "warning"):
-            yield doubt
+        if doubt is None or (key.startswith("m") and doubt.severity == "warning"):
+            continue
+        yield replace(doubt, severity="warning") if key == "max_speed_hz" else doubt
 
 
 def _limits(subject: JudgedConfig) -> Iterator[Doubt]:
@@ -176,23 +180,26 @@ def _rating(bearing: Bearing) -> float:
 
 
 def _loads(subject: JudgedConfig) -> Iterator[Doubt]:
-    """Yield what is doubtful in a load, by the rating of the weakest monitored bearing, or the strongest."""
     operating = subject.config.operating
+    if operating.load_newton:
+        yield from load_doubts(subject, ("operating", "load_newton"), operating.load_newton)
+    axial = abs(operating.axial_load_newton)
+    if axial:
+        found = load_doubts(subject, ("operating", "axial_load_newton"), axial)
+        # An axial load may be small.
+        yield from (doubt for doubt in found if "C/" not in doubt.came)
+
+
+def load_doubts(subject: JudgedConfig, place: Place, load: float) -> Iterator[Doubt]:
+    """Yield what is doubtful in a load, N, by the ratings of the weakest and the strongest monitored bearing."""
     ratings = [_rating(bearing) for bearing in _monitored(subject.config)]
-    loads = {"load_newton": operating.load_newton, "axial_load_newton": abs(operating.axial_load_newton)}
-    for key, load in loads.items():
-        if not load:
-            continue
-        place = ("operating", key)
-        high, low = load / min(ratings), load / max(ratings)
-        if high > _USUAL_LOAD:
-            came = f"{load:g} N is {high:.3g} C"
-            came += f"; {load / 1e3:g} N if it was multiplied by 1000 twice" if high > _MAX_LOAD else ""
-            severity = "problem" if high > _MAX_LOAD else "warning"
-            yield subject.doubt("load", severity, place, f"up to C = {min(ratings):.3g} N, the dynamic rating", came)
-        elif key == "load_newton" and low < _USUAL_MIN_LOAD:
-            came = f"{load:g} N is C/{1.0 / low:.4g}; {1e3 * load:g} N if kN was meant"
-            severity = "problem" if low < _MIN_LOAD else "warning"
-            yield subject.doubt(
-                "load", severity, place, f"at least {max(ratings) * _USUAL_MIN_LOAD:.3g} N (C/500)", came
-            )
+    high, low = load / min(ratings), load / max(ratings)
+    if high > _USUAL_LOAD:
+        came = f"{load:g} N is {high:.3g} C" + (f"; {load / 1e3:g} N if mN was meant" if high > _MAX_LOAD else "")
+        severity = "problem" if high > _MAX_LOAD else "warning"
+        yield subject.doubt("load", severity, place, f"up to C = {min(ratings):.3g} N, the dynamic rating", came)
+    elif low < _USUAL_MIN_LOAD:
+        came = f"{load:g} N is C/{1.0 / low:.4g}; {1e3 * load:g} N if kN was meant"
+        severity = "problem" if low < _MIN_LOAD else "warning"
+        expected = f"at least {max(ratings) * _USUAL_MIN_LOAD:.3g} N, C/500"
+        yield subject.doubt("load", severity, place, expected, came)

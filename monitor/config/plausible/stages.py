@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+from monitor.config.alarms import AlarmLevel
 from monitor.config.load import Config
 from monitor.config.plausible.doubt import Doubt
 from monitor.config.plausible.rules import JudgedConfig
@@ -11,6 +12,7 @@ from monitor.config.positions import Place
 from monitor.words.features import LEVELS
 
 _MAX_LEARNING_S, _MIN_LEARN_BLOCKS = 90 * 86400.0, 10
+_MAX_SETTLE_S = 600.0
 _END_OF_LIFE_G = (1.0, 200.0)
 _MAX_LEVELS = {"_g": (500.0, "g", "m/s2"), "_mm_s": (500.0, "mm/s", "um/s")}
 
@@ -18,6 +20,7 @@ _MAX_LEVELS = {"_g": (500.0, "g", "m/s2"), "_mm_s": (500.0, "mm/s", "um/s")}
 def stage_doubts(subject: JudgedConfig) -> Iterator[Doubt]:
     """Yield what is doubtful in the choice of channels, in learning, levels and thresholds."""
     yield from _twice(subject)
+    yield from _settling(subject)
     yield from _learning(subject)
     yield from _end_of_life(subject)
     yield from _alarm_levels(subject)
@@ -54,6 +57,14 @@ def _shares_channel(config: Config, first: str, second: str) -> bool:
         for name in (first, second)
     ]
     return bool(read[0] & read[1])
+
+
+def _settling(subject: JudgedConfig) -> Iterator[Doubt]:
+    for at, section in enumerate(subject.config.source):
+        if section.settle_s > _MAX_SETTLE_S:
+            came = f"{section.settle_s:g} s; {1e-3 * section.settle_s:g} s if ms was meant"
+            place: Place = ("source", at, "settle_s")
+            yield subject.doubt("settle", "warning", place, f"up to {_MAX_SETTLE_S:g} s", came)
 
 
 def _learning(subject: JudgedConfig) -> Iterator[Doubt]:
@@ -104,6 +115,7 @@ def _end_of_life(subject: JudgedConfig) -> Iterator[Doubt]:
 
 def _alarm_levels(subject: JudgedConfig) -> Iterator[Doubt]:
     for at, level in enumerate(subject.config.alarms.level):
+        yield from _never(subject, at, level)
         ending = LEVELS[level.feature].level[0]
         if ending not in _MAX_LEVELS:
             continue
@@ -121,6 +133,23 @@ def _alarm_levels(subject: JudgedConfig) -> Iterator[Doubt]:
             elif value > most:
                 came = f"{value:g} {unit}: is it {other}?"
                 yield subject.doubt("alarm_level", "warning", place, f"up to {most:g} {unit}", came)
+
+
+def _never(subject: JudgedConfig, at: int, level: AlarmLevel) -> Iterator[Doubt]:
+    """Yield that the constant speed or load of a machine lies outside the range of a level, which always waits."""
+    operating = subject.config.operating
+    varies = operating.to_condition().varies
+    for key, value, of in (
+        ("speed_range_hz", operating.speed_hz, "speed_hz"),
+        ("load_range_newton", operating.load_newton, "load_newton"),
+    ):
+        span = getattr(level, key)
+        if span is None or value is None or varies or span[0] <= value <= span[1]:
+            continue
+        came = f"[{span[0]:g}, {span[1]:g}], so that the level waits for ever"
+        yield subject.doubt(
+            "alarm_level", "problem", ("alarms", "level", at, key), f"a range with {of} = {value:g}", came
+        )
 
 
 def _threshold(subject: JudgedConfig) -> Iterator[Doubt]:

@@ -82,6 +82,15 @@ RANGE: dict[str, Any] = {"source": f"rate_hz = {RATE}\nblock_s = 1\nrange_g = 8\
 ALTERNATING = Waiting(tuple(noise(number, 1.0 + number % 2) for number in range(8)))
 DRIFTING = Waiting(tuple(noise(number, 1.0 + 0.1 * number) for number in range(8)))
 
+SECONDS = f"rate_hz = {RATE}\nblock_s = 2"
+
+
+def with_row(value: float, operating: str) -> Waiting:
+    """Return files with a third row, "n", of one value."""
+    rows = tuple(np.vstack([noise(seed), np.full(2 * RATE, value)]) for seed in (1, 2))
+    return Waiting(rows, operating=operating.replace('"n"', "3"))
+
+
 CASES_OF_FILES: list[tuple[str, str, str, Waiting, Waiting]] = [
     ("gravity", "problem", "channel[x].unit", both(lambda x: x + 9.81), both(lambda x: x + 1.0)),
     (
@@ -103,6 +112,27 @@ CASES_OF_FILES: list[tuple[str, str, str, Waiting, Waiting]] = [
     ("clipping", "warning", "channel[y]", changed(1, np.clip(noise(3)[0], -1.0, 1.0)), ONE),
     ("same_signal", "problem", "channel[y]", changed(1, 9.81 * noise(1)[0]), ONE),
     ("alternating", "problem", "channel[x]", ALTERNATING, DRIFTING),
+    (
+        "alternating",
+        "problem",
+        "channel[x]",
+        Waiting((np.hstack(ALTERNATING.files),), source=SECONDS),
+        Waiting((np.hstack(DRIFTING.files),), source=SECONDS),
+    ),
+    (
+        "speed",
+        "problem",
+        "operating.speed_channel_scale",
+        with_row(1860.0, 'speed_channel = "n"'),
+        with_row(1860.0, 'speed_channel = "n"\nspeed_channel_scale = 0.0166667'),
+    ),
+    (
+        "load",
+        "problem",
+        "operating.load_channel_scale",
+        with_row(4.0, 'speed_hz = 31\nload_channel = "n"'),
+        with_row(4.0, 'speed_hz = 31\nload_channel = "n"\nload_channel_scale = 1000'),
+    ),
     ("file", "problem", "source[s].url", Waiting((noise(1), noise(2)[:1])), ONE),
     ("file", "problem", "source[s].rate_hz", plain(sidecar={"rate_hz": 5000}), ONE),
     ("file_speed", "problem", "operating.speed_hz", plain(sidecar={"speed_hz": 31 / 60}), ONE),
@@ -140,6 +170,7 @@ ELSEWHERE = {
     "extra": "tests/monitor/service/neighbours/test_opcua.py",
     "interference": "tests/monitor/config/test_interference.py",
     "level_unlearned": "tests/monitor/service/test_alarming.py",
+    "refused": "tests/monitor/commands/test_check_refuses.py",
     "rig": "tests/monitor/config/test_rig.py",
     "tacho": "tests/monitor/commands/test_check_tacho.py",
     "unit_unknown": "tests/monitor/commands/test_check_recordings.py",

@@ -110,6 +110,22 @@ def test_what_a_configuration_cannot_mean_is_refused_by_both(
     assert names_in(tmp_path) == before
 
 
+def test_programs_get_an_object_where_run_refuses_or_the_file_is_not_valid(tmp_path: Path) -> None:
+    (tmp_path / "in").mkdir()
+    config = tmp_path / "m.toml"
+    for changed, key, line, words in (
+        ({"channel": 'track = true\nmap = "none.nc"\n'}, "channel[x0].map", 24, "none.nc"),
+        (url("tcp://me:secret@127.0.0.1:9000"), "source[s0].url", 16, "user name and password belong into"),
+        ({"more": "[detekt]\n"}, "detekt", 23, "unknown key"),
+    ):
+        config.write_text(text_of(**changed))
+        done = run_command("check", "--config", config, "--json")
+        assert (done.returncode, "secret" in done.stdout) == (2, False)
+        problems = json.loads(done.stdout)["problems"]
+        found = {(entry["severity"], entry["key"], entry["line"]) for entry in problems if words in entry["came"]}
+        assert ("problem", key, line) in found, problems
+
+
 def store_of(path: Path, machine: str = "m") -> None:
     path.parent.mkdir()
     with Store.open(path, machine=machine) as store:

@@ -56,7 +56,7 @@ LEVEL = {"alarms": {"level": [{"feature": "rms", "alert_g": 3.0}]}}
 CASES: list[tuple[str, str, str, Changes, Changes]] = [
     ("speed", "problem", "operating.speed_hz", {"operating.speed_hz": 1488}, {"operating.speed_hz": 24.8}),
     ("speed", "problem", "operating.speed_hz", {"operating.speed_hz": 600}, {"operating.speed_hz": 100}),
-    ("speed", "warning", "operating.speed_hz", {"operating.speed_hz": 350}, {"operating.speed_hz": 300}),
+    ("speed", "warning", "operating.speed_hz", {"operating.speed_hz": 250}, {"operating.speed_hz": 200}),
     ("speed", "warning", "operating.speed_hz", {"operating.speed_hz": 0.01}, SLOW),
     (
         "speed",
@@ -65,6 +65,7 @@ CASES: list[tuple[str, str, str, Changes, Changes]] = [
         {"operating": {"speed": "estimate", "speed_range_hz": [300, 1500]}},
         {"operating": {"speed": "estimate", "speed_range_hz": [5, 25]}},
     ),
+    ("speed", "warning", "operating.max_speed_hz", {"operating.max_speed_hz": 3000}, {"operating.max_speed_hz": 50}),
     (
         "speed_limits",
         "problem",
@@ -189,6 +190,14 @@ CASES: list[tuple[str, str, str, Changes, Changes]] = [
         {**LEVEL, "alarms.level.0.alert_g": 60, "source.0.range_g": 50},
         {**LEVEL, "source.0.range_g": 50},
     ),
+    (
+        "alarm_level",
+        "problem",
+        "alarms.level[rms].speed_range_hz",
+        {**LEVEL, "alarms.level.0.speed_range_hz": [1700, 1900]},
+        {**LEVEL, "alarms.level.0.speed_range_hz": [28, 32]},
+    ),
+    ("settle", "warning", "source[logger].settle_s", {"source.0.settle_s": 2000}, {"source.0.settle_s": 20}),
     ("alarm_level", "warning", "alarms.level[rms].alert_g", {**LEVEL, "alarms.level.0.alert_g": 3000}, LEVEL),
     (
         "threshold",
