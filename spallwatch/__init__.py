@@ -87,6 +87,7 @@ if TYPE_CHECKING:
     from spallwatch.recordings import blocks as blocks
     from spallwatch.recordings import read as read
     from spallwatch.recordings import to_signal as to_signal
+    from spallwatch.records import NothingAcceptedWarning as NothingAcceptedWarning
     from spallwatch.records import open_records as open_records
     from spallwatch.records import replay as replay
     from spallwatch.scenes import acceleration as acceleration
@@ -114,7 +115,7 @@ _NAMES = {
     "spallwatch.gears": "gear_motion mesh_frequencies",
     "spallwatch.orders": "cyclic_coherence ias_spectrum order_spectrum",
     "spallwatch.recordings": "blocks read to_signal",
-    "spallwatch.records": "open_records replay",
+    "spallwatch.records": "NothingAcceptedWarning open_records replay",
     "spallwatch.scenes": "acceleration build_map map_dataset open_map save_map scene",
 }
 _HOMES = {name: home for home, names in _NAMES.items() for name in names.split()}

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import itertools
+import warnings
 from collections.abc import Container, Iterator, Sequence
 from dataclasses import replace
 from datetime import UTC, datetime
@@ -16,6 +17,7 @@ import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
 from models.words.errors import WrongInputError
+from streams.files.statements import known_unit, multiple_of
 from streams.files.survey import survey
 from streams.open import open_source
 from streams.types.block import Block, Rejected, to_si
@@ -34,7 +36,7 @@ class Reading(TypedDict, total=False):
 
     Attributes:
         channels: names of the columns or variables that are taken, by default all of vibration or a tacho.
-        unit: of all channels: "g", "m/s2", "V" or "unknown".
+        unit: of all channels: "g", "m/s2", "V" or "unknown", or a multiple such as "mV".
         sensitivity_mv_per_g: of the sensors, for "V".
         scale: factor from the stored numbers to ``unit``.
         rate_hz: sampling rate.
@@ -137,18 +139,39 @@ def blocks(
         As ``read``, with the further attributes ``name``, ``sequence`` (from 1) and ``elapsed_s``, from the first
         sample of the recording, where it is known.
 
+    Warns:
+        NothingAcceptedWarning: with ``skip_rejected``, every block was rejected.
+
     Raises:
         RecordingError: the recording cannot be opened, or a block of it not be read.
     """
+    how = in_own_words(how)
     spec = _with_channels(with_groups(source_of(path, block_s, how)), how)
+    given, rejection = False, None
     try:
         for item in open_source(spec):
             if isinstance(item, Block):
+                given = True
                 yield _signal_of(item, how)
             elif not skip_rejected:
                 raise _rejection(item)
+            else:
+                rejection = rejection or _rejection(item)
+        if not given and rejection is not None:
+            from spallwatch.records import NothingAcceptedWarning
+
+            warnings.warn(f"{fspath(path)}: no block was accepted: {rejection}", NothingAcceptedWarning, stacklevel=2)
     except SourceError as error:
         raise RecordingError(_in_words_of_calls(str(error))) from None
+
+
+def in_own_words(how: Reading) -> Reading:
+    """Return how a recording is read with one of our units for a multiple of it, and its factor in the scale."""
+    unit, factor = multiple_of(known_unit(how.get("unit")))
+    if not unit:
+        return how
+    scale = how.get("scale", 1.0) * factor
+    return {**how, "unit": unit} if factor == 1.0 else {**how, "unit": unit, "scale": scale}
 
 
 def source_of(path: str | PathLike[str], block_s: float | Literal["file"], how: Reading) -> SourceSpec:

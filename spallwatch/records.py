@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import tempfile
+import warnings
 from collections.abc import Mapping, Sequence
 from os import PathLike, fspath
 from pathlib import Path
@@ -23,6 +24,10 @@ if TYPE_CHECKING:
 
 BESIDE_VARIABLES = ("source", "name", "status", "reason", "sequence")
 """Entries of the ledger that are read beside the variables that are asked for."""
+
+
+class NothingAcceptedWarning(UserWarning):
+    """A recording gave no block that was accepted; the message says why."""
 
 
 class RecordsError(WrongInputError):
@@ -59,6 +64,9 @@ def replay(
     Returns:
         As ``open_records``. Channels have the names of the file, in letters that a configuration takes.
 
+    Warns:
+        NothingAcceptedWarning: every block was rejected.
+
     Raises:
         RecordingError, ConfigError: the recording cannot be opened, or an argument or key is not allowed.
     """
@@ -77,7 +85,9 @@ def replay(
         found = _configured(path, bearing, operating, block_s, how)
     with tempfile.TemporaryDirectory(prefix="spallwatch-") as scratch:
         folder = Path(scratch) / "replay" if out is None else Path(out)
-        replay_recording(found, None if path is None else fspath(path), folder, limit=limit)
+        done = replay_recording(found, None if path is None else fspath(path), folder, limit=limit)
+        for line in done.summary["warnings"]:
+            warnings.warn(line, NothingAcceptedWarning, stacklevel=2)
         return open_records(folder / "records")
 
 
@@ -153,8 +163,9 @@ def _configured(
 ) -> Config:
     """Return the configuration of a machine with one source, whose channels are those of the recording."""
     from spallwatch._arguments import configuration, plain_names
-    from spallwatch.recordings import first_channels, source_of, with_groups
+    from spallwatch.recordings import first_channels, in_own_words, source_of, with_groups
 
+    how = in_own_words(how)
     spec = with_groups(source_of(path, block_s, how))
     there = first_channels(spec, None if "channels" in how else ("vibration",))
     titles = list(how.get("channels", there))

@@ -68,7 +68,7 @@ def command(
         read_config(config_path)
         replays = (config_path or Path("config.toml"), out, limit, report)
         return _replay_many(recordings, replays, sharing, quiet=quiet)
-    from monitor.service.replay import replay
+    from monitor.service.replay import is_all_rejected, replay
     from monitor.service.start import judged
 
     if sharing.chunks is not None:
@@ -97,6 +97,8 @@ def command(
         played = given if given.startswith("rig:") else shown(Path(bare(given)).name)
         page = write_report(result, out / "report.html", f"{config.machine.name}: {played}")
         say(f"report: {page}", quiet=quiet)
+    for line in result.summary["warnings"]:
+        say(f"warning: {line}", quiet=quiet)
     return result.summary, summary_lines(result.summary), is_all_rejected(result.summary)
 
 
@@ -118,11 +120,6 @@ def _replay_many(
     told = replay_many.values(outcomes, out)
     told |= {"seconds": time.perf_counter() - began, "cluster": shared.values()}
     return told, [*replay_many.lines(told), *shared.lines()], bool(told["failed"])
-
-
-def is_all_rejected(summary: Mapping[str, Any]) -> bool:
-    """Return whether a replay has accepted nothing, although files were there that it had not met before."""
-    return not summary["accepted"] and any(status != "duplicate" for status in summary["rejected"])
 
 
 def write_report(result: Replay, out: Path, title: str, notes: tuple[str, ...] = ()) -> Path:

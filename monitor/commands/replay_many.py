@@ -281,7 +281,7 @@ def _digest(replays: Replays, recording: ReplayRecording) -> str | None:
 
 def values(outcomes: Sequence[ReplayOutcome], out: Path) -> dict[str, Any]:
     """Return what ``--json`` says of several recordings."""
-    from monitor.commands.replay import is_all_rejected
+    from monitor.service.replay import is_all_rejected
 
     rejected = [outcome.summary is not None and is_all_rejected(outcome.summary) for outcome in outcomes]
     return {

@@ -149,6 +149,15 @@ def blocks_after(store: Readable, number: int, most: int) -> list[LedgerBlock]:
     return [LedgerBlock(*row) for row in store.rows(f"{query} WHERE id > ? ORDER BY id LIMIT ?", number, most)]
 
 
+def refused_files(store: Readable, source: str, most: int) -> dict[str, str]:
+    """Return why readers refused files of a source, by name, the first ones; copies of others are left out."""
+    query = (
+        "SELECT name, substr(reason, length(name) + 3) FROM blocks WHERE source = ? AND status != 'duplicate'"
+        " AND name != '' AND substr(reason, 1, length(name) + 2) = name || ': ' ORDER BY id LIMIT ?"
+    )
+    return dict(store.rows(query, source, most))
+
+
 def is_dated(store: Readable, source: str) -> bool | None:
     """Return whether the blocks of a source have dates, None where they have no time at all.
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -26,6 +26,7 @@ from monitor.records.database import StoreError
 from monitor.records.filing import published_files
 from monitor.records.ledger import keep_dating, read_dating
 from monitor.records.publish import publish
+from monitor.records.queries import refused_files
 from monitor.records.recover.salvage import open_or_salvage
 from monitor.records.store import Store
 from monitor.service.neighbours.condition import RecordedCondition
@@ -35,7 +36,7 @@ from monitor.service.summary import bearing_summaries, channel_summary, run_attr
 from streams.dates.dating import Dating
 from streams.recording.state import ResumableSource
 from streams.types.block import STANDARD_GRAVITY, Block
-from streams.types.source import FileSource, Source
+from streams.types.source import MAX_IGNORED_NAMES, FileSource, Source
 
 _FILE_COUNTS = ("offered", "accepted", "rejected", "ignored", "pending")
 
@@ -145,8 +146,10 @@ def replay_source(
         state = pipeline.state(name)
         bearings = bearing_summaries([(state, settings)])
         channels = {channel: channel_summary(state, found) for channel, found in settings.channels.items()}
+        counts = _counts(store, source, whole=whole)
         summary = {
-            **_counts(store, source, whole=whole),
+            **counts,
+            "warnings": list(warning_lines(counts, pipeline.reasons)),
             "seconds": seconds,
             "blocks_per_second": taken / seconds if seconds > 0 else None,
             "records": [str(file) for file in files],
@@ -280,11 +283,26 @@ def _counts(store: Store, source: Source, *, whole: bool) -> dict[str, Any]:
         "flagged": flagged,
         "rejected": rejected,
         "ignored": {} if files is None else files.ignored(),
+        "refused": {} if files is None else refused_files(store, source.name, MAX_IGNORED_NAMES),
         "closed": {} if files is None else files.closed(),
         "offered": offered,
         "pending": offered - blocks - ignored,
         "files": None if met is None else {key: getattr(met, key) for key in _FILE_COUNTS},
     }
+
+
+def is_all_rejected(summary: Mapping[str, Any]) -> bool:
+    """Return whether a replay has accepted nothing, although files were there that it had not met before."""
+    return not summary["accepted"] and any(status != "duplicate" for status in summary["rejected"])
+
+
+def warning_lines(counts: Mapping[str, Any], reasons: Mapping[str, str]) -> Iterator[str]:
+    """Yield what a replay as a whole is warned of: that it accepted nothing; ``reasons``: first ones, by status."""
+    if not is_all_rejected(counts):
+        return
+    listed = ", ".join(f"{number} {status}" for status, number in counts["rejected"].items())
+    first = next((f"; first {status}, {reason}" for status, reason in reasons.items()), "")
+    yield f"no block was accepted: {listed}{first}"
 
 
 def _dating_words(source: Source) -> dict[str, Any]:

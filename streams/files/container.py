@@ -287,6 +287,20 @@ def read_guarded(root: Path, path: str, *, may_grow: bool = False, max_bytes: in
     return data
 
 
+def first_of(root: Path, path: str, count: int) -> bytes:
+    """Return the first bytes of a regular file below the resolved folder ``root``; none where it cannot be read."""
+    try:
+        _, handle = _opened(root, path)
+    except ReaderError:
+        return b""
+    try:
+        return os.read(handle, count) if stat.S_ISREG(os.fstat(handle).st_mode) else b""
+    except OSError:
+        return b""
+    finally:
+        os.close(handle)
+
+
 def unpack(data: Data, name: str, limit: int | None = None) -> Data:
     """Decompress a file by the ending of its name; else return ``data`` itself. What becomes large is on disk.
 

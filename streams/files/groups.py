@@ -206,10 +206,10 @@ def _plain(text: str) -> str:
     return re.sub(r"\[([*?\[])\]", r"\1", text)
 
 
-def lone_members(patterns: Sequence[str], paths: Iterable[str], leads: Iterable[str]) -> set[str]:
-    """Return those of some members whose first file is not among ``leads``: nothing reads them."""
+def not_read(patterns: Sequence[str], paths: Iterable[str], leads: Iterable[str]) -> list[str]:
+    """Return those of some paths that are not read with a file among ``leads``."""
     read = {member for lead in leads for member in members_of(patterns, lead)}
-    return {path for path in paths if is_member(patterns, path) and path not in read}
+    return [path for path in paths if path not in read]
 
 
 def with_files(data_set: DataSet, spec: SourceSpec, root: Path) -> DataSet:

@@ -13,7 +13,8 @@ from zoneinfo import ZoneInfo
 import numpy as np
 
 from streams.files.columns import vibration_rows, with_times
-from streams.files.container import changed_error
+from streams.files.container import changed_error, first_of
+from streams.files.foreign import HEAD_BYTES, seen_in, with_hint
 from streams.files.judge import agreed_rate
 from streams.files.parse.complete import declared_size
 from streams.files.pulse_times import fitting_pulses
@@ -88,6 +89,11 @@ class Loader:
     def ignored(self) -> str:
         """Why files without :meth:`facts` are ignored."""
         return f"of another format than {self.data_set.name} ({self.data_set.files})"
+
+    def reason_to_ignore(self, path: str, root: Path | None) -> str:
+        """Return :attr:`ignored`, and what the file is that is ignored; ``root``: None where it cannot be looked at."""
+        found = seen_in(path, b"" if root is None else first_of(root, path, HEAD_BYTES))
+        return self.ignored if found is None else f"{self.ignored}: it is {found}"
 
     def load(
         self,
@@ -171,7 +177,8 @@ class Loader:
             if isinstance(raw, FileBytes) and raw.is_changed:
                 raise changed_error(name) from error
             if isinstance(error, ReaderError):
-                raise renamed(error, path, name) from error
+                told = renamed(error, path, name)
+                raise ReaderError(told.status, with_hint(str(told), path, raw)) from error
             # Third-party parsers raise any exception on damaged files; one file must not stop the others.
             _LOG.warning("%s: the reader failed", name, exc_info=True)
             raise ReaderError("unreadable", f"{name}: the reader failed ({type(error).__name__})") from error

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import importlib.util
 import re
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from fnmatch import fnmatchcase
 from pathlib import Path, PurePosixPath
@@ -13,6 +14,7 @@ from zoneinfo import ZoneInfo
 
 from streams.files.container import Files, Item, is_archive
 from streams.files.datasets import DATA_SETS, DataSet, FileFacts
+from streams.files.foreign import HEAD_BYTES, described
 from streams.files.formats.hdf5 import read_hdf5
 from streams.files.formats.mat import mat_variables, read_mat
 from streams.files.formats.netcdf import read_netcdf
@@ -24,7 +26,7 @@ from streams.files.groups import with_files
 from streams.files.parse.child import isolated
 from streams.files.sidecar import FOLDER_NAMES, apply_sidecar, find_sidecar, is_beside, is_pulse_file, with_pulse_files
 from streams.types.large import Data
-from streams.types.listing import natural_key, unpacked_name
+from streams.types.listing import natural_key, shown, unpacked_name
 from streams.types.samples import ReaderError, Samples
 from streams.types.spec import ChannelSpec, SourceError, SourceSpec
 
@@ -73,6 +75,10 @@ _ALIASES = {"text": "csv", "lvm": "csv", "flac": "wav", "h5": "hdf5", "uff58": "
 _STATE_RATE = ("csv", "wav", "mat", "tdms", "hdf5", "uff", "netcdf")
 _STATE_UNIT = ("csv", "mat", "tdms", "hdf5", "uff", "netcdf")
 _EXTRAS = {"tdms": ("nptdms", "tdms"), "hdf5": ("h5py", "hdf5"), "uff": ("pyuff", "uff")}
+_RECORDED = (".csv", ".tsv", ".lvm")
+"""Endings of text that is recorded: another text among several files may be a note."""
+_MAX_SEEN = 5
+"""Files of which it is said what was seen in them."""
 _MATRICES = ("mat", "hdf5", "netcdf")
 _HOLD_PULSES = ("mat", "hdf5", "netcdf", "tdms")
 _XJTU_HEADER = "Horizontal_vibration_signals"
@@ -227,6 +233,7 @@ def _found_data_set(spec: SourceSpec, files: Files, kind: str) -> DataSet:
         return named
     found: DataSet | None = None
     paths: list[str] = []
+    seen: dict[str, str] = {}
     unfilled: list[Item] = []
     try:
         for item in files:
@@ -239,7 +246,7 @@ def _found_data_set(spec: SourceSpec, files: Files, kind: str) -> DataSet:
             named = _recognised_by_name(item, files)
             if named is not None:
                 return named
-            found = found or _recognised_by_content(item, spec, files)
+            found = found or _recognised_by_content(item, spec, files, seen)
             if found is not None and found.name in DATA_SETS:
                 return found
     except ReaderError as error:
@@ -249,7 +256,7 @@ def _found_data_set(spec: SourceSpec, files: Files, kind: str) -> DataSet:
     by_name = (_recognised_by_name(item, files) or _recognised_by_ending(item, spec, files) for item in unfilled)
     found = found or next((data_set for data_set in by_name if data_set is not None), None)
     if found is None:
-        raise SourceError(f"{where}: url: {files.root} {_nothing(paths)}")
+        raise SourceError(f"{where}: url: {files.root} {_nothing(paths, seen)}")
     return found
 
 
@@ -267,19 +274,21 @@ def _kind_by_ending(item: Item) -> tuple[str | None, str]:
 def _recognised_by_ending(item: Item, spec: SourceSpec, files: Files) -> DataSet | None:
     """Return the plain format that an ending stands for; among several files a .txt may be anything."""
     kind, ending = _kind_by_ending(item)
-    unclear = kind == "csv" and ending != ".csv" and files.several
+    unclear = kind == "csv" and ending not in _RECORDED and files.several
     return None if kind is None or unclear else plain(kind, spec, (ending,))
 
 
-def _nothing(paths: list[str]) -> str:
+def _nothing(paths: list[str], seen: Mapping[str, str]) -> str:
+    """Return in words that no file of a recording is read, with what was ``seen`` in some of them."""
     if not paths:
         return "holds no files"
     archives = [path for path in paths if is_archive(path)]
     if archives:
         return f"holds archives ({', '.join(archives[:5])}); name one of them"
     endings = ", ".join(ending for endings in FORMATS.values() for ending in endings)
+    told = "".join(f"; {shown(path)}: {words}" for path, words in seen.items())
     return (
-        f"holds nothing that is recognised; expected a known data set ({', '.join(DATA_SETS)}) "
+        f"holds nothing that is recognised{told}; expected a known data set ({', '.join(DATA_SETS)}) "
         f"or files ending in {endings}; or give format"
     )
 
@@ -289,16 +298,24 @@ def _is_named_as(name: str, item: Item, files: Files) -> bool:
     return DATA_SETS[name].facts(item.path, str(files.root), ZoneInfo("UTC")) is not None
 
 
-def _recognised_by_content(item: Item, spec: SourceSpec, files: Files) -> DataSet | None:
-    """Return the data set or format that one file shows, or None."""
+def _recognised_by_content(item: Item, spec: SourceSpec, files: Files, seen: dict[str, str]) -> DataSet | None:
+    """Return the data set or format that one file shows, or None; then add to ``seen`` what was seen in it."""
     kind, ending = _kind_by_ending(item)
     if kind is None:
+        if len(seen) < _MAX_SEEN:
+            with suppress(ReaderError):
+                data = item.read()
+                seen[item.path] = described(item.path, len(data), bytes(data[:HEAD_BYTES]))
         return None
     if kind == "mat":
         return _recognised_mat(item, files) or plain(kind, spec, (ending,))
-    if kind == "csv" and ending != ".csv" and files.several and _asked(read_layout, item) is None:
+    if kind == "csv" and ending not in _RECORDED and files.several:
         # It may be a README.txt.
-        return None
+        try:
+            isolated(read_layout)(item.read(), item.path)
+        except ReaderError as error:
+            seen |= {item.path: str(error).removeprefix(f"{item.path}: ")} if len(seen) < _MAX_SEEN else {}
+            return None
     if (
         kind == "csv"
         and _is_named_as("xjtu_sy", item, files)

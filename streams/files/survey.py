@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from streams.files.columns import ColumnKind, Kind, kinds_of
 from streams.files.container import Files, Item, open_files
 from streams.files.datasets import DataSet, FileFacts
-from streams.files.groups import NameGroups, is_member, lone_members, name_groups
+from streams.files.groups import NameGroups, name_groups, not_read
 from streams.files.load import Loader, in_own_units
 from streams.files.plausible import SignalLevel, level_of
 from streams.files.recognise import as_pattern, data_set_of
@@ -225,8 +225,7 @@ def _surveyed(spec: SourceSpec, path: str, files: Files, data_set: DataSet) -> S
         reasons = "; ".join(refused.values()) or f"{shown(path)}: holds no file"
         raise ReaderError("unreadable", reasons)
     others = [other for other in others if not is_pulse_file(spec.pulses, other)]
-    lone = lone_members(spec.files, others, paths)
-    others = [other for other in others if other in lone or not is_member(spec.files, other)]
+    others = not_read(spec.files, others, paths)
     ignored = tuple(other for other in others if not is_sidecar(other, dict.fromkeys(paths)))
     place = files.root if files.several else Path(path)
     found = _found(place, data_set, {item.path: (item, facts) for item, facts in known}, read)

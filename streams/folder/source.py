@@ -177,8 +177,10 @@ class FolderSource(LiveSource):
 
     def ignored(self) -> dict[str, str]:
         """Return why files of another format are ignored, by name; at most ``MAX_IGNORED_NAMES``."""
-        reason = "" if self._loader is None else self._loader.ignored
-        return {shown(path): reason for path in self._register.ignored[:MAX_IGNORED_NAMES]}
+        names = self._register.ignored[:MAX_IGNORED_NAMES]
+        return {
+            shown(path): "" if self._loader is None else self._loader.reason_to_ignore(path, None) for path in names
+        }
 
     def problem(self) -> str | None:
         """Return why the folder gives nothing, or that events were lost, or None."""

@@ -11,7 +11,7 @@ from streams.dates.dater import Dater, UndatedError
 from streams.dates.dating import Dating
 from streams.files.container import Files, Item, hash_of_file, open_files
 from streams.files.datasets import DataSet, FileFacts
-from streams.files.groups import check_names, is_member, lone_members
+from streams.files.groups import check_names, not_read
 from streams.files.load import Loader, cutter_of, is_cut, is_dated_by_choice, renamed
 from streams.files.recognise import check_stated, data_set_of, one_run
 from streams.files.sidecar import is_pulse_file, is_sidecar
@@ -192,7 +192,8 @@ class Recording:
 
     def ignored(self) -> dict[str, str]:
         """Return why files are ignored, by name, at most ``MAX_IGNORED_NAMES``."""
-        return {shown(path): self._loader.ignored for path in self._ignored_paths()[:MAX_IGNORED_NAMES]}
+        root = None if self._files.sequential else self._files.root
+        return {shown(p): self._loader.reason_to_ignore(p, root) for p in self._ignored_paths()[:MAX_IGNORED_NAMES]}
 
     def closed(self) -> dict[str, str]:
         """Return why folders below it are left out, by name."""
@@ -202,10 +203,10 @@ class Recording:
         met = self._met_files()
         if self._files.sequential:
             return sorted(met.others, key=natural_key)
-        lone = lone_members(self._spec.files, met.others, met.known)
-        others = (path for path in met.others if not is_pulse_file(self._spec.pulses, path))
-        beside = (path for path in others if path in lone or not is_member(self._spec.files, path))
-        return [path for path in beside if not is_sidecar(path, met.known)]
+        others = not_read(self._spec.files, met.others, met.known)
+        return [
+            path for path in others if not is_pulse_file(self._spec.pulses, path) and not is_sidecar(path, met.known)
+        ]
 
     def _met_files(self) -> Met:
         if self._met is None:

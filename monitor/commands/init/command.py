@@ -27,6 +27,8 @@ from monitor.commands.init.questions import (
 from monitor.commands.init.text import Draft, configuration_text, machine_name
 from monitor.config.load import Config, load_config
 from monitor.words.numbers import duration
+from streams.files.container import first_of
+from streams.files.foreign import HEAD_BYTES, seen_in
 from streams.files.sidecar import is_beside
 from streams.files.survey import Survey, SurveyedRow, survey
 from streams.types.listing import shown
@@ -319,7 +321,8 @@ def survey_lines(seen: Survey, path: str, timezone: str) -> Iterator[str]:
         yield f"  read together, a channel each: {', '.join(map(shown, seen.files))}"
     if seen.ignored:
         more = f" and {len(seen.ignored) - 3} more" if len(seen.ignored) > 3 else ""
-        yield f"  left out, of another format: {', '.join(map(shown, seen.ignored[:3]))}{more}"
+        named = (f"{shown(name)}{_seen_words(seen, name)}" for name in seen.ignored[:3])
+        yield f"  left out, of another format: {', '.join(named)}{more}"
     yield from (f"  cannot be read: {reason}" for reason in seen.refused[:3])
     if seen.rate is None:
         yield f"  rate: not stated; {seen.samples[0]} samples in a row"
@@ -334,6 +337,11 @@ def survey_lines(seen: Survey, path: str, timezone: str) -> Iterator[str]:
         place = "beside the files" if is_beside(seen.pulses) else "in the files"
         yield f"  pulses of a tacho: {shown(seen.pulses)} {place}"
     yield f"  date: {_date_words(seen, timezone)}"
+
+
+def _seen_words(seen: Survey, name: str) -> str:
+    found = seen_in(name, first_of(seen.place, name, HEAD_BYTES) if seen.is_folder else b"")
+    return "" if found is None else f" ({found})"
 
 
 def duration_words(seconds: float) -> str:
