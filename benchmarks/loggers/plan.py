@@ -272,7 +272,7 @@ def _signals(draw: Draw, rate: float, seconds: float, axes: int) -> Samples:
 
 def _starts(draw: Draw, files: int, seconds: float, fault: str) -> list[datetime]:
     if fault == "autumn":
-        first, interval = datetime(2025, 10, 26, 0, 10, tzinfo=UTC), 1200.0
+        first, interval = datetime(2025, 10, 26, 0, 10, tzinfo=UTC), 1250.0
     else:
         days = int(draw.random.integers(0, 900))
         first = datetime(2024, 1, 3, tzinfo=UTC) + timedelta(days=days, seconds=int(draw.random.integers(0, 86000)))

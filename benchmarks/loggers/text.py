@@ -222,7 +222,7 @@ def cells_of(values: Samples, decimal: str, scale: float | None) -> list[str]:
     """Return numbers as text, with six digits of their level; counts as whole numbers."""
     if scale is not None:
         return [str(int(value)) for value in np.round(values)]
-    digits = max(1, 5 - int(np.floor(np.log10(np.std(values)))))
+    digits = max(1, 5 - int(np.floor(np.log10(np.nanstd(values)))))
     cells = [f"{value:.{digits}f}" for value in values]
     return [cell.replace(".", ",") for cell in cells] if decimal == "," else cells
 

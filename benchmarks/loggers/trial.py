@@ -34,9 +34,8 @@ def judged(seed: int, folder: str) -> dict[str, Any]:
     row["questions"] = " ".join(main.asked)
     row["flagged"] = verdicts["init"].flagged
     row["names_file"] = str(verdicts["init"].names_file)
-    row["answerable"] = str(
-        not truth.unknowable and not truth.ambiguous and all(each.acceleration for each in truth.channels)
-    )
+    asked_for = {*truth.unknowable, *truth.ambiguous} - ({"start"} if truth.files[0].start_utc is None else set())
+    row["answerable"] = str(not asked_for and all(each.acceleration for each in truth.channels))
     row["details"] = [
         f"by {way}: {text.replace(f'{place}/', '')}" for way, verdict in verdicts.items() for text in verdict.details
     ]
