@@ -29,6 +29,7 @@ from monitor.records.publish import publish
 from monitor.records.queries import refused_files
 from monitor.records.recover.salvage import open_or_salvage
 from monitor.records.store import Store
+from monitor.service.block_times import BlockTimes
 from monitor.service.neighbours.condition import RecordedCondition
 from monitor.service.setup import only_source, open_configured, source_settings
 from monitor.service.start import judged
@@ -133,9 +134,13 @@ def replay_source(
         outputs: Iterable[RecordingStep] = pipeline.play(source, limit, extent.pace)
         if progress is not None:
             outputs = progress(outputs, len(source) if limit is None else min(len(source), limit))
+        times = BlockTimes()
+        for record in store.records() if resume else ():
+            times.add(record)
         began, taken = time.perf_counter(), 0
         for _, output, state in outputs:
             taken += 1
+            times.add(output.record)
             _draw(drawn, output, state)
         _keep_dating(store, source)
         seconds = time.perf_counter() - began
@@ -156,7 +161,8 @@ def replay_source(
             "bearings": bearings,
             "channels": with_words(config, channels, bearings),
             "reasons": pipeline.reasons,
-            **_dating_words(source),
+            **_dating_words(source, times.sentences(state.order.clock, config.machine.timezone)),
+            **times.values,
             "condition": None if condition is None else condition.sentence,
             "uncalibrated": list(uncalibrated_lines(config, settings.channels)),
         }
@@ -305,10 +311,10 @@ def warning_lines(counts: Mapping[str, Any], reasons: Mapping[str, str]) -> Iter
     yield f"no block was accepted: {listed}{first}"
 
 
-def _dating_words(source: Source) -> dict[str, Any]:
+def _dating_words(source: Source, of_times: Iterable[str]) -> dict[str, Any]:
     """Return what dates the blocks, and what is said of it."""
     dating: Dating | None = getattr(source, "dating", None)
     return {
         "time_from": None if dating is None else dating.by,
-        "dating": [*([] if dating is None else [dating.describe()]), *getattr(source, "remarks", ())],
+        "dating": [*([] if dating is None else [dating.describe()]), *getattr(source, "remarks", ()), *of_times],
     }

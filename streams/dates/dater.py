@@ -85,6 +85,13 @@ class Dater:
             return None if named is None else named.time
         return counted(named, self.choice.counter)
 
+    def _states_time(self, path: str) -> bool:
+        """Return whether names state times; numbers below folders of a date do where all can be read so."""
+        stamp = self._name_stamp(path)
+        if stamp is None or "/" not in stamp.text:
+            return stamp is not None
+        return all(self._name_stamp(name) is not None for name in self._names())
+
     def _named(self, path: str) -> NamedTime | None:
         """Return the time in a name, None where there is none, or its order of day and month is open."""
         stamp, zone = self._name_stamp(path), self._spec.timezone
@@ -234,7 +241,7 @@ class Dater:
             by = "count"
             if samples.start is not None or self._header_stamp(samples) is not None:
                 by = "header"
-            elif self._name_stamp(path) is not None:
+            elif self._states_time(path):
                 by = "name"
         order = spec.date_order if by in ("header", "name") else None
         choice = Dating(by, order=order, decided_by=None if order is None else "configuration", example=path)

@@ -37,6 +37,8 @@ from streams.types.spec import SourceSpec
 
 _MAX_AHEAD_FILES = 8
 _MAX_AHEAD_BYTES = 1 << 26
+_MAX_SORTED_S = 30 * 86400.0
+"""Files read ahead whose times are farther apart are of a clock that was wrong."""
 _MAX_WAIT_S = {"incomplete": MAX_INCOMPLETE_S, "empty": MAX_INCOMPLETE_S}
 # A side-car may be written after its file.
 _RETRIED = ("unreadable", "short", "wrong_shape", "wrong_rate", "wrong_unit")
@@ -127,7 +129,10 @@ class Intake:
     def _emit_batch(self) -> Iterator[None]:
         """Deliver the files read ahead, in order of time; yield after each block."""
         batch, self._batch = self._batch, []
-        if all(loaded[3].start is not None and loaded[3].joins for loaded in batch):
+        starts = [loaded[3].start for loaded in batch if loaded[3].start is not None and loaded[3].joins]
+        # Where a clock is doubtful, the names are more certain than the times.
+        repeated = any(loaded[3].stated is not None and loaded[3].stated.repeated_s for loaded in batch)
+        if starts and len(starts) == len(batch) and not repeated and max(starts) - min(starts) <= _MAX_SORTED_S:
             batch.sort(key=lambda loaded: loaded[3].start or 0.0)
         self._emitting = len(batch)
         try:
