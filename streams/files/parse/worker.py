@@ -38,8 +38,8 @@ _LIBRARIES = {
 }
 _FROM_DISK = "takes_files_from_disk"
 _FIELDS = (
-    *("channels", "names", "columns", "units", "rate", "start", "speed", "load", "scaled", "stamp", "written", "stored"),
-    *("pulse_epoch", "pulses_per_revolution", "beside"),
+    *("channels", "names", "columns", "units", "rate", "start", "speed", "load", "scaled", "stamp", "stored"),
+    *("written", "pulse_epoch", "pulses_per_revolution", "beside"),
 )
 
 
