@@ -19,8 +19,9 @@ from monitor.config.plausible.machine import load_doubts, speed_doubt
 from monitor.config.plausible.rules import JudgedConfig, SourceFacts, key_words, place_of
 from monitor.config.positions import Place
 from monitor.config.source import ChannelSection, SourceSection
+from monitor.health.signal.quality import check_samples
 from streams.files.plausible import SignalLevel, level_of, of_one_g
-from streams.types.block import Block, Rejected
+from streams.types.block import Block, Rejected, to_si
 from streams.types.samples import Samples
 from streams.types.stamps import utc_text
 
@@ -83,17 +84,17 @@ def _first_items(recording: Recording) -> tuple[Block | None, Rejected | None]:
     return None, refused
 
 
-def _level(samples: Samples, row: int, channel: ChannelSection) -> SignalLevel:
-    return level_of(samples.values[row, :_MAX_SAMPLES]).times(channel.scale or 1.0)
-
-
-def _rows(config: Config, file: Loaded) -> Iterator[tuple[ChannelSection, SignalLevel]]:
-    """Yield the levels of the channels of a file; none of one that would be rejected."""
+def _rows(config: Config, file: Loaded) -> Iterator[tuple[ChannelSection, NDArray[Any]]]:
+    """Yield the rows of the channels of a file; none of one that would be rejected."""
     channels = {channel.name: channel for channel in config.channel}
     if isinstance(file.result, Samples):
-        for row, name in enumerate(file.result.channels):
+        for name, row in zip(file.result.channels, file.result.values, strict=True):
             if name in channels:
-                yield channels[name], _level(file.result, row, channels[name])
+                yield channels[name], row[:_MAX_SAMPLES]
+
+
+def _level(channel: ChannelSection, row: NDArray[Any]) -> SignalLevel:
+    return level_of(row).times(channel.scale or 1.0)
 
 
 def _end_words(config: Config, loaded: Sequence[Loaded]) -> Iterator[str]:
@@ -103,7 +104,8 @@ def _end_words(config: Config, loaded: Sequence[Loaded]) -> Iterator[str]:
         if not isinstance(samples, Samples):
             continue
         levels = []
-        for channel, level in _rows(config, file):
+        for channel, row in _rows(config, file):
+            level = _level(channel, row)
             one_g = of_one_g(channel.unit, channel.sensitivity_mv_per_g)
             levels.append(
                 f"{channel.name} RMS " + (f"{level.rms:.3g}" if one_g is None else f"{level.rms / one_g:.3g} g")
@@ -129,12 +131,10 @@ def _levels(subject: JudgedConfig, section: SourceSection, loaded: Sequence[Load
     files = 0
     for file in loaded:
         files += isinstance(file.result, Samples)
-        for channel, level in _rows(config, file):
-            found = [
-                *doubts(level, channel.unit, channel.sensitivity_mv_per_g),
-                *_peaks(subject, section, channel, level),
-            ]
-            for doubt in found:
+        for channel, row in _rows(config, file):
+            level = _level(channel, row)
+            of_level = doubts(level, channel.unit, channel.sensitivity_mv_per_g)
+            for doubt in (*of_level, *_peaks(subject, section, channel, level), *_flags(subject, channel, row)):
                 seen.setdefault((channel.name, doubt.rule), []).append((file.name, doubt))
     for (name, _), (*_, (file_name, doubt)) in seen.items():
         number = len(seen[name, doubt.rule])
@@ -142,6 +142,19 @@ def _levels(subject: JudgedConfig, section: SourceSection, loaded: Sequence[Load
         place = doubt.place if doubt.key else place_of(config, "channel", name, *map(str, doubt.place))
         came = f"channel {name!r}: {doubt.came} ({file_name})"
         yield replace(doubt, severity=severity, came=came, place=place, key=key_words(config, place))
+
+
+def _flags(subject: JudgedConfig, channel: ChannelSection, row: NDArray[Any]) -> Iterator[Doubt]:
+    """Yield the flags that the samples would have in the record, but those of levels that are judged themselves."""
+    values, unit = to_si(row, channel.unit, channel.scale or 1.0, channel.sensitivity_mv_per_g)
+    if not np.isfinite(values).all() or np.ptp(values) == 0.0:
+        return
+    verdict = check_samples(values, absolute=unit != "unknown")
+    flags = [flag for flag in verdict.flags if flag not in ("stopped", "clipped")]
+    if flags:
+        place = place_of(subject.config, "channel", channel.name)
+        came = f"has the flag {', '.join(flags)}: {verdict.reason}"
+        yield subject.doubt("flagged", "warning", place, "samples without a flag", came)
 
 
 def _peaks(

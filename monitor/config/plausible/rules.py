@@ -83,6 +83,7 @@ RULES: dict[str, DoubtRule] = {
     "file_speed": DoubtRule("speed of files", "60 times `speed_hz`, or a 60th", "a quarter off"),
     "constant": DoubtRule("samples", "all equal"),
     "numbers": DoubtRule("samples", "no numbers"),
+    "flagged": DoubtRule("samples", "", "flagged: `flat`, `filled`"),
     "clipping": DoubtRule("samples", "", "clipped"),
     "bias": DoubtRule("mean", "7 to 14 V: bias"),
     "gravity": DoubtRule("mean", "gravity in the other unit"),

@@ -109,6 +109,7 @@ CASES_OF_FILES: list[tuple[str, str, str, Waiting, Waiting]] = [
     ("end_of_life", "warning", "detect.end_of_life_peak_g", both(lambda x: 8.0 * x), both(lambda x: 3.0 * x)),
     ("constant", "problem", "channel[y]", changed(1, np.full(2 * RATE, 0.3)), ONE),
     ("numbers", "problem", "channel[y]", changed(1, np.append(noise(3)[0, 1:], np.nan)), ONE),
+    ("flagged", "warning", "channel[y]", changed(1, np.append(noise(3)[0, RATE:], np.zeros(RATE))), ONE),
     ("clipping", "warning", "channel[y]", changed(1, np.clip(noise(3)[0], -1.0, 1.0)), ONE),
     ("same_signal", "problem", "channel[y]", changed(1, 9.81 * noise(1)[0]), ONE),
     ("alternating", "problem", "channel[x]", ALTERNATING, DRIFTING),
