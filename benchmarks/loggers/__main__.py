@@ -36,6 +36,8 @@ def totals(rows: list[dict[str, Any]]) -> dict[str, float | int]:
         "asked": sum(row["by_init"] == ASKED for row in rows) / len(rows),
         "missed": sum(row["by_init"] == "missed" for row in rows) / len(rows),
         "refused": sum(row["by_init"] == REFUSED for row in rows) / len(rows),
+        "refused_of_answerable": sum(row["by_init"] == REFUSED for row in answerable) / max(1, len(answerable)),
+        "refused_without_a_file": sum(row["by_init"] == REFUSED and row["names_file"] == "False" for row in rows),
         "wrong_by_init": sum(row["by_init"] == WRONG for row in rows),
         "wrong_by_any_way": len(silent),
     }
