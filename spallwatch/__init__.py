@@ -18,9 +18,10 @@ from __future__ import annotations
 import importlib
 import importlib.util
 import sys
-from importlib.machinery import PathFinder
+from importlib.machinery import ModuleSpec, PathFinder
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from types import ModuleType
+from typing import TYPE_CHECKING, Any, cast
 
 
 def _import_own_floors() -> None:
@@ -121,6 +122,35 @@ _NAMES = {
 _HOMES = {name: home for home, names in _NAMES.items() for name in names.split()}
 
 __all__ = sorted(_HOMES)  # pyright: ignore[reportUnsupportedDunderAll]
+
+
+class _AfterXarray:
+    """Registers the accessors (:mod:`spallwatch.accessors`) when xarray is imported; nothing is imported before."""
+
+    @staticmethod
+    def find_spec(name: str, path: Any = None, target: Any = None) -> ModuleSpec | None:
+        """Return the module of xarray, which then registers them; None for all others."""
+        if name != "xarray":
+            return None
+        sys.meta_path.remove(_after_xarray)
+        spec = importlib.util.find_spec(name)
+        if spec is None or spec.loader is None:
+            return spec
+        run = spec.loader.exec_module
+
+        def exec_module(module: ModuleType) -> None:
+            run(module)
+            importlib.import_module("spallwatch.accessors")
+
+        spec.loader.exec_module = exec_module
+        return spec
+
+
+_after_xarray = cast("Any", _AfterXarray)
+if "xarray" in sys.modules:
+    importlib.import_module("spallwatch.accessors")
+else:
+    sys.meta_path.insert(0, _after_xarray)
 
 
 def __getattr__(name: str) -> Any:
