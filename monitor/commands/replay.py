@@ -69,7 +69,7 @@ def command(
         replays = (config_path or Path("config.toml"), out, limit, report)
         return _replay_many(recordings, replays, sharing, quiet=quiet)
     from monitor.service.replay import is_all_rejected, replay
-    from monitor.service.start import judged
+    from monitor.service.start import refuse_implausible
 
     if sharing.chunks is not None:
         raise InputError(
@@ -79,7 +79,7 @@ def command(
     path = paths[0] if paths else None
     # Until the page is written, too.
     hold_output(out)
-    for doubt in judged(config):
+    for doubt in refuse_implausible(config):
         say(doubt, quiet=quiet)
     section = config.source[0]
     with local_source(section.url if path is None else path, out / "fetched", section.pulses) as source:

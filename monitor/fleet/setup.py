@@ -22,7 +22,7 @@ from monitor.config.load import Config, ConfigError, files_of, load_config, read
 from monitor.health.signal.waterfall import WaterfallSettings
 from monitor.health.state import SourceSettings
 from monitor.service.setup import source_settings
-from monitor.service.start import judged
+from monitor.service.start import refuse_implausible
 
 _NOT_SENT = ("notify", "web")
 
@@ -72,7 +72,7 @@ def send_setup(path: Path, store: FileStore) -> str:
         raise ConfigError(f"{path}: operating.opcua: an archive takes speed and load from the recordings alone")
     try:
         # Refused here, before anything is replayed.
-        judged(config)
+        refuse_implausible(config)
         source_settings(config, config.source[0])
     except ConfigError as error:
         raise ConfigError(f"{path}: {error}") from None

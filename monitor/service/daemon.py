@@ -25,7 +25,7 @@ from monitor.service.ingest import Ingest
 from monitor.service.machine_status import MachineStatus, SilenceLog
 from monitor.service.neighbours.condition import ConditionProcess
 from monitor.service.retention import Retention
-from monitor.service.start import inspect, judged
+from monitor.service.start import inspect, refuse_implausible
 from monitor.service.summary import run_attributes, uncalibrated_lines
 from monitor.service.system import DiskGuard, ServiceManager, StatusFile, full_disk, is_running
 from monitor.words.events import event_text
@@ -121,7 +121,7 @@ class Daemon:
         found = inspect(self._config, running=is_running(machine.state_dir))
         if found.refusals:
             raise ConfigError("\n".join(found.refusals))
-        for doubt in judged(self._config):
+        for doubt in refuse_implausible(self._config):
             _LOG.warning("%s", doubt)
         with ExitStack() as opened:
             self._file = opened.enter_context(StatusFile.open(machine.state_dir))

@@ -32,7 +32,7 @@ from monitor.records.store import Store
 from monitor.service.block_times import BlockTimes
 from monitor.service.neighbours.condition import RecordedCondition
 from monitor.service.setup import only_source, open_configured, source_settings
-from monitor.service.start import judged
+from monitor.service.start import refuse_implausible
 from monitor.service.summary import bearing_summaries, channel_summary, run_attributes, uncalibrated_lines, with_words
 from streams.dates.dating import Dating
 from streams.recording.state import ResumableSource
@@ -82,7 +82,7 @@ def replay(
     Raises:
         ConfigError: the configuration is implausible or does not fit the recording, or ``out`` holds a store already.
     """
-    judged(config)
+    refuse_implausible(config)
     section = only_source(config, "replay")
     settings = source_settings(config, section, maps, libraries)
     source = open_configured(config, section, path, kept_dating(out, section.name) if resume else None)

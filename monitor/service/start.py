@@ -64,11 +64,11 @@ def inspect(config: Config, sources: Sequence[SourceSection] | None = None, *, r
     return Inspection(settings, tuple(specs), tuple(refusals))
 
 
-def judged(config: Config) -> list[str]:
-    """Return what is doubtful in the values of a configuration, one sentence each, for a log.
+def refuse_implausible(config: Config) -> list[str]:
+    """Refuse a configuration under which every result would be wrong; return what else is doubtful, for a log.
 
     Raises:
-        ConfigError: every result would be wrong, as with a speed that no machine has; decision 25.
+        ConfigError: naming the keys, as that of a speed that no machine has; decision 25.
     """
     doubts = find_doubts(config)
     refused = refusals(doubts)

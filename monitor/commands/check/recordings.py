@@ -70,7 +70,13 @@ def look_at(recording: Recording, config: Config, section: SourceSection) -> Rec
     found = [*_rejections(subject, section, loaded), *_levels(subject, section, loaded)]
     if first is not None:
         found += [*_same(subject, first), *_speeds(subject, first), *_load(subject, first)]
-    found += _alternating(subject, _rows_of_files(recording) if len(loaded) > 1 else _rows_of_blocks(recording))
+    if len(loaded) > 1:
+        between: list[Loaded] = []
+        found += _alternating(subject, _rows_of_files(recording, between))
+        ends = {file.path for file in loaded}
+        found += _rejections(subject, section, [file for file in between if file.path not in ends])
+    else:
+        found += _alternating(subject, _rows_of_blocks(recording))
     facts = SourceFacts() if first is None else SourceFacts(first.rate, first.duration, _speed_of(config, first))
     return RecordingView(tuple(_end_words(config, loaded)), first, refused, facts, tuple(found))
 
@@ -246,9 +252,13 @@ NamedRows = Iterator[tuple[tuple[str, ...], NDArray[Any]]]
 """Names of channels, and their rows, of files or blocks."""
 
 
-def _rows_of_files(recording: Recording) -> NamedRows:
-    loaded = (file.result for file in recording.first_files(_MAX_COMPARED))
-    yield from ((samples.channels, samples.values) for samples in loaded if isinstance(samples, Samples))
+def _rows_of_files(recording: Recording, refused: list[Loaded]) -> NamedRows:
+    """Yield the rows of the first files; those that would be rejected are put into ``refused``."""
+    for file in recording.first_files(_MAX_COMPARED):
+        if isinstance(file.result, Samples):
+            yield file.result.channels, file.result.values
+        else:
+            refused.append(file)
 
 
 def _rows_of_blocks(recording: Recording) -> NamedRows:

@@ -62,7 +62,7 @@ RULES: dict[str, DoubtRule] = {
     "sensitivity": DoubtRule("`sensitivity_mv_per_g`", "outside 1 to 10000: V/g", refused=True),
     "duplicate": DoubtRule("`column`, `key`, `url`", "read twice for one bearing"),
     "learning": DoubtRule("`learn_hours`, `learn_blocks`", "", "over 90 days, under 10 blocks"),
-    "end_of_life": DoubtRule("`end_of_life_peak_g`", "given beyond `range_g`", "outside 1 to 200 g; reached by files"),
+    "end_of_life": DoubtRule("`end_of_life_peak_g`", "given beyond `range_g`", "outside 1 to 150 g; reached by files"),
     "alarm_level": DoubtRule(
         "`[[alarms.level]]`", "beyond `range_g`; speed or load outside its range", "above 500 g or 500 mm/s"
     ),

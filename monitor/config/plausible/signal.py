@@ -102,7 +102,9 @@ def _of_lines(subject: JudgedConfig, at: int, section: SourceSection, facts: Sou
     found = [_lines(subject, channel, speed) for channel in channels]
     if facts.rate is not None:
         yield from _nyquist(subject, ("source", at, "rate_hz"), facts.rate, found, speed)
-    if facts.duration is not None and section.block_revolutions is None:
+    if section.block_revolutions is not None:
+        yield from _resolution(subject, ("source", at, "block_revolutions"), section.block_revolutions / speed, found)
+    elif facts.duration is not None:
         yield from _resolution(subject, ("source", at, "block_s"), facts.duration, found)
     if facts.rate is not None and subject.config.operating.tacho_channel is not None:
         yield from _tacho(subject, facts.rate, speed)

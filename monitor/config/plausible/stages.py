@@ -13,7 +13,8 @@ from monitor.words.features import LEVELS
 
 _MAX_LEARNING_S, _MIN_LEARN_BLOCKS = 90 * 86400.0, 10
 _MAX_SETTLE_S = 600.0
-_END_OF_LIFE_G = (1.0, 200.0)
+_END_OF_LIFE_G = (1.0, 150.0)
+"""The usual 20 g in m/s2 is beyond it."""
 _MAX_LEVELS = {"_g": (500.0, "g", "m/s2"), "_mm_s": (500.0, "mm/s", "um/s")}
 
 

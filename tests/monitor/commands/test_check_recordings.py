@@ -135,6 +135,7 @@ CASES_OF_FILES: list[tuple[str, str, str, Waiting, Waiting]] = [
         with_row(4.0, 'speed_hz = 31\nload_channel = "n"\nload_channel_scale = 1000'),
     ),
     ("file", "problem", "source[s].url", Waiting((noise(1), noise(2)[:1])), ONE),
+    ("file", "problem", "source[s].url", Waiting((noise(1), noise(2)[:1], noise(3))), ONE),
     ("file", "problem", "source[s].rate_hz", plain(sidecar={"rate_hz": 5000}), ONE),
     ("file_speed", "problem", "operating.speed_hz", plain(sidecar={"speed_hz": 31 / 60}), ONE),
     ("file_speed", "warning", "operating.speed_hz", plain(sidecar={"speed_hz": 20}), ONE),

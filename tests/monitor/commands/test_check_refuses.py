@@ -288,3 +288,18 @@ def test_what_may_not_be_used_is_refused_by_both(tmp_path: Path, place: str) -> 
     assert (check[0], run[0]) == (2, 2)
     assert "Permission denied" in run[1]
     assert set(run[1].splitlines()) <= set(check[1].splitlines())
+
+
+def test_run_and_replay_refuse_an_impossible_speed_in_the_words_of_check(tmp_path: Path) -> None:
+    (tmp_path / "in").mkdir()
+    config = tmp_path / "m.toml"
+    config.write_text(text_of().replace("speed_hz = 40.0", "speed_hz = 2400.0"))
+    done = run_command("check", "--config", config, "--json")
+    assert done.returncode == 2
+    came = [entry["came"] for entry in json.loads(done.stdout)["problems"] if entry["key"] == "operating.speed_hz"]
+    assert came[0].startswith("2400 Hz is 144000 rpm; 40 Hz if rpm was meant")
+    (said,) = refused_by("run", config)
+    assert said.startswith(f"operating.speed_hz: {came[0]}; expected ")
+    done = run_command("replay", tmp_path / "in", "--config", config, "--out", tmp_path / "out", "--no-report")
+    assert done.returncode == 2
+    assert f"spallwatch: {said}" in done.stderr

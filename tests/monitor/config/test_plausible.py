@@ -17,7 +17,7 @@ from monitor.config.plausible import find_doubts
 from monitor.config.plausible.doubt import Doubt
 from monitor.config.plausible.rules import RULES, SourceFacts, refusals, rules_table
 from monitor.health.signal.settings import fundamentals
-from monitor.service.start import judged
+from monitor.service.start import refuse_implausible
 from tests.support.config import MINIMAL
 from tests.support.docs import DOCS, ROOT, read
 
@@ -48,6 +48,8 @@ SOURCES = {
     ],
 }
 TRACKED = {"channel.0.track": True}
+REVOLUTIONS = {"source.0.block_revolutions": 50, "operating.tacho_channel": "t"}
+FEW = {**REVOLUTIONS, "source.0.block_revolutions": 2}
 SLOW = {"operating.speed_hz": 0.2, "source.0.block_s": 60}
 BEARING, BAND = "bearing[test]", "channel[de].band_hz"
 SENSITIVITY = "channel[de].sensitivity_mv_per_g"
@@ -127,6 +129,13 @@ CASES: list[tuple[str, str, str, Changes, Changes]] = [
     ),
     ("block", "problem", "source[logger].block_s", {"source.0.block_s": 0.05}, {"source.0.block_s": 0.25}),
     ("block", "warning", "source[logger].block_s", {"source.0.block_s": 0.1}, {"source.0.block_s": 0.25}),
+    (
+        "block",
+        "problem",
+        "source[logger].block_revolutions",
+        REVOLUTIONS | {"source.0.block_revolutions": 2},
+        REVOLUTIONS,
+    ),
     ("block", "warning", "source[logger].block_s", {"source.0.block_s": 5000}, {"source.0.block_s": 5}),
     ("block", "problem", "source[logger].block_s", {"source.0.block_s": 1e5}, {"source.0.block_s": 60}),
     (
@@ -252,10 +261,10 @@ def test_both_readings_are_said() -> None:
 
 def test_what_makes_every_result_wrong_is_refused_and_the_rest_said() -> None:
     with pytest.raises(ConfigError, match=r"operating\.speed_hz: 1488 Hz is 89280 rpm"):
-        judged(config_of({"operating.speed_hz": 1488}))
-    (said,) = judged(config_of({"operating.load_newton": 4}))
+        refuse_implausible(config_of({"operating.speed_hz": 1488}))
+    (said,) = refuse_implausible(config_of({"operating.load_newton": 4}))
     assert said.startswith("problem: operating.load_newton: 4 N")
-    assert judged(config_of({})) == []
+    assert refuse_implausible(config_of({})) == []
 
 
 def test_the_files_of_a_source_state_what_the_configuration_does_not() -> None:
