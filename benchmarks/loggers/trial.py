@@ -32,6 +32,7 @@ def judged(seed: int, folder: str) -> dict[str, Any]:
     row |= {f"by_{way}": verdicts[way].word if way in verdicts else "" for way in ("hand", "read")}
     row["speed"] = _speed(truth, place)
     row["questions"] = " ".join(main.asked)
+    row["problems"] = len(main.problems)
     row["flagged"] = verdicts["init"].flagged
     row["names_file"] = str(verdicts["init"].names_file)
     asked_for = {*truth.unknowable, *truth.ambiguous} - ({"start"} if truth.files[0].start_utc is None else set())
@@ -39,6 +40,7 @@ def judged(seed: int, folder: str) -> dict[str, Any]:
     row["details"] = [
         f"by {way}: {text.replace(f'{place}/', '')}" for way, verdict in verdicts.items() for text in verdict.details
     ]
+    row["details"] += [f"init has a problem: {each}" for each in main.problems]
     return row
 
 

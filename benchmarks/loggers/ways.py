@@ -65,6 +65,7 @@ class Came:
         blocks: in the records, those that were rejected included.
         asked: options that were asked for.
         said: what was printed for people.
+        problems: that init has with its own configuration.
         refused: the reason, "" where something was read.
         rate: Hz, as the configuration or ``check`` says; None where nothing says it.
         channels: tables of the configuration.
@@ -74,6 +75,7 @@ class Came:
     blocks: list[BlockRead] = field(default_factory=list)
     asked: list[str] = field(default_factory=list)
     said: str = ""
+    problems: list[Any] = field(default_factory=list)
     refused: str = ""
     rate: float | None = None
     channels: list[dict[str, Any]] = field(default_factory=list)
@@ -105,11 +107,11 @@ def by_init(folder: Path, answers: Mapping[str, str], speed: bool = True) -> Cam
     """Run ``init`` on ``folder/data``, answer what it asks in at most three rounds, and replay."""
     came = Came()
     given: dict[str, str] = {"--bearing": "6205-2RS"} | ({"--speed-hz": "24.8"} if speed else {})
-    code, said, asked = WRONG_INPUT, "", []
+    code, output, said, asked = WRONG_INPUT, "", "", []
     with inside(folder):
         for _ in range(4):
             options = [word for pair in given.items() for word in pair]
-            code, _, said = called("init", "data", *options, "--yes", "--force", "--json", "--out", "by_init.toml")
+            code, output, said = called("init", "data", *options, "--yes", "--force", "--json", "--out", "by_init.toml")
             came.said += said
             asked = _QUESTION.findall(said) if code == WRONG_INPUT else []
             came.asked += [each for each in asked if each not in came.asked]
@@ -123,6 +125,7 @@ def by_init(folder: Path, answers: Mapping[str, str], speed: bool = True) -> Cam
                 said.strip().splitlines()[-1] if not asked else f"asks for {', '.join(asked)}: {said.strip()}"
             )
             return came
+        came.problems = json.loads(output).get("problems", []) if output.startswith("{") else []
         replayed(came, Path("by_init.toml"), Path("by_init"))
     return came
 
