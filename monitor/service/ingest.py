@@ -19,6 +19,7 @@ from monitor.records.database import Closing
 from monitor.records.ledger import StoreLedger
 from monitor.records.store import Store
 from monitor.service.setup import source_settings, source_spec
+from streams.dates.pairs import clocks_apart
 from streams.open import open_live
 from streams.types.source import Backlog, Delivery, LiveSource
 from streams.types.spec import SourceError
@@ -166,7 +167,8 @@ class Ingest(Pipeline, Closing):
 
     def problems(self) -> dict[str, str]:
         """Return the present problems, by the name of the source, and under "store" why no block can be committed."""
-        found = {source.name: problem for source in self.sources if (problem := source.problem()) is not None}
+        found = clocks_apart({source.name: self._states[source.name].order.clock for source in self.sources})
+        found |= {source.name: problem for source in self.sources if (problem := source.problem()) is not None}
         for name, failure in (*self._source_errors.items(), *super().problems().items()):
             found[name] = f"{found[name]}; {failure}" if name in found else failure
         return found

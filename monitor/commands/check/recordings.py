@@ -36,6 +36,7 @@ _MAX_COMPARED, _MAX_COMPARED_S = 8, 5.0
 _MAX_SAMPLES = 1 << 21
 """Samples of a row that are judged."""
 _SPEED_TOLERANCE = 0.25
+_MAX_LAG_CHANGE_S = 300.0
 _SHAPES = ("RMS", "mean frequency", "crest factor")
 _REJECTED_KEYS = {"wrong_rate": "rate_hz", "out_of_range": "range_g"}
 
@@ -77,8 +78,22 @@ def look_at(recording: Recording, config: Config, section: SourceSection) -> Rec
         found += _rejections(subject, section, [file for file in between if file.path not in ends])
     else:
         found += _alternating(subject, _rows_of_blocks(recording))
-    facts = SourceFacts() if first is None else SourceFacts(first.rate, first.duration, _speed_of(config, first))
+    facts = SourceFacts()
+    if first is not None:
+        facts = SourceFacts(first.rate, first.duration, _speed_of(config, first), *_clock_of(loaded))
     return RecordingView(tuple(_end_words(config, loaded)), first, refused, facts, tuple(found))
+
+
+def _clock_of(loaded: Sequence[Loaded]) -> tuple[tuple[float, float] | None, float | None]:
+    """Return the starts of the first and the last file, and how far the last change of both is behind their ends."""
+    both = [file.result for file in loaded if isinstance(file.result, Samples)]
+    starts = [samples.start for samples in both if samples.start is not None]
+    if len(starts) < len(both) or not both:
+        return None, None
+    witnesses = (() if samples.stated is None else samples.stated.witnesses for samples in both)
+    lags = [lag for found in witnesses for source, lag in found if source == "mtime"]
+    agree = len(lags) == len(both) and max(lags) - min(lags) <= _MAX_LAG_CHANGE_S
+    return (min(starts), max(starts)), lags[0] if agree else None
 
 
 def _first_items(recording: Recording) -> tuple[Block | None, Rejected | None]:

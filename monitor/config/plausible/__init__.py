@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from monitor.config.load import Config
+from monitor.config.plausible.clocks import clock_doubts
 from monitor.config.plausible.doubt import Doubt
 from monitor.config.plausible.machine import machine_doubts
 from monitor.config.plausible.rules import JudgedConfig, SourceFacts
@@ -19,4 +20,4 @@ def find_doubts(config: Config, facts: Mapping[str, SourceFacts] | None = None) 
         facts: what the files of its sources state, by name.
     """
     subject = JudgedConfig(config, facts or {})
-    return [*machine_doubts(subject), *signal_doubts(subject), *stage_doubts(subject)]
+    return [*machine_doubts(subject), *signal_doubts(subject), *stage_doubts(subject), *clock_doubts(subject)]

@@ -79,6 +79,7 @@ RULES: dict[str, DoubtRule] = {
     "refused": DoubtRule("the file", "`run` refuses it"),
     "file": DoubtRule("first, last file", "would be rejected"),
     "dating": DoubtRule("dates", "contradictory", "none"),
+    "clocks": DoubtRule("dates of two sources", "", "hours apart, or never together"),
     "tacho": DoubtRule("pulses", "give no angle"),
     "file_speed": DoubtRule("speed of files", "60 times `speed_hz`, or a 60th", "a quarter off"),
     "constant": DoubtRule("samples", "all equal"),
@@ -111,11 +112,15 @@ class SourceFacts:
         rate: Hz.
         duration: of a block, s.
         speed: of the shaft, Hz.
+        span: starts of the first and the last file, s since 1970 UTC.
+        lag: of the last changes of both against their ends, s, where these agree.
     """
 
     rate: float | None = None
     duration: float | None = None
     speed: float | None = None
+    span: tuple[float, float] | None = None
+    lag: float | None = None
 
 
 NOTHING_STATED = SourceFacts()

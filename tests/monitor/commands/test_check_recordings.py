@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import json
+import os
 from collections.abc import Callable
 from dataclasses import dataclass
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any
 
@@ -166,6 +168,7 @@ CASES_OF_FILES: list[tuple[str, str, str, Waiting, Waiting]] = [
 ]
 
 ELSEWHERE = {
+    "clocks": "tests/monitor/config/test_plausible.py",
     "access": "tests/monitor/config/test_network.py",
     "damage": "tests/monitor/service/test_setup.py",
     "dating": "tests/monitor/commands/test_redate.py",
@@ -211,6 +214,29 @@ def test_files_are_doubted_and_their_neighbours_are_not(
 def test_each_rule_is_tested() -> None:
     tested = {rule for rule, *_ in CASES} | {rule for rule, *_ in CASES_OF_FILES} | set(ELSEWHERE)
     assert tested == set(RULES)
+
+
+@pytest.mark.parametrize("hours", [0, 2])
+def test_two_loggers_of_different_zones_are_a_warning(tmp_path: Path, hours: int) -> None:
+    text = CONFIG.format(operating=ONE.operating, source=ONE.source, channel=ONE.channel)
+    begin = datetime(2024, 1, 2, 10, tzinfo=UTC)
+    for place, folder in enumerate(("in", "other")):
+        (tmp_path / folder).mkdir()
+        for number in range(3):
+            written = begin + timedelta(minutes=10 * number)
+            stated = written + timedelta(hours=hours * place)
+            path = tmp_path / folder / f"{stated:%Y-%m-%d_%H-%M-%S}.npy"
+            np.save(path, noise(10 * place + number))
+            changed = written.timestamp() + 3.0
+            os.utime(path, (changed, changed))
+    second = text[text.index("[[source]]") :].replace('"s"', '"t"').replace("folder:in", "folder:other")
+    for name in ("x", "y"):
+        second = second.replace(f'name = "{name}"', f'name = "{name}2"')
+    (tmp_path / "m.toml").write_text(text + second)
+    found = json.loads(run_command("check", "--config", "m.toml", "--json", cwd=tmp_path).stdout)["problems"]
+    clocks = [entry["came"] for entry in found if "ahead of those" in entry["came"]]
+    assert len(clocks) == (hours > 0)
+    assert all(came.startswith("times of t are 2 h ahead of those of s") for came in clocks)
 
 
 def test_an_unknown_unit_is_a_warning(tmp_path: Path) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import math
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -274,6 +275,20 @@ def test_the_files_of_a_source_state_what_the_configuration_does_not() -> None:
     assert (doubt.rule, doubt.severity) == ("block", "problem")
     (doubt,) = find_doubts(config, {"logger": SourceFacts(rate=100.0, duration=5.0)})
     assert (doubt.rule, doubt.severity) == ("rate", "problem")
+
+
+def test_two_sources_out_of_step_are_doubted() -> None:
+    apart = copy.deepcopy(SOURCES)
+    apart["source"][1]["url"] = "folder:other"
+    config, begin = config_of(apart), 1774699200.0
+    first, *others = (section.name for section in config.source)
+    day = SourceFacts(span=(begin, begin + 86400.0), lag=3.0)
+    assert find_doubts(config, {first: day, others[0]: replace(day, lag=5.0)}) == []
+    (doubt,) = find_doubts(config, {first: day, others[0]: replace(day, lag=3603.0)})
+    assert (doubt.rule, doubt.severity) == ("clocks", "warning")
+    assert f"times of {first} are 60 min ahead of those of {others[0]}" in doubt.came
+    (doubt,) = find_doubts(config, {first: day, others[0]: SourceFacts(span=(begin - 9e4, begin - 1.0))})
+    assert f"{others[0]} ends at 2026-03-28T11:59:59Z, before {first} begins" in doubt.came
 
 
 FILES = sorted([*(ROOT / "examples").glob("*.toml"), ROOT / "config.toml", ROOT / "deploy" / "machine.toml.example"])
