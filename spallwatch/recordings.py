@@ -49,6 +49,7 @@ class Reading(TypedDict, total=False):
         files: pattern of the names of files of a folder, several: of those recorded at the same time, a channel each;
             by default told by their names.
         pulses: name of the array with the times of a tacho's pulses, or of the text file beside each file.
+        disregard: keys in the files that are not believed, where they contradict others.
     """
 
     channels: Sequence[str]
@@ -65,6 +66,7 @@ class Reading(TypedDict, total=False):
     interval_s: float
     files: str | Sequence[str]
     pulses: str
+    disregard: Sequence[str]
 
 
 def to_signal(samples: ArrayLike, *, rate_hz: float, unit: str, channels: Sequence[str] | None = None) -> xr.DataArray:
@@ -197,6 +199,7 @@ def source_of(path: str | PathLike[str], block_s: float | Literal["file"], how: 
         interval=how.get("interval_s"),
         pulses=how.get("pulses"),
         files=(files,) if isinstance(files, str) else tuple(files),
+        disregard=tuple(how.get("disregard", ())),
     )
 
 

@@ -55,6 +55,10 @@ class SourceSection(ConfigSection):
         Field(description="pattern of its files; several: of files recorded at the same time, a channel each"),
     ] = ()
     rate_hz: Positive | None = None
+    disregard: Annotated[
+        tuple[str, ...],
+        Field(description="keys in the files that are not believed, where they contradict others, such as Start Time"),
+    ] = ()
     range_g: Positive | None = None
     peers: tuple[str, ...] = ()
     max_connections: Annotated[int, Field(ge=1, le=1024)] = NetworkSpec.max_connections

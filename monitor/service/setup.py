@@ -47,7 +47,7 @@ Slice = TypeVar("Slice")
 
 _SAME_OF_SOURCE = (
     *("block_s", "format", "range_g", "settle_s", "max_gap_blocks"),
-    *("time_from", "time_name", "date_order", "pulses", "files"),
+    *("time_from", "time_name", "date_order", "pulses", "disregard", "files"),
 )
 _SAME_OF_CHANNEL = ("name", "column", "key", "unit", "scale", "sensitivity_mv_per_g")
 """Keys of the configuration that a specification has as they are."""

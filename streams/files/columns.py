@@ -14,11 +14,12 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from streams.files.judge import StatedValue, rate_of
-from streams.files.statements import multiple_of, rate_of_times
-from streams.types.large import elementwise
+from streams.files.judge import Start, judge_rate, judge_start
+from streams.files.statements import StatedNumber, multiple_of
+from streams.files.time_column import UNITS_OF_TIME, TimeColumn, column_statements, time_column
 from streams.types.samples import DIGITAL, ReaderError, Samples
 from streams.types.spec import UNITS
+from streams.types.stamps import Stamp, utc_text
 
 Kind = Literal["vibration", "speed", "load", "tacho", "time", "index", "other"]
 
@@ -138,18 +139,12 @@ def _called(name: str, unit: str) -> Literal["time", "index"] | None:
     return "time" if words and not rest and unit.lower() in _SECONDS and words & {"x"} else None
 
 
-def seconds_of(title: str, unit: str) -> float | None:
-    """Return the seconds in one of a row of times, by its unit or its name; None where neither states it."""
+def counted_in(title: str, unit: str) -> TimeColumn:
+    """Return what a row of times counts, by its unit, which a file may state for all rows, or its name."""
     name, behind = _split(re.split(r"[/.]", title)[-1])
-    stated = (unit or behind).lower().strip(". ")
-    stated = re.split(r"\s+since\b", stated)[0]
-    if stated in _SECONDS:
-        return _SECONDS[stated]
-    # The unit may be one that the file states for all rows.
-    plain = name.lower()
-    joined = _JOINED.match(plain)
-    words = [joined[2]] if joined else [word for word in _WORDS.findall(plain.replace("_", " ")) if word in _SECONDS]
-    return _SECONDS[words[-1]] if words else None
+    by_unit, by_name = (UNITS_OF_TIME.get(text.lower()) for text in (re.split(r"\s+since\b", unit)[0], behind))
+    named = time_column(name)
+    return TimeColumn(title, by_unit or by_name or (None if named is None else named.size))
 
 
 def running(values: NDArray[np.floating]) -> str | None:
@@ -265,31 +260,37 @@ def vibration_rows(samples: Samples, where: str, *, is_ours: bool = False) -> li
     return kept
 
 
-_SINCE_1970 = (1e8, 4.1e9)
-"""Seconds since 1970 of the years 1973 to 2099."""
-
-
 def with_times(samples: Samples, where: str) -> Samples:
-    """Add the rate and the start that a row of times states, which stays among the rows.
+    """Add the rate and the start that rows of times state, which stay among the rows.
 
-    A row is one of times by its name and because it rises. Without a unit, times are s, or since 1970 what their size
-    tells.
+    A row is one of times by its name and because it rises; see :func:`streams.files.time_column.column_statements`.
 
     Raises:
-        ReaderError: ``wrong_rate`` where the times are not even, or the file states another rate; ``nan``.
+        ReaderError: ``wrong_rate`` where the times are not even, or the file states another rate; ``nan``;
+            ``unreadable`` where it states another start.
     """
+    rates: list[StatedNumber] = []
+    starts: list[Start] = []
     for title, unit, row in zip(samples.names, samples.units, samples.values, strict=True):
         if _called(*_split(re.split(r"[/.]", title)[-1])) != "time" or kind_of(title, unit or "", row).kind != "time":
             continue
-        factor, first = seconds_of(title, unit or ""), float(row[0])
-        if factor is None:
-            sizes = (scale for scale in (1.0, 1e-3, 1e-6, 1e-9) if _SINCE_1970[0] <= first * scale <= _SINCE_1970[1])
-            factor = next(sizes, 1.0)
-        seconds = elementwise(lambda times, factor=factor: times * factor, row)
-        place = StatedValue(f"the row {title}", rate_of_times(seconds, f"{where}: {title}"))
-        rate = rate_of((StatedValue("the file", samples.rate, holds=True), place), where)
-        start = samples.start
-        if start is None and samples.stamp is None and _SINCE_1970[0] <= first * factor <= _SINCE_1970[1]:
-            start = first * factor
-        samples = replace(samples, rate=rate, start=start)
-    return samples
+        column = counted_in(title, unit or "")
+        stated, begins = column_statements(column, row, where)
+        rates += stated
+        starts += begins
+    if not rates and not starts:
+        return samples
+    if samples.rate is not None:
+        rates.append(StatedNumber("the file", f"{samples.rate:g} Hz", (samples.rate,)))
+    if samples.start is not None:
+        starts.append(Start("the file", Stamp(utc_text(samples.start), samples.start, samples.start, local=True)))
+    rate, start = judge_rate(rates, where), judge_start(starts, where)
+    return replace(
+        samples,
+        rate=rate.value,
+        rate_readings=rate.readings,
+        rate_resolution=rate.resolution,
+        rate_written=rate.written,
+        start=start.value,
+        stamp=start.opened or (samples.stamp if start.value is None else None),
+    )

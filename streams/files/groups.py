@@ -19,7 +19,7 @@ import numpy as np
 
 from streams.files.container import read_regular
 from streams.files.datasets import DataSet, FileFacts
-from streams.files.judge import StatedValue, rate_of
+from streams.files.judge import joint_rate
 from streams.types.large import Data
 from streams.types.listing import natural_key, unpacked_name
 from streams.types.samples import ReaderError, Samples, stack_rows
@@ -262,7 +262,7 @@ def joined(parts: Sequence[Samples], labels: Sequence[str], paths: Sequence[str]
     """
     first, rate = parts[0], parts[0].rate
     for path, part in zip(paths[1:], parts[1:], strict=True):
-        rate = rate_of((StatedValue(paths[0], rate), StatedValue(path, part.rate)), paths[0])
+        rate = joint_rate(((paths[0], rate), (path, part.rate)), paths[0])
         lengths = first.values.shape[1], part.values.shape[1]
         if lengths[0] != lengths[1]:
             reason = f"{lengths[0]} samples, {lengths[1]} in {path}, which is recorded with it"
@@ -286,6 +286,7 @@ def joined(parts: Sequence[Samples], labels: Sequence[str], paths: Sequence[str]
         columns=tuple(range(1, len(rows) + 1)),
         units=tuple(unit for part in parts for unit in part.units),
         stored=tuple(stored for part in parts for stored in part.stored),
+        sensitivities=tuple(level for part in parts for level in part.sensitivities),
         rate=rate,
         start=next((part.start for part in parts if part.start is not None), None),
         speed=next((part.speed for part in parts if part.speed is not None), None),

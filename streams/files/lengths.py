@@ -10,7 +10,8 @@ import numpy as np
 
 from streams.files.columns import kinds_of
 from streams.files.judge import StatedRow, stated_rate
-from streams.files.statements import rates_by_key, stated_unit
+from streams.files.keys import FACTORS
+from streams.files.statements import unit_statements
 from streams.types.samples import ReaderError, Samples
 
 _MANY_TIMES = 8
@@ -72,7 +73,7 @@ def _matches(row: StatedRow, patterns: Sequence[str]) -> bool:
 
 def _could_be_vibration(rows: Sequence[StatedRow]) -> list[StatedRow]:
     """Return the rows that may be signals: those of vibration, of several lengths the far longest."""
-    units = [stated_unit(row.facts) or "" for row in rows]
+    units = [next((unit for _, unit in unit_statements(row.facts)), "") for row in rows]
     kinds = kinds_of([row.name for row in rows], units, [row.values for row in rows])
     found = [row for row, kind in zip(rows, kinds, strict=True) if kind.kind == "vibration"] or list(rows)
     longest, *others = sorted({row.values.size for row in found}, reverse=True)
@@ -94,5 +95,4 @@ def _interpolated(row: StatedRow, signal: StatedRow, where: str) -> StatedRow:
         )
     places = (np.arange(length) + 0.5) * (count / length) - 0.5
     values = np.interp(places, np.arange(count), row.values).astype(signal.values.dtype)
-    stated = rates_by_key(row.facts, where)
-    return replace(row, values=values, facts={key: value for key, value in row.facts.items() if key not in stated})
+    return replace(row, values=values, facts={k: v for k, v in row.facts.items() if k.partition("#")[0] not in FACTORS})

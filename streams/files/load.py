@@ -15,7 +15,7 @@ import numpy as np
 from streams.files.columns import vibration_rows, with_times
 from streams.files.container import changed_error, first_of
 from streams.files.foreign import HEAD_BYTES, seen_in, with_hint
-from streams.files.judge import agreed_rate
+from streams.files.judge import agreed_rate, opened_rate
 from streams.files.parse.complete import declared_size
 from streams.files.pulse_times import fitting_pulses
 from streams.files.statements import multiple_of
@@ -149,7 +149,7 @@ class Loader:
         samples = self.read(raw, path, name)
         self._check_length(samples, name)
         samples = choose_channels(samples, self._spec.channels, self.data_set.unit, name, self._spec.range_g)
-        rate = agreed_rate((samples.rate, facts.rate), self._spec.rate, name)
+        rate = agreed_rate((samples.rate, facts.rate), self._spec.rate, name, opened_rate(samples))
         self._check_blocks(samples.values.shape[1], rate, len(raw), name)
         return replace(
             samples,
@@ -253,7 +253,9 @@ def choose_channels(
     """
     if unit is not None:
         samples = replace(samples, units=tuple(stated or unit for stated in samples.units))
-    samples, multiples = in_own_units(samples)
+    rows = [_row_of(samples, channel, where) for channel in channels]
+    as_volts = _rows_in_volts(samples, channels, rows, where)
+    samples, multiples = in_own_units(samples, as_volts)
     if not channels:
         kept = vibration_rows(samples, where, is_ours=unit is not None)
         samples, multiples = samples.select(kept), tuple(multiples[row] for row in kept)
@@ -261,7 +263,6 @@ def choose_channels(
             _check_unit(stated, name, where)
             _factor_of(samples, row, ChannelSpec(name, unit=stated), None, f"{where}: {name}")
         return _times(samples, multiples)
-    rows = [_row_of(samples, channel, where) for channel in channels]
     units = tuple(_unit_of(samples, row, channel, where) for row, channel in zip(rows, channels, strict=True))
     both = zip(rows, channels, units, strict=True)
     factors = [
@@ -272,9 +273,33 @@ def choose_channels(
     return _times(samples.select(rows, tuple(channel.name for channel in channels), units), factors)
 
 
-def in_own_units(samples: Samples) -> tuple[Samples, tuple[float, ...]]:
-    """Return the samples with our unit for each multiple of it, such as V for mV, and the factors still to apply."""
+def _rows_in_volts(
+    samples: Samples, channels: Sequence[ChannelSpec], rows: Sequence[int], where: str
+) -> frozenset[int]:
+    """Return the rows that channels take in V, or scale; ReaderError where the file states another sensitivity."""
+    for channel, row in zip(channels, rows, strict=True):
+        stated, given = samples.sensitivities[row], channel.sensitivity_mv_per_g
+        if stated is not None and given is not None and abs(stated - given) > 0.01 * given:
+            raise ReaderError(
+                "wrong_unit",
+                f"{where}: channel {channel.name}: {stated:g} mV/g by the recording, sensitivity_mv_per_g = {given:g}",
+            )
+    return frozenset(
+        row
+        for channel, row in zip(channels, rows, strict=True)
+        if channel.unit == "V" or channel.any_unit or channel.scale is not None
+    )
+
+
+def in_own_units(samples: Samples, as_volts: frozenset[int] = frozenset()) -> tuple[Samples, tuple[float, ...]]:
+    """Return the samples with our unit for each multiple of it, such as V for mV, and the factors still to apply.
+
+    Rows in V are in g where the file states the sensitivity, but for those that are wanted ``as_volts``.
+    """
     both = [multiple_of(unit) for unit in samples.units]
+    for row, level in enumerate(samples.sensitivities):
+        if both[row][0] == "V" and level is not None and row not in as_volts:
+            both[row] = "g", both[row][1] * 1e3 / level
     units = tuple(None if unit is None else own for unit, (own, _) in zip(samples.units, both, strict=True))
     return replace(samples, units=units), tuple(factor for _, factor in both)
 

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from streams.files.statements import STORED, Facts, plain_key
+from streams.files.statements import STORED, Facts, add_fact, plain_key
 from streams.types.large import elementwise, is_any
 from streams.types.samples import COUNTS, SCALED, ReaderError, stored_as
 
@@ -47,9 +47,9 @@ def attribute_facts(attributes: Iterable[tuple[str, Any]]) -> dict[str, object]:
         if key in _NAMES and array.size <= _MAX_VALUES and array.dtype.kind in "fiubSU":
             found[key] = array
         elif array.size == 1 and array.dtype.kind in "fiu":
-            found[key] = float(array[0])
+            add_fact(found, key, float(array[0]), str(name))
         elif array.size == 1 and array.dtype.kind in "SU":
-            found[key] = _text(array[0])
+            add_fact(found, key, _text(array[0]), str(name))
     return found
 
 

@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from streams.files.judge import stated_rate
-from streams.files.statements import PULSE_KEYS, Facts, number_of, seconds_utc
+from streams.files.keys import PULSE_KEYS
+from streams.files.statements import Facts, number_of, seconds_utc
 from streams.turns.pulses import Pulses
 from streams.types.samples import ReaderError, Samples
 

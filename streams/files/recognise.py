@@ -23,8 +23,18 @@ from streams.files.formats.tdms import read_tdms
 from streams.files.formats.text import first_characters, read_layout
 from streams.files.formats.uff import read_uff
 from streams.files.groups import with_files
+from streams.files.judge import opened_rate
+from streams.files.notes import apply_note, note_of
 from streams.files.parse.child import isolated
-from streams.files.sidecar import FOLDER_NAMES, apply_sidecar, find_sidecar, is_beside, is_pulse_file, with_pulse_files
+from streams.files.sidecar import (
+    FOLDER_NAMES,
+    apply_sidecar,
+    find_sidecar,
+    is_beside,
+    is_pulse_file,
+    is_sidecar,
+    with_pulse_files,
+)
 from streams.types.large import Data
 from streams.types.listing import natural_key, shown, unpacked_name
 from streams.types.samples import ReaderError, Samples
@@ -45,6 +55,9 @@ def check_stated(spec: SourceSpec, data_set: DataSet, facts: FileFacts, samples:
     """
     where = f"[[source]] {spec.name}"
     states_rate = data_set.states_rate and (samples is None or samples.rate is not None)
+    if samples is not None and spec.rate is None and facts.rate is None and samples.rate_readings:
+        opened = opened_rate(samples)
+        raise SourceError(f"{where}: rate_hz is missing: {opened.written} may mean {opened.meant}")
     if facts.rate is None and not states_rate and spec.rate is None:
         raise SourceError(f"{where}: rate_hz is missing: neither the files nor {data_set.name} state a rate")
     states_unit = data_set.states_unit and (samples is None or any(unit is not None for unit in samples.units))
@@ -115,14 +128,14 @@ def plain(kind: str, spec: SourceSpec, endings: tuple[str, ...]) -> DataSet:
         )
     wishes = [_titles(asked, any_unit=False), _titles(asked, any_unit=True)]
     readers: dict[str, Callable[[Data, str], Samples]] = {
-        "csv": isolated(read_layout, zone),
+        "csv": isolated(read_layout, zone, spec.disregard),
         "npy": read_plain_npy,
         "wav": isolated(read_wav),
-        "mat": isolated(read_mat, keys or ["*"], zone, inside, *wishes),
-        "tdms": isolated(read_tdms, keys, zone, inside, *wishes),
-        "hdf5": isolated(read_hdf5, keys, zone, inside, *wishes),
-        "uff": isolated(read_uff, keys, zone),
-        "netcdf": isolated(read_netcdf, keys, zone, inside, *wishes),
+        "mat": isolated(read_mat, keys or ["*"], zone, inside, *wishes, spec.disregard),
+        "tdms": isolated(read_tdms, keys, zone, inside, *wishes, spec.disregard),
+        "hdf5": isolated(read_hdf5, keys, zone, inside, *wishes, spec.disregard),
+        "uff": isolated(read_uff, keys, zone, spec.disregard),
+        "netcdf": isolated(read_netcdf, keys, zone, inside, *wishes, spec.disregard),
     }
 
     def facts(path: str, place: str, zone: ZoneInfo) -> FileFacts | None:
@@ -197,8 +210,10 @@ def _with_sidecars(data_set: DataSet, spec: SourceSpec, files: Files) -> DataSet
     root = files.root
 
     def read(data: Data, path: str) -> Samples:
-        sidecar = find_sidecar(root, path, spec.timezone)
+        sidecar, note = find_sidecar(root, path, spec.timezone), note_of(root, path)
         samples = data_set.read(data, path)
+        if note is not None:
+            samples = apply_note(samples, note, path, spec.timezone, spec.disregard)
         return samples if sidecar is None else apply_sidecar(samples, sidecar, path)
 
     there = _has_sidecars(root, files)
@@ -214,9 +229,7 @@ def _has_sidecars(root: Path, files: Files) -> bool:
         names = {item.path.rpartition("/")[2] for item in files}
     else:
         names = {path.name for path in root.iterdir()}
-    return any(name in names for name in FOLDER_NAMES) or any(
-        name.endswith(".json") and name.removesuffix(".json") in names for name in names
-    )
+    return any(is_sidecar(name, names) for name in names)
 
 
 def _found_data_set(spec: SourceSpec, files: Files, kind: str) -> DataSet:

@@ -24,13 +24,15 @@ import numpy as np
 from streams.files.container import read_guarded
 from streams.files.datasets import DataSet, FileFacts
 from streams.files.formats.pulse_text import pulse_column
-from streams.files.judge import StatedValue, rate_of
+from streams.files.judge import Start, agreed_rate, joint_rate, judge_start, opened_rate
+from streams.files.notes import is_note
 from streams.files.parse.child import isolated
 from streams.files.statements import seconds_utc
 from streams.types.large import Data, elementwise
 from streams.types.listing import unpacked_name
 from streams.types.samples import SCALED, VALUES, ReaderError, Samples
 from streams.types.spec import FILE_WORDS, UNITS, SourceSpec
+from streams.types.stamps import Stamp, read_stamp, utc_text
 
 FOLDER_NAMES = ("spallwatch.json", "spallwatch.toml")
 """Names of side-cars that are for all files of their folder."""
@@ -79,8 +81,10 @@ class SideCar:
 
 def is_sidecar(path: str, recordings: Container[str]) -> bool:
     """Return whether a file is a side-car, of its folder or of one of some recordings."""
-    return path.rpartition("/")[2] in FOLDER_NAMES or (
-        path.endswith(".json") and path.removesuffix(".json") in recordings
+    return (
+        path.rpartition("/")[2] in FOLDER_NAMES
+        or (path.endswith(".json") and path.removesuffix(".json") in recordings)
+        or is_note(path, recordings)
     )
 
 
@@ -163,6 +167,26 @@ def _scaled(stored: str) -> str:
     return VALUES if stored == VALUES else SCALED
 
 
+def _rate_with(samples: Samples, sidecar: SideCar, name: str) -> float | None:
+    """Return the rate in Hz of a file and its side-car; ReaderError ``wrong_rate`` where they differ."""
+    opened = opened_rate(samples)
+    if sidecar.rate is not None and opened.readings:
+        agreed_rate((), sidecar.rate, name, opened)
+    return joint_rate(((sidecar.path, sidecar.rate), ("the file", samples.rate)), name)
+
+
+def _start_with(samples: Samples, sidecar: SideCar, name: str) -> float | None:
+    """Return the time of the first sample by a file and its side-car; ReaderError ``unreadable`` where they differ."""
+    if sidecar.start is None:
+        return samples.start
+    stated = [Start(sidecar.path, Stamp(utc_text(sidecar.start), sidecar.start, sidecar.start))]
+    if samples.start is not None:
+        stated.append(Start("the file", Stamp(utc_text(samples.start), samples.start, samples.start)))
+    elif samples.stamp is not None and (stamp := read_stamp(samples.stamp, "UTC")) is not None:
+        stated.append(Start("the file", replace(stamp, resolution=60.0)))
+    return judge_start(stated, name).value
+
+
 def apply_sidecar(samples: Samples, sidecar: SideCar, name: str) -> Samples:
     """Add what a side-car states to the samples of its file, scaled or converted to g.
 
@@ -170,7 +194,8 @@ def apply_sidecar(samples: Samples, sidecar: SideCar, name: str) -> Samples:
         ReaderError: ``wrong_rate``, ``wrong_unit`` or ``wrong_shape`` where file and side-car contradict.
     """
     where = f"{name}: {sidecar.path}"
-    rate = rate_of((StatedValue(sidecar.path, sidecar.rate), StatedValue("the file", samples.rate, holds=True)), name)
+    rate = _rate_with(samples, sidecar, name)
+    start = _start_with(samples, sidecar, name)
     own = {unit for unit in samples.units if unit is not None}
     if sidecar.unit is not None and own - {"unknown", sidecar.unit}:
         raise ReaderError("wrong_unit", f"{where} states {sidecar.unit}, the file {', '.join(sorted(own))}")
@@ -193,7 +218,8 @@ def apply_sidecar(samples: Samples, sidecar: SideCar, name: str) -> Samples:
         values=values,
         channels=sidecar.channels or samples.channels,
         rate=rate,
-        start=samples.start if samples.start is not None else sidecar.start,
+        start=start,
+        stamp=samples.stamp if start is None else None,
         speed=samples.speed if samples.speed is not None else sidecar.speed,
         load=samples.load if samples.load is not None else sidecar.load,
         units=units,

@@ -1,61 +1,50 @@
-"""Units, rates and times that files state, in the spellings of common loggers."""
+"""Units, rates and times that files state, in the spellings of common loggers.
+
+What is stated stands in mappings of plain keys (:func:`plain_key`). Where a key is stated twice, in another spelling or
+at another level of a file, the others stand under ``KEY#PLACE`` (:func:`add_fact`, :func:`nearest`): nothing is left
+out before :mod:`streams.files.judge` has compared it.
+"""
 
 from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping
+import unicodedata
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from streams.types import large
-from streams.types.large import contiguous, forget_pages, is_any
+from streams.files.keys import (
+    CLOCKS,
+    COUNT,
+    DATES,
+    FACTORS,
+    GROUPS,
+    KEYS,
+    LEVEL_UNITS,
+    LEVELS,
+    LIKE_RATE,
+    LIKE_STEP,
+    LOAD_UNITS,
+    LOADS,
+    MOMENTS,
+    MONTH_NAMED,
+    MULTIPLES,
+    NUMBER,
+    PER_G,
+    SCALE_UNITS,
+    SCALES,
+    SPEED_UNITS,
+    SPEEDS,
+    STARTS,
+    UNIT_KEYS,
+    UNITS,
+    VELOCITIES,
+)
 from streams.types.samples import ReaderError
 from streams.types.stamps import CLOCK, DATE, Stamp, read_stamp
-
-_UNITS = {
-    "g": "g", "gn": "g", "g_n": "g", "g0": "g", "gravity": "g",
-    "m/s2": "m/s2", "m/s^2": "m/s2", "m/s**2": "m/s2", "m/s²": "m/s2", "m/(s^2)": "m/s2", "m s-2": "m/s2",
-    "ms-2": "m/s2",
-    "m.s-2": "m/s2", "m s^-2": "m/s2", "m*s^-2": "m/s2", "m·s⁻²": "m/s2", "m/s/s": "m/s2", "meters/second^2": "m/s2",
-    "v": "V", "volt": "V", "volts": "V",
-    "unknown": "unknown",
-}  # fmt: skip
-_RATES = ("ratehz", "rate", "samplerate", "sampleratehz", "samplingrate", "samplingratehz", "samplingfrequency",
-          "samplingfrequencyhz", "samplefrequency", "samplefrequencyhz", "fs", "fshz", "abtastrate")  # fmt: skip
-_STEPS = ("dt", "deltat", "deltax", "dts", "wfincrement", "sampleinterval", "samplinginterval", "timestep",
-          "abtastintervall")  # fmt: skip
-_STARTS = ("startutc", "start", "starttime", "wfstarttime", "t0", "acquisitiontime", "timestamp", "datetime",
-           "startzeit")  # fmt: skip
-_MOMENTS = (
-    *("startdatetime", "starttimeutc", "starttimelocal", "starttimestamp", "startdate", "recordingstart"),
-    *("recordingtime", "recordingdate", "recorded", "recordedat", "acquisitionstart", "acquisitiondate", "acquired"),
-    *("acquisitiondatetime", "measurementstart", "measurementtime", "measurementdate", "measured", "measuredat"),
-    *("triggertime", "testdatetime", "testdate", "dateandtime", "datetimeutc", "date", "time", "utc"),
-    *("messbeginn", "messstart", "messzeit", "messzeitpunkt", "messdatum", "messungvom", "beginn", "aufnahmezeit"),
-    *("aufnahmebeginn", "aufnahmestart", "aufnahmedatum", "aufnahmezeitpunkt", "aufzeichnungsbeginn"),
-    *("aufzeichnungsstart", "startzeitpunkt", "startdatum", "zeitpunkt", "zeitstempel", "datumuhrzeit", "datumzeit"),
-    *("datumundzeit", "datumunduhrzeit", "datum", "zeit", "uhrzeit"),
-)
-"""Keys of date and time of day in one; those of ``_STARTS`` may state a day alone."""
-_DATES = ("startdate", "date", "recordingdate", "acquisitiondate", "measurementdate", "testdate", "startdatum", "datum",
-          "messdatum", "aufnahmedatum")  # fmt: skip
-_CLOCKS = ("starttime", "time", "recordingtime", "acquisitiontime", "measurementtime", "testtime", "startzeit",
-           "uhrzeit", "messzeit", "aufnahmezeit", "zeit", "messbeginn", "timeofday")  # fmt: skip
-_UNIT_KEYS = ("unit", "units", "unitstring", "niunitdescription", "engineeringunits", "einheit")
-PULSE_KEYS = ("pulsesperrevolution", "pulsesperrev", "ppr", "impulseproumdrehung")
-"""Plain keys of the pulses of a whole turn."""
-KEYS = frozenset((*_RATES, *_STEPS, *_STARTS, *_MOMENTS, *_DATES, *_CLOCKS, *_UNIT_KEYS, *PULSE_KEYS))
-"""Plain keys that may state rate, unit, start or pulses a revolution."""
-_MULTIPLES = {
-    "mg": ("g", 1e-3), "µg": ("g", 1e-6), "ug": ("g", 1e-6), "mv": ("V", 1e-3), "µv": ("V", 1e-6), "uv": ("V", 1e-6),
-    "mm/s2": ("m/s2", 1e-3), "mm/s^2": ("m/s2", 1e-3), "mm/s²": ("m/s2", 1e-3), "um/s2": ("m/s2", 1e-6),
-    "µm/s²": ("m/s2", 1e-6), "cm/s2": ("m/s2", 1e-2), "cm/s^2": ("m/s2", 1e-2), "cm/s²": ("m/s2", 1e-2),
-    "gal": ("m/s2", 1e-2), "in/s2": ("m/s2", 0.0254), "in/s^2": ("m/s2", 0.0254), "ft/s2": ("m/s2", 0.3048),
-    "ft/s^2": ("m/s2", 0.3048),
-}  # fmt: skip
-_KILO = {"khz": 1e3, "hz": 1.0, "mhz": 1e6, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "s": 1.0, "s/s": 1.0, "": 1.0}
 
 Facts = Mapping[str, object]
 STORED = "stored as"
@@ -63,8 +52,38 @@ STORED = "stored as"
 
 
 def plain_key(key: str) -> str:
-    """Return letters and digits in lower case: ``samplingratehz``."""
+    """Return letters and digits in lower case, without accents: ``samplingratehz``."""
+    if not key.isascii():
+        key = unicodedata.normalize("NFKD", key)
     return re.sub(r"[^a-z0-9]", "", key.lower())
+
+
+def add_fact(facts: dict[str, object], key: str, value: object, place: str = "") -> None:
+    """Add what a plain key states; beside another value of it, as ``KEY#PLACE``."""
+    if key not in facts:
+        facts[key] = value
+    elif facts[key] != value:
+        number = sum(known.partition("#")[0] == key for known in facts) + 1
+        facts[f"{key}#{place or f'{key} ({number})'}"] = value
+
+
+def nearest(outer: Facts, own: Facts, place: str) -> dict[str, object]:
+    """Return facts of which the ``own`` ones are found first; others of the same key stand under ``KEY#PLACE``."""
+    found = dict(own)
+    for key, value in outer.items():
+        if key in found and key in KEYS:
+            add_fact(found, key, value, place)
+        else:
+            found.setdefault(key, value)
+    return found
+
+
+def named(facts: Facts, keys: frozenset[str] | Mapping[str, Any]) -> Iterator[tuple[str, str, object]]:
+    """Yield the facts with one of some plain keys: the key, the place that messages name, and the value."""
+    for key, value in facts.items():
+        word, _, place = key.partition("#")
+        if word in keys:
+            yield word, place or word, value
 
 
 def known_unit(text: object) -> str | None:
@@ -74,10 +93,10 @@ def known_unit(text: object) -> str | None:
     """
     if not isinstance(text, str):
         return None
-    bare = text.strip().strip("[]()").strip()
+    bare = text.strip().strip("[]()").strip().replace("\N{GREEK SMALL LETTER MU}", "µ")
     if not bare or bare.lower() in ("none", "-", "n/a", "1"):
         return None
-    return _UNITS.get(bare.lower(), bare[:40])
+    return UNITS.get(bare.lower(), bare[:40])
 
 
 def multiple_of(unit: str | None) -> tuple[str, float]:
@@ -85,39 +104,102 @@ def multiple_of(unit: str | None) -> tuple[str, float]:
 
     Any other unit is returned as it is, "" for None.
     """
-    return _MULTIPLES.get((unit or "").lower(), (unit or "", 1.0))
+    return MULTIPLES.get((unit or "").lower(), (unit or "", 1.0))
 
 
-def rates_by_key(facts: Facts, where: str) -> dict[str, float]:
-    """Return the sampling rates in Hz that plain keys state, by key; ReaderError ``wrong_rate`` for another value."""
-    rates = {key: _positive(facts[key], key, where) for key in _RATES if key in facts}
-    return rates | {key: 1.0 / _positive(facts[key], key, where) for key in _STEPS if key in facts}
+def is_of_vibration(unit: str | None) -> bool:
+    """Return whether a unit is one of acceleration, velocity or voltage, which two statements of a row must share."""
+    return multiple_of(unit)[0] in ("g", "m/s2", "V") or (unit or "").lower() in VELOCITIES
 
 
-def _positive(value: object, key: str, where: str) -> float:
-    number = number_of(value)
-    if number is None or not (1e-300 < number < 1e300):
-        raise ReaderError("wrong_rate", f"{where}: expected a positive number in {key}, found {str(value)[:40]!r}")
-    return number
+@dataclass(frozen=True)
+class StatedNumber:
+    """What one place states of a quantity.
+
+    Attributes:
+        place: as messages call it: a key, "the header", the name of a side-car.
+        written: as it stands there.
+        readings: the values that this may mean, in SI; more than one where the way of writing leaves it open.
+        resolution: half of what its last digit stands for, in SI; 0 where it was not written in decimals.
+    """
+
+    place: str
+    written: str
+    readings: tuple[float, ...]
+    resolution: float = 0.0
 
 
-def number_of(value: object) -> float | None:
-    """Return a finite number, also from ``25.6 kHz`` or ``25600,0``, or None."""
+def number_in(value: object, place: str, units: Mapping[str, float]) -> StatedNumber | None:
+    """Return the number that a value states with one of some ``units``, given with their factors; None for any other.
+
+    ``4,096`` may mean 4.096 or 4096: both are readings. Such a point is decimal.
+    """
     if isinstance(value, bool):
         return None
     if isinstance(value, int | float | np.integer | np.floating):
         number = float(value)
-        return number if math.isfinite(number) else None
-    if not isinstance(value, str):
+        fits = math.isfinite(number) and "" in units
+        return StatedNumber(place, f"{number:.10g}", (number * units[""],)) if fits else None
+    match = NUMBER.fullmatch(value) if isinstance(value, str) else None
+    if match is None or match[2].lower() not in units:
         return None
-    match = re.fullmatch(r"\s*([-+]?[\d.,]+(?:[eE][-+]?\d+)?)\s*([A-Za-zµ/]*)\s*", value)
-    if match is None or match[2].lower() not in _KILO:
-        return None
+    digits, factor = match[1], units[match[2].lower()]
     try:
-        number = float(match[1].replace(",", ".")) * _KILO[match[2].lower()]
+        readings = tuple(float(text) * factor for text in _decimals(digits))
     except ValueError:
         return None
-    return number if math.isfinite(number) else None
+    shift = 10.0 ** int(digits.lower().partition("e")[2] or 0)
+    fraction = re.split("[.,]", digits.lower().partition("e")[0])
+    last = 10.0 ** -len(fraction[1]) if len(fraction) == 2 else 1.0
+    if not all(map(math.isfinite, readings)):
+        return None
+    return StatedNumber(place, str(value).strip()[:40], readings, 0.5 * last * shift * factor)
+
+
+def _decimals(digits: str) -> tuple[str, ...]:
+    """Return the readings of a number with points or commas, with a decimal point; ValueError for none."""
+    points, commas = digits.count("."), digits.count(",")
+    if points and commas:
+        # The last sign is the decimal one, and stands once.
+        decimal = max(".,", key=digits.rfind)
+        if digits.count(decimal) > 1:
+            raise ValueError(digits)
+        return (digits.replace("," if decimal == "." else ".", "").replace(",", "."),)
+    if points > 1 or commas > 1:
+        if not re.fullmatch(r"[-+]?\d{1,3}(?:[.,]\d{3})+", digits):
+            raise ValueError(digits)
+        return (re.sub("[.,]", "", digits),)
+    if commas and GROUPS.fullmatch(digits) and not digits.lstrip("+-").startswith("0"):
+        return digits.replace(",", "."), digits.replace(",", "")
+    return (digits.replace(",", "."),)
+
+
+def number_of(value: object) -> float | None:
+    """Return a finite number, also from ``25.6 kHz`` or ``25600,0``, or None where it is none or has two readings."""
+    found = number_in(value, "", {**LIKE_RATE, **LIKE_STEP})
+    return found.readings[0] if found is not None and len(found.readings) == 1 else None
+
+
+def rate_statements(facts: Facts, where: str) -> list[StatedNumber]:
+    """Return what plain keys state of the sampling rate, in Hz; ReaderError ``wrong_rate`` where that is no rate."""
+    found: list[StatedNumber] = []
+    for key, place, value in named(facts, FACTORS):
+        kind, factor = FACTORS[key]
+        own, other = (LIKE_RATE, LIKE_STEP) if kind == "rate" else (LIKE_STEP, LIKE_RATE)
+        # A unit beside the number is nearer than one in its key.
+        direct = number_in(value, place, {**own, "": factor})
+        stated = direct or number_in(value, place, {unit: scale for unit, scale in other.items() if unit})
+        if stated is None or not all(1e-300 < number < 1e300 for number in stated.readings):
+            shown = str(value)[:40]
+            raise ReaderError("wrong_rate", f"{where}: expected a positive number in {place}, found {shown!r}")
+        found.append(stated if (kind == "rate") == (stated is direct) else _inverse(stated))
+    return found
+
+
+def _inverse(stated: StatedNumber) -> StatedNumber:
+    """Return one over what is stated."""
+    readings = tuple(1.0 / number for number in stated.readings)
+    return StatedNumber(stated.place, stated.written, readings, stated.resolution * max(readings) ** 2)
 
 
 def nice_rate(rate: float, tolerance: float) -> float:
@@ -126,53 +208,92 @@ def nice_rate(rate: float, tolerance: float) -> float:
     return whole if whole and abs(rate - whole) <= tolerance * rate else rate
 
 
-def stated_unit(facts: Facts) -> str | None:
-    """Find the unit among named values, as :func:`known_unit` gives it."""
-    return next((unit for key in _UNIT_KEYS if (unit := known_unit(facts.get(key))) is not None), None)
+def unit_statements(facts: Facts) -> list[tuple[str, str]]:
+    """Return the units among named values, as :func:`known_unit` gives them, each with its place."""
+    found = ((place, _unit_in(value)) for _, place, value in named(facts, frozenset(UNIT_KEYS)))
+    return [(place, unit) for place, unit in found if unit is not None]
 
 
-def stated_time(facts: Facts, zone: str) -> tuple[float | None, str | None]:
-    """Return the time of the first sample among named values, s since 1970 UTC, and None.
+def _unit_in(value: object) -> str | None:
+    """Return the unit that a value states alone or behind the name of a quantity, as ``Acceleration (m/s²)``."""
+    unit = known_unit(value)
+    if unit is None or is_of_vibration(unit) or not isinstance(value, str):
+        return unit
+    behind = re.search(r"(?:[\[(]([^\])]+)[\])]|(?:\s|,)(?:in\s+)?(\S+))\s*$", value)
+    inner = None if behind is None else known_unit(behind[1] or behind[2])
+    return inner if is_of_vibration(inner) else unit
 
-    A stamp whose order of day and month is open is returned as text, behind None. Date and time of day may be values
-    of their own. ``zone`` is the IANA name of the zone of a stamp that names none.
+
+def speed_statements(facts: Facts) -> list[StatedNumber]:
+    """Return what plain keys state of the speed of the shaft, in Hz; what states no unit is left out."""
+    return _positive(facts, SPEEDS, SPEED_UNITS)
+
+
+def load_statements(facts: Facts) -> list[StatedNumber]:
+    """Return what plain keys state of the radial load, in N; what states no unit is left out."""
+    return _positive(facts, LOADS, LOAD_UNITS)
+
+
+def level_statements(facts: Facts) -> list[StatedNumber]:
+    """Return what plain keys state of the sensitivity of a sensor, in mV per g; what states no unit is left out."""
+    return _positive(facts, LEVELS, LEVEL_UNITS)
+
+
+def scale_statements(facts: Facts) -> list[StatedNumber]:
+    """Return what plain keys state of one count, in g; what states no unit of a count is left out."""
+    inverse = _positive(facts, SCALES, PER_G)
+    return [*_positive(facts, SCALES, SCALE_UNITS), *map(_inverse, inverse)]
+
+
+def is_of_counts(unit: str | None) -> bool:
+    """Return whether a unit is that of a converter: counts, or none stated."""
+    return unit is None or unit.lower() in (*COUNT, "raw", "adc", "adc counts", "raw counts")
+
+
+def _positive(facts: Facts, keys: Mapping[str, str], units: Mapping[str, float]) -> list[StatedNumber]:
+    """Return the positive numbers under some keys, given with the unit that each names, "" for none."""
+    found = (
+        number_in(value, place, units if not keys[key] else {**units, "": units[keys[key]]})
+        for key, place, value in named(facts, keys)
+    )
+    return [stated for stated in found if stated is not None and min(stated.readings) > 0.0]
+
+
+def time_statements(facts: Facts, zone: str) -> list[tuple[str, Stamp]]:
+    """Return what plain keys state of the time of the first sample, each with its place.
+
+    Date and time of day may be values of their own. A day alone counts where nothing else is stated and the key says
+    that it is the start. ``zone`` is the IANA name of the zone of a stamp that names none.
     """
-    stamp = stated_stamp(facts, zone)
-    if stamp is None:
-        return None, None
-    return (None, stamp.text) if stamp.open else (stamp.fixed, None)
+    found = [
+        (place, stamp)
+        for _, place, value in named(facts, frozenset((*STARTS, *MOMENTS)))
+        if not is_date(value) and (stamp := read_stamp(value, zone)) is not None
+    ]
+    found += _joined_stamps(facts, zone)
+    return found or [
+        (place, stamp)
+        for _, place, value in named(facts, frozenset(STARTS))
+        if is_date(value) and (stamp := read_stamp(value, zone)) is not None
+    ]
 
 
-def written_start(facts: Facts, zone: str) -> str | None:
-    """Return the start among named values as it is written, where it names no zone; arguments as above."""
-    stamp = stated_stamp(facts, zone)
-    return stamp.text if stamp is not None and stamp.local else None
-
-
-def stated_stamp(facts: Facts, zone: str) -> Stamp | None:
-    """Return the stamp of the first sample among named values, or None; arguments as :func:`stated_time`."""
-    whole = (key for key in (*_STARTS, *_MOMENTS) if not is_date(facts.get(key)))
-    stamp = next((found for key in whole if (found := read_stamp(facts.get(key), zone)) is not None), None)
-    stamp = stamp or _joined_stamp(facts, zone)
-    if stamp is None:
-        # A day alone is the start where the key says so.
-        days = (key for key in _STARTS if is_date(facts.get(key)))
-        stamp = next((found for key in days if (found := read_stamp(facts.get(key), zone)) is not None), None)
-    return stamp
-
-
-def _joined_stamp(facts: Facts, zone: str) -> Stamp | None:
-    """Return the stamp of a date and a time of day under two keys, or None."""
-    dates = (str(facts[key]).strip() for key in _DATES if key in facts)
-    clocks = (str(facts[key]).strip() for key in _CLOCKS if key in facts)
-    date = next((text for text in dates if is_date(text)), None)
-    clock = next((text for text in clocks if CLOCK.fullmatch(text)), None)
-    return None if date is None or clock is None else read_stamp(f"{date} {clock}", zone)
+def _joined_stamps(facts: Facts, zone: str) -> list[tuple[str, Stamp]]:
+    """Return the stamps of dates and times of day under keys of their own."""
+    dates = [(place, str(value).strip()) for _, place, value in named(facts, frozenset(DATES)) if is_date(value)]
+    clocks = [(place, str(value).strip()) for _, place, value in named(facts, frozenset(CLOCKS))]
+    clocks = [(place, text) for place, text in clocks if CLOCK.fullmatch(text)]
+    both = [
+        (f"{place} and {other}", read_stamp(f"{date} {clock}", zone))
+        for place, date in {text: (place, text) for place, text in dates[::-1]}.values()
+        for other, clock in clocks
+    ]
+    return [(place, stamp) for place, stamp in both if stamp is not None]
 
 
 def is_date(value: object) -> bool:
-    """Return whether a value is the text of a date in numbers, without a time of day."""
-    return isinstance(value, str) and re.fullmatch(rf"{DATE.pattern}|\d{{8}}", value.strip()) is not None
+    """Return whether a value is the text of a date, without a time of day."""
+    return isinstance(value, str) and re.fullmatch(rf"{DATE.pattern}|\d{{8}}|{MONTH_NAMED}", value.strip()) is not None
 
 
 def seconds_utc(value: object, zone: str) -> float | None:
@@ -182,47 +303,3 @@ def seconds_utc(value: object, zone: str) -> float | None:
     """
     stamp = read_stamp(value, zone)
     return None if stamp is None or stamp.open else stamp.fixed
-
-
-def rate_of_times(times: NDArray[np.floating], where: str) -> float | None:
-    """Return the rate in Hz that a column of times in s states.
-
-    None where there are less than two times, or their rounding leaves it uncertain by more than 5e-5 of it.
-
-    Raises:
-        ReaderError: ``nan`` for a time that is no number, ``wrong_rate`` where the times do not increase evenly.
-    """
-    if len(times) < 2:
-        return None
-    values = contiguous(times, np.float64)
-    if is_any(lambda part: ~np.isfinite(part), values):
-        raise ReaderError("nan", f"{where}: a time is not a number")
-    span = values[-1] - values[0]
-    step = span / (len(values) - 1)
-    if not (step > 0.0 and math.isfinite(step)):
-        raise ReaderError("wrong_rate", f"{where}: the times do not increase")
-    deviation, largest, unit, longest, shortest = _spread_of_times(values, step)
-    if longest > max(1.5 * step, 1.01 * unit) or shortest < 0.0:
-        raise ReaderError("wrong_rate", f"{where}: the times are not evenly spaced; the longest step is {longest:g} s")
-    uncertainty = 2.0 * max(deviation, float(np.spacing(largest))) / span
-    return nice_rate(1.0 / step, uncertainty + 1e-12) if uncertainty < 5e-5 else None
-
-
-def _spread_of_times(times: NDArray[np.float64], step: float) -> tuple[float, float, float, float, float]:
-    """Return of times that should have one step: the largest deviation from that and the largest amount, then of the
-    steps the least above 0, the largest and the least; all in s, computed piece by piece.
-    """
-    deviation = largest = 0.0
-    unit, longest, shortest = math.inf, -math.inf, math.inf
-    count = max(2, large.PIECE_BYTES // times.dtype.itemsize)
-    for begin in range(0, len(times) - 1, count - 1):
-        part = times[begin : begin + count]
-        ideal = times[0] + step * np.arange(begin, begin + len(part))
-        deviation = max(deviation, float(np.max(np.abs(part - ideal))))
-        largest = max(largest, float(np.max(np.abs(part))))
-        steps = np.diff(part)
-        # Times written more coarsely than the sampling interval repeat themselves, then jump by one unit.
-        unit = min(unit, float(np.min(steps[steps > 0.0], initial=math.inf)))
-        longest, shortest = max(longest, float(np.max(steps))), min(shortest, float(np.min(steps)))
-        forget_pages(times)
-    return deviation, largest, unit, longest, shortest

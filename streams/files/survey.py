@@ -20,7 +20,8 @@ from streams.files.load import Loader, in_own_units
 from streams.files.plausible import SignalLevel, level_of
 from streams.files.recognise import as_pattern, data_set_of
 from streams.files.sidecar import is_pulse_file, is_sidecar, pulse_pattern
-from streams.files.statements import nice_rate, rate_of_times
+from streams.files.statements import nice_rate
+from streams.files.time_column import rate_of_times
 from streams.turns.tacho import TachoRow, is_called_tacho, tacho_row
 from streams.types.listing import natural_key, shown
 from streams.types.samples import ReaderError, Samples
@@ -251,7 +252,8 @@ def _found(
     rows = surveyed_rows(samples, data_set.unit, rate)
     if rate is None:
         rate, rate_from = _rate_by_row(samples, rows)
-    speed, speed_from = samples.speed if samples.speed is not None else facts.speed, "stated by the files"
+    known_speeds = (samples.speed, facts.speed, samples.stated_speed)
+    speed, speed_from = next((one for one in known_speeds if one is not None), None), "stated by the files"
     if speed is None:
         speed, speed_from = _speed_in_names([place.name, *known]), "by the names"
     return Survey(
@@ -269,7 +271,7 @@ def _found(
         stamp=samples.stamp,
         speed=speed,
         speed_from=speed_from if speed is not None else "",
-        load=samples.load,
+        load=samples.load if samples.load is not None else samples.stated_load,
         scaled=samples.scaled,
         changed=(known[first][0].changed(), known[last][0].changed()),
         refused=(),

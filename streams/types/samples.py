@@ -55,6 +55,12 @@ class Samples:
         columns: 1-based number of each row in the file; default from 1 on.
         units: of each row: "g", "m/s2", "V", "unknown", None where not stated (the default), or as the file spells it.
         rate: Hz, None where not stated; likewise None in what follows.
+        rate_readings: Hz, what a rate may mean whose way of writing leaves it open; rate is None then.
+        rate_resolution: Hz by which each of them is uncertain.
+        rate_written: where it stands and how it is written.
+        sensitivities: of each row, mV per g, as the file states it.
+        stated_speed: of the shaft, Hz, as a head states it among other things: offered, not used for the block.
+        stated_load: likewise the radial load, N.
         start: seconds since 1970 UTC of the first sample of the origin.
         stamp: a date of the file whose order of day and month is open, as it is written; start is None then.
         written: the start as it is written, where it names no zone.
@@ -97,6 +103,12 @@ class Samples:
     hashed: int | None = None
     written: str | None = None
     stated: TimeStatement | None = None
+    rate_readings: tuple[float, ...] = ()
+    rate_resolution: float = 0.0
+    rate_written: str = ""
+    sensitivities: tuple[float | None, ...] = ()
+    stated_speed: float | None = None
+    stated_load: float | None = None
 
     def __post_init__(self) -> None:
         """Fill in the defaults of the rows; ValueError where parts do not fit."""
@@ -108,7 +120,9 @@ class Samples:
         object.__setattr__(self, "names", self.names or self.channels)
         object.__setattr__(self, "units", self.units or (None,) * rows)
         object.__setattr__(self, "stored", self.stored or (VALUES,) * rows)
-        counts = {len(part) for part in (self.columns, self.channels, self.names, self.units, self.stored)}
+        object.__setattr__(self, "sensitivities", self.sensitivities or (None,) * rows)
+        parts = (self.columns, self.channels, self.names, self.units, self.stored, self.sensitivities)
+        counts = {len(part) for part in parts}
         if counts != {rows}:
             raise ValueError(f"{rows} rows of samples, but {sorted(counts)} columns, channels, names and units")
 
@@ -173,6 +187,7 @@ class Samples:
             columns=tuple(self.columns[row] for row in rows),
             units=tuple(self.units[row] for row in rows) if units is None else units,
             stored=tuple(self.stored[row] for row in rows),
+            sensitivities=tuple(self.sensitivities[row] for row in rows),
         )
 
     def block(self, source: str, sequence: int, name: str, content_hash: str, elapsed: float | None) -> Block:

@@ -153,6 +153,7 @@ class SourceSpec:
             ``{name}``, which stand for the name of a file without and with its ending, a text file beside it.
         files: pattern of the names of its files, below its folder; of several each is one of files that are recorded at
             the same time, and read as one. Empty: all of the format, which must be a single sequence.
+        disregard: patterns of the keys in files that are not believed, where they contradict others.
         block_revolutions: how many turns a block has where files are cut by them; ``block_s`` is the longest then.
     """
 
@@ -175,6 +176,7 @@ class SourceSpec:
     pulses: str | None = None
     files: tuple[str, ...] = ()
     block_revolutions: BlockRevolutions | None = None
+    disregard: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         """Raise SourceError for values that no recording can have."""

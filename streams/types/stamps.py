@@ -19,7 +19,7 @@ ORDERS: tuple[Order, ...] = get_args(Order)
 _MAX_TEXT = 64
 _WITH_MONTH_NAME = (
     *("%d-%b-%y %H:%M:%S", "%d-%b-%Y %H:%M:%S", "%d %b %Y %H:%M:%S", "%b %d, %Y %H:%M:%S"),
-    *("%a %b %d %H:%M:%S %Y", "%d %B %Y %H:%M:%S"),
+    *("%a %b %d %H:%M:%S %Y", "%d %B %Y %H:%M:%S", "%d-%b-%Y %H:%M:%S.%f", "%d %b %Y %H:%M:%S.%f"),
 )
 _DATE = r"(?P<a>\d{1,4})(?P<sep>[-/.])\s?(?P<b>\d{1,2})(?P=sep)\s?(?P<c>\d{4}|\d{1,2})"
 _CLOCK = (
@@ -34,6 +34,8 @@ CLOCK = re.compile(_CLOCK + _ZONE)
 """A time of day alone."""
 
 _LEAP_SECOND = re.compile(r"(?<!\d)(\d\d:?59:?)60(?!\d)")
+_SINCE_1970 = re.compile(r"\d{10}(?:\.\d+)?|\d{13}(?:\.\d+)?|\d{16}|\d{19}")
+"""s, ms, us or ns since 1970; dates without separators have 8, 12 or 14 digits."""
 
 _CLOCK_IN_NAME = (
     r"(?P<H>\d\d)(?:(?P<t>[-_.:h])(?P<M>\d\d)(?:[-_.:m](?P<S>\d\d)(?:[-_.,](?P<f>\d{6}|\d{3}))?)?"
@@ -102,6 +104,11 @@ class Stamp:
     skipped: bool = False
     resolution: float = 1.0
 
+    def later(self, seconds: float) -> Stamp:
+        """Return the stamp of a moment so many seconds later."""
+        day, month = (None if time is None else time + seconds for time in (self.day_first, self.month_first))
+        return replace(self, day_first=day, month_first=month)
+
     @property
     def fixed(self) -> float | None:
         """The time where the order of day and month does not matter, or None."""
@@ -136,13 +143,14 @@ def read_stamp(value: object, zone: str) -> Stamp | None:
         seconds = float((value - np.datetime64(0, "s")) / np.timedelta64(1, "s"))
         return _stamp_utc(str(value), seconds if math.isfinite(seconds) else None)
     if isinstance(value, int | float | np.integer | np.floating) and not isinstance(value, bool):
-        # Smaller numbers are seconds from something else.
-        return _stamp_utc(str(value), float(value) if 1e8 < value < 1e11 else None)
+        return _stamp_utc(str(value), epoch_seconds(value))
     if isinstance(value, datetime):
         return _stamp(str(value), value, zone)
     if not isinstance(value, str):
         return None
     text = value.strip()[:_MAX_TEXT]
+    if _SINCE_1970.fullmatch(text):
+        return _stamp_utc(text, epoch_seconds(float(text)))
     plain, leap = _LEAP_SECOND.subn(r"\g<1>59", text)
     try:
         return _stamp(text, datetime.fromisoformat(plain), zone, leap)
@@ -157,6 +165,15 @@ def read_stamp(value: object, zone: str) -> Stamp | None:
         except ValueError:
             continue
     return None
+
+
+def epoch_seconds(number: float | np.integer | np.floating) -> float | None:
+    """Return a time since 1970 UTC in s, given in s, ms, us or ns, which its size tells apart; None for another number.
+
+    Smaller numbers are counted from something else.
+    """
+    size = next((size for size in (1.0, 1e3, 1e6, 1e9) if 1e8 * size < number < 1e11 * size), None)
+    return None if size is None else float(number) / size
 
 
 def resolution_of(seconds: float) -> float:

@@ -15,13 +15,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from streams.files.judge import StatedRow, judged
+from streams.files.judge import StatedRow, judged, stated_start
 from streams.files.lengths import of_one_length, with_beside
 from streams.files.packing import attribute_facts, property_fill, unpacked
 from streams.files.parse.complete import hdf5_size
 from streams.files.parse.worker import check_claim, from_disk, library, readable
 from streams.files.pulse_times import matches_pulses, only_one, own_facts, sought, with_pulses
-from streams.files.statements import STORED, Facts, stated_time
+from streams.files.statements import STORED, Facts, nearest
 from streams.types import large
 from streams.types.large import Data, FileBytes, array_on_disk, forget_pages, longest_axis, parts_along
 from streams.types.samples import DIGITAL, ReaderError, Samples, check_rows, may_be_rows, rows_of
@@ -40,7 +40,8 @@ _MAX_LISTED = 400
 class Found:
     """An h5py data set under its path.
 
-    ``facts`` are the attributes of file, groups and data set, the nearest winning; ``own`` those of the data set alone.
+    ``facts`` are the attributes of file, groups and data set, as :func:`streams.files.statements.nearest` joins them;
+    ``own`` those of the data set alone.
     """
 
     path: str
@@ -58,17 +59,20 @@ def read_hdf5(
     pulses: str | None = None,
     wanted: Sequence[str] = (),
     slow: Sequence[str] = (),
+    disregard: Sequence[str] = (),
 ) -> Samples:
     """Read the numeric data sets of an HDF5 file.
 
-    Rate, unit and time of the first sample are taken from the attributes of the data set, else of the groups that hold
-    it, else of the file. Each vector gives a row, a matrix one for each vector of it, named ``PATH_1`` and so on.
+    Rate, unit and time of the first sample are taken from the attributes of the data set, of the groups that hold it
+    and of the file, which must agree. Each vector gives a row, a matrix one for each vector of it, named ``PATH_1`` and
+    so on.
 
     Args:
         patterns: of the paths of the wanted data sets, such as ``run1/acc*``; none: all.
         zone: IANA name of the zone of stamps that name none.
         pulses: pattern of the path of the times of pulses; see :mod:`.pulse_times`.
         wanted, slow: see :func:`streams.files.lengths.of_one_length`.
+        disregard: patterns of the attributes that are not believed.
 
     Raises:
         ReaderError: ``empty``; ``refused`` for links, external storage, virtual data sets and more than
@@ -97,13 +101,13 @@ def read_hdf5(
             budget.add_rows(len(arrays[-1][1]))
         held = ", ".join(f"{item.path}{list(item.dataset.shape or ())}"[:60] for item in found[:12]) or "no data set"
         none = f"no vector matches {', '.join(patterns) or '*'}; {held}"
-        samples = join_arrays(arrays, name, zone, none, wanted, slow)
+        samples = join_arrays(arrays, name, zone, none, wanted, slow, disregard)
         tacho = None if pulses is None else only_one(marks, pulses, name)
         if tacho is None:
             return samples
         own, where = own_facts(tacho.own, tacho.facts), f"{name}: data set {tacho.path}"
         times = load_unpacked(replace(tacho, facts=tacho.own), name, budget)[0]
-        return with_pulses(samples, times, own, zone, where, stated_time(tacho.own, zone)[0])
+        return with_pulses(samples, times, own, zone, where, stated_start(tacho.own, zone, where))
 
 
 class Budget:
@@ -132,12 +136,13 @@ def join_arrays(
     none: str,
     wanted: Sequence[str] = (),
     slow: Sequence[str] = (),
+    disregard: Sequence[str] = (),
 ) -> Samples:
     """Join arrays of shape (row, sample), with their names and what is stated of each.
 
     A row is named as its array, ``NAME_1`` and so on where it has several. ``zone`` is the IANA name of the zone of
-    stamps that name none, ``none`` the reason to give where there is no array; ``wanted`` and ``slow`` as in
-    :func:`streams.files.lengths.of_one_length`.
+    stamps that name none, ``none`` the reason to give where there is no array, ``disregard`` names the keys that are
+    not believed; ``wanted`` and ``slow`` as in :func:`streams.files.lengths.of_one_length`.
 
     Raises:
         ReaderError: ``wrong_shape`` without rows or for different lengths, ``wrong_rate`` for different rates.
@@ -155,7 +160,7 @@ def join_arrays(
             StatedRow(values, row, row.rpartition("/")[2], stated) for row, values in zip(names, array, strict=True)
         ]
     rows, beside = of_one_length(rows, wanted, slow, name, "vectors", max_listed=_MAX_LISTED)
-    return with_beside(judged(rows, name, "vectors", zone, of_rates="rows", max_listed=_MAX_LISTED), beside)
+    return with_beside(judged(rows, name, "vectors", zone, max_listed=_MAX_LISTED, disregard=disregard), beside)
 
 
 @contextmanager
@@ -208,10 +213,14 @@ def walk(file: Any, name: str, patterns: Sequence[str] = (), separator: str = "/
             if hasattr(item, "keys"):
                 if hash(item.id) not in seen:
                     seen.add(hash(item.id))
-                    below.append((path, item, {**inherited, **own}))
+                    below.append((path, item, nearest(inherited, own, _around(prefix))))
             elif hasattr(item, "shape") and matches:
-                yield Found(path, item, {**inherited, **own}, own)
+                yield Found(path, item, nearest(inherited, own, _around(prefix)), own)
         stack.extend(reversed(below))
+
+
+def _around(group: str) -> str:
+    return f"of {group or 'the file'}"
 
 
 def attributes(item: Any) -> dict[str, object]:

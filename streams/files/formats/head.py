@@ -10,33 +10,25 @@ import numpy as np
 from numpy.typing import NDArray
 
 from streams.files.formats.numbers import first_line_of, is_number
-from streams.files.statements import Facts, is_date, known_unit, multiple_of, plain_key, stated_time
+from streams.files.statements import (
+    Facts,
+    add_fact,
+    is_date,
+    is_of_vibration,
+    known_unit,
+    plain_key,
+    time_statements,
+)
+from streams.files.time_column import time_column
 from streams.types.samples import ReaderError, Samples
 from streams.types.stamps import CLOCK, DATE, Stamp, read_stamp
 
 MAX_HEAD_LINES = 200
 _MAX_SNIFFED_CHARACTERS = 1 << 16
-_SECONDS = ("s", "sec", "second", "seconds", "ms")
+_SECONDS = ("s", "sec", "second", "seconds", "ms", "us", "µs", "ns")
 _FACT = re.compile(r"\s*[#%\"]*\s*([A-Za-z][^:=;\t,]{0,60}?)\s*[:=;\t,]\s*(.*?)[\"\s;,]*$")
 _CLOCK_IN_VALUE = re.compile(r"\d:\d\d,\d+$|\d,\s*\d{1,2}:\d\d")
 UNIT_IN_NAME = re.compile(r"^(.*?)\s*[\[(]([^\])]*)[\])]\s*$")
-TIMES = {
-    "time",
-    "times",
-    "timesec",
-    "timeseconds",
-    "timems",
-    "zeit",
-    "zeits",
-    "zeitins",
-    "timeins",
-    "t",
-    "ts",
-    "tempo",
-    "temps",
-    "xvalue",
-}
-"""Plain names of a column of times."""
 
 
 def decoded(line: bytes) -> str:
@@ -49,13 +41,21 @@ def decoded(line: bytes) -> str:
 
 @dataclass
 class Head:
-    """What stands above the numbers."""
+    """What stands above the numbers.
+
+    Attributes:
+        facts: what is stated of all columns, ``of_columns`` of each, none where that is not so.
+        names, units: of the columns, by a line of each.
+        lines: how many there are.
+        title: the line of names.
+    """
 
     facts: dict[str, object] = field(default_factory=dict)
     names: tuple[str, ...] | None = None
     units: tuple[str | None, ...] | None = None
     lines: int = 0
     title: str = ""
+    of_columns: tuple[Facts, ...] = ()
 
 
 def cut_head(body: bytes, name: str) -> tuple[bytes, list[str]]:
@@ -94,9 +94,10 @@ def head_of(lines: list[str]) -> Head:
     head = Head(lines=len(lines))
     kept = [line for line in lines if line.strip()]
     titles = [line for line in kept[-2:] if not line.startswith(("#", "%", "***"))]
-    if len(titles) == 2 and _are_units(_fields(titles[1])) and len(_fields(titles[0])) == len(_fields(titles[1])):
-        head.names = tuple(_fields(titles[0]))
-        head.units = tuple(known_unit(unit) for unit in _fields(titles[1]))
+    both = [_fields(line) for line in titles]
+    if len(both) == 2 and len(both[0]) == len(both[1]) and _are_units(both[1]) and not _is_fact(titles[0]):
+        head.names = tuple(both[0])
+        head.units = tuple(known_unit(unit) for unit in both[1])
         kept = kept[:-2]
     elif titles and titles[-1] == kept[-1] and not _is_fact(titles[-1]):
         head.names, head.title = tuple(_fields(titles[-1])), titles[-1]
@@ -106,7 +107,7 @@ def head_of(lines: list[str]) -> Head:
         if match is not None:
             whole = is_number(match[2].split(" ")[0]) or _CLOCK_IN_VALUE.search(match[2])
             value = match[2] if whole else re.split(r"[;\t,]", match[2])[0]
-            head.facts.setdefault(plain_key(match[1]), value.strip().strip('"'))
+            add_fact(head.facts, plain_key(match[1]), value.strip().strip('"'), f"{match[1].strip()} (again)")
     return head
 
 
@@ -120,7 +121,7 @@ def titles_with_blanks(line: str, width: int) -> tuple[str, ...] | None:
 
 def _are_units(fields: list[str]) -> bool:
     bare = [part.strip("[]() ") for part in fields]
-    known = any(multiple_of(known_unit(part))[0] in ("g", "m/s2", "V") for part in bare) or bare[0].lower() in _SECONDS
+    known = any(is_of_vibration(known_unit(part)) for part in bare) or bare[0].lower() in _SECONDS
     return known and all(len(part) <= 12 for part in bare)
 
 
@@ -130,31 +131,32 @@ def _is_fact(line: str) -> bool:
     if match is None:
         return False
     key, value = plain_key(match[1]), match[2].strip()
-    facts: Facts = {key: value}
-    dated = stated_time(facts, "UTC") != (None, None) or is_date(value)
+    dated = bool(time_statements({key: value}, "UTC")) or is_date(value)
     return ":" in line or "=" in line or dated or is_number(value.split(" ")[0])
 
 
-def names_and_units(samples: Samples, head: Head) -> tuple[tuple[str, ...], tuple[str, ...], tuple[str | None, ...]]:
-    """Return titles, names and units of the columns; a title is its name, or names the unit behind it."""
+def names_and_units(samples: Samples, head: Head) -> tuple[tuple[str, ...], tuple[str, ...], list[StatedUnits]]:
+    """Return titles, names and stated units of the columns; a title is its name, or names the unit behind it."""
     if head.names is None:
-        return samples.names, samples.names, (None,) * len(samples.names)
+        return samples.names, samples.names, [[] for _ in samples.names]
     names: list[str] = []
-    units: list[str | None] = list(head.units) if head.units is not None else [None] * len(head.names)
+    units: list[StatedUnits] = []
     for index, title in enumerate(head.names):
         match = UNIT_IN_NAME.match(title)
         unit = known_unit(match[2]) if match is not None else None
-        is_time = match is not None and plain_key(match[1]) in TIMES
-        is_ours = unit in ("g", "m/s2", "V") or is_time
-        name = title
-        if match is not None and (is_ours or multiple_of(unit)[0] in ("g", "m/s2", "V")):
-            name = match[1].strip() or title
-            units[index] = units[index] or unit
-        names.append(name)
+        below = None if head.units is None else head.units[index]
+        own: StatedUnits = [] if below is None else [(f"the line of units, {title!r},", below)]
+        if match is not None and unit is not None and (is_of_vibration(unit) or time_column(match[1], unit)):
+            title = match[1].strip() or title
+            own.append((f"the name {head.names[index]!r}", unit))
+        names.append(title)
+        units.append(own)
     # A configuration may name a column with its unit, as it stands in the file, or without.
-    return tuple(head.names), tuple(names), tuple(units)
+    return tuple(head.names), tuple(names), units
 
 
+StatedUnits = list[tuple[str, str]]
+"""Units of a column, each with its place."""
 _MAX_UNEVEN = 200_000
 """Rows whose stamps differ in width: they are read one by one."""
 _MAX_PREFIX = 48
@@ -230,7 +232,7 @@ def _first_row(body: bytes, zone: str) -> tuple[int, list[str], str, int] | None
         text = line[: 4 * _MAX_PREFIX].decode("utf-8", "replace").strip()
         if is_number(re.split(r"[;\t, ]", text, maxsplit=1)[0]):
             return None
-        for separator in ";\t,":
+        for separator in ";\t, ":
             columns = _stamp_columns(text, separator, zone)
             if columns and _stamp_columns(following.decode("utf-8", "replace").strip(), separator, zone) == columns:
                 return begin, head, separator, columns

@@ -18,9 +18,11 @@ import scipy.io
 from numpy.typing import NDArray
 
 from streams.files.formats.hdf5 import SIGNATURE, Budget, attributes, join_arrays, load_unpacked, open_hdf5, walk
+from streams.files.judge import stated_start
+from streams.files.keys import KEYS
 from streams.files.parse.worker import check_claim, from_disk
 from streams.files.pulse_times import matches_pulses, only_one, own_facts, sought, with_pulses
-from streams.files.statements import KEYS, STORED, plain_key, stated_time
+from streams.files.statements import STORED, Facts, add_fact, nearest, plain_key
 from streams.types.large import Data, stream_of
 from streams.types.samples import ReaderError, Samples, may_be_rows, rows_of, stored_as
 
@@ -187,6 +189,7 @@ def read_mat(
     pulses: str | None = None,
     wanted: Sequence[str] = (),
     slow: Sequence[str] = (),
+    disregard: Sequence[str] = (),
 ) -> Samples:
     """Read the numeric vectors of a MAT file that match some patterns.
 
@@ -199,6 +202,7 @@ def read_mat(
         pulses: pattern of the variable, field or structure of times of pulses, see :mod:`.pulse_times`; what states
             its unit is a field beside it. Only with ``zone``.
         wanted, slow: see :func:`streams.files.lengths.of_one_length`.
+        disregard: patterns of the variables and fields that are not believed.
 
     Raises:
         ReaderError: as :func:`mat_variables`; ``wrong_shape`` where no vector matches or their lengths differ,
@@ -221,13 +225,13 @@ def read_mat(
         and any(fnmatchcase(key, pattern) for pattern in patterns)
     }
     facts = _stated(values)
-    samples = _joined(vectors, data, name, patterns, facts, zone, wanted, slow)
+    samples = _joined(vectors, data, name, patterns, facts, zone, wanted, slow, disregard)
     tacho = None if pulses is None else only_one(marks, pulses, name)
     if tacho is None:
         return samples
     parent = tacho.rpartition(".")[0]
     own = own_facts(facts.get(parent, {}) if parent else {}, facts.get("", {}))
-    return with_pulses(samples, values[tacho], own, zone, f"{name}: variable {tacho}", stated_time(own, zone)[0])
+    return with_pulses(samples, values[tacho], own, zone, f"{name}: variable {tacho}", stated_start(own, zone, name))
 
 
 def _is_pulses(key: str, array: NDArray[np.generic], pulses: str | None) -> bool:
@@ -247,8 +251,14 @@ def _stated(values: MatValues) -> dict[str, dict[str, object]]:
         if isinstance(value, float) and _DATENUMS[0] < value < _DATENUMS[1]:
             value = _EPOCH + timedelta(seconds=round((value - _DATENUM_OF_1970) * 86400.0, 3))
         if value is not None:
-            facts.setdefault(parent, {})[plain_key(last)] = value
+            add_fact(facts.setdefault(parent, {}), plain_key(last), value, key)
     return facts
+
+
+def _around(facts: Mapping[str, Facts], structure: str) -> Facts:
+    """Return what a structure states and, where it does not contain it, what stands beside it."""
+    own = facts.get(structure, {})
+    return nearest(facts.get("", {}), own, "beside the structures") if structure else own
 
 
 def _joined(
@@ -256,17 +266,18 @@ def _joined(
     data: Data,
     name: str,
     patterns: Sequence[str],
-    facts: Mapping[str, Mapping[str, object]],
+    facts: Mapping[str, Facts],
     zone: str,
-    wanted: Sequence[str],
-    slow: Sequence[str],
+    wanted: Sequence[str] = (),
+    slow: Sequence[str] = (),
+    disregard: Sequence[str] = (),
 ) -> Samples:
     """Join the vectors; ``facts`` are stated by the structure of that name, those of "" for all."""
     arrays = [
         (
             key,
             rows_of(array, f"{name}: variable {key}"),
-            {**facts.get("", {}), **facts.get(key.rpartition(".")[0], {}), STORED: stored_as(array.dtype)},
+            {**_around(facts, key.rpartition(".")[0]), STORED: stored_as(array.dtype)},
         )
         for key, array in values.items()
         if array.size > 1 and may_be_rows(array.dtype, array.shape)
@@ -275,4 +286,4 @@ def _joined(
     if not arrays:
         held = [f"{variable} {kind}{list(shape)}" for variable, (shape, kind) in mat_variables(data, name).items()]
     none = f"no vector matches {', '.join(patterns)}; it holds {', '.join(held[:12]) or 'no variable'}"
-    return join_arrays(arrays, name, zone, none, wanted, slow)
+    return join_arrays(arrays, name, zone, none, wanted, slow, disregard)

@@ -12,11 +12,11 @@ import scipy.io
 from numpy.typing import NDArray
 
 from streams.files.formats.hdf5 import Budget, Found, join_arrays, load, open_hdf5, walk
-from streams.files.judge import stated_rate
 from streams.files.packing import attribute_facts, netcdf_fill, unpacked
 from streams.files.parse.worker import from_disk, readable
 from streams.files.pulse_times import matches_pulses, only_one, own_facts, with_pulses
-from streams.files.statements import Facts, rate_of_times, seconds_utc
+from streams.files.statements import Facts, nearest, seconds_utc
+from streams.files.time_column import UNITS_OF_TIME, rate_of_times
 from streams.types.large import Data, FileBytes, stream_of
 from streams.types.samples import ReaderError, Samples, rows_of
 
@@ -35,12 +35,13 @@ def read_netcdf(
     pulses: str | None = None,
     wanted: Sequence[str] = (),
     slow: Sequence[str] = (),
+    disregard: Sequence[str] = (),
 ) -> Samples:
     """Read the numeric variables of a netCDF file, a row for each vector.
 
     Rate, unit and time of the first sample come from the attributes as in :func:`streams.files.formats.hdf5.read_hdf5`,
-    else rate and time from a coordinate ``time`` in ``seconds since ...``. Numbers are unpacked as the attributes say,
-    missing ones are NaN; see :mod:`streams.files.packing`.
+    and from a coordinate ``time`` in ``seconds since ...``, which must agree. Numbers are unpacked as the attributes
+    say, missing ones are NaN; see :mod:`streams.files.packing`.
 
     Raises:
         ReaderError: as :func:`streams.files.formats.hdf5.read_hdf5`, whose arguments it takes; without patterns it
@@ -60,11 +61,10 @@ def read_netcdf(
         where = f"{name}: variable {key}"
         values, facts = unpacked(array, owned[key], facts, where, (netcdf_fill(array.dtype),))
         rows = rows_of(values, where)
-        both = {**time, **facts} if rows.shape[1] == time.get("length") else facts
-        chosen.append((key, rows, both))
+        chosen.append((key, rows, {**facts, **time[1]} if rows.shape[1] == time[0] else facts))
     held = ", ".join(f"{key}{list(array.shape)}" for key, (array, _) in list(arrays.items())[:12]) or "no variable"
     none = f"no vector matches {', '.join(patterns) or '*'}; it holds {held}"
-    samples = join_arrays(chosen, name, zone, none, wanted, slow)
+    samples = join_arrays(chosen, name, zone, none, wanted, slow, disregard)
     tacho = None if pulses is None else only_one(marks, pulses, name)
     if tacho is None:
         return samples
@@ -104,7 +104,8 @@ def _classic(data: Data, name: str) -> _Variables:
             shared = attribute_facts(file._attributes.items())
             for key, variable in file.variables.items():
                 owned[str(key)] = own = attribute_facts(variable._attributes.items())
-                found[str(key)] = variable.data if mapped else np.array(variable.data), {**shared, **own}
+                facts = nearest(shared, own, "of the file")
+                found[str(key)] = variable.data if mapped else np.array(variable.data), facts
     if not found and len(data) > 32:
         raise ReaderError("unreadable", f"{name}: holds no variable")
     return found, owned
@@ -112,26 +113,20 @@ def _classic(data: Data, name: str) -> _Variables:
 
 def _time(
     arrays: dict[str, tuple[NDArray[Any], Facts]], owned: dict[str, Facts], name: str, zone: str
-) -> dict[str, object]:
-    """Return what a coordinate of times states, and its length."""
+) -> tuple[int, Facts]:
+    """Return the length of a coordinate of times, and what it states, under ``KEY#PLACE``; 0 without one."""
     key = next((key for key in _TIMES if key in arrays), None)
-    if key is None:
-        return {}
-    times, facts = arrays[key]
+    times, facts = arrays[key] if key is not None else (np.zeros((0, 0)), {})
     words = str(facts.get("units", "")).strip().split(maxsplit=2)
-    if (
-        times.ndim != 1
-        or times.dtype.kind not in "fiu"
-        or not words
-        or words[0] not in ("s", "sec", "second", "seconds")
-    ):
-        return {}
+    size = UNITS_OF_TIME.get(words[0].lower()) if words else None
+    if key is None or times.ndim != 1 or times.dtype.kind not in "fiu" or size is None or not len(times):
+        return 0, {}
     times, _ = unpacked(times, owned[key], owned[key], f"{name}: variable {key}")
-    found: dict[str, object] = {"length": len(times)}
-    rate = None if stated_rate(facts, name) is not None else rate_of_times(times, name)
+    found: dict[str, object] = {}
+    rate = rate_of_times(times if size == 1.0 else times * size, name)
     if rate is not None:
-        found["rate"] = rate
+        found[f"rate#the coordinate {key}"] = rate
     epoch = seconds_utc(words[2].replace(" UTC", "+00:00"), zone) if len(words) == 3 and words[1] == "since" else None
-    if epoch is not None and len(times):
-        found["start"] = epoch + float(times[0])
-    return found
+    if epoch is not None:
+        found[f"start#the coordinate {key}"] = epoch + float(times[0]) * size
+    return len(times), found

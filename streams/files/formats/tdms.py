@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import struct
 from collections.abc import Sequence
+from dataclasses import replace
 from fnmatch import fnmatchcase
 from importlib import import_module
 from typing import Any
@@ -12,11 +13,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from streams.files.judge import StatedRow, judged
+from streams.files.judge import JudgedStart, Start, StatedRow, judge_start, judged, starts_of
+from streams.files.keys import KEYS, TIME_KEYS
 from streams.files.lengths import of_one_length, with_beside
 from streams.files.parse.worker import check_claim, from_disk, library, readable
 from streams.files.pulse_times import matches_pulses, only_one, with_pulses
-from streams.files.statements import STORED, Facts, plain_key, seconds_utc
+from streams.files.statements import STORED, Facts, add_fact, nearest, plain_key
 from streams.types import large
 from streams.types.large import Data, contiguous, empty_rows, forget_pages, stream_of
 from streams.types.samples import ReaderError, Samples, check_rows, stored_as
@@ -37,17 +39,20 @@ def read_tdms(
     pulses: str | None = None,
     wanted: Sequence[str] = (),
     slow: Sequence[str] = (),
+    disregard: Sequence[str] = (),
 ) -> Samples:
     """Read the numeric channels of a TDMS file, a row for each, scaled as it says.
 
     Rate (``wf_increment``), time of the first sample (``wf_start_time`` and ``wf_start_offset``) and unit
-    (``unit_string``) are taken from the properties of the channels.
+    (``unit_string``) are taken from the properties of the channels; what groups and file state is compared with them,
+    but for times, which are those of writing there.
 
     Args:
         patterns: of the channels that are wanted, as ``CHANNEL`` or ``GROUP/CHANNEL``; none: all.
         zone: IANA name of the zone of stamps that name none.
         pulses: pattern of the channel, or of the group of the one channel, of pulses; see :mod:`.pulse_times`.
         wanted, slow: see :func:`streams.files.lengths.of_one_length`.
+        disregard: patterns of the properties that are not believed.
 
     Raises:
         ReaderError: ``empty``; ``incomplete`` where a segment is shorter than declared; ``refused`` above
@@ -71,7 +76,7 @@ def read_tdms(
         for channel in (*taken, *tacho):
             _check_scales(channel, file, f"{name}: channel {channel.name}")
         rows = [_values(channel) for channel in taken]
-        properties = [_properties(channel) for channel in taken]
+        properties = _properties_of(taken, file)
         lengths = [len(channel) for channel in taken]
         titles = [(str(channel.group_name), str(channel.name)) for channel in taken]
         marks = [(_titles(channel)[1], _values(channel), _properties(channel)) for channel in tacho]
@@ -83,13 +88,16 @@ def read_tdms(
         for row, values, (group, title), facts in zip(rows, _exact(rows), titles, properties, strict=True)
     ]
     stated, beside = of_one_length(stated, wanted, slow, name, "channels")
-    samples = with_beside(judged(stated, name, "channels", zone, called=lambda row: row.short, dated=_dated), beside)
+    samples = judged(stated, name, "channels", zone, called=lambda row: row.short, dated=_dated, disregard=disregard)
+    samples = with_beside(samples, beside)
     if pulses is None:
         return samples
     title, times, facts = only_one(marks, pulses, name) or (None, None, None)
     if title is None or times is None or facts is None:
         return samples
-    return with_pulses(samples, times, facts, zone, f"{name}: channel {title}", _dated(facts, zone)[0])
+    return with_pulses(
+        samples, times, facts, zone, f"{name}: channel {title}", judge_start(_dated(facts, zone), name).value
+    )
 
 
 def _titles(channel: Any) -> tuple[str, str]:
@@ -139,8 +147,31 @@ def _values(channel: Any) -> NDArray[Any]:
     return found
 
 
-def _properties(channel: Any) -> dict[str, Any]:
-    return {plain_key(str(key)): value for key, value in channel.properties.items()}
+def _properties(item: Any) -> dict[str, object]:
+    found: dict[str, object] = {}
+    for key, value in item.properties.items():
+        add_fact(found, plain_key(str(key)), value, str(key))
+    return found
+
+
+def _properties_of(channels: Sequence[Any], file: Any) -> list[dict[str, object]]:
+    """Return what is stated of each channel, by itself, its group and the file.
+
+    Times of group and file, which are those of writing, count where no channel states one.
+    """
+    own = [_properties(channel) for channel in channels]
+    around = _properties(file)
+    dated = any(judge_start(_dated(facts, "UTC"), "") != JudgedStart() for facts in own)
+    lasting = KEYS - TIME_KEYS if dated else KEYS
+    groups = {group.name: nearest(around, _properties(group), "of the file") for group in file.groups()}
+    outer = {
+        name: {key: value for key, value in facts.items() if key.partition("#")[0] in lasting}
+        for name, facts in groups.items()
+    }
+    return [
+        nearest(outer[channel.group_name], facts, "of its group or file")
+        for channel, facts in zip(channels, own, strict=True)
+    ]
 
 
 def _nptdms() -> Any:
@@ -196,9 +227,13 @@ def _exact(rows: list[NDArray[Any]]) -> list[NDArray[np.floating]]:
     return [contiguous(row, np.float32 if exact else np.float64) for row in rows]
 
 
-def _dated(facts: Facts, zone: str) -> tuple[float | None, None]:
-    start = seconds_utc(facts.get("wfstarttime"), zone)
-    if start is None or start <= _LABVIEW_ZERO + 1.0:
-        return None, None
+def _dated(facts: Facts, zone: str) -> list[Start]:
     offset = facts.get("wfstartoffset", 0.0)
-    return start + (float(offset) if isinstance(offset, int | float) and abs(offset) < 1e9 else 0.0), None
+    moved = float(offset) if isinstance(offset, int | float) and abs(offset) < 1e9 else 0.0
+    found = [one for one in starts_of(facts, zone) if (one.stamp.fixed or 0.0) > _LABVIEW_ZERO + 1.0 or one.stamp.open]
+    return [_of_waveform(one, moved) if one.place == "wfstarttime" else one for one in found]
+
+
+def _of_waveform(start: Start, seconds: float) -> Start:
+    """Return the start of a waveform, which is in UTC, moved by its offset."""
+    return replace(start, stamp=replace(start.stamp.later(seconds), resolution=0.0, local=False))

@@ -3,35 +3,31 @@
 from __future__ import annotations
 
 import re
-from dataclasses import replace
+from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from streams.files.formats.described import described
 from streams.files.formats.head import (
     MAX_HEAD_LINES,
-    TIMES,
     Head,
-    StampedRows,
     begins_with_stamps,
     cut_head,
     head_of,
-    names_and_units,
     split_stamps,
     titles_with_blanks,
 )
+from streams.files.formats.lvm import is_labview, labview_body, labview_head
 from streams.files.formats.numbers import Dialect, first_line_of, located, parse_columns, parse_file, parse_row
-from streams.files.judge import StatedValue, rate_of, stated_rate
 from streams.files.parse.worker import from_disk
-from streams.files.statements import plain_key, rate_of_times, stated_time, stated_unit, written_start
-from streams.types.large import Data, FileBytes, elementwise
+from streams.files.statements import plain_key
+from streams.types.large import Data, FileBytes
 from streams.types.limits import MIN_COLUMNS_OF_A_ROW
 from streams.types.samples import ReaderError, Samples, check_rows
 
 _BOM = b"\xef\xbb\xbf"
 _MAX_HEAD_BYTES = 4 << 20
 """Of a large file: its first lines of numbers stand in them."""
-_IN_MS = {"timems"}
 
 
 def read_text(
@@ -44,6 +40,7 @@ def read_text(
     columns: tuple[int, ...] | None = None,
     precision: type[np.float32] | type[np.float64] = np.float64,
     as_row: bool = False,
+    head: Head | None = None,
 ) -> Samples:
     """Read lines of numbers, one line a sample and one column a channel.
 
@@ -57,6 +54,7 @@ def read_text(
         columns: which columns to give, counted from 1; None: all.
         precision: float64, or float32 where the numbers have no more than six significant digits.
         as_row: whether a single line of at least ``MIN_COLUMNS_OF_A_ROW`` numbers without names is one channel.
+        head: what stands above the lines, whose names tell a decimal comma from a separator.
 
     Returns:
         Samples of shape (column, line), named by the header.
@@ -67,21 +65,21 @@ def read_text(
             message has line and column.
     """
     body, first_line = _body(data, name)
-    head = first_line_of(body)
-    dialect = _sniff(head, body, separators)
+    line = first_line_of(body)
+    dialect = _sniff(line, body, separators, head)
     names: tuple[str, ...] | None = None
-    width = dialect.count(head)
-    if as_row and width >= MIN_COLUMNS_OF_A_ROW and not body[len(head) :].strip():
+    width = dialect.count(line)
+    if as_row and width >= MIN_COLUMNS_OF_A_ROW and not body[len(line) :].strip():
         return Samples(parse_row(body, name, dialect, precision, first_line))
     check_rows(width, name, "columns")
-    if header or (header is None and not any(dialect.is_number(field) for field in dialect.fields(head))):
-        names = tuple(field.strip('"') for field in dialect.fields(head))
-        body, first_line = body[len(head) + 1 :], first_line + 1
+    if header or (header is None and not any(dialect.is_number(field) for field in dialect.fields(line))):
+        names = tuple(field.strip('"') for field in dialect.fields(line))
+        body, first_line = body[len(line) + 1 :], first_line + 1
         if not body.strip():
             raise ReaderError("empty", f"{name}: no line of numbers" + (f" after the header {names[0]!r}"[:60]))
-    head = first_line_of(body)
-    width = dialect.count(head)
-    if width == 1 and not dialect.is_number(dialect.fields(head)[0]):
+    line = first_line_of(body)
+    width = dialect.count(line)
+    if width == 1 and not dialect.is_number(dialect.fields(line)[0]):
         raise located(body, name, dialect, width, first_line, "no number")
     check_rows(width, name, "columns")
     _check_width(width, n_columns, names, name, first_line)
@@ -132,11 +130,26 @@ def _body(data: bytes, name: str) -> tuple[bytes, int]:
     return body, first_line
 
 
-def _sniff(head: bytes, body: bytes, separators: str) -> Dialect:
-    text = head.decode("latin-1").strip()
+def _sniff(line: bytes, body: bytes, separators: str, head: Head | None = None) -> Dialect:
+    text = line.decode("latin-1").strip()
     found = next((c for c in separators if (c in text if c != " " else len(text.split()) > 1)), separators[0])
+    if found == "," and " " in separators and _has_decimal_commas(text, head):
+        return Dialect("", ",")
     decimal = "," if found in ";\t" and b"," in body and b"." not in body else "."
     return Dialect("" if found == " " else found, decimal)
+
+
+def _has_decimal_commas(line: str, head: Head | None) -> bool:
+    """Return whether the commas of a line are decimal: one in each of its fields, of which there are as many as names.
+
+    Without names they are where the digits behind them begin with 0, as those of a whole number do not.
+    """
+    fields = line.split()
+    if not all(re.fullmatch(r"[-+]?\d+,\d+(?:[eE][-+]?\d+)?", field) for field in fields):
+        return False
+    if head is not None and head.names is not None:
+        return len(titles_with_blanks(head.title, len(fields)) or ()) == len(fields) and not head.title.count(",")
+    return len(fields) > 1 or re.search(r",0\d", line) is not None
 
 
 def _check_width(
@@ -151,34 +164,48 @@ def _check_width(
 
 
 @from_disk
-def read_layout(data: Data, name: str, zone: str = "UTC") -> Samples:
+def read_layout(data: Data, name: str, zone: str = "UTC", disregard: Sequence[str] = ()) -> Samples:
     """Read a text file of a layout recognised without guessing, as (column, line).
 
     Above the numbers there may be lines ``KEY: VALUE`` (also with "=", ";", "," or a tab; "#" or "%" before them), a
-    line of column names and a line of units. Known are the keys of the sampling rate or interval, the unit and the time
-    of the first sample; units also stand behind a name, as ``x [g]``. A column called time (``t``, ``Time [s]``,
-    ``X_Value``) is no channel but states the rate. A single line of many numbers with one name or none is one channel.
-    ``zone`` is the IANA name of the zone of stamps that name none.
+    line of column names and a line of units; or the heads of LabVIEW (:mod:`.lvm`). Known are the keys of the sampling
+    rate or interval, the unit and the time of the first sample; units also stand behind a name, as ``x [g]``. A column
+    of times (``t``, ``Time [us]``, ``epoch_ms``, ``X_Value``) is no channel but states the rate, and the start where it
+    counts from 1970; a running number is no channel either. A single line of many numbers with one name or none is one
+    channel.
+
+    Args:
+        zone: IANA name of the zone of stamps that name none.
+        disregard: patterns of the keys that are not believed.
 
     Raises:
-        ReaderError: as :func:`read_text`; ``wrong_rate`` for uneven times or contradictory rates.
+        ReaderError: as :func:`read_text`; ``wrong_rate`` for uneven times; as :func:`streams.files.judge.judged` for
+            statements that contradict each other.
     """
     if isinstance(data, FileBytes):
-        found = _read_from_disk(data, name, zone)
+        found = _read_from_disk(data, name)
         if found is not None:
-            return found
+            return described(*found, name, zone, disregard)
     text = clean_text(data[:], name)
-    stamped = split_stamps(text, name, zone)
+    stamped = None if is_labview(text) else split_stamps(text, name, zone)
     body, skipped = cut_head(text, name) if stamped is None else (stamped.body, stamped.head)
+    body = labview_body(body) if is_labview(text) else body
     # The text is not held while its numbers are parsed.
     del text
-    head = head_of(skipped)
-    if stamped is not None:
-        return _with_times(_read_rows(body, head, name, zone, stamped.columns), stamped, name)
-    return _read_rows(body, head, name, zone)
+    head = _head_of(skipped, body, name)
+    removed = 0 if stamped is None else stamped.columns
+    try:
+        samples = read_text(body, name, header=False, as_row=head.names is None or len(head.names) == 1, head=head)
+    except ReaderError as error:
+        raise _moved(error, name, head.lines, removed) from error
+    return described(_titled(samples, head, name, removed), head, name, zone, disregard, stamped)
 
 
-def _read_from_disk(data: FileBytes, name: str, zone: str) -> Samples | None:
+def _head_of(lines: list[str], body: bytes, name: str) -> Head:
+    return labview_head(lines, body, name) if is_labview(lines[0].encode() if lines else b"") else head_of(lines)
+
+
+def _read_from_disk(data: FileBytes, name: str) -> tuple[Samples, Head] | None:
     """Read a large file as :func:`read_layout`, line by line; None for one that has to be read as a whole.
 
     Such are UTF-16, rows with stamps, ends of lines without a newline, and few long lines.
@@ -189,13 +216,13 @@ def _read_from_disk(data: FileBytes, name: str, zone: str) -> Samples | None:
         return None
     if data.find(b"\0") >= 0:
         clean_text(b"\0", name)
-    if begins_with_stamps(top, zone):
+    if not is_labview(top) and begins_with_stamps(top, "UTC"):
         return None
     rest, skipped = cut_head(top, name)
     begin += len(top) - len(rest)
-    head, first = head_of(skipped), first_line_of(rest)
+    head, first = _head_of(skipped, rest, name), first_line_of(rest)
     points = data.find(b".", begin) >= 0
-    dialect = _sniff(first, b"," if not points and data.find(b",", begin) >= 0 else b".", ";\t, ")
+    dialect = _sniff(first, b"," if not points and data.find(b",", begin) >= 0 else b".", ";\t, ", head)
     width = dialect.count(first)
     if not dialect.is_number(dialect.fields(first)[0]) or not rest[len(first) :].strip():
         return None
@@ -204,40 +231,11 @@ def _read_from_disk(data: FileBytes, name: str, zone: str) -> Samples | None:
         samples = Samples(parse_file(data, begin, name, dialect, width))
     except ReaderError as error:
         raise _moved(error, name, head.lines, 0) from error
-    return _titled(samples, head, name, zone)
+    return _titled(samples, head, name), head
 
 
-def _with_times(samples: Samples, stamped: StampedRows, name: str) -> Samples:
-    """Add what the stamps of the rows state."""
-    times = np.where(stamped.times < -43200.0, stamped.times + 86400.0, stamped.times)
-    samples = replace(samples, rate=_rate_with_times(samples.rate, times, name))
-    if stamped.start is None:
-        return samples
-    is_open = stamped.start.open
-    return replace(
-        samples,
-        start=None if is_open else stamped.start.fixed,
-        stamp=stamped.start.text if is_open else None,
-        written=stamped.start.text if stamped.start.local else None,
-    )
-
-
-def _rate_with_times(rate: float | None, times: NDArray[np.floating], name: str) -> float | None:
-    """Return the rate in Hz on which the header and times in s agree."""
-    return rate_of((StatedValue("the header", rate), StatedValue("the times", rate_of_times(times, name))), name)
-
-
-def _read_rows(body: bytes, head: Head, name: str, zone: str, removed: int = 0) -> Samples:
-    """Read the numbers below a head, of whose names the first ones are ``removed`` columns."""
-    try:
-        samples = read_text(body, name, header=False, as_row=head.names is None or len(head.names) == 1)
-    except ReaderError as error:
-        raise _moved(error, name, head.lines, removed) from error
-    return _titled(samples, head, name, zone, removed)
-
-
-def _titled(samples: Samples, head: Head, name: str, zone: str, removed: int = 0) -> Samples:
-    """Give columns what the head states; arguments as :func:`_read_rows`."""
+def _titled(samples: Samples, head: Head, name: str, removed: int = 0) -> Samples:
+    """Check the names of a head, of which the first ones are of ``removed`` columns, against the columns."""
     width = len(samples.names)
     if removed:
         samples = Samples(samples.values, columns=tuple(column + removed for column in samples.columns))
@@ -247,32 +245,12 @@ def _titled(samples: Samples, head: Head, name: str, zone: str, removed: int = 0
         head.names = head.names[removed:]
         head.units = None if head.units is None else head.units[removed:]
     if head.names is not None and len(head.names) == width + 1 and plain_key(head.names[-1]) == "comment":
-        head.names = head.names[:-1]
+        head.names, head.of_columns = head.names[:-1], head.of_columns[:width]
     if head.names is not None and len(head.names) != width:
         raise ReaderError(
             "wrong_shape", f"{name}: {len(head.names)} names in the header, {width} columns in line {head.lines + 1}"
         )
-    return _described(samples, head, name, zone)
-
-
-def _described(samples: Samples, head: Head, name: str, zone: str) -> Samples:
-    """Add what the head states; a column of times gives the rate and is removed."""
-    titles, names, units = names_and_units(samples, head)
-    times = [i for i, title in enumerate(names) if plain_key(title) in TIMES] if head.names is not None else []
-    rate = stated_rate(head.facts, name)
-    start, stamp = stated_time(head.facts, zone)
-    overall = stated_unit(head.facts)
-    stated = tuple(unit or overall for unit in units)
-    samples = replace(samples, channels=names, names=titles, units=stated)
-    if len(times) == 1 and len(names) > 1:
-        place = times[0]
-        millis = plain_key(names[place]) in _IN_MS or (units[place] or "").lower() == "ms"
-        seconds = elementwise(lambda times: times * (1e-3 if millis else 1.0), samples.values[place])
-        rate = _rate_with_times(rate, seconds, name)
-        if start is None and seconds[0] > 1e8:
-            start, stamp = float(seconds[0]), None
-        samples = samples.select([row for row in range(len(names)) if row != place])
-    return replace(samples, rate=rate, start=start, stamp=stamp, written=written_start(head.facts, zone))
+    return samples
 
 
 def _moved(error: ReaderError, name: str, lines: int, columns: int) -> ReaderError:

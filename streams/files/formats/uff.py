@@ -4,36 +4,43 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import replace
 from fnmatch import fnmatchcase
 from typing import Any
 
 import numpy as np
 
-from streams.files.judge import StatedRow, common_rate, judged
+from streams.files.judge import Start, StatedRow, judged
 from streams.files.parse.worker import from_disk, library, memory_file, readable
-from streams.files.statements import Facts, known_unit, nice_rate, seconds_utc
+from streams.files.statements import Facts, StatedNumber, known_unit
+from streams.files.time_column import UNITS_OF_TIME
 from streams.types.large import Data, FileBytes
 from streams.types.samples import ReaderError, Samples
+from streams.types.stamps import read_stamp
 
 _TIME_RESPONSES = (0, 1)
 _REAL = (2, 4)
 _ACCELERATION = 12
+_STEP_DIGITS = 1e-5
+"""Relative uncertainty of a step, of which the header holds six digits."""
 _DIRECTIONS = {1: "+X", -1: "-X", 2: "+Y", -2: "-Y", 3: "+Z", -3: "-Z"}
 Function = dict[str, Any]
 _TAG = b"    -1"
 
 
 @from_disk
-def read_uff(data: Data, name: str, patterns: Sequence[str] = (), zone: str = "UTC") -> Samples:
+def read_uff(
+    data: Data, name: str, patterns: Sequence[str] = (), zone: str = "UTC", disregard: Sequence[str] = ()
+) -> Samples:
     """Read the time responses of a universal file, a row for each.
 
-    The rate is that of the abscissa (which must be even), the unit that of the ordinate's label, else m/s2 for
-    accelerations where data set 164 says SI; the time of the first sample is ID line 3.
+    The rate is that of the abscissa (which must be even), in the unit of its label; the unit that of the ordinate's
+    label, else m/s2 for accelerations where data set 164 says SI; the time of the first sample is ID line 3 plus the
+    first value of the abscissa.
 
     Args:
         patterns: of ID line 1, or of ``NODE:DIRECTION`` such as ``12:+Z``; none: all time responses.
         zone: IANA name of the zone of the stamp.
+        disregard: patterns of the keys that are not believed.
 
     Raises:
         ReaderError: ``empty``; ``incomplete`` where a data set is not closed or too short; ``wrong_shape`` where
@@ -46,7 +53,7 @@ def read_uff(data: Data, name: str, patterns: Sequence[str] = (), zone: str = "U
         raise ReaderError(
             "wrong_shape", f"{name}: no time response of data set 58 matches {', '.join(patterns) or '*'}"
         )
-    return _described(functions, si, name, zone)
+    return _described(functions, si, name, zone, disregard)
 
 
 @contextmanager
@@ -119,9 +126,10 @@ def is_si(file: Any) -> bool:
     return False
 
 
-def _described(functions: list[Function], si: bool, name: str, zone: str) -> Samples:
-    rows, rates, titles, nodes = [], [], [], []
+def _described(functions: list[Function], si: bool, name: str, zone: str, disregard: Sequence[str]) -> Samples:
+    rows, titles, nodes = [], [], []
     facts: list[Facts] = []
+    rates: list[StatedNumber] = []
     for function in functions:
         promised, values = int(function["num_pts"]), np.asarray(function["data"], dtype=np.float64)
         title = str(function.get("id1", "")).strip()
@@ -131,25 +139,42 @@ def _described(functions: list[Function], si: bool, name: str, zone: str) -> Sam
             raise ReaderError("unreadable", f"{name}: {title[:40]}: {promised} samples promised, {len(values)} there")
         if not promised:
             raise ReaderError("empty", f"{name}: {title[:40]}: holds no samples")
-        step = float(function["abscissa_inc"])
-        if not 1e-12 < step < 1e12:
-            raise ReaderError("wrong_rate", f"{name}: {title[:40]}: the step between samples is {step:g} s")
         rows.append(values)
-        rates.append(1.0 / step)
+        size = _size_of_abscissa(function, f"{name}: {title[:40]}")
+        rates.append(_rate(float(function["abscissa_inc"]), size, f"{name}: {title[:40]}"))
         unit = known_unit(function.get("ordinate_axis_units_lab"))
         acceleration = int(function.get("ordinate_spec_data_type") or 0) == _ACCELERATION
         unit = unit or ("m/s2" if acceleration and si else None)
-        facts.append({"unit": unit, "id3": str(function.get("id3", ""))})
+        begins = float(function.get("abscissa_min") or 0.0) * size
+        facts.append({"unit": unit, "id3": str(function.get("id3", "")), "begins": begins})
         titles.append(title)
         nodes.append(_node(function))
     names = [title if title and title != "NONE" and titles.count(title) == 1 else node
              for title, node in zip(titles, nodes, strict=True)]  # fmt: skip
-    stated = list(map(StatedRow, rows, names, nodes, facts))
-    samples = judged(stated, name, "functions", zone, called=lambda row: "", dated=_dated)
-    common_rate((min(rates), max(rates)), "functions", name, joint=" to ")
-    # The header holds six digits of the step.
-    return replace(samples, rate=nice_rate(rates[0], 1e-5))
+    stated = list(map(StatedRow, rows, names, nodes, facts, rates))
+    return judged(stated, name, "functions", zone, called=lambda row: row.name, dated=_dated, disregard=disregard)
 
 
-def _dated(facts: Facts, zone: str) -> tuple[float | None, None]:
-    return seconds_utc(facts["id3"], zone), None
+def _size_of_abscissa(function: Function, where: str) -> float:
+    """Return the unit of the abscissa in s, by its label; ReaderError ``wrong_rate`` for another quantity than time."""
+    label = str(function.get("abscissa_axis_units_lab") or "").strip().strip("[]()").lower()
+    size = 1.0 if label in ("", "none") else UNITS_OF_TIME.get(label)
+    if size is None:
+        raise ReaderError("wrong_rate", f"{where}: expected an abscissa of times, its label is {label[:20]!r}")
+    return size
+
+
+def _rate(step: float, size: float, where: str) -> StatedNumber:
+    """Return what the step of an abscissa states; the header holds six digits of it."""
+    seconds = step * size
+    if not 1e-12 < seconds < 1e12:
+        raise ReaderError("wrong_rate", f"{where}: the step between samples is {seconds:g} s")
+    return StatedNumber("the step of the abscissa", f"{step:g}", (1.0 / seconds,), _STEP_DIGITS / seconds)
+
+
+def _dated(facts: Facts, zone: str) -> list[Start]:
+    """Return ID line 3, moved by the first value of the abscissa, which is below 0 where a trigger was waited for."""
+    stamp, begins = read_stamp(facts["id3"], zone), facts["begins"]
+    if stamp is None or stamp.open or not isinstance(begins, float):
+        return []
+    return [Start("ID line 3 and the abscissa", stamp.later(begins))]

@@ -39,7 +39,8 @@ _LIBRARIES = {
 _FROM_DISK = "takes_files_from_disk"
 _FIELDS = (
     *("channels", "names", "columns", "units", "rate", "start", "speed", "load", "scaled", "stamp", "stored"),
-    *("written", "pulse_epoch", "pulses_per_revolution", "beside"),
+    *("written", "pulse_epoch", "pulses_per_revolution", "beside", "rate_readings", "rate_resolution", "rate_written"),
+    *("sensitivities", "stated_speed", "stated_load"),
 )
 
 

@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from nptdms import ChannelObject, TdmsWriter
 
 import spallwatch as sw
-from streams.files.columns import kind_of, kinds_of, seconds_of
+from streams.files.columns import counted_in, kind_of, kinds_of
 from streams.files.survey import survey
 from streams.open import open_source
 from streams.types.block import Block, Rejected
@@ -104,7 +104,7 @@ def test_a_slow_row_is_a_process_value_only_beside_another() -> None:
     ],
 )  # fmt: skip
 def test_the_unit_of_times_is_stated_by_unit_or_name(title: str, unit: str, seconds: float | None) -> None:
-    assert seconds_of(title, unit) == seconds
+    assert counted_in(title, unit).size == seconds
 
 
 def hdf5(rows: dict[str, np.ndarray]) -> bytes:

@@ -14,7 +14,8 @@ from numpy.testing import assert_allclose, assert_array_equal
 from streams.files.formats.text import read_layout
 from streams.files.judge import stated_rate
 from streams.files.load import choose_channels
-from streams.files.statements import known_unit, number_of, rate_of_times, seconds_utc
+from streams.files.statements import known_unit, number_of, seconds_utc
+from streams.files.time_column import rate_of_times
 from streams.open import open_source
 from streams.types.block import Block, Rejected
 from streams.types.samples import ReaderError
@@ -94,7 +95,7 @@ def test_decimal_commas_and_columns_are_kept() -> None:
         ("a,b\n", "empty", "line 1"),
         ("a,b\n1,2\nx,3\n", "unreadable", "line 3, column 1"),
         ("a,b\n1,2,3\n", "wrong_shape", "2 names in the header, 3 columns in line 2"),
-        ("fs: 10\ntime,a\n0,1\n1,2\n2,3\n", "wrong_rate", "header states 10 Hz, the times 1 Hz"),
+        ("fs: 10\ntime,a\n0,1\n1,2\n2,3\n", "wrong_rate", "several sampling rates: fs 10 Hz, the times in 'time' 1 or"),
         ("time,a\n0,1\n1,2\n5,3\n6,3\n", "wrong_rate", "not evenly spaced"),
         ("time,a\n0,1\n-1,2\n", "wrong_rate", "do not increase"),
         ("fs: 0\na\n1\n2\n", "wrong_rate", "positive number in fs"),

@@ -9,7 +9,7 @@ import pytest
 
 from streams.dates.dating import place_in_names
 from streams.files.formats.text import read_layout
-from streams.files.statements import plain_key, stated_time
+from streams.files.statements import plain_key, time_statements
 from streams.types.stamps import compiled, evidence, read_stamp, stamp_in_name, utc_text
 
 EVENING = datetime(2024, 1, 31, 23, 59, 58, tzinfo=UTC).timestamp()
@@ -155,7 +155,7 @@ def test_an_open_order_stays_a_text() -> None:
 
 def test_a_day_or_a_time_of_day_alone_is_no_start() -> None:
     for head in ({"Date": "31.01.2024"}, {"Time": "23:59:58"}, {"Uhrzeit": "23:59:58"}, {"Messzeit": "10 s"}):
-        assert stated_time({plain_key(key): value for key, value in head.items()}, "UTC") == (None, None)
+        assert time_statements({plain_key(key): value for key, value in head.items()}, "UTC") == []
 
 
 @pytest.mark.parametrize(

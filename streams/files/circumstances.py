@@ -1,0 +1,96 @@
+"""What is stated besides rate, unit and time: speed, load, the sensitivity of a sensor, what one count is."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from fnmatch import fnmatchcase
+
+import numpy as np
+
+from streams.files.keys import KEYS
+from streams.files.statements import (
+    Facts,
+    StatedNumber,
+    is_of_counts,
+    level_statements,
+    load_statements,
+    plain_key,
+    scale_statements,
+    speed_statements,
+)
+from streams.types.large import elementwise
+from streams.types.samples import SCALED, ReaderError, Samples
+
+REMEDY = "; name what is not to be believed in [[source]] disregard"
+"""Behind a refusal of statements that contradict each other."""
+
+
+def without(facts: Facts, disregard: Sequence[str]) -> Facts:
+    """Return facts without those that a configuration does not believe: patterns of keys, or of places."""
+    if not disregard:
+        return facts
+    patterns = [pattern.lower() for pattern in disregard]
+
+    def is_believed(key: str) -> bool:
+        word, _, place = key.partition("#")
+        names = (word, (place or word).lower())
+        return not any(
+            fnmatchcase(name, pattern) or word == plain_key(pattern) for name in names for pattern in patterns
+        )
+
+    return {key: value for key, value in facts.items() if key.partition("#")[0] not in KEYS or is_believed(key)}
+
+
+def judge_number(statements: Sequence[StatedNumber], what: str, where: str) -> float | None:
+    """Return the number on which all statements agree within 1 % and their digits, None where it is open or not stated.
+
+    Raises:
+        ReaderError: ``unreadable``, which quotes those that differ.
+    """
+    if not statements:
+        return None
+    finest = min(statements, key=lambda one: (len(one.readings), one.resolution))
+    value = finest.readings[0]
+    tolerance = 0.01 * value + finest.resolution
+    if any(min(abs(value - one) for one in other.readings) > tolerance + other.resolution for other in statements):
+        listed = ", ".join(f"{one.place} {one.written}" for one in statements)
+        raise ReaderError("unreadable", f"{where}: several values of the {what} are stated: {listed}{REMEDY}")
+    return value if len(finest.readings) == 1 else None
+
+
+@dataclass(frozen=True)
+class Circumstances:
+    """What is stated besides samples: speed of the shaft, Hz; load, N; sensitivity, mV per g; one count, g."""
+
+    speed: float | None
+    load: float | None
+    sensitivity: float | None
+    count: float | None
+
+
+def circumstances_of(facts: Facts, where: str) -> Circumstances:
+    """Judge speed, load and sensitivity among named values; ReaderError as :func:`judge_number`."""
+    return Circumstances(
+        judge_number(speed_statements(facts), "speed", where),
+        judge_number(load_statements(facts), "load", where),
+        judge_number(level_statements(facts), "sensitivity", where),
+        judge_number(scale_statements(facts), "scale", where),
+    )
+
+
+def in_counts(samples: Samples, scales: Sequence[float | None]) -> Samples:
+    """Return samples in g where the g of one count is stated of a row in counts."""
+    scaled = [
+        1.0 if scale is None or not is_of_counts(unit) else scale
+        for scale, unit in zip(scales, samples.units, strict=True)
+    ]
+    if all(factor == 1.0 for factor in scaled):
+        return samples
+    column = np.array(scaled, samples.values.dtype)[:, np.newaxis]
+    return replace(
+        samples,
+        values=elementwise(lambda values: values * column, samples.values, 1),
+        units=tuple("g" if factor != 1.0 else unit for factor, unit in zip(scaled, samples.units, strict=True)),
+        stored=tuple(SCALED if factor != 1.0 else kind for factor, kind in zip(scaled, samples.stored, strict=True)),
+    )

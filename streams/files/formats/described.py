@@ -1,0 +1,105 @@
+"""Columns of a text with what its head, its names and its times state of them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import TypeVar
+
+import numpy as np
+
+from streams.files.circumstances import circumstances_of, in_counts, without
+from streams.files.formats.head import Head, StampedRows, StatedUnits, names_and_units
+from streams.files.judge import Start, judge_rate, judge_start, judge_unit, starts_of
+from streams.files.statements import Facts, StatedNumber, rate_statements, unit_statements
+from streams.files.time_column import TimeColumn, column_statements, is_even, is_index, time_column
+from streams.types.samples import ReaderError, Samples
+
+Stated = TypeVar("Stated", StatedNumber, Start)
+
+
+def described(
+    samples: Samples, head: Head, name: str, zone: str, disregard: Sequence[str], stamped: StampedRows | None = None
+) -> Samples:
+    """Return the columns that may be channels, with what is stated of them.
+
+    Args:
+        samples: of all columns but those of ``stamped``.
+        head: what stands above them; its names are as many as the columns.
+        name: of the file in messages.
+        zone: IANA name of the zone of stamps that name none.
+        disregard: patterns of the keys that are not believed.
+        stamped: the stamps with which the rows began.
+
+    Raises:
+        ReaderError: ``wrong_rate``, ``wrong_unit`` or ``unreadable`` where statements contradict each other.
+    """
+    titles, names, units = names_and_units(samples, head)
+    facts = without(head.facts, disregard)
+    of_columns = [without(found, disregard) for found in head.of_columns] or [{}] * len(names)
+    rates = rate_statements(facts, name)
+    starts = starts_of(facts, zone)
+    channels: list[int] = []
+    for place, title in enumerate(names):
+        column = _time_column(samples, place, title, units[place], is_named=head.names is not None)
+        if column is None:
+            if len(names) == 1 or not is_index(title, samples.values[place]):
+                channels.append(place)
+                rates += _in_column(rate_statements(of_columns[place], name), title)
+                starts += _in_column(starts_of(of_columns[place], zone), title)
+            continue
+        of_times, begins = column_statements(column, samples.values[place], name)
+        rates += of_times
+        starts += begins
+    if not channels:
+        raise ReaderError("wrong_shape", f"{name}: holds only times and running numbers: {', '.join(titles)}")
+    if stamped is not None:
+        rates += _rate_of_stamps(stamped, name)
+        starts += _start_of_stamps(stamped)
+    rate, start = judge_rate(rates, name), judge_start(starts, name)
+    beside = circumstances_of(facts, name)
+    own = [circumstances_of(found, name) for found in of_columns]
+    found = replace(
+        samples,
+        channels=names,
+        names=titles,
+        units=tuple(map(_unit_of, units, of_columns, [facts] * len(names), [name] * len(names))),
+        sensitivities=tuple(one.sensitivity or beside.sensitivity for one in own),
+        rate=rate.value,
+        rate_readings=rate.readings,
+        rate_resolution=rate.resolution,
+        rate_written=rate.written,
+        start=start.value,
+        stamp=start.opened,
+        written=start.written,
+        stated_speed=beside.speed,
+        stated_load=beside.load,
+    )
+    return in_counts(found, [one.count or beside.count for one in own]).select(channels)
+
+
+def _time_column(samples: Samples, place: int, title: str, units: StatedUnits, *, is_named: bool) -> TimeColumn | None:
+    """Return what a column is counted in that is one of times, by its name, or without names by its even steps."""
+    if len(samples.names) == 1:
+        return None
+    if is_named:
+        return time_column(title, units[0][1] if units else None)
+    values = samples.values[place]
+    return TimeColumn(title, None) if is_even(values) and not is_index(title, values) else None
+
+
+def _in_column(statements: list[Stated], title: str) -> list[Stated]:
+    return [replace(one, place=f"{one.place} of {title}") for one in statements]
+
+
+def _unit_of(own: StatedUnits, of_column: Facts, facts: Facts, name: str) -> str | None:
+    return judge_unit([*own, *unit_statements(of_column)], name, unit_statements(facts))
+
+
+def _rate_of_stamps(stamped: StampedRows, name: str) -> list[StatedNumber]:
+    times = np.where(stamped.times < -43200.0, stamped.times + 86400.0, stamped.times)
+    return column_statements(TimeColumn("", 1.0), times, name)[0]
+
+
+def _start_of_stamps(stamped: StampedRows) -> list[Start]:
+    return [] if stamped.start is None else [Start("the first row", stamped.start, of_rows=True)]

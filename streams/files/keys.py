@@ -1,0 +1,116 @@
+"""Spellings of what files state: the keys of a quantity, and the units in which it is written."""
+
+from __future__ import annotations
+
+import re
+
+UNITS = {
+    "g": "g", "gn": "g", "g_n": "g", "g0": "g", "gravity": "g",
+    "m/s2": "m/s2", "m/s^2": "m/s2", "m/s**2": "m/s2", "m/s²": "m/s2", "m/(s^2)": "m/s2", "m s-2": "m/s2",
+    "ms-2": "m/s2",
+    "m.s-2": "m/s2", "m s^-2": "m/s2", "m*s^-2": "m/s2", "m·s⁻²": "m/s2", "m/s/s": "m/s2", "meters/second^2": "m/s2",
+    "v": "V", "volt": "V", "volts": "V",
+    "unknown": "unknown",
+}  # fmt: skip
+RATES = ("rate", "samplerate", "samplingrate", "samplingfrequency", "samplefrequency", "samplefreq", "samplingfreq",
+          "fs", "fsample", "abtastrate", "abtastfrequenz", "messrate", "scanrate", "acquisitionrate", "datarate",
+          "outputdatarate", "odr", "samplespersecond", "samplespersec", "sps", "frequencedechantillonnage",
+          "frecuenciademuestreo", "frequenzadicampionamento", "tauxdechantillonnage")  # fmt: skip
+STEPS = ("dt", "deltat", "deltax", "wfincrement", "sampleinterval", "samplinginterval", "sampleperiod",
+          "samplingperiod", "timestep", "timeincrement", "timeinterval", "xincrement", "abtastintervall",
+          "abtastzeit", "periodedechantillonnage", "pasdetemps", "pasdechantillonnage", "periododemuestreo",
+          "periododicampionamento")  # fmt: skip
+HERTZ = {"": 1.0, "hz": 1.0, "khz": 1e3, "mhz": 1e6, "inhz": 1.0, "inkhz": 1e3}
+SECONDS = {"": 1.0, "s": 1.0, "sec": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "ins": 1.0, "inms": 1e-3, "inus": 1e-6}
+FACTORS = {
+    **{word + end: ("rate", factor) for word in RATES for end, factor in HERTZ.items()},
+    **{word + end: ("step", factor) for word in STEPS for end, factor in SECONDS.items()},
+}  # fmt: skip
+"""Of a plain key: whether it states a rate or a step, and the factor to Hz or s."""
+STARTS = ("startutc", "start", "starttime", "wfstarttime", "t0", "acquisitiontime", "timestamp", "datetime",
+           "startzeit")  # fmt: skip
+MOMENTS = (
+    *("startdatetime", "starttimeutc", "starttimelocal", "starttimestamp", "startdate", "recordingstart"),
+    *("recordingtime", "recordingdate", "recorded", "recordedat", "acquisitionstart", "acquisitiondate", "acquired"),
+    *("acquisitiondatetime", "measurementstart", "measurementtime", "measurementdate", "measured", "measuredat"),
+    *("triggertime", "testdatetime", "testdate", "dateandtime", "datetimeutc", "date", "time", "utc"),
+    *("messbeginn", "messstart", "messzeit", "messzeitpunkt", "messdatum", "messungvom", "beginn", "aufnahmezeit"),
+    *("aufnahmebeginn", "aufnahmestart", "aufnahmedatum", "aufnahmezeitpunkt", "aufzeichnungsbeginn"),
+    *("aufzeichnungsstart", "startzeitpunkt", "startdatum", "zeitpunkt", "zeitstempel", "datumuhrzeit", "datumzeit"),
+    *("datumundzeit", "datumunduhrzeit", "datum", "zeit", "uhrzeit"),
+)
+"""Keys of date and time of day in one; those of ``STARTS`` may state a day alone."""
+DATES = ("startdate", "date", "recordingdate", "acquisitiondate", "measurementdate", "testdate", "startdatum", "datum",
+          "messdatum", "aufnahmedatum", "jour", "fecha", "data")  # fmt: skip
+CLOCKS = ("starttime", "time", "recordingtime", "acquisitiontime", "measurementtime", "testtime", "startzeit",
+          "uhrzeit", "messzeit", "aufnahmezeit", "zeit", "messbeginn", "timeofday", "heure", "hora", "ora")  # fmt: skip
+UNIT_KEYS = ("unit", "units", "unitstring", "niunitdescription", "engineeringunits", "einheit", "messeinheit", "yunit",
+              "yunits", "yunitlabel", "unitlabel", "yaxisunit", "yaxisunits", "signalunit", "channelunit", "dataunit",
+              "dataunits", "physicalunit", "unitofmeasure", "unite", "unidad", "unita")  # fmt: skip
+TIME_KEYS = frozenset((*STARTS, *MOMENTS, *DATES, *CLOCKS))
+"""Plain keys of dates and times of day."""
+PULSE_KEYS = ("pulsesperrevolution", "pulsesperrev", "ppr", "impulseproumdrehung")
+"""Plain keys of the pulses of a whole turn."""
+PER_MINUTE = ("rpm", "1/min", "min-1", "min^-1", "/min", "u/min", "upm", "tr/min", "r/min", "rev/min")
+SPEED_UNITS = {**dict.fromkeys(PER_MINUTE, 1.0 / 60.0), "hz": 1.0, "1/s": 1.0, "rps": 1.0}
+LOAD_UNITS = {"n": 1.0, "kn": 1e3, "newton": 1.0}
+PER_SI = ("(m/s2)", "m/s2", "(m/s²)", "m/s²", "(m/s^2)", "m/s^2", "ms-2")
+LEVEL_UNITS = {
+    "mv/g": 1.0,
+    "v/g": 1e3,
+    **{f"mv/{si}": 9.80665 for si in PER_SI},
+    **{f"v/{si}": 9806.65 for si in PER_SI},
+}
+SPEEDS = {
+    **dict.fromkeys(("speed", "shaftspeed", "rotationalspeed", "rotationspeed", "rotatingspeed", "motorspeed"), ""),
+    **dict.fromkeys(("runningspeed", "runspeed", "drehzahl", "wellendrehzahl", "motordrehzahl", "vitesse"), ""),
+    **dict.fromkeys(("rpm", "speedrpm", "shaftspeedrpm", "drehzahlrpm"), "rpm"),
+    **dict.fromkeys(("speedhz", "shaftspeedhz"), "hz"),
+}
+LOADS = {
+    **dict.fromkeys(("load", "radialload", "force", "radialforce", "radiallast", "radialkraft", "kraft"), ""),
+    "loadnewton": "n",
+    "loadn": "n",
+    "loadkn": "kn",
+}
+LEVELS = {
+    **dict.fromkeys(("sensitivity", "sensorsensitivity", "transducersensitivity", "empfindlichkeit"), ""),
+    **dict.fromkeys(("sensibilite", "sensibilidad", "sensibilita"), ""),
+    **dict.fromkeys(("sensitivitymvperg", "sensitivitymvg"), "mv/g"),
+}
+"""Plain keys of speed, load and sensitivity, each with the unit that the key names: without one the value must."""
+SCALES: dict[str, str] = dict.fromkeys(
+    (
+        *("scale", "scalefactor", "scaling", "resolution", "lsb", "lsbsize", "countscale", "sensitivity"),
+        "empfindlichkeit",
+    ),
+    "",
+)
+COUNT = ("lsb", "count", "counts", "digit", "digits", "bit")
+SCALE_UNITS = {
+    f"{unit}/{count}": size
+    for count in COUNT
+    for unit, size in (
+        *(("g", 1.0), ("mg", 1e-3), ("ug", 1e-6), ("µg", 1e-6)),
+        *((si, 1.0 / 9.80665) for si in ("m/s2", "m/s²", "m/s^2")),
+    )
+}
+PER_G = {f"{count}/g": 1.0 for count in COUNT} | {f"{count}/mg": 1e3 for count in COUNT}
+"""Units of a count in g, and of counts in one g."""
+KEYS = frozenset((*FACTORS, *TIME_KEYS, *UNIT_KEYS, *PULSE_KEYS, *SPEEDS, *LOADS, *LEVELS, *SCALES))
+"""Plain keys that may state rate, unit, start, sensitivity, speed, load or pulses a revolution."""
+MULTIPLES = {
+    "mg": ("g", 1e-3), "µg": ("g", 1e-6), "ug": ("g", 1e-6), "mv": ("V", 1e-3), "µv": ("V", 1e-6), "uv": ("V", 1e-6),
+    "mm/s2": ("m/s2", 1e-3), "mm/s^2": ("m/s2", 1e-3), "mm/s²": ("m/s2", 1e-3), "um/s2": ("m/s2", 1e-6),
+    "µm/s²": ("m/s2", 1e-6), "cm/s2": ("m/s2", 1e-2), "cm/s^2": ("m/s2", 1e-2), "cm/s²": ("m/s2", 1e-2),
+    "gal": ("m/s2", 1e-2), "in/s2": ("m/s2", 0.0254), "in/s^2": ("m/s2", 0.0254), "ft/s2": ("m/s2", 0.3048),
+    "ft/s^2": ("m/s2", 0.3048),
+}  # fmt: skip
+VELOCITIES = frozenset(("mm/s", "m/s", "in/s", "ips", "cm/s", "um/s", "µm/s", "inch/s", "mm/sec"))
+"""Units of a vibration that is no acceleration."""
+LIKE_RATE = {"": 1.0, "hz": 1.0, "khz": 1e3, "mhz": 1e6, "s/s": 1.0, "sps": 1.0, "ksps": 1e3, "sa/s": 1.0, "1/s": 1.0,
+              "ksa/s": 1e3, "ks/s": 1e3, "samples/s": 1.0, "samples/sec": 1.0}  # fmt: skip
+LIKE_STEP = {"s": 1.0, "sec": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "ns": 1e-9}
+MONTH_NAMED = r"\d{1,2}[- ][A-Za-z]{3,9}[- ](?:\d{4}|\d\d)|[A-Za-z]{3,9} \d{1,2}, \d{4}"
+NUMBER = re.compile(r"\s*([-+]?(?:\d[\d.,]*|[.,]\d+)(?:[eE][-+]?\d+)?)\s*(.*?)\s*")
+GROUPS = re.compile(r"[-+]?\d{1,3}([.,])\d{3}")

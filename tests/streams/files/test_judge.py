@@ -1,0 +1,199 @@
+"""The judge of statements: agreement is a fact, disagreement a refusal that quotes both places."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from streams.files.circumstances import without
+from streams.files.formats.text import read_layout
+from streams.files.judge import StatedRow, agreed_rate, judge_rate, judged, opened_rate
+from streams.files.statements import StatedNumber, nearest, number_in, plain_key, rate_statements
+from streams.types.samples import ReaderError
+
+NOON = 1_714_564_800.0
+"""2024-05-01 12:00 UTC, s."""
+
+
+def text(*lines: str, rate: float = 4096.0, times: bool = False) -> bytes:
+    rows = (f"{i / rate:.9f},{math.sin(i)}" if times else f"{math.sin(i)}" for i in range(64))
+    return "\n".join((*lines, *rows)).encode()
+
+
+@pytest.mark.parametrize(
+    ("value", "readings"),
+    [
+        ("4096", (4096.0,)),
+        ("4.096", (4.096,)),
+        ("4,096", (4.096, 4096.0)),
+        ("25,6 kHz", (25600.0,)),
+        ("4,096.0 Hz", (4096.0,)),
+        ("1.234.567", (1234567.0,)),
+        ("0,500", (0.5,)),
+        ("2,441406250000E-04", (2.44140625e-4,)),
+        ("25600 rpm", None),
+        ("1,2,3", None),
+        ("", None),
+        (True, None),
+        (np.float32(50.0), (50.0,)),
+        (math.inf, None),
+    ],
+)
+def test_a_number_has_the_readings_that_its_signs_leave(value: object, readings: tuple[float, ...] | None) -> None:
+    found = number_in(value, "place", {"": 1.0, "hz": 1.0, "khz": 1e3})
+    assert (None if found is None else found.readings) == (None if readings is None else pytest.approx(readings))
+
+
+@given(st.floats(1e-3, 1e6), st.integers(2, 9))
+def test_a_number_lies_within_its_resolution(value: float, digits: int) -> None:
+    found = number_in(f"{value:.{digits}f}", "place", {"": 1.0})
+    assert found is not None
+    assert abs(found.readings[0] - value) <= found.resolution * (1.0 + 1e-9) + 1e-12 * value
+
+
+@given(st.floats(100.0, 2e5), st.lists(st.integers(3, 12), min_size=1, max_size=4))
+def test_statements_of_one_rate_agree_however_they_are_rounded(rate: float, digits: list[int]) -> None:
+    stated = [number_in(f"{1.0 / rate:.{count}e}", f"dt{count}", {"": 1.0}) for count in digits]
+    facts = {f"dt#{one.place}": one.written for one in stated if one is not None}
+    found = judge_rate(rate_statements(facts, "x"), "x").value
+    assert found is not None
+    assert abs(found - rate) <= max(1e-4, 10.0 ** -max(digits)) * rate
+
+
+@given(st.floats(100.0, 2e5), st.sampled_from([1e-3, 1e3, 1.01, 0.5, 2.0, 1e-6]))
+def test_rates_that_differ_are_refused_with_both_places(rate: float, factor: float) -> None:
+    stated = [StatedNumber("one", f"{rate}", (rate,)), StatedNumber("other", f"{rate * factor}", (rate * factor,))]
+    for statements in (stated, stated[::-1]):
+        with pytest.raises(ReaderError, match=r"one .* Hz") as caught:
+            judge_rate(statements, "x")
+        assert "other" in str(caught.value)
+        assert caught.value.status == "wrong_rate"
+
+
+def test_an_open_rate_is_decided_by_another_statement_or_by_the_configuration() -> None:
+    ambiguous = text("Sample Rate: 4,096 Hz", "Unit: g", "acc")
+    found = read_layout(ambiguous, "x.csv")
+    assert found.rate is None
+    assert found.rate_readings == (4.096, 4096.0)
+    with pytest.raises(ReaderError, match=r"'4,096 Hz' may mean 4.096 or 4096 Hz; give"):
+        agreed_rate((found.rate,), None, "x.csv", opened_rate(found))
+    assert agreed_rate((found.rate,), 4096.0, "x.csv", opened_rate(found)) == 4096.0
+    with pytest.raises(ReaderError, match="rate_hz is 5000"):
+        agreed_rate((found.rate,), 5000.0, "x.csv", opened_rate(found))
+    assert read_layout(text("Sample Rate: 4,096 Hz", "t,acc", times=True), "x.csv").rate == 4096.0
+
+
+def test_a_step_that_is_rounded_too_coarsely_is_no_rate() -> None:
+    found = read_layout(text("dt: 0.000039", "acc"), "x.csv")
+    assert found.rate is None
+    assert found.rate_readings == pytest.approx((25641.0256,))
+    assert agreed_rate((None,), 25600.0, "x", opened_rate(found)) == 25600.0
+    assert read_layout(text("dt: 0.00004", "acc"), "x.csv").rate == 25000.0
+
+
+@pytest.mark.parametrize(
+    ("head", "words"),
+    [
+        (("Sample Rate: 4096 Hz", "fs: 8192", "acc"), "samplerate 4096 Hz, fs 8192 Hz"),
+        (("Sample Rate: 4096 Hz", "Sample Rate: 8192 Hz", "acc"), r"Sample Rate \(again\) 8192 Hz"),
+        (("Sample Rate: 4096 kHz", "t,acc"), "the times in 't' 4096 Hz"),
+        (("Unit: m/s2", "acc [g]"), "acc .* g, unit m/s2"),
+        (("Start Time: 2024-05-01T12:00:00Z", "Recorded at: 2024-05-01T13:00:00Z", "acc"), "starttime .* recordedat"),
+        (("Date: 2024-05-01", "Time: 12:00:00", "Start Time: 11:00:00", "acc"), "several times of its start"),
+        (("RPM: 1500", "Speed: 24 Hz", "acc"), "several values of the speed"),
+    ],
+)
+def test_two_statements_of_a_text_that_differ_are_refused(head: tuple[str, ...], words: str) -> None:
+    with pytest.raises(ReaderError, match=words):
+        read_layout(text(*head, times="t,acc" in head), "x.csv")
+
+
+def test_what_is_not_believed_does_not_count() -> None:
+    data = text("Sample Rate: 4096 Hz", "fs: 8192", "Unit: g", "acc")
+    for pattern in ("fs", "FS", "f*"):
+        assert read_layout(data, "x.csv", "UTC", (pattern,)).rate == 4096.0
+    assert read_layout(data, "x.csv", "UTC", ("Sample Rate",)).rate == 8192.0
+    assert without({"fs": 1.0, "scalefactor": 2.0, "other": 3}, ("*",)) == {"other": 3}
+
+
+@pytest.mark.parametrize(
+    ("title", "unit", "counts"),
+    [
+        ("Time (us)", "", 1e6),
+        ("t [ms]", "", 1e3),
+        ("Time_ns", "", 1e9),
+        ("epoch_ms", "", 1e3),
+        ("Zeit", "", 1e6),
+        ("micros", "", 1e6),
+    ],
+)
+def test_a_column_of_times_counts_in_its_unit(title: str, unit: str, counts: float) -> None:
+    rows = "\n".join(f"{i / 4096.0 * counts:.4f},{math.sin(i)}" for i in range(256))
+    found = read_layout(f"{title},acc [g]\n{rows}\n".encode(), "x.csv")
+    assert found.channels == ("acc",)
+    if title == "Zeit":
+        # Nothing states the unit, and 0.004 Hz is no rate of vibration.
+        assert found.rate is None
+        assert min(abs(rate - 4096.0) for rate in found.rate_readings) < 1.0
+    else:
+        assert found.rate == 4096.0
+
+
+@pytest.mark.parametrize("counts", [1.0, 1e3, 1e6, 1e9])
+def test_times_since_1970_are_told_by_their_size(counts: float) -> None:
+    rows = "\n".join(f"{(NOON + i / 1000.0) * counts:.4f},{math.sin(i)}" for i in range(2000))
+    found = read_layout(f"timestamp,acc [g]\n{rows}\n".encode(), "x.csv")
+    assert (found.channels, found.rate) == (("acc",), 1000.0)
+    assert found.start == pytest.approx(NOON, abs=1e-3)
+
+
+def test_a_head_in_another_zone_does_not_contradict_times_since_1970_but_another_day_does() -> None:
+    rows = "\n".join(f"{(NOON + i / 1000.0):.3f},{math.sin(i)}" for i in range(2000))
+    local = read_layout(f"Date: 2024-05-01 14:00:00\ntimestamp,acc\n{rows}\n".encode(), "x.csv")
+    assert local.start == pytest.approx(NOON, abs=1e-3)
+    with pytest.raises(ReaderError, match="several times of its start"):
+        read_layout(f"Date: 2024-04-01 14:00:00\ntimestamp,acc\n{rows}\n".encode(), "x.csv")
+
+
+def test_running_numbers_are_no_channels_by_name_or_without_one() -> None:
+    rows = [f"{i},{i / 4096.0:.9f},{math.sin(i):.6f}" for i in range(64)]
+    found = read_layout("\n".join(rows).encode(), "x.txt")
+    assert (found.columns, found.rate) == ((3,), 4096.0)
+    named = read_layout(("Nr.,t,acc\n" + "\n".join(rows)).encode(), "x.csv")
+    assert (named.channels, named.rate) == (("acc",), 4096.0)
+    # One that does not count by ones may be anything.
+    assert read_layout(b"no,acc\n1,2\n5,3\n2,4\n", "x.csv").channels == ("no", "acc")
+
+
+@pytest.mark.parametrize(("line", "factor"), [("Scale: 3.9 mg/LSB", 3.9e-3), ("Sensitivity: 256 LSB/g", 1 / 256.0)])
+def test_counts_are_in_g_where_one_count_is_stated(line: str, factor: float) -> None:
+    found = read_layout(f"Unit: counts\n{line}\nacc\n100\n-50\n3\n".encode(), "x.csv")
+    assert found.units == ("g",)
+    assert found.values[0] == pytest.approx(np.array([100.0, -50.0, 3.0]) * factor)
+
+
+def test_rows_of_one_file_must_agree_in_unit_rate_and_start() -> None:
+    values = np.ones(4)
+
+    def joined(*facts: dict[str, object]) -> object:
+        rows = [StatedRow(values, f"row{i}", f"row{i}", one) for i, one in enumerate(facts)]
+        return judged(rows, "x", "channels", "UTC")
+
+    joined({"fs": 100.0, "unit": "g"}, {"fs": 100.0, "unit": "m/s2"})
+    with pytest.raises(ReaderError, match="fs of row0 100 Hz, fs of row1 200 Hz"):
+        joined({"fs": 100.0}, {"fs": 200.0})
+    with pytest.raises(ReaderError, match=r"start of row0 .* start of row1"):
+        joined({"start": "2024-05-01T12:00:00Z"}, {"start": "2024-05-01T12:00:02Z"})
+    with pytest.raises(ReaderError, match="unit g, of the file m/s2"):
+        joined(nearest({"unit": "m/s2"}, {"unit": "g"}, "of the file"))
+    joined(nearest({"unit": "m/s2"}, {"unit": "degC"}, "of the file"))
+
+
+def test_keys_are_told_with_accents_and_units() -> None:
+    assert plain_key("Fréquence d'échantillonnage (Hz)") == "frequencedechantillonnagehz"
+    found = read_layout("Période d'échantillonnage: 0,05 ms\nacc [m/s²]\n1,5\n2,5\n".encode(), "x.txt")
+    assert (found.rate, found.units) == (20000.0, ("m/s2",))
