@@ -56,14 +56,15 @@ def invalid_entries(message: str, path: Path) -> list[dict[str, Any]]:
         rest = text.removeprefix(str(path))
         line = _LINE.match(rest)
         said = rest.removeprefix(line[0] if line else ": ")
+        came, word, expected = said.partition("expected ")
         found.append(
             {
                 "severity": "problem",
                 "file": str(path),
                 "line": int(line[1]) if line else None,
                 "key": re.split(r"[\s:=]", said, maxsplit=1)[0],
-                "expected": "a valid configuration",
-                "came": said,
+                "expected": expected if word else "a valid configuration",
+                "came": came.rstrip(" :;,") if word else said,
             }
         )
     return found

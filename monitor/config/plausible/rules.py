@@ -54,7 +54,7 @@ RULES: dict[str, DoubtRule] = {
     "block": DoubtRule(
         "`block_s`, length of files",
         "under 8 periods of a line; over 1 GiB",
-        "under two turns of the cage; over 10 minutes: ms",
+        "under two or over 1000 turns of the cage: ms",
     ),
     "settle": DoubtRule("`settle_s`", "", "over 10 minutes: ms"),
     "tacho_rate": DoubtRule("`pulses_per_revolution`", "under 2.5 samples a pulse"),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from dataclasses import replace
 
 from models.machine.bearing import kinematics
 from monitor.config.interference import removed_lines
@@ -22,6 +23,8 @@ _MIN_RESONANCE_HZ, _USUAL_RESONANCE_HZ, _MAX_RESONANCE_HZ = 100.0, 500.0, 50e3
 _MIN_PERIODS = 8.0
 """Bins of the spectrum below the first line of a family that is named (``monitor.health.name``)."""
 _MIN_CAGE_TURNS, _MAX_BLOCK_S = 2.0, 600.0
+_MAX_CAGE_TURNS, _MAX_USUAL_BLOCK_S = 1000.0, 60.0
+"""Turns of the cage beyond which a longer block shows no more of it, and length from which that is doubted."""
 _MIN_SAMPLES_A_PULSE = 2.5
 _MAINS_HZ, _MAINS_ORDERS, _STRONG_ORDERS = (50.0, 60.0), 6, 2
 _SLIP = 0.005
@@ -41,7 +44,8 @@ def signal_doubts(subject: JudgedConfig) -> Iterator[Doubt]:
         wrong += _block(subject, at, section, facts)
         yield from wrong
         if not any(doubt.rule == "rate" and doubt.severity == "problem" for doubt in wrong):
-            known = facts if sure else SourceFacts(facts.rate, facts.duration, None)
+            known = facts if sure else replace(facts, speed=None)
+            known = replace(known, duration=None) if any(doubt.rule == "block" for doubt in wrong) else known
             yield from _of_lines(subject, at, section, known)
             for channel in config.channel:
                 if channel.source == section.name:
@@ -88,7 +92,7 @@ def _block(subject: JudgedConfig, at: int, section: SourceSection, facts: Source
     if rate is not None and length * rate * _BYTES_A_SAMPLE > MAX_BYTES:
         expected = f"up to {MAX_BYTES / _BYTES_A_SAMPLE / rate:.4g} s at {rate:g} Hz (1 GiB)"
         yield subject.doubt("block", "problem", place, expected, f"{length:g} s; {1e-3 * length:g} s if ms was meant")
-    elif length > _MAX_BLOCK_S:
+    elif facts.speed is None and length > _MAX_BLOCK_S:
         came = f"{length:g} s; {1e-3 * length:g} s if ms was meant"
         yield subject.doubt("block", "warning", place, f"up to {_MAX_BLOCK_S:g} s", came)
 
@@ -137,6 +141,10 @@ def _resolution(subject: JudgedConfig, place: Place, length: float, found: list[
             f"at least {_MIN_PERIODS / first:.3g} s: {_MIN_PERIODS:g} periods of the slowest fault line, {first:.4g} Hz"
         )
         yield subject.doubt("block", "problem", place, expected, f"{length:.4g} s")
+    elif length > _MAX_USUAL_BLOCK_S and length * cage > _MAX_CAGE_TURNS:
+        came = f"{length:g} s, {length * cage:.4g} turns of the cage; {1e-3 * length:g} s if ms was meant"
+        expected = f"up to {_MAX_CAGE_TURNS / cage:.3g} s: {_MAX_CAGE_TURNS:g} turns"
+        yield subject.doubt("block", "warning", place, expected, came)
     elif length * cage < _MIN_CAGE_TURNS:
         expected = f"at least {_MIN_CAGE_TURNS / cage:.3g} s: {_MIN_CAGE_TURNS:g} turns of the cage"
         came = f"{length:.4g} s, {length * cage:.2g} turns: a resolution of {1.0 / length:.3g} Hz"

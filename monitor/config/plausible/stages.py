@@ -39,16 +39,16 @@ def _twice(subject: JudgedConfig) -> Iterator[Doubt]:
         first = seen.setdefault((channel.source, where, channel.bearing), channel.name)
         if first != channel.name:
             key = "key" if channel.column is None else "column"
-            expected = f"a signal of its own: channel {first!r} of the same bearing has it, so that it counts twice"
-            yield subject.doubt("duplicate", "problem", ("channel", at, key), expected, f"{where!r}")
+            came = f"{where!r} of channel {first!r} of the same bearing, which would count twice"
+            yield subject.doubt("duplicate", "problem", ("channel", at, key), "a signal of its own", came)
     places: dict[object, str] = {}
     for at, source in enumerate(config.source):
         if source.url is None or not source.url.startswith("folder:"):
             continue
         first = places.setdefault((source.url.rstrip("/"), source.files), source.name)
         if first != source.name and _shares_channel(config, first, source.name):
-            expected = f"a place of its own: source {first!r} reads the same signals there, so that they count twice"
-            yield subject.doubt("duplicate", "problem", ("source", at, "url"), expected, source.url)
+            came = f"{source.url}, with the signals of source {first!r}, which would count twice"
+            yield subject.doubt("duplicate", "problem", ("source", at, "url"), "a place of its own", came)
 
 
 def _shares_channel(config: Config, first: str, second: str) -> bool:

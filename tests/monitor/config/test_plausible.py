@@ -137,6 +137,7 @@ CASES: list[tuple[str, str, str, Changes, Changes]] = [
         REVOLUTIONS | {"source.0.block_revolutions": 2},
         REVOLUTIONS,
     ),
+    ("block", "warning", "source[logger].block_s", {"source.0.block_s": 500}, {"source.0.block_s": 50}),
     ("block", "warning", "source[logger].block_s", {"source.0.block_s": 5000}, {"source.0.block_s": 5}),
     ("block", "problem", "source[logger].block_s", {"source.0.block_s": 1e5}, {"source.0.block_s": 60}),
     (
