@@ -59,7 +59,7 @@ from streams.types.block import Block, Rejected, to_si
 
 _MAX_REASON = 500
 """Characters of a reason that comes from outside."""
-_BAD_FLAGS = {"flat", "clipped", "clock"}
+_BAD_FLAGS = {"flat", "clipped", "clock", "filled"}
 
 
 @dataclass(frozen=True)

@@ -21,7 +21,7 @@ from monitor.records.durable import replacing
 
 Array = NDArray[np.float64]
 
-_UNUSABLE = ("flat", "stopped", "late", "out_of_order", "clipped", "outside_speed")
+_UNUSABLE = ("flat", "stopped", "late", "out_of_order", "clipped", "outside_speed", "filled")
 """Flags with which a block of a channel is not tracked."""
 _OUT_OF_TIME = ("late", "out_of_order", "clock")
 _RUN_IN_BLOCKS = DetectSettings.run_in_blocks

@@ -148,6 +148,7 @@ STATUS_MEANINGS = {
     "late": "came after younger blocks",
     "out_of_order": "came out of order",
     "outside_speed": "outside the configured speeds",
+    "filled": "lost samples were filled with a constant",
     "empty": "holds no samples",
     "short": "shorter than a block should be",
     "nan": "holds samples that are not finite",

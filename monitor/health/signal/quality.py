@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from monitor.health.codec import StoredState
+from monitor.health.signal.filled import filled_runs
 from monitor.health.signal.indicators import span_of
 from streams.dates.clock import judge_time
 from streams.dates.observed import UNKNOWN_TIME, ClockState, JudgedTime, TimeObservation
@@ -36,8 +37,8 @@ REJECTIONS = (
     "poisoned",
 )
 # Append only: the integers of the published files are positions in this tuple.
-FLAGS = ("flat", "stopped", "clipped", "gap", "clock", "late", "out_of_order", "outside_speed")
-_NOT_LEARNED = frozenset({"flat", "stopped", "late", "out_of_order", "outside_speed"})
+FLAGS = ("flat", "stopped", "clipped", "gap", "clock", "late", "out_of_order", "outside_speed", "filled")
+_NOT_LEARNED = frozenset({"flat", "stopped", "late", "out_of_order", "outside_speed", "filled"})
 
 _MIN_LENGTH_SHARE = 0.9
 """A block with less than this share of the nominal samples is short."""
@@ -75,7 +76,7 @@ class Verdict:
     def for_baseline(self) -> bool:
         """Whether the baseline and the detector use it.
 
-        The machine runs within its configured speeds, the sensor works, blocks are in order.
+        The machine runs within its configured speeds, the sensor works, samples are not filled, blocks are in order.
         """
         return self.accepted and not _NOT_LEARNED & set(self.flags)
 
@@ -134,9 +135,18 @@ def check_samples(
         rms = float(np.std(samples, dtype=np.float64))
         if rms < least_rms:
             return Verdict("stopped", ("stopped",), f"RMS {rms:.3g}: the machine stands still")
-    if _clipped(samples, low, high, signal_range):
-        return Verdict("clipped", ("clipped",), f"clipped at {max(-low, high):.4g}")
-    return Verdict()
+    begins, ends = filled_runs(samples, low, high)
+    if not begins.size:
+        clipped = _clipped(samples, low, high, signal_range)
+        return Verdict("clipped", ("clipped",), f"clipped at {max(-low, high):.4g}") if clipped else Verdict()
+    lost = np.zeros(n + 1, np.int8)
+    lost[begins] += 1
+    lost[ends] -= 1
+    rest = samples[np.cumsum(lost[:n], dtype=np.int8) == 0]
+    flags = ("clipped",) if _clipped(rest, *span_of(rest), signal_range) else ()
+    return with_flags(
+        Verdict("filled", ("filled",), f"{n - rest.size} of {n} samples are filled with a constant"), flags
+    )
 
 
 def _stuck(samples: NDArray[np.floating]) -> bool:

@@ -43,7 +43,7 @@ export const ttSentence = (status) => (status ? WORDS.tt[status] ?? status : NON
 /** What a relative V_eq is a multiple of. */
 export const RELATIVE = WORDS.relative;
 
-export const FLAGS = ["flat", "stopped", "clipped", "gap", "clock", "late", "out_of_order", "outside_speed"];
+export const FLAGS = ["flat", "stopped", "clipped", "gap", "clock", "late", "out_of_order", "outside_speed", "filled"];
 export const blockSentence = (status) => WORDS.blocks[status] ?? status;
 
 export const CHARTS = WORDS.charts;

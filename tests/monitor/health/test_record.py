@@ -55,7 +55,7 @@ def test_packed_values_come_back_bit_for_bit(record: Record) -> None:
         ({"loudness": 1.0}, "unknown variable 'loudness'"),
         ({"stage": "dead"}, "stage: expected one of learning, healthy, final, end_of_life, got 'dead'"),
         ({"fault": "outer|seal"}, "fault: expected any of outer, inner, ball, cage, undecided, got 'seal'"),
-        ({"quality_flags": 1 << 8}, "bits beyond"),
+        ({"quality_flags": 1 << 9}, "bits beyond"),
         ({"bpfo_amplitude": (1.0, 2.0)}, "expected 6 values over bpfo_harmonic, got 2"),
         ({"envelope_amplitude": (1.0,) * 5}, r"expected values over \(band, fault, harmonic\), got 1 dimensions"),
         ({"t_fs_block": 3.0}, "t_fs_block: expected a whole number, got 3.0"),
