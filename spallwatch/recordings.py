@@ -110,7 +110,8 @@ def read(path: str | PathLike[str], **how: Unpack[Reading]) -> xr.DataArray:
 
     Returns:
         Dimensions (channel, time), in m/s2; ``time`` in s from the first sample; attributes ``rate_hz``, and
-        ``start_utc``, ``speed_hz``, ``load_newton`` where the file states them, ``pulse_times_s`` where it has pulses.
+        ``start_utc``, ``speed_hz``, ``load_newton`` where the file states them, ``pulse_times_s`` where it has pulses,
+        ``left_out`` with the names of rows that are no vibration.
 
     Raises:
         RecordingError: it cannot be read, or rate or unit are neither stated nor given.
@@ -289,6 +290,8 @@ def _signal_of(block: Block, how: Reading) -> xr.DataArray:
     }
     if block.pulses is not None:
         stated |= {"pulse_times_s": block.pulses.times, "pulses_per_revolution": block.pulses.per_revolution}
+    if "channels" not in how and block.left_out:
+        stated |= {"left_out": list(block.left_out)}
     found.attrs |= {key: value for key, value in stated.items() if value is not None}
     return found
 

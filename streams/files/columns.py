@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from streams.files.judge import Start, judge_rate, judge_start
+from streams.files.keys import SPEED_UNITS
 from streams.files.statements import StatedNumber, multiple_of
 from streams.files.time_column import UNITS_OF_TIME, TimeColumn, column_statements, time_column
 from streams.types.samples import DIGITAL, ReaderError, Samples
@@ -145,6 +146,16 @@ def counted_in(title: str, unit: str) -> TimeColumn:
     by_unit, by_name = (UNITS_OF_TIME.get(text.lower()) for text in (re.split(r"\s+since\b", unit)[0], behind))
     named = time_column(name)
     return TimeColumn(title, by_unit or by_name or (None if named is None else named.size))
+
+
+def hertz_in(title: str, unit: str) -> float | None:
+    """Return the Hz in one of a speed, 1/60 for rpm, by its unit or its name; None where neither states it."""
+    for words in (unit.lower(), title.lower()):
+        # "Drehzahl" is not in Hz.
+        for spelling, size in SPEED_UNITS.items():
+            if re.search(rf"(?<![a-z]){re.escape(spelling)}(?![a-z])", words):
+                return size
+    return 1.0 / 60.0 if "giri/min" in title.lower() else None
 
 
 def running(values: NDArray[np.floating]) -> str | None:

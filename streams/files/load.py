@@ -258,7 +258,9 @@ def choose_channels(
     samples, multiples = in_own_units(samples, as_volts)
     if not channels:
         kept = vibration_rows(samples, where, is_ours=unit is not None)
-        samples, multiples = samples.select(kept), tuple(multiples[row] for row in kept)
+        left = tuple(name for row, name in enumerate(samples.names) if row not in kept)
+        samples = replace(samples.select(kept), beside=(*samples.beside, *left))
+        multiples = tuple(multiples[row] for row in kept)
         for row, (name, stated) in enumerate(zip(samples.names, samples.units, strict=True)):
             _check_unit(stated, name, where)
             _factor_of(samples, row, ChannelSpec(name, unit=stated), None, f"{where}: {name}")

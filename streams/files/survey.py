@@ -12,10 +12,11 @@ from zoneinfo import ZoneInfo
 import numpy as np
 from numpy.typing import NDArray
 
-from streams.files.columns import ColumnKind, Kind, kinds_of
+from streams.files.columns import ColumnKind, Kind, counted_in, kinds_of
 from streams.files.container import Files, Item, open_files
 from streams.files.datasets import DataSet, FileFacts
 from streams.files.groups import NameGroups, name_groups, not_read
+from streams.files.judge import opened_rate
 from streams.files.load import Loader, in_own_units
 from streams.files.plausible import SignalLevel, level_of
 from streams.files.recognise import as_pattern, data_set_of
@@ -26,6 +27,7 @@ from streams.turns.tacho import TachoRow, is_called_tacho, tacho_row
 from streams.types.listing import natural_key, shown
 from streams.types.samples import ReaderError, Samples
 from streams.types.spec import UNITS, ChannelSpec, SourceError, SourceSpec
+from streams.types.stamps import epoch_seconds
 
 _MAX_TRIED = 5
 """Files that are tried from each end until one can be read."""
@@ -86,6 +88,8 @@ class Survey:
         values: samples of the first file, shape (row, sample).
         chosen: whether the files hold rows of other lengths than those of ``rows``; those are ``beside``.
         files: patterns of the files, of several each is that of a channel.
+        rate_hint: the roundest rate, Hz, that a row of times too coarse to state it allows, and the name of the row.
+        rate_words: what a rate may mean whose way of writing leaves it open, "" where it is not.
         groups: into which the names fall, where it is open whether their files are read together.
         pulses: pattern of the files of pulses beside the others, or name of an array of them; None: there are none.
     """
@@ -114,6 +118,8 @@ class Survey:
     pulses: str | None = None
     files: tuple[str, ...] = ()
     groups: NameGroups | None = None
+    rate_hint: tuple[float, str] | None = None
+    rate_words: str = ""
 
     @property
     def is_folder(self) -> bool:
@@ -252,8 +258,9 @@ def _found(
     rows = surveyed_rows(samples, data_set.unit, rate)
     if rate is None:
         rate, rate_from = _rate_by_row(samples, rows)
-    known_speeds = (samples.speed, facts.speed, samples.stated_speed)
-    speed, speed_from = next((one for one in known_speeds if one is not None), None), "stated by the files"
+    speed, speed_from = samples.speed if samples.speed is not None else facts.speed, "stated by the files"
+    if speed is None:
+        speed, speed_from = samples.stated_speed, "by the properties of the files"
     if speed is None:
         speed, speed_from = _speed_in_names([place.name, *known]), "by the names"
     return Survey(
@@ -266,6 +273,8 @@ def _found(
         rows=rows,
         rate=None if rate is None else nice_rate(rate, 1e-6),
         rate_from=rate_from,
+        rate_hint=None if rate is not None else _coarse_rate(samples, rows),
+        rate_words=f"{opened.written} may mean {opened.meant}" if (opened := opened_rate(samples)).readings else "",
         samples=(samples.values.shape[1], ending.values.shape[1]),
         starts=(samples.start, ending.start),
         stamp=samples.stamp,
@@ -329,6 +338,23 @@ def _rate_by_row(samples: Samples, rows: Sequence[SurveyedRow]) -> tuple[float |
             if rate is not None:
                 return rate, row.title
     return None, None
+
+
+def _coarse_rate(samples: Samples, rows: Sequence[SurveyedRow]) -> tuple[float, str] | None:
+    """Return the roundest rate in Hz that the rounding of a row of times allows, and its title, or None."""
+    for row, values in zip(rows, samples.values, strict=True):
+        if row.kind != "time":
+            continue
+        first, size = float(values[0]), counted_in(row.title, row.written).size
+        by_size = epoch_seconds(first)
+        times = np.asarray(values, np.float64) * (size or (by_size / first if by_size is not None else 1.0))
+        steps = np.diff(times)
+        span, unit = float(times[-1] - times[0]), float(np.min(steps[steps > 0.0], initial=np.inf))
+        if span > 0.0 and unit < 0.1 * span:
+            low, high = (times.size - 1) / (span + unit), (times.size - 1) / (span - unit)
+            rounded = (float(f"{0.5 * (low + high):.{digits}g}") for digits in range(1, 7))
+            return next((rate for rate in rounded if low <= rate <= high), 0.5 * (low + high)), row.title
+    return None
 
 
 def _speed_in_names(names: Sequence[str]) -> float | None:

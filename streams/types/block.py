@@ -32,6 +32,7 @@ class Block:
         pulses: of a tacho or an encoder, None where the source has none besides its channels.
         pulses_per_revolution: pulses of a whole turn in a channel that is a tacho, None where it is not stated.
         content_hash: hexadecimal digest of the raw bytes the block was read from, or of its samples.
+        left_out: names of rows of its file that are no channels, where none were configured.
         stated: what states the start, and how exactly; None where that is not known.
     """
 
@@ -52,6 +53,7 @@ class Block:
     pulses: Pulses | None = None
     pulses_per_revolution: int | None = None
     stated: TimeStatement | None = None
+    left_out: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         """Raise ValueError where the parts do not fit together."""

@@ -77,7 +77,8 @@ class Samples:
         pulse_epoch: s since 1970 UTC from which the times of pulses count until the origin is dated, else None.
         pulses_per_revolution: pulses of a whole turn in a row that is a tacho.
         hashed: rows of the file whose content is compared, where others come from files beside it; None: all.
-        beside: names of rows of the file that are left out because they have another length.
+        beside: names of rows of the file that are left out: of another length or, where no channel is configured, no
+            vibration.
     """
 
     values: NDArray[Any]
@@ -208,6 +209,7 @@ class Samples:
             pulses=self.block_pulses,
             pulses_per_revolution=self.pulses_per_revolution,
             stated=self.stated,
+            left_out=self.beside,
         )
 
 

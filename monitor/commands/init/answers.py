@@ -59,6 +59,7 @@ class Answers:
     Attributes:
         bearing: of all channels but those of ``bearings``, by the name of the channel.
         speed_hz: of the shaft; ``estimate`` where it is to be estimated instead.
+        speed_unit: "rpm" or "Hz", of a row of the speed that states none.
         unit: of the vibration where the files state none.
         scale: the unit of one count, or at full scale.
         range_g: g at full scale.
@@ -73,6 +74,7 @@ class Answers:
     bearings: tuple[tuple[str, AnsweredBearing], ...] = ()
     speed_hz: float | None = None
     estimate: bool = False
+    speed_unit: str | None = None
     load_newton: float | None = None
     no_load: bool = False
     rate_hz: float | None = None
@@ -89,6 +91,11 @@ class Answers:
 
 
 def _number(text: str) -> float:
+    """Return a number with a point or a comma; ValueError where the comma may separate thousands."""
+    if re.fullmatch(r"[-+]?[1-9]\d{0,2},\d{3}", text):
+        raise ValueError(
+            f"{text} can be read as {text.replace(',', '.')} or {text.replace(',', '')}; write one of them"
+        )
     return float(text.replace(",", "."))
 
 
@@ -150,6 +157,16 @@ def read_speed(text: str) -> dict[str, Any]:
             + (f", did you mean {match[1]} rpm? {rpm_words(speed)}" if speed > most and match[2] is None else "")
         )
     return {"speed_hz": speed}
+
+
+def read_speed_unit(text: str) -> dict[str, Any]:
+    """Return the unit of a speed in the files."""
+    word = {"rpm": "rpm", "1/min": "rpm", "u/min": "rpm", "upm": "rpm", "hz": "Hz", "1/s": "Hz"}.get(
+        text.strip().lower()
+    )
+    if word is None:
+        raise ValueError(f"expected rpm or Hz; got {text!r}")
+    return {"speed_unit": word}
 
 
 def read_load(text: str) -> dict[str, Any]:

@@ -64,6 +64,7 @@ _WIDTH = 88
     "--bearing", callback=_words(read.read_bearing), help="Designation (6205-2RS), or geometry: 9 7.94 39.04."
 )
 @click.option("--speed-hz", callback=_words(read.read_speed), help='29.5, "1770 rpm" or "estimate".')
+@click.option("--speed-unit", callback=_words(read.read_speed_unit), help="rpm or Hz, of a speed in the files.")
 @click.option("--load-newton", callback=_words(read.read_load), help='400, "0.4 kN" or "unknown".')
 @click.option("--unit", callback=_words(read.read_unit), help="Of the vibration: g, m/s2, V, mV or unknown.")
 @click.option(

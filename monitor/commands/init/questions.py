@@ -9,8 +9,10 @@ from typing import Any
 from monitor.commands.init import answers as read
 from monitor.commands.init.answers import Answers, channel_names, check_bearings, has_all_bearings
 from monitor.config.plausible.levels import doubts
+from monitor.config.plausible.machine import MAX_USUAL_SPEED_HZ
 from monitor.words.numbers import duration
 from streams.dates.dating import NameReading, find_readings, nearest_change
+from streams.files.columns import hertz_in
 from streams.files.groups import NameGroups
 from streams.files.survey import Survey, SurveyedRow
 from streams.types.listing import shown
@@ -61,11 +63,15 @@ def open_questions(
     if not has_all_bearings(survey, answers):
         yield _bearing_question(survey)
     if answers.rate_hz is None and survey.rate is None:
+        hint = survey.rate_hint
+        states, seen = survey.rate_words or "nothing states its rate", ""
+        if hint is not None:
+            seen = f"; {shown(hint[1])} is rounded too coarsely, and allows {hint[0]:.6g} Hz"
         yield Question(
             "--rate-hz",
             "Sampling rate",
-            f"{survey.first} has {survey.samples[0]} samples in a row and states no rate.",
-            None,
+            f"{survey.first} has {survey.samples[0]} samples in a row, and {states}{seen}.",
+            None if hint is None else f"{hint[0]:.6g} Hz",
             read.read_rate,
         )
     yield from _level_questions(survey, answers)
@@ -82,6 +88,20 @@ def open_questions(
             "show the shaft.",
             stated,
             read.read_speed,
+        )
+    row = speed_row(survey)
+    if (
+        answers.speed_hz is None
+        and answers.speed_unit is None
+        and row is not None
+        and speed_factor(row, answers) is None
+    ):
+        yield Question(
+            "--speed-unit",
+            "Unit of the speed in the files",
+            f"{shown(row.title)} states none, and its mean is {row.level.mean:.6g}: rpm or Hz.",
+            None,
+            read.read_speed_unit,
         )
     if answers.load_newton is None and not answers.no_load and survey.load is None and not _has(survey, "load"):
         yield Question(
@@ -147,6 +167,20 @@ def _states_speed(survey: Survey) -> bool:
     marks = survey.tacho is not None or survey.pulses is not None
     by_files = survey.speed is not None and survey.speed_from == "stated by the files"
     return _has(survey, "speed") or marks or by_files
+
+
+def speed_row(survey: Survey) -> SurveyedRow | None:
+    """Return the only row of the speed, or None."""
+    rows = [row for row in survey.all_rows if row.kind == "speed"]
+    return rows[0] if len(rows) == 1 else None
+
+
+def speed_factor(row: SurveyedRow, answers: Answers) -> float | None:
+    """Return the Hz in one of a row of the speed, by its unit, the answer, or its size alone; None where it is open."""
+    stated = hertz_in(row.title, row.written)
+    if stated is None and answers.speed_unit is not None:
+        return {"rpm": 1.0 / 60.0, "Hz": 1.0}[answers.speed_unit]
+    return 1.0 / 60.0 if stated is None and abs(row.level.mean) > MAX_USUAL_SPEED_HZ else stated
 
 
 def _has(survey: Survey, kind: str) -> bool:

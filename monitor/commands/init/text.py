@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from monitor.commands.init.answers import Answers, bearing_of, bearing_sections, channel_names
-from monitor.commands.init.questions import needs_scale, unit_of
+from monitor.commands.init.questions import needs_scale, speed_factor, speed_row, unit_of
 from monitor.health.onset.state import DetectSettings
 from streams.files.plausible import SignalLevel, of_one_g
 from streams.files.recognise import as_pattern
@@ -140,13 +140,12 @@ def _bearings(draft: Draft) -> Iterator[str]:
 def _operating(draft: Draft) -> Iterator[str]:
     answers, survey = draft.answers, draft.survey
     yield from ("", "[operating]")
-    row = next((row for row in survey.all_rows if row.kind == "speed"), None)
+    row = speed_row(survey)
     if answers.speed_hz is not None:
         yield _pair("speed_hz", answers.speed_hz, f"{60 * answers.speed_hz:.4g} rpm")
     elif row is not None:
         yield _pair("speed_channel", row.title, "the files record the speed")
-        per_minute = re.search(r"hz", f"{row.title} {row.written}", re.IGNORECASE) is None
-        if per_minute:
+        if speed_factor(row, answers) != 1.0:
             yield _pair("speed_channel_scale", 1 / 60, "from rpm to Hz")
     elif survey.speed is not None and not answers.estimate:
         yield _pair("speed_hz", survey.speed, f"{survey.speed_from}; a speed in a file takes precedence")

@@ -220,6 +220,8 @@ def test_a_folder_that_holds_the_configuration_stays_clean(here: Path) -> None:
         (["text"], "holds nothing that is recognised"),
         (["broken"], "cannot tell"),
         (["log", "--speed-hz", "1770"], "did you mean 1770 rpm"),
+        (["log", "--speed-hz", "1,488 rpm"], "can be read as 1.488 or 1488"),
+        (["log", "--rate-hz", "25,600"], "can be read as 25.600 or 25600"),
         (["log", "--bearing", "6999"], "not in the catalogue"),
         (["log", "--bearing", "9 40 39"], "number of elements"),
         (["log", "--unit", "mm/s"], "expected one of g, m/s2, V, unknown"),

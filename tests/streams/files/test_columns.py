@@ -11,12 +11,15 @@ import numpy as np
 import pytest
 import scipy.io
 import soundfile
+from click.testing import CliRunner
 from hypothesis import given
 from hypothesis import strategies as st
-from nptdms import ChannelObject, TdmsWriter
+from nptdms import ChannelObject, GroupObject, RootObject, TdmsWriter
 
 import spallwatch as sw
-from streams.files.columns import counted_in, kind_of, kinds_of
+from monitor.commands.init.command import command
+from monitor.config.load import load_config
+from streams.files.columns import counted_in, hertz_in, kind_of, kinds_of
 from streams.files.survey import survey
 from streams.open import open_source
 from streams.types.block import Block, Rejected
@@ -274,3 +277,93 @@ def test_wanted_variables_of_netcdf_need_one_length(tmp_path: Path) -> None:
     assert sw.read(place, channels=["de"], rate_hz=RATE).sizes["time"] == COUNT
     with pytest.raises(sw.SpallwatchError, match="different lengths"):
         sw.read(place, rate_hz=RATE)
+
+
+@pytest.mark.parametrize(
+    ("title", "unit", "size"),
+    [
+        ("n", "1/min", 1 / 60), ("n [rpm]", "", 1 / 60), ("Drehzahl", "U/min", 1 / 60), ("giri/min", "", 1 / 60),
+        ("speed_hz", "", 1.0), ("Speed", "Hz", 1.0), ("rpm", "Hz", 1.0), ("Speed", "", None), ("Drehzahl", "", None),
+    ],
+)  # fmt: skip
+def test_the_unit_of_a_speed(title: str, unit: str, size: float | None) -> None:
+    assert hertz_in(title, unit) == size
+
+
+def stating_speed(name: str, place: Path) -> None:
+    """Write a file whose properties state a speed of 1488 rpm."""
+    if name.endswith("h5"):
+        with h5py.File(place, "w") as file:
+            file.attrs.update({"fs": RATE, "rpm": 1488.0})
+            file.create_dataset("run/acc", data=NOISE).attrs["unit"] = "g"
+    elif name.endswith("mat"):
+        scipy.io.savemat(place, {"acc": NOISE, "fs": RATE, "unit": "g", "shaft_speed_hz": 24.8})
+    elif name.endswith("tdms"):
+        with TdmsWriter(str(place)) as writer:
+            properties = {"unit_string": "g", "wf_increment": 1.0 / RATE}
+            writer.write_segment(
+                [RootObject({"Speed_rpm": 1488.0}), GroupObject("run"), ChannelObject("run", "acc", NOISE, properties)]
+            )
+    else:
+        head = f"Sample rate: {RATE:g}\nSpeed: 1488 rpm\nUnit: g\nacc\n"
+        place.write_text(head + "\n".join(f"{value:.6f}" for value in NOISE) + "\n", encoding="utf-8")
+
+
+@pytest.mark.parametrize("name", ["x.h5", "x.mat", "x.tdms", "x.csv"])
+def test_a_speed_among_the_properties_is_offered_and_not_used(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    stating_speed(name, tmp_path / name)
+    seen = survey(name)
+    assert (seen.speed, seen.speed_from) == (pytest.approx(24.8), "by the properties of the files")
+    assert "speed_hz" not in sw.read(name).attrs
+    result = CliRunner().invoke(command, [name, "--yes", "--bearing", "6205"])
+    assert result.exit_code == 0, result.output
+    assert load_config(tmp_path / "config.toml").operating.speed_hz == pytest.approx(24.8)
+
+
+@pytest.mark.parametrize(
+    ("title", "speed", "options", "scale"),
+    [
+        ("Speed", 1488.0, [], 1 / 60),
+        ("Speed", 24.8, ["--speed-unit", "Hz"], 1.0),
+        ("Speed", 300.0, ["--speed-unit", "rpm"], 1 / 60),
+        ("Speed [Hz]", 24.8, [], 1.0),
+        ("n [1/min]", 24.0, [], 1 / 60),
+        ("Speed", 24.8, None, 0.0),
+    ],
+)
+def test_the_unit_of_a_row_of_speed_is_asked_where_it_is_open(
+    title: str, speed: float, options: list[str] | None, scale: float, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    rows = "".join(f"{k / RATE:.7f};{value:.6f};{speed}\n" for k, value in enumerate(NOISE))
+    (tmp_path / "x.csv").write_text(f"Time [s];acc [g];{title}\n{rows}", encoding="utf-8")
+    result = CliRunner().invoke(command, ["x.csv", "--yes", "--bearing", "6205", *(options or [])])
+    if options is None:
+        assert "--speed-unit" in str(result.exception)
+        return
+    assert result.exit_code == 0, result.output
+    assert load_config(tmp_path / "config.toml").operating.speed_channel_scale == pytest.approx(scale)
+
+
+def test_a_rate_of_coarse_times_is_proposed_and_not_taken(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "x.h5").write_bytes(hdf5({"acc": NOISE, "epoch_ms": np.floor(EPOCH * 1e3 + STEPS * 1e3 / RATE)}))
+    seen = survey("x.h5")
+    assert (seen.rate, seen.rate_hint) == (None, (RATE, "epoch_ms"))
+    assert seen.start == pytest.approx(EPOCH)
+    with pytest.raises(sw.SpallwatchError, match="rate_hz is missing"):
+        sw.read("x.h5")
+    result = CliRunner().invoke(command, ["x.h5", "--yes", "--bearing", "6205", "--speed-hz", "25"])
+    assert result.exit_code == 0, result.output
+    assert load_config(tmp_path / "config.toml").source[0].rate_hz == RATE
+
+
+def test_what_is_left_out_is_said(tmp_path: Path) -> None:
+    (tmp_path / "x.tdms").write_bytes(process_file("x.tdms"))
+    assert sw.read(tmp_path / "x.tdms").attrs["left_out"] == ["Process/Speed", "Process/Temp"]
+    assert "left_out" not in sw.read(tmp_path / "x.tdms", channels=["Vibration/DE"]).attrs
+    (tmp_path / "x.h5").write_bytes(hdf5({"acc": NOISE, "n": STEPS + 1.0}))
+    assert sw.read(tmp_path / "x.h5", rate_hz=RATE).attrs["left_out"] == ["n"]
