@@ -57,6 +57,7 @@ def command(
 
     Exit code 1 where every block of a recording is rejected, or one of several failed.
     """
+    from monitor.commands.check.recordings import recording_doubts
     from monitor.commands.replay_many import find_recordings
 
     recordings = find_recordings(paths)
@@ -69,7 +70,6 @@ def command(
         replays = (config_path or Path("config.toml"), out, limit, report)
         return _replay_many(recordings, replays, sharing, quiet=quiet)
     from monitor.service.replay import is_all_rejected, replay
-    from monitor.service.start import refuse_implausible
 
     if sharing.chunks is not None:
         raise InputError(
@@ -79,10 +79,10 @@ def command(
     path = paths[0] if paths else None
     # Until the page is written, too.
     hold_output(out)
-    for doubt in refuse_implausible(config):
-        say(doubt, quiet=quiet)
     section = config.source[0]
     with local_source(section.url if path is None else path, out / "fetched", section.pulses) as source:
+        for doubt in [] if quiet else recording_doubts(config, section, source):
+            say(f"{doubt.severity}: {doubt.text}", quiet=quiet)
         result = replay(
             config,
             source,

@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from monitor.config.load import Config
+from monitor.config.load import Config, ConfigError
+from monitor.config.plausible import find_doubts
 from monitor.config.plausible.doubt import Doubt
 from monitor.config.plausible.levels import alternates, doubts, same_signals, shape_of
 from monitor.config.plausible.machine import load_doubts, speed_doubt
@@ -23,6 +24,7 @@ from monitor.health.signal.quality import check_samples
 from streams.files.plausible import SignalLevel, level_of, of_one_g
 from streams.types.block import Block, Rejected, to_si
 from streams.types.samples import Samples
+from streams.types.spec import SourceError
 from streams.types.stamps import utc_text
 
 if TYPE_CHECKING:
@@ -94,6 +96,25 @@ def _clock_of(loaded: Sequence[Loaded]) -> tuple[tuple[float, float] | None, flo
     lags = [lag for found in witnesses for source, lag in found if source == "mtime"]
     agree = len(lags) == len(both) and max(lags) - min(lags) <= _MAX_LAG_CHANGE_S
     return (min(starts), max(starts)), lags[0] if agree else None
+
+
+def recording_doubts(config: Config, section: SourceSection, path: str | None) -> list[Doubt]:
+    """Return what is doubtful in a configuration and a recording that is replayed with it, but its dates.
+
+    What cannot be opened is not judged: the replay says why.
+    """
+    from monitor.service.setup import open_configured
+    from streams.recording.source import Recording
+
+    try:
+        recording = open_configured(config, section, path)
+        if not isinstance(recording, Recording):
+            return find_doubts(config)
+        view = look_at(recording, config, section)
+    except (ConfigError, SourceError, OSError):
+        return find_doubts(config)
+    facts = {} if view.first is None else {section.name: view.facts}
+    return [*find_doubts(config, facts), *(doubt for doubt in view.doubts if doubt.rule != "file")]
 
 
 def _first_items(recording: Recording) -> tuple[Block | None, Rejected | None]:
