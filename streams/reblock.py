@@ -211,7 +211,10 @@ def _follows(before: Samples, after: Samples) -> bool:
     end, begin = before.time_of(before.end), after.time_of(after.offset)
     if end is None or begin is None:
         return False
-    return abs(begin - end) <= max(_TIME_TOLERANCE_S, 0.5 / before.known_rate)
+    repeated_s = 0.0 if after.stated is None else after.stated.repeated_s
+    # The local hour that occurs twice is read as the first one.
+    apart = min(abs(begin - end), abs(begin + repeated_s - end))
+    return apart <= max(_TIME_TOLERANCE_S, 0.5 / before.known_rate)
 
 
 def samples_hash(

@@ -25,6 +25,8 @@ _MAX_PAUSE_S = 180 * DAY
 _MAX_AHEAD_S = 60.0
 _MAX_INTERVALS = 2.5
 """A longer step, in usual intervals, is a gap."""
+_MIN_BLOCKS, _MAX_BLOCKS = 1.5, 2.5
+"""Usual intervals from the last block but one, where the one between was ahead for itself."""
 STEADY_BLOCKS = 3
 """Blocks after which the differences of a doubted clock that runs on are used."""
 _RESET_WINDOW_S = 2 * DAY
@@ -52,6 +54,10 @@ def judge_time(state: ClockState, seen: TimeObservation, now: float | None = Non
         return state, _with_own_doubts(found, seen, open_hour, state)
     if _is_confirmed(state, seen):
         return _believe_new(state, seen)
+    if _was_ahead(state, seen):
+        # The block before was ahead, and its record says nothing of it.
+        state, found = _believe(replace(state, time=state.before, before=None, doubted=state.doubted + 1), seen)
+        return state, replace(found, doubt=reason)
     if _is_after_reset(state, seen):
         state, found = _believe_new(state, seen)
         return state, replace(found, doubt=reason, holds=False)
@@ -185,6 +191,14 @@ def _goes_on(state: ClockState, seen: TimeObservation) -> bool:
     return state.stated is not None and 0.0 < seen.time - state.stated <= max(10.0 * (state.interval or 0.0), DAY)
 
 
+def _was_ahead(state: ClockState, seen: TimeObservation) -> bool:
+    """Return whether a time goes on from the last block but one, so that the one between was ahead for itself."""
+    if state.before is None or state.interval is None or state.time is None or state.doubted:
+        return False
+    step = seen.time - state.before
+    return state.time > seen.time and _MIN_BLOCKS * state.interval <= step <= _MAX_BLOCKS * state.interval
+
+
 def _is_after_reset(state: ClockState, seen: TimeObservation) -> bool:
     """Return whether the blocks before are those of a clock that began again, and this is the one that was set."""
     if state.time is None or state.began is None or seen.time - state.time <= _MAX_PAUSE_S:
@@ -205,6 +219,7 @@ def _believe(state: ClockState, seen: TimeObservation) -> tuple[ClockState, Judg
         time=seen.time,
         length=seen.length,
         interval=interval,
+        before=None if state.doubted else state.time,
         began=seen.time if state.began is None else state.began,
         believed=state.believed + 1,
         lags=_lags(state, seen),
@@ -328,4 +343,5 @@ def _given(state: ClockState, seen: TimeObservation) -> tuple[float | None, floa
     if state.interval is None:
         return None, None, None, False
     given = last + state.interval * (1 + state.doubted)
-    return given, given - last, "order", False
+    # A time far ahead may be true, and the pause before it long.
+    return given, max(given - last, seen.time - given), "order", False

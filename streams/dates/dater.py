@@ -13,7 +13,7 @@ from dataclasses import replace
 
 from models.words.errors import SpallwatchError
 from streams.dates.dating import Dating, check_kept, folder_of, numbers_of, place_in_names, wanted_by
-from streams.dates.places import NamedTime, Place, counted, counter_in, may_be_wrong, places_of
+from streams.dates.places import NamedTime, Place, counted, counter_in, may_be_wrong, places_of, without_date
 from streams.dates.stating import COUNTED, Witnesses, by_header, by_name
 from streams.types.listing import printable
 from streams.types.samples import Samples
@@ -99,7 +99,7 @@ class Dater:
         if stamp is None or time is None:
             return None
         repeated_s = repeated_by(time, zone) if stamp.local and not stamp.skipped else 0.0
-        return NamedTime(path, time, repeated_s, path.replace(stamp.text, "_", 1))
+        return NamedTime(path, time, repeated_s, without_date(path, stamp.text))
 
     def _place(self, path: str) -> Place | None:
         """Return the place of a file among all, where no others will come and their order is settled."""

@@ -17,6 +17,7 @@ class ClockState:
         time: start of the latest block whose time is believed, or None; seconds from the first block of undated ones.
         length: of that block, s.
         interval: usual one from block to block, s, or None before the second.
+        before: start of the block before that, where it was believed too, else None.
         began: first time that was believed of the clock as it is set now.
         believed: number of blocks believed since.
         stated: what the latest block stated, where it was doubted, else None; ``given`` the time that it got.
@@ -31,6 +32,7 @@ class ClockState:
     time: float | None = None
     length: float = 0.0
     interval: float | None = None
+    before: float | None = None
     began: float | None = None
     believed: int = 0
     stated: float | None = None

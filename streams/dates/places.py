@@ -7,6 +7,7 @@ back or jumped ahead shows as files that do not fit between their neighbours.
 from __future__ import annotations
 
 import itertools
+import re
 import statistics
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -14,6 +15,7 @@ from dataclasses import dataclass, replace
 from streams.dates.clock import is_reset
 from streams.dates.dating import numbers_of
 from streams.types.listing import natural_key
+from streams.types.times import MIN_TIME
 
 _DAY = 86400.0
 _ERA_S = 30 * _DAY
@@ -21,10 +23,17 @@ _ERA_S = 30 * _DAY
 _MAX_PAUSE_S = 10 * 365.25 * _DAY
 _MAX_PAUSE_AFTER_RESET_S = 180 * _DAY
 """A longer pause is no pause: of the files on its sides, the fewer have a wrong clock."""
-_MIN_COUNTED = 6
-"""Files from which a number counts them though a clock was set back; with fewer, its times must rise in each era."""
+_MIN_COUNTED, _MIN_COUNTED_PADDED = 6, 4
+"""Files from which a number counts them though a clock was set back; with fewer, its times must rise in each era.
+Numbers with leading zeros are more likely to count."""
 _DENSE = 1.5
 _AGREE_S = 900.0
+_FRACTION = re.compile(r"[-_.,](\d{3}|\d{6})$")
+_PADDED = 2
+"""Rank of a number with leading zeros, see ``numbers_of``."""
+_MAX_RUN, _MIN_STEPS = 20, 3
+_MIN_SHARE, _MAX_SHARE = 0.8, 2.5
+"""Time that files between two others take each, in usual intervals."""
 
 
 @dataclass(frozen=True)
@@ -59,31 +68,38 @@ class Place:
     is_known: bool = True
 
 
+def without_date(path: str, text: str) -> str:
+    """Return a path without the ``text`` of its date; what may be a fraction of a second may count as well."""
+    fraction = _FRACTION.search(text)
+    return path.replace(text, "_" if fraction is None else f"_{fraction[1]}", 1)
+
+
 def counter_in(named: Sequence[NamedTime]) -> int | None:
     """Return which number beside the date counts files, from the right; None where none does, or it says no more.
 
     It is another one in every name, leaves out few numbers, and the times rise with it, but where a clock was wrong.
     """
-    rows = [[number.value for number in numbers_of(one.rest)] for one in named]
+    rows = [numbers_of(one.rest) for one in named]
     if len(rows) < 3 or len({len(row) for row in rows}) != 1:
         return None
     for place in range(1, len(rows[0]) + 1):
-        values = [row[-place] for row in rows]
+        values = [row[-place].value for row in rows]
         if len(set(values)) < len(values) or max(values) - min(values) >= _DENSE * len(values):
             continue
         times = [one.time for _, one in sorted(zip(values, named, strict=True), key=lambda pair: pair[0])]
-        if _rises(times):
+        padded = any(row[-place].rank == _PADDED for row in rows)
+        if _rises(times, _MIN_COUNTED_PADDED if padded else _MIN_COUNTED):
             return place
     return None
 
 
-def _rises(times: Sequence[float]) -> bool:
-    """Return whether times rise in each era, with few exceptions where there are many."""
+def _rises(times: Sequence[float], many: int) -> bool:
+    """Return whether times rise in each era, with few exceptions where there are ``many``."""
     eras: dict[int, list[float]] = {}
     for era, time in zip(_eras(times), times, strict=True):
         eras.setdefault(era, []).append(time)
     falls = sum(after < before for era in eras.values() for before, after in itertools.pairwise(era))
-    return falls <= (max(1, len(times) // 8) if len(times) >= _MIN_COUNTED else 0)
+    return falls <= (max(1, len(times) // 8) if len(times) >= many else 0)
 
 
 def _eras(times: Sequence[float]) -> list[int]:
@@ -114,6 +130,8 @@ def places_of(named: Sequence[NamedTime], counter: int | None, changes: Mapping[
     if counter is not None:
         ordered.sort(key=lambda one: (counted(one, counter) is None, counted(one, counter) or 0))
     wrong = _wrong(ordered)
+    if counter is not None:
+        wrong |= _ahead(_through_hour(ordered), wrong)
     if not wrong:
         return {one.path: Place(rank) for rank, one in enumerate(ordered)}
     if counter is None:
@@ -152,6 +170,15 @@ def may_be_wrong(named: Iterable[NamedTime]) -> bool:
     return any(after - before > _ERA_S for before, after in itertools.pairwise(times))
 
 
+def _through_hour(ordered: Sequence[NamedTime]) -> list[NamedTime]:
+    """Return files with the later one of two equal local hours where they come after those of the first one."""
+    found: list[NamedTime] = []
+    for one in ordered:
+        is_second = bool(found) and one.repeated_s > 0.0 and one.time <= found[-1].time
+        found.append(replace(one, time=one.time + one.repeated_s) if is_second else one)
+    return found
+
+
 def _wrong(ordered: Sequence[NamedTime]) -> set[str]:
     """Return the files whose time does not fit those before and after: of eras that contradict, the shorter."""
     segments: list[list[NamedTime]] = []
@@ -163,15 +190,15 @@ def _wrong(ordered: Sequence[NamedTime]) -> set[str]:
     if len(segments) < 2:
         return set()
     # The heaviest chain of segments in which time rises without a pause of years.
-    best: list[tuple[int, int | None]] = []
+    best: list[tuple[float, int | None]] = []
     for place, segment in enumerate(segments):
         before = [
             (best[i][0], i)
             for i in range(max(0, place - 200), place)
             if segments[i][-1].time < segment[0].time <= _latest_after(segments[i])
         ]
-        weight, link = max(before, key=lambda pair: pair, default=(0, None))
-        best.append((weight + len(segment), link))
+        weight, link = max(before, default=(0.0, None))
+        best.append((weight + _weight(segment), link))
     chosen: set[int] = set()
     # Of two that weigh the same the later one: clocks are set sooner than they are lost.
     place: int | None = max(range(len(best)), key=lambda i: (best[i][0], i))
@@ -179,6 +206,38 @@ def _wrong(ordered: Sequence[NamedTime]) -> set[str]:
         chosen.add(place)
         place = best[place][1]
     return {one.path for i, segment in enumerate(segments) if i not in chosen for one in segment}
+
+
+def _weight(segment: Sequence[NamedTime]) -> float:
+    """Return how much the files of one setting of a clock count: next to nothing where it has begun again."""
+    return len(segment) * (1.0 if segment[0].time >= MIN_TIME and not is_reset(segment[0].time) else 1e-3)
+
+
+def _ahead(ordered: Sequence[NamedTime], wrong: set[str]) -> set[str]:
+    """Return the files that jump ahead or back for a while, so that those around them have room for them between."""
+    right = [one for one in ordered if one.path not in wrong]
+    steps = [after.time - before.time for before, after in itertools.pairwise(right) if after.time > before.time]
+    interval = statistics.median_low(steps) if len(steps) >= _MIN_STEPS else 0.0
+    found: set[str] = set()
+    place = 1
+    while interval and place < len(right):
+        before = right[place - 1].time
+        fits = before < right[place].time <= before + 10.0 * interval
+        run = 0 if fits else _run_ahead(right, place, interval)
+        found |= {one.path for one in right[place : place + run]}
+        place += run + 1
+    return found
+
+
+def _run_ahead(right: Sequence[NamedTime], place: int, interval: float) -> int:
+    """Return how many files from a place on do not fit between that before and the first behind that does, or 0."""
+    before = right[place - 1].time
+    for run in range(1, min(_MAX_RUN, len(right) - place - 1) + 1):
+        behind = right[place + run].time - before
+        if _MIN_SHARE * (run + 1) * interval <= behind <= _MAX_SHARE * (run + 1) * interval:
+            inside = any(before < one.time < before + behind for one in right[place : place + run])
+            return 0 if inside else run
+    return 0
 
 
 def _latest_after(segment: Sequence[NamedTime]) -> float:

@@ -10,11 +10,14 @@ from typing import Any
 from models.words.errors import SpallwatchError
 from streams.files.pulse_times import MAX_PER_REVOLUTION
 from streams.types.spec import UNITS
+from streams.types.times import TIME_SOURCES, TimeStatement
 
 MAX_SEQUENCE = 2**63 - 1
 _SPEED_HZ = (1e-3, 1e4)
 _LOAD_NEWTON = (0.0, 1e9)
 _ELAPSED_S = (0.0, 1e10)
+_RESOLUTION_S = (0.0, 86400.0)
+_NANOSECOND = 1e-9
 
 
 class WireError(SpallwatchError):
@@ -75,7 +78,34 @@ def stated_rows(header: Mapping[str, Any], channels: int) -> dict[str, Any]:
         "load": _number(header, "load_newton", _LOAD_NEWTON),
         "elapsed": _number(header, "elapsed_s", _ELAPSED_S),
         "pulses_per_revolution": per_revolution_of(header),
+        "stated": _time_statement(header),
     }
+
+
+def time_keys(stated: TimeStatement | None) -> dict[str, Any]:
+    """Return the keys of a header that say what states the start of a frame."""
+    if stated is None:
+        return {}
+    return {
+        "time_source": stated.source,
+        "time_resolution_s": stated.resolution,
+        "time_repeated_s": stated.repeated_s or None,
+        "time_skipped_s": stated.skipped_s or None,
+    }
+
+
+def _time_statement(header: Mapping[str, Any]) -> TimeStatement:
+    source = header.get("time_source")
+    if source is None:
+        return TimeStatement("frame", _NANOSECOND)
+    if source not in TIME_SOURCES:
+        raise WireError(f"time_source must be one of {', '.join(TIME_SOURCES)}, got {source!a:.40}")
+    return TimeStatement(
+        source,
+        _number(header, "time_resolution_s", _RESOLUTION_S),
+        _number(header, "time_repeated_s", _RESOLUTION_S) or 0.0,
+        _number(header, "time_skipped_s", _RESOLUTION_S) or 0.0,
+    )
 
 
 def _words(header: Mapping[str, Any], key: str, channels: int) -> tuple[str, ...]:

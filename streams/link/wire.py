@@ -16,11 +16,10 @@ from typing import Any
 import numpy as np
 from google_crc32c import value as crc32c
 
-from streams.link.header import MAX_SEQUENCE, WireError, header_of, stated_frame, stated_rows
+from streams.link.header import MAX_SEQUENCE, WireError, header_of, stated_frame, stated_rows, time_keys
 from streams.types.block import Block
 from streams.types.samples import Samples
 from streams.types.spec import MAX_FRAME
-from streams.types.times import TimeStatement
 
 VERSION = 1
 PULSES = 2
@@ -44,7 +43,6 @@ MAX_CHANNELS = 1024
 MAX_STREAM_ID = 64
 MAX_REASON_BYTES = 500
 
-_FRAME = TimeStatement("frame", 1e-9)
 _RATE_HZ = (1.0, 1e8)
 _START_NS = (-2_208_988_800 * 10**9, 4_102_444_800 * 10**9)
 """From 1900 to 2100."""
@@ -87,9 +85,7 @@ class Frame:
             # A value out of range becomes inf, which the quality stage names.
             with np.errstate(over="ignore", invalid="ignore"):
                 scaled = (scaled * np.asarray(self.scale, dtype=np.float64)[:, np.newaxis]).astype(kind)
-        if self.start is None:
-            return replace(self.samples, values=scaled, start=None)
-        return replace(self.samples, values=scaled, start=self.start / 10**9, stated=_FRAME)
+        return replace(self.samples, values=scaled, start=None if self.start is None else self.start / 10**9)
 
 
 class JumpError(WireError):
@@ -250,6 +246,7 @@ def encode_frame(frame: Frame) -> bytes:
         header["scale"] = list(frame.scale)
     known = {"speed_hz": samples.speed, "load_newton": samples.load, "elapsed_s": samples.elapsed, "after": frame.after}
     known |= {"pulses": frame.pulses, "pulses_per_revolution": samples.pulses_per_revolution}
+    known |= {} if frame.start is None else time_keys(samples.stated)
     header |= {key: value for key, value in known.items() if value is not None}
     rate = samples.known_rate
     try:
@@ -280,6 +277,7 @@ def block_frame(block: Block, after: int | None = None) -> Frame:
         speed=block.speed,
         load=block.load,
         pulses_per_revolution=block.pulses_per_revolution,
+        stated=block.stated,
     )
     start = None if block.start is None else nanoseconds(block.start)
     pulses = None if block.pulses is None else block.pulses.times.size

@@ -272,6 +272,9 @@ def _even_times(stamps: Sequence[bytes], zone: str) -> NDArray[np.float64] | Non
             return None
         whole = part @ 10 ** np.arange(high - low - 1, -1, -1)
         seconds += whole * (unit * 10.0 ** (low - high) if group == 4 else unit)
+        if group == 3 and (whole == 60).any():
+            # Behind a leap second, the clock is one second behind the time that has passed.
+            seconds[np.flatnonzero(whole == 60)[-1] + 1 :] += 1.0
     dates = [stamp[: clock.start()] for stamp in stamps]
     days = _days(dates, first[clock.start() :], zone)
     if days is None:

@@ -285,3 +285,21 @@ def test_a_clock_that_drifts_is_said_and_flagged_where_no_block_bears_it(ppm: fl
     assert [record.time for record in records] == [datetime.fromisoformat(start).timestamp() for start in starts]
     last = records[-1].channels["x"]["time_uncertainty_s"]
     assert last == pytest.approx(1e-3 + 1e-6 * ppm * 0.5 * (count - 1), abs=2e-3)
+
+
+def test_blocks_go_on_through_the_repeated_hour(tmp_path: Path) -> None:
+    starts = [f"2026-10-25 02:59:5{second}" for second in ("8.0", "8.5", "9.0", "9.5")]
+    starts += [f"2026-10-25 02:00:0{second}" for second in ("0.0", "0.5", "1.0")]
+    files = Files(numbered(7), [], set(), starts, "Europe/Rome")
+    for place in range(7):
+        write(tmp_path / "data", files, place)
+    (tmp_path / "machine.toml").write_text(CONFIG.format(zone=files.zone).replace('block_s = "file"', "block_s = 0.4"))
+    replay(load_config(tmp_path / "machine.toml"), None, tmp_path / "out")
+    with Store.open(tmp_path / "out" / "state.db", read_only=True) as store:
+        records = list(store.records())
+    begin = datetime.fromisoformat("2026-10-25T00:59:58Z").timestamp()
+    blocks = [record for record in records if record.accepted]
+    assert len(blocks) >= 8
+    assert [record.time for record in blocks] == pytest.approx([begin + 0.4 * k for k in range(len(blocks))], abs=1e-3)
+    # Of which hour the first one is, nothing tells; the others follow it.
+    assert [record.sequence for record in records if "clock" in record.flags] == [1]

@@ -69,6 +69,7 @@ CASES = {
         [*GOOD[:4], *(t - HOUR for t in GOOD[4:])], {4}, [*GOOD[:5], *(t - HOUR for t in GOOD[5:])]
     ),
     "set back by a day for one": Case([*GOOD[:4], GOOD[4] - DAY, *GOOD[5:]], {4}, [*GOOD]),
+    "a day ahead for one": Case([*GOOD[:4], GOOD[4] + DAY, *GOOD[5:]], {5}, [*GOOD[:4], GOOD[4] + DAY, *GOOD[5:]]),
     "the same time again": Case([*GOOD[:4], GOOD[3], *GOOD[5:]], {4}, [*GOOD]),
     "set after its start": Case([*steps(at(2006, 1, 1), 3), *GOOD[3:]], {3}, [*steps(at(2006, 1, 1), 3), *GOOD[3:]]),
     "never set": Case(steps(30.0, 4), {0, 1, 2, 3}, [None] * 4),

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import pytest
 
-from streams.dates.places import NamedTime, Place, counter_in, places_of
+from streams.dates.places import NamedTime, Place, counter_in, places_of, without_date
 from streams.types.stamps import repeated_by, stamp_in_name, utc_text
 
 
@@ -17,7 +17,7 @@ def named(paths: Sequence[str], zone: str = "UTC") -> list[NamedTime]:
         assert stamp is not None
         assert stamp.fixed is not None
         repeated = repeated_by(stamp.fixed, zone)
-        found.append(NamedTime(path, stamp.fixed, repeated, path.replace(stamp.text, "_", 1)))
+        found.append(NamedTime(path, stamp.fixed, repeated, without_date(path, stamp.text)))
     return found
 
 
@@ -131,3 +131,37 @@ def test_a_number_counts_through_an_hour_that_was_set_back() -> None:
     hours = ["0130", "0140", "0150", "0200", "0210", "0220", "0200", "0210", "0220", "0300"]
     paths = [f"{k:02d}_20261025_{hour}00.csv" for k, hour in enumerate(hours)]
     assert placed(paths[::-1], zone="Europe/Rome")[0] == paths
+
+
+@pytest.mark.parametrize("ahead", ["20260329_1220", "20260327_1220", "20260328_0320"])
+def test_a_file_that_jumps_for_itself_has_room_between_its_neighbours(ahead: str) -> None:
+    dates = [f"20260328_12{minute:02d}" for minute in range(0, 60, 10)]
+    paths = [f"{k:02d}_{ahead if k == 2 else date}00.csv" for k, date in enumerate(dates)]
+    order, places = placed(paths[::-1])
+    assert order == paths
+    assert times(paths[2:3], places) == ["2026-03-28T12:20:00Z"]
+    assert [places[path].placed_s is not None for path in paths] == [k == 2 for k in range(6)]
+
+
+def test_a_pause_and_a_clock_that_was_set_back_leave_no_room_and_are_believed() -> None:
+    hours = ["1200", "1210", "1220", "1230", "1130", "1140", "1150", "1900", "1910", "1920"]
+    paths = [f"{k:02d}_20260328_{hour}00.csv" for k, hour in enumerate(hours)]
+    order, places = placed(paths[::-1])
+    assert order == paths
+    assert all(place.placed_s is None for place in places.values())
+
+
+def test_three_digits_behind_the_date_may_count_files() -> None:
+    paths = [f"20260328_12{10 * k:02d}00_{k:03d}.csv" for k in range(5)]
+    paths[2] = "20060101_000012_002.csv"
+    order, places = placed(sorted(paths))
+    assert order == paths
+    assert abs((places[paths[2]].placed_s or 0.0) + named(paths[2:3])[0].time - named(paths[:1])[0].time - 1200.0) < 1.0
+
+
+def test_more_files_of_a_clock_that_began_again_do_not_outweigh_those_of_one_that_was_set() -> None:
+    dates = ["20260328_120000", *(f"20060101_00{10 * k:02d}12" for k in range(3)), "20260328_124000"]
+    paths = [f"{k}_{date}.csv" for k, date in enumerate(dates)]
+    order, places = placed(paths[::-1])
+    assert order == paths
+    assert times(paths[1:4], places) == [f"2026-03-28T12:{minute}:00Z" for minute in (10, 20, 30)]

@@ -178,3 +178,57 @@ def test_a_day_or_a_time_of_day_alone_is_no_start() -> None:
 )
 def test_which_number_counts(names: list[str], expected: tuple[int, int, int] | None) -> None:
     assert place_in_names(names[0], names) == expected
+
+
+@pytest.mark.parametrize(
+    "text", ["2016-12-31T23:59:60Z", "2016-12-31 23:59:60", "31/12/2016 23:59:60", "31-Dec-2016 23:59:60"]
+)
+def test_a_leap_second_is_the_first_of_the_next_year(text: str) -> None:
+    stamp = read_stamp(text, "UTC")
+    assert stamp is not None
+    assert stamp.day_first == datetime(2017, 1, 1, tzinfo=UTC).timestamp()
+    assert read_stamp(text.replace(":59:60", ":58:60"), "UTC") is None
+
+
+@pytest.mark.parametrize("pattern", [None, "%Y%m%d_%H%M%S"])
+def test_a_leap_second_in_a_name(pattern: str | None) -> None:
+    stamp = stamp_in_name("a_20161231_235960.csv", "UTC", pattern)
+    assert stamp is not None
+    assert stamp.fixed == datetime(2017, 1, 1, tzinfo=UTC).timestamp()
+    assert stamp_in_name("a_20161231_235860.csv", "UTC", pattern) is None
+
+
+def test_rows_go_on_through_a_leap_second() -> None:
+    clocks = [f"2016-12-31T23:59:{second}" for second in ("59.0", "59.5", "60.0", "60.5")]
+    clocks += [f"2017-01-01T00:00:{second}" for second in ("00.0", "00.5")]
+    samples = read_layout(("time,x\n" + "".join(f"{clock},1.5\n" for clock in clocks)).encode(), "a.csv")
+    assert (samples.rate, samples.start) == (2.0, datetime(2016, 12, 31, 23, 59, 59, tzinfo=UTC).timestamp())
+
+
+BELOW_FOLDERS = {
+    "2024/11/04/081500_ch1.csv.gz": 1.0,
+    "2024-11-04/08.15.00.csv": 1.0,
+    "2024-11-04/ch1_08.15.00.csv": 1.0,
+    "logger/2024/11/04/08/15.00.csv": 1.0,
+    "2024/11/04/08/1500.csv": 1.0,
+    "d/20241104/x/08h15m00.csv": 1.0,
+    "04.11.2024/081500.csv": 1.0,
+    "2024/11/04/08-15.csv": 60.0,
+    "2024/11/04/081500.000_a.npy": 1e-3,
+}
+
+
+@pytest.mark.parametrize("path", BELOW_FOLDERS)
+def test_a_time_of_day_below_folders_of_a_date(path: str) -> None:
+    stamp = stamp_in_name(path, "UTC")
+    assert stamp is not None
+    assert stamp.fixed == datetime(2024, 11, 4, 8, 15, tzinfo=UTC).timestamp()
+    assert stamp.resolution == BELOW_FOLDERS[path]
+
+
+@pytest.mark.parametrize(
+    "path",
+    ["2024/11/04/ch1_00012.csv", "2024/11/04/run_123456.csv", "11/04/0815.csv"],
+)
+def test_other_numbers_below_folders_of_a_date_are_no_time(path: str) -> None:
+    assert stamp_in_name(path, "UTC") is None
