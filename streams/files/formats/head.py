@@ -28,6 +28,8 @@ _MAX_SNIFFED_CHARACTERS = 1 << 16
 _SECONDS = ("s", "sec", "second", "seconds", "ms", "us", "µs", "ns")
 _FACT = re.compile(r"\s*[#%\"]*\s*([A-Za-z][^:=;\t,]{0,60}?)\s*[:=;\t,]\s*(.*?)[\"\s;,]*$")
 _CLOCK_IN_VALUE = re.compile(r"\d:\d\d,\d+$|\d,\s*\d{1,2}:\d\d")
+_UNIT_BEHIND = re.compile(r"^(.*?)(?:\s+in\s+|\s*/\s*)(\S.*?)\s*$")
+"""A name with its unit as in ``Zeit/s`` and ``Beschleunigung in m/s²``."""
 UNIT_IN_NAME = re.compile(r"^(.*?)\s*[\[(]([^\])]*)[\])]\s*$")
 
 
@@ -142,7 +144,7 @@ def names_and_units(samples: Samples, head: Head) -> tuple[tuple[str, ...], tupl
     names: list[str] = []
     units: list[StatedUnits] = []
     for index, title in enumerate(head.names):
-        match = UNIT_IN_NAME.match(title)
+        match = UNIT_IN_NAME.match(title) or _UNIT_BEHIND.match(title)
         unit = known_unit(match[2]) if match is not None else None
         below = None if head.units is None else head.units[index]
         own: StatedUnits = [] if below is None else [(f"the line of units, {title!r},", below)]
@@ -175,6 +177,7 @@ class StampedRows:
         times: of each row, s from the first one.
         start: date and time of the first row; None where rows have a time of day alone.
         columns: how many columns the stamp took: 2 where date and time of day were apart.
+        separator: of columns, which need not be in what is left.
     """
 
     body: bytes
@@ -182,6 +185,7 @@ class StampedRows:
     times: NDArray[np.float64]
     start: Stamp | None
     columns: int
+    separator: str
 
 
 def split_stamps(body: bytes, name: str, zone: str) -> StampedRows | None:
@@ -214,7 +218,7 @@ def split_stamps(body: bytes, name: str, zone: str) -> StampedRows | None:
     if times is None:
         times = _uneven_times(stamps, name, zone, len(head) + 1)
     end = b"\n" if body.endswith(b"\n") else b""
-    return StampedRows(b"\n".join(numbers) + end, head, times, read_stamp(first, zone), columns)
+    return StampedRows(b"\n".join(numbers) + end, head, times, read_stamp(first, zone), columns, separator)
 
 
 def begins_with_stamps(body: bytes, zone: str) -> bool:

@@ -194,8 +194,11 @@ def read_layout(data: Data, name: str, zone: str = "UTC", disregard: Sequence[st
     del text
     head = _head_of(skipped, body, name)
     removed = 0 if stamped is None else stamped.columns
+    # Behind a stamp a single column may be left, with decimal commas.
+    separators = ";\t, " if stamped is None or stamped.separator not in ";\t" else stamped.separator
+    alone = head.names is None or len(head.names) == 1
     try:
-        samples = read_text(body, name, header=False, as_row=head.names is None or len(head.names) == 1, head=head)
+        samples = read_text(body, name, separators=separators, header=False, as_row=alone, head=head)
     except ReaderError as error:
         raise _moved(error, name, head.lines, removed) from error
     return described(_titled(samples, head, name, removed), head, name, zone, disregard, stamped)

@@ -329,3 +329,35 @@ def test_without_any_statement_the_configuration_is_asked(tmp_path: Path) -> Non
     (tmp_path / "x.csv").write_text("1,2\n3,4\n")
     with pytest.raises(SourceError, match="rate_hz is missing"):
         open_source(SourceSpec("s", str(tmp_path / "x.csv"), channels=(ChannelSpec("a", column=1, unit="g"),)))
+
+
+@pytest.mark.parametrize(
+    ("head", "name", "unit"),
+    [
+        ("Zeit/s;Beschleunigung/g", "Beschleunigung", "g"),
+        ("Zeit in s;Schwingbeschleunigung in m/s²", "Schwingbeschleunigung", "m/s2"),
+        ("Zeit [s];Beschleunigung / m/s^2", "Beschleunigung", "m/s2"),
+        ("Zeit/s;Sensor/mV", "Sensor", "mV"),
+        ("Zeit [s];left/right", "left/right", None),
+        ("Zeit [s];in", "in", None),
+    ],
+)
+def test_a_unit_may_stand_behind_a_stroke(head: str, name: str, unit: str | None) -> None:
+    rows = "".join(f"{k / 1000:.3f};{value:.4f}\n".replace(".", ",") for k, value in enumerate(signal(1, 300)[0]))
+    found = read_layout(f"{head}\n{rows}".encode(), "x.csv")
+    assert (found.channels, found.units, found.rate) == ((name,), (unit,), 1000.0)
+
+
+@pytest.mark.parametrize("separator", [";", "\t"])
+def test_a_single_column_with_decimal_commas_behind_stamps(separator: str) -> None:
+    values = signal(1, 300)[0]
+    lines = (
+        f"04.11.2024{separator}08:15:00,{k:03d}{separator}{value:.4f}".replace(".", ",").replace(
+            "04,11,2024", "04.11.2024"
+        )
+        for k, value in enumerate(values)
+    )
+    text = separator.join(("Datum", "Uhrzeit", "Beschleunigung [g]")) + "\n" + "\n".join(lines) + "\n"
+    found = read_layout(text.encode(), "x.csv")
+    assert (found.channels, found.units, found.rate) == (("Beschleunigung",), ("g",), 1000.0)
+    assert_allclose(found.values[0], np.round(values, 4), atol=1e-9)
