@@ -17,6 +17,7 @@ import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
 from models.words.errors import WrongInputError
+from monitor.health.signal.quality import check_samples
 from streams.files.statements import known_unit, multiple_of
 from streams.files.survey import survey
 from streams.open import open_source
@@ -29,6 +30,10 @@ _NAME = "recording"
 
 class RecordingError(WrongInputError):
     """A recording, or a block of it, that cannot be read; the message names it, what was expected and what came."""
+
+
+class LostSamplesWarning(UserWarning):
+    """Samples of a block are missing (NaN), or were filled with a constant; the message says of which, and how many."""
 
 
 class Reading(TypedDict, total=False):
@@ -113,6 +118,9 @@ def read(path: str | PathLike[str], **how: Unpack[Reading]) -> xr.DataArray:
         ``start_utc``, ``speed_hz``, ``load_newton`` where the file states them, ``pulse_times_s`` where it has pulses,
         ``left_out`` with the names of rows that are no vibration.
 
+    Warns:
+        LostSamplesWarning: samples are missing, and NaN, or were filled with a constant.
+
     Raises:
         RecordingError: it cannot be read, or rate or unit are neither stated nor given.
     """
@@ -143,6 +151,7 @@ def blocks(
         sample of the recording, where it is known.
 
     Warns:
+        LostSamplesWarning: as ``read``.
         NothingAcceptedWarning: with ``skip_rejected``, every block was rejected.
 
     Raises:
@@ -280,6 +289,10 @@ def _signal_of(block: Block, how: Reading) -> xr.DataArray:
     if len(set(units)) > 1:
         both = ", ".join(f"{name}: {unit}" for name, unit in zip(block.channels, block.units, strict=True))
         raise RecordingError(f"{block.name}: channels of known and unknown units ({both}); choose some with channels=")
+    for name, values in zip(block.channels, rows, strict=True):
+        verdict = check_samples(values, absolute=False)
+        if {verdict.status, *verdict.flags} & {"nan", "filled"}:
+            warnings.warn(f"{block.name}: {name}: {verdict.reason}", LostSamplesWarning, stacklevel=3)
     found = _array(np.stack(rows), block.channels, block.rate, units[0])
     found.attrs |= {"name": block.name, "sequence": block.sequence}
     stated = {

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import h5py
 import numpy as np
 import pytest
 import xarray as xr
@@ -111,3 +112,22 @@ def test_an_unknown_argument_and_a_missing_file_are_named(table, tmp_path):
         sw.read(table, speed_rpm=1500)  # pyright: ignore[reportCallIssue]
     with pytest.raises(sw.SpallwatchError, match=r"nothing\.csv"):
         sw.read(tmp_path / "nothing.csv")
+
+
+def test_lost_samples_are_said_to_be_lost(tmp_path: Path) -> None:
+    noise = np.random.default_rng(0).standard_normal(4096)
+    filled = noise.copy()
+    for begin in range(0, 4096, 256):
+        filled[begin : begin + 100] = 0.0
+    np.save(tmp_path / "a.npy", filled)
+    with pytest.warns(
+        sw.LostSamplesWarning, match=r"a\.npy: column_1: 1600 of 4096 samples are filled with a constant"
+    ):
+        sw.read(tmp_path / "a.npy", unit="g", rate_hz=4096.0)
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        item = file.create_dataset("acc", data=np.round(1000.0 * noise).astype(np.int16))
+        item[100:300] = -32768
+        item.attrs.update({"scale_factor": 1e-3, "_FillValue": np.int16(-32768), "unit": "g", "fs": 4096.0})
+    with pytest.warns(sw.LostSamplesWarning, match=r"a\.h5: acc: 200 of 4096 samples are missing or not finite"):
+        found = sw.read(tmp_path / "a.h5")
+    assert int(np.isnan(found).sum()) == 200

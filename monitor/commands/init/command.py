@@ -26,6 +26,7 @@ from monitor.commands.init.questions import (
 )
 from monitor.commands.init.text import Draft, configuration_text, machine_name
 from monitor.config.load import Config, load_config
+from monitor.health.signal.quality import check_samples
 from monitor.words.numbers import duration
 from streams.files.container import first_of
 from streams.files.foreign import HEAD_BYTES, seen_in
@@ -333,7 +334,7 @@ def survey_lines(seen: Survey, path: str, timezone: str) -> Iterator[str]:
         yield f"  rate: {seen.rate:g} Hz{by}; first and last file of {lengths}"
     for row in seen.all_rows:
         place = f"row {row.column}" if row.samples is None else f"of {row.samples} samples"
-        yield f"  {place}, {row.title}: {_row_words(row)}"
+        yield f"  {place}, {row.title}: {_row_words(row)}{_lost_words(seen, row)}"
     if seen.pulses is not None:
         place = "beside the files" if is_beside(seen.pulses) else "in the files"
         yield f"  pulses of a tacho: {shown(seen.pulses)} {place}"
@@ -362,6 +363,15 @@ def _row_words(row: SurveyedRow) -> str:
     stored = "" if row.stored == "values" else f", stored as {row.stored}"
     mean = row.level.mean if abs(row.level.mean) > 1e-3 * row.level.rms else 0.0
     return f"{spelled}{stored}, RMS {row.level.rms:.3g}{unit}, mean {mean:.3g}{unit}"
+
+
+def _lost_words(seen: Survey, row: SurveyedRow) -> str:
+    """Return how many samples of a row of the first file are missing, or were filled with a constant; else ""."""
+    place = next((place for place, own in enumerate(seen.rows) if own is row), None)
+    if place is None or row.kind != "vibration":
+        return ""
+    verdict = check_samples(seen.values.values[place], absolute=False)
+    return f"; {verdict.reason}" if {verdict.status, *verdict.flags} & {"nan", "filled"} else ""
 
 
 def _date_words(seen: Survey, timezone: str) -> str:

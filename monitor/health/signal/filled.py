@@ -4,7 +4,7 @@ Neighbours are equal by chance, too: with a share p of them, of which the steps 
 or down by one), runs of n hold n p^(n-1) of the samples. And where a signal turns slowly, runs of one value begin and
 end at a neighbouring value. Runs that were filled are longer or more than chance gives, and at both ends of one the
 signal jumps over values that it has elsewhere. Values are counted by rank, so that steps need not be equal (text of few
-digits, float16, mu-law). Of a signal of few values, and of runs at the ends of a block, nothing can be told.
+digits, float16, mu-law). Of a signal of few values nothing can be told, nor of runs at the ends of a block alone.
 
 Measured by ``benchmarks/onset/filled.py``; docs/reference/statuses.md has what follows.
 """
@@ -52,15 +52,18 @@ def filled_runs(samples: NDArray[np.floating], low: float, high: float) -> tuple
     levels = np.unique(samples)
     kept = ~_at_rails(samples[begins], levels, low, high)
     begins, ends = begins[kept], ends[kept]
+    inside = (begins > 0) & (ends < samples.size)
     sizes, rank = ends - begins, np.searchsorted(levels, samples[begins])
-    before, behind = (np.abs(np.searchsorted(levels, samples[place]) - rank) for place in (begins - 1, ends))
-    abrupt = (before > _MAX_STEP) & (behind > _MAX_STEP)
+    before = np.abs(np.searchsorted(levels, samples[np.maximum(begins - 1, 0)]) - rank)
+    behind = np.abs(np.searchsorted(levels, samples[np.minimum(ends, samples.size - 1)]) - rank)
+    abrupt = ((before > _MAX_STEP) | (begins == 0)) & ((behind > _MAX_STEP) | (ends == samples.size))
     chance = _chance(samples, levels)
     for by_chance in _BY_CHANCE:
         length = next((n for n in range(_MIN_RUN, _MAX_RUN) if n * chance ** (n - 1) <= by_chance), _MAX_RUN)
         long = sizes >= length
-        if _exceed_chance(sizes[long & abrupt], int(sizes[long].sum()), length, chance, samples.size):
-            return begins[long], ends[long]
+        if _exceed_chance(sizes[long & abrupt & inside], int(sizes[long & inside].sum()), length, chance, samples.size):
+            found = long & (abrupt | inside)
+            return begins[found], ends[found]
     return none
 
 
@@ -105,9 +108,9 @@ def _may_be_filled(samples: NDArray[np.floating]) -> bool:
 
 
 def _runs(samples: NDArray[np.floating]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Return begins and ends of runs of one value that touch neither end of the block."""
+    """Return begins and ends of runs of one value."""
     changes = np.flatnonzero(samples[1:] != samples[:-1]) + 1
-    begins, ends = changes[:-1], changes[1:]
+    begins, ends = np.concatenate(([0], changes)), np.concatenate((changes, [samples.size]))
     kept = ends - begins >= _MIN_RUN
     return begins[kept], ends[kept]
 

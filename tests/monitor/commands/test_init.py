@@ -174,6 +174,15 @@ def test_what_cannot_be_true_is_said(here: Path) -> None:
     assert block.samples[2][0] * config.operating.speed_channel_scale == pytest.approx(25.0)
 
 
+def test_lost_samples_are_counted(here: Path) -> None:
+    values = np.random.default_rng(0).standard_normal(4096)
+    for begin in range(0, 4096, 256):
+        values[begin : begin + 100] = 0.0
+    (here / "a.csv").write_text("acc (g)\n" + "".join(f"{value:.5f}\n" for value in values))
+    done = run_command("init", "a.csv", "--yes", "--bearing", "6205", "--speed-hz", "30", "--rate-hz", "4096", cwd=here)
+    assert "1600 of 4096 samples are filled with a constant" in done.stdout
+
+
 @pytest.mark.parametrize(
     ("words", "expected"),
     [

@@ -71,6 +71,14 @@ def test_the_number_of_filled_samples_is_stated() -> None:
     assert check_samples(samples).reason == "10000 of 25600 samples are filled with a constant"
 
 
+def test_runs_at_the_ends_are_counted_with_others_and_prove_nothing() -> None:
+    samples = NOISE.astype(np.float32)
+    samples[:300], samples[-200:] = 0.0, 0.0
+    assert check_samples(samples).status == "ok"
+    samples[5000:5100] = 0.0
+    assert check_samples(samples).reason == "600 of 25600 samples are filled with a constant"
+
+
 def test_neighbouring_runs_of_different_values_are_counted_once() -> None:
     samples = NOISE.astype(np.float32)
     samples[1000:1200], samples[1200:1400] = 0.5, -0.5
