@@ -57,8 +57,8 @@ def command(
 
     Exit code 1 where every block of a recording is rejected, or one of several failed.
     """
-    from monitor.commands.check.recordings import recording_doubts
     from monitor.commands.replay_many import find_recordings
+    from monitor.desk.judge.recordings import recording_doubts
 
     recordings = find_recordings(paths)
     if sharing.cluster is not None and not recordings:

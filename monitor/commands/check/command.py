@@ -23,13 +23,14 @@ from monitor.commands.check.entries import (
     refused_doubts,
     run_refusals,
 )
-from monitor.commands.check.problems import find_problems, methods
-from monitor.commands.check.sections import interference_lines, proposal_words, propose_interference, tacho_words
 from monitor.commands.common import read_config
 from monitor.commands.model_parameters import effects_of
-from monitor.commands.redate import DatingPreview, keep_previews, preview_dating
+from monitor.commands.redate import keep_previews
 from monitor.config.load import Config, ConfigError
 from monitor.config.source import ChannelSection, SourceSection
+from monitor.desk.judge.dating import DatingPreview, preview_dating
+from monitor.desk.judge.problems import find_problems, methods
+from monitor.desk.judge.sections import interference_lines, proposal_words, propose_interference, tacho_words
 from monitor.words.calibration import rig_words
 
 DONE, WRONG = 0, 2

@@ -8,11 +8,11 @@ from pathlib import Path
 from typing import Any
 
 from models.work.redact import redact
-from monitor.commands.check.problems import is_recording
 from monitor.config.load import Config
 from monitor.config.plausible.doubt import Doubt
 from monitor.config.plausible.rules import JudgedConfig
 from monitor.config.positions import Place, find_lines
+from monitor.desk.judge.problems import is_recording
 from monitor.service.system import is_running
 from monitor.words.numbers import count
 

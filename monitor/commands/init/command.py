@@ -14,9 +14,10 @@ import click
 from models.machine.bearing import kinematics
 from monitor.commands import option
 from monitor.commands.common import InputError, input_errors, output_errors, say
-from monitor.commands.init import answers as read
-from monitor.commands.init.answers import Answers, bearing_of, channel_names, check_bearings
-from monitor.commands.init.questions import (
+from monitor.config.load import Config, load_config
+from monitor.desk import answers as read
+from monitor.desk.answers import Answers, bearing_of, channel_names, check_bearings
+from monitor.desk.questions import (
     Question,
     interval_question,
     name_readings,
@@ -24,8 +25,7 @@ from monitor.commands.init.questions import (
     open_questions,
     period_of,
 )
-from monitor.commands.init.text import Draft, configuration_text, machine_name
-from monitor.config.load import Config, load_config
+from monitor.desk.text import Draft, configuration_text, machine_name
 from monitor.health.signal.quality import check_samples
 from monitor.words.numbers import duration
 from streams.files.container import first_of
@@ -38,8 +38,8 @@ from streams.types.spec import SourceError
 from streams.types.stamps import stamp_in_name, utc_text
 
 if TYPE_CHECKING:
-    from monitor.commands.redate import DatingPreview
     from monitor.config.plausible.doubt import Doubt
+    from monitor.desk.judge.dating import DatingPreview
 
 
 def _words(reader: Callable[[str], dict[str, Any]]) -> Callable[[Any, Any, str | None], dict[str, Any]]:
@@ -242,7 +242,7 @@ class _Conversation:
         """Write the text, and return its configuration with what `check` sees in the files."""
         self.text = configuration_text(self.draft())
         config = self._read_back()
-        from monitor.commands.redate import preview_dating
+        from monitor.desk.judge.dating import preview_dating
 
         return config, preview_dating(config, config.source[0])
 
@@ -278,7 +278,7 @@ class _Conversation:
 
     def _doubts(self, config: Config, preview: DatingPreview | None) -> list[Doubt]:
         """Return what `check` will doubt, but that a recording is one."""
-        from monitor.commands.check.problems import find_problems
+        from monitor.desk.judge.problems import find_problems
 
         known = preview is not None and preview.file is not None
         facts = {config.source[0].name: preview.facts} if known and preview is not None else {}

@@ -19,8 +19,8 @@ from hypothesis import strategies as st
 from examples import loggers
 from examples.loggers import LOGGERS, Truth
 from monitor.commands.init.command import command
-from monitor.commands.init.text import _pair
 from monitor.config.load import Config, load_config
+from monitor.desk.text import _pair
 from monitor.service.setup import open_configured
 from streams.types.block import STANDARD_GRAVITY, Block, to_si
 from tests.support.commands import run_command

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from models.machine.bearing import kinematics
-from monitor.commands.check.sections import interference_lines, taken_families
 from monitor.config.load import Config, validate
 from monitor.config.plausible.rules import JudgedConfig
+from monitor.desk.judge.sections import interference_lines, taken_families
 from monitor.health.signal.interference import Interference
 from monitor.service.setup import source_settings
 from monitor.service.summary import run_attributes

@@ -7,8 +7,8 @@ from typing import Any
 
 import pytest
 
-from monitor.commands.check.problems import find_problems
 from monitor.config.load import ConfigError, validate
+from monitor.desk.judge.problems import find_problems
 from monitor.service.setup import source_spec
 
 

@@ -8,9 +8,9 @@ from typing import Any
 import pytest
 
 from models.machine.rig import Rig
-from monitor.commands.check.problems import find_problems
 from monitor.config.bearing import RIG_KEYS, STIFFNESS_KEYS, RigSection, sealed
 from monitor.config.load import Config, ConfigError, validate
+from monitor.desk.judge.problems import find_problems
 
 HASH = "ab" * 32
 

@@ -8,9 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
-from monitor.commands.check.problems import find_problems
 from monitor.config.alarms import AlarmLevel, AlarmsSection
 from monitor.config.load import Config
+from monitor.desk.judge.problems import find_problems
 from monitor.health.alarms import AlarmAcknowledgement, AlarmSettings, Level, Rule, acknowledged
 from monitor.health.state import SourceSettings
 from monitor.records.store import Store

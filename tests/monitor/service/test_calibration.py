@@ -15,9 +15,9 @@ from models.maps.data import RmsMap
 from models.maps.file import save_map
 from models.maps.plan import MapPlan
 from models.solve.rotor.rig import RotorRig
-from monitor.commands.check.problems import find_problems
 from monitor.config.bearing import RigSection
 from monitor.config.load import Config, validate
+from monitor.desk.judge.problems import find_problems
 from monitor.service.machine_status import channel_state
 from monitor.service.setup import source_settings
 from monitor.service.summary import (

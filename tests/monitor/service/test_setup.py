@@ -15,8 +15,8 @@ from models.maps.file import save_map
 from models.maps.plan import MapPlan
 from models.solve.nominal_rigs import nominal_rig
 from models.solve.rotor.rig import RotorRig
-from monitor.commands.check.problems import find_problems
 from monitor.config.load import ConfigError, validate
+from monitor.desk.judge.problems import find_problems
 from monitor.health.onset import FEATURES
 from monitor.health.size import EdvStatus
 from monitor.health.size.library.fit import FitSettings

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from monitor.commands.check.problems import find_problems
 from monitor.config.load import Config, ConfigError, validate
+from monitor.desk.judge.problems import find_problems
 from monitor.health.rest.learned.fit import LearnedRun, fit_runs
 from monitor.health.rest.learned.forecaster import LearnedState
 from monitor.health.rest.learned.forecaster import step as learned_step

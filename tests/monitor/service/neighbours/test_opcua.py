@@ -26,9 +26,9 @@ from cryptography import x509
 from cryptography.hazmat.primitives.serialization import Encoding
 from cryptography.x509.oid import ExtendedKeyUsageOID
 
-from monitor.commands.check.problems import find_problems
 from monitor.config.load import ConfigError
 from monitor.config.machine import OpcUaCondition
+from monitor.desk.judge.problems import find_problems
 from monitor.service.companions import Companions
 from monitor.service.neighbours.condition import follow
 from monitor.service.neighbours.opcua_server import MachineServer, OpcUaError
@@ -326,7 +326,7 @@ def test_check_says_what_to_install_and_that_the_speed_is_read(tmp_path: Path, m
     machine.close()
     assert list(find_problems(machine.config)) == []
     missing = {"asyncua", "google.protobuf"}
-    monkeypatch.setattr("monitor.commands.check.sections._is_installed", lambda name: name not in missing)
+    monkeypatch.setattr("monitor.desk.judge.sections._is_installed", lambda name: name not in missing)
     problems = list(find_problems(machine.config))
     assert [doubt.came.partition(" needs")[0] for doubt in problems] == [
         "[publish.sparkplug]",

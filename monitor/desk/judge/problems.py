@@ -6,7 +6,6 @@ import json
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
-from monitor.commands.check.sections import missing_extras, taken_families
 from monitor.config.load import Config, ConfigError
 from monitor.config.outputs import is_loopback
 from monitor.config.plausible import find_doubts
@@ -15,6 +14,7 @@ from monitor.config.plausible.rules import JudgedConfig, SourceFacts, place_of
 from monitor.config.positions import Place
 from monitor.config.source import ChannelSection, SourceSection
 from monitor.config.stages import method_or_best
+from monitor.desk.judge.sections import missing_extras, taken_families
 from monitor.health.tracker import DamageSettings
 from monitor.words.calibration import ASSUMED
 

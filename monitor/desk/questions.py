@@ -6,10 +6,10 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from monitor.commands.init import answers as read
-from monitor.commands.init.answers import Answers, channel_names, check_bearings, has_all_bearings
 from monitor.config.plausible.levels import doubts
 from monitor.config.plausible.machine import MAX_USUAL_SPEED_HZ
+from monitor.desk import answers as read
+from monitor.desk.answers import Answers, channel_names, check_bearings, has_all_bearings
 from monitor.words.numbers import duration
 from streams.dates.dating import NameReading, find_readings, nearest_change
 from streams.files.columns import hertz_in

@@ -9,8 +9,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from monitor.commands.init.answers import Answers, bearing_of, bearing_sections, channel_names
-from monitor.commands.init.questions import needs_scale, speed_factor, speed_row, unit_of
+from monitor.desk.answers import Answers, bearing_of, bearing_sections, channel_names
+from monitor.desk.questions import needs_scale, speed_factor, speed_row, unit_of
 from monitor.health.onset.state import DetectSettings
 from streams.files.plausible import SignalLevel, of_one_g
 from streams.files.recognise import as_pattern

@@ -1,0 +1,1 @@
+"""What ``check`` says of a configuration and of the recordings that it names."""
