@@ -44,8 +44,9 @@ class TimedBlock:
         return values if judged.stated is None else {**values, "time_stated": judged.stated}
 
     def reason_with(self, reason: str) -> str:
-        """Return a reason of the record with why the clock is doubted."""
-        return "; ".join(filter(None, (self.judged.doubt, reason)))
+        """Return a reason of the record with why the clock is doubted, in place of the flag of each channel."""
+        others = (part for part in reason.split("; ") if not (self.judged.doubt and part.endswith(": clock")))
+        return "; ".join(filter(None, (self.judged.doubt, *others)))
 
 
 def timed(state: OrderState, block: Block, now: float | None) -> tuple[OrderState, TimedBlock]:

@@ -12,13 +12,14 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 
 from models.words.errors import SpallwatchError
+from streams.dates import places
 from streams.dates.dating import Dating, check_kept, folder_of, numbers_of, place_in_names, wanted_by
-from streams.dates.places import NamedTime, Place, counted, counter_in, may_be_wrong, places_of, without_date
+from streams.dates.places import NamedTime, Place
 from streams.dates.stating import COUNTED, Witnesses, by_header, by_name
 from streams.types.listing import printable
 from streams.types.samples import Samples
 from streams.types.spec import SourceSpec
-from streams.types.stamps import Order, Stamp, evidence, read_stamp, repeated_by, stamp_in_name, utc_text
+from streams.types.stamps import Order, Stamp, evidence, read_stamp, stamp_in_name, utc_text
 from streams.types.times import TimeStatement
 
 _LOG = logging.getLogger(__name__)
@@ -83,7 +84,7 @@ class Dater:
         named = self._named(path)
         if named is None or self.choice.counter is None:
             return None if named is None else named.time
-        return counted(named, self.choice.counter)
+        return places.counted(named, self.choice.counter)
 
     def _states_time(self, path: str) -> bool:
         """Return whether names state times; numbers below folders of a date do where all can be read so."""
@@ -93,13 +94,8 @@ class Dater:
         return all(self._name_stamp(name) is not None for name in self._names())
 
     def _named(self, path: str) -> NamedTime | None:
-        """Return the time in a name, None where there is none, or its order of day and month is open."""
-        stamp, zone = self._name_stamp(path), self._spec.timezone
-        time = None if stamp is None else stamp.fixed if self.choice.order is None else stamp.at(self.choice.order)
-        if stamp is None or time is None:
-            return None
-        repeated_s = repeated_by(time, zone) if stamp.local and not stamp.skipped else 0.0
-        return NamedTime(path, time, repeated_s, without_date(path, stamp.text))
+        stamp = self._name_stamp(path)
+        return None if stamp is None else places.named_time(path, stamp, self.choice.order, self._spec.timezone)
 
     def _place(self, path: str) -> Place | None:
         """Return the place of a file among all, where no others will come and their order is settled."""
@@ -109,8 +105,10 @@ class Dater:
             # The names are listed by their order, which is not needed for that.
             self._places = {}
             named = [found for name in self._names() if (found := self._named(name)) is not None]
-            is_open = any(one.repeated_s for one in named) or may_be_wrong(named)
-            self._places = places_of(named, self.choice.counter, self._changes() if is_open else {})
+            is_open = any(one.repeated_s for one in named) or places.may_be_wrong(named)
+            self._places = places.places_of(named, self.choice.counter, self._changes() if is_open else {})
+            if wrong := places.wrong_words(named, self._places):
+                self._remark("wrong", wrong)
         return self._places.get(path)
 
     def date(self, samples: Samples, path: str, mtime: float | None, *, whole: bool = True) -> Samples:
@@ -248,7 +246,7 @@ class Dater:
         if by == "name":
             self.choice = choice = replace(choice, pattern=spec.time_name)
             named = [found for name in {path, *self._names()} if (found := self._named(name)) is not None]
-            choice = replace(choice, counter=counter_in(named))
+            choice = replace(choice, counter=places.counter_in(named))
         elif by == "count":
             choice = self._count_choice(choice, samples, path)
         self._set(choice)

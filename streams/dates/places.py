@@ -15,6 +15,7 @@ from dataclasses import dataclass, replace
 from streams.dates.clock import is_reset
 from streams.dates.dating import numbers_of
 from streams.types.listing import natural_key
+from streams.types.stamps import Order, Stamp, repeated_by, utc_text
 from streams.types.times import MIN_TIME
 
 _DAY = 86400.0
@@ -66,6 +67,15 @@ class Place:
     placed_s: float | None = None
     margin_s: float = 0.0
     is_known: bool = True
+
+
+def named_time(path: str, stamp: Stamp, order: Order | None, zone: str) -> NamedTime | None:
+    """Return the time in a name, None where its order of day and month is open; ``zone`` is that of local times."""
+    time = stamp.fixed if order is None else stamp.at(order)
+    if time is None:
+        return None
+    repeated_s = repeated_by(time, zone) if stamp.local and not stamp.skipped else 0.0
+    return NamedTime(path, time, repeated_s, without_date(path, stamp.text))
 
 
 def without_date(path: str, text: str) -> str:
@@ -142,6 +152,15 @@ def places_of(named: Sequence[NamedTime], counter: int | None, changes: Mapping[
             return known | {one.path: Place(rank, is_known=False) for rank, one in enumerate(last, len(right))}
         ordered.sort(key=lambda one: changes[one.path])
     return _between(ordered, wrong)
+
+
+def wrong_words(named: Iterable[NamedTime], places: Mapping[str, Place]) -> str | None:
+    """Return which files have a wrong clock, None where none has."""
+    wrong = [one for one in named if places[one.path].placed_s is not None or not places[one.path].is_known]
+    if not wrong:
+        return None
+    files = "1 file states a time that does" if len(wrong) == 1 else f"{len(wrong)} files state times that do"
+    return f"{files} not fit those of the other files ({wrong[0].path}: {utc_text(wrong[0].time)})"
 
 
 def _in_hours(named: Iterable[NamedTime], changes: Mapping[str, float]) -> list[NamedTime]:
