@@ -65,6 +65,9 @@ def open_questions(
     if answers.rate_hz is None and survey.rate is None:
         hint = survey.rate_hint
         states, seen = survey.rate_words or "nothing states its rate", ""
+        running = next((row for row in survey.rows if row.kind == "index"), None)
+        if running is not None:
+            seen = f"; {shown(running.title)} {running.evidence}"
         if hint is not None:
             seen = f"; {shown(hint[1])} is rounded too coarsely, and allows {hint[0]:.6g} Hz"
         yield Question(

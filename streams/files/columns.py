@@ -19,7 +19,7 @@ from streams.files.keys import SPEED_UNITS
 from streams.files.statements import StatedNumber, multiple_of
 from streams.files.time_column import UNITS_OF_TIME, TimeColumn, column_statements, time_column
 from streams.types.samples import DIGITAL, ReaderError, Samples
-from streams.types.spec import UNITS
+from streams.types.spec import UNITS, ChannelSpec
 from streams.types.stamps import Stamp, utc_text
 
 Kind = Literal["vibration", "speed", "load", "tacho", "time", "index", "other"]
@@ -163,12 +163,13 @@ def running(values: NDArray[np.floating]) -> str | None:
 
     Equal steps are evidence from 8 samples on, others from 64 and 16 different values; so much vibration turns back.
     """
-    row = np.asarray(values[:_MAX_LOOKED], dtype=np.float64)
-    if row.size < _MIN_EVEN or not np.isfinite(row).all():
-        return None
     # Of nearly all rows the first samples decide.
-    first = np.diff(row[:_MIN_RUNNING])
-    if min(np.count_nonzero(first > 0.0), np.count_nonzero(first < 0.0)) > first.size // 4:
+    begin = np.asarray(values[:_MIN_RUNNING], dtype=np.float64)
+    first = np.diff(begin) if np.isfinite(begin).all() else begin
+    if begin.size < _MIN_EVEN or min(np.count_nonzero(first > 0.0), np.count_nonzero(first < 0.0)) > first.size // 4:
+        return None
+    row = np.asarray(values[:_MAX_LOOKED], dtype=np.float64)
+    if not np.isfinite(row).all():
         return None
     steps = np.diff(row)
     way = 1.0 if np.count_nonzero(steps > 0.0) >= np.count_nonzero(steps < 0.0) else -1.0
@@ -269,6 +270,23 @@ def vibration_rows(samples: Samples, where: str, *, is_ours: bool = False) -> li
         seen = "; ".join(f"{title} {kind.evidence}" for title, kind in zip(titles, found, strict=True))
         raise ReaderError("wrong_shape", f"{where}: holds no vibration: {seen[:600]}")
     return kept
+
+
+def refuse_running(samples: Samples, channels: Sequence[ChannelSpec], where: str) -> None:
+    """Refuse a configured channel of vibration that runs on: times, a running number or a counter.
+
+    ``samples`` has the rows of the ``channels``; those that are passed on in any unit may be anything.
+
+    Raises:
+        ReaderError: ``wrong_shape``, with what the row does.
+    """
+    for channel, title, row in zip(channels, samples.names, samples.values, strict=True):
+        run = None if channel.any_unit else running(row)
+        if run is not None:
+            raise ReaderError(
+                "wrong_shape",
+                f"{where}: channel {channel.name}: {title} {run}, as times or running numbers do; expected vibration",
+            )
 
 
 def with_times(samples: Samples, where: str) -> Samples:

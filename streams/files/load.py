@@ -12,7 +12,7 @@ from zoneinfo import ZoneInfo
 
 import numpy as np
 
-from streams.files.columns import vibration_rows, with_times
+from streams.files.columns import refuse_running, vibration_rows, with_times
 from streams.files.container import changed_error, first_of
 from streams.files.foreign import HEAD_BYTES, seen_in, with_hint
 from streams.files.judge import agreed_rate, opened_rate
@@ -149,6 +149,8 @@ class Loader:
         samples = self.read(raw, path, name)
         self._check_length(samples, name)
         samples = choose_channels(samples, self._spec.channels, self.data_set.unit, name, self._spec.range_g)
+        if self.data_set.plain and self._spec.channels:
+            refuse_running(samples, self._spec.channels, name)
         rate = agreed_rate((samples.rate, facts.rate), self._spec.rate, name, opened_rate(samples))
         self._check_blocks(samples.values.shape[1], rate, len(raw), name)
         return replace(

@@ -367,3 +367,26 @@ def test_what_is_left_out_is_said(tmp_path: Path) -> None:
     assert "left_out" not in sw.read(tmp_path / "x.tdms", channels=["Vibration/DE"]).attrs
     (tmp_path / "x.h5").write_bytes(hdf5({"acc": NOISE, "n": STEPS + 1.0}))
     assert sw.read(tmp_path / "x.h5", rate_hz=RATE).attrs["left_out"] == ["n"]
+
+
+@pytest.mark.parametrize("name", ["x.npy", "x.csv", "x.h5"])
+def test_a_configured_channel_that_runs_on_is_refused(name: str, tmp_path: Path) -> None:
+    place = tmp_path / name
+    if name == "x.npy":
+        np.save(place, np.vstack([STEPS / RATE, NOISE]))
+    elif name == "x.csv":
+        place.write_text("".join(f"{k % 256},{value:.6f}\n" for k, value in enumerate(NOISE)), encoding="utf-8")
+    else:
+        place.write_bytes(hdf5({"acc": NOISE, "n": STEPS + 1.0}))
+    first = ChannelSpec("c", unit="g", column="n" if name == "x.h5" else 1)
+    second = ChannelSpec("c", unit="g", column="acc" if name == "x.h5" else 2)
+    (item,) = open_source(SourceSpec("s", str(place), block_s="file", rate=RATE, channels=(first,)))
+    assert isinstance(item, Rejected)
+    assert item.status == "wrong_shape"
+    assert "as times or running numbers do" in item.reason
+    (item,) = open_source(SourceSpec("s", str(place), block_s="file", rate=RATE, channels=(second,)))
+    assert isinstance(item, Block)
+    # What the machine is run by may be anything.
+    process = ChannelSpec("c", column="n" if name == "x.h5" else 1, unit="unknown", any_unit=True)
+    (item,) = open_source(SourceSpec("s", str(place), block_s="file", rate=RATE, channels=(process,)))
+    assert isinstance(item, Block)
