@@ -209,6 +209,8 @@ def configuration_of(truth: LoggerTruth) -> str | None:
             rows.append(f"sensitivity_mv_per_g = {each.sensitivity_mv_per_g:g}")
         if each.scale is not None:
             rows.append(f"scale = {each.scale!r}")
+        elif each.unit in ("mV", "mg") and truth.chosen.get("unit_in") == "none":
+            rows.append("scale = 1e-3")
         tables.append("[[channel]]\n" + "\n".join(rows))
     head = '[machine]\nname = "m"\nstate_dir = "state"\nrecords_dir = "records"\n'
     return (
