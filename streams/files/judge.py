@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from streams.files.circumstances import REMEDY, Circumstances, circumstances_of, in_counts, without
+from streams.files.packing import without_codes
 from streams.files.statements import (
     STORED,
     Facts,
@@ -302,7 +303,7 @@ def judged(
     names, short = tuple(row.name for row in rows), tuple(row.short for row in rows)
     return in_counts(
         Samples(
-            stack_rows([row.values for row in rows]),
+            without_codes(stack_rows([row.values for row in rows])),
             names=names,
             channels=short if len(set(short)) == len(short) else names,
             rate=rate.value,

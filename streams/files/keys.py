@@ -38,6 +38,8 @@ MOMENTS = (
     *("aufnahmebeginn", "aufnahmestart", "aufnahmedatum", "aufnahmezeitpunkt", "aufzeichnungsbeginn"),
     *("aufzeichnungsstart", "startzeitpunkt", "startdatum", "zeitpunkt", "zeitstempel", "datumuhrzeit", "datumzeit"),
     *("datumundzeit", "datumunduhrzeit", "datum", "zeit", "uhrzeit"),
+    *("recordingstarted", "acquisitionstarted", "measurementstarted", "started", "debut", "debutdacquisition"),
+    *("debutdelamesure", "debutdemesure", "datededebut", "dateheure", "inicio", "fechayhora", "inizio", "dataeora"),
 )
 """Keys of date and time of day in one; those of ``STARTS`` may state a day alone."""
 DATES = ("startdate", "date", "recordingdate", "acquisitiondate", "measurementdate", "testdate", "startdatum", "datum",
@@ -49,6 +51,7 @@ UNIT_KEYS = ("unit", "units", "unitstring", "niunitdescription", "engineeringuni
               "dataunits", "physicalunit", "unitofmeasure", "unite", "unidad", "unita")  # fmt: skip
 TIME_KEYS = frozenset((*STARTS, *MOMENTS, *DATES, *CLOCKS))
 """Plain keys of dates and times of day."""
+ZONE_KEYS = ("timezone", "zeitzone", "tz", "utcoffset", "timezoneoffset", "fuseauhoraire", "zonahoraria", "fusoorario")
 PULSE_KEYS = ("pulsesperrevolution", "pulsesperrev", "ppr", "impulseproumdrehung")
 """Plain keys of the pulses of a whole turn."""
 PER_MINUTE = ("rpm", "1/min", "min-1", "min^-1", "/min", "u/min", "upm", "tr/min", "r/min", "rev/min")

@@ -32,6 +32,10 @@ _NETCDF_FILLS = {
     "i2": -(2**15) + 1, "u2": 2**16 - 1, "i4": -(2**31) + 1, "u4": 2**32 - 1, "i8": -(2**63) + 2, "u8": 2**64 - 2,
     "f4": 9.969209968386869e36, "f8": 9.969209968386869e36,
 }  # fmt: skip
+_CODES = frozenset(
+    sign * code for sign in (-1.0, 1.0) for code in (999.0, 9999.0, 99999.0, 999999.0, 1e20, 1e30, 1e35, 9.9e37, 1e38)
+)
+"""Numbers that loggers write for missing samples."""
 _NETCDF_BYTES = (-127, 255)
 _USER_DEFINED = 2
 """H5D_FILL_VALUE_USER_DEFINED."""
@@ -73,6 +77,24 @@ def property_fill(dataset: Any) -> float | None:
         return None
     fill = dataset.fillvalue.item()
     return None if fill == 0 or (width == 1 and fill in _NETCDF_BYTES) else fill
+
+
+def without_codes(rows: NDArray[np.floating]) -> NDArray[np.floating]:
+    """Return rows with NaN for the numbers that loggers write for a missing sample where nothing states one.
+
+    Such as -9999 count where they are an end of the range and ten times as large as all other samples of the row.
+    """
+    found = rows
+    for place, row in enumerate(rows):
+        for end in (float(row.min()), float(row.max())):
+            if end not in _CODES:
+                continue
+            coded = row == end
+            others = np.abs(row[~coded])
+            if others.size and 10.0 * float(others.max()) < abs(end):
+                found = np.array(rows) if found is rows else found
+                found[place, coded] = np.nan
+    return found
 
 
 @dataclass(frozen=True)

@@ -11,8 +11,9 @@ import math
 import re
 import unicodedata
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
+from zoneinfo import available_timezones
 
 import numpy as np
 
@@ -42,13 +43,18 @@ from streams.files.keys import (
     UNIT_KEYS,
     UNITS,
     VELOCITIES,
+    ZONE_KEYS,
 )
 from streams.types.samples import ReaderError
 from streams.types.stamps import CLOCK, DATE, Stamp, read_stamp
 
 Facts = Mapping[str, object]
+_ABBREVIATIONS = {"CET": 1, "MEZ": 1, "CEST": 2, "MESZ": 2, "WET": 0, "WEST": 1, "EET": 2, "EEST": 3}
+"""Hours from UTC of zones that have one name only."""
 STORED = "stored as"
-"""Key among the facts of an array for how its numbers are stored; the blank keeps it apart from plain keys."""
+DECIMAL_COMMA = "decimal comma"
+"""Keys among facts for how numbers are stored, and that they are written with commas; the blank keeps them apart from
+plain keys."""
 
 
 def plain_key(key: str) -> str:
@@ -129,10 +135,11 @@ class StatedNumber:
     resolution: float = 0.0
 
 
-def number_in(value: object, place: str, units: Mapping[str, float]) -> StatedNumber | None:
+def number_in(value: object, place: str, units: Mapping[str, float], *, comma: bool = False) -> StatedNumber | None:
     """Return the number that a value states with one of some ``units``, given with their factors; None for any other.
 
-    ``4,096`` may mean 4.096 or 4096: both are readings. Such a point is decimal.
+    ``4,096`` may mean 4.096 or 4096: both are readings. So has ``4.096`` where the numbers around have a decimal
+    ``comma``.
     """
     if isinstance(value, bool):
         return None
@@ -145,7 +152,7 @@ def number_in(value: object, place: str, units: Mapping[str, float]) -> StatedNu
         return None
     digits, factor = match[1], units[match[2].lower()]
     try:
-        readings = tuple(float(text) * factor for text in _decimals(digits))
+        readings = tuple(float(text) * factor for text in _decimals(digits, comma=comma))
     except ValueError:
         return None
     shift = 10.0 ** int(digits.lower().partition("e")[2] or 0)
@@ -156,7 +163,7 @@ def number_in(value: object, place: str, units: Mapping[str, float]) -> StatedNu
     return StatedNumber(place, str(value).strip()[:40], readings, 0.5 * last * shift * factor)
 
 
-def _decimals(digits: str) -> tuple[str, ...]:
+def _decimals(digits: str, *, comma: bool) -> tuple[str, ...]:
     """Return the readings of a number with points or commas, with a decimal point; ValueError for none."""
     points, commas = digits.count("."), digits.count(",")
     if points and commas:
@@ -169,8 +176,8 @@ def _decimals(digits: str) -> tuple[str, ...]:
         if not re.fullmatch(r"[-+]?\d{1,3}(?:[.,]\d{3})+", digits):
             raise ValueError(digits)
         return (re.sub("[.,]", "", digits),)
-    if commas and GROUPS.fullmatch(digits) and not digits.lstrip("+-").startswith("0"):
-        return digits.replace(",", "."), digits.replace(",", "")
+    if (commas or (comma and points)) and GROUPS.fullmatch(digits) and not digits.lstrip("+-").startswith("0"):
+        return digits.replace(",", "."), re.sub("[.,]", "", digits)
     return (digits.replace(",", "."),)
 
 
@@ -185,9 +192,10 @@ def rate_statements(facts: Facts, where: str) -> list[StatedNumber]:
     found: list[StatedNumber] = []
     for key, place, value in named(facts, FACTORS):
         kind, factor = FACTORS[key]
+        comma = DECIMAL_COMMA in facts
         own, other = (LIKE_RATE, LIKE_STEP) if kind == "rate" else (LIKE_STEP, LIKE_RATE)
         # A unit beside the number is nearer than one in its key.
-        direct = number_in(value, place, {**own, "": factor})
+        direct = number_in(value, place, {**own, "": factor}, comma=comma)
         stated = direct or number_in(value, place, {unit: scale for unit, scale in other.items() if unit})
         if stated is None or not all(1e-300 < number < 1e300 for number in stated.readings):
             shown = str(value)[:40]
@@ -263,8 +271,36 @@ def time_statements(facts: Facts, zone: str) -> list[tuple[str, Stamp]]:
     """Return what plain keys state of the time of the first sample, each with its place.
 
     Date and time of day may be values of their own. A day alone counts where nothing else is stated and the key says
-    that it is the start. ``zone`` is the IANA name of the zone of a stamp that names none.
+    that it is the start. ``zone`` is the IANA name of the zone of a stamp that names none, where no key states that.
     """
+    offset, stated = _stated_zone(facts)
+    found = _stamps(facts, stated or zone)
+    return found if stated is None else [(place, _in_zone(stamp, offset)) for place, stamp in found]
+
+
+def _stated_zone(facts: Facts) -> tuple[float, str | None]:
+    """Return the zone that a key states: an offset in s from an IANA name, None where it states none."""
+    for _, _, value in named(facts, frozenset(ZONE_KEYS)):
+        text = str(value).strip()
+        match = re.fullmatch(r"(?:UTC|GMT)?\s*([+-])(\d{1,2})(?::?(\d\d))?(?:\s*h)?|(UTC|GMT|Z)", text, re.IGNORECASE)
+        if match is not None and match[4]:
+            return 0.0, "UTC"
+        if match is not None:
+            seconds = 3600.0 * int(match[2]) + 60.0 * int(match[3] or 0)
+            return (-seconds if match[1] == "-" else seconds), "UTC"
+        if text in _ABBREVIATIONS:
+            return 3600.0 * _ABBREVIATIONS[text], "UTC"
+        if text in available_timezones():
+            return 0.0, text
+    return 0.0, None
+
+
+def _in_zone(stamp: Stamp, offset: float) -> Stamp:
+    """Return a stamp in the zone that a key states, read without its offset; one that names its own as it is."""
+    return replace(stamp.later(-offset), local=False) if stamp.local else stamp
+
+
+def _stamps(facts: Facts, zone: str) -> list[tuple[str, Stamp]]:
     found = [
         (place, stamp)
         for _, place, value in named(facts, frozenset((*STARTS, *MOMENTS)))

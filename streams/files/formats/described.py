@@ -11,7 +11,8 @@ import numpy as np
 from streams.files.circumstances import circumstances_of, in_counts, without
 from streams.files.formats.head import Head, StampedRows, StatedUnits, names_and_units
 from streams.files.judge import Start, judge_rate, judge_start, judge_unit, starts_of
-from streams.files.statements import Facts, StatedNumber, rate_statements, unit_statements
+from streams.files.packing import without_codes
+from streams.files.statements import DECIMAL_COMMA, Facts, StatedNumber, rate_statements, unit_statements
 from streams.files.time_column import TimeColumn, column_statements, is_even, is_index, time_column
 from streams.types.samples import ReaderError, Samples
 
@@ -35,7 +36,7 @@ def described(
         ReaderError: ``wrong_rate``, ``wrong_unit`` or ``unreadable`` where statements contradict each other.
     """
     titles, names, units = names_and_units(samples, head)
-    facts = without(head.facts, disregard)
+    facts = {**without(head.facts, disregard), **({DECIMAL_COMMA: True} if head.decimal == "," else {})}
     of_columns = [without(found, disregard) for found in head.of_columns] or [{}] * len(names)
     rates = rate_statements(facts, name)
     starts = starts_of(facts, zone)
@@ -75,7 +76,8 @@ def described(
         stated_speed=beside.speed,
         stated_load=beside.load,
     )
-    return in_counts(found, [one.count or beside.count for one in own]).select(channels)
+    found = in_counts(found, [one.count or beside.count for one in own]).select(channels)
+    return replace(found, values=without_codes(found.values))
 
 
 def _time_column(samples: Samples, place: int, title: str, units: StatedUnits, *, is_named: bool) -> TimeColumn | None:

@@ -50,6 +50,7 @@ class Head:
         names, units: of the columns, by a line of each.
         lines: how many there are.
         title: the line of names.
+        decimal: decimal sign of the numbers below.
     """
 
     facts: dict[str, object] = field(default_factory=dict)
@@ -58,6 +59,7 @@ class Head:
     lines: int = 0
     title: str = ""
     of_columns: tuple[Facts, ...] = ()
+    decimal: str = "."
 
 
 def cut_head(body: bytes, name: str) -> tuple[bytes, list[str]]:

@@ -67,6 +67,8 @@ def read_text(
     body, first_line = _body(data, name)
     line = first_line_of(body)
     dialect = _sniff(line, body, separators, head)
+    if head is not None:
+        head.decimal = dialect.decimal
     names: tuple[str, ...] | None = None
     width = dialect.count(line)
     if as_row and width >= MIN_COLUMNS_OF_A_ROW and not body[len(line) :].strip():
@@ -226,7 +228,7 @@ def _read_from_disk(data: FileBytes, name: str) -> tuple[Samples, Head] | None:
     head, first = _head_of(skipped, rest, name), first_line_of(rest)
     points = data.find(b".", begin) >= 0
     dialect = _sniff(first, b"," if not points and data.find(b",", begin) >= 0 else b".", ";\t, ", head)
-    width = dialect.count(first)
+    width, head.decimal = dialect.count(first), dialect.decimal
     if not dialect.is_number(dialect.fields(first)[0]) or not rest[len(first) :].strip():
         return None
     try:

@@ -197,3 +197,35 @@ def test_keys_are_told_with_accents_and_units() -> None:
     assert plain_key("Fréquence d'échantillonnage (Hz)") == "frequencedechantillonnagehz"
     found = read_layout("Période d'échantillonnage: 0,05 ms\nacc [m/s²]\n1,5\n2,5\n".encode(), "x.txt")
     assert (found.rate, found.units) == (20000.0, ("m/s2",))
+
+
+@pytest.mark.parametrize(
+    ("head", "start"),
+    [
+        (("Time zone: UTC+2", "Start: 2024-05-01 14:00:00"), NOON),
+        (("Zeitzone: Europe/Berlin", "Start: 2024-05-01 14:00:00"), NOON),
+        (("Time zone: MESZ", "Date: 01.05.2024", "Time: 14:00:00"), NOON),
+        (("Time zone: CET", "Start: 2024-05-01 12:00:00Z"), NOON),
+        (("Time zone: of the plant", "Start: 2024-05-01 12:00:00"), NOON),
+    ],
+)
+def test_a_zone_may_stand_in_a_line_of_its_own(head: tuple[str, ...], start: float) -> None:
+    assert read_layout(text(*head, "acc"), "x.csv").start == start
+
+
+def test_points_group_thousands_where_commas_are_decimal() -> None:
+    found = read_layout(b"Abtastrate: 4.096 Hz\nacc [g]\n0,1\n0,2\n", "x.csv")
+    assert (found.rate, found.rate_readings) == (None, (4.096, 4096.0))
+    assert read_layout(b"Abtastrate: 4.096 kHz\nacc [g]\n0.1\n0.2\n", "x.csv").rate == 4096.0
+
+
+@given(st.sampled_from([-9999.0, 9999.0, 1e20, -999.0]), st.lists(st.integers(0, 63), min_size=1, max_size=9))
+def test_codes_of_missing_samples_are_no_numbers(code: float, places: list[int]) -> None:
+    values = np.sin(np.arange(64.0))
+    values[places] = code
+    found = read_layout(("acc [g]\n" + "\n".join(f"{value:.6f}" for value in values)).encode(), "x.csv")
+    assert sorted(np.flatnonzero(np.isnan(found.values[0]))) == sorted(set(places))
+    # A signal that reaches them is not cut.
+    large = np.where(values == code, code, 0.2 * abs(code) * np.sin(np.arange(64.0)))
+    whole = judged([StatedRow(large, "a", "a", {})], "x", "rows", "UTC")
+    assert np.isfinite(whole.values).all()
