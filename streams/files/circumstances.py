@@ -3,24 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from fnmatch import fnmatchcase
-
-import numpy as np
 
 from streams.files.keys import KEYS
 from streams.files.statements import (
     Facts,
     StatedNumber,
-    is_of_counts,
     level_statements,
     load_statements,
     plain_key,
     scale_statements,
     speed_statements,
 )
-from streams.types.large import elementwise
-from streams.types.samples import SCALED, ReaderError, Samples
+from streams.types.samples import ReaderError
 
 REMEDY = "; name what is not to be believed in [[source]] disregard"
 """Behind a refusal of statements that contradict each other."""
@@ -76,21 +72,4 @@ def circumstances_of(facts: Facts, where: str) -> Circumstances:
         judge_number(load_statements(facts), "load", where),
         judge_number(level_statements(facts), "sensitivity", where),
         judge_number(scale_statements(facts), "scale", where),
-    )
-
-
-def in_counts(samples: Samples, scales: Sequence[float | None]) -> Samples:
-    """Return samples in g where the g of one count is stated of a row in counts."""
-    scaled = [
-        1.0 if scale is None or not is_of_counts(unit) else scale
-        for scale, unit in zip(scales, samples.units, strict=True)
-    ]
-    if all(factor == 1.0 for factor in scaled):
-        return samples
-    column = np.array(scaled, samples.values.dtype)[:, np.newaxis]
-    return replace(
-        samples,
-        values=elementwise(lambda values: values * column, samples.values, 1),
-        units=tuple("g" if factor != 1.0 else unit for factor, unit in zip(scaled, samples.units, strict=True)),
-        stored=tuple(SCALED if factor != 1.0 else kind for factor, kind in zip(scaled, samples.stored, strict=True)),
     )

@@ -287,6 +287,7 @@ def joined(parts: Sequence[Samples], labels: Sequence[str], paths: Sequence[str]
         units=tuple(unit for part in parts for unit in part.units),
         stored=tuple(stored for part in parts for stored in part.stored),
         sensitivities=tuple(level for part in parts for level in part.sensitivities),
+        count_scales=tuple(scale for part in parts for scale in part.count_scales),
         rate=rate,
         start=next((part.start for part in parts if part.start is not None), None),
         speed=next((part.speed for part in parts if part.speed is not None), None),

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from streams.files.circumstances import REMEDY, Circumstances, circumstances_of, in_counts, without
+from streams.files.circumstances import REMEDY, Circumstances, circumstances_of, without
 from streams.files.packing import without_codes
 from streams.files.statements import (
     STORED,
@@ -301,25 +301,23 @@ def judged(
     rate = judge_rate(rates, where)
     start = judge_start(starts, where)
     names, short = tuple(row.name for row in rows), tuple(row.short for row in rows)
-    return in_counts(
-        Samples(
-            without_codes(stack_rows([row.values for row in rows])),
-            names=names,
-            channels=short if len(set(short)) == len(short) else names,
-            rate=rate.value,
-            rate_readings=rate.readings,
-            rate_resolution=rate.resolution,
-            rate_written=rate.written,
-            start=start.value,
-            stamp=start.opened,
-            written=start.written,
-            units=tuple(units),
-            stored=tuple(str(row.facts.get(STORED, VALUES)) for row in rows),
-            sensitivities=tuple(one.sensitivity for one in beside),
-            stated_speed=_common([one.speed for one in beside]),
-            stated_load=_common([one.load for one in beside]),
-        ),
-        [one.count for one in beside],
+    return Samples(
+        without_codes(stack_rows([row.values for row in rows])),
+        names=names,
+        channels=short if len(set(short)) == len(short) else names,
+        rate=rate.value,
+        rate_readings=rate.readings,
+        rate_resolution=rate.resolution,
+        rate_written=rate.written,
+        start=start.value,
+        stamp=start.opened,
+        written=start.written,
+        units=tuple(units),
+        stored=tuple(str(row.facts.get(STORED, VALUES)) for row in rows),
+        sensitivities=tuple(one.sensitivity for one in beside),
+        count_scales=tuple(one.count for one in beside),
+        stated_speed=_common([one.speed for one in beside]),
+        stated_load=_common([one.load for one in beside]),
     )
 
 

@@ -10,21 +10,26 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 from zoneinfo import ZoneInfo
 
-import numpy as np
-
 from streams.files.columns import refuse_running, vibration_rows, with_times
 from streams.files.container import changed_error, first_of
 from streams.files.foreign import HEAD_BYTES, seen_in, with_hint
 from streams.files.judge import agreed_rate, opened_rate
+from streams.files.levels import (
+    check_unit,
+    factor_of,
+    in_own_units,
+    level_in_words,
+    rows_as_stored,
+    scaled_by,
+    unit_of,
+)
 from streams.files.parse.complete import declared_size
 from streams.files.pulse_times import fitting_pulses
-from streams.files.statements import multiple_of
 from streams.reblock import MIN_BLOCK_SHARE, Reblocker
-from streams.types.block import STANDARD_GRAVITY
-from streams.types.large import Data, FileBytes, NoRoomError, elementwise
+from streams.types.large import Data, FileBytes, NoRoomError
 from streams.types.limits import max_blocks
-from streams.types.samples import DIGITAL, FRACTIONS, SCALED, VALUES, ReaderError, Samples
-from streams.types.spec import UNITS, ChannelSpec, SourceSpec
+from streams.types.samples import ReaderError, Samples
+from streams.types.spec import ChannelSpec, SourceSpec
 from streams.types.stamps import repeated_by, resolution_of
 from streams.types.times import TimeStatement
 
@@ -194,8 +199,8 @@ class Loader:
         found = {}
         for channel in self._spec.channels:
             row = _row_of(samples, channel, path)
-            found[channel.name] = _level(
-                samples, row, channel, _unit_of(samples, row, channel, path), self._spec.range_g
+            found[channel.name] = level_in_words(
+                samples, row, channel, unit_of(samples, row, channel, path), self._spec.range_g
             )
             if written[row] != samples.units[row] and channel.scale is None:
                 found[channel.name] += f", from {written[row]}"
@@ -256,72 +261,25 @@ def choose_channels(
     if unit is not None:
         samples = replace(samples, units=tuple(stated or unit for stated in samples.units))
     rows = [_row_of(samples, channel, where) for channel in channels]
-    as_volts = _rows_in_volts(samples, channels, rows, where)
-    samples, multiples = in_own_units(samples, as_volts)
+    as_stored = rows_as_stored(samples, channels, rows, where)
+    samples, multiples = in_own_units(samples, as_stored)
     if not channels:
         kept = vibration_rows(samples, where, is_ours=unit is not None)
         left = tuple(name for row, name in enumerate(samples.names) if row not in kept)
         samples = replace(samples.select(kept), beside=(*samples.beside, *left))
         multiples = tuple(multiples[row] for row in kept)
         for row, (name, stated) in enumerate(zip(samples.names, samples.units, strict=True)):
-            _check_unit(stated, name, where)
-            _factor_of(samples, row, ChannelSpec(name, unit=stated), None, f"{where}: {name}")
-        return _times(samples, multiples)
-    units = tuple(_unit_of(samples, row, channel, where) for row, channel in zip(rows, channels, strict=True))
+            check_unit(stated, name, where)
+            factor_of(samples, row, ChannelSpec(name, unit=stated), None, f"{where}: {name}")
+        return scaled_by(samples, multiples)
+    units = tuple(unit_of(samples, row, channel, where) for row, channel in zip(rows, channels, strict=True))
     both = zip(rows, channels, units, strict=True)
     factors = [
-        _factor_of(samples, row, replace(channel, unit=unit), range_g, f"{where}: channel {channel.name}")
+        factor_of(samples, row, replace(channel, unit=unit), range_g, f"{where}: channel {channel.name}")
         * (multiples[row] if channel.scale is None and not channel.any_unit else 1.0)
         for row, channel, unit in both
     ]
-    return _times(samples.select(rows, tuple(channel.name for channel in channels), units), factors)
-
-
-def _rows_in_volts(
-    samples: Samples, channels: Sequence[ChannelSpec], rows: Sequence[int], where: str
-) -> frozenset[int]:
-    """Return the rows that channels take in V, or scale; ReaderError where the file states another sensitivity."""
-    for channel, row in zip(channels, rows, strict=True):
-        stated, given = samples.sensitivities[row], channel.sensitivity_mv_per_g
-        if stated is not None and given is not None and abs(stated - given) > 0.01 * given:
-            raise ReaderError(
-                "wrong_unit",
-                f"{where}: channel {channel.name}: {stated:g} mV/g by the recording, sensitivity_mv_per_g = {given:g}",
-            )
-    return frozenset(
-        row
-        for channel, row in zip(channels, rows, strict=True)
-        if channel.unit == "V" or channel.any_unit or channel.scale is not None
-    )
-
-
-def in_own_units(samples: Samples, as_volts: frozenset[int] = frozenset()) -> tuple[Samples, tuple[float, ...]]:
-    """Return the samples with our unit for each multiple of it, such as V for mV, and the factors still to apply.
-
-    Rows in V are in g where the file states the sensitivity, but for those that are wanted ``as_volts``.
-    """
-    both = [multiple_of(unit) for unit in samples.units]
-    for row, level in enumerate(samples.sensitivities):
-        if both[row][0] == "V" and level is not None and row not in as_volts:
-            both[row] = "g", both[row][1] * 1e3 / level
-    units = tuple(None if unit is None else own for unit, (own, _) in zip(samples.units, both, strict=True))
-    return replace(samples, units=units), tuple(factor for _, factor in both)
-
-
-def _times(samples: Samples, factors: Sequence[float]) -> Samples:
-    if all(factor == 1.0 for factor in factors):
-        return samples
-    column = np.array(factors, samples.values.dtype)[:, np.newaxis]
-    return replace(samples, values=elementwise(lambda values: values * column, samples.values, 1))
-
-
-def _check_unit(stated: str | None, name: str, where: str) -> None:
-    if stated is None:
-        raise ReaderError("wrong_unit", f"{where}: no unit is stated; give [[channel]] unit")
-    if stated not in UNITS:
-        raise ReaderError("wrong_unit", f"{where}: {name} is in {stated!r}; expected one of {', '.join(UNITS)}")
-    if stated == "V":
-        raise ReaderError("wrong_unit", f"{where}: in V; give [[channel]] sensitivity_mv_per_g or a side-car")
+    return scaled_by(samples.select(rows, tuple(channel.name for channel in channels), units), factors)
 
 
 def _row_of(samples: Samples, channel: ChannelSpec, where: str) -> int:
@@ -346,66 +304,3 @@ def _row_of(samples: Samples, channel: ChannelSpec, where: str) -> int:
         held = ", ".join(samples.names if samples.names == samples.channels else pairs)[:_MAX_LISTED]
         raise ReaderError("wrong_shape", f"{where}: channel {channel.name}: {count} by {wanted}; the file has {held}")
     return found[0]
-
-
-def _unit_of(samples: Samples, row: int, channel: ChannelSpec, where: str) -> str:
-    if channel.any_unit:
-        return "unknown"
-    stated, configured = samples.units[row], channel.unit
-    where = f"{where}: channel {channel.name}"
-    if samples.scaled and channel.scale not in (None, 1.0):
-        reason = f"the side-car scales it already, and so does scale = {channel.scale:g}"
-        raise ReaderError("wrong_unit", f"{where}: {reason}")
-    if stated is None and configured is None:
-        raise ReaderError("wrong_unit", f"{where}: no unit is stated; give [[channel]] unit")
-    if configured is not None and stated not in (None, "unknown", configured):
-        hint = f'; write unit = "{stated}"' if stated in UNITS else ""
-        raise ReaderError("wrong_unit", f"{where}: the recording is in {stated}, unit = {configured!r}{hint}")
-    if configured is None and (stated not in UNITS or stated == "V"):
-        raise ReaderError("wrong_unit", f"{where}: the recording is in {stated}; give [[channel]] unit")
-    return configured or stated or "unknown"
-
-
-def _factor_of(samples: Samples, row: int, channel: ChannelSpec, range_g: float | None, where: str) -> float:
-    """Return the factor that ``range_g`` gives a row that no scale is given for; 1 for all others.
-
-    Raises:
-        ReaderError: ``wrong_unit`` where the row holds integers and nothing states what they mean.
-    """
-    stored = samples.stored[row]
-    if stored in (VALUES, SCALED, DIGITAL) or channel.unit == "unknown" or channel.scale is not None:
-        return 1.0
-    if stored == FRACTIONS and range_g is not None and not samples.scaled:
-        of_one_g = {"m/s2": STANDARD_GRAVITY, "V": 1e-3 * (channel.sensitivity_mv_per_g or 0.0)}
-        return range_g * of_one_g.get(channel.unit or "g", 1.0)
-    meant, other = f"the {channel.unit} of one count", ""
-    if stored == FRACTIONS:
-        meant, other = f"the {channel.unit} at full scale", ", or [[source]] range_g, the g at full scale"
-    raise ReaderError(
-        "wrong_unit",
-        f"{where}: holds {stored}, and nothing states their level; give [[channel]] scale, {meant} "
-        f"(a side-car may too){other}",
-    )
-
-
-def _level(samples: Samples, row: int, channel: ChannelSpec, unit: str, range_g: float | None) -> str:
-    """Return in words what states the level of a row: its unit and, of integers, what they mean."""
-    stated, stored, scale = samples.units[row], samples.stored[row], channel.scale
-    parts = [f"{unit} ({'configured' if stated is None else 'stated by the file or its side-car'})"]
-    if unit == "V":
-        parts.append(f"{channel.sensitivity_mv_per_g:g} mV per g")
-    if stored == SCALED:
-        parts.append("integers, scaled as the file or its side-car states")
-    elif stored != VALUES and unit != "unknown":
-        meant = "full scale is" if stored == FRACTIONS else "one count is"
-        level = "not stated"
-        if scale is not None:
-            level = f"{scale:g} {unit} (scale)"
-        elif stored == FRACTIONS and range_g is not None:
-            level = f"{range_g:g} g (range_g)"
-        parts.append(f"integers, {meant} {level}")
-    elif samples.scaled:
-        parts.append("scaled by the side-car")
-    elif scale not in (None, 1.0):
-        parts.append(f"times {scale:g} (scale)")
-    return ", ".join(parts)

@@ -7,7 +7,7 @@ from collections.abc import Container, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from streams.files.circumstances import circumstances_of, in_counts, without
+from streams.files.circumstances import circumstances_of, without
 from streams.files.container import read_guarded
 from streams.files.formats.head import decoded, head_of
 from streams.files.judge import judge_rate, judge_start, judge_unit, starts_of
@@ -67,7 +67,7 @@ def apply_note(
     start = judge_start(starts_of(facts, zone), where)
     units = [judge_unit(unit_statements(facts), where, [("the file", unit)] if unit else []) for unit in samples.units]
     beside = circumstances_of(facts, where)
-    found = replace(
+    return replace(
         samples,
         rate=rate.value,
         rate_readings=rate.readings,
@@ -78,7 +78,7 @@ def apply_note(
         written=start.written if samples.start is None else samples.written,
         units=tuple(units),
         sensitivities=(beside.sensitivity,) * count,
+        count_scales=tuple(None if stored == FRACTIONS else beside.count for stored in samples.stored),
         stated_speed=beside.speed,
         stated_load=beside.load,
     )
-    return in_counts(found, [beside.count if stored != FRACTIONS else None for stored in samples.stored])

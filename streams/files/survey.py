@@ -17,7 +17,8 @@ from streams.files.container import Files, Item, open_files
 from streams.files.datasets import DataSet, FileFacts
 from streams.files.groups import NameGroups, name_groups, not_read
 from streams.files.judge import opened_rate
-from streams.files.load import Loader, in_own_units
+from streams.files.levels import in_own_units
+from streams.files.load import Loader
 from streams.files.plausible import SignalLevel, level_of
 from streams.files.recognise import as_pattern, data_set_of
 from streams.files.sidecar import is_pulse_file, is_sidecar, pulse_pattern

@@ -59,6 +59,7 @@ class Samples:
         rate_resolution: Hz by which each of them is uncertain.
         rate_written: where it stands and how it is written.
         sensitivities: of each row, mV per g, as the file states it.
+        count_scales: of each row, the g of one count, as the file states it.
         stated_speed: of the shaft, Hz, as a head states it among other things: offered, not used for the block.
         stated_load: likewise the radial load, N.
         start: seconds since 1970 UTC of the first sample of the origin.
@@ -108,6 +109,7 @@ class Samples:
     rate_resolution: float = 0.0
     rate_written: str = ""
     sensitivities: tuple[float | None, ...] = ()
+    count_scales: tuple[float | None, ...] = ()
     stated_speed: float | None = None
     stated_load: float | None = None
 
@@ -122,7 +124,16 @@ class Samples:
         object.__setattr__(self, "units", self.units or (None,) * rows)
         object.__setattr__(self, "stored", self.stored or (VALUES,) * rows)
         object.__setattr__(self, "sensitivities", self.sensitivities or (None,) * rows)
-        parts = (self.columns, self.channels, self.names, self.units, self.stored, self.sensitivities)
+        object.__setattr__(self, "count_scales", self.count_scales or (None,) * rows)
+        parts = (
+            self.columns,
+            self.channels,
+            self.names,
+            self.units,
+            self.stored,
+            self.sensitivities,
+            self.count_scales,
+        )
         counts = {len(part) for part in parts}
         if counts != {rows}:
             raise ValueError(f"{rows} rows of samples, but {sorted(counts)} columns, channels, names and units")
@@ -189,6 +200,7 @@ class Samples:
             units=tuple(self.units[row] for row in rows) if units is None else units,
             stored=tuple(self.stored[row] for row in rows),
             sensitivities=tuple(self.sensitivities[row] for row in rows),
+            count_scales=tuple(self.count_scales[row] for row in rows),
         )
 
     def block(self, source: str, sequence: int, name: str, content_hash: str, elapsed: float | None) -> Block:

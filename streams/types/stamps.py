@@ -38,6 +38,9 @@ _LEAP_SECOND = re.compile(r"(?<!\d)(\d\d:?59:?)60(?!\d)")
 _SINCE_1970 = re.compile(r"\d{10}(?:\.\d+)?|\d{13}(?:\.\d+)?|\d{16}|\d{19}")
 """s, ms, us or ns since 1970; dates without separators have 8, 12 or 14 digits."""
 
+_SINCE_1970_IN_NAME = re.compile(r"(?<!\d)1\d{9}(?:\d{3})?(?!\d)")
+"""s or ms since 1970 of the years 2001 to 2033."""
+
 _CLOCK_IN_NAME = (
     r"(?P<H>\d\d)(?:(?P<t>[-_.:h])(?P<M>\d\d)(?:[-_.:m](?P<S>\d\d)(?:[-_.,](?P<f>\d{6}|\d{3}))?)?"
     r"|(?P<M2>\d\d)(?P<S2>\d\d)(?:[-_.,]?(?P<f2>\d{6}|\d{3}))?)"
@@ -328,7 +331,9 @@ def stamp_in_name(path: str, zone: str, pattern: str | None = None) -> Stamp | N
 
 def _found_usual(text: str, zone: str) -> list[Stamp]:
     matches = (match for pattern in _IN_NAMES for match in pattern.finditer(text))
-    return [stamp for match in matches if (stamp := _in_numbers(match[0], match.groupdict(), zone)) is not None]
+    found = [stamp for match in matches if (stamp := _in_numbers(match[0], match.groupdict(), zone)) is not None]
+    counted = () if found else _SINCE_1970_IN_NAME.findall(text)
+    return found or [stamp for digits in counted if (stamp := read_stamp(digits, zone)) is not None]
 
 
 def _found_below(folders: str, name: str, zone: str) -> list[Stamp]:

@@ -8,7 +8,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from streams.files.circumstances import circumstances_of, in_counts, without
+from streams.files.circumstances import circumstances_of, without
 from streams.files.formats.head import Head, StampedRows, StatedUnits, names_and_units
 from streams.files.judge import Start, judge_rate, judge_start, judge_unit, starts_of
 from streams.files.packing import without_codes
@@ -66,6 +66,7 @@ def described(
         names=titles,
         units=tuple(map(_unit_of, units, of_columns, [facts] * len(names), [name] * len(names))),
         sensitivities=tuple(one.sensitivity or beside.sensitivity for one in own),
+        count_scales=tuple(one.count or beside.count for one in own),
         rate=rate.value,
         rate_readings=rate.readings,
         rate_resolution=rate.resolution,
@@ -76,7 +77,7 @@ def described(
         stated_speed=beside.speed,
         stated_load=beside.load,
     )
-    found = in_counts(found, [one.count or beside.count for one in own]).select(channels)
+    found = found.select(channels)
     return replace(found, values=without_codes(found.values))
 
 

@@ -40,7 +40,7 @@ _FROM_DISK = "takes_files_from_disk"
 _FIELDS = (
     *("channels", "names", "columns", "units", "rate", "start", "speed", "load", "scaled", "stamp", "stored"),
     *("written", "pulse_epoch", "pulses_per_revolution", "beside", "rate_readings", "rate_resolution", "rate_written"),
-    *("sensitivities", "stated_speed", "stated_load"),
+    *("sensitivities", "count_scales", "stated_speed", "stated_load"),
 )
 
 

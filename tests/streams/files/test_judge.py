@@ -12,8 +12,10 @@ from hypothesis import strategies as st
 from streams.files.circumstances import without
 from streams.files.formats.text import read_layout
 from streams.files.judge import StatedRow, agreed_rate, judge_rate, judged, opened_rate
+from streams.files.load import choose_channels
 from streams.files.statements import StatedNumber, nearest, number_in, plain_key, rate_statements
 from streams.types.samples import ReaderError
+from streams.types.spec import ChannelSpec
 
 NOON = 1_714_564_800.0
 """2024-05-01 12:00 UTC, s."""
@@ -172,8 +174,16 @@ def test_running_numbers_are_no_channels_by_name_or_without_one() -> None:
 @pytest.mark.parametrize(("line", "factor"), [("Scale: 3.9 mg/LSB", 3.9e-3), ("Sensitivity: 256 LSB/g", 1 / 256.0)])
 def test_counts_are_in_g_where_one_count_is_stated(line: str, factor: float) -> None:
     found = read_layout(f"Unit: counts\n{line}\nacc\n100\n-50\n3\n".encode(), "x.csv")
-    assert found.units == ("g",)
-    assert found.values[0] == pytest.approx(np.array([100.0, -50.0, 3.0]) * factor)
+    expected = np.array([100.0, -50.0, 3.0]) * factor
+    alone = choose_channels(found, (), None, "x.csv")
+    assert alone.units == ("g",)
+    assert alone.values[0] == pytest.approx(expected)
+    # A scale of the configuration, which is applied to the block, is the same one and not a second.
+    for unit, scale in (("g", factor), ("m/s2", factor * 9.80665)):
+        own = choose_channels(found, (ChannelSpec("acc", unit=unit, scale=scale),), None, "x.csv")
+        assert own.values[0] == pytest.approx([100.0, -50.0, 3.0])
+    with pytest.raises(ReaderError, match="g a count by the recording, 1 by scale"):
+        choose_channels(found, (ChannelSpec("acc", unit="g", scale=1.0),), None, "x.csv")
 
 
 def test_rows_of_one_file_must_agree_in_unit_rate_and_start() -> None:

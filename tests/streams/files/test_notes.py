@@ -52,5 +52,5 @@ def test_a_text_without_a_known_key_is_none(tmp_path: Path) -> None:
 def test_another_sensitivity_than_the_configured_one_is_refused(tmp_path: Path) -> None:
     path = wav(tmp_path, "Unit: V\nSensitivity: 50 mV/g\n")
     assert read(path, unit="V", sensitivity_mv_per_g=50.2).values.max() == pytest.approx(9.80665 * 1e3 / 50.2, rel=1e-3)
-    with pytest.raises(RecordingError, match="50 mV/g by the recording, sensitivity_mv_per_g = 100"):
+    with pytest.raises(RecordingError, match="50 mV/g by the recording, 100 by sensitivity_mv_per_g"):
         read(path, unit="V", sensitivity_mv_per_g=100.0)

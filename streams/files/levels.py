@@ -1,0 +1,149 @@
+"""What the numbers of a row mean: their unit, the sensitivity of the sensor, what one count is."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from streams.files.statements import is_of_counts, multiple_of
+from streams.types.block import STANDARD_GRAVITY
+from streams.types.large import elementwise
+from streams.types.samples import DIGITAL, FRACTIONS, SCALED, VALUES, ReaderError, Samples
+from streams.types.spec import UNITS, ChannelSpec
+
+_LEVEL_TOLERANCE = 0.01
+
+
+def rows_as_stored(
+    samples: Samples, channels: Sequence[ChannelSpec], rows: Sequence[int], where: str
+) -> frozenset[int]:
+    """Return the rows that channels take in V, or scale themselves.
+
+    Raises:
+        ReaderError: ``wrong_unit`` where the recording states another sensitivity, or another value of one count.
+    """
+    for channel, row in zip(channels, rows, strict=True):
+        of_one_g = STANDARD_GRAVITY if channel.unit == "m/s2" else 1.0
+        scale = None if channel.scale is None or channel.unit not in ("g", "m/s2") else channel.scale / of_one_g
+        for key, unit, stated, given in (
+            ("sensitivity_mv_per_g", "mV/g", samples.sensitivities[row], channel.sensitivity_mv_per_g),
+            ("scale", "g a count", samples.count_scales[row], scale),
+        ):
+            if stated is not None and given is not None and abs(stated - given) > _LEVEL_TOLERANCE * abs(given):
+                reason = f"{stated:g} {unit} by the recording, {given:g} by {key}"
+                raise ReaderError("wrong_unit", f"{where}: channel {channel.name}: {reason}")
+    return frozenset(
+        row
+        for channel, row in zip(channels, rows, strict=True)
+        if channel.unit == "V" or channel.any_unit or channel.scale is not None
+    )
+
+
+def in_own_units(samples: Samples, as_stored: frozenset[int] = frozenset()) -> tuple[Samples, tuple[float, ...]]:
+    """Return the samples with our unit for each multiple of it, such as V for mV, and the factors still to apply.
+
+    Rows in V are in g where the file states the sensitivity, rows of counts where it states one count; but for those
+    that are wanted ``as_stored``.
+    """
+    both, stored = [multiple_of(unit) for unit in samples.units], list(samples.stored)
+    for row, (unit, level, count) in enumerate(
+        zip(samples.units, samples.sensitivities, samples.count_scales, strict=True)
+    ):
+        if row in as_stored:
+            continue
+        if both[row][0] == "V" and level is not None:
+            both[row] = "g", both[row][1] * 1e3 / level
+        elif count is not None and is_of_counts(unit):
+            both[row], stored[row] = ("g", count), SCALED
+    units = tuple(own or None for own, _ in both)
+    return replace(samples, units=units, stored=tuple(stored)), tuple(factor for _, factor in both)
+
+
+def scaled_by(samples: Samples, factors: Sequence[float]) -> Samples:
+    """Return samples whose rows are multiplied by a factor each."""
+    if all(factor == 1.0 for factor in factors):
+        return samples
+    column = np.array(factors, samples.values.dtype)[:, np.newaxis]
+    return replace(samples, values=elementwise(lambda values: values * column, samples.values, 1))
+
+
+def check_unit(stated: str | None, name: str, where: str) -> None:
+    """Raise ReaderError ``wrong_unit`` for a row without a channel whose unit is none of ours."""
+    if stated is None:
+        raise ReaderError("wrong_unit", f"{where}: no unit is stated; give [[channel]] unit")
+    if stated not in UNITS:
+        raise ReaderError("wrong_unit", f"{where}: {name} is in {stated!r}; expected one of {', '.join(UNITS)}")
+    if stated == "V":
+        raise ReaderError("wrong_unit", f"{where}: in V; give [[channel]] sensitivity_mv_per_g or a side-car")
+
+
+def unit_of(samples: Samples, row: int, channel: ChannelSpec, where: str) -> str:
+    """Return the unit of a row by the recording and the channel.
+
+    Raises:
+        ReaderError: ``wrong_unit`` where neither states one, they differ, or both scale it.
+    """
+    if channel.any_unit:
+        return "unknown"
+    stated, configured = samples.units[row], channel.unit
+    if channel.scale is not None and is_of_counts(stated):
+        stated = None
+    where = f"{where}: channel {channel.name}"
+    if samples.scaled and channel.scale not in (None, 1.0):
+        reason = f"the side-car scales it already, and so does scale = {channel.scale:g}"
+        raise ReaderError("wrong_unit", f"{where}: {reason}")
+    if stated is None and configured is None:
+        raise ReaderError("wrong_unit", f"{where}: no unit is stated; give [[channel]] unit")
+    if configured is not None and stated not in (None, "unknown", configured):
+        hint = f'; write unit = "{stated}"' if stated in UNITS else ""
+        raise ReaderError("wrong_unit", f"{where}: the recording is in {stated}, unit = {configured!r}{hint}")
+    if configured is None and (stated not in UNITS or stated == "V"):
+        raise ReaderError("wrong_unit", f"{where}: the recording is in {stated}; give [[channel]] unit")
+    return configured or stated or "unknown"
+
+
+def factor_of(samples: Samples, row: int, channel: ChannelSpec, range_g: float | None, where: str) -> float:
+    """Return the factor that ``range_g`` gives a row that no scale is given for; 1 for all others.
+
+    Raises:
+        ReaderError: ``wrong_unit`` where the row holds integers and nothing states what they mean.
+    """
+    stored = samples.stored[row]
+    if stored in (VALUES, SCALED, DIGITAL) or channel.unit == "unknown" or channel.scale is not None:
+        return 1.0
+    if stored == FRACTIONS and range_g is not None and not samples.scaled:
+        of_one_g = {"m/s2": STANDARD_GRAVITY, "V": 1e-3 * (channel.sensitivity_mv_per_g or 0.0)}
+        return range_g * of_one_g.get(channel.unit or "g", 1.0)
+    meant, other = f"the {channel.unit} of one count", ""
+    if stored == FRACTIONS:
+        meant, other = f"the {channel.unit} at full scale", ", or [[source]] range_g, the g at full scale"
+    raise ReaderError(
+        "wrong_unit",
+        f"{where}: holds {stored}, and nothing states their level; give [[channel]] scale, {meant} "
+        f"(a side-car may too){other}",
+    )
+
+
+def level_in_words(samples: Samples, row: int, channel: ChannelSpec, unit: str, range_g: float | None) -> str:
+    """Return in words what states the level of a row: its unit and, of integers, what they mean."""
+    stated, stored, scale = samples.units[row], samples.stored[row], channel.scale
+    parts = [f"{unit} ({'configured' if stated is None else 'stated by the file or its side-car'})"]
+    if unit == "V":
+        parts.append(f"{channel.sensitivity_mv_per_g:g} mV per g")
+    if stored == SCALED:
+        parts.append("integers, scaled as the file or its side-car states")
+    elif stored != VALUES and unit != "unknown":
+        meant = "full scale is" if stored == FRACTIONS else "one count is"
+        level = "not stated"
+        if scale is not None:
+            level = f"{scale:g} {unit} (scale)"
+        elif stored == FRACTIONS and range_g is not None:
+            level = f"{range_g:g} g (range_g)"
+        parts.append(f"integers, {meant} {level}")
+    elif samples.scaled:
+        parts.append("scaled by the side-car")
+    elif scale not in (None, 1.0):
+        parts.append(f"times {scale:g} (scale)")
+    return ", ".join(parts)
