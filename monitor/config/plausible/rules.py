@@ -29,13 +29,13 @@ class DoubtRule:
 
 RULES: dict[str, DoubtRule] = {
     "speed": DoubtRule(
-        "speeds, also of files", "more than the bearing bears: rpm", "more than usual; below 0.02 Hz", refused=True
+        "speeds, also of files", "beyond the bearing: rpm", "more than usual; below 0.02 Hz", refused=True
     ),
     "speed_limits": DoubtRule("`min_speed_hz`, `max_speed_hz`, `speed_range_hz`", "without `speed_hz`"),
     "geometry": DoubtRule(
         "`[[bearing]]`",
         "elements overlap; pitch below 2 mm: inches",
-        "elements far apart; angle in rad; clearance above 5 % of an element",
+        "elements far apart; angle in rad; clearance above 5 %",
         refused=True,
     ),
     "load": DoubtRule("loads, also of files", "above 5 C, below C/2000 (dynamic rating C): kN", "above C, below C/500"),
@@ -58,7 +58,7 @@ RULES: dict[str, DoubtRule] = {
     ),
     "settle": DoubtRule("`settle_s`", "", "over 10 minutes: ms"),
     "tacho_rate": DoubtRule("`pulses_per_revolution`", "under 2.5 samples a pulse"),
-    "mains": DoubtRule("fault lines", "", "on multiples of 50 or 60 Hz, not removed"),
+    "mains": DoubtRule("fault lines", "", "on multiples of 50, 60 Hz"),
     "sensitivity": DoubtRule("`sensitivity_mv_per_g`", "outside 1 to 10000: V/g", refused=True),
     "duplicate": DoubtRule("`column`, `key`, `url`", "read twice for one bearing"),
     "learning": DoubtRule("`learn_hours`, `learn_blocks`", "", "over 90 days, under 10 blocks"),
@@ -68,8 +68,8 @@ RULES: dict[str, DoubtRule] = {
     ),
     "level_unlearned": DoubtRule("`alert_sd`, `alert_factor`", "added after learning"),
     "threshold": DoubtRule("`threshold_mm2`", "beyond the map; above (element diameter)²", "above a tenth of that"),
-    "damage": DoubtRule("`track`", "no map, library or unit, or outside them", "rig not calibrated"),
-    "rig": DoubtRule("`[rig]`", "", "claims more than it states"),
+    "damage": DoubtRule("`track`", "map, library or unit missing", "rig not calibrated"),
+    "rig": DoubtRule("`[rig]`", "", "unproven claims"),
     "place": DoubtRule("`url`", "folder does not exist", "empty, partly closed, or a recording"),
     "access": DoubtRule("`tcp://`, `mqtt://`", "no key, unusable files", "`peers` without key, weak key"),
     "extra": DoubtRule("`[publish]`, `[notify]`, `opcua`", "packages missing"),
@@ -79,7 +79,8 @@ RULES: dict[str, DoubtRule] = {
     "refused": DoubtRule("the file", "`run` refuses it"),
     "file": DoubtRule("first, last file", "would be rejected"),
     "dating": DoubtRule("dates", "contradictory", "none"),
-    "clocks": DoubtRule("dates of two sources", "", "hours apart, or never together"),
+    "clock": DoubtRule("dates", "", "flagged `clock`"),
+    "clocks": DoubtRule("dates", "", "two sources hours apart or never together"),
     "tacho": DoubtRule("pulses", "give no angle"),
     "file_speed": DoubtRule("speed of files", "60 times `speed_hz`, or a 60th", "a quarter off"),
     "constant": DoubtRule("samples", "all equal"),
@@ -89,7 +90,7 @@ RULES: dict[str, DoubtRule] = {
     "bias": DoubtRule("mean", "7 to 14 V: bias"),
     "gravity": DoubtRule("mean", "gravity in the other unit"),
     "high_level": DoubtRule("level", "above 100 g RMS, 1000 g peak or `range_g`"),
-    "low_level": DoubtRule("level", "below 0.1 mg RMS", "below 3 mg: resting; in one of two files"),
+    "low_level": DoubtRule("level", "below 0.1 mg RMS", "below 3 mg; in one of two"),
     "alternating": DoubtRule("files", "alternate between two sensors"),
     "same_signal": DoubtRule("two channels", "one signal, or a multiple"),
 }
@@ -97,11 +98,14 @@ RULES: dict[str, DoubtRule] = {
 
 
 def rules_table() -> str:
-    """Return the table of docs/reference/configuration.md, in Markdown."""
-    rows = [
-        f"|{rule.about}|{rule.problem}{' **!**' if rule.refused else ''}|{rule.warning}|" for rule in RULES.values()
-    ]
-    return "\n".join(["|what|problem|warning|", "|---|---|---|", *rows])
+    """Return the table of docs/reference/configuration.md, in Markdown; rules about the same share a row."""
+    rows: dict[str, tuple[list[str], list[str]]] = {}
+    for rule in RULES.values():
+        problems, warnings = rows.setdefault(rule.about, ([], []))
+        problems += [rule.problem + (" **!**" if rule.refused else "")] if rule.problem else []
+        warnings += [rule.warning] if rule.warning else []
+    lines = [f"|{about}|{'; '.join(problems)}|{'; '.join(warnings)}|" for about, (problems, warnings) in rows.items()]
+    return "\n".join(["|what|problem|warning|", "|---|---|---|", *lines])
 
 
 @dataclass(frozen=True)

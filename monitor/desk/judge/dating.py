@@ -76,8 +76,11 @@ def preview_dating(config: Config, section: SourceSection) -> DatingPreview | No
         recording = Recording(spec, files, data_set_of(spec, files, spec.format), kept)
         levels, view = recording.levels(), look_at(recording, config, section)
     except (SourceError, OSError) as error:
-        came = f"nothing dates its blocks yet: {error}"
-        return DatingPreview(None, "not known", doubts=(said("dating", "problem", "files that can be dated", came),))
+        if any(word in str(error) for word in ("date", "start_utc")):
+            doubt = said("dating", "problem", "files that can be dated", f"nothing dates its blocks yet: {error}")
+        else:
+            doubt = said("file", "problem", "files that fit the configuration", f"no block comes of its files: {error}")
+        return DatingPreview(None, "not known", doubts=(doubt,))
     choice = recording.dating
     by, text = (None, "by the data set") if choice is None else (choice.by, choice.describe())
     if choice is not None and len(paths) == 1 and choice.group is not None and choice.interval is None:

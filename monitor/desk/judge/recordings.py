@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import islice
 from typing import TYPE_CHECKING, Any
 
@@ -20,7 +20,8 @@ from monitor.config.plausible.machine import load_doubts, speed_doubt
 from monitor.config.plausible.rules import JudgedConfig, SourceFacts, key_words, place_of
 from monitor.config.positions import Place
 from monitor.config.source import ChannelSection, SourceSection
-from monitor.health.signal.quality import check_samples
+from monitor.health.block_time import timed
+from monitor.health.signal.quality import OrderState, check_samples
 from streams.files.plausible import SignalLevel, level_of, of_one_g
 from streams.types.block import Block, Rejected, to_si
 from streams.types.samples import Samples
@@ -67,23 +68,23 @@ def look_at(recording: Recording, config: Config, section: SourceSection) -> Rec
     Raises:
         SourceError: files contradict each other.
     """
-    first, refused = _first_items(recording)
     subject = JudgedConfig(config)
+    begun = _FirstBlocks.read(recording, subject)
+    first = begun.first
     loaded = recording.ends()
     found = [*_rejections(subject, section, loaded), *_levels(subject, section, loaded)]
     if first is not None:
-        found += [*_same(subject, first), *_speeds(subject, first), *_load(subject, first)]
+        found += [*_same(subject, first), *_speeds(subject, first), *_load(subject, first), *begun.clock(section)]
+    shapes = begun.shapes
     if len(loaded) > 1:
-        between: list[Loaded] = []
-        found += _alternating(subject, _rows_of_files(recording, between))
+        shapes, between = _first_files(recording, config)
         ends = {file.path for file in loaded}
         found += _rejections(subject, section, [file for file in between if file.path not in ends])
-    else:
-        found += _alternating(subject, _rows_of_blocks(recording))
+    found += _alternating(subject, shapes)
     facts = SourceFacts()
     if first is not None:
         facts = SourceFacts(first.rate, first.duration, _speed_of(config, first), *_clock_of(loaded))
-    return RecordingView(tuple(_end_words(config, loaded)), first, refused, facts, tuple(found))
+    return RecordingView(tuple(_end_words(config, loaded)), first, begun.refused, facts, tuple(found))
 
 
 def _clock_of(loaded: Sequence[Loaded]) -> tuple[tuple[float, float] | None, float | None]:
@@ -117,13 +118,53 @@ def recording_doubts(config: Config, section: SourceSection, path: str | None) -
     return [*find_doubts(config, facts), *(doubt for doubt in view.doubts if doubt.rule != "file")]
 
 
-def _first_items(recording: Recording) -> tuple[Block | None, Rejected | None]:
-    refused = None
-    for item in islice(recording, MAX_OPENED):
-        if not isinstance(item, Rejected):
-            return item, refused
-        refused = refused or item
-    return None, refused
+Shapes = dict[str, list[tuple[float, ...]]]
+"""Of each channel, what tells sensors apart in consecutive files or blocks, as :func:`shape_of` gives it."""
+
+
+def _note_shapes(shapes: Shapes, config: Config, names: Sequence[str], rows: NDArray[Any]) -> None:
+    channels = {channel.name for channel in config.channel}
+    for name, row in zip(names, rows, strict=True):
+        if name in channels:
+            shapes.setdefault(name, []).append(shape_of(row[:_MAX_SAMPLES]))
+
+
+@dataclass
+class _FirstBlocks:
+    """The first block, the first rejection before it, and what some blocks show together."""
+
+    subject: JudgedConfig
+    first: Block | None = None
+    refused: Rejected | None = None
+    shapes: Shapes = field(default_factory=dict)
+    doubted: list[tuple[str, str]] = field(default_factory=list)
+    count: int = 0
+
+    @classmethod
+    def read(cls, recording: Recording, subject: JudgedConfig) -> _FirstBlocks:
+        """Read blocks for at most ``_MAX_COMPARED_S``, but until one comes."""
+        found, order, began = cls(subject), OrderState(), time.monotonic()
+        for item in islice(recording, MAX_OPENED):
+            if isinstance(item, Rejected):
+                found.refused = item if found.refused is None and found.first is None else found.refused
+                continue
+            found.first = found.first or item
+            order, judged = timed(order, item, None)
+            if judged.judged.doubt:
+                found.doubted.append((item.name, judged.judged.doubt))
+            _note_shapes(found.shapes, subject.config, item.channels, item.samples)
+            found.count += 1
+            if found.count >= _MAX_COMPARED or time.monotonic() - began > _MAX_COMPARED_S:
+                break
+        return found
+
+    def clock(self, section: SourceSection) -> Iterator[Doubt]:
+        """Yield that the clock of blocks is doubted, with the first of them."""
+        if self.doubted:
+            name, why = self.doubted[0]
+            came = f"{len(self.doubted)} of the first {self.count} blocks have the flag clock; {name}: {why}"
+            place = place_of(self.subject.config, "source", section.name, "url")
+            yield self.subject.doubt("clock", "warning", place, "times that follow each other", came)
 
 
 def _rows(config: Config, file: Loaded) -> Iterator[tuple[ChannelSection, NDArray[Any]]]:
@@ -284,36 +325,24 @@ def _is_close(stated: float, configured: float | None) -> bool:
     return configured is not None and math.isclose(stated, configured, rel_tol=1e-3)
 
 
-NamedRows = Iterator[tuple[tuple[str, ...], NDArray[Any]]]
-"""Names of channels, and their rows, of files or blocks."""
-
-
-def _rows_of_files(recording: Recording, refused: list[Loaded]) -> NamedRows:
-    """Yield the rows of the first files; those that would be rejected are put into ``refused``."""
+def _first_files(recording: Recording, config: Config) -> tuple[Shapes, list[Loaded]]:
+    """Return the shapes of the first files, and those that would be rejected."""
+    shapes: Shapes = {}
+    refused: list[Loaded] = []
+    began = time.monotonic()
     for file in recording.first_files(_MAX_COMPARED):
         if isinstance(file.result, Samples):
-            yield file.result.channels, file.result.values
+            _note_shapes(shapes, config, file.result.channels, file.result.values)
         else:
             refused.append(file)
-
-
-def _rows_of_blocks(recording: Recording) -> NamedRows:
-    blocks = (item for item in islice(recording, _MAX_COMPARED) if not isinstance(item, Rejected))
-    yield from ((block.channels, block.samples) for block in blocks)
-
-
-def _alternating(subject: JudgedConfig, parts: NamedRows) -> Iterator[Doubt]:
-    """Yield the channels whose files, or blocks, alternate between two levels or spectra, as two sensors do."""
-    config = subject.config
-    channels = {channel.name for channel in config.channel}
-    shapes: dict[str, list[tuple[float, ...]]] = {}
-    began = time.monotonic()
-    for names, rows in parts:
-        for name, row in zip(names, rows, strict=True):
-            if name in channels:
-                shapes.setdefault(name, []).append(shape_of(row[:_MAX_SAMPLES]))
         if time.monotonic() - began > _MAX_COMPARED_S:
             break
+    return shapes, refused
+
+
+def _alternating(subject: JudgedConfig, shapes: Shapes) -> Iterator[Doubt]:
+    """Yield the channels whose files, or blocks, alternate between two levels or spectra, as two sensors do."""
+    config = subject.config
     for name, found in shapes.items():
         for what, values in zip(_SHAPES, zip(*found, strict=True), strict=True):
             ratio = alternates(values)

@@ -54,6 +54,7 @@ class Waiting:
     source: str = f"rate_hz = {RATE}\nblock_s = 1"
     channel: str = 'unit = "g"'
     sidecar: dict[str, Any] | None = None
+    years: tuple[int, ...] = ()
 
 
 def noise(seed: int, level: float = 1.0) -> np.ndarray:
@@ -81,6 +82,7 @@ STATED = {"rate_hz": RATE}
 WHOLE = f'rate_hz = {RATE}\nblock_s = "file"'
 VOLTS: dict[str, Any] = {"channel": 'unit = "V"\nsensitivity_mv_per_g = 100'}
 RANGE: dict[str, Any] = {"source": f"rate_hz = {RATE}\nblock_s = 1\nrange_g = 8\n[detect]\nend_of_life_peak_g = 7"}
+BACK = Waiting(tuple(map(noise, range(5))), years=(2026, 2026, 2006, 2006, 2026))
 ALTERNATING = Waiting(tuple(noise(number, 1.0 + number % 2) for number in range(8)))
 DRIFTING = Waiting(tuple(noise(number, 1.0 + 0.1 * number) for number in range(8)))
 
@@ -111,6 +113,13 @@ CASES_OF_FILES: list[tuple[str, str, str, Waiting, Waiting]] = [
     ("end_of_life", "warning", "detect.end_of_life_peak_g", both(lambda x: 8.0 * x), both(lambda x: 3.0 * x)),
     ("constant", "problem", "channel[y]", changed(1, np.full(2 * RATE, 0.3)), ONE),
     ("numbers", "problem", "channel[y]", changed(1, np.append(noise(3)[0, 1:], np.nan)), ONE),
+    (
+        "clock",
+        "warning",
+        "source[s].url",
+        Waiting(tuple(map(noise, range(5))), years=(2026, 2026, 2006, 2006, 2026)),
+        ONE,
+    ),
     ("flagged", "warning", "channel[y]", changed(1, np.append(noise(3)[0, RATE:], np.zeros(RATE))), ONE),
     ("clipping", "warning", "channel[y]", changed(1, np.clip(noise(3)[0], -1.0, 1.0)), ONE),
     ("same_signal", "problem", "channel[y]", changed(1, 9.81 * noise(1)[0]), ONE),
@@ -185,7 +194,8 @@ ELSEWHERE = {
 def checked(folder: Path, waiting: Waiting) -> list[dict[str, Any]]:
     (folder / "in").mkdir(parents=True)
     for number, values in enumerate(waiting.files):
-        path = folder / "in" / f"2024-01-02_10-00-{2 * number:02d}.npy"
+        year = waiting.years[number] if waiting.years else 2024
+        path = folder / "in" / f"{number}_{year}-01-02_10-00-{2 * number:02d}.npy"
         np.save(path, values)
         if waiting.sidecar is not None:
             path.with_name(f"{path.name}.json").write_text(json.dumps(waiting.sidecar))
