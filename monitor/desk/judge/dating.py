@@ -87,9 +87,10 @@ def preview_dating(config: Config, section: SourceSection) -> DatingPreview | No
         # Its only file may still grow: the daemon sees its end, and with it the step.
         choice = replace(choice, step=None)
     remarks = tuple(said("dating", "warning", "one date for each block", remark) for remark in recording.remarks)
+    named = any("do not fit those of the other files" in remark for remark in recording.remarks)
     found = DatingPreview(
         *(by, text),
-        doubts=(*locked, *remarks, *view.doubts),
+        doubts=(*locked, *remarks, *(doubt for doubt in view.doubts if not (named and doubt.rule == "clock"))),
         facts=view.facts,
         levels=levels,
         ends=view.ends,
