@@ -68,10 +68,9 @@ def _files(plan: Plan, written: Written, index: int) -> list[TrueFile]:
     right = index not in plan.wrong_clock
     start: float | None = wall.timestamp() if written.zone_stated else wall.replace(tzinfo=UTC).timestamp()
     if plan.fault == "autumn" and not written.zone_stated and wall.fold:
-        # Nobody is shown that it was set back by a clock that is beyond all that it showed before, nor by names alone,
-        # which sort the files by it.
-        shown = [plan.wall(each).replace(tzinfo=None) for each in range(index)]
-        right = wall.replace(tzinfo=None) > max(shown) or plan.dating in ("name", "folder")
+        # A clock that was set back shows it once; names alone, which sort the files by it, never do.
+        before = plan.wall(index - 1).replace(tzinfo=None)
+        right = wall.replace(tzinfo=None) > before or plan.dating in ("name", "folder")
     if plan.dating == "none" or not right:
         start = None
     lost = plan.lost if index == len(plan.starts) - 1 else ""
