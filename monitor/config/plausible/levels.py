@@ -14,6 +14,7 @@ from streams.files.plausible import SignalLevel, of_one_g
 from streams.types.block import STANDARD_GRAVITY
 
 _MAX_RMS_G, _MAX_PEAK_G = 100.0, 1000.0
+_USUAL_RMS_G, _MAX_MEAN_G = 30.0, 10.0
 _MIN_RMS_G = 1e-4
 """RMS below which a signal is the noise of a good accelerometer, or in another unit."""
 _RESTING_RMS_G = STOPPED_RMS / STANDARD_GRAVITY
@@ -56,12 +57,18 @@ def _level_doubts(level: SignalLevel, unit: str, one_g: float) -> list[Doubt]:
     elif unit == "m/s2" and 0.95 <= abs(level.mean) <= 1.05 and level.rms < 5.0:
         words = f"its mean is {level.mean:.3g} m/s2, which is gravity in g: is the unit g?"
         found.append(_doubt("gravity", "a mean of 0, or 9.81 m/s2 of gravity", words))
+    elif abs(mean) > _MAX_MEAN_G:
+        words = f"its mean is {mean:.3g} g, an offset that the peak would contain"
+        found.append(_doubt("bias", f"a mean up to {_MAX_MEAN_G:g} g", words))
     if rms > _MAX_RMS_G or peak > _MAX_PEAK_G:
         words = (
             f"an RMS of {rms:.3g} g with peaks of {peak:.3g} g is more than machines have: is the unit another one, "
             "such as m/s2, mV or counts?"
         )
         found.append(_doubt("high_level", f"an RMS up to {_MAX_RMS_G:g} g, peaks up to {_MAX_PEAK_G:g} g", words))
+    elif rms > _USUAL_RMS_G:
+        words = f"an RMS of {rms:.3g} g is more than most machines have"
+        found.append(_doubt("high_level", f"an RMS up to {_USUAL_RMS_G:g} g", words, "warning"))
     elif rms < _MIN_RMS_G:
         words = f"an RMS of {rms:.2g} g is less than the noise of usual sensors: is it V, or scaled twice?"
         found.append(_doubt("low_level", f"an RMS of at least {_MIN_RMS_G:g} g", words))

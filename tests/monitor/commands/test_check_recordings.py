@@ -82,6 +82,7 @@ STATED = {"rate_hz": RATE}
 WHOLE = f'rate_hz = {RATE}\nblock_s = "file"'
 VOLTS: dict[str, Any] = {"channel": 'unit = "V"\nsensitivity_mv_per_g = 100'}
 RANGE: dict[str, Any] = {"source": f"rate_hz = {RATE}\nblock_s = 1\nrange_g = 8\n[detect]\nend_of_life_peak_g = 7"}
+HIGH: dict[str, Any] = {"source": f"rate_hz = {RATE}\nblock_s = 1\n[detect]\nend_of_life_peak_g = 150"}
 BACK = Waiting(tuple(map(noise, range(5))), years=(2026, 2026, 2006, 2006, 2026))
 ALTERNATING = Waiting(tuple(noise(number, 1.0 + number % 2) for number in range(8)))
 DRIFTING = Waiting(tuple(noise(number, 1.0 + 0.1 * number) for number in range(8)))
@@ -105,6 +106,8 @@ CASES_OF_FILES: list[tuple[str, str, str, Waiting, Waiting]] = [
         both(lambda x: x + 9.81, channel=IN_SI),
     ),
     ("bias", "problem", "channel[x]", both(lambda x: 0.1 * x + 10.5, **VOLTS), both(lambda x: 0.1 * x + 0.5, **VOLTS)),
+    ("high_level", "warning", "channel[x].unit", both(lambda x: 40.0 * x, **HIGH), both(lambda x: 20.0 * x, **HIGH)),
+    ("bias", "problem", "channel[x]", both(lambda x: x + 12.0), both(lambda x: x - 1.5)),
     ("high_level", "problem", "channel[x].unit", both(lambda x: 300.0 * x), both(lambda x: 3.0 * x)),
     ("high_level", "problem", "source[s].range_g", both(lambda x: 3.0 * x, **RANGE), plain(**RANGE)),
     ("low_level", "problem", "channel[x].unit", both(lambda x: 1e-5 * x), both(lambda x: 0.01 * x)),
