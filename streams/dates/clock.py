@@ -25,6 +25,8 @@ _MAX_PAUSE_S = 180 * DAY
 _MAX_AHEAD_S = 60.0
 _MAX_INTERVALS = 2.5
 """A longer step, in usual intervals, is a gap."""
+_MIN_SHARE = 0.9
+"""Part of a block that the next one must be later."""
 _MIN_BLOCKS, _MAX_BLOCKS = 1.5, 2.5
 """Usual intervals from the last block but one, where the one between was ahead for itself."""
 STEADY_BLOCKS = 3
@@ -96,7 +98,7 @@ def _in_right_hour(state: ClockState, seen: TimeObservation) -> tuple[TimeObserv
         # What changes with the file is near the right one, or near none.
         if source == "mtime" and min(abs(lag), abs(lag - statement.repeated_s)) <= min(_AGREE_S, half):
             return (seen if abs(lag) < abs(lag - statement.repeated_s) else later), 0.0
-    if state.time is None:
+    if state.time is None or statement.hour_is_open:
         return seen, statement.repeated_s
     least = state.time if state.given is None else max(state.time, state.given)
     if seen.time <= least:
@@ -136,6 +138,11 @@ def _contradicted(state: ClockState, seen: TimeObservation) -> str | None:
     before = f"the block before ({utc_text(state.time)})"
     if step <= 0.0:
         return f"{text}, {span_text(-step)} before {before}" if step else f"{text}, as {before} does"
+    overlap = state.length - step
+    # Those of some loggers overlap by themselves.
+    usual = max(state.length - (state.interval or 0.0), 0.0) + (1.0 - _MIN_SHARE) * state.length
+    if seen.resolution is not None and overlap > max(usual, 2.0 * seen.resolution):
+        return f"{text}, {span_text(overlap)} before the end of the block before"
     by_others = _by_witness(state, seen)
     limit = _MAX_INTERVALS * (1 + state.doubted) * (state.interval or step)
     if step > limit and by_others is not None:

@@ -156,8 +156,8 @@ class Dater:
         if stamp is not None and start is not None:
             stated = by_name(stamp, start, self._spec.timezone, {"header": samples.start, "mtime": ended})
             place = self._place(path)
-            if place is not None and (place.placed_s is not None or not place.is_known):
-                stated = replace(stated, placed_s=place.placed_s, margin_s=place.margin_s, has_place=place.is_known)
+            if place is not None:
+                stated = places.placed(stated, place)
         return replace(samples, start=start, elapsed=None, joins=False, stated=stated)
 
     def _by_header(self, samples: Samples, start: float, path: str, ended: float | None) -> Samples:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import itertools
 import re
 import statistics
+from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -16,7 +17,7 @@ from streams.dates.clock import is_reset
 from streams.dates.dating import numbers_of
 from streams.types.listing import natural_key
 from streams.types.stamps import Order, Stamp, repeated_by, utc_text
-from streams.types.times import MIN_TIME
+from streams.types.times import MIN_TIME, TimeStatement
 
 _DAY = 86400.0
 _ERA_S = 30 * _DAY
@@ -61,12 +62,14 @@ class Place:
         rank: from 0.
         placed_s: what its neighbours add to the stated time, None where that is believed; ``margin_s`` its uncertainty.
         is_known: whether anything tells its place.
+        hour_is_open: whether nothing tells which of two equal local hours it is of.
     """
 
     rank: int
     placed_s: float | None = None
     margin_s: float = 0.0
     is_known: bool = True
+    hour_is_open: bool = False
 
 
 def named_time(path: str, stamp: Stamp, order: Order | None, zone: str) -> NamedTime | None:
@@ -136,22 +139,34 @@ def places_of(named: Sequence[NamedTime], counter: int | None, changes: Mapping[
         counter: which number counts files, see :func:`counter_in`.
         changes: time of the last change of each file, s since 1970 UTC; {} where not known.
     """
-    ordered = _in_hours(named, changes)
+    ordered, is_open = _in_hours(named, changes)
     if counter is not None:
+        is_open = set()
         ordered.sort(key=lambda one: (counted(one, counter) is None, counted(one, counter) or 0))
     wrong = _wrong(ordered)
     if counter is not None:
         wrong |= _ahead(_through_hour(ordered), wrong)
     if not wrong:
-        return {one.path: Place(rank) for rank, one in enumerate(ordered)}
+        return {one.path: Place(rank, hour_is_open=one.path in is_open) for rank, one in enumerate(ordered)}
     if counter is None:
         right = [one for one in ordered if one.path not in wrong]
         if not _go_together(right, changes):
             last = [one for one in ordered if one.path in wrong]
-            known = {one.path: Place(rank) for rank, one in enumerate(right)}
+            known = {one.path: Place(rank, hour_is_open=one.path in is_open) for rank, one in enumerate(right)}
             return known | {one.path: Place(rank, is_known=False) for rank, one in enumerate(last, len(right))}
         ordered.sort(key=lambda one: changes[one.path])
     return _between(ordered, wrong)
+
+
+def placed(stated: TimeStatement, place: Place) -> TimeStatement:
+    """Return what a name states with what the others add."""
+    return replace(
+        stated,
+        placed_s=place.placed_s,
+        margin_s=place.margin_s,
+        hour_is_open=place.hour_is_open,
+        has_place=place.is_known,
+    )
 
 
 def wrong_words(named: Iterable[NamedTime], places: Mapping[str, Place]) -> str | None:
@@ -163,13 +178,16 @@ def wrong_words(named: Iterable[NamedTime], places: Mapping[str, Place]) -> str 
     return f"{files} not fit those of the other files ({wrong[0].path}: {utc_text(wrong[0].time)})"
 
 
-def _in_hours(named: Iterable[NamedTime], changes: Mapping[str, float]) -> list[NamedTime]:
+def _in_hours(named: Sequence[NamedTime], changes: Mapping[str, float]) -> tuple[list[NamedTime], set[str]]:
     """Return the files in order of time, those of the second of two equal local hours behind those of the first.
 
     Of two files of the same time, the second in natural order is of the second hour; others are told by their changes.
+    The paths are of those of which nothing tells the hour.
     """
     found: list[tuple[float, tuple[tuple[int, int, str], ...], NamedTime]] = []
     seen: set[float] = set()
+    is_open: set[str] = set()
+    times = Counter(one.time for one in named if one.repeated_s)
     for one in sorted(named, key=lambda one: (one.time, natural_key(one.path))):
         time, changed = one.time, changes.get(one.path)
         if one.repeated_s:
@@ -178,9 +196,11 @@ def _in_hours(named: Iterable[NamedTime], changes: Mapping[str, float]) -> list[
             is_first = near is not None and abs(near) <= _AGREE_S < abs(near - one.repeated_s)
             if is_second or (time in seen and not is_first):
                 time += one.repeated_s
+            if not (is_first or is_second or times[one.time] > 1):
+                is_open.add(one.path)
             seen.add(one.time)
         found.append((time, natural_key(one.path), one))
-    return [one for *_, one in sorted(found, key=lambda row: row[:2])]
+    return [one for *_, one in sorted(found, key=lambda row: row[:2])], is_open
 
 
 def may_be_wrong(named: Iterable[NamedTime]) -> bool:

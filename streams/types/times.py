@@ -25,6 +25,7 @@ class TimeStatement:
         repeated_s: how much later it is in the second of two equal local hours; 0: the time occurs once.
         skipped_s: length of the hour that is left out, where the stated local time does not exist; else 0.
         placed_s: what other names show to be the time of a file whose clock was wrong, ``margin_s`` its uncertainty.
+        hour_is_open: whether the order of the files does not tell which of two equal local hours it is of.
         has_place: whether its place among the files is known.
         witnesses: other times of the same start, by source, such as the last change less the length.
     """
@@ -35,5 +36,6 @@ class TimeStatement:
     skipped_s: float = 0.0
     placed_s: float | None = None
     margin_s: float = 0.0
+    hour_is_open: bool = False
     has_place: bool = True
     witnesses: tuple[tuple[TimeSource, float], ...] = ()

@@ -197,3 +197,14 @@ def test_times_of_whole_seconds_are_no_drift() -> None:
     state, found = judged([float(int(T0 + 5.12 * k)) for k in range(200)], 5.12)
     assert not any(one.doubt for one in found)
     assert abs((state.drift or (9.0, 1.0))[0]) <= 1.0
+
+
+def test_a_block_that_begins_before_the_end_of_the_one_before_is_doubted_once() -> None:
+    follow = [T0 + 5.0 * k for k in range(10)]
+    stated = [*follow[:5], *(t - 3.0 for t in follow[5:])]
+    statements = [TimeStatement("header", 1e-3)] * 10
+    _, found = judged(stated, 5.0, statements)
+    assert [bool(one.doubt) for one in found] == [k == 5 for k in range(10)]
+    assert [one.time for one in found] == [*follow[:6], *stated[6:]]
+    # Those that overlap all the time are of such a logger.
+    assert not any(one.doubt for one in judged([T0 + 2.5 * k for k in range(10)], 5.0, statements)[1])

@@ -165,3 +165,14 @@ def test_more_files_of_a_clock_that_began_again_do_not_outweigh_those_of_one_tha
     order, places = placed(paths[::-1])
     assert order == paths
     assert times(paths[1:4], places) == [f"2026-03-28T12:{minute}:00Z" for minute in (10, 20, 30)]
+
+
+def test_where_nothing_tells_the_hour_it_is_open() -> None:
+    paths = [f"20261025_{hour}00.csv" for hour in ("0150", "0200", "0210", "0210_1", "0220", "0300")]
+    paths = [path.replace("_100", "00_1") for path in paths]
+    order, places = placed(paths[::-1], zone="Europe/Rome")
+    assert order == [*paths[:3], paths[4], paths[3], paths[5]]
+    assert [path for path in paths if places[path].hour_is_open] == [paths[1], paths[4]]
+    hours = ("0140", "0150", "0200", "0210", "0220", "0210", "0300")
+    counted = [f"{k:02d}_20261025_{hour}00.csv" for k, hour in enumerate(hours)]
+    assert not any(place.hour_is_open for place in placed(counted, zone="Europe/Rome")[1].values())
