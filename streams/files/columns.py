@@ -78,6 +78,12 @@ _OTHERS = re.compile(
     re.IGNORECASE,
 )
 
+_PROCESS = re.compile(
+    r"temp(?:erat|[\W_\d]|$)|humid|feuchte|(?:luft|öl)druck|pressure|pressione|torque|drehmoment|leistung|battery",
+    re.IGNORECASE,
+)
+"""Names that hold whatever unit a file states for all its rows."""
+
 
 @dataclass(frozen=True)
 class ColumnKind:
@@ -113,7 +119,7 @@ def kind_of(title: str, unit: str, values: NDArray[np.floating]) -> ColumnKind:
         return ColumnKind("load", "a load by its name or unit")
     if unit and not own:
         return ColumnKind("other", f"is in {unit}, no unit of acceleration")
-    if not own and _OTHERS.search(words):
+    if _PROCESS.search(title.rpartition("/")[2]) or (not own and _OTHERS.search(words)):
         return ColumnKind("other", f"is called {name!r}, which is no vibration")
     return ColumnKind("vibration")
 
@@ -239,8 +245,8 @@ def kinds_of(
         ]
     if not any(kind.kind == "vibration" for kind in found):
         found = [
-            ColumnKind("vibration") if kind.kind == "other" and not unit else kind
-            for kind, unit in zip(found, units, strict=True)
+            ColumnKind("vibration") if kind.kind == "other" and not (unit or _PROCESS.search(title)) else kind
+            for kind, title, unit in zip(found, titles, units, strict=True)
         ]
     return found
 

@@ -109,6 +109,9 @@ def command(
         raise InputError(
             str(error).replace("[[source]] survey: url: ", "").replace("[[source]] survey: ", "")
         ) from None
+    if not seen.vibration:
+        found = "; ".join(f"{shown(row.title)} {row.evidence}" for row in seen.all_rows)
+        raise InputError(f"{shown(path)}: no row of {shown(seen.first)} is vibration: {found}")
     with input_errors("--bearing"):
         check_bearings(seen, answers.bearings)
     talk = _Talk(ask=not yes, to_stderr=as_json, quiet=quiet)

@@ -390,3 +390,17 @@ def test_a_configured_channel_that_runs_on_is_refused(name: str, tmp_path: Path)
     process = ChannelSpec("c", column="n" if name == "x.h5" else 1, unit="unknown", any_unit=True)
     (item,) = open_source(SourceSpec("s", str(place), block_s="file", rate=RATE, channels=(process,)))
     assert isinstance(item, Block)
+
+
+@pytest.mark.parametrize("title", ["temperature", "Temp", "temp_1", "Temp. Lager", "Oil pressure", "Luftfeuchte"])
+def test_a_process_value_stays_one_where_a_file_states_one_unit_for_all(title: str) -> None:
+    assert kind_of(title, "m/s2", NOISE).kind == "other"
+    assert kind_of("template", "m/s2", NOISE).kind == "vibration"
+
+
+def test_init_says_what_the_rows_are_where_none_is_vibration(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    rows = "".join(f"{value:.4f},{61.0:.1f}\n" for value in NOISE)
+    (tmp_path / "x.csv").write_text(f"# fs=3200\nVelocity [mm/s],Temperature\n{rows}", encoding="utf-8")
+    result = CliRunner().invoke(command, ["x.csv", "--yes", "--bearing", "6205", "--speed-hz", "25"])
+    assert "no row of x.csv is vibration: Velocity [mm/s] is in mm/s" in str(result.exception)
