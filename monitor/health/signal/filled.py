@@ -88,7 +88,7 @@ def _exceed_chance(abrupt: NDArray[np.intp], total: int, length: int, chance: fl
 @lru_cache(maxsize=8)
 def _probes(size: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     """Return random places in a block, and those behind them: a constant step might be that of the gaps."""
-    places = np.sort(np.random.default_rng(size).integers(0, size - 1, _PROBES))
+    places = np.sort(np.random.default_rng(size).integers(1, size - 2, _PROBES))
     return places, places + 1
 
 
@@ -99,7 +99,8 @@ def _may_be_filled(samples: NDArray[np.floating]) -> bool:
     """
     if samples.size > 4 * _PROBES:
         first, second = _probes(samples.size)
-        if not np.count_nonzero(samples.take(first) == samples.take(second)):
+        hits = first[samples.take(first) == samples.take(second)]
+        if not hits.size or not np.any((samples[hits - 1] == samples[hits]) | (samples[hits + 2] == samples[hits])):
             return False
     same = samples[1:] == samples[:-1]
     if np.count_nonzero(same[1:] & same[:-1]) * _MIN_RUN < MIN_SHARE * samples.size:

@@ -21,6 +21,8 @@ from streams.types.samples import FRACTIONS, VALUES, ReaderError, Samples, check
 
 _EXACT_IN_FLOAT32 = ("PCM_S8", "PCM_U8", "PCM_16", "PCM_24", "FLOAT", "ALAW", "ULAW")
 _FLOATING = ("FLOAT", "DOUBLE")
+_UNKNOWN_FRAMES = 2**63 - 1
+"""Of FLAC without a length, which libsndfile cannot read."""
 _SAMPLE_BYTES = {
     "PCM_S8": 1, "PCM_U8": 1, "PCM_16": 2, "PCM_24": 3, "PCM_32": 4, "FLOAT": 4, "DOUBLE": 8, "ALAW": 1, "ULAW": 1,
 }  # fmt: skip
@@ -95,6 +97,9 @@ def read_wav(data: Data, name: str) -> Samples:
         with stream_of(data) as stream, soundfile.SoundFile(stream) as sound:
             dtype: Literal["float32", "float64"] = "float32" if sound.subtype in _EXACT_IN_FLOAT32 else "float64"
             stored = VALUES if sound.subtype in _FLOATING else FRACTIONS
+            if sound.frames >= _UNKNOWN_FRAMES:
+                reason = "the header does not state how many samples there are, as that of a stream; encode it again"
+                raise ReaderError("incomplete", f"{name}: {reason}")
             open_frames = _open_frames(data, sound, name)
             frames = sound.frames if open_frames is None else min(sound.frames, open_frames)
             check_claim(frames * sound.channels * np.dtype(dtype).itemsize, len(data), name)

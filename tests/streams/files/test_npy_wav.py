@@ -153,6 +153,16 @@ def test_sound_that_was_never_closed_is_incomplete(tail: bytes) -> None:
         read_wav(open_wav(COUNTS[:0], 0, tail), "x.wav")
 
 
+def test_flac_without_a_length_is_refused() -> None:
+    data = bytearray(wav_bytes(COUNTS / 2**15, "PCM_16", kind="FLAC"))
+    # The last 36 bits before the sum of its samples.
+    data[21] &= 0xF0
+    data[22:26] = bytes(4)
+    with pytest.raises(ReaderError, match=r"x\.flac: the header does not state how many samples there are") as caught:
+        read_wav(bytes(data), "x.flac")
+    assert caught.value.status == "incomplete"
+
+
 def rf64(samples: int, there: NDArray[np.int16], tail: bytes = LIST) -> bytes:
     sizes = struct.pack("<4sIQQQI", b"ds64", 28, 72 + samples + len(tail), samples, samples // 2, 0)
     return open_wav(there, 0xFFFFFFFF, tail, b"RF64", sizes)
