@@ -38,6 +38,8 @@ _MAX_COMPARED, _MAX_COMPARED_S = 8, 5.0
 """Files that are compared for sensors that alternate, and the time for it."""
 _MAX_SAMPLES = 1 << 21
 """Samples of a row that are judged."""
+_MAX_SAME_SAMPLES = 1 << 16
+"""The same where each row is compared with all others."""
 _SPEED_TOLERANCE = 0.25
 _MAX_LAG_CHANGE_S = 300.0
 _SHAPES = ("RMS", "mean frequency", "crest factor")
@@ -262,7 +264,7 @@ def _same(subject: JudgedConfig, block: Block) -> Iterator[Doubt]:
     """Yield the channels of a block that are one signal, though they name different columns."""
     config = subject.config
     channels = {channel.name: channel for channel in config.channel}
-    rows = {name: block.samples[row, :_MAX_SAMPLES] for row, name in enumerate(block.channels) if name in channels}
+    rows = {name: block.samples[row, :_MAX_SAME_SAMPLES] for row, name in enumerate(block.channels) if name in channels}
     for first, second, factor in same_signals(rows):
         one, other = channels[first], channels[second]
         if (one.column, one.key) == (other.column, other.key) != (None, None):

@@ -14,6 +14,8 @@ import numpy as np
 import pytest
 
 from monitor.config.plausible.rules import RULES
+from streams.files.load import Loader
+from streams.types.samples import Samples
 from tests.monitor.config.test_plausible import CASES
 from tests.support.commands import run_command
 
@@ -270,3 +272,18 @@ def test_the_lines_for_people_say_the_same_and_sum_up(tmp_path: Path) -> None:
     said = done.stdout.splitlines()
     assert f"problem: m.toml:8: operating.speed_hz: {problem['came']}; expected {problem['expected']}" in said
     assert said[-1] == "1 problem, 1 warning"
+
+
+def test_a_folder_of_many_files_is_judged_by_few(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    loaded: list[str] = []
+    load = Loader.load
+
+    def counted(loader: Loader, raw: Any, path: str, *others: Any, **keys: Any) -> Samples:
+        loaded.append(path)
+        return load(loader, raw, path, *others, **keys)
+
+    monkeypatch.setattr(Loader, "load", counted)
+    assert checked(tmp_path, Waiting(tuple(noise(number)[:, : 2 * RATE] for number in range(25)))) == []
+    # Ten for the blocks and files that are compared, two for the ends, and as many again for what dates them.
+    assert len(loaded) <= 25
+    assert len(set(loaded)) <= 11

@@ -345,3 +345,8 @@ def test_no_usual_machine_has_a_problem(changes: Changes) -> None:
     found = find_doubts(config)
     assert [doubt.text for doubt in found if doubt.severity == "problem"] == []
     assert refusals(found) == []
+
+
+def test_one_sensor_may_serve_two_bearings() -> None:
+    bearings = [{"name": "test", "designation": "6205"}, {"name": "other", "designation": "6206"}]
+    assert doubted({**TWO, "bearing": bearings, "channel.1.column": 1, "channel.1.bearing": "other"}) == []
