@@ -15,11 +15,11 @@ UNITS = {
 RATES = ("rate", "samplerate", "samplingrate", "samplingfrequency", "samplefrequency", "samplefreq", "samplingfreq",
           "fs", "fsample", "abtastrate", "abtastfrequenz", "messrate", "scanrate", "acquisitionrate", "datarate",
           "outputdatarate", "odr", "samplespersecond", "samplespersec", "sps", "frequencedechantillonnage",
-          "frecuenciademuestreo", "frequenzadicampionamento", "tauxdechantillonnage")  # fmt: skip
+          "frequenceechantillonnage", "frecuenciademuestreo", "frequenzadicampionamento", "tauxdechantillonnage")  # fmt: skip
 STEPS = ("dt", "deltat", "deltax", "wfincrement", "sampleinterval", "samplinginterval", "sampleperiod",
           "samplingperiod", "timestep", "timeincrement", "timeinterval", "xincrement", "abtastintervall",
-          "abtastzeit", "periodedechantillonnage", "pasdetemps", "pasdechantillonnage", "periododemuestreo",
-          "periododicampionamento")  # fmt: skip
+          "abtastzeit", "periodedechantillonnage", "periodeechantillonnage", "pasdetemps", "pasdechantillonnage",
+          "periododemuestreo", "periododicampionamento")  # fmt: skip
 HERTZ = {"": 1.0, "hz": 1.0, "khz": 1e3, "mhz": 1e6, "inhz": 1.0, "inkhz": 1e3}
 SECONDS = {"": 1.0, "s": 1.0, "sec": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "ins": 1.0, "inms": 1e-3, "inus": 1e-6}
 FACTORS = {
@@ -39,7 +39,17 @@ MOMENTS = (
     *("aufzeichnungsstart", "startzeitpunkt", "startdatum", "zeitpunkt", "zeitstempel", "datumuhrzeit", "datumzeit"),
     *("datumundzeit", "datumunduhrzeit", "datum", "zeit", "uhrzeit"),
     *("recordingstarted", "acquisitionstarted", "measurementstarted", "started", "debut", "debutdacquisition"),
-    *("debutdelamesure", "debutdemesure", "datededebut", "dateheure", "inicio", "fechayhora", "inizio", "dataeora"),
+    *(
+        "depart",
+        "debutdelamesure",
+        "debutdemesure",
+        "datededebut",
+        "dateheure",
+        "inicio",
+        "fechayhora",
+        "inizio",
+        "dataeora",
+    ),
 )
 """Keys of date and time of day in one; those of ``STARTS`` may state a day alone."""
 DATES = ("startdate", "date", "recordingdate", "acquisitiondate", "measurementdate", "testdate", "startdatum", "datum",
@@ -116,4 +126,5 @@ LIKE_RATE = {"": 1.0, "hz": 1.0, "khz": 1e3, "mhz": 1e6, "s/s": 1.0, "sps": 1.0,
 LIKE_STEP = {"s": 1.0, "sec": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "ns": 1e-9}
 MONTH_NAMED = r"\d{1,2}[- ][A-Za-z]{3,9}[- ](?:\d{4}|\d\d)|[A-Za-z]{3,9} \d{1,2}, \d{4}"
 NUMBER = re.compile(r"\s*([-+]?(?:\d[\d.,]*|[.,]\d+)(?:[eE][-+]?\d+)?)\s*(.*?)\s*")
+GROUPING_BLANKS = re.compile("(?<=\\d)[ \N{NO-BREAK SPACE}\N{NARROW NO-BREAK SPACE}](?=\\d{3}(?:\\D|$))")
 GROUPS = re.compile(r"[-+]?\d{1,3}([.,])\d{3}")

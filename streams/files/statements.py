@@ -22,6 +22,7 @@ from streams.files.keys import (
     COUNT,
     DATES,
     FACTORS,
+    GROUPING_BLANKS,
     GROUPS,
     KEYS,
     LEVEL_UNITS,
@@ -147,7 +148,7 @@ def number_in(value: object, place: str, units: Mapping[str, float], *, comma: b
         number = float(value)
         fits = math.isfinite(number) and "" in units
         return StatedNumber(place, f"{number:.10g}", (number * units[""],)) if fits else None
-    match = NUMBER.fullmatch(value) if isinstance(value, str) else None
+    match = NUMBER.fullmatch(GROUPING_BLANKS.sub("", value)) if isinstance(value, str) else None
     if match is None or match[2].lower() not in units:
         return None
     digits, factor = match[1], units[match[2].lower()]

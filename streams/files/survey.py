@@ -294,7 +294,8 @@ def surveyed_rows(samples: Samples, unit: str | None, rate: float | None = None)
     written = tuple(stated or unit or "" for stated in samples.units)
     own, factors = in_own_units(replace(samples, units=tuple(text or None for text in written)))
     vibration = ColumnKind("vibration")
-    kinds = kinds_of(samples.names, written, list(samples.values)) if unit is None else [vibration] * len(written)
+    meant = [given if given in UNITS else text for given, text in zip(own.units, written, strict=True)]
+    kinds = kinds_of(samples.names, meant, list(samples.values)) if unit is None else [vibration] * len(written)
     rows = [
         SurveyedRow(
             name=name,
@@ -310,7 +311,7 @@ def surveyed_rows(samples: Samples, unit: str | None, rate: float | None = None)
         )
         for name, title, column, kind, row, text, stated, factor, stored in zip(
             samples.channels, samples.names, samples.columns, kinds, samples.values, written, own.units, factors,
-            samples.stored, strict=True,
+            own.stored, strict=True,
         )
     ]  # fmt: skip
     if unit is None:

@@ -51,6 +51,7 @@ class Head:
         lines: how many there are.
         title: the line of names.
         decimal: decimal sign of the numbers below.
+        separators: of columns that are possible there, a blank for any run of them.
     """
 
     facts: dict[str, object] = field(default_factory=dict)
@@ -60,6 +61,7 @@ class Head:
     title: str = ""
     of_columns: tuple[Facts, ...] = ()
     decimal: str = "."
+    separators: str = ";\t, "
 
 
 def cut_head(body: bytes, name: str) -> tuple[bytes, list[str]]:

@@ -43,7 +43,7 @@ def labview_head(lines: list[str], body: bytes, name: str) -> Head:
     ends = [place for place, line in enumerate(lines) if line.strip().startswith(_END)]
     if not ends:
         raise ReaderError("unreadable", f"{name}: expected a line {_END} above the numbers, found none")
-    head = Head(lines=len(lines))
+    head = Head(lines=len(lines), separators="\t" if any("\t" in line for line in lines) else ",")
     of_file = {plain_key(line[0]): line[1].strip() for line in map(_parts, lines[: ends[0]]) if len(line) > 1}
     titles = [line for line in lines[ends[-1] + 1 :] if line.strip()]
     if titles:
@@ -67,7 +67,8 @@ def labview_head(lines: list[str], body: bytes, name: str) -> Head:
 
 
 def labview_body(body: bytes) -> bytes:
-    """Return the numbers without the empty column that stands for times which are not written (X_Columns No)."""
+    """Return the numbers without the empty columns that stand for times which are not written, and for comments."""
+    body = body.replace(b"\t\r\n", b"\r\n").replace(b"\t\n", b"\n").rstrip(b"\t")
     return body[1:].replace(b"\n\t", b"\n") if body.startswith(b"\t") else body
 
 

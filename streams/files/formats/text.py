@@ -197,7 +197,7 @@ def read_layout(data: Data, name: str, zone: str = "UTC", disregard: Sequence[st
     head = _head_of(skipped, body, name)
     removed = 0 if stamped is None else stamped.columns
     # Behind a stamp a single column may be left, with decimal commas.
-    separators = ";\t, " if stamped is None or stamped.separator not in ";\t" else stamped.separator
+    separators = head.separators if stamped is None or stamped.separator not in ";\t" else stamped.separator
     alone = head.names is None or len(head.names) == 1
     try:
         samples = read_text(body, name, separators=separators, header=False, as_row=alone, head=head)
@@ -227,7 +227,7 @@ def _read_from_disk(data: FileBytes, name: str) -> tuple[Samples, Head] | None:
     begin += len(top) - len(rest)
     head, first = _head_of(skipped, rest, name), first_line_of(rest)
     points = data.find(b".", begin) >= 0
-    dialect = _sniff(first, b"," if not points and data.find(b",", begin) >= 0 else b".", ";\t, ", head)
+    dialect = _sniff(first, b"," if not points and data.find(b",", begin) >= 0 else b".", head.separators, head)
     width, head.decimal = dialect.count(first), dialect.decimal
     if not dialect.is_number(dialect.fields(first)[0]) or not rest[len(first) :].strip():
         return None
