@@ -15,7 +15,8 @@ UNITS = {
 RATES = ("rate", "samplerate", "samplingrate", "samplingfrequency", "samplefrequency", "samplefreq", "samplingfreq",
           "fs", "fsample", "abtastrate", "abtastfrequenz", "messrate", "scanrate", "acquisitionrate", "datarate",
           "outputdatarate", "odr", "samplespersecond", "samplespersec", "sps", "frequencedechantillonnage",
-          "frequenceechantillonnage", "frecuenciademuestreo", "frequenzadicampionamento", "tauxdechantillonnage")  # fmt: skip
+          "frequenceechantillonnage", "frecuenciademuestreo", "frequenzadicampionamento",
+          "tauxdechantillonnage")  # fmt: skip
 STEPS = ("dt", "deltat", "deltax", "wfincrement", "sampleinterval", "samplinginterval", "sampleperiod",
           "samplingperiod", "timestep", "timeincrement", "timeinterval", "xincrement", "abtastintervall",
           "abtastzeit", "periodedechantillonnage", "periodeechantillonnage", "pasdetemps", "pasdechantillonnage",
