@@ -64,6 +64,8 @@ if TYPE_CHECKING:
     from models.solve.simulate import simulate as simulate
     from models.words.errors import SpallwatchError as SpallwatchError
     from monitor import __version__ as __version__
+    from monitor.desk.desk import DeskError as DeskError
+    from monitor.desk.recording import RecordingDescription as RecordingDescription
     from monitor.health.name.naming import Naming as Naming
     from spallwatch.analysis import SignalError as SignalError
     from spallwatch.analysis import envelope_spectrum as envelope_spectrum
@@ -74,6 +76,7 @@ if TYPE_CHECKING:
     from spallwatch.bearings import bearing as bearing
     from spallwatch.bearings import fault_frequencies as fault_frequencies
     from spallwatch.bearings import fe_stiffness as fe_stiffness
+    from spallwatch.descriptions import describe as describe
     from spallwatch.figures import plot_cyclic as plot_cyclic
     from spallwatch.figures import plot_map as plot_map
     from spallwatch.figures import plot_records as plot_records
@@ -109,10 +112,13 @@ _NAMES = {
     "models.solve.simulate": "simulate",
     "models.words.errors": "SpallwatchError",
     "monitor": "__version__",
+    "monitor.desk.desk": "DeskError",
+    "monitor.desk.recording": "RecordingDescription",
     "monitor.health.name.naming": "Naming",
     "spallwatch.analysis": "SignalError envelope_spectrum features name_fault spectrum",
     "spallwatch.archives": "open_archive",
     "spallwatch.bearings": "bearing fault_frequencies fe_stiffness",
+    "spallwatch.descriptions": "describe",
     "spallwatch.figures": "plot_cyclic plot_map plot_records plot_scene plot_signal plot_spectrum",
     "spallwatch.gears": "gear_motion mesh_frequencies",
     "spallwatch.orders": "cyclic_coherence ias_spectrum order_spectrum",

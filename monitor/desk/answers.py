@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from typing import Any
@@ -68,6 +68,7 @@ class Answers:
         date_order: of day and month.
         pulses_per_revolution: of the tacho in the files.
         files: "together" or "sequence": how files are read whose names fall into groups.
+        columns: titles of those that are vibration; None: those that seem so.
     """
 
     bearing: AnsweredBearing | None = None
@@ -88,6 +89,7 @@ class Answers:
     date_order: Order | None = None
     pulses_per_revolution: int | None = None
     files: str | None = None
+    columns: tuple[str, ...] | None = None
 
 
 def _number(text: str) -> float:
@@ -121,6 +123,10 @@ def read_bearing(text: str) -> dict[str, Any]:
 
 def _one_bearing(text: str) -> AnsweredBearing:
     words = [word for word in _GEOMETRY.split(text.strip()) if word]
+    blanks = re.split(r"\s*;\s*|\s+", text.strip())
+    if len(blanks) in (3, 4) and all(re.fullmatch(r"\d+(?:[.,]\d+)?", word) for word in blanks):
+        # Blanks separate, so that a comma is that of a decimal.
+        words = [str(_number(word)) for word in blanks]
     if len(words) in (3, 4) and all(re.fullmatch(r"\d+(?:\.\d+)?", word) for word in words):
         count, diameter, pitch, *angle = map(float, words)
         if count != int(count) or not 3 <= count <= 200 or not 0.0 < diameter < pitch:
@@ -286,6 +292,46 @@ def read_pattern(text: str) -> dict[str, Any]:
     compiled(text.strip())
     return {"time_name": text.strip()}
 
+
+def read_columns(text: str) -> dict[str, Any]:
+    """Return the titles of columns, separated by ";"."""
+    return {"columns": tuple(name.strip() for name in text.split(";") if name.strip())}
+
+
+def _read_factor(text: str) -> dict[str, Any]:
+    match = re.fullmatch(rf"\s*{_NUMBER}\s*", text)
+    if match is None or not _number(match[1]) != 0.0:
+        raise ValueError(f"expected a number other than 0; got {text!r}")
+    return {"scale": _number(match[1])}
+
+
+def _read_range(text: str) -> dict[str, Any]:
+    match = re.fullmatch(rf"\s*{_NUMBER}\s*g?\s*", text, re.IGNORECASE)
+    if match is None or not _number(match[1]) > 0.0:
+        raise ValueError(f"expected the g at full scale, such as 50; got {text!r}")
+    return {"range_g": _number(match[1])}
+
+
+READERS: dict[str, Callable[[str], dict[str, Any]]] = {
+    "bearing": read_bearing,
+    "speed_hz": read_speed,
+    "speed_unit": read_speed_unit,
+    "load_newton": read_load,
+    "rate_hz": read_rate,
+    "unit": read_unit,
+    "sensitivity_mv_per_g": read_sensitivity,
+    "full_scale": read_full_scale,
+    "scale": _read_factor,
+    "range_g": _read_range,
+    "start_utc": read_start,
+    "interval_s": read_interval,
+    "time_name": read_pattern,
+    "date_order": read_order,
+    "pulses_per_revolution": read_pulses,
+    "files": read_files,
+    "columns": read_columns,
+}
+"""How the words of each answer are read: into fields of ``Answers``, ValueError where they are none."""
 
 _BEARING = "bearing"
 

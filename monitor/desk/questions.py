@@ -40,6 +40,24 @@ class Question:
     default: str | None
     read: Callable[[str], dict[str, Any]]
 
+    @property
+    def key(self) -> str:
+        """Name of the answer in :data:`monitor.desk.answers.READERS`."""
+        level = self.option == "--scale" or self.option.startswith("--range-g")
+        return "full_scale" if level else self.option.removeprefix("--").replace("-", "_")
+
+
+def no_vibration_words(survey: Survey) -> str:
+    """Return why no column of the first file is taken for vibration."""
+    found = "; ".join(f"{shown(row.title)} {row.evidence}" for row in survey.all_rows)
+    return f"no row of {shown(survey.first)} is vibration: {found}"
+
+
+def columns_question(survey: Survey) -> Question:
+    """Return the question which columns are vibration, where none seems so."""
+    words = "Columns of vibration"
+    return Question("--columns", words, f"{no_vibration_words(survey)}.", None, read.read_columns)
+
 
 def open_questions(
     survey: Survey, answers: Answers, zone: str, now: float, last_problem: str = ""

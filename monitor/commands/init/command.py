@@ -7,39 +7,25 @@ import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
-from models.machine.bearing import kinematics
 from monitor.commands import option
 from monitor.commands.common import InputError, input_errors, output_errors, say
-from monitor.config.load import Config, load_config
 from monitor.desk import answers as read
-from monitor.desk.answers import Answers, bearing_of, channel_names, check_bearings
-from monitor.desk.questions import (
-    Question,
-    interval_question,
-    name_readings,
-    needs_interval,
-    open_questions,
-    period_of,
-)
-from monitor.desk.text import Draft, configuration_text, machine_name
+from monitor.desk.answers import Answers, check_bearings
+from monitor.desk.description import date_words
+from monitor.desk.desk import DeskError, DraftedConfig, ImportDesk, check_stated, look
+from monitor.desk.questions import Question, no_vibration_words
+from monitor.desk.text import machine_name
 from monitor.health.signal.quality import check_samples
 from monitor.words.numbers import duration
 from streams.files.container import first_of
 from streams.files.foreign import HEAD_BYTES, seen_in
 from streams.files.sidecar import is_beside
-from streams.files.survey import Survey, SurveyedRow, survey
+from streams.files.survey import Survey, SurveyedRow
 from streams.types.listing import shown
-from streams.types.samples import ReaderError
-from streams.types.spec import SourceError
-from streams.types.stamps import stamp_in_name, utc_text
-
-if TYPE_CHECKING:
-    from monitor.config.plausible.doubt import Doubt
-    from monitor.desk.judge.dating import DatingPreview
 
 
 def _words(reader: Callable[[str], dict[str, Any]]) -> Callable[[Any, Any, str | None], dict[str, Any]]:
@@ -101,29 +87,26 @@ def command(
     for found in given.values():
         answers = replace(answers, **found)
     _check_out(out, force=force, ask=not yes, to_stderr=as_json)
-    try:
-        seen = survey(path, kind, timezone)
-    except ReaderError as error:
-        raise InputError(f"{shown(path)}: {error}") from None
-    except SourceError as error:
-        raise InputError(
-            str(error).replace("[[source]] survey: url: ", "").replace("[[source]] survey: ", "")
-        ) from None
+    seen = look(path, kind, timezone)
     if not seen.vibration:
-        found = "; ".join(f"{shown(row.title)} {row.evidence}" for row in seen.all_rows)
-        raise InputError(f"{shown(path)}: no row of {shown(seen.first)} is vibration: {found}")
+        raise InputError(f"{shown(path)}: {no_vibration_words(seen)}")
     with input_errors("--bearing"):
         check_bearings(seen, answers.bearings)
+    try:
+        check_stated(seen, answers)
+    except DeskError as error:
+        raise InputError(f"--{error.key.replace('_', '-')}: {error.sentence}") from None
     talk = _Talk(ask=not yes, to_stderr=as_json, quiet=quiet)
     for line in survey_lines(seen, path, timezone):
         talk.say(line)
-    conversation = _Conversation(seen, answers, talk, timezone, name or machine_name(seen.place.resolve()), out)
-    conversation.group_files()
-    config, doubts = conversation.settle()
-    conversation.write(out)
-    problems = [doubt.text for doubt in doubts]
-    values = {"out": str(out), "problems": problems, "machine": config.machine.name, "hash": config.hash}
-    lines = [f"wrote {out}", *(f"{doubt.severity}: {doubt.text}" for doubt in doubts), *_next_steps(seen, out)]
+    desk = ImportDesk(seen, answers, name or machine_name(seen.place.resolve()), out, timezone)
+    found = _Conversation(desk.answered({}), talk).settle()
+    with output_errors("--out", out):
+        out.parent.mkdir(parents=True, exist_ok=True)
+        out.write_text(found.text, encoding="utf-8")
+    problems = [doubt.text for doubt in found.doubts]
+    values = {"out": str(out), "problems": problems, "machine": found.config.machine.name, "hash": found.config.hash}
+    lines = [f"wrote {out}", *(f"{doubt.severity}: {doubt.text}" for doubt in found.doubts), *_next_steps(seen, out)]
     return values, lines
 
 
@@ -180,15 +163,10 @@ class _Talk:
 class _Conversation:
     """Questions and answers about one recording, until a configuration can be written."""
 
-    seen: Survey
-    answers: Answers
+    desk: ImportDesk
     talk: _Talk
-    timezone: str
-    machine: str
-    out: Path
-    text: str = ""
 
-    def settle(self) -> tuple[Config, list[Doubt]]:
+    def settle(self) -> DraftedConfig:
         """Return the configuration, and what remains doubtful in it and in the files.
 
         Raises:
@@ -197,117 +175,28 @@ class _Conversation:
         last_problem = ""
         while True:
             self._answer_all(last_problem)
-            config, preview = self._drafted()
-            dates = [] if preview is None else [doubt.came for doubt in preview.doubts if doubt.rule == "dating"]
-            last_problem = "; ".join(dates)
-            if "date_order" not in last_problem or self.answers.date_order is not None:
-                return config, self._doubts(config, preview)
+            found = self.desk.drafted()
+            last_problem = found.date_problem
+            if "date_order" not in last_problem or self.desk.answers.date_order is not None:
+                return found
 
     def _answer_all(self, last_problem: str) -> None:
-        missing: list[Question] = []
         asked: set[str] = set()
-        while True:
-            questions = open_questions(self.seen, self.answers, self.timezone, time.time(), last_problem)
-            question = next((found for found in (*questions, *self._interval()) if found.option not in asked), None)
+        while self.talk.ask:
+            question = next((one for one in self.desk.questions(last_problem) if one.key not in asked), None)
             if question is None:
-                break
-            asked.add(question.option)
-            if self.talk.ask:
-                try:
-                    self.answers = replace(self.answers, **self.talk.answer(question))
-                    self.group_files()
-                except click.Abort:
-                    self.talk.ask = False
-                    asked.discard(question.option)
-            elif question.default is not None:
-                self.answers = replace(self.answers, **question.read(question.default))
-            else:
-                missing.append(question)
+                return
+            asked.add(question.key)
+            try:
+                self.desk = self.desk.answered(self.talk.answer(question))
+            except click.Abort:
+                self.talk.ask = False
+        self.desk, questions = self.desk.with_defaults(last_problem)
+        missing = [question for question in questions if question.default is None]
         if missing:
             listed = (f"  {question.option}: {question.words}. {question.why}" for question in missing)
             lines = "\n".join(wrapped(line, "    ") for line in listed)
             raise InputError(f"these answers are missing; give them as options:\n{lines}")
-
-    def group_files(self) -> None:
-        """Look again at files whose names fall into groups, once it is answered how they are read."""
-        groups = self.seen.groups
-        if groups is not None and self.answers.files is not None:
-            together = self.answers.files == "together"
-            patterns = groups.patterns if together else ("*",)
-            self.seen = survey(str(self.seen.place), self.seen.data_set.name, self.timezone, patterns)
-
-    def _interval(self) -> Iterator[Question]:
-        rate = self.seen.rate or self.answers.rate_hz
-        if rate is not None and needs_interval(self.seen, self.answers):
-            yield interval_question(self.seen, rate)
-
-    def _drafted(self) -> tuple[Config, DatingPreview | None]:
-        """Write the text, and return its configuration with what `check` sees in the files."""
-        self.text = configuration_text(self.draft())
-        config = self._read_back()
-        from monitor.desk.judge.dating import preview_dating
-
-        return config, preview_dating(config, config.source[0])
-
-    def draft(self) -> Draft:
-        """Return what the configuration is written of."""
-        answers, seen = self.answers, self.seen
-        pattern = answers.time_name
-        if pattern is None and answers.start_utc is None:
-            readings = name_readings(seen, self.timezone, time.time())
-            pattern = readings[0].pattern if len(readings) == 1 else None
-        draft = Draft(
-            seen, answers, self.machine, self.out, answers.rate_hz or seen.rate or 1.0, self.timezone, pattern
-        )
-        return replace(
-            draft, bands=tuple(_proposed_bands(draft)), period=period_of(seen, answers, pattern, self.timezone)
-        )
-
-    def _read_back(self) -> Config:
-        """Return the configuration of the text, read where it will stand, so that paths are right."""
-        place = self.out.with_name(f".{self.out.name}.draft")
-        with output_errors("--out", self.out):
-            self.out.parent.mkdir(parents=True, exist_ok=True)
-            place.write_text(self.text, encoding="utf-8")
-        try:
-            return load_config(place)
-        finally:
-            place.unlink()
-
-    def write(self, out: Path) -> None:
-        """Write the configuration."""
-        with output_errors("--out", out):
-            out.write_text(self.text, encoding="utf-8")
-
-    def _doubts(self, config: Config, preview: DatingPreview | None) -> list[Doubt]:
-        """Return what `check` will doubt, but that a recording is one."""
-        from monitor.desk.judge.problems import find_problems
-
-        known = preview is not None and preview.file is not None
-        facts = {config.source[0].name: preview.facts} if known and preview is not None else {}
-        found = [*find_problems(config, facts), *(() if preview is None else preview.doubts)]
-        return [doubt for doubt in found if self.seen.is_folder or doubt.rule != "place"]
-
-
-def _proposed_bands(draft: Draft) -> Iterator[tuple[str, tuple[float, float]]]:
-    """Yield the band that the first file alone shows for each channel, where it is long enough to tell."""
-    from monitor.health.signal.bands import find_band
-    from monitor.health.signal.settings import fundamentals
-
-    speed = draft.answers.speed_hz or draft.survey.speed
-    if speed is None:
-        return
-    rows = draft.survey.vibration
-    for row, name in zip(rows, channel_names(rows), strict=True):
-        bearing = bearing_of(row, name, draft.answers)[1]
-        if bearing is None:
-            continue
-        lines = fundamentals(kinematics(bearing.geometry(), speed))
-        try:
-            low, high = find_band([draft.survey.values.values[draft.survey.rows.index(row)]], draft.rate, lines)
-        except ValueError:
-            continue
-        yield name, (low, high)
 
 
 def wrapped(text: str, indent: str = "") -> str:
@@ -341,7 +230,7 @@ def survey_lines(seen: Survey, path: str, timezone: str) -> Iterator[str]:
     if seen.pulses is not None:
         place = "beside the files" if is_beside(seen.pulses) else "in the files"
         yield f"  pulses of a tacho: {shown(seen.pulses)} {place}"
-    yield f"  date: {_date_words(seen, timezone)}"
+    yield f"  date: {date_words(seen, timezone, time.time())}"
 
 
 def _seen_words(seen: Survey, name: str) -> str:
@@ -375,20 +264,3 @@ def _lost_words(seen: Survey, row: SurveyedRow) -> str:
         return ""
     verdict = check_samples(seen.values.values[place], absolute=False)
     return f"; {verdict.reason}" if {verdict.status, *verdict.flags} & {"nan", "filled"} else ""
-
-
-def _date_words(seen: Survey, timezone: str) -> str:
-    zone = f", {timezone} unless it states a zone"
-    if not seen.data_set.plain:
-        return f"as {seen.data_set.name} states it"
-    if seen.start is not None:
-        return f"{utc_text(seen.start)} in the header of {shown(seen.first)}{zone}"
-    if seen.stamp is not None:
-        return f"{seen.stamp!r} in the header of {shown(seen.first)}{zone}"
-    stamp = stamp_in_name(seen.first, timezone)
-    if stamp is not None:
-        return f"{stamp.text!r} in the name of {shown(seen.first)}{zone}"
-    readings = name_readings(seen, timezone, time.time())
-    if readings:
-        return f"{readings[0].pattern} in the names ({utc_text(readings[0].first)}){zone}"
-    return "none in headers or names"

@@ -1,0 +1,196 @@
+"""The import desk: what files are read as, what is refused and in which words, and that all callers write the same."""
+
+from __future__ import annotations
+
+import zipfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import spallwatch as sw
+from monitor.config.load import load_config
+from monitor.desk.judge.problems import find_problems
+from tests.support.commands import run_command
+
+RATE = 10_000
+GIVEN: dict[str, Any] = {"bearing": "6205", "speed_hz": "29.5 Hz"}
+
+
+def write_table(folder: Path, unit: str = "g", *, count: int = 3, level: float = 1.0) -> Path:
+    """Write files of two columns of noise, an hour apart by their names."""
+    folder.mkdir(parents=True, exist_ok=True)
+    random = np.random.default_rng(1)
+    for hour in range(count):
+        rows = np.column_stack([np.arange(RATE) / RATE, level * random.normal(size=(RATE, 2))])
+        lines = [",".join(f"{value:.6f}" for value in row) for row in rows]
+        head = f"time (s),drive end ({unit}),other end ({unit})" if unit else "time (s),drive end,other end"
+        (folder / f"2026-03-01_{hour:02d}0000.csv").write_text("\n".join([head, *lines, ""]))
+    return folder
+
+
+@pytest.fixture(scope="module")
+def press(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write_table(tmp_path_factory.mktemp("desk") / "press")
+
+
+def test_a_description_gives_readings_evidence_and_what_is_open(press: Path) -> None:
+    found = sw.describe(press)
+    assert [(column.title, column.unit, column.origin) for column in found.columns] == [
+        ("drive end (g)", "g", "stated"),
+        ("other end (g)", "g", "stated"),
+    ]
+    assert found.columns[0].place == "column 2 of 2026-03-01_000000.csv"
+    assert found.columns[0].rms_g == pytest.approx(1.0, rel=0.02)
+    facts = {fact.key: fact for fact in found.facts}
+    assert (facts["rate_hz"].value, facts["rate_hz"].origin) == ("10000 Hz", "stated")
+    assert (facts["speed_hz"].value, facts["speed_hz"].origin) == (None, "open")
+    assert (facts["load_newton"].value, facts["load_newton"].origin) == ("unknown", "assumed")
+    assert [question.key for question in found.missing] == ["bearing", "speed_hz"]
+    assert [date.time for date in found.dates] == [pytest.approx(1_772_323_200.0 + 3600 * hour) for hour in range(3)]
+    with pytest.raises(sw.DeskError, match=r"bearing: Bearing\..*speed_hz: Speed"):
+        found.configuration()
+
+
+def test_a_preview_shows_levels_fault_lines_and_what_check_says(press: Path) -> None:
+    preview = sw.describe(press, **GIVEN).preview()
+    first = preview.channels[0]
+    lines = sw.fault_frequencies("6205", 29.5)
+    assert first.lines["outer"] == pytest.approx([k * lines.bpfo for k in range(1, 6)])
+    assert first.lines["ball"] == pytest.approx([2 * k * lines.bsf for k in range(1, 6)])
+    assert (first.rms, first.peak) == (pytest.approx(1.0, rel=0.02), pytest.approx(3.93, abs=0.01))
+    assert len(preview.ends) == 2
+    assert preview.doubts == ()
+    assert first.spectrum.step * first.spectrum.high.size >= RATE / 2
+    assert first.signal.high.max() <= first.peak
+
+
+def test_the_spectrum_shows_the_amplitude_of_a_sine(tmp_path: Path) -> None:
+    np.save(tmp_path / "a.npy", 2.0 * np.sin(2 * np.pi * 1000.0 * np.arange(RATE) / RATE))
+    found = sw.describe(tmp_path / "a.npy", unit="m/s2", rate_hz=RATE, **GIVEN).preview().channels[0]
+    peak = int(np.argmax(found.spectrum.high))
+    assert found.spectrum.high[peak] == pytest.approx(2.0 / 9.80665, rel=1e-3)
+    assert peak * found.spectrum.step == pytest.approx(1000.0, abs=found.spectrum.step)
+
+
+def test_the_configuration_is_that_of_init_and_check_takes_it(press: Path, tmp_path: Path) -> None:
+    out = tmp_path / "press.toml"
+    found = sw.describe(press, out=out, **GIVEN)
+    assert found.save() == out
+    with pytest.raises(sw.DeskError, match=r"press\.toml is there already"):
+        sw.describe(press, out=out, **GIVEN).save()
+    config = load_config(out)
+    assert [channel.column for channel in config.channel] == ["drive end (g)", "other end (g)"]
+    assert list(find_problems(config)) == []
+    done = run_command("init", str(press), "--bearing", "6205", "--speed-hz", "29.5", "--yes", "--out", "init.toml",
+                       cwd=tmp_path)  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    assert (tmp_path / "init.toml").read_text().replace("init.toml", "press.toml") == out.read_text()
+
+
+def test_columns_are_chosen_by_title_name_or_number(press: Path) -> None:
+    for name in ("other end (g)", "other_end", "3"):
+        found = sw.describe(press, columns=[name], **GIVEN)
+        assert [column.taken for column in found.columns] == [False, True]
+        assert found.configuration().count("[[channel]]") == 1
+        assert 'column = "other end (g)"' in found.configuration()
+
+
+def _two_sensors(folder: Path) -> Path:
+    """Write files of two sensors in turn, whose names do not tell them apart."""
+    folder.mkdir()
+    random = np.random.default_rng(2)
+    for number in range(8):
+        np.save(folder / f"f{number:03d}.npy", random.normal(size=8000) * (1.0 if number % 2 else 4.0))
+    return folder
+
+
+def _other_program(folder: Path) -> Path:
+    folder.mkdir()
+    with zipfile.ZipFile(folder / "report.docx", "w") as archive:
+        archive.writestr("word/document.xml", "<a/>")
+    return folder
+
+
+def _empty(folder: Path) -> Path:
+    folder.mkdir()
+    return folder
+
+
+def _press(folder: Path) -> Path:
+    return write_table(folder)
+
+
+def _in_ms2(folder: Path) -> Path:
+    """Write a file without a unit that shows gravity in m/s2."""
+    folder.mkdir()
+    np.save(folder / "a.npy", 9.80665 + np.random.default_rng(3).normal(size=8000))
+    return folder
+
+
+Made = Callable[[Path], Path]
+REFUSED: list[tuple[str, Made, dict[str, Any], str, str]] = [
+    ("rpm as Hz", _press, {"speed_hz": 1770}, "speed_hz", "did you mean 1770 rpm?"),
+    ("comma of thousands", _press, {"speed_hz": "1,770 rpm"}, "speed_hz", "can be read as 1.770 or 1770"),
+    ("no unit at all", _press, {"unit": "furlong"}, "unit", "g, m/s2, V, unknown, mV, mg; got 'furlong'"),
+    ("another unit than stated", _press, {"unit": "m/s2"}, "unit", "drive end (g) of 2026-03-01_000000.csv states g"),
+    ("no such bearing", _press, {"bearing": "9999"}, "bearing", "'9999' is not in the catalogue"),
+    ("another rate than stated", _press, {"rate_hz": 5000}, "rate_hz", "csv states 10000 Hz"),
+    ("no such column", _press, {"columns": ["x"]}, "columns", "expected some of drive end (g), other end (g)"),
+    ("no folder", lambda folder: folder / "none", {}, "", "there is no "),
+    ("empty folder", _empty, {}, "", "holds no files"),
+    ("another program", _other_program, {}, "", "a zip archive; unpack it into the folder"),
+    ("no name", _press, {"name": "a b/c"}, "name", "got 'a b/c'"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("make", "given", "key", "said"), [case[1:] for case in REFUSED], ids=[c[0] for c in REFUSED])
+def test_what_people_get_wrong_is_refused_by_name(
+    tmp_path: Path, make: Made, given: dict[str, Any], key: str, said: str
+) -> None:
+    with pytest.raises(sw.DeskError) as refused:
+        sw.describe(make(tmp_path / "recording"), **(GIVEN | given))
+    assert refused.value.key == key
+    assert said in str(refused.value)
+
+
+DOUBTED: list[tuple[str, Made, dict[str, Any], str]] = [
+    ("rpm as Hz, with its unit", _press, {"speed_hz": "1770 Hz"}, "29.5 Hz if rpm was meant"),
+    ("g for m/s2", _in_ms2, {"unit": "g", "rate_hz": 8000}, "is the unit m/s2?"),
+    (
+        "two sensors in turn",
+        _two_sensors,
+        {"unit": "g", "rate_hz": 8000},
+        "of those between, over 8; expected blocks of one sensor",
+    ),
+]
+
+
+@pytest.mark.parametrize(("make", "given", "said"), [case[1:] for case in DOUBTED], ids=[case[0] for case in DOUBTED])
+def test_what_only_the_samples_show_is_a_problem_of_the_preview(
+    tmp_path: Path, make: Made, given: dict[str, Any], said: str
+) -> None:
+    doubts = sw.describe(make(tmp_path / "recording"), **(GIVEN | given)).preview().doubts
+    assert any(doubt.severity == "problem" and said in doubt.text for doubt in doubts), doubts
+
+
+def test_a_decimal_comma_is_read(press: Path) -> None:
+    found = sw.describe(press, bearing="9 7,94 39,04", speed_hz="29,5")
+    assert "element_diameter_mm = 7.94" in found.configuration()
+    assert "speed_hz = 29.5" in found.configuration()
+
+
+def test_an_answer_that_is_none_is_a_programming_error(press: Path) -> None:
+    with pytest.raises(TypeError, match="'speed' is no answer; expected one of bearing, speed_hz"):
+        sw.describe(press, speed=29.5)  # pyright: ignore[reportCallIssue]
+
+
+def test_where_no_column_seems_vibration_the_columns_are_asked(tmp_path: Path) -> None:
+    times = np.arange(RATE) / RATE
+    lines = [f"{time:.4f},{20 + time:.4f}" for time in times]
+    (tmp_path / "a.csv").write_text("\n".join(["time (s),temperature (degC)", *lines, ""]))
+    found = sw.describe(tmp_path / "a.csv", **GIVEN)
+    assert [question.key for question in found.missing] == ["columns"]
+    assert not any(column.taken for column in found.columns)
