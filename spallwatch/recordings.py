@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from models.words.errors import WrongInputError
 from monitor.health.signal.quality import check_samples
+from streams.files.datasets import DATA_SETS
 from streams.files.statements import known_unit, multiple_of
 from streams.files.survey import survey
 from streams.open import open_source
@@ -216,7 +217,7 @@ def source_of(path: str | PathLike[str], block_s: float | Literal["file"], how: 
 def with_groups(spec: SourceSpec) -> SourceSpec:
     """Return a source whose files are read together where their names are those of channels; of a folder alone."""
     kind, path = _place_of(spec)
-    if spec.files or not Path(path).is_dir():
+    if spec.files or kind in DATA_SETS or not Path(path).is_dir():
         return spec
     with contextlib.suppress(SourceError, ReaderError):
         return replace(spec, files=survey(path, kind, spec.timezone).files)

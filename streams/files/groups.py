@@ -100,26 +100,35 @@ def _told_by(low: set[str], place: int, ending: int, split: Sequence[Sequence[st
             # Whole names of one letter may be anything.
             return False if low == set("xyz") else None
         return True
-    others = len({(*parts[:place], *parts[place + 1 : ending]) for parts in split})
     head = _shared(low).rstrip("0123456789")
     rests = {word.removeprefix(head) for word in low}
     if head and any(rests <= known for known in _DIRECTIONS):
         return True
     if not head:
-        # Numbers of more digits count files.
-        if not place or len(low) > _MAX_NUMBERED or not all(word.isdecimal() and len(word) < 3 for word in low):
-            return None
-        if {parts[place - 2].lower() for parts in split} <= _CHANNELS and others > 1:
-            return True
-        last = place + 1 >= ending and "/" not in split[0][place - 1]
-        numbers = sorted(map(int, low))
-        run = numbers in (list(range(len(low))), list(range(1, len(low) + 1)))
-        return False if run and last and others >= _MIN_NUMBERED else None
-    if head in _SEQUENCES or not all(rest.isdecimal() or len(rest) == 1 for rest in rests):
+        return _told_by_numbers(low, place, ending, split)
+    # Numbers of more digits count files.
+    short = all(len(rest) < 3 if rest.isdecimal() else len(rest) == 1 for rest in rests)
+    if head in _SEQUENCES or not short:
         return None
     if head in _CHANNELS:
         return True
-    return None if others < 2 else head in _WEAK
+    return None if _others(place, ending, split) < 2 else head in _WEAK
+
+
+def _told_by_numbers(low: set[str], place: int, ending: int, split: Sequence[Sequence[str]]) -> bool | None:
+    """Return the same of numbers alone: the word before them tells, else that they end names of several others."""
+    if not place or len(low) > _MAX_NUMBERED or not all(word.isdecimal() and len(word) < 3 for word in low):
+        return None
+    if {parts[place - 2].lower() for parts in split} <= _CHANNELS and _others(place, ending, split) > 1:
+        return True
+    last = place + 1 >= ending and "/" not in split[0][place - 1]
+    run = sorted(map(int, low)) in (list(range(len(low))), list(range(1, len(low) + 1)))
+    return False if run and last and _others(place, ending, split) >= _MIN_NUMBERED else None
+
+
+def _others(place: int, ending: int, split: Sequence[Sequence[str]]) -> int:
+    """Return how many names there are without the word at a place."""
+    return len({(*parts[:place], *parts[place + 1 : ending]) for parts in split})
 
 
 def _grouped(split: Sequence[Sequence[str]], places: Sequence[int], ending: int, certain: bool) -> NameGroups | None:
@@ -131,7 +140,8 @@ def _grouped(split: Sequence[Sequence[str]], places: Sequence[int], ending: int,
         label = "_".join(parts[place] for place in places)
         keys[tuple(part for place, part in enumerate(parts) if place not in places)].add(label)
         counts[label] += 1
-        first.setdefault(label, _pattern(parts, places, ending))
+        if label not in first:
+            first[label] = _pattern(parts, places, ending)
     labels = sorted(counts, key=natural_key)
     whole = sum(len(found) == len(labels) for found in keys.values())
     exact = whole > 0 and whole >= 0.8 * len(keys)

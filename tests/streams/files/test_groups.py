@@ -61,6 +61,8 @@ SEQUENCES = {
     "conditions": names("{}_{}.csv", ["healthy", "outer", "inner"], ["1000", "2000"]),
     "one channel": names("{}_ch1.csv", ["081500", "091500"]),
     "numbers of one word": names("ch_{:04d}.csv", range(30)),
+    "numbers behind one word": names("ch{:04d}.csv", range(8)),
+    "numbers behind one word of a folder": names("{}/acc{:03d}.csv", ["a", "e"], range(8)),
     "stamps in points": ["2004.02.12.10.32.39", "2004.02.12.10.42.39"],
 }
 
