@@ -24,6 +24,7 @@ _OF_UNIT = ("gravity", "high_level", "low_level")
 """Rules that doubt the unit, and not the signal."""
 _SAME_RESIDUAL = 1e-3
 """Residual of one signal fitted by another, over its RMS, below which both are one; sensors differ by their noise."""
+_MAX_SQUARED = 1e150
 _MIN_ALTERNATING, _MIN_RATIO, _MIN_GAP = 6, 1.3, 3.0
 """Fewest blocks, least ratio of the two levels, and least gap between them over the spread of each."""
 
@@ -35,6 +36,8 @@ def doubts(level: SignalLevel, unit: str, sensitivity_mv_per_g: float | None = N
     found: list[Doubt] = []
     if not level.finite:
         found.append(_doubt("numbers", "numbers", "it holds values that are no numbers"))
+        if level.peak == 0.0:
+            return found
     if level.clipped:
         words = f"{level.clipped:.1%} of the samples are at one end: the range of the input is too small"
         found.append(_doubt("clipping", "a range that holds the signal", words, "warning"))
@@ -57,7 +60,7 @@ def _level_doubts(level: SignalLevel, unit: str, one_g: float) -> list[Doubt]:
     elif unit == "m/s2" and 0.95 <= abs(level.mean) <= 1.05 and level.rms < 5.0:
         words = f"its mean is {level.mean:.3g} m/s2, which is gravity in g: is the unit g?"
         found.append(_doubt("gravity", "a mean of 0, or 9.81 m/s2 of gravity", words))
-    elif abs(mean) > _MAX_MEAN_G:
+    elif abs(mean) > max(_MAX_MEAN_G, rms):
         words = f"its mean is {mean:.3g} g, an offset that the peak would contain"
         found.append(_doubt("bias", f"a mean up to {_MAX_MEAN_G:g} g", words))
     if rms > _MAX_RMS_G or peak > _MAX_PEAK_G:
@@ -105,15 +108,21 @@ def same_signals(rows: Mapping[str, NDArray[np.floating]]) -> list[tuple[str, st
 
 
 def shape_of(row: NDArray[np.floating]) -> tuple[float, float, float]:
-    """Return three logarithms by which sensors differ: RMS, mean frequency (a sample), and crest factor of a row."""
+    """Return three logarithms by which sensors differ: RMS, mean frequency (a sample), and crest factor of a row.
+
+    They are NaN where the samples do not vary, or are too large to be squared.
+    """
     values = np.asarray(row, dtype=np.float64)
     values = values[np.isfinite(values)]
-    if values.size < 3 or np.ptp(values) == 0.0:
+    peak = float(np.max(np.abs(values), initial=0.0))
+    if values.size < 3 or not 0.0 < peak < _MAX_SQUARED or np.ptp(values) == 0.0:
         return math.nan, math.nan, math.nan
-    values = values - values.mean()
+    values = (values - values.mean()) / peak
     rms = float(np.sqrt(np.mean(values**2)))
     steps = float(np.sqrt(np.mean(np.diff(values) ** 2)))
-    return math.log(rms), math.log(max(steps, 1e-9 * rms) / rms), math.log(float(np.max(np.abs(values))) / rms)
+    if not rms > 0.0:
+        return math.nan, math.nan, math.nan
+    return math.log(rms * peak), math.log(max(steps / rms, 1e-9)), math.log(float(np.max(np.abs(values))) / rms)
 
 
 def alternates(values: Sequence[float]) -> float | None:

@@ -276,14 +276,13 @@ def _same(subject: JudgedConfig, block: Block) -> Iterator[Doubt]:
 
 
 def _speed_of(config: Config, block: Block) -> float | None:
-    """Return the speed that a block states itself or by its channel, Hz."""
-    operating = config.operating
+    """Return the speed that a block states itself or by its channel, Hz; None where it is no speed."""
+    operating, speed = config.operating, block.speed
     name = str(operating.speed_channel)
-    if block.speed is not None or operating.speed_channel is None or name not in block.channels:
-        return block.speed
-    row = block.samples[block.channels.index(name)]
-    mean = float(np.nanmean(row)) * operating.speed_channel_scale if np.isfinite(row).any() else 0.0
-    return mean if mean > 0.0 else None
+    if speed is None and operating.speed_channel is not None and name in block.channels:
+        row = block.samples[block.channels.index(name)]
+        speed = float(np.mean(row[np.isfinite(row)] if np.isfinite(row).any() else 0.0)) * operating.speed_channel_scale
+    return speed if speed is not None and math.isfinite(speed) and speed > 0.0 else None
 
 
 def _speeds(subject: JudgedConfig, block: Block) -> Iterator[Doubt]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -287,3 +288,19 @@ def test_a_folder_of_many_files_is_judged_by_few(tmp_path: Path, monkeypatch: py
     # Ten for the blocks and files that are compared, two for the ends, and as many again for what dates them.
     assert len(loaded) <= 25
     assert len(set(loaded)) <= 11
+
+
+@pytest.mark.parametrize(
+    ("waiting", "said"),
+    [
+        (both(lambda x: x * np.nan), {"numbers"}),
+        (both(lambda x: x * np.inf), {"numbers"}),
+        (both(lambda x: x * 1e300), {"an RMS up to 100 g, peaks up to 1000 g", "peaks below 20 g"}),
+        (both(lambda x: x[:, :0]), {"files that fit the configuration"}),
+        (with_row(math.nan, 'speed_channel = "n"'), set()),
+        (with_row(math.nan, 'speed_hz = 31\nload_channel = "n"'), set()),
+    ],
+    ids=range(6),
+)
+def test_no_samples_make_it_fail(waiting: Waiting, said: set[str], tmp_path: Path) -> None:
+    assert {entry["expected"] for entry in checked(tmp_path, waiting)} == said
