@@ -19,8 +19,8 @@ ROOT = Path(__file__).resolve().parents[1]
 LOCK = ROOT / "requirements.lock"
 RUNTIME_LOCK = ROOT / "deploy" / "requirements.lock"
 CLUSTER_LOCK = ROOT / "deploy" / "cluster" / "requirements.lock"
-EXTRAS = ("hdf5", "tdms", "uff", "mqtt", "opcua", "sparkplug", "pdf")
-LOCKS = {RUNTIME_LOCK: EXTRAS, CLUSTER_LOCK: ("hdf5", "tdms", "uff", "pdf", "identify", "cluster", "s3")}
+EXTRAS = ("hdf5", "tdms", "uff", "tables", "mqtt", "opcua", "sparkplug", "pdf")
+LOCKS = {RUNTIME_LOCK: EXTRAS, CLUSTER_LOCK: ("hdf5", "tdms", "uff", "tables", "pdf", "identify", "cluster", "s3")}
 """Extras of each lock file: those that a service may need, and those that a worker may need."""
 DEMO = ROOT / "deploy" / "demo_packages.txt"
 """Names of the packages of ``requirements.lock`` that ``make demo`` installs."""

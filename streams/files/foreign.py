@@ -9,16 +9,21 @@ from streams.types.large import Data
 from streams.types.listing import packed_suffix, unpacked_name
 
 HEAD_BYTES = 2048
-_SHEET = "save the sheet as CSV"
+_BOOK = "save it as .xlsx or CSV"
+HOW_TO_STATE = (
+    'write {name}.json, or spallwatch.json for its folder: {{"layout": {{"type": "int16", "order": "little", '
+    '"channels": 2, "interleaved": true, "header_bytes": 0}}, "rate_hz": 25600, "unit": "g", "scale": 0.001}}'
+)
+"""What states the layout of a file of some ``name``."""
+_LAYOUT = f"to have them read, {HOW_TO_STATE.format(name='FILE')}"
 _TABLE = "export the table as CSV"
 _EXPORT = "export it as TDMS, MAT, HDF5 or CSV"
 _MAGIC: tuple[tuple[bytes, str, str], ...] = (
-    (b"PAR1", "a Parquet table", 'pandas.read_parquet(FILE).to_csv("x.csv", index=False)'),
     (b"ARROW1", "a Feather table", 'pandas.read_feather(FILE).to_csv("x.csv", index=False)'),
     (b"ORC", "an ORC table", _TABLE),
     (b"Obj\x01", "an Avro file", _TABLE),
     (b"SQLite format 3\0", "an SQLite database", _TABLE),
-    (b"\xd0\xcf\x11\xe0", "an old Office document, of Excel up to 2003 if a sheet", _SHEET),
+    (b"\xd0\xcf\x11\xe0", "an old or protected Office document", _BOOK),
     (b"%PDF", "a PDF document", "a report holds no samples: take the recording that it is of"),
     (b"MDF     ", "an ASAM MDF measurement", "asammdf exports it as MAT, HDF5 or CSV"),
     (b"UnFinMF ", "an ASAM MDF measurement that was not finished", "close it in its recorder, then export it as MAT"),
@@ -29,18 +34,19 @@ _MAGIC: tuple[tuple[bytes, str, str], ...] = (
     (b"\x89PNG", "a picture", "take the recording that it is of"),
     (b"\xff\xd8\xff", "a picture", "take the recording that it is of"),
     (b"\x7fELF", "a program", "it is no recording"),
+    (b"|CF,", "a file of imc FAMOS", _EXPORT),
 )
 _XML = "XML; export the samples that it describes as CSV, TDMS or HDF5"
 _OWN: tuple[tuple[bytes, str], ...] = (
     (b"\x89HDF\r\n\x1a\n", "hdf5"), (b"TDSm", "tdms"), (b"RIFF", "wav"), (b"fLaC", "wav"), (b"MATLAB 5.0", "mat"),
     (b"CDF\x01", "netcdf"), (b"CDF\x02", "netcdf"), (b"CDF\x05", "netcdf"), (b"\x93NUMPY", "npy"), (b"    -1\n", "uff"),
-    (b"    -1\r\n", "uff"),
+    (b"    -1\r\n", "uff"), (b"PAR1", "parquet"),
 )  # fmt: skip
 _PACKED = ((b"\x1f\x8b", ".gz", "gzip"), (b"BZh", ".bz2", "bzip2"), (b"\xfd7zXZ\0", ".xz", "xz"))
 _BY_ENDING = {
-    ".xlsx": ("an Excel workbook", _SHEET), ".xlsm": ("an Excel workbook", _SHEET), ".xls": ("an Excel sheet", _SHEET),
-    ".ods": ("a sheet of LibreOffice", _SHEET), ".parquet": (_MAGIC[0][1], _MAGIC[0][2]),
-    ".feather": (_MAGIC[1][1], _MAGIC[1][2]), ".db": (_MAGIC[4][1], _TABLE), ".sqlite": (_MAGIC[4][1], _TABLE),
+    ".xls": ("an Excel sheet of before 2007", _BOOK), ".xlsb": ("a binary Excel workbook", _BOOK),
+    ".ods": ("a sheet of LibreOffice", _BOOK),
+    ".feather": (_MAGIC[0][1], _MAGIC[0][2]), ".db": (_MAGIC[3][1], _TABLE), ".sqlite": (_MAGIC[3][1], _TABLE),
     ".tdm": ("a header of NI DIAdem, whose samples are in .tdx", "export both as TDMS"),
     ".tdx": ("samples of NI DIAdem, described in .tdm", "export both as TDMS"),
     ".tdms_index": ("the index of a TDMS file, which is made anew", "it can be removed"),
@@ -48,18 +54,17 @@ _BY_ENDING = {
     ".d7d": ("a recording of Dewesoft", _EXPORT), ".d7z": ("a recording of Dewesoft", _EXPORT),
     ".dxd": ("a recording of Dewesoft", _EXPORT), ".dxz": ("a recording of Dewesoft", _EXPORT),
     ".sie": ("a recording of SoMat (HBM eDAQ)", "export it as MAT or CSV, in InField or nCode"),
-    ".mf4": ("an ASAM MDF measurement", _MAGIC[7][2]), ".mdf": ("an ASAM MDF measurement", _MAGIC[7][2]),
+    ".mf4": ("an ASAM MDF measurement", _MAGIC[6][2]), ".mdf": ("an ASAM MDF measurement", _MAGIC[6][2]),
     ".rsp": ("a recording of MTS RPC", _EXPORT), ".rpc": ("a recording of MTS RPC", _EXPORT),
-    ".raw": ("a file of imc FAMOS, or samples without a header", _EXPORT),
     ".pti": ("a recording of Brüel & Kjær", _EXPORT),
     ".atfx": ("a recording of ASAM ODS", _EXPORT), ".wdf": ("a recording of Yokogawa", _EXPORT),
     ".wdq": ("a recording of WinDaq", _EXPORT), ".adicht": ("a recording of LabChart", _EXPORT),
     ".trc": ("a trace of an oscilloscope", "export it as CSV"),
     ".wfm": ("a trace of an oscilloscope", "export it as CSV"),
-    ".pkl": (_MAGIC[9][1], _MAGIC[9][2]), ".npz": ("several arrays of numpy in a zip", "save each by numpy.save"),
+    ".pkl": (_MAGIC[8][1], _MAGIC[8][2]), ".npz": ("several arrays of numpy in a zip", "save each by numpy.save"),
     ".zip": ("a zip archive", "unpack it into the folder, or make a tar archive of it"),
-    ".pdf": (_MAGIC[6][1], _MAGIC[6][2]),
-    ".bin": ("samples without a header", "numpy.fromfile reads them, numpy.save writes .npy; state rate and unit"),
+    ".pdf": (_MAGIC[5][1], _MAGIC[5][2]),
+    ".bin": ("samples without a header", _LAYOUT), ".raw": ("samples without a header", _LAYOUT),
 }  # fmt: skip
 
 
@@ -100,6 +105,10 @@ def _by_content(name: str, head: bytes, ending: str) -> str | None:
 def _zipped(head: bytes, ending: str) -> str:
     inside = {b"xl/": ".xlsx", b"opendocument.spreadsheet": ".ods", b".npy": ".npz"}
     kind = next((known for sign, known in inside.items() if sign in head), ending)
+    if ending in (".xlsx", ".xlsm"):
+        return 'a file of xlsx; write format = "xlsx"'
+    if kind == ".xlsx":
+        return "an Excel workbook; let its name end in .xlsx"
     what, how = _BY_ENDING.get(kind, _BY_ENDING[".zip"])
     return f"{what}; {how}"
 

@@ -19,15 +19,19 @@ from streams.files.formats.hdf5 import read_hdf5
 from streams.files.formats.mat import mat_variables, read_mat
 from streams.files.formats.netcdf import read_netcdf
 from streams.files.formats.npy_wav import read_plain_npy, read_wav
+from streams.files.formats.parquet import read_parquet
+from streams.files.formats.raw import RAW_ENDINGS, Layout, read_by_layout, undescribed
 from streams.files.formats.tdms import read_tdms
 from streams.files.formats.text import first_characters, read_layout
 from streams.files.formats.uff import read_uff
+from streams.files.formats.xlsx import read_xlsx
 from streams.files.groups import with_files
 from streams.files.judge import opened_rate
 from streams.files.notes import apply_note, note_of
 from streams.files.parse.child import isolated
 from streams.files.sidecar import (
     FOLDER_NAMES,
+    SideCar,
     apply_sidecar,
     find_sidecar,
     is_beside,
@@ -82,12 +86,18 @@ FORMATS = {
     "hdf5": (".h5", ".hdf5", ".hdf"),
     "uff": (".uff", ".unv", ".bunv", ".uf"),
     "netcdf": (".nc", ".nc4", ".cdf"),
+    "xlsx": (".xlsx", ".xlsm"),
+    "parquet": (".parquet", ".pq"),
+    "raw": RAW_ENDINGS,
 }
 """The plain formats and their file endings."""
 _ALIASES = {"text": "csv", "lvm": "csv", "flac": "wav", "h5": "hdf5", "uff58": "uff", "unv": "uff", "nc": "netcdf"}
-_STATE_RATE = ("csv", "wav", "mat", "tdms", "hdf5", "uff", "netcdf")
-_STATE_UNIT = ("csv", "mat", "tdms", "hdf5", "uff", "netcdf")
-_EXTRAS = {"tdms": ("nptdms", "tdms"), "hdf5": ("h5py", "hdf5"), "uff": ("pyuff", "uff")}
+_ALIASES |= {"excel": "xlsx", "xlsm": "xlsx", "pq": "parquet"}
+_SILENT = ("npy", "raw")
+"""Formats that state neither rate nor unit; sound states its rate."""
+_EXTRAS = {
+    "tdms": ("nptdms", "tdms"), "hdf5": ("h5py", "hdf5"), "uff": ("pyuff", "uff"), "parquet": ("pyarrow", "tables")
+}  # fmt: skip
 _RECORDED = (".csv", ".tsv", ".lvm")
 """Endings of text that is recorded: another text among several files may be a note."""
 _MAX_SEEN = 5
@@ -136,6 +146,9 @@ def plain(kind: str, spec: SourceSpec, endings: tuple[str, ...]) -> DataSet:
         "hdf5": isolated(read_hdf5, keys, zone, inside, *wishes, spec.disregard),
         "uff": isolated(read_uff, keys, zone, spec.disregard),
         "netcdf": isolated(read_netcdf, keys, zone, inside, *wishes, spec.disregard),
+        "xlsx": isolated(read_xlsx, keys, zone, spec.disregard),
+        "parquet": isolated(read_parquet, zone, spec.disregard),
+        "raw": undescribed,
     }
 
     def facts(path: str, place: str, zone: ZoneInfo) -> FileFacts | None:
@@ -143,7 +156,7 @@ def plain(kind: str, spec: SourceSpec, endings: tuple[str, ...]) -> DataSet:
         return FileFacts(natural_key(path)) if meant else None
 
     shown = ", ".join(f"*{ending}" for ending in endings) or "any name"
-    rate, unit = kind in _STATE_RATE, kind in _STATE_UNIT
+    rate, unit = kind not in _SILENT, kind not in (*_SILENT, "wav")
     return DataSet(
         kind, shown, facts, readers[kind], unit=None, states_rate=rate, states_unit=unit, plain=True, endings=endings
     )
@@ -211,7 +224,8 @@ def _with_sidecars(data_set: DataSet, spec: SourceSpec, files: Files) -> DataSet
 
     def read(data: Data, path: str) -> Samples:
         sidecar, note = find_sidecar(root, path, spec.timezone), note_of(root, path)
-        samples = data_set.read(data, path)
+        layout = None if sidecar is None else _layout_in(sidecar, path, data_set.name)
+        samples = data_set.read(data, path) if layout is None else read_by_layout(data, path, layout)
         if note is not None:
             samples = apply_note(samples, note, path, spec.timezone, spec.disregard)
         return samples if sidecar is None else apply_sidecar(samples, sidecar, path)
@@ -219,6 +233,13 @@ def _with_sidecars(data_set: DataSet, spec: SourceSpec, files: Files) -> DataSet
     there = _has_sidecars(root, files)
     states_rate, states_unit = data_set.states_rate or there, data_set.states_unit or there
     return replace(data_set, read=read, states_rate=states_rate, states_unit=states_unit)
+
+
+def _layout_in(sidecar: SideCar, path: str, kind: str) -> Layout | None:
+    """Return the layout of a file of a kind; ReaderError where its own side-car has one and the kind has none."""
+    if kind != "raw" and sidecar.layout is not None and sidecar.path == f"{path}.json":
+        raise ReaderError("unreadable", f'{path}: {sidecar.path} states a layout, of format = "raw", not of {kind}')
+    return sidecar.layout if kind == "raw" else None
 
 
 def _has_sidecars(root: Path, files: Files) -> bool:
@@ -298,7 +319,7 @@ def _nothing(paths: list[str], seen: Mapping[str, str]) -> str:
     archives = [path for path in paths if is_archive(path)]
     if archives:
         return f"holds archives ({', '.join(archives[:5])}); name one of them"
-    endings = ", ".join(ending for endings in FORMATS.values() for ending in endings)
+    endings = ", ".join(dict.fromkeys(ending for endings in FORMATS.values() for ending in endings))
     told = "".join(f"; {shown(path)}: {words}" for path, words in seen.items())
     return (
         f"holds nothing that is recognised{told}; expected a known data set ({', '.join(DATA_SETS)}) "
@@ -314,7 +335,11 @@ def _is_named_as(name: str, item: Item, files: Files) -> bool:
 def _recognised_by_content(item: Item, spec: SourceSpec, files: Files, seen: dict[str, str]) -> DataSet | None:
     """Return the data set or format that one file shows, or None; then add to ``seen`` what was seen in it."""
     kind, ending = _kind_by_ending(item)
-    if kind is None:
+    if (kind is None or ending in RAW_ENDINGS) and not files.sequential:
+        sidecar = find_sidecar(files.root, item.path)
+        if sidecar is not None and sidecar.layout is not None:
+            return plain("raw", spec, (ending,))
+    if kind in (None, "raw"):
         if len(seen) < _MAX_SEEN:
             with suppress(ReaderError):
                 data = item.read()

@@ -2,7 +2,7 @@
 
 ``FILE.json`` beside ``FILE``, else ``spallwatch.json`` or ``spallwatch.toml`` in its folder, which then counts for all
 files of the folder. Keys: ``rate_hz``, ``start_utc``, ``unit``, ``scale``, ``sensitivity_mv_per_g``, ``speed_hz``,
-``load_newton``, ``channels``.
+``load_newton``, ``channels``, and ``layout`` of a file without a header (:mod:`streams.files.formats.raw`).
 """
 
 from __future__ import annotations
@@ -24,6 +24,7 @@ import numpy as np
 from streams.files.container import read_guarded
 from streams.files.datasets import DataSet, FileFacts
 from streams.files.formats.pulse_text import pulse_column
+from streams.files.formats.raw import Layout, layout_of
 from streams.files.judge import Start, agreed_rate, joint_rate, judge_start, opened_rate
 from streams.files.notes import is_note
 from streams.files.parse.child import isolated
@@ -77,6 +78,7 @@ class SideCar:
     speed: float | None = None
     load: float | None = None
     channels: tuple[str, ...] | None = None
+    layout: Layout | None = None
 
 
 def is_sidecar(path: str, recordings: Container[str]) -> bool:
@@ -112,6 +114,7 @@ def _parsed(raw: bytes, path: str, zone: str) -> SideCar:
     if not isinstance(values, dict):
         raise ReaderError("unreadable", f"{path}: expected a table of keys, got {type(values).__name__}")
     known = {"rate_hz", "start_utc", "unit", "scale", "sensitivity_mv_per_g", "speed_hz", "load_newton", "channels"}
+    known.add("layout")
     unknown = sorted(set(values) - known)
     if unknown:
         raise ReaderError("unreadable", f"{path}: unknown key {unknown[0][:40]!r}; expected {', '.join(sorted(known))}")
@@ -128,6 +131,7 @@ def _parsed(raw: bytes, path: str, zone: str) -> SideCar:
         speed=_number(values, "speed_hz", path),
         load=_number(values, "load_newton", path),
         channels=_channels(values, path),
+        layout=layout_of(values["layout"], path) if "layout" in values else None,
     )
 
 

@@ -35,9 +35,12 @@ from tests.streams.format_makers import (
     netcdf_bytes,
     signal,
     sound_bytes,
+    table_bytes,
     tdms_bytes,
     uff_bytes,
+    xlsx_bytes,
 )
+from tests.streams.table_makers import parquet_bytes
 from tests.support.effort import effort_count
 from tests.support.waiting import Stall
 
@@ -108,6 +111,11 @@ def huge(name: str, seed: int) -> bytes:
         return _huge_hdf5(name)
     elif name == "x.mat":
         data[132:136] = struct.pack("<I", 0x7FFFFFF0)
+    elif name == "x.xlsx":
+        place = data.index(b"PK\1\2") + 24
+        data[place : place + 4] = struct.pack("<I", 0x7FFFFFFF)
+    elif name == "x.parquet":
+        return parquet_bytes({key: np.zeros(10_000_000, np.int8) for key in ("acc_1", "acc_2")})
     elif name == "x3.nc":
         place = data.index(b"\0\0\0\x0a") + 8
         place = data.index(struct.pack(">I", LENGTH), place)
@@ -128,6 +136,7 @@ def _huge_hdf5(name: str) -> bytes:
 
 MAKE_AT = {
     "x.tdms": tdms_bytes, "x.h5": hdf5_bytes, "x.uff": uff_bytes, "x.nc": netcdf_bytes, "x.csv": csv_bytes,
+    "x.xlsx": xlsx_bytes, "x.parquet": table_bytes,
     "xb.uff": lambda samples, **how: uff_bytes(samples, binary=True, **how),
     "x3.nc": lambda samples, **how: netcdf_bytes(samples, kind="NETCDF3_CLASSIC", **how),
     "x.wav": lambda samples, rate: sound_bytes(samples, "WAV", rate),

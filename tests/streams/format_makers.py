@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 from collections.abc import Callable
+from datetime import datetime
 from typing import Any, Literal
 
 import h5py
@@ -13,6 +14,8 @@ import scipy.io
 import soundfile
 from nptdms import ChannelObject, TdmsWriter
 from numpy.typing import NDArray
+
+from tests.streams.table_makers import Row, parquet_bytes, workbook
 
 RATE = 25600.0
 START = 1714564800.0
@@ -149,6 +152,21 @@ def sound_bytes(samples: Samples, kind: str = "WAV", rate: float = RATE) -> byte
     return stream.getvalue()
 
 
+def xlsx_bytes(samples: Samples, rate: float = RATE, unit: str = "g") -> bytes:
+    """A workbook with a sheet of remarks, and one with names, units and a column of times."""
+    names = [f"acc_{i}" for i in range(1, len(samples) + 1)]
+    rows: list[Row] = [["Start", datetime(2024, 5, 1, 12)], ["time", *names], ["s", *([unit] * len(names))]]
+    rows += [[i / rate, *map(float, values)] for i, values in enumerate(samples.T)]
+    return workbook({"Remarks": [["Pump 3"], ["Operator", "N. N."]], "Data": rows})
+
+
+def table_bytes(samples: Samples, rate: float = RATE, unit: str = "g") -> bytes:
+    """A Parquet table whose metadata say rate, time and unit."""
+    columns = {f"acc_{i}": row for i, row in enumerate(samples, start=1)}
+    stated = {"sampling_rate": f"{rate:g} Hz", "start": "2024-05-01 12:00:00", "writer": "a logger"}
+    return parquet_bytes(columns, stated, {name: {"unit": unit} for name in columns}, rows_a_group=300)
+
+
 MAKERS: dict[str, Callable[[Samples], bytes]] = {
     "x.tdms": tdms_bytes,
     "x.h5": hdf5_bytes,
@@ -162,9 +180,12 @@ MAKERS: dict[str, Callable[[Samples], bytes]] = {
     "x.npy": npy_bytes,
     "x.wav": sound_bytes,
     "x.flac": lambda samples: sound_bytes(samples, "FLAC"),
+    "x.xlsx": xlsx_bytes,
+    "x.parquet": table_bytes,
 }
 """A file of each format by its name."""
 
-STATES_RATE = {"x.tdms", "x.h5", "x.uff", "xb.uff", "x.nc", "x3.nc", "x.csv", "x.wav", "x.flac"}
+STATES_RATE = {"x.tdms", "x.h5", "x.uff", "xb.uff", "x.nc", "x3.nc", "x.csv", "x.wav", "x.flac", "x.xlsx"}
+STATES_RATE |= {"x.parquet"}
 STATES_UNIT = STATES_RATE - {"x.wav", "x.flac"}
 STATES_START = STATES_UNIT

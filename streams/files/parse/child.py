@@ -56,6 +56,8 @@ _ENVIRONMENT = {
     "MALLOC_MMAP_THRESHOLD_": str(32 << 20),
     "MALLOC_TRIM_THRESHOLD_": str(256 << 20),
     "MALLOC_TOP_PAD_": str(16 << 20),
+    # Its own pool would reserve more address space than a child has.
+    "ARROW_DEFAULT_MEMORY_POOL": "system",
     # No file may make the HDF5 library load code.
     "HDF5_PLUGIN_PRELOAD": "::",
     "HDF5_USE_FILE_LOCKING": "FALSE",

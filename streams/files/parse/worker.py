@@ -35,6 +35,8 @@ _LIBRARIES = {
     "streams.files.formats.netcdf": ("h5py",),
     "streams.files.formats.tdms": ("nptdms",),
     "streams.files.formats.uff": ("pyuff",),
+    "streams.files.formats.xlsx": ("pandas",),
+    "streams.files.formats.parquet": ("pyarrow.parquet", "pandas"),
 }
 _FROM_DISK = "takes_files_from_disk"
 _FIELDS = (

@@ -59,10 +59,12 @@ def arrays() -> bytes:
 
 TABLE = b"1.0\n2.0\n" * 100
 FILES = {
-    "log.xlsx": (workbook(), "Excel workbook", "save the sheet as CSV"),
-    "log.csv": (workbook(), "Excel workbook", "save the sheet as CSV"),
-    "old.xls": (b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1" + bytes(500), "old Office", "save the sheet as CSV"),
-    "log.parquet": (b"PAR1" + bytes(40) + b"PAR1", "Parquet", "read_parquet"),
+    "log.xlsx": (workbook(), "a file of xlsx", 'format = "xlsx"'),
+    "log.csv": (workbook(), "Excel workbook", "end in .xlsx"),
+    "old.xls": (b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1" + bytes(500), "old or protected Office", "save it as .xlsx"),
+    "log.feather": (b"ARROW1" + bytes(40), "Feather", "read_feather"),
+    "log.txt": (b"PAR1" + bytes(40) + b"PAR1", "a file of parquet", 'format = "parquet"'),
+    "run.raw": (b"|CF,2,1,1;|CK,", "imc FAMOS", "MAT"),
     "report.pdf": (b"%PDF-1.7\n%\xe2\xe3", "PDF", "recording that it is of"),
     "a.txt": (gzip.compress(TABLE), "gzip", "let its name end in .gz"),
     "b.csv": (bz2.compress(TABLE), "bzip2", ".bz2"),
@@ -73,7 +75,7 @@ FILES = {
     "run.mf4": (b"MDF     4.10    ", "ASAM MDF", "asammdf"),
     "run.dat": (frames(), "hdf5", 'format = "hdf5"'),
     "arrays.npz": (arrays(), "arrays of numpy", "numpy.save"),
-    "samples.bin": (noise(50).tobytes(), "without a header", "numpy.fromfile"),
+    "samples.bin": (noise(50).tobytes(), "without a header", '"layout": {"type": "int16"'),
 }
 
 
@@ -99,18 +101,24 @@ def test_a_database_is_named(tmp_path: Path) -> None:
 
 
 def test_a_folder_of_foreign_files_is_refused_with_what_was_seen(tmp_path: Path) -> None:
-    for name in ("log.xlsx", "run.d7d", "a.txt"):
+    for name in ("old.xls", "run.d7d", "a.txt"):
         (tmp_path / name).write_bytes(FILES[name][0])
     (tmp_path / "README.txt").write_text("Notes of the test\n", encoding="utf-8")
     with pytest.raises(SourceError) as refused:
         open_source(SourceSpec("s", f"folder:{tmp_path}"))
-    for words in ("Excel workbook", "Dewesoft", "64 bytes that begin with 00 01 02", "Notes of the test", "text"):
+    for words in (
+        "old or protected Office",
+        "Dewesoft",
+        "64 bytes that begin with 00 01 02",
+        "Notes of the test",
+        "text",
+    ):
         assert words in str(refused.value)
 
 
 def test_a_file_under_a_wrong_name_is_refused_with_what_it_is(tmp_path: Path) -> None:
     (tmp_path / "log.csv").write_bytes(workbook())
-    with pytest.raises(sw.SpallwatchError, match="Excel workbook; save the sheet as CSV"):
+    with pytest.raises(sw.SpallwatchError, match=r"Excel workbook; let its name end in \.xlsx"):
         sw.read(tmp_path / "log.csv", unit="g", rate_hz=1000)
 
 
@@ -123,7 +131,7 @@ def test_ignored_files_say_what_they_are(tmp_path: Path) -> None:
     assert isinstance(found, Recording)
     assert len(list(found)) == 1
     reasons = found.ignored()
-    assert "Excel workbook" in reasons["log.xlsx"]
+    assert reasons["log.xlsx"].endswith('it is a file of xlsx; write format = "xlsx"')
     assert reasons["notes.md"] == "of another format than csv (*.csv)"
 
 
