@@ -20,7 +20,7 @@ from streams.files.formats.mat import mat_variables, read_mat
 from streams.files.formats.netcdf import read_netcdf
 from streams.files.formats.npy_wav import read_plain_npy, read_wav
 from streams.files.formats.parquet import read_parquet
-from streams.files.formats.raw import RAW_ENDINGS, Layout, read_by_layout, undescribed
+from streams.files.formats.raw import RAW_ENDINGS, Layout, described_samples, undescribed
 from streams.files.formats.tdms import read_tdms
 from streams.files.formats.text import first_characters, read_layout
 from streams.files.formats.uff import read_uff
@@ -225,7 +225,7 @@ def _with_sidecars(data_set: DataSet, spec: SourceSpec, files: Files) -> DataSet
     def read(data: Data, path: str) -> Samples:
         sidecar, note = find_sidecar(root, path, spec.timezone), note_of(root, path)
         layout = None if sidecar is None else _layout_in(sidecar, path, data_set.name)
-        samples = data_set.read(data, path) if layout is None else read_by_layout(data, path, layout)
+        samples = data_set.read(data, path) if layout is None else described_samples(data, path, layout)
         if note is not None:
             samples = apply_note(samples, note, path, spec.timezone, spec.disregard)
         return samples if sidecar is None else apply_sidecar(samples, sidecar, path)

@@ -130,7 +130,7 @@ def _stamped(moments: np.ndarray, kind: Any, zone: str, name: str) -> StampedRow
     start = read_stamp(text, zone)
     if start is None:
         raise ReaderError("unreadable", f"{name}: the first date is {text}")
-    return StampedRows(b"", [], (moments - moments[0]) * size, start, 1)
+    return StampedRows(b"", [], (moments - moments[0]) * size, start, 1, "")
 
 
 def _facts(metadata: Any) -> dict[str, object]:

@@ -84,7 +84,7 @@ def layout_of(values: object, path: str) -> Layout:
     return Layout(values["type"], order, channels, interleaved, header)
 
 
-def read_by_layout(data: Data, name: str, layout: Layout) -> Samples:
+def described_samples(data: Data, name: str, layout: Layout) -> Samples:
     """Read samples by their layout, in this process where a file is small: nothing of it is interpreted.
 
     Raises:
