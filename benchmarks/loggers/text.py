@@ -175,10 +175,11 @@ def _files(
     newline = draw.one("newline", ["\n", "\r\n"])
     style = draw.one("channel_files", ["suffix", "folder"]) if plan.grouping == "channels" else ""
     paths: list[list[str]] = []
-    zone_stated = plan.dating == "name" and draw.chosen.get("stamp") == "epoch"
     alone = len(channels) == 1 and form.axis == ""
     fill = draw.one("fill", FILLS[1:] if alone else FILLS) if plan.lost == "fill" else ""
-    for index, path in enumerate(paths_of(plan, ending + (".gz" if squeezed else ""))):
+    stems = paths_of(plan, ending + (".gz" if squeezed else ""))
+    zone_stated = plan.dating == "name" and draw.chosen.get("stamp") == "epoch"
+    for index, path in enumerate(stems):
         lines = list(form.lines)
         if plan.dating == "head":
             dated, zone_stated, confused = start_lines(draw, form.spelling, plan.wall(index))
