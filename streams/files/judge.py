@@ -14,12 +14,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from streams.files.circumstances import REMEDY, Circumstances, circumstances_of, without
+from streams.files.keys import UNIT_IN_NAME
 from streams.files.packing import without_codes
 from streams.files.statements import (
     STORED,
     Facts,
     StatedNumber,
     is_of_vibration,
+    known_unit,
     nice_rate,
     rate_statements,
     time_statements,
@@ -121,7 +123,7 @@ def judge_rate(statements: Sequence[StatedNumber], where: str, *, remedy: str = 
         return JudgedRate(None, tuple(kept), finest.resolution, f"{finest.place} {finest.written!r}")
     rate, uncertainty = kept[0], finest.resolution / kept[0]
     nice = nice_rate(rate, max(1e-9, min(uncertainty, RATE_TOLERANCE)))
-    if uncertainty > _COARSE and nice_rate(rate, 1e-9) != round(rate):
+    if not finest.is_exact or (uncertainty > _COARSE and nice_rate(rate, 1e-9) != round(rate)):
         return JudgedRate(None, (rate,), finest.resolution, f"{finest.place} {finest.written!r}")
     return JudgedRate(nice)
 
@@ -285,7 +287,7 @@ def judged(
     known: dict[int, int] = {}
     for place, row in enumerate(rows):
         first = known.setdefault(id(row.facts), place)
-        if first != place and row.rate == rows[first].rate:
+        if first != place and row.rate == rows[first].rate and not UNIT_IN_NAME.match(row.short):
             units.append(units[first])
             beside.append(beside[first])
             continue
@@ -296,7 +298,7 @@ def judged(
         judge_rate(own, at)
         rates += [replace(one, place=one.place + inside) for one in own]
         starts += [replace(one, place=one.place + inside) for one in dated(facts, zone)]
-        units.append(_unit_of(facts, at))
+        units.append(_unit_of(facts, row.short, at))
         beside.append(circumstances_of(facts, at))
     rate = judge_rate(rates, where)
     start = judge_start(starts, where)
@@ -321,11 +323,15 @@ def judged(
     )
 
 
-def _unit_of(facts: Facts, where: str) -> str | None:
-    """Return the unit that named values state; those of ``KEY#PLACE`` are stated of several rows."""
-    own = {key: value for key, value in facts.items() if "#" not in key}
-    outer = {key: value for key, value in facts.items() if "#" in key}
-    return judge_unit(unit_statements(own), where, unit_statements(outer))
+def _unit_of(facts: Facts, name: str, where: str) -> str | None:
+    """Return the unit that named values and the name state; values of ``KEY#PLACE`` are stated of several rows."""
+    own = unit_statements({key: value for key, value in facts.items() if "#" not in key})
+    outer = unit_statements({key: value for key, value in facts.items() if "#" in key})
+    behind = UNIT_IN_NAME.match(name)
+    in_name = None if behind is None else known_unit(behind[2])
+    if in_name is not None and is_of_vibration(in_name):
+        own.append((f"the name {name!r}", in_name))
+    return judge_unit(own, where, outer)
 
 
 def _common(values: Sequence[float | None]) -> float | None:

@@ -126,6 +126,8 @@ LIKE_RATE = {"": 1.0, "hz": 1.0, "khz": 1e3, "mhz": 1e6, "s/s": 1.0, "sps": 1.0,
               "ksa/s": 1e3, "ks/s": 1e3, "samples/s": 1.0, "samples/sec": 1.0}  # fmt: skip
 LIKE_STEP = {"s": 1.0, "sec": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "ns": 1e-9}
 MONTH_NAMED = r"\d{1,2}[- ][A-Za-z]{3,9}[- ](?:\d{4}|\d\d)|[A-Za-z]{3,9} \d{1,2}, \d{4}"
+UNIT_IN_NAME = re.compile(r"^(.*?)\s*[\[(]([^\])]*)[\])]\s*$")
+"""A name with its unit behind it."""
 NUMBER = re.compile(r"\s*([-+]?(?:\d[\d.,]*|[.,]\d+)(?:[eE][-+]?\d+)?)\s*(.*?)\s*")
 GROUPING_BLANKS = re.compile("(?<=\\d)[ \N{NO-BREAK SPACE}\N{NARROW NO-BREAK SPACE}](?=\\d{3}(?:\\D|$))")
 GROUPS = re.compile(r"[-+]?\d{1,3}([.,])\d{3}")

@@ -128,12 +128,14 @@ class StatedNumber:
         written: as it stands there.
         readings: the values that this may mean, in SI; more than one where the way of writing leaves it open.
         resolution: half of what its last digit stands for, in SI; 0 where it was not written in decimals.
+        is_exact: whether it may count alone; what was measured too coarsely is only compared.
     """
 
     place: str
     written: str
     readings: tuple[float, ...]
     resolution: float = 0.0
+    is_exact: bool = True
 
 
 def number_in(value: object, place: str, units: Mapping[str, float], *, comma: bool = False) -> StatedNumber | None:
@@ -208,7 +210,9 @@ def rate_statements(facts: Facts, where: str) -> list[StatedNumber]:
 def _inverse(stated: StatedNumber) -> StatedNumber:
     """Return one over what is stated."""
     readings = tuple(1.0 / number for number in stated.readings)
-    return StatedNumber(stated.place, stated.written, readings, stated.resolution * max(readings) ** 2)
+    least = min(stated.readings)
+    resolution = stated.resolution / (least * (least + stated.resolution))
+    return StatedNumber(stated.place, stated.written, readings, resolution)
 
 
 def nice_rate(rate: float, tolerance: float) -> float:

@@ -103,16 +103,19 @@ def column_statements(
     by_size = epoch_seconds(first)
     size = column.size or (by_size / first if by_size is not None else 1.0)
     absolute = by_size if column.size is None else _since_1970(first * column.size)
-    rate = rate_of_times(_scaled(times, size), where)
+    measured = _measured(_scaled(times, size), where)
     starts: list[Start] = []
     if absolute is not None:
         stamp = Stamp(utc_text(absolute), absolute, absolute, resolution=1e-3)
         starts.append(Start(place, stamp, of_rows=True))
-    if rate is None:
+    if measured is None:
         return [], starts
+    rate, uncertainty = measured
+    if uncertainty < _MOST_UNCERTAIN:
+        rate, uncertainty = nice_rate(rate, uncertainty + 1e-12), 0.0
     written = f"{first:.10g}, {float(times[1]):.10g}, ..."
     if rate >= _LEAST_RATE or (column.size is not None and by_size is None):
-        return [StatedNumber(place, written, (rate,))], starts
+        return [StatedNumber(place, written, (rate,), uncertainty * rate, is_exact=uncertainty == 0.0)], starts
     others = {1.0, 1e-3, 1e-6} if by_size is None else {1.0, 1e-3, 1e-6, by_size / first}
     return [StatedNumber(place, written, (rate, *(rate * size / other for other in sorted(others - {size}))))], []
 
@@ -129,6 +132,16 @@ def rate_of_times(times: NDArray[np.floating], where: str) -> float | None:
     """Return the rate in Hz that a column of times in s states.
 
     None where there are less than two times, or their rounding leaves it uncertain by more than 5e-5 of it.
+
+    Raises:
+        ReaderError: as :func:`_measured`.
+    """
+    found = _measured(times, where)
+    return None if found is None or found[1] >= _MOST_UNCERTAIN else nice_rate(found[0], found[1] + 1e-12)
+
+
+def _measured(times: NDArray[np.floating], where: str) -> tuple[float, float] | None:
+    """Return the rate of times in s, in Hz, and its relative uncertainty by their rounding; None for less than two.
 
     Raises:
         ReaderError: ``nan`` for a time that is no number, ``wrong_rate`` where the times do not increase evenly.
@@ -150,7 +163,7 @@ def rate_of_times(times: NDArray[np.floating], where: str) -> float | None:
     if uncertainty >= _MOST_UNCERTAIN and len(values) >= _MIN_FITTED:
         # The ends alone are too coarse; the slope of all of them is finer by the root of their number.
         step, uncertainty = _slope(values), 8.0 * rounding / (span * math.sqrt(len(values)))
-    return nice_rate(1.0 / step, uncertainty + 1e-12) if uncertainty < _MOST_UNCERTAIN else None
+    return 1.0 / step, uncertainty
 
 
 def _slope(times: NDArray[np.float64]) -> float:

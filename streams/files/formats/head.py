@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from streams.files.formats.numbers import first_line_of, is_number
+from streams.files.keys import UNIT_IN_NAME
 from streams.files.statements import (
     Facts,
     add_fact,
@@ -30,7 +31,6 @@ _FACT = re.compile(r"\s*[#%\"]*\s*([A-Za-z][^:=;\t,]{0,60}?)\s*[:=;\t,]\s*(.*?)[
 _CLOCK_IN_VALUE = re.compile(r"\d:\d\d,\d+$|\d,\s*\d{1,2}:\d\d")
 _UNIT_BEHIND = re.compile(r"^(.*?)(?:\s+in\s+|\s*/\s*)(\S.*?)\s*$")
 """A name with its unit as in ``Zeit/s`` and ``Beschleunigung in m/s²``."""
-UNIT_IN_NAME = re.compile(r"^(.*?)\s*[\[(]([^\])]*)[\])]\s*$")
 
 
 def decoded(line: bytes) -> str:
@@ -101,6 +101,9 @@ def head_of(lines: list[str]) -> Head:
     kept = [line for line in lines if line.strip()]
     titles = [line for line in kept[-2:] if not line.startswith(("#", "%", "***"))]
     both = [_fields(line) for line in titles]
+    if len(both) == 2 and len(both[1]) == 1 and not re.search(r"[;\t,]", titles[0]):
+        # One column, whose name may hold blanks.
+        both[0] = [titles[0].strip().strip('"')]
     if len(both) == 2 and len(both[0]) == len(both[1]) and _are_units(both[1]) and not _is_fact(titles[0]):
         head.names = tuple(both[0])
         head.units = tuple(known_unit(unit) for unit in both[1])

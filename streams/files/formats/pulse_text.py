@@ -7,10 +7,10 @@ import re
 import numpy as np
 from numpy.typing import NDArray
 
-from streams.files.formats.head import MAX_HEAD_LINES, UNIT_IN_NAME, Head, decoded, head_of, titles_with_blanks
+from streams.files.formats.head import MAX_HEAD_LINES, Head, decoded, head_of, titles_with_blanks
 from streams.files.formats.numbers import is_number
 from streams.files.formats.text import clean_text, read_text
-from streams.files.keys import PULSE_KEYS
+from streams.files.keys import PULSE_KEYS, UNIT_IN_NAME
 from streams.files.pulse_times import with_pulses
 from streams.files.statements import Facts, plain_key, seconds_utc
 from streams.types.limits import MAX_BYTES

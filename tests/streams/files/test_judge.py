@@ -241,3 +241,29 @@ def test_codes_of_missing_samples_are_no_numbers(code: float, places: list[int])
     large = np.where(values == code, code, 0.2 * abs(code) * np.sin(np.arange(64.0)))
     whole = judged([StatedRow(large, "a", "a", {})], "x", "rows", "UTC")
     assert np.isfinite(whole.values).all()
+
+
+def test_times_that_are_too_coarse_are_compared_but_state_no_rate() -> None:
+    rows = "\n".join(f"{i / 4096.0:.3f},{math.sin(i):.6f}" for i in range(128))
+    alone = read_layout(f"t [s],acc\n{rows}\n".encode(), "x.csv")
+    assert alone.rate is None
+    assert opened_rate(alone).fits(4096.0)
+    assert read_layout(f"fs: 4096\nt [s],acc\n{rows}\n".encode(), "x.csv").rate == 4096.0
+    with pytest.raises(ReaderError, match="several sampling rates"):
+        read_layout(f"fs: 4.096\nt [s],acc\n{rows}\n".encode(), "x.csv")
+
+
+def test_the_unit_in_a_name_is_a_statement_in_every_format() -> None:
+    values = np.ones(4)
+    row = StatedRow(values, "group/acc [g]", "acc [g]", {})
+    assert judged([row], "x", "channels", "UTC").units == ("g",)
+    with pytest.raises(ReaderError, match=r"unit m/s2, the name 'acc \[g\]' g"):
+        judged([StatedRow(values, "acc [g]", "acc [g]", {"unit": "m/s2"})], "x", "channels", "UTC")
+    assert judged([StatedRow(values, "T [degC]", "T [degC]", {"unit": "g"})], "x", "rows", "UTC").units == ("g",)
+
+
+def test_one_column_may_have_a_line_of_its_unit_below_a_name_with_blanks() -> None:
+    found = read_layout(b"fs: 100\nacc axial\nm/s2\n0.1\n0.2\n", "x.csv")
+    assert (found.channels, found.units) == (("acc axial",), ("m/s2",))
+    with pytest.raises(ReaderError, match="several units"):
+        read_layout(b"acc [g]\nm/s2\n0.1\n0.2\n", "x.csv")
