@@ -47,13 +47,14 @@ def judge_time(state: ClockState, seen: TimeObservation, now: float | None = Non
     seen, open_hour = _in_right_hour(state, seen)
     reason = _impossible(state, seen)
     if reason is not None:
-        return _doubt(state, seen, reason)
+        return _doubt(state, seen, _states(seen) + reason)
     if now is not None and seen.time > now + _MAX_AHEAD_S:
         return _doubt_ahead(state, seen, seen.time - now)
     reason = _contradicted(state, seen)
     if reason is None:
         state, found = _believe(state, seen)
         return state, _with_own_doubts(found, seen, open_hour, state)
+    reason = _states(seen) + reason
     if _is_confirmed(state, seen):
         return _believe_new(state, seen)
     if _was_ahead(state, seen):
@@ -64,6 +65,10 @@ def judge_time(state: ClockState, seen: TimeObservation, now: float | None = Non
         state, found = _believe_new(state, seen)
         return state, replace(found, doubt=reason, holds=False)
     return _doubt(state, seen, reason)
+
+
+def _states(seen: TimeObservation) -> str:
+    return f"states {utc_text(seen.time)}"
 
 
 def _judge_count(state: ClockState, seen: TimeObservation) -> tuple[ClockState, JudgedTime]:
@@ -114,35 +119,34 @@ def _in_right_hour(state: ClockState, seen: TimeObservation) -> tuple[TimeObserv
 
 
 def _impossible(state: ClockState, seen: TimeObservation) -> str | None:
-    """Return why a time cannot be true whatever was before, or None."""
-    statement, text = seen.statement, f"states {utc_text(seen.time)}"
+    """Return why a time cannot be true whatever was before, behind what is stated, or None."""
+    statement = seen.statement
     if statement is not None and not statement.has_place:
-        return f"{text}, which does not fit the other files, and nothing tells its place"
+        return ", which does not fit the other files, and nothing tells its place"
     if statement is not None and statement.placed_s is not None:
-        return f"{text}, which does not fit the files before and after"
+        return ", which does not fit the files before and after"
     if seen.time < MIN_TIME:
-        return f"{text}: the clock was never set"
+        return ": the clock was never set"
     if state.time is None and 0.0 <= seen.time - _EPOCH_2000 < _RESET_WINDOW_S and seen.source != "count":
-        return f"{text}, where clocks begin that were never set"
+        return ", where clocks begin that were never set"
     for source, lag in () if statement is None else statement.witnesses:
-        if _is_rollover(lag, 2 * DAY) and source not in state.lags:
-            return f"{text}, {span_text(lag)} before its {source}: the week number of GPS began again"
+        if lag > DAY and _is_rollover(lag, 2 * DAY) and source not in state.lags:
+            return f", {span_text(lag)} before its {source}: the week number of GPS began again"
     return None
 
 
 def _contradicted(state: ClockState, seen: TimeObservation) -> str | None:
-    """Return why a time contradicts those of the blocks before, or None."""
+    """Return why a time contradicts those of the blocks before, behind what is stated, or None."""
     if state.time is None:
         return None
-    step, text = seen.time - state.time, f"states {utc_text(seen.time)}"
-    before = f"the block before ({utc_text(state.time)})"
+    step = seen.time - state.time
     if step <= 0.0:
-        return f"{text}, {span_text(-step)} before {before}" if step else f"{text}, as {before} does"
+        return f", {span_text(-step)} before {_before(state)}" if step else f", as {_before(state)} does"
     overlap = state.length - step
     # Those of some loggers overlap by themselves.
     usual = max(state.length - (state.interval or 0.0), 0.0) + (1.0 - _MIN_SHARE) * state.length
     if seen.resolution is not None and overlap > max(usual, 2.0 * seen.resolution):
-        return f"{text}, {span_text(overlap)} before the end of the block before"
+        return f", {span_text(overlap)} before the end of the block before"
     by_others = _by_witness(state, seen)
     limit = _MAX_INTERVALS * (1 + state.doubted) * (state.interval or step)
     if step > limit and by_others is not None:
@@ -150,10 +154,14 @@ def _contradicted(state: ClockState, seen: TimeObservation) -> str | None:
         if abs(other - seen.time) <= _AGREE_S + scatter:
             return None
         if other - state.time <= limit:
-            return f"{text}, {span_text(step)} after {before}, but its {source} says {span_text(other - state.time)}"
+            return f", {span_text(step)} after {_before(state)}, but its {source} says {span_text(other - state.time)}"
     if step > _MAX_PAUSE_S:
-        return f"{text}, {span_text(step)} after {before}"
+        return f", {span_text(step)} after {_before(state)}"
     return None
+
+
+def _before(state: ClockState) -> str:
+    return f"the block before ({utc_text(state.time or 0.0)})"
 
 
 def _is_rollover(lag: float, tolerance: float) -> bool:
@@ -220,9 +228,12 @@ def _believe(state: ClockState, seen: TimeObservation) -> tuple[ClockState, Judg
     if state.doubted and state.given is None and state.stated is not None:
         # Those before have no date: nothing says how long it was.
         advance = interval or 0.0
-    after = with_run(state, seen)
+    began, counted, drift = with_run(state, seen)
     after = replace(
-        after,
+        state,
+        run_began=began,
+        run_counted=counted,
+        drift=drift,
         time=seen.time,
         length=seen.length,
         interval=interval,
@@ -264,12 +275,14 @@ def _lags(state: ClockState, seen: TimeObservation) -> Mapping[str, tuple[float,
 
 def _with_own_doubts(found: JudgedTime, seen: TimeObservation, open_hour: float, state: ClockState) -> JudgedTime:
     """Add the doubts of a time that is the best there is."""
-    statement, text = seen.statement, f"states {utc_text(seen.time)}"
+    statement = seen.statement
     if open_hour:
-        doubt = f"{text} or {span_text(open_hour)} later: the local hour occurs twice, and no file tells which"
+        doubt = f"{_states(seen)} or {span_text(open_hour)} later: the local hour occurs twice, and no file tells which"
         return replace(found, uncertainty=open_hour, doubt=doubt)
     if statement is not None and statement.skipped_s:
-        doubt = f"{text}: its local time does not exist, {span_text(statement.skipped_s)} are left out in spring"
+        doubt = (
+            f"{_states(seen)}: its local time does not exist, {span_text(statement.skipped_s)} are left out in spring"
+        )
         return replace(found, uncertainty=statement.skipped_s, doubt=doubt)
     doubt = drift_doubt(state, seen)
     return found if doubt is None else replace(found, doubt=doubt)

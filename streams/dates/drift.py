@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 from streams.dates.observed import ClockState, TimeObservation
 
 DAY = 86400.0
@@ -12,16 +10,16 @@ _MAX_DRIFT = 1e-3
 _MIN_BLOCKS = 10
 
 
-def with_run(state: ClockState, seen: TimeObservation) -> ClockState:
-    """Compare the stated start with the count of samples, where blocks follow each other without a gap."""
-    if state.time is None or seen.resolution is None or state.run_began is None or not state.length:
-        return replace(state, run_began=seen.time, run_counted=0.0)
-    if abs(seen.time - state.time - state.length) > 0.01 * state.length + 2.0 * seen.resolution:
-        return replace(state, run_began=seen.time, run_counted=0.0)
+def with_run(state: ClockState, seen: TimeObservation) -> tuple[float, float, tuple[float, float] | None]:
+    """Compare a start with the count of samples; return ``run_began``, ``run_counted`` and ``drift`` of the state."""
+    last, began, resolution = state.time, state.run_began, seen.resolution
+    if last is None or began is None or resolution is None or not state.length:
+        return seen.time, 0.0, state.drift
+    if abs(seen.time - last - state.length) > 0.01 * state.length + 2.0 * resolution:
+        return seen.time, 0.0, state.drift
     counted = state.run_counted + state.length
     longest = state.drift is None or counted >= state.drift[1]
-    drift = (seen.time - state.run_began - counted, counted) if longest else state.drift
-    return replace(state, run_counted=counted, drift=drift)
+    return began, counted, (seen.time - began - counted, counted) if longest else state.drift
 
 
 def seconds_ahead(state: ClockState, seen: TimeObservation) -> float:
