@@ -50,9 +50,9 @@ _ATTRIBUTES: Mapping[str, list[Spell]] = {
 _HEAD: Mapping[str, list[Spell]] = {
     "rate": [
         _spell("Sample Rate", lambda rate: f"{rate:.9g} Hz"),
-        _spell("Abtastrate", lambda rate: f"{rate / 1e3:.9g} kHz"),
-        _spell("Sample Interval", lambda rate: f"{1e3 / rate:.12g} ms"),
-        _spell("dt", lambda rate: f"{1.0 / rate:.12g}"),
+        _spell("Abtastrate", lambda rate: f"{rate / 1e3:.6f} kHz"),
+        _spell("Sample Interval", lambda rate: f"{1e3 / rate:.9f} ms"),
+        _spell("dt", lambda rate: f"{1.0 / rate:.12f}"),
     ],
     "unit": [_spell("Unit"), _spell("Einheit")],
     "start": [

@@ -80,6 +80,7 @@ PLAIN: dict[str, Make] = {
 
 RATES: dict[str, Make] = {
     "csv head": csv([f"Sample Rate: {RATE:g} Hz", "Abtastrate: 5000 Hz"]),
+    "csv head and interval": csv([f"Sample Rate: {RATE:g} Hz", "Sample Interval: 0.200000 ms"]),
     "csv head and times": csv(["Sample Rate: 5000 Hz"], before={"time [s]": seconds(COUNT)}),
     "csv head and dates": csv(["Sample Rate: 5000 Hz"], before={"timestamp": stamps(COUNT)}),
     "hdf5 file": hdf5({"fs": RATE, "dt": 2e-4}, G),
@@ -94,6 +95,7 @@ RATES: dict[str, Make] = {
 UNITS: dict[str, Make] = {
     "csv head and name": csv([f"fs: {RATE:g}", "Unit: m/s2"]),
     "csv head": csv([f"fs: {RATE:g}", "Unit: m/s2", "Einheit: g"], "acc"),
+    "csv row and name": csv([f"fs: {RATE:g}"], units=["m/s2"]),
     "hdf5 data set": hdf5({"fs": RATE}, {"unit": "g", "units": "m/s2"}),
     "hdf5 file and data set": hdf5({"fs": RATE, "unit": "m/s2"}, G),
     "netcdf variable": netcdf({"sampling_rate": RATE}, {"units": "g", "unit": "m/s2"}),
