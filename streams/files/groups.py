@@ -23,8 +23,15 @@ from streams.files.judge import joint_rate
 from streams.types.large import Data
 from streams.types.listing import natural_key, unpacked_name
 from streams.types.samples import ReaderError, Samples, stack_rows
-from streams.types.spec import SourceError, SourceSpec
+from streams.types.spec import WILD, SourceError, SourceSpec
 
+_SEPARATORS = "/_-. ()[]{}+@,=#&~"
+_SPLIT = re.compile(
+    rf"([{re.escape(_SEPARATORS)}]+|(?<=\d)(?=(?:n?de|n?ds|[xyz]|hor|ver)(?:[{re.escape(_SEPARATORS)}]|$)))",
+    re.IGNORECASE,
+)
+"""What divides a path into words: separators, and a digit before the word of a place or an axis, as in ``vib1DE``."""
+_DIGIT = "[0-9]"
 _MAX_GROUPS = 32
 _MIN_NUMBERED, _MAX_NUMBERED = 3, 16
 """Names that end in small numbers alone may count channels from so many pairs on, up to so many channels."""
@@ -75,14 +82,30 @@ class NameGroups:
 
 def name_groups(paths: Sequence[str]) -> NameGroups | None:
     """Return the groups of files of one format by their paths; None where they are a single sequence."""
-    split = [re.split(r"([/_\-. ]+)", path) for path in paths]
+    split = [_SPLIT.split(path) for path in paths]
     if len(split) < 2 or len({tuple(parts[1::2]) for parts in split}) > 1:
         return None
     places = [place for place in range(0, len(split[0]), 2) if len({parts[place] for parts in split}) > 1]
     stems = [unpacked_name(path).rpartition(".")[0] or path for path in paths]
-    ending = len(re.split(r"([/_\-. ]+)", stems[0])) if stems[0] != paths[0] else len(split[0])
+    ending = len(_SPLIT.split(stems[0].rstrip(_SEPARATORS))) if stems[0] != paths[0] else len(split[0])
     places = [place for place in places if place < ending]
-    told = {place: _told_by({parts[place].lower() for parts in split}, place, ending, split) for place in places}
+    words = {place: {parts[place].lower() for parts in split} for place in places}
+    named = [place for place in places if _is_named(words[place], alone=ending == 1)]
+
+    def others(place: int) -> int:
+        """Return how many names there are without the word at a place and those that name channels."""
+        left = [other for other in places if other != place and other not in named]
+        return len({tuple(parts[other] for other in left) for parts in split})
+
+    told: dict[int, bool | None] = {}
+    for place in places:
+        before = {parts[place - 2].lower() for parts in split} if place else set[str]()
+        is_end = place + 1 >= ending and place > 0 and "/" not in split[0][place - 1]
+        by_count = None if place in named else _told_by_count(words[place], before, is_end, lambda at=place: others(at))
+        told[place] = True if place in named else by_count
+    if ending == 1 and words.get(0) == set("xyz"):
+        # Whole names of one letter may be anything.
+        told[0] = False
     for certain in (True, False):
         chosen = [place for place in places if told[place] is certain]
         found = _grouped(split, chosen, ending, certain) if chosen else None
@@ -91,50 +114,49 @@ def name_groups(paths: Sequence[str]) -> NameGroups | None:
     return None
 
 
-def _told_by(low: set[str], place: int, ending: int, split: Sequence[Sequence[str]]) -> bool | None:
-    """Return whether words at a place of names certainly are those of channels, None where they are something else."""
+def _is_named(low: set[str], *, alone: bool) -> bool:
+    """Return whether words at a place of names are those of channels or axes; ``alone``: they are whole names."""
     if len(low) > _MAX_GROUPS:
-        return None
+        return False
     if low <= _PLACES or any(low <= known for known in (*_DIRECTIONS, set("abcd"))):
-        if place == 0 and ending == 1 and all(len(word) == 1 for word in low):
-            # Whole names of one letter may be anything.
-            return False if low == set("xyz") else None
-        return True
+        return not (alone and all(len(word) == 1 for word in low))
+    head, rests, short = _parted(low)
+    return bool(head) and (any(rests <= known for known in _DIRECTIONS) or (head in _CHANNELS and short))
+
+
+def _parted(low: set[str]) -> tuple[str, set[str], bool]:
+    """Return with what words begin, their ends, and whether these are short: numbers of more digits count files."""
     head = _shared(low).rstrip("0123456789")
     rests = {word.removeprefix(head) for word in low}
-    if head and any(rests <= known for known in _DIRECTIONS):
-        return True
-    if not head:
-        return _told_by_numbers(low, place, ending, split)
-    # Numbers of more digits count files.
-    short = all(len(rest) < 3 if rest.isdecimal() else len(rest) == 1 for rest in rests)
-    if head in _SEQUENCES or not short:
-        return None
-    if head in _CHANNELS:
-        return True
-    return None if _others(place, ending, split) < 2 else head in _WEAK
+    return head, rests, all(len(rest) < 3 if rest.isdecimal() else len(rest) == 1 for rest in rests)
 
 
-def _told_by_numbers(low: set[str], place: int, ending: int, split: Sequence[Sequence[str]]) -> bool | None:
-    """Return the same of numbers alone: the word before them tells, else that they end names of several others."""
-    if not place or len(low) > _MAX_NUMBERED or not all(word.isdecimal() and len(word) < 3 for word in low):
+def _told_by_count(low: set[str], before: set[str], is_end: bool, others: Callable[[], int]) -> bool | None:
+    """Return whether words that name no channel are those of channels: None they are not, False they may be.
+
+    Args:
+        before: the words before them.
+        is_end: whether a name of several words ends with them.
+        others: gives how many names there are without them.
+    """
+    if len(low) > _MAX_GROUPS:
         return None
-    if {parts[place - 2].lower() for parts in split} <= _CHANNELS and _others(place, ending, split) > 1:
+    head, _, short = _parted(low)
+    if head:
+        return None if head in _SEQUENCES or not short or others() < 2 else head in _WEAK
+    if len(low) > _MAX_NUMBERED or not all(word.isdecimal() and len(word) < 3 for word in low):
+        return None
+    if before and before <= _CHANNELS and others() > 1:
         return True
-    last = place + 1 >= ending and "/" not in split[0][place - 1]
     run = sorted(map(int, low)) in (list(range(len(low))), list(range(1, len(low) + 1)))
-    return False if run and last and _others(place, ending, split) >= _MIN_NUMBERED else None
-
-
-def _others(place: int, ending: int, split: Sequence[Sequence[str]]) -> int:
-    """Return how many names there are without the word at a place."""
-    return len({(*parts[:place], *parts[place + 1 : ending]) for parts in split})
+    return False if run and is_end and others() >= _MIN_NUMBERED else None
 
 
 def _grouped(split: Sequence[Sequence[str]], places: Sequence[int], ending: int, certain: bool) -> NameGroups | None:
     """Return the groups of names by the words at some places; None where one word alone is left."""
     keys: dict[tuple[str, ...], set[str]] = defaultdict(set)
     first: dict[str, str] = {}
+    samples: list[str] = []
     counts: Counter[str] = Counter()
     for parts in split:
         label = "_".join(parts[place] for place in places)
@@ -142,12 +164,15 @@ def _grouped(split: Sequence[Sequence[str]], places: Sequence[int], ending: int,
         counts[label] += 1
         if label not in first:
             first[label] = _pattern(parts, places, ending)
+            samples.append("".join(parts))
     labels = sorted(counts, key=natural_key)
     whole = sum(len(found) == len(labels) for found in keys.values())
     exact = whole > 0 and whole >= 0.8 * len(keys)
     if len(labels) < 2 or (not certain and not exact):
         return None
     patterns = tuple(first[label] for label in labels)
+    # A pattern that takes the names of another group cannot tell them apart.
+    exact &= all(sum(fnmatchcase(path, pattern) for pattern in patterns) == 1 for path in samples)
     return NameGroups(tuple(labels), patterns, max(counts.values()), certain, exact)
 
 
@@ -160,11 +185,17 @@ def _shared(words: Iterable[str]) -> str:
 def _pattern(parts: Sequence[str], places: Sequence[int], ending: int) -> str:
     """Return the pattern of names that have the words of one at some places, and its ending."""
     text = ""
+    # A number means nothing without the word before it.
+    places = [
+        *places,
+        *(place - 2 for place in places if place > 1 and parts[place].isdecimal() and parts[place - 2].isalpha()),
+    ]
     for place, part in enumerate(parts):
-        if place >= ending or place in places or (place % 2 and not text.endswith("*")):
+        is_kept = place % 2 and (place + 1 in places or place + 1 >= ending or not text.endswith("*"))
+        if is_kept and not part and place + 1 in places and text.endswith("*"):
+            text += _DIGIT
+        elif place >= ending or place in places or is_kept:
             text += re.sub(r"([*?\[])", r"[\1]", part)
-        elif place % 2 and (place + 1 in places or place + 1 >= ending):
-            text += part
         elif not text.endswith("*"):
             text += "*"
     return text
@@ -200,16 +231,13 @@ def members_of(patterns: Sequence[str], path: str) -> tuple[str, ...]:
 
 
 def _expression(pattern: str) -> str:
-    return "(.*)".join(re.escape(_plain(part)) for part in _at_stars(pattern))
+    signs = {"*": "(.*)", _DIGIT: "([0-9])"}
+    return "".join(signs.get(part) or re.escape(_plain(part)) for part in WILD.split(pattern))
 
 
 def _filled(pattern: str, parts: Sequence[str]) -> str:
-    constant = [_plain(part) for part in _at_stars(pattern)]
+    constant = [_plain(part) for part in WILD.split(pattern)[::2]]
     return constant[0] + "".join(part + rest for part, rest in zip(parts, constant[1:], strict=True))
-
-
-def _at_stars(pattern: str) -> list[str]:
-    return re.split(r"(?<!\[)\*(?!\])", pattern)
 
 
 def _plain(text: str) -> str:
@@ -254,13 +282,14 @@ def _read_member(data_set: DataSet, root: Path, member: str, path: str) -> Sampl
 
 def labels_of(patterns: Sequence[str]) -> tuple[str, ...]:
     """Return the words in which patterns differ."""
-    head = _shared(patterns)
-    head = head[: max(map(head.rfind, "/_-. *")) + 1]
-    rests = [pattern.removeprefix(head) for pattern in patterns]
+    plain = [_plain(pattern) for pattern in patterns]
+    head = _shared(plain)
+    head = head[: max(map(head.rfind, f"{_SEPARATORS}*")) + 1]
+    rests = [pattern.removeprefix(head) for pattern in plain]
     tail = _shared([rest[::-1] for rest in rests])[::-1]
-    begins = [place for place in map(tail.find, "/_-. *") if place >= 0]
+    begins = [place for place in map(tail.find, f"{_SEPARATORS}*") if place >= 0]
     tail = tail[min(begins) :] if begins else ""
-    found = tuple(_plain(rest.removesuffix(tail)).strip("/_-. *").replace("*", "") for rest in rests)
+    found = tuple(rest.removesuffix(tail).strip(f"{_SEPARATORS}*").replace("*", "") for rest in rests)
     return found if all(found) and len(set(found)) == len(found) else tuple(map(str, range(1, len(rests) + 1)))
 
 

@@ -254,14 +254,18 @@ def pulses_problem(pattern: str | None) -> str | None:
     return None
 
 
+WILD = re.compile(r"((?<!\[)\*|\*(?!\])|\[0-9\])")
+"""What stands for a part of a name in patterns of files that are read together."""
+
+
 def files_problem(patterns: Sequence[str]) -> str | None:
     """Return what is wrong with the key that names the files, or None."""
     if any(not pattern or "\0" in pattern or pattern.startswith("/") for pattern in patterns):
         return "files: expected patterns of paths below the folder, such as *_ch1.csv"
     if len(patterns) < 2:
         return None
-    stars = {len(re.findall(r"(?<!\[)\*(?!\])", pattern)) for pattern in patterns}
-    if len(set(patterns)) < len(patterns) or len(stars) > 1 or any("?" in pattern for pattern in patterns):
+    wild = {tuple(WILD.findall(pattern)) for pattern in patterns}
+    if len(set(patterns)) < len(patterns) or len(wild) > 1 or any("?" in pattern for pattern in patterns):
         wanted = "several patterns, such as *_ch1.csv and *_ch2.csv, have * in the same places"
         return f"files: {wanted}; got {', '.join(patterns)}"
     return None

@@ -48,6 +48,11 @@ CERTAIN = {
     "a word in the middle": (names("acc_{}_{:04d}.csv", "hv", NUMBERS), "h v"),
     "a number behind a word": (names("Kanal {} 2024-01-0{}.csv", range(1, 4), range(1, 4)), "1 2 3"),
     "ends and axes": (names("{}_{}_{:04d}.npy", ["DE", "NDE"], "XY", NUMBERS), "DE_X DE_Y NDE_X NDE_Y"),
+    "places behind digits": (names("vib{}{}.csv", range(1, 14), ["DE", "NDE"]), "DE NDE"),
+    "axes behind digits": (names("{:03d}{}.wav", NUMBERS, "xyz"), "x y z"),
+    "in brackets": (names("rec ({}) [{}].csv", range(1, 4), ["DE", "NDE"]), "DE NDE"),
+    "behind a plus": (names("rec{}+{}.csv", range(1, 4), "XY"), "X Y"),
+    "before an at": (names("{}@{:04d}.csv", ["ch1", "ch2"], NUMBERS), "ch1 ch2"),
     "brackets": (names("vib_{:03d}_[1]_{}.csv", NUMBERS, ["de", "nde"]), "de nde"),
 }
 SEQUENCES = {
@@ -63,6 +68,8 @@ SEQUENCES = {
     "numbers of one word": names("ch_{:04d}.csv", range(30)),
     "numbers behind one word": names("ch{:04d}.csv", range(8)),
     "numbers behind one word of a folder": names("{}/acc{:03d}.csv", ["a", "e"], range(8)),
+    "stamps of Zulu time": names("2024010{}T081500Z.csv", range(1, 5)),
+    "parts of runs": names("run{}{}.csv", range(1, 4), "ab"),
     "stamps in points": ["2004.02.12.10.32.39", "2004.02.12.10.42.39"],
 }
 
@@ -82,6 +89,12 @@ def test_names_of_channels_are_groups(case: str) -> None:
 @pytest.mark.parametrize("case", SEQUENCES)
 def test_names_of_a_sequence_are_none(case: str) -> None:
     assert name_groups(SEQUENCES[case]) is None
+
+
+def test_a_number_keeps_the_word_that_it_belongs_to() -> None:
+    found = name_groups(CERTAIN["a number behind a word"][0])
+    assert found is not None
+    assert found.patterns == ("Kanal 1 *.csv", "Kanal 2 *.csv", "Kanal 3 *.csv")
 
 
 @given(st.permutations(names("log/{:03d}-{}.csv", range(4), ["DE", "NDE"])), st.booleans())
