@@ -29,6 +29,8 @@ _MIN_SHARE = 0.9
 """Part of a block that the next one must be later."""
 _MIN_BLOCKS, _MAX_BLOCKS = 1.5, 2.5
 """Usual intervals from the last block but one, where the one between was ahead for itself."""
+_STAMPS = ("name", "header")
+"""Witnesses that are stamps of the start; the last change of a file follows a copy."""
 STEADY_BLOCKS = 3
 """Blocks after which the differences of a doubted clock that runs on are used."""
 _RESET_WINDOW_S = 2 * DAY
@@ -132,6 +134,8 @@ def _impossible(state: ClockState, seen: TimeObservation) -> str | None:
     for source, lag in () if statement is None else statement.witnesses:
         if lag > DAY and _is_rollover(lag, 2 * DAY) and source not in state.lags:
             return f", {span_text(lag)} before its {source}: the week number of GPS began again"
+        if lag > _MAX_PAUSE_S and source in _STAMPS and is_reset(seen.time):
+            return f", where clocks begin, {span_text(lag)} before its {source}"
     return None
 
 
@@ -183,9 +187,12 @@ def _by_witness(state: ClockState, seen: TimeObservation) -> tuple[float, TimeSo
         return None
     for source, lag in seen.statement.witnesses:
         usual, scatter = state.lags.get(source, (0.0, None))
+        found = seen.time + lag - usual
+        if scatter is None and source in _STAMPS and found <= state.time + max(10.0 * (state.interval or 0.0), DAY):
+            # Another stamp of the same start needs no history where it goes on.
+            scatter = 0.0
         if scatter is None or scatter > 0.5 * (state.interval or state.length):
             continue
-        found = seen.time + lag - usual
         if found >= state.time + 0.9 * state.length + scatter and found <= state.time + _MAX_PAUSE_S:
             return found, source, scatter
     return None
@@ -351,7 +358,7 @@ def _given(state: ClockState, seen: TimeObservation) -> tuple[float | None, floa
     if last is None:
         for source, lag in () if statement is None else statement.witnesses:
             if seen.time + lag >= MIN_TIME:
-                return seen.time + lag, DAY if source == "mtime" else resolution, source, False
+                return seen.time + lag, resolution if source in _STAMPS else DAY, source, source in _STAMPS
         return None, None, None, False
     by_others = _by_witness(state, seen)
     if by_others is not None:

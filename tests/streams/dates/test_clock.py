@@ -179,6 +179,16 @@ def test_a_name_shows_that_the_week_began_again_from_the_first_block_on() -> Non
     assert all(one.doubt for one in found)
 
 
+def test_a_name_dates_a_block_whose_clock_had_begun_again_before_the_first_one() -> None:
+    begin = at(2006, 1, 1)
+    stated = [begin + t - T0 + 5.0 for t in GOOD[:6]] + GOOD[6:]
+    statements = [TimeStatement("header", 1.0, witnesses=(("name", t - s),)) for t, s in zip(GOOD, stated, strict=True)]
+    _, found = judged(stated, statements=statements)
+    assert [one.time for one in found] == GOOD
+    assert [one.source for one in found] == [*["name"] * 6, *["header"] * 6]
+    assert [bool(one.doubt) for one in found] == [k < 6 for k in range(12)]
+
+
 @pytest.mark.parametrize("ppm", [0.0, 40.0, -200.0, 3000.0])
 def test_a_clock_that_drifts_against_the_samples(ppm: float) -> None:
     length = 60.0
