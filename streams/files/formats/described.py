@@ -8,6 +8,7 @@ from typing import TypeVar
 
 import numpy as np
 
+from streams.files.axes import abscissa_size, ordinate_units
 from streams.files.circumstances import circumstances_of, without
 from streams.files.formats.head import Head, StampedRows, StatedUnits, names_and_units
 from streams.files.judge import Start, judge_rate, judge_start, judge_unit, starts_of
@@ -41,6 +42,7 @@ def described(
     rates = rate_statements(facts, name)
     starts = starts_of(facts, zone)
     channels: list[int] = []
+    size = abscissa_size(facts, name)
     for place, title in enumerate(names):
         column = _time_column(samples, place, title, units[place], is_named=head.names is not None)
         if column is None:
@@ -49,6 +51,8 @@ def described(
                 rates += _in_column(rate_statements(of_columns[place], name), title)
                 starts += _in_column(starts_of(of_columns[place], zone), title)
             continue
+        if column.size is None and size is not None:
+            column = replace(column, size=size)
         of_times, begins = column_statements(column, samples.values[place], name)
         rates += of_times
         starts += begins
@@ -96,7 +100,7 @@ def _in_column(statements: list[Stated], title: str) -> list[Stated]:
 
 
 def _unit_of(own: StatedUnits, of_column: Facts, facts: Facts, name: str) -> str | None:
-    return judge_unit([*own, *unit_statements(of_column)], name, unit_statements(facts))
+    return judge_unit([*own, *unit_statements(of_column)], name, [*unit_statements(facts), *ordinate_units(facts)])
 
 
 def _rate_of_stamps(stamped: StampedRows, name: str) -> list[StatedNumber]:

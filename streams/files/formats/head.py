@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -9,8 +10,9 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from streams.files.axes import AXES
 from streams.files.formats.numbers import first_line_of, is_number
-from streams.files.keys import UNIT_IN_NAME
+from streams.files.keys import KEYS, UNIT_IN_NAME, UNIT_KEYS
 from streams.files.statements import (
     Facts,
     add_fact,
@@ -104,20 +106,44 @@ def head_of(lines: list[str]) -> Head:
     if len(both) == 2 and len(both[1]) == 1 and not re.search(r"[;\t,]", titles[0]):
         # One column, whose name may hold blanks.
         both[0] = [titles[0].strip().strip('"')]
-    if len(both) == 2 and len(both[0]) == len(both[1]) and _are_units(both[1]) and not _is_fact(titles[0]):
+    if (
+        len(both) == 2
+        and len(both[0]) == len(both[1])
+        and _are_units(both[1])
+        and not (_is_fact(titles[0]) or _is_axis(both[1]))
+    ):
         head.names = tuple(both[0])
         head.units = tuple(known_unit(unit) for unit in both[1])
         kept = kept[:-2]
     elif titles and titles[-1] == kept[-1] and not _is_fact(titles[-1]):
         head.names, head.title = tuple(_fields(titles[-1])), titles[-1]
         kept = kept[:-1]
-    for line in kept:
+    for line in itertools.chain.from_iterable(map(_pairs, kept)):
         match = _FACT.match(line)
         if match is not None:
-            whole = is_number(match[2].split(" ")[0]) or _CLOCK_IN_VALUE.search(match[2])
-            value = match[2] if whole else re.split(r"[;\t,]", match[2])[0]
+            text = match[2].strip('"')
+            whole = is_number(text.split(" ")[0]) or _CLOCK_IN_VALUE.search(text)
+            value = text if whole else _value_of(text, is_axis=plain_key(match[1]) in AXES)
             add_fact(head.facts, plain_key(match[1]), value.strip().strip('"'), f"{match[1].strip()} (again)")
     return head
+
+
+def _pairs(line: str) -> list[str]:
+    """Return a line as lines of one key each, where keys and values take turns in its fields."""
+    fields = _fields(line)
+    keys = [plain_key(field) for field in fields[::2]]
+    both = len(fields) >= 4 and len(fields) % 2 == 0 and all(key in KEYS for key in keys)
+    return [f"{key}\t{value}" for key, value in zip(fields[::2], fields[1::2], strict=True)] if both else [line]
+
+
+def _value_of(text: str, *, is_axis: bool) -> str:
+    """Return the value of a key: its first field, with the next one where that is the unit of a number or an axis."""
+    separator = next((sign for sign in ";\t," if sign in text), ",")
+    fields = [part.strip().strip('"') for part in text.split(separator)]
+    if is_axis:
+        return " ".join(fields)
+    has_unit = len(fields) > 1 and is_number(fields[0]) and re.fullmatch(r"[^\d\W][^\s;,]{0,11}", fields[1])
+    return f"{fields[0]} {fields[1]}" if has_unit else fields[0]
 
 
 def titles_with_blanks(line: str, width: int) -> tuple[str, ...] | None:
@@ -134,14 +160,19 @@ def _are_units(fields: list[str]) -> bool:
     return known and all(len(part) <= 12 for part in bare)
 
 
+def _is_axis(fields: list[str]) -> bool:
+    return plain_key(fields[0]) in AXES
+
+
 def _is_fact(line: str) -> bool:
     """Return whether a line is metadata: one value, and a known key or a number."""
     match = _FACT.match(line)
     if match is None:
         return False
-    key, value = plain_key(match[1]), match[2].strip()
+    key, value = plain_key(match[1]), match[2].strip('" ')
     dated = bool(time_statements({key: value}, "UTC")) or is_date(value)
-    return ":" in line or "=" in line or dated or is_number(value.split(" ")[0])
+    is_known = key in AXES or (key in UNIT_KEYS and is_of_vibration(known_unit(value)))
+    return ":" in line or "=" in line or dated or is_number(value.split(" ")[0]) or is_known
 
 
 def names_and_units(samples: Samples, head: Head) -> tuple[tuple[str, ...], tuple[str, ...], list[StatedUnits]]:

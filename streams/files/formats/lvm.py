@@ -6,6 +6,7 @@ file are those at which it was made; the start of the samples is that of the seg
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from datetime import datetime, timedelta
 
@@ -34,11 +35,16 @@ def labview_head(lines: list[str], body: bytes, name: str) -> Head:
     Raises:
         ReaderError: ``wrong_shape`` for several segments, ``unreadable`` where no line ends the head.
     """
-    count = 1 + body.count(_END.encode())
-    if count > 1:
+    heads = [
+        len(lines) + 1 + body.count(b"\n", 0, match.start()) for match in re.finditer(re.escape(_END).encode(), body)
+    ]
+    if heads:
+        ended = ", ".join(map(str, heads[:5])) + (", ..." if len(heads) > 5 else "")
         raise ReaderError(
             "wrong_shape",
-            f"{name}: holds {count} segments of data, each with a start of its own; write each to a file of its own",
+            f"{name}: holds {len(heads) + 1} segments of data, each with a start of its own (further heads end in line "
+            f"{ended}); write each below the head of the file to a file of its own, as LabVIEW does where it saves to "
+            "a series of files",
         )
     ends = [place for place, line in enumerate(lines) if line.strip().startswith(_END)]
     if not ends:

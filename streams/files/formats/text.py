@@ -202,8 +202,19 @@ def read_layout(data: Data, name: str, zone: str = "UTC", disregard: Sequence[st
     try:
         samples = read_text(body, name, separators=separators, header=False, as_row=alone, head=head)
     except ReaderError as error:
-        raise _moved(error, name, head.lines, removed) from error
+        moved = _moved(error, name, head.lines, removed)
+        raise ReaderError(moved.status, f"{moved}{_head_again(body, head)}") from error
     return described(_titled(samples, head, name, removed), head, name, zone, disregard, stamped)
+
+
+def _head_again(body: bytes, head: Head) -> str:
+    """Return in words that a line of names stands among the numbers again, "" where it does not."""
+    first = (head.names or ("",))[0]
+    again = re.search(rb'(?m)^[#%"\s]*' + re.escape(first.encode()) + b"(?![^\\W\\d])", body) if first else None
+    if again is None:
+        return ""
+    line = head.lines + 1 + body.count(b"\n", 0, again.end())
+    return f"; its head stands again in line {line}: write each of its recordings to a file of its own"
 
 
 def _head_of(lines: list[str], body: bytes, name: str) -> Head:

@@ -382,9 +382,6 @@ class _Parser:
         cells = self._cells
         if self._leads and 2 * self._numbers >= len(cells):
             self.sheet.tables.append(len(self.sheet.lines))
-        elif len(cells) == 3 and not self._leads and is_number(cells[1]) and not is_number(cells[2]):
-            # A key, its number, and the unit of that.
-            cells = [cells[0], f"{cells[1]} {cells[2]}"]
         self.sheet.lines.append((self._first if cells else 0, "\t".join(cells)))
 
 
