@@ -88,6 +88,7 @@ if TYPE_CHECKING:
     from spallwatch.orders import cyclic_coherence as cyclic_coherence
     from spallwatch.orders import ias_spectrum as ias_spectrum
     from spallwatch.orders import order_spectrum as order_spectrum
+    from spallwatch.recordings import DoubtedTimeWarning as DoubtedTimeWarning
     from spallwatch.recordings import LostSamplesWarning as LostSamplesWarning
     from spallwatch.recordings import blocks as blocks
     from spallwatch.recordings import read as read
@@ -122,7 +123,7 @@ _NAMES = {
     "spallwatch.figures": "plot_cyclic plot_map plot_records plot_scene plot_signal plot_spectrum",
     "spallwatch.gears": "gear_motion mesh_frequencies",
     "spallwatch.orders": "cyclic_coherence ias_spectrum order_spectrum",
-    "spallwatch.recordings": "LostSamplesWarning blocks read to_signal",
+    "spallwatch.recordings": "DoubtedTimeWarning LostSamplesWarning blocks read to_signal",
     "spallwatch.records": "NothingAcceptedWarning open_records replay",
     "spallwatch.scenes": "acceleration build_map map_dataset open_map save_map scene",
 }

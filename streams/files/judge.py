@@ -33,7 +33,7 @@ from streams.types.stamps import Stamp
 START_TOLERANCE = 0.01
 """s by which the starts of the rows of one file may differ: less than any later stage resolves."""
 _QUARTER, _LONGEST_OFFSET = 900.0, 14 * 3600.0
-_HEAD_BEFORE_ROWS = 60.0
+_HEAD_BEFORE_ROWS = 2.0
 _COARSE = 1e-3
 """Relative resolution from which a rate is known too coarsely where it is no whole number of Hz."""
 
@@ -194,8 +194,8 @@ def stated_start(facts: Facts, zone: str, where: str) -> float | None:
 def judge_start(starts: Sequence[Start], where: str) -> JudgedStart:
     """Return the time of the first sample on which all statements agree.
 
-    They agree where a reading of each lies within what both resolve of one of the finest: the head of a file within a
-    minute of times of its rows, a stamp without a zone but for quarters of an hour.
+    They agree where a reading of each lies within what both resolve of one of the finest, the head of a file within 2 s
+    of times of its rows.
 
     Raises:
         ReaderError: ``unreadable``, which quotes those that differ.
@@ -211,7 +211,8 @@ def judge_start(starts: Sequence[Start], where: str) -> JudgedStart:
     ]
     if not kept:
         listed = ", ".join(f"{one.place} {one.stamp.text}" for one in starts)
-        raise ReaderError("unreadable", f"{where}: the file states several times of its start: {listed}{REMEDY}")
+        zone = _zone_hint(starts)
+        raise ReaderError("unreadable", f"{where}: the file states several times of its start: {listed}{zone}{REMEDY}")
     text = finest.stamp.text
     if finest.stamp.open:
         return JudgedStart(opened=text, written=text if finest.stamp.local else None)
@@ -222,13 +223,22 @@ def _readings(stamp: Stamp) -> list[float]:
     return list(dict.fromkeys(time for time in (stamp.day_first, stamp.month_first) if time is not None))
 
 
+def _zone_hint(starts: Sequence[Start]) -> str:
+    """Return what to write where stamps without a zone are quarters of an hour apart from those with one."""
+    own = [time for one in starts if one.stamp.local for time in _readings(one.stamp)]
+    other = [time for one in starts if not one.stamp.local for time in _readings(one.stamp)]
+    apart = abs(own[0] - other[0]) if own and other else 0.0
+    whole = _QUARTER * round(apart / _QUARTER)
+    if not 0.0 < whole <= _LONGEST_OFFSET or abs(apart - whole) > _HEAD_BEFORE_ROWS + 1.0:
+        return ""
+    return f"; the one without a zone is {whole / 3600.0:g} h off: write its zone as timezone"
+
+
 def _is_same(one: float, other: float, finest: Start, start: Start) -> bool:
     apart = abs(one - other)
     tolerance = START_TOLERANCE + max(finest.stamp.resolution, start.stamp.resolution)
     if finest.of_rows != start.of_rows:
         tolerance += _HEAD_BEFORE_ROWS
-    if finest.stamp.local != start.stamp.local and apart <= _LONGEST_OFFSET:
-        apart = abs(apart - _QUARTER * round(apart / _QUARTER))
     return apart <= tolerance
 
 

@@ -131,3 +131,23 @@ def test_lost_samples_are_said_to_be_lost(tmp_path: Path) -> None:
     with pytest.warns(sw.LostSamplesWarning, match=r"a\.h5: acc: 200 of 4096 samples are missing or not finite"):
         found = sw.read(tmp_path / "a.h5")
     assert int(np.isnan(found).sum()) == 200
+
+
+def test_a_name_that_contradicts_the_header_is_warned_of(tmp_path: Path) -> None:
+    rows = "\n".join(f"{0.01 * (i % 7)}" for i in range(5000))
+    text = f"Start: 2024-05-01T12:00:00Z\nfs: 1000\nacc [g]\n{rows}\n"
+    for name, is_doubted in (
+        ("x_20240501_120000.csv", False),
+        ("x_20240501_140004.csv", False),
+        ("x_20240502_120000.csv", True),
+        ("x_20230501_120000.csv", True),
+    ):
+        (tmp_path / name).write_text(text)
+        if is_doubted:
+            with pytest.warns(
+                sw.DoubtedTimeWarning, match=f"{name}: its header states 2024-05-01T12:00:00Z, its name 202"
+            ):
+                found = sw.read(tmp_path / name)
+        else:
+            found = sw.read(tmp_path / name)
+        assert found.attrs["time_source"] == "header"

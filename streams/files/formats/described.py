@@ -51,6 +51,7 @@ def described(
                 rates += _in_column(rate_statements(of_columns[place], name), title)
                 starts += _in_column(starts_of(of_columns[place], zone), title)
             continue
+        size = size or head.size_of_times
         if column.size is None and size is not None:
             column = replace(column, size=size)
         of_times, begins = column_statements(column, samples.values[place], name)

@@ -53,6 +53,7 @@ class Head:
         lines: how many there are.
         title: the line of names.
         decimal: decimal sign of the numbers below.
+        size_of_times: unit of a column of times, s, where the format defines it.
         separators: of columns that are possible there, a blank for any run of them.
     """
 
@@ -63,6 +64,7 @@ class Head:
     title: str = ""
     of_columns: tuple[Facts, ...] = ()
     decimal: str = "."
+    size_of_times: float | None = None
     separators: str = ";\t, "
 
 

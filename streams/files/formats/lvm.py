@@ -49,7 +49,7 @@ def labview_head(lines: list[str], body: bytes, name: str) -> Head:
     ends = [place for place, line in enumerate(lines) if line.strip().startswith(_END)]
     if not ends:
         raise ReaderError("unreadable", f"{name}: expected a line {_END} above the numbers, found none")
-    head = Head(lines=len(lines), separators="\t" if any("\t" in line for line in lines) else ",")
+    head = Head(lines=len(lines), size_of_times=1.0, separators="\t" if any("\t" in line for line in lines) else ",")
     of_file = {plain_key(line[0]): line[1].strip() for line in map(_parts, lines[: ends[0]]) if len(line) > 1}
     titles = [line for line in lines[ends[-1] + 1 :] if line.strip()]
     if titles:

@@ -155,12 +155,14 @@ def test_times_since_1970_are_told_by_their_size(counts: float) -> None:
     assert found.start == pytest.approx(NOON, abs=1e-3)
 
 
-def test_a_head_in_another_zone_does_not_contradict_times_since_1970_but_another_day_does() -> None:
+def test_a_head_in_another_zone_than_configured_is_refused_with_what_to_write() -> None:
     rows = "\n".join(f"{(NOON + i / 1000.0):.3f},{math.sin(i)}" for i in range(2000))
-    local = read_layout(f"Date: 2024-05-01 14:00:00\ntimestamp,acc\n{rows}\n".encode(), "x.csv")
-    assert local.start == pytest.approx(NOON, abs=1e-3)
-    with pytest.raises(ReaderError, match="several times of its start"):
-        read_layout(f"Date: 2024-04-01 14:00:00\ntimestamp,acc\n{rows}\n".encode(), "x.csv")
+    data = f"Date: 2024-05-01 14:00:00\ntimestamp,acc\n{rows}\n".encode()
+    assert read_layout(data, "x.csv", "Europe/Berlin").start == pytest.approx(NOON, abs=1e-3)
+    with pytest.raises(ReaderError, match=r"several times of its start: .* 2 h off: write its zone as timezone"):
+        read_layout(data, "x.csv")
+    with pytest.raises(ReaderError, match=r"several times of its start: [^;]*; name what"):
+        read_layout(data.replace(b"-05-", b"-04-"), "x.csv")
 
 
 def test_running_numbers_are_no_channels_by_name_or_without_one() -> None:
@@ -249,6 +251,11 @@ def test_times_that_are_too_coarse_are_compared_but_state_no_rate() -> None:
     assert alone.rate is None
     assert opened_rate(alone).fits(4096.0)
     assert read_layout(f"fs: 4096\nt [s],acc\n{rows}\n".encode(), "x.csv").rate == 4096.0
+    labview = "LabVIEW Measurement\t\n***End_of_Header***\t\nDelta_X\t{}\n***End_of_Header***\t\nX_Value\ta\n"
+    body = "\n".join(f"{i / 4096.0:.9f}\t{math.sin(i):.6f}" for i in range(128))
+    assert read_layout((labview.format("0.000244140625") + body).encode(), "x.lvm").rate == 4096.0
+    with pytest.raises(ReaderError, match="several sampling rates"):
+        read_layout((labview.format("0.244140625") + body).encode(), "x.lvm")
     with pytest.raises(ReaderError, match="several sampling rates"):
         read_layout(f"fs: 4.096\nt [s],acc\n{rows}\n".encode(), "x.csv")
 
