@@ -96,12 +96,13 @@ def page(config_path: Path | None, port: int | None, quiet: bool) -> None:
 
     if config_path is None or not config_path.is_dir():
         config = read_config(config_path)
-        serve_until_signal([config], config.web, config.machine.state_dir, port)
+        folder = (config_path or Path("config.toml")).absolute().parent
+        serve_until_signal([config], config.web, config.machine.state_dir, port, folder)
         return
     fleet = load_fleet(config_path, strict=False)
     for problem in fleet.problems:
         logging.getLogger(__name__).error("left out: %s", problem)
-    serve_until_signal([machine.config for machine in fleet.machines], fleet.web, fleet.page_dir, port)
+    serve_until_signal([machine.config for machine in fleet.machines], fleet.web, fleet.page_dir, port, config_path)
 
 
 @click.command("status")

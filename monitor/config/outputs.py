@@ -281,6 +281,8 @@ class WebSection(ConfigSection):
     max_streams: Annotated[int, Field(ge=1, le=1000)] = 32
     cert_file: Path | None = None
     key_file: Path | None = None
+    import_folders: tuple[Path, ...] = ()
+    """Folders of recordings that admins may look at and configure on the page; by default none."""
 
     @model_validator(mode="after")
     def _consistent(self) -> Self:

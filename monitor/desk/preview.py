@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import islice
 
 import numpy as np
 from numpy.typing import NDArray
@@ -57,9 +58,9 @@ class ChannelPreview:
     spectrum: Curve
 
 
-def channels_of(desk: ImportDesk, points: int = 400) -> tuple[ChannelPreview, ...]:
-    """Return what each channel shows, curves in at most so many points; the rate must be known."""
-    return tuple(_channels(desk, desk.draft(), points))
+def channels_of(desk: ImportDesk, points: int = 400, limit: int | None = None) -> tuple[ChannelPreview, ...]:
+    """Return what each channel, or the first ones, shows, curves in at most so many points; the rate must be known."""
+    return tuple(islice(_channels(desk, desk.draft(), points), limit))
 
 
 def _channels(desk: ImportDesk, draft: Draft, points: int) -> Iterator[ChannelPreview]:

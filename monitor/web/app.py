@@ -28,10 +28,11 @@ from starlette.types import ASGIApp, Receive, Scope, Send
 from models.platform.portable import NO_LINK
 from monitor.records.database import StoreError
 from monitor.records.filing import published_name
-from monitor.web import api, event_view
+from monitor.web import api, desk, event_view
 from monitor.web.answers import VIEWS, Answer, Query, RequestError, answer_of, json_answer, without_folders
 from monitor.web.api import levels
 from monitor.web.auth import Doorkeeper
+from monitor.web.desk import ImportFolders
 from monitor.web.machines import Machines, WatchedMachine
 from monitor.web.metrics import METRICS_TYPE, Measures, metrics
 from monitor.web.security import MAX_BODY_BYTES, Doors, Guard, sign_in_routes
@@ -54,15 +55,20 @@ _known: dict[str, tuple[tuple[int, int], Answer]] = {}
 class Site:
     """State that all requests of a page share."""
 
-    def __init__(self, machines: Machines, doors: Doors, keeper: Doorkeeper, max_streams: int) -> None:
-        """Keep the machines and the rules of access; nothing runs yet."""
+    def __init__(
+        self, machines: Machines, doors: Doors, keeper: Doorkeeper, max_streams: int, folders: ImportFolders
+    ) -> None:
+        """Keep the machines, the rules of access and the folders of the import desk; nothing runs yet."""
         self.machines, self.doors, self.keeper, self.max_streams = machines, doors, keeper, max_streams
+        self.folders = folders
         self.hub = Hub(machines)
         self.measures = Measures()
         self._threads = ThreadPoolExecutor(_THREADS, "answer")
         self._waiting = 0
         # However busy the others are, the health is answered.
         self._health_thread = ThreadPoolExecutor(1, "health")
+        # One recording is read at a time, and keeps no other answer waiting.
+        self._desk_thread = ThreadPoolExecutor(1, "desk")
         self._checking: asyncio.Future[Answer] | None = None
         self._ending = threading.Event()
         self._upkeep = threading.Thread(target=machines.keep_counting, args=(self._ending,), name="upkeep", daemon=True)
@@ -76,6 +82,14 @@ class Site:
             return await asyncio.get_running_loop().run_in_executor(self._threads, make, *values)
         finally:
             self._waiting -= 1
+
+    async def at_desk(self, request: Request, make: Callable[..., Answer], *values: Any) -> Response:
+        """Compute an answer of the import desk, in its own thread."""
+        try:
+            found = await asyncio.get_running_loop().run_in_executor(self._desk_thread, make, self.folders, *values)
+        except Exception as error:
+            found = _failed(error)
+        return _response(request, found)
 
     async def health(self) -> Answer:
         """Return the health of the machines; requests that come while it is found get the same answer."""
@@ -107,7 +121,7 @@ class Site:
     def __exit__(self, *error: object) -> None:
         """End the threads and close the stores."""
         self._ending.set()
-        for threads in (self._threads, self._health_thread):
+        for threads in (self._threads, self._health_thread, self._desk_thread):
             threads.shutdown(wait=True, cancel_futures=True)
         self.hub.close()
         self._upkeep.join()
@@ -142,7 +156,7 @@ def _response(request: Request, answer: Answer) -> Response:
 
 def application(site: Site) -> ASGIApp:
     """Return the guarded ASGI application of a site."""
-    routes = [*_page_routes(site), *_api_routes(site), *sign_in_routes(site.doors, site.keeper)]
+    routes = [*_page_routes(site), *_api_routes(site), *_desk_routes(site), *sign_in_routes(site.doors, site.keeper)]
     app = Starlette(routes=routes, exception_handlers={HTTPException: _unknown})
     app.router.redirect_slashes = False
     return Guard(app, site.doors, site.keeper, site.measures.answered)
@@ -228,6 +242,24 @@ def _api_routes(site: Site) -> list[Route]:
         Route("/api/events/{event}/acknowledge", partial(_acknowledge, site), methods=["POST"]),
         Route("/api/acknowledge", partial(_acknowledge, site), methods=["POST"]),
         Route(STREAM, partial(_stream, site), methods=["GET"]),
+    ]
+
+
+def _desk_routes(site: Site) -> list[Route]:
+    async def listing(request: Request) -> Response:
+        query = request.query_params
+        return await site.at_desk(request, lambda folders: json_answer(desk.listing(folders, query)))
+
+    async def look(request: Request) -> Response:
+        return await site.at_desk(request, desk.look, await request.body())
+
+    async def save(request: Request) -> Response:
+        return await site.at_desk(request, desk.save, await request.body(), request.state.visitor.name)
+
+    return [
+        Route("/api/desk", listing, methods=["GET"]),
+        Route("/api/desk/look", look, methods=["POST"]),
+        Route("/api/desk/save", save, methods=["POST"]),
     ]
 
 

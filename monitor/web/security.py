@@ -27,7 +27,7 @@ _MAX_HEAD_BYTES, _MAX_TARGET_BYTES = 8192, 2048
 _MAX_ANSWER_S, _MAX_SEND_S = 30.0, 20.0
 _OPEN = ("/", "/login", "/logout", "/api/session", "/readyz")
 """Answered without a token: the empty page, which asks for one, and whether the page is served."""
-_FOR_ADMINS = "/api/users"
+_FOR_ADMINS = ("/api/users", "/api/desk")
 _UNBOUNDED = ("/api/stream", "/records/")
 """Answers without a limit on their whole duration; the client must take each part in time."""
 NOT_KEPT = {"cache-control": "no-store"}
@@ -57,6 +57,8 @@ class Doors:
     """Whether TLS is used."""
     reading: bool
     """Whether reading needs the token."""
+    desk: bool = False
+    """Whether there are folders for the import desk."""
 
     @classmethod
     def of(cls, web: WebSection, port: int) -> Doors:
@@ -69,7 +71,9 @@ class Doors:
                 hosts |= _spellings(given.rpartition(":")[0], int(given.rpartition(":")[2]))
             else:
                 hosts |= _spellings(given, port)
-        return cls(frozenset(hosts), port, f"spallwatch-{port}", secure, web.reading_needs_token)
+        return cls(
+            frozenset(hosts), port, f"spallwatch-{port}", secure, web.reading_needs_token, bool(web.import_folders)
+        )
 
     def admits_host(self, host: str, server: str | None) -> bool:
         """Return whether a Host header names this page, or is the address ``server`` of the connection."""
@@ -270,6 +274,7 @@ def sign_in_routes(doors: Doors, keeper: Doorkeeper) -> list[Route]:
             "user": None if visitor is None else visitor.name,
             "role": None if visitor is None else visitor.role,
             "users": keeper.has_users,
+            "desk": doors.desk,
         }
         return JSONResponse(found, headers=NOT_KEPT)
 

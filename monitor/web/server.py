@@ -27,6 +27,7 @@ from monitor.service.children import end_with_parent, report_line
 from monitor.service.system import ServiceManager
 from monitor.web.app import STREAM, Site, application
 from monitor.web.auth import Doorkeeper, TokenError, load_token
+from monitor.web.desk import ImportFolders
 from monitor.web.machines import Machines
 from monitor.web.security import Doors
 from monitor.web.users import USERS_FILE, Users
@@ -148,10 +149,18 @@ class _Server(uvicorn.Server):
         await asyncio.gather(*self.server_state.tasks, return_exceptions=True)
 
 
-async def serve(machines: Machines, web: WebSection, state_dir: Path, report: Report, port: int | None = None) -> None:
+async def serve(
+    machines: Machines,
+    web: WebSection,
+    state_dir: Path,
+    report: Report,
+    port: int | None = None,
+    configurations: Path | None = None,
+) -> None:
     """Serve the page until the task is cancelled.
 
     ``state_dir`` is the folder of the token if none is configured; ``port`` takes the place of the configured one.
+    ``configurations`` is the folder to which the import desk adds, by default that of the state folder.
     ``report`` is called with ``url`` once the page listens, then with ``alive`` every few seconds.
 
     Raises:
@@ -164,7 +173,8 @@ async def serve(machines: Machines, web: WebSection, state_dir: Path, report: Re
             raise PageError(str(error)) from None
         doors = Doors.of(web, listening.getsockname()[1])
         users = Users(web.users_file or state_dir / USERS_FILE)
-        site = Site(machines, doors, Doorkeeper(token, users), web.max_streams)
+        folders = ImportFolders(web.import_folders, configurations or state_dir.parent)
+        site = Site(machines, doors, Doorkeeper(token, users), web.max_streams, folders)
         server = _Server(_settings(site, web))
         with site:
             beside = [asyncio.create_task(_beat(report, web.url(doors.port))), asyncio.create_task(site.hub.run())]
@@ -239,15 +249,22 @@ def child() -> None:
     end_with_parent()
     logging.basicConfig(stream=sys.stderr, level=logging.WARNING, format="%(asctime)s %(levelname)s page: %(message)s")
 
-    web, state_dir = WebSection.model_validate(given["web"]), Path(given["state_dir"])
+    web, state_dir, path = WebSection.model_validate(given["web"]), Path(given["state_dir"]), Path(given["config"])
     try:
-        asyncio.run(serve(Machines([load_config(Path(given["config"]))]), web, state_dir, report_line))
+        machines = Machines([load_config(path)])
+        asyncio.run(serve(machines, web, state_dir, report_line, configurations=path.parent))
     except (PageError, ConfigError) as error:
         report_line({"problem": str(error)})
         sys.exit(1)
 
 
-def serve_until_signal(configs: Sequence[Config], web: WebSection, state_dir: Path, port: int | None = None) -> None:
+def serve_until_signal(
+    configs: Sequence[Config],
+    web: WebSection,
+    state_dir: Path,
+    port: int | None = None,
+    configurations: Path | None = None,
+) -> None:
     """Serve the page in this process until SIGTERM or SIGINT; its address is printed on standard output.
 
     Arguments and errors are those of :func:`serve`.
@@ -262,7 +279,7 @@ def serve_until_signal(configs: Sequence[Config], web: WebSection, state_dir: Pa
         manager.feed_watchdog(time.monotonic())
 
     async def run() -> None:
-        serving = asyncio.create_task(serve(Machines(configs), web, state_dir, report, port))
+        serving = asyncio.create_task(serve(Machines(configs), web, state_dir, report, port, configurations))
         on_signals((signal.SIGTERM, signal.SIGINT), serving.cancel)
         with suppress(asyncio.CancelledError):
             await serving

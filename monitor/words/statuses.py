@@ -270,6 +270,11 @@ def bearing_words(found: Mapping[str, Any]) -> str:
     return "; ".join((text, *others)) + level_words(found.get("level_of"))
 
 
+COLUMN_KINDS = {"time": "times", "tacho": "pulses of a tacho", "other": "left out"}
+ORIGINS = {"stated": "the files", "answered": "your answer", "assumed": "default", "open": "not known yet"}
+"""What a column of a recording is read as, where it is not the word itself, and by what a reading is known."""
+
+
 def page_words() -> dict[str, Any]:
     """Return all words of the page as plain values."""
     titles = {feature.chart: {"title": feature.label.capitalize()} for feature in FEATURES.values() if feature.chart}
@@ -290,6 +295,8 @@ def page_words() -> dict[str, Any]:
         "rotation": ROTATION_REFUSALS,
         "domains": DOMAINS,
         "gears": GEAR_STATUSES,
+        "columns": COLUMN_KINDS,
+        "origins": ORIGINS,
         "gear_kinds": GEAR_KINDS,
         "alarm_levels": ALARM_LEVELS,
         "relative": _CHARTS["v_eq_relative"]["unit"],

@@ -1,10 +1,11 @@
 // Requests to the server of this page.
 
-/** What the server said instead of an answer; `status` is 0 where it said nothing. */
+/** What the server said instead of an answer; `status` is 0 where it said nothing, `key` names the answer it is about. */
 export class ApiError extends Error {
-  constructor(message, status) {
+  constructor(message, status, key = "") {
     super(message);
     this.status = status;
+    this.key = key;
   }
 }
 
@@ -32,7 +33,7 @@ async function request(path, options) {
     throw new ApiError("The server does not answer.", 0);
   }
   const body = response.status === 204 ? null : await response.json().catch(() => null);
-  if (!response.ok) throw new ApiError(body?.error ?? `The server answered ${response.status}.`, response.status);
+  if (!response.ok) throw new ApiError(body?.error ?? `The server answered ${response.status}.`, response.status, body?.key);
   return body;
 }
 

@@ -64,11 +64,13 @@ class App {
   /** The module of a view, read when it is first needed. */
   async module(view) {
     if (view === "channel") return import("./channel.js");
+    if (view === "import") return import("./desk.js");
     return view === "events" || view === "files" ? import("./events.js") : null;
   }
 
   async readSession() {
     this.session = await get("api/session").catch(() => null);
+    at("nav-import").hidden = !this.session?.desk;
     return this.session;
   }
 
@@ -109,13 +111,18 @@ class App {
       current = parts[0];
       make = () => (current === "files" ? new Files(this) : new Events(this, Object.fromEntries(new URLSearchParams(search))));
     }
+    if (parts[0] === "import" && this.session?.desk) {
+      const { Desk } = await this.module("import");
+      current = "import";
+      make = () => new Desk(this);
+    }
     if (turn !== this.turn) return;
     this.view?.close();
     this.live.follow(...(parts[0] === "channel" ? parts.slice(1) : []));
     this.view = make();
     fill(at("content"), this.view.element);
     this.view.entered?.();
-    for (const name of ["machines", "events", "files"]) {
+    for (const name of ["machines", "events", "files", "import"]) {
       if (name === current && parts[0] !== "channel") at(`nav-${name}`).setAttribute("aria-current", "page");
       else at(`nav-${name}`).removeAttribute("aria-current");
     }

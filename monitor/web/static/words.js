@@ -50,3 +50,7 @@ export const CHARTS = WORDS.charts;
 export const FEATURES = WORDS.features;
 export const featureWord = (name) => FEATURES[name]?.label ?? name.replaceAll("_", " ");
 export const daemonSentence = (status) => WORDS.daemon[status] ?? "The daemon does not run";
+
+/** What a column of a recording is read as, and by what a reading is known. */
+export const columnKind = (kind) => WORDS.columns[kind] ?? kind;
+export const originWord = (origin) => WORDS.origins[origin] ?? origin;

@@ -14,26 +14,14 @@ import spallwatch as sw
 from monitor.config.load import load_config
 from monitor.desk.judge.problems import find_problems
 from tests.support.commands import run_command
+from tests.support.press import RATE, write_press
 
-RATE = 10_000
 GIVEN: dict[str, Any] = {"bearing": "6205", "speed_hz": "29.5 Hz"}
-
-
-def write_table(folder: Path, unit: str = "g", *, count: int = 3, level: float = 1.0) -> Path:
-    """Write files of two columns of noise, an hour apart by their names."""
-    folder.mkdir(parents=True, exist_ok=True)
-    random = np.random.default_rng(1)
-    for hour in range(count):
-        rows = np.column_stack([np.arange(RATE) / RATE, level * random.normal(size=(RATE, 2))])
-        lines = [",".join(f"{value:.6f}" for value in row) for row in rows]
-        head = f"time (s),drive end ({unit}),other end ({unit})" if unit else "time (s),drive end,other end"
-        (folder / f"2026-03-01_{hour:02d}0000.csv").write_text("\n".join([head, *lines, ""]))
-    return folder
 
 
 @pytest.fixture(scope="module")
 def press(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return write_table(tmp_path_factory.mktemp("desk") / "press")
+    return write_press(tmp_path_factory.mktemp("desk") / "press")
 
 
 def test_a_description_gives_readings_evidence_and_what_is_open(press: Path) -> None:
@@ -120,7 +108,7 @@ def _empty(folder: Path) -> Path:
 
 
 def _press(folder: Path) -> Path:
-    return write_table(folder)
+    return write_press(folder)
 
 
 def _in_ms2(folder: Path) -> Path:

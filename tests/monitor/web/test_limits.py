@@ -16,6 +16,7 @@ from monitor.config.load import load_config
 from monitor.config.outputs import WebSection
 from monitor.web.app import Site, _stream
 from monitor.web.auth import Doorkeeper
+from monitor.web.desk import NO_FOLDERS
 from monitor.web.machines import Machines
 from monitor.web.security import Doors
 from tests.support.daemons import make_machine
@@ -94,7 +95,9 @@ def test_the_health_does_not_wait_for_other_answers(tmp_path: Path, monkeypatch:
 
 def test_simultaneous_requests_do_not_exceed_the_streams(tmp_path: Path) -> None:
     web = WebSection(max_streams=3)
-    site = Site(Machines([load_config(make_machine(tmp_path))]), Doors.of(web, 8710), Doorkeeper("x" * 20), 3)
+    site = Site(
+        Machines([load_config(make_machine(tmp_path))]), Doors.of(web, 8710), Doorkeeper("x" * 20), 3, NO_FOLDERS
+    )
     scope = {"type": "http", "method": "GET", "path": "/api/stream", "query_string": b"", "headers": []}
 
     async def open_all() -> list[int]:

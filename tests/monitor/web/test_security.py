@@ -29,6 +29,7 @@ STRANGER = {
     "user": None,
     "role": None,
     "users": False,
+    "desk": False,
 }
 
 
