@@ -7,15 +7,16 @@ import os
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass
+from fnmatch import fnmatchcase
 from pathlib import Path
 
 from monitor.desk.answers import Answers, bearing_of, bearing_sections, channel_names
 from monitor.desk.questions import needs_scale, speed_factor, speed_row, unit_of
 from monitor.health.onset.state import DetectSettings
 from streams.files.plausible import SignalLevel, of_one_g
-from streams.files.recognise import as_pattern
+from streams.files.recognise import FORMATS, as_pattern
 from streams.files.survey import Survey, SurveyedRow
-from streams.types.listing import shown
+from streams.types.listing import shown, unpacked_name
 from streams.types.samples import COUNTS, FRACTIONS
 
 _MAX_WHOLE_S = 30.0
@@ -180,6 +181,8 @@ def _source(draft: Draft) -> Iterator[str]:
         yield _pair("files", list(survey.files), "a channel each")
     elif survey.files:
         yield _pair("files", survey.files[0], "one after the other")
+    elif (pattern := _of_one_ending(survey)) is not None:
+        yield _pair("files", pattern, "what else is there is left out")
     if not survey.data_set.plain and survey.rate is not None:
         yield _pair("rate_hz", survey.rate, "of the first file; each file states its own", off=True)
     elif survey.rate is None or survey.rate_from is not None:
@@ -197,6 +200,16 @@ def _source(draft: Draft) -> Iterator[str]:
     if answers.range_g is not None:
         yield _pair("range_g", answers.range_g, "g at full scale of the integers")
     yield from _dates(draft)
+
+
+def _of_one_ending(survey: Survey) -> str | None:
+    """Return the pattern of the files, where others that were left out have another ending of their format."""
+    data_set, kept = survey.data_set, survey.data_set.endings
+    others = [ending for ending in FORMATS.get(data_set.name, ()) if ending not in kept]
+    if len(kept) != 1 or not any(unpacked_name(path).lower().endswith(tuple(others)) for path in survey.ignored):
+        return None
+    pattern = f"*{kept[0]}"
+    return pattern if all(fnmatchcase(path, pattern) for path in survey.paths) else None
 
 
 def _dates(draft: Draft) -> Iterator[str]:

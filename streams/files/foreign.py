@@ -15,7 +15,7 @@ HOW_TO_STATE = (
     '"channels": 2, "interleaved": true, "header_bytes": 0}}, "rate_hz": 25600, "unit": "g", "scale": 0.001}}'
 )
 """What states the layout of a file of some ``name``."""
-_LAYOUT = f"to have them read, {HOW_TO_STATE.format(name='FILE')}"
+_LAYOUT = 'a side-car with their "layout" makes them read'
 _TABLE = "export the table as CSV"
 _EXPORT = "export it as TDMS, MAT, HDF5 or CSV"
 _MAGIC: tuple[tuple[bytes, str, str], ...] = (
@@ -34,7 +34,7 @@ _MAGIC: tuple[tuple[bytes, str, str], ...] = (
     (b"\x89PNG", "a picture", "take the recording that it is of"),
     (b"\xff\xd8\xff", "a picture", "take the recording that it is of"),
     (b"\x7fELF", "a program", "it is no recording"),
-    (b"|CF,", "a file of imc FAMOS", _EXPORT),
+    (b"|CF,", "a recording of imc FAMOS", _EXPORT),
 )
 _XML = "XML; export the samples that it describes as CSV, TDMS or HDF5"
 _OWN: tuple[tuple[bytes, str], ...] = (
@@ -98,15 +98,19 @@ def _by_content(name: str, head: bytes, ending: str) -> str | None:
             return f"{what}; {how}"
     for magic, kind in _OWN:
         if head.startswith(magic):
-            return f'a file of {kind}; write format = "{kind}"'
+            return _of_kind(kind)
     return None
+
+
+def _of_kind(kind: str) -> str:
+    return f'a file of {kind}, which a [[source]] with format = "{kind}" reads'
 
 
 def _zipped(head: bytes, ending: str) -> str:
     inside = {b"xl/": ".xlsx", b"opendocument.spreadsheet": ".ods", b".npy": ".npz"}
     kind = next((known for sign, known in inside.items() if sign in head), ending)
     if ending in (".xlsx", ".xlsm"):
-        return 'a file of xlsx; write format = "xlsx"'
+        return _of_kind("xlsx")
     if kind == ".xlsx":
         return "an Excel workbook; let its name end in .xlsx"
     what, how = _BY_ENDING.get(kind, _BY_ENDING[".zip"])

@@ -14,7 +14,7 @@ from zoneinfo import ZoneInfo
 
 from streams.files.container import Files, Item, is_archive
 from streams.files.datasets import DATA_SETS, DataSet, FileFacts
-from streams.files.foreign import HEAD_BYTES, described
+from streams.files.foreign import HEAD_BYTES, HOW_TO_STATE, described
 from streams.files.formats.hdf5 import read_hdf5
 from streams.files.formats.mat import mat_variables, read_mat
 from streams.files.formats.netcdf import read_netcdf
@@ -344,6 +344,8 @@ def _recognised_by_content(item: Item, spec: SourceSpec, files: Files, seen: dic
             with suppress(ReaderError):
                 data = item.read()
                 seen[item.path] = described(item.path, len(data), bytes(data[:HEAD_BYTES]))
+                if kind == "raw":
+                    seen[item.path] += f"; {HOW_TO_STATE.format(name=item.path.rpartition('/')[2])}"
         return None
     if kind == "mat":
         return _recognised_mat(item, files) or plain(kind, spec, (ending,))

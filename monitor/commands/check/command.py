@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, replace
+from itertools import islice
 from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
@@ -32,6 +33,9 @@ from monitor.desk.judge.dating import DatingPreview, preview_dating
 from monitor.desk.judge.problems import find_problems, methods
 from monitor.desk.judge.sections import interference_lines, proposal_words, propose_interference, tacho_words
 from monitor.words.calibration import rig_words
+
+_MAX_IGNORED = 5
+"""Files that are not read of which each is said."""
 
 DONE, WRONG = 0, 2
 
@@ -192,6 +196,10 @@ def _dating_lines(found: DatingPreview) -> Iterator[str]:
         return
     for place, words in zip(("first", "last"), found.ends, strict=False):
         yield f"  {place} file: {words}"
+    for name, reason in islice(found.ignored.items(), _MAX_IGNORED):
+        yield f"  not read: {name}: {reason}"
+    if len(found.ignored) > _MAX_IGNORED:
+        yield f"  not read: {len(found.ignored) - _MAX_IGNORED} more, see ignored of --json"
     when = found.time_utc or ("no date" if found.elapsed_s is None else f"{found.elapsed_s:g} s from the first block")
     yield f"  dates: {found.text}; {found.file}: {when}"
 

@@ -32,7 +32,7 @@ class DatingPreview:
 
     ``doubts`` are those of its files, ``facts`` what they state. ``levels`` says in words what states the level of each
     channel, ``ends`` what the first and the last file hold, ``choice`` is the choice as it would be kept, ``kept``
-    whether it is; ``tacho`` is what the pulses of the first block show.
+    whether it is; ``tacho`` is what the pulses of the first block show, ``ignored`` why which files are not read.
     """
 
     by: str | None
@@ -47,6 +47,7 @@ class DatingPreview:
     choice: Dating | None = None
     kept: bool = False
     tacho: TachoView | None = None
+    ignored: Mapping[str, str] = field(default_factory=dict)
 
 
 def preview_dating(config: Config, section: SourceSection) -> DatingPreview | None:
@@ -96,6 +97,7 @@ def preview_dating(config: Config, section: SourceSection) -> DatingPreview | No
         ends=view.ends,
         choice=choice if watched else None,
         kept=kept is not None and kept.by is not None,
+        ignored=recording.ignored(),
     )
     if view.first is not None:
         return _with_block(found, view.first, config, section)

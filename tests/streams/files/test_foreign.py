@@ -75,7 +75,7 @@ FILES = {
     "run.mf4": (b"MDF     4.10    ", "ASAM MDF", "asammdf"),
     "run.dat": (frames(), "hdf5", 'format = "hdf5"'),
     "arrays.npz": (arrays(), "arrays of numpy", "numpy.save"),
-    "samples.bin": (noise(50).tobytes(), "without a header", '"layout": {"type": "int16"'),
+    "samples.bin": (noise(50).tobytes(), "without a header", 'side-car with their "layout"'),
 }
 
 
@@ -131,7 +131,7 @@ def test_ignored_files_say_what_they_are(tmp_path: Path) -> None:
     assert isinstance(found, Recording)
     assert len(list(found)) == 1
     reasons = found.ignored()
-    assert reasons["log.xlsx"].endswith('it is a file of xlsx; write format = "xlsx"')
+    assert reasons["log.xlsx"].endswith('a file of xlsx, which a [[source]] with format = "xlsx" reads')
     assert reasons["notes.md"] == "of another format than csv (*.csv)"
 
 
