@@ -19,8 +19,8 @@ RATES = ("rate", "samplerate", "samplingrate", "samplingfrequency", "samplefrequ
           "tauxdechantillonnage")  # fmt: skip
 STEPS = ("dt", "deltat", "deltax", "wfincrement", "sampleinterval", "samplinginterval", "sampleperiod",
           "samplingperiod", "timestep", "timeincrement", "timeinterval", "xincrement", "abtastintervall",
-          "abtastzeit", "periodedechantillonnage", "periodeechantillonnage", "pasdetemps", "pasdechantillonnage",
-          "periododemuestreo", "periododicampionamento")  # fmt: skip
+          "abtastzeit", "abtastperiode", "periodedechantillonnage", "periodeechantillonnage", "pasdetemps",
+          "pasdechantillonnage", "periododemuestreo", "periododicampionamento")  # fmt: skip
 HERTZ = {"": 1.0, "hz": 1.0, "khz": 1e3, "mhz": 1e6, "inhz": 1.0, "inkhz": 1e3}
 SECONDS = {"": 1.0, "s": 1.0, "sec": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "ins": 1.0, "inms": 1e-3, "inus": 1e-6}
 FACTORS = {

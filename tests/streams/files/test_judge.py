@@ -78,6 +78,11 @@ def test_rates_that_differ_are_refused_with_both_places(rate: float, factor: flo
         assert caught.value.status == "wrong_rate"
 
 
+def test_a_quoted_value_is_taken_whole() -> None:
+    found = read_layout(text('# Sampling Frequency,"4,096 Hz"', '"Unit";"m/s²"', "acc"), "x.csv")
+    assert (found.rate_readings, found.units) == ((4.096, 4096.0), ("m/s2",))
+
+
 def test_an_open_rate_is_decided_by_another_statement_or_by_the_configuration() -> None:
     ambiguous = text("Sample Rate: 4,096 Hz", "Unit: g", "acc")
     found = read_layout(ambiguous, "x.csv")
