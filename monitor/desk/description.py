@@ -178,7 +178,7 @@ def _speed(desk: ImportDesk) -> FactReading:
     seen, answers, row = desk.seen, desk.answers, speed_row(desk.seen)
     name = "Speed of the shaft"
     if answers.speed_hz is not None:
-        value = f"{answers.speed_hz:.6g} Hz ({60 * answers.speed_hz:.5g} rpm)"
+        value = f"{answers.speed_hz:.6g} Hz ({60 * answers.speed_hz:.7g} rpm)"
         return FactReading("speed_hz", name, value, _given(desk, "speed_hz"))
     if row is not None:
         return FactReading("speed_hz", name, "of each block", STATED, f"column {shown(row.title)}")

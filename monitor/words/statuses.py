@@ -270,7 +270,7 @@ def bearing_words(found: Mapping[str, Any]) -> str:
     return "; ".join((text, *others)) + level_words(found.get("level_of"))
 
 
-COLUMN_KINDS = {"time": "times", "tacho": "pulses of a tacho", "other": "left out"}
+COLUMN_KINDS = {"time": "times", "index": "running numbers", "tacho": "pulses of a tacho", "other": "left out"}
 ORIGINS = {"stated": "the files", "answered": "your answer", "assumed": "default", "open": "not known yet"}
 """What a column of a recording is read as, where it is not the word itself, and by what a reading is known."""
 

@@ -15,7 +15,11 @@ const FIELDS = {
   rate_hz: ["Sampling rate", "as the files state it"],
   unit: ["Unit of the vibration", "as the files state it"],
   sensitivity_mv_per_g: ["Sensitivity", "100 mV/g, for V"],
+  timezone: ["Zone of dates that state none", "UTC"],
+  name: ["Name of the machine", "that of the folder"],
 };
+/** Fields that are no answers to questions. */
+const BESIDE = ["timezone", "name"];
 const ID = "desk-answer-";
 // Who does not import does not wait for its style.
 document.head.append(h("link", { rel: "stylesheet", href: "static/desk.css" }));
@@ -102,9 +106,10 @@ export class Desk {
 
   given() {
     const answers = {};
-    for (const [key, { input }] of this.inputs) if (input.value.trim()) answers[key] = input.value.trim();
+    const given = { path: this.place, answers };
+    for (const [key, { input }] of this.inputs) if (input.value.trim()) (BESIDE.includes(key) ? given : answers)[key] = input.value.trim();
     if (this.columns) answers.columns = this.columns;
-    return { path: this.place, answers };
+    return given;
   }
 
   /** Ask how it is read; the answer to the newest request counts. */
@@ -154,7 +159,8 @@ export class Desk {
   /** A field for each question, the open ones first, and for what may be corrected; a field that is there keeps its text. */
   ask(found) {
     const questions = new Map(found.questions.map((question) => [question.key, question]));
-    for (const key of ["columns"]) questions.delete(key);
+    // Columns are ticked below.
+    questions.delete("columns");
     for (const [key, question] of questions) if (!this.inputs.has(key)) this.addField(key, FIELDS[key]?.[0] ?? question.words);
     for (const [key, [label]] of Object.entries(FIELDS)) if (!this.inputs.has(key)) this.addField(key, label);
     for (const [key, { input, why, element }] of this.inputs) {
@@ -190,7 +196,8 @@ export class Desk {
         column.taken ? [h("span", { class: "narrow" }, "unit "), unit] : "", [h("span", { class: "narrow" }, "RMS "), level], h("span", { class: "note" }, why)];
     });
     this.boxes = rows.map(([box]) => box);
-    return h("section", { class: "card" }, h("h2", null, "Columns"),
+    const asked = found.questions.find((question) => question.key === "columns");
+    return h("section", { class: "card" }, h("h2", null, "Columns"), asked && h("p", { class: "wrong" }, `${asked.why} Tick those that are.`),
       table("Columns of the first file", ["Taken", "Column", "Read as", "Unit", "RMS", "By"], rows, "stacked"));
   }
 
@@ -211,7 +218,7 @@ export class Desk {
   }
 
   drawings(found) {
-    if (!found.channels.length) return h("section", { class: "card" }, h("h2", null, "Signal"), h("p", { class: "note" }, "It is drawn once the sampling rate is known."));
+    if (!found.channels.length) return h("section", { class: "card" }, h("h2", null, "Signal"), h("p", { class: "note" }, "It is drawn once a column is taken and the sampling rate is known."));
     return found.channels.map((channel) => h("section", { class: "card" }, h("h2", null, channel.name),
       h("p", null, `RMS ${fmt.withUnit(channel.rms, channel.unit || "of unknown unit")}, peak ${fmt.withUnit(channel.peak, channel.unit || "of unknown unit")}`, channel.bearing && `; bearing ${channel.bearing}`),
       h("div", { class: "plots" }, signalPlot(channel), spectrumPlot(channel)), this.lines(channel)));
