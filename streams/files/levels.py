@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from streams.files.statements import is_of_counts, multiple_of
+from streams.files.statements import is_of_counts, multiple_of, quantity_words
 from streams.types.block import STANDARD_GRAVITY
 from streams.types.large import elementwise
 from streams.types.samples import DIGITAL, FRACTIONS, SCALED, VALUES, ReaderError, Samples
@@ -74,7 +74,10 @@ def check_unit(stated: str | None, name: str, where: str) -> None:
     if stated is None:
         raise ReaderError("wrong_unit", f"{where}: no unit is stated; give [[channel]] unit")
     if stated not in UNITS:
-        raise ReaderError("wrong_unit", f"{where}: {name} is in {stated!r}; expected one of {', '.join(UNITS)}")
+        raise ReaderError(
+            "wrong_unit",
+            f"{where}: {name} is in {stated!r}{quantity_words(stated)}; expected one of {', '.join(UNITS)}",
+        )
     if stated == "V":
         raise ReaderError("wrong_unit", f"{where}: in V; give [[channel]] sensitivity_mv_per_g or a side-car")
 
@@ -97,10 +100,11 @@ def unit_of(samples: Samples, row: int, channel: ChannelSpec, where: str) -> str
     if stated is None and configured is None:
         raise ReaderError("wrong_unit", f"{where}: no unit is stated; give [[channel]] unit")
     if configured is not None and stated not in (None, "unknown", configured):
-        hint = f'; write unit = "{stated}"' if stated in UNITS else ""
+        hint = f'; write unit = "{stated}"' if stated in UNITS else quantity_words(stated)
         raise ReaderError("wrong_unit", f"{where}: the recording is in {stated}, unit = {configured!r}{hint}")
     if configured is None and (stated not in UNITS or stated == "V"):
-        raise ReaderError("wrong_unit", f"{where}: the recording is in {stated}; give [[channel]] unit")
+        hint = quantity_words(stated) or "; give [[channel]] unit"
+        raise ReaderError("wrong_unit", f"{where}: the recording is in {stated}{hint}")
     return configured or stated or "unknown"
 
 

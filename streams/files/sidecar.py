@@ -28,7 +28,7 @@ from streams.files.formats.raw import Layout, layout_of
 from streams.files.judge import Start, agreed_rate, joint_rate, judge_start, opened_rate
 from streams.files.notes import is_note
 from streams.files.parse.child import isolated
-from streams.files.statements import seconds_utc
+from streams.files.statements import quantity_words, seconds_utc
 from streams.types.large import Data, elementwise
 from streams.types.listing import unpacked_name
 from streams.types.samples import SCALED, VALUES, ReaderError, Samples
@@ -120,7 +120,10 @@ def _parsed(raw: bytes, path: str, zone: str) -> SideCar:
         raise ReaderError("unreadable", f"{path}: unknown key {unknown[0][:40]!r}; expected {', '.join(sorted(known))}")
     unit = values.get("unit")
     if unit is not None and unit not in UNITS:
-        raise ReaderError("wrong_unit", f"{path}: unit must be one of {', '.join(UNITS)}, got {str(unit)[:40]!r}")
+        raise ReaderError(
+            "wrong_unit",
+            f"{path}: unit must be one of {', '.join(UNITS)}, got {str(unit)[:40]!r}{quantity_words(str(unit))}",
+        )
     return SideCar(
         path=path,
         rate=_number(values, "rate_hz", path, positive=True),

@@ -119,6 +119,13 @@ def is_of_vibration(unit: str | None) -> bool:
     return multiple_of(unit)[0] in ("g", "m/s2", "V") or (unit or "").lower() in VELOCITIES
 
 
+def quantity_words(unit: str | None) -> str:
+    """Return what becomes of a unit of velocity, behind a comma; "" for any other unit."""
+    if (unit or "").lower() not in VELOCITIES:
+        return ""
+    return ", a velocity; an acceleration is needed: export that of the sensor, or differentiate it before"
+
+
 @dataclass(frozen=True)
 class StatedNumber:
     """What one place states of a quantity.

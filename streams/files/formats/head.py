@@ -74,10 +74,9 @@ def cut_head(body: bytes, name: str) -> tuple[bytes, list[str]]:
     begin = 0
     while begin < len(body) and len(skipped) <= MAX_HEAD_LINES:
         line = first_line_of(body, begin)
-        text = decoded(line).strip()
-        if _is_numbers(text):
+        if _is_numbers(decoded(line).strip()):
             return (body[begin:] if begin else body), skipped
-        skipped.append(text)
+        skipped.append(_line_of(line))
         begin += len(line) + 1
     if any(skipped):
         first = next(line for line in skipped if line)
@@ -85,6 +84,11 @@ def cut_head(body: bytes, name: str) -> tuple[bytes, list[str]]:
         status = "empty" if len(skipped) <= 3 and begin >= len(body) else "unreadable"
         raise ReaderError(status, f"{name}: line 1: expected a number or a header above numbers, found {shown!r}")
     raise ReaderError("empty", f"{name}: no line of numbers")
+
+
+def _line_of(line: bytes) -> str:
+    """Return a line without the blanks around it; a tab before it stands behind a name that is empty."""
+    return decoded(line).rstrip().lstrip(" ")
 
 
 def _is_numbers(line: str) -> bool:
@@ -280,7 +284,7 @@ def _first_row(body: bytes, zone: str) -> tuple[int, list[str], str, int] | None
             columns = _stamp_columns(text, separator, zone)
             if columns and _stamp_columns(following.decode("utf-8", "replace").strip(), separator, zone) == columns:
                 return begin, head, separator, columns
-        head.append(text)
+        head.append(_line_of(line))
         begin += len(line) + 1
     return None
 

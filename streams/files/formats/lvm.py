@@ -46,7 +46,8 @@ def labview_head(lines: list[str], body: bytes, name: str) -> Head:
             f"{ended}); write each below the head of the file to a file of its own, as LabVIEW does where it saves to "
             "a series of files",
         )
-    ends = [place for place, line in enumerate(lines) if line.strip().startswith(_END)]
+    lines = [line.strip() for line in lines]
+    ends = [place for place, line in enumerate(lines) if line.startswith(_END)]
     if not ends:
         raise ReaderError("unreadable", f"{name}: expected a line {_END} above the numbers, found none")
     head = Head(lines=len(lines), size_of_times=1.0, separators="\t" if any("\t" in line for line in lines) else ",")

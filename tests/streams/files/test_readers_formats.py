@@ -94,6 +94,7 @@ def test_a_unit_that_is_no_acceleration_is_refused(unit: str, tmp_path: Path) ->
     assert isinstance(item, Rejected)
     assert item.status == "wrong_unit"
     assert unit in item.reason
+    assert ("a velocity; an acceleration is needed" in item.reason) == (unit == "mm/s")
 
 
 def test_channels_are_chosen_by_pattern() -> None:

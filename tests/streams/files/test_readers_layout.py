@@ -6,6 +6,7 @@ import json
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -383,3 +384,20 @@ def test_several_segments_of_labview_are_refused_with_their_lines() -> None:
         read_layout(text.encode(), "x.lvm")
     assert caught.value.status == "wrong_shape"
     assert text.splitlines()[61].startswith("***End")
+
+
+@pytest.mark.parametrize("separator", ["\t", ";", ","])
+def test_an_index_without_a_name_stands_before_the_names(separator: str) -> None:
+    table = pd.DataFrame({"Time [s]": np.arange(200) / 1000.0, "acc [g]": np.arange(200) % 7 / 8.0})
+    found = read_layout(table.to_csv(sep=separator).encode(), "x.csv")
+    assert (found.names, found.columns, found.units, found.rate) == (("acc [g]",), (3,), ("g",), 1000.0)
+    dated = table[["acc [g]"]].set_index(pd.Timestamp("2024-05-01 12:00:00") + pd.to_timedelta(table["Time [s]"], "s"))
+    found = read_layout(dated.to_csv(sep=separator, index_label="").encode(), "x.csv")
+    assert (found.names, found.rate, found.start) == (("acc [g]",), 1000.0, NOON)
+
+
+def test_many_names_above_rows_with_dates_are_kept() -> None:
+    names = [f"Beschleunigung Lager {place} [m/s²]" for place in range(12)]
+    rows = [f"2024-05-01 12:00:00.{i:03d};" + ";".join(f"{i % 7}.5" for _ in names) for i in range(200)]
+    found = read_layout("\n".join([";".join(["Zeit", *names]), *rows, ""]).encode("cp1252"), "x.csv")
+    assert (found.names, set(found.units), found.rate) == (tuple(names), {"m/s2"}, 1000.0)

@@ -54,9 +54,21 @@ def refusal(read: Callable[..., object], data: bytes, *arguments: object) -> tup
         workbook({"Data": [[None, None, *row] for row in PLAIN]}),
         workbook({"Data": [[None], *PLAIN]}),
         workbook({"About": [["Unit", "g"], ["fs", 4096]], "Data": table(["DE"], times=False)}),
+        workbook(
+            {"Data": [[None, "Time [s]", "DE"], [None, None, "g"], *([i, *row] for i, row in enumerate(PLAIN[2:]))]}
+        ),
         workbook({"Few": [[1, 2], [3, 4]], "Data": PLAIN}),
     ],
-    ids=["shared", "own words", "without places", "column C", "row 2", "facts in another sheet", "small table"],
+    ids=[
+        "shared",
+        "own words",
+        "without places",
+        "column C",
+        "row 2",
+        "facts in another sheet",
+        "index",
+        "small table",
+    ],
 )
 def test_a_sheet_is_read_as_the_text_that_it_would_be(data: bytes) -> None:
     found = read_xlsx(data, "x")
