@@ -391,7 +391,8 @@ def test_an_index_without_a_name_stands_before_the_names(separator: str) -> None
     table = pd.DataFrame({"Time [s]": np.arange(200) / 1000.0, "acc [g]": np.arange(200) % 7 / 8.0})
     found = read_layout(table.to_csv(sep=separator).encode(), "x.csv")
     assert (found.names, found.columns, found.units, found.rate) == (("acc [g]",), (3,), ("g",), 1000.0)
-    dated = table[["acc [g]"]].set_index(pd.Timestamp("2024-05-01 12:00:00") + pd.to_timedelta(table["Time [s]"], "s"))
+    moments = pd.Timestamp("2024-05-01 12:00:00") + pd.to_timedelta(np.arange(200), "ms")
+    dated = pd.DataFrame({"acc [g]": table["acc [g]"].to_numpy()}, index=moments)
     found = read_layout(dated.to_csv(sep=separator, index_label="").encode(), "x.csv")
     assert (found.names, found.rate, found.start) == (("acc [g]",), 1000.0, NOON)
 
