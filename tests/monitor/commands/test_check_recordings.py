@@ -17,8 +17,8 @@ import pytest
 from monitor.config.plausible.rules import RULES
 from streams.files.load import Loader
 from streams.types.samples import Samples
-from tests.monitor.config.test_plausible import CASES
 from tests.support.commands import run_command
+from tests.support.doubtful_settings import CASES
 
 RATE = 4000
 CONFIG = """
