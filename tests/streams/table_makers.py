@@ -6,12 +6,14 @@ import io
 import zipfile
 from collections.abc import Mapping, Sequence
 from datetime import datetime
+from typing import TYPE_CHECKING
 from xml.sax.saxutils import escape, quoteattr
 
 import numpy as np
-import pyarrow as pa
-import pyarrow.parquet as pq
 from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    import pyarrow as pa
 
 Cell = str | float | int | bool | datetime | None
 Row = Sequence[Cell]
@@ -133,6 +135,10 @@ def parquet_bytes(
     rows_a_group: int | None = None,
 ) -> bytes:
     """A Parquet table with metadata of the file and of its columns."""
+    # Most tests that import the makers need no table.
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
     table = pa.table({name: pa.array(column) for name, column in columns.items()})
     fields = [field.with_metadata((of_columns or {}).get(field.name)) for field in table.schema]
     table = table.cast(pa.schema(fields, metadata=metadata))

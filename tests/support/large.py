@@ -16,9 +16,11 @@ from streams.files.formats.hdf5 import read_hdf5
 from streams.files.formats.mat import read_mat
 from streams.files.formats.netcdf import read_netcdf
 from streams.files.formats.npy_wav import read_npy, read_wav
+from streams.files.formats.parquet import read_parquet
 from streams.files.formats.tdms import read_tdms
 from streams.files.formats.text import read_layout
 from streams.files.formats.uff import read_uff
+from streams.files.formats.xlsx import read_xlsx
 from streams.types.large import FileBytes
 from streams.types.samples import Samples
 from tests.streams.format_makers import (
@@ -28,8 +30,10 @@ from tests.streams.format_makers import (
     mat_bytes,
     netcdf_bytes,
     signal,
+    table_bytes,
     tdms_bytes,
     uff_bytes,
+    xlsx_bytes,
 )
 
 Reader = Callable[..., Samples]
@@ -107,6 +111,8 @@ FILES: dict[str, tuple[Reader, str, Callable[[], bytes]]] = {
     "text, tabs and CRLF": (read_layout, "a.txt", lambda: text_bytes("a\tb", "\t", ".").replace(b"\n", b"\r\n")),
     "text, no end of the last line": (read_layout, "a.txt", lambda: text_bytes("a,b", ",", ".")[:-1]),
     "flac": (read_wav, "a.flac", lambda: wav_bytes(signal(2, LENGTH), "PCM_24", "FLAC")),
+    "xlsx": (read_xlsx, "a.xlsx", lambda: xlsx_bytes(signal(2, LENGTH))),
+    "parquet": (read_parquet, "a.parquet", lambda: table_bytes(signal(2, LENGTH))),
 }
 
 

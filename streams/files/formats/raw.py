@@ -18,6 +18,9 @@ from streams.types.limits import MAX_BYTES
 from streams.types.listing import packed_suffix
 from streams.types.samples import COUNTS, VALUES, ReaderError, Samples, check_rows
 
+_MAX_LOOKED, _MAX_ABSURD = 1 << 14, 0.05
+_MAGNITUDES = (1e-30, 1e20)
+"""Amounts between which the numbers of a sensor are in any unit."""
 RAW_ENDINGS = (".bin", ".raw", ".dat")
 _ORDERS = {"little": "<", "big": ">"}
 _TYPES = {
@@ -140,9 +143,23 @@ def samples_of(data: Data, name: str, stated: Sequence[Any]) -> Samples:
     else:
         dtype = np.dtype(_ORDERS[layout.order] + _TYPES[layout.type])
         stored = np.frombuffer(held, dtype, offset=layout.header_bytes).reshape(shape)
+        if dtype.kind == "f":
+            _check_magnitudes(stored.reshape(-1)[:_MAX_LOOKED], layout, name)
         values = contiguous(stored.T if layout.interleaved else stored, np.float32 if is_single else np.float64)
     kind = VALUES if layout.type.startswith("float") else COUNTS
     return Samples(values, stored=(kind,) * layout.channels)
+
+
+def _check_magnitudes(numbers: NDArray[np.floating], layout: Layout, name: str) -> None:
+    """Raise ``wrong_shape`` for numbers that bytes of another type, order or place give: of all magnitudes."""
+    sizes = np.abs(numbers[np.isfinite(numbers) & (numbers != 0.0)])
+    absurd = sizes[(sizes < _MAGNITUDES[0]) | (sizes > _MAGNITUDES[1])]
+    if absurd.size > _MAX_ABSURD * numbers.size:
+        raise ReaderError(
+            "wrong_shape",
+            f"{name}: as {layout.type}, {layout.order}, behind {layout.header_bytes} bytes it holds numbers such as "
+            f"{float(absurd[0]):.3g}; expected those of a sensor: another type, order or header_bytes",
+        )
 
 
 def _of_three_bytes(stored: NDArray[np.uint8], shape: tuple[int, int], layout: Layout) -> NDArray[np.float32]:

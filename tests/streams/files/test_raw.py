@@ -172,3 +172,21 @@ def test_a_layout_beside_another_format_is_refused(tmp_path: Path) -> None:
     (item,) = open_source(SourceSpec("s", url, block_s="file"))
     assert isinstance(item, Rejected)
     assert 'a.csv.json states a layout, of format = "raw", not of csv' in item.reason
+
+
+@pytest.mark.parametrize(
+    ("wrong", "more"), [({"order": "little"}, 0), ({"type": "float64"}, 0), ({"header_bytes": 510}, 10), ({}, 0)]
+)
+def test_numbers_of_all_magnitudes_are_told_from_samples(wrong: dict[str, Any], more: int, tmp_path: Path) -> None:
+    layout = {**LAYOUT, "type": "float32", "order": "big"}
+    noise = np.random.default_rng(1).normal(size=(3, 900)) * 1e-3
+    noise[:, :50] = 0.0
+    data = stored(noise, layout) + bytes(more)
+    url = write(tmp_path, "a.bin", data, {**STATED, "scale": 1.0, "layout": {**layout, **wrong}})
+    (item,) = open_source(SourceSpec("s", url, block_s="file"))
+    if not wrong:
+        assert isinstance(item, Block)
+        return
+    assert isinstance(item, Rejected)
+    assert item.status == "wrong_shape"
+    assert "it holds numbers such as" in item.reason
