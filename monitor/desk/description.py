@@ -10,6 +10,8 @@ from monitor.desk.answers import AnsweredBearing, bearing_sections, channel_name
 from monitor.desk.desk import ImportDesk
 from monitor.desk.questions import name_readings, speed_row, unit_of
 from monitor.desk.text import level_in_g, scale_of
+from streams.files.container import first_of
+from streams.files.foreign import HEAD_BYTES, seen_in
 from streams.files.survey import Survey, SurveyedRow
 from streams.types.listing import shown
 from streams.types.stamps import stamp_in_name, utc_text
@@ -115,9 +117,16 @@ def _facts(desk: ImportDesk) -> Iterator[FactReading]:
     seen, answers = desk.seen, desk.answers
     yield FactReading("format", "Format", seen.data_set.name, STATED, shown(seen.first))
     ends = shown(seen.first) if seen.first == seen.last else f"{shown(seen.first)} to {shown(seen.last)}"
-    left = "".join(f"; {len(names)} {why}" for names, why in (
-        (seen.ignored, "of another format left out"), (seen.refused, "that cannot be read")) if names)  # fmt: skip
-    yield FactReading("files", "Files", f"{len(seen.paths)}{left}", STATED, ends)
+    yield FactReading("files", "Files", str(len(seen.paths)), STATED, ends)
+    if seen.ignored:
+        yield FactReading(
+            "ignored", "Left out", str(len(seen.ignored)), STATED, f"another format: {left_out_words(seen)}"
+        )
+    if seen.refused:
+        more = f" and {len(seen.refused) - 3} more" if len(seen.refused) > 3 else ""
+        yield FactReading(
+            "refused", "Cannot be read", str(len(seen.refused)), STATED, "; ".join(seen.refused[:3]) + more
+        )
     yield _rate(desk)
     yield _date(desk)
     yield _speed(desk)
@@ -139,6 +148,17 @@ def _facts(desk: ImportDesk) -> Iterator[FactReading]:
         origin = OPEN if count is None else _given(desk, "pulses_per_revolution")
         value = None if count is None else f"{count} a revolution"
         yield FactReading("pulses_per_revolution", "Pulses of a tacho", value, origin, shown(place))
+
+
+def left_out_words(seen: Survey) -> str:
+    """Return the files of another format, at most three by name, with what was seen in them."""
+    more = f" and {len(seen.ignored) - 3} more" if len(seen.ignored) > 3 else ""
+
+    def named(name: str) -> str:
+        found = seen_in(name, first_of(seen.place, name, HEAD_BYTES) if seen.is_folder else b"")
+        return shown(name) if found is None else f"{shown(name)} ({found})"
+
+    return ", ".join(map(named, seen.ignored[:3])) + more
 
 
 def _given(desk: ImportDesk, key: str) -> str:

@@ -15,14 +15,12 @@ from monitor.commands import option
 from monitor.commands.common import InputError, input_errors, output_errors, say
 from monitor.desk import answers as read
 from monitor.desk.answers import Answers, check_bearings
-from monitor.desk.description import date_words
+from monitor.desk.description import date_words, left_out_words
 from monitor.desk.desk import DeskError, DraftedConfig, ImportDesk, check_stated, look
 from monitor.desk.questions import Question, no_vibration_words
 from monitor.desk.text import machine_name
 from monitor.health.signal.quality import check_samples
 from monitor.words.numbers import duration
-from streams.files.container import first_of
-from streams.files.foreign import HEAD_BYTES, seen_in
 from streams.files.sidecar import is_beside
 from streams.files.survey import Survey, SurveyedRow
 from streams.types.listing import shown
@@ -214,9 +212,7 @@ def survey_lines(seen: Survey, path: str, timezone: str) -> Iterator[str]:
     if len(seen.files) > 1:
         yield f"  read together, a channel each: {', '.join(map(shown, seen.files))}"
     if seen.ignored:
-        more = f" and {len(seen.ignored) - 3} more" if len(seen.ignored) > 3 else ""
-        named = (f"{shown(name)}{_seen_words(seen, name)}" for name in seen.ignored[:3])
-        yield f"  left out, of another format: {', '.join(named)}{more}"
+        yield f"  left out, of another format: {left_out_words(seen)}"
     yield from (f"  cannot be read: {reason}" for reason in seen.refused[:3])
     if seen.rate is None:
         yield f"  rate: not stated; {seen.samples[0]} samples in a row"
@@ -231,11 +227,6 @@ def survey_lines(seen: Survey, path: str, timezone: str) -> Iterator[str]:
         place = "beside the files" if is_beside(seen.pulses) else "in the files"
         yield f"  pulses of a tacho: {shown(seen.pulses)} {place}"
     yield f"  date: {date_words(seen, timezone, time.time())}"
-
-
-def _seen_words(seen: Survey, name: str) -> str:
-    found = seen_in(name, first_of(seen.place, name, HEAD_BYTES) if seen.is_folder else b"")
-    return "" if found is None else f" ({found})"
 
 
 def duration_words(seconds: float) -> str:

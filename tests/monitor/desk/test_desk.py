@@ -182,3 +182,13 @@ def test_where_no_column_seems_vibration_the_columns_are_asked(tmp_path: Path) -
     found = sw.describe(tmp_path / "a.csv", **GIVEN)
     assert [question.key for question in found.missing] == ["columns"]
     assert not any(column.taken for column in found.columns)
+
+
+def test_files_that_are_left_out_are_named_with_what_was_seen_in_them(tmp_path: Path) -> None:
+    write_press(tmp_path / "press", count=1)
+    (tmp_path / "press" / "2026-03-01_010000.csv").write_text("time (s),drive end (g),other end (g)\n0,1,x y z\n")
+    _other_program(tmp_path / "press" / "notes")
+    facts = {fact.key: fact for fact in sw.describe(tmp_path / "press").facts}
+    assert "notes/report.docx (" in facts["ignored"].place
+    assert "a zip archive" in facts["ignored"].place
+    assert "2026-03-01_010000.csv: line 2" in facts["refused"].place
