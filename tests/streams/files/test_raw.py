@@ -21,7 +21,7 @@ from streams.types import large
 from streams.types.block import Block, Rejected
 from streams.types.large import FileBytes
 from streams.types.spec import SourceError, SourceSpec
-from tests.streams.folders import csv_bytes
+from tests.streams.folders import Rig, csv_bytes, verdicts
 
 RATE = 4096
 LAYOUT = {"type": "int16", "order": "little", "channels": 3, "interleaved": True, "header_bytes": 512}
@@ -190,3 +190,19 @@ def test_numbers_of_all_magnitudes_are_told_from_samples(wrong: dict[str, Any], 
     assert isinstance(item, Rejected)
     assert item.status == "wrong_shape"
     assert "it holds numbers such as" in item.reason
+
+
+def test_a_watched_folder_waits_for_whole_frames_and_names_what_it_leaves(tmp_path: Path) -> None:
+    layout = {**LAYOUT, "channels": 1, "type": "float32"}
+    (tmp_path / "spallwatch.json").write_text(json.dumps({"layout": layout, "unit": "g"}), encoding="utf-8")
+    whole = [stored(COUNTS[:1] + 0.25 * number, layout) for number in (1, 2)]
+    (tmp_path / "1.dat").write_bytes(whole[0])
+    rig = Rig(tmp_path)
+    assert verdicts(rig.run(10.0)) == [("1.dat", "accepted")]
+    (tmp_path / "2.dat").write_bytes(whole[1][:-2])
+    assert rig.run(5.0) == []
+    (tmp_path / "2.dat").write_bytes(whole[1])
+    (tmp_path / "3.wav").write_bytes(b"RIFF")
+    assert verdicts(rig.run(10.0)) == [("2.dat", "accepted")]
+    assert_array_equal(rig.samples(), np.concatenate([COUNTS[0] + 0.25, COUNTS[0] + 0.5]))
+    assert "of another format than raw" in rig.source.ignored()["3.wav"]
