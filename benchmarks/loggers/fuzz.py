@@ -31,7 +31,7 @@ FACTS = ("rate", "unit", "start")
 _UNITS = ("g", "m/s2")
 _RATES = (1000.0, 2048.0, 4096.0, 12800.0, 25600.0)
 _APART_S = (3.0, 3600.0, 86400.0, -86400.0 * 365)
-_RATIOS = (1.02, 0.5, 2.0, 10.0, 1000.0, 1e-3)
+_RATIOS = (1.02, 0.5, 2.0, 10.0, 1000.0, 1.1e-3)
 
 
 @dataclass
@@ -124,15 +124,12 @@ def _second(fact: str, scope: str | None, other: bool) -> Callable[[np.random.Ge
         value = _value(random, mutant, fact, other)
         mutant.shape.at[place].update(spell(value))
         mutant.contradicts = other
-        if (
-            fact == "start"
-            and mutant.shape.format == "tdms"
-            and place != SIDECAR
-            and {"DateTime"} & mutant.shape.at[FILE].keys()
-        ):
-            # A file may have been begun before its waveforms: these have the nearer statement.
-            mutant.contradicts, mutant.may_doubt = False, True
-            mutant.start = float(mutant.shape.at[CHANNEL]["wf_start_time"].astype(np.int64)) / 1e6
+        rows = mutant.shape.at[CHANNEL]
+        if fact == "start" and place != SIDECAR and ({"DateTime"} & mutant.shape.at[FILE].keys() or "@iso" in rows):
+            # A head may be begun before its data, as those of LabVIEW are: these have the nearer statement.
+            near = float(rows["wf_start_time"].astype(np.int64)) / 1e6 if "wf_start_time" in rows else rows["@iso"]
+            if mutant.shape.format == "tdms" or abs(value - START) < 60.0:
+                mutant.contradicts, mutant.may_doubt, mutant.start = False, True, near
         mutant.words = f"{fact} {value!r} once more in {place}: {', '.join(key for key, _ in spell(value))}"
         return mutant
 

@@ -11,11 +11,12 @@ import scipy.io
 import soundfile
 from numpy.testing import assert_allclose
 
-from benchmarks.loggers.fuzz import MUTATIONS, base, verdict
+from benchmarks.common import effort_count
+from benchmarks.loggers.fuzz import MUTATIONS, base, run, verdict
 from benchmarks.loggers.generate import generate
 from benchmarks.loggers.judge import ASKED, MISSED, REFUSED, RIGHT, WRONG, configuration_of, judge
 from benchmarks.loggers.plan import GRAVITY, PER_UNIT, LoggerTruth, TrueChannel, TrueFile, read_truth
-from benchmarks.loggers.shapes import FILE
+from benchmarks.loggers.shapes import FILE, SPELLINGS
 from benchmarks.loggers.trial import judged
 from benchmarks.loggers.ways import BlockRead, Came
 
@@ -121,3 +122,9 @@ def test_a_contradiction_of_rates_is_one_in_the_file(tmp_path: Path) -> None:
     assert verdict(mutant, tmp_path)[0] == RIGHT
     mutant.contradicts = False
     assert verdict(mutant, tmp_path)[0] == REFUSED
+
+
+def test_no_statement_is_taken_silently_where_another_contradicts_it() -> None:
+    rows, lines = run(effort_count(quick=300, full=10_000), 1, list(SPELLINGS))
+    assert sum(row["right"] for row in rows) >= 290
+    assert not [line for line in lines if line.startswith(("wrong", "crashed"))]
