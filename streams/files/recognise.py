@@ -146,7 +146,7 @@ def plain(kind: str, spec: SourceSpec, endings: tuple[str, ...]) -> DataSet:
         "hdf5": isolated(read_hdf5, keys, zone, inside, *wishes, spec.disregard),
         "uff": isolated(read_uff, keys, zone, spec.disregard),
         "netcdf": isolated(read_netcdf, keys, zone, inside, *wishes, spec.disregard),
-        "xlsx": isolated(read_xlsx, keys, zone, spec.disregard),
+        "xlsx": isolated(read_xlsx, [*keys, *wishes[0], *wishes[1]], zone, spec.disregard),
         "parquet": isolated(read_parquet, zone, spec.disregard),
         "raw": undescribed,
     }

@@ -111,6 +111,9 @@ def test_of_several_tables_a_key_names_the_sheet(tmp_path: Path) -> None:
     (tmp_path / "x.xlsx").write_bytes(two)
     channel = ChannelSpec("de", key="Raw/DE", unit="g")
     (block,) = open_source(SourceSpec("s", str(tmp_path / "x.xlsx"), block_s="file", channels=(channel,)))
+    assert_allclose(sw.read(tmp_path / "x.xlsx", channels=["Raw/DE"]).values[0], NOISE * 9.80665, rtol=1e-12)
+    with pytest.raises(sw.SpallwatchError, match="'Raw', 'Filtered'"):
+        sw.read(tmp_path / "x.xlsx")
     assert isinstance(block, Block)
     assert_array_equal(block.samples, [NOISE])
 
