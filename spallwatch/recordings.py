@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from models.words.errors import WrongInputError
 from monitor.health.signal.quality import check_samples
+from streams.dates.stating import stamp_doubt
 from streams.files.datasets import DATA_SETS
 from streams.files.statements import known_unit, multiple_of
 from streams.files.survey import survey
@@ -25,8 +26,6 @@ from streams.open import open_source
 from streams.types.block import Block, Rejected, to_si
 from streams.types.samples import ReaderError
 from streams.types.spec import DEFAULT_BLOCK_SECONDS, ChannelSpec, SourceError, SourceSpec
-from streams.types.stamps import utc_text
-from streams.types.times import TimeSource
 
 _NAME = "recording"
 
@@ -41,26 +40,6 @@ class LostSamplesWarning(UserWarning):
 
 class DoubtedTimeWarning(UserWarning):
     """What is stated of the time of a block contradicts itself by more than its length and a zone; it says how."""
-
-
-_NAMED: tuple[TimeSource, ...] = ("name", "name_local", "header", "header_local")
-_MINUTE, _QUARTER, _LONGEST_OFFSET = 60.0, 900.0, 14 * 3600.0
-
-
-def _time_doubt(block: Block) -> str | None:
-    """Return in words which other time of a block contradicts its start, None where none does.
-
-    A name may be of the end of a file, in another zone, and written a minute later.
-    """
-    length = block.samples.shape[1] / block.rate
-    if block.stated is None or block.start is None:
-        return None
-    for source, lag in block.stated.witnesses:
-        apart = abs(lag) if abs(lag) > _LONGEST_OFFSET else abs(lag - _QUARTER * round(lag / _QUARTER))
-        if source in _NAMED and apart > _MINUTE + length:
-            own, other = (each.removesuffix("_local") for each in (block.stated.source, source))
-            return f"{block.name}: its {own} states {utc_text(block.start)}, its {other} {utc_text(block.start + lag)}"
-    return None
 
 
 class Reading(TypedDict, total=False):
@@ -320,9 +299,9 @@ def _signal_of(block: Block, how: Reading) -> xr.DataArray:
         verdict = check_samples(values, absolute=False)
         if {verdict.status, *verdict.flags} & {"nan", "filled"}:
             warnings.warn(f"{block.name}: {name}: {verdict.reason}", LostSamplesWarning, stacklevel=3)
-    doubt = _time_doubt(block)
+    doubt = stamp_doubt(block.start, block.samples.shape[1] / block.rate, block.stated)
     if doubt is not None:
-        warnings.warn(doubt, DoubtedTimeWarning, stacklevel=3)
+        warnings.warn(f"{block.name}: {doubt}", DoubtedTimeWarning, stacklevel=3)
     found = _array(np.stack(rows), block.channels, block.rate, units[0])
     found.attrs |= {"name": block.name, "sequence": block.sequence}
     stated = {

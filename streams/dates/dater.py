@@ -15,7 +15,7 @@ from models.words.errors import SpallwatchError
 from streams.dates import places
 from streams.dates.dating import Dating, check_kept, folder_of, numbers_of, place_in_names, wanted_by
 from streams.dates.places import NamedTime, Place
-from streams.dates.stating import COUNTED, Witnesses, by_header, by_name
+from streams.dates.stating import COUNTED, Witnesses, by_header, by_name, stamp_doubt
 from streams.types.listing import printable
 from streams.types.samples import Samples
 from streams.types.spec import SourceSpec
@@ -164,7 +164,11 @@ class Dater:
         """Date a file by its header; ``ended`` is its last change less its length."""
         named = self._name_stamp(path)
         others: Witnesses = {"name": None if named is None else named.fixed, "mtime": ended}
-        return replace(samples, start=start, stated=by_header(samples, start, self._spec.timezone, others))
+        stated = by_header(samples, start, self._spec.timezone, others)
+        doubt = stamp_doubt(start, samples.values.shape[1] / samples.known_rate, stated)
+        if doubt is not None:
+            self._remark("stamps", f"{path}: {doubt}; time_from says which dates its blocks")
+        return replace(samples, start=start, stated=stated)
 
     def note_own(self, name: str, start: float | None) -> None:
         """Remark which keys are not used because the files of a data set state their time."""

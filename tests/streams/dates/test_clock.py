@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from datetime import UTC, datetime
+from pathlib import Path
 from typing import NamedTuple
 
 import pytest
@@ -11,6 +12,9 @@ import pytest
 from streams.dates.clock import judge_time
 from streams.dates.drift import drift_words
 from streams.dates.observed import ClockState, JudgedTime, TimeObservation
+from streams.open import open_source
+from streams.types.block import Block
+from streams.types.spec import SourceSpec
 from streams.types.times import TimeSource, TimeStatement
 
 T0 = datetime(2026, 3, 28, 12, tzinfo=UTC).timestamp()
@@ -218,3 +222,14 @@ def test_a_block_that_begins_before_the_end_of_the_one_before_is_doubted_once() 
     assert [one.time for one in found] == [*follow[:6], *stated[6:]]
     # Those that overlap all the time are of such a logger.
     assert not any(one.doubt for one in judged([T0 + 2.5 * k for k in range(10)], 5.0, statements)[1])
+
+
+def test_a_name_that_contradicts_the_header_is_said_once(tmp_path: Path) -> None:
+    rows = "\n".join(f"{0.01 * (i % 7)}" for i in range(2000))
+    for number in (1, 2):
+        text = f"Start: 2024-05-0{number}T12:00:00Z\nfs: 1000\nUnit: g\nacc\n{rows}\n"
+        (tmp_path / f"x_2023050{number}_120000.csv").write_text(text)
+    source = open_source(SourceSpec("s", f"folder:{tmp_path}", block_s="file"))
+    assert len([item for item in source if isinstance(item, Block)]) == 2
+    (said,) = [words for words in source.remarks if "x_20230501" in words]
+    assert "its header states 2024-05-01T12:00:00Z, its name 2023-05-01T12:00:00Z" in said
