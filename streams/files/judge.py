@@ -79,7 +79,7 @@ class JudgedStart:
 
 @dataclass(frozen=True)
 class JudgedRate:
-    """The rate in Hz; or its ``readings``, each within ``resolution``, where ``written`` leaves it open."""
+    """The rate in Hz; or its ``readings``, each within ``resolution``; ``written``: where it stands, and how."""
 
     value: float | None = None
     readings: tuple[float, ...] = ()
@@ -125,7 +125,7 @@ def judge_rate(statements: Sequence[StatedNumber], where: str, *, remedy: str = 
     nice = nice_rate(rate, max(1e-9, min(uncertainty, RATE_TOLERANCE)))
     if not finest.is_exact or (uncertainty > _COARSE and nice_rate(rate, 1e-9) != round(rate)):
         return JudgedRate(None, (rate,), finest.resolution, f"{finest.place} {finest.written!r}")
-    return JudgedRate(nice)
+    return JudgedRate(nice, written=f"{finest.place} {finest.written!r}")
 
 
 def _is_near(one: float, other: float, *statements: StatedNumber) -> bool:

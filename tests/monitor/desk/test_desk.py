@@ -34,6 +34,7 @@ def test_a_description_gives_readings_evidence_and_what_is_open(press: Path) -> 
     assert found.columns[0].rms_g == pytest.approx(1.0, rel=0.02)
     facts = {fact.key: fact for fact in found.facts}
     assert (facts["rate_hz"].value, facts["rate_hz"].origin) == ("10000 Hz", "stated")
+    assert facts["rate_hz"].place.startswith("2026-03-01_000000.csv: the times in 'time' '0, 0.0001")
     assert (facts["speed_hz"].value, facts["speed_hz"].origin) == (None, "open")
     assert (facts["load_newton"].value, facts["load_newton"].origin) == ("unknown", "assumed")
     assert [question.key for question in found.missing] == ["bearing", "speed_hz"]
