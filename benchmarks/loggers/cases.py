@@ -124,7 +124,7 @@ CASES: Mapping[str, Case] = {
         unit_="unknown",
     ),
     "p01_time_us": _p("4096 Hz", f"{_NAME}.csv"),
-    "p02_epoch_ms": _p("1000 Hz, start 12:00", "a.csv", 1000.0),
+    "p02_epoch_ms": _p("1000 Hz, start 12:00; too slow to be analysed", "a.csv", 1000.0, allowed=(REFUSED,)),
     "p03_rate_thousands": _p("4096 Hz, or refused as ambiguous", f"{_NAME}.csv", allowed=(ASKED, REFUSED)),
     "p04_nc_unsigned": _p("RMS 1.217", f"{_NAME}.nc"),
     "p07_h5_fillvalue": _p("not a number, block rejected", f"{_NAME}.h5", fault="fill", allowed=(REFUSED,)),
@@ -176,7 +176,7 @@ def judged(name: str, folder: Path) -> dict[str, Any]:
     verdicts["read"] = judge(_first(case.truth), _read(case, folder, main, answers))
     if case.truth.speed_hz is not None:
         offered = by_init(folder, answers, speed=False)
-        if "24.8" not in offered.said and offered.speed_hz is None:
+        if offered.speed_hz is None and not any(word in offered.said for word in ("24.8", "speed_channel")):
             verdicts["init"].say("channels", MISSED, "the speed of the shaft is not offered")
     row: dict[str, Any] = {"case": name, "expected": case.expected}
     for way in ("init", "machine", "read"):

@@ -134,7 +134,9 @@ def replayed(came: Came, configuration: Path, out: Path, data: str = "data") -> 
     """Replay with a configuration, and add what its records say."""
     text = tomllib.loads(configuration.read_text(encoding="utf-8"))
     came.channels = text.get("channel", [])
-    came.speed_hz = text.get("operating", {}).get("speed_hz")
+    operating = text.get("operating", {})
+    came.speed_hz = operating.get("speed_hz")
+    came.said += f"speed_channel {operating['speed_channel']}\n" if "speed_channel" in operating else ""
     rates = {source.get("rate_hz") for source in text.get("source", [])}
     came.rate = rates.pop() if len(rates) == 1 else None
     code, output, said = called(
