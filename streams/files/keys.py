@@ -120,6 +120,11 @@ MULTIPLES = {
     "gal": ("m/s2", 1e-2), "in/s2": ("m/s2", 0.0254), "in/s^2": ("m/s2", 0.0254), "ft/s2": ("m/s2", 0.3048),
     "ft/s^2": ("m/s2", 0.3048),
 }  # fmt: skip
+OTHER_UNITS = frozenset(
+    (*("pa", "kpa", "hpa", "mpa", "bar", "mbar", "psi", "°c", "degc", "°f", "k", "a", "ma", "w", "kw", "n", "kn", "nm"),
+     *("%", "rpm", "1/min", "min-1", "u/min", "upm", "tr/min", "hz", "mm", "um", "µm", "mil", "l/min", "m3/h"))
+)  # fmt: skip
+"""Units behind a name that are none of a vibration."""
 VELOCITIES = frozenset(("mm/s", "m/s", "in/s", "ips", "cm/s", "um/s", "µm/s", "inch/s", "mm/sec"))
 """Units of a vibration that is no acceleration."""
 LIKE_RATE = {"": 1.0, "hz": 1.0, "khz": 1e3, "mhz": 1e6, "s/s": 1.0, "sps": 1.0, "ksps": 1e3, "sa/s": 1.0, "1/s": 1.0,

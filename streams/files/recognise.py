@@ -39,6 +39,7 @@ from streams.files.sidecar import (
     is_sidecar,
     with_pulse_files,
 )
+from streams.files.statements import is_of_vibration
 from streams.types.large import Data
 from streams.types.listing import natural_key, shown, unpacked_name
 from streams.types.samples import ReaderError, Samples
@@ -64,7 +65,9 @@ def check_stated(spec: SourceSpec, data_set: DataSet, facts: FileFacts, samples:
         raise SourceError(f"{where}: rate_hz is missing: {opened.written} may mean {opened.meant}")
     if facts.rate is None and not states_rate and spec.rate is None:
         raise SourceError(f"{where}: rate_hz is missing: neither the files nor {data_set.name} state a rate")
-    states_unit = data_set.states_unit and (samples is None or any(unit is not None for unit in samples.units))
+    states_unit = data_set.states_unit and (
+        samples is None or any(map(is_of_vibration, samples.units)) or None not in samples.units
+    )
     if data_set.unit is None and not states_unit and not spec.channels:
         raise SourceError(f"{where}: a [[channel]] with its unit is missing: these files do not state one")
     for channel in spec.channels:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from streams.files.axes import AXES
 from streams.files.formats.numbers import first_line_of, is_number
-from streams.files.keys import KEYS, UNIT_IN_NAME, UNIT_KEYS
+from streams.files.keys import KEYS, OTHER_UNITS, UNIT_IN_NAME, UNIT_KEYS
 from streams.files.statements import (
     Facts,
     add_fact,
@@ -92,8 +92,8 @@ def _line_of(line: bytes) -> str:
 
 
 def _is_numbers(line: str) -> bool:
-    fields = _fields(line[:_MAX_SNIFFED_CHARACTERS])
-    return bool(fields) and any(fields) and is_number(fields[0]) and sum(map(is_number, fields)) * 2 >= len(fields)
+    filled = [field for field in _fields(line[:_MAX_SNIFFED_CHARACTERS]) if field]
+    return bool(filled) and is_number(filled[0]) and sum(map(is_number, filled)) * 2 >= len(filled)
 
 
 def _fields(line: str) -> list[str]:
@@ -194,6 +194,8 @@ def names_and_units(samples: Samples, head: Head) -> tuple[tuple[str, ...], tupl
         own: StatedUnits = [] if below is None else [(f"the line of units, {title!r},", below)]
         if match is not None and unit is not None and (is_of_vibration(unit) or time_column(match[1], unit)):
             title = match[1].strip() or title
+            own.append((f"the name {head.names[index]!r}", unit))
+        elif unit is not None and unit.lower() in OTHER_UNITS:
             own.append((f"the name {head.names[index]!r}", unit))
         names.append(title)
         units.append(own)

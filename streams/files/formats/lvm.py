@@ -75,8 +75,9 @@ def labview_head(lines: list[str], body: bytes, name: str) -> Head:
 
 def labview_body(body: bytes) -> bytes:
     """Return the numbers without the empty columns that stand for times which are not written, and for comments."""
-    body = body.replace(b"\t\r\n", b"\r\n").replace(b"\t\n", b"\n").rstrip(b"\t")
-    return body[1:].replace(b"\n\t", b"\n") if body.startswith(b"\t") else body
+    sign = b"\t" if b"\t" in body[: body.find(b"\n")] else b","
+    body = body.replace(sign + b"\r\n", b"\r\n").replace(sign + b"\n", b"\n").rstrip(sign)
+    return body[1:].replace(b"\n" + sign, b"\n") if body.startswith(sign) else body
 
 
 def _parts(line: str) -> list[str]:

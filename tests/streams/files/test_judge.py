@@ -279,3 +279,22 @@ def test_one_column_may_have_a_line_of_its_unit_below_a_name_with_blanks() -> No
     assert (found.channels, found.units) == (("acc axial",), ("m/s2",))
     with pytest.raises(ReaderError, match="several units"):
         read_layout(b"acc [g]\nm/s2\n0.1\n0.2\n", "x.csv")
+
+
+@pytest.mark.parametrize(("sign", "decimal"), [("\t", "."), ("\t", ","), (",", ".")])
+@pytest.mark.parametrize("channels", [1, 2])
+def test_labview_leaves_out_times_and_comments(sign: str, decimal: str, channels: int) -> None:
+    values = np.round(np.sin(np.arange(40.0 * channels)).reshape(40, channels), 5)
+    head = ["LabVIEW Measurement", f"Decimal_Separator{sign}{decimal}", f"X_Columns{sign}No", "***End_of_Header***", ""]
+    head += [sign.join(["Y_Unit_Label", *["g"] * channels]), sign.join(["Delta_X", *["0.001"] * channels])]
+    head += ["***End_of_Header***", sign.join(["X_Value", *(f"a{i}" for i in range(channels)), "Comment"])]
+    rows = [sign.join(["", *(f"{value:.5f}".replace(".", decimal) for value in row), ""]) for row in values]
+    found = read_layout("\r\n".join([*head, *rows, ""]).encode(), "x.lvm")
+    assert found.values == pytest.approx(values.T)
+    assert (found.rate, found.units) == (1000.0, ("g",) * channels)
+
+
+def test_a_column_in_another_unit_says_so() -> None:
+    found = read_layout(b"fs: 100\np [Pa],T [\xc2\xb0C],acc [left],b [g]\n1,2,3,4\n2,1,4,3\n", "x.csv")
+    assert found.units == ("Pa", "\N{DEGREE SIGN}C", None, "g")
+    assert found.channels == ("p [Pa]", "T [\N{DEGREE SIGN}C]", "acc [left]", "b")
