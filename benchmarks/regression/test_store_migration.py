@@ -33,7 +33,7 @@ ADDED = (
     *("v_eq_filter", "v_eq_filter_lower", "v_eq_filter_upper"),
     *("tta", "tta_lower", "tta_upper", "tta_level", "tta_level_source", "tta_status"),
     *("velocity_rms", "velocity_floor", "velocity_status"),
-    "domain",
+    *("domain", "duration", "time_uncertainty_s", "time_source"),
 )
 """Values of a block that the baseline did not have."""
 WITHHELD = {

@@ -13,6 +13,7 @@ from monitor import cli
 
 WRONG_INPUT = {
     "ConfigError",
+    "DeskError",
     "FeError",
     "FeGeometryError",
     "FeMeshError",

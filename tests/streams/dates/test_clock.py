@@ -13,6 +13,7 @@ from streams.dates.clock import judge_time
 from streams.dates.drift import drift_words
 from streams.dates.observed import ClockState, JudgedTime, TimeObservation
 from streams.open import open_source
+from streams.recording.source import Recording
 from streams.types.block import Block
 from streams.types.spec import SourceSpec
 from streams.types.times import TimeSource, TimeStatement
@@ -230,6 +231,7 @@ def test_a_name_that_contradicts_the_header_is_said_once(tmp_path: Path) -> None
         text = f"Start: 2024-05-0{number}T12:00:00Z\nfs: 1000\nUnit: g\nacc\n{rows}\n"
         (tmp_path / f"x_2023050{number}_120000.csv").write_text(text)
     source = open_source(SourceSpec("s", f"folder:{tmp_path}", block_s="file"))
+    assert isinstance(source, Recording)
     assert len([item for item in source if isinstance(item, Block)]) == 2
     (said,) = [words for words in source.remarks if "x_20230501" in words]
     assert "its header states 2024-05-01T12:00:00Z, its name 2023-05-01T12:00:00Z" in said

@@ -19,6 +19,7 @@ from click.testing import CliRunner
 
 import spallwatch as sw
 from monitor.commands.replay import command
+from spallwatch.recordings import Reading
 from streams.files.foreign import described, seen_in
 from streams.open import open_source
 from streams.recording.source import Recording
@@ -188,8 +189,10 @@ def test_a_replay_of_files_that_are_too_short_warns(tmp_path: Path, monkeypatch:
 @pytest.mark.parametrize(("unit", "factor"), [("mV", 1e-2), ("V", 10.0), ("mg", 1e-3), ("m/s^2", 1 / 9.80665)])
 def test_units_are_read_in_the_words_of_init(unit: str, factor: float, tmp_path: Path) -> None:
     (tmp_path / "x.csv").write_bytes(csv_bytes(noise(100)))
-    more = {"sensitivity_mv_per_g": 100.0} if unit.endswith("V") else {}
-    found = sw.read(tmp_path / "x.csv", unit=unit, rate_hz=1000.0, **more)
+    how: Reading = {"unit": unit, "rate_hz": 1000.0}
+    if unit.endswith("V"):
+        how["sensitivity_mv_per_g"] = 100.0
+    found = sw.read(tmp_path / "x.csv", **how)
     np.testing.assert_allclose(found.values[0] / 9.80665, noise(100) * factor, rtol=1e-6)
 
 
