@@ -21,7 +21,7 @@ from monitor.health.signal.quality import check_samples
 from streams.dates.stating import stamp_doubt
 from streams.files.datasets import DATA_SETS
 from streams.files.statements import known_unit, multiple_of
-from streams.files.survey import survey
+from streams.files.survey import Survey, survey
 from streams.open import open_source
 from streams.types.block import Block, Rejected, to_si
 from streams.types.samples import ReaderError
@@ -164,7 +164,9 @@ def blocks(
         RecordingError: the recording cannot be opened, or a block of it not be read.
     """
     how = in_own_words(how)
-    spec = _with_channels(with_groups(source_of(path, block_s, how)), how)
+    spec = source_of(path, block_s, how)
+    seen = _folder_survey(spec)
+    spec = _with_channels(spec if seen is None else replace(spec, files=seen.files), how, seen)
     given, rejection = False, None
     try:
         for item in open_source(spec):
@@ -221,13 +223,18 @@ def source_of(path: str | PathLike[str], block_s: float | Literal["file"], how: 
 
 def with_groups(spec: SourceSpec) -> SourceSpec:
     """Return a source whose files are read together where their names are those of channels; of a folder alone."""
+    seen = _folder_survey(spec)
+    return spec if seen is None else replace(spec, files=seen.files)
+
+
+def _folder_survey(spec: SourceSpec) -> Survey | None:
+    """Return what the files of a folder state, None for others and where nothing can be read: opening refuses it."""
     kind, path = _place_of(spec)
     if spec.files or kind in DATA_SETS or not Path(path).is_dir():
-        return spec
+        return None
     with contextlib.suppress(SourceError, ReaderError):
-        return replace(spec, files=survey(path, kind, spec.timezone).files)
-    # It is refused when it is opened.
-    return spec
+        return survey(path, kind, spec.timezone)
+    return None
 
 
 def _place_of(spec: SourceSpec) -> tuple[str, str]:
@@ -241,12 +248,12 @@ def _place_of(spec: SourceSpec) -> tuple[str, str]:
     return spec.format, spec.url
 
 
-def _with_channels(spec: SourceSpec, how: Reading) -> SourceSpec:
+def _with_channels(spec: SourceSpec, how: Reading, seen: Survey | None = None) -> SourceSpec:
     """Add the channels, all of the first readable file where unit or scale are given without them."""
     scaling = {key for key in ("unit", "scale", "sensitivity_mv_per_g") if key in how}
     names = tuple(how["channels"]) if "channels" in how else None
     if names is None and scaling:
-        names = tuple(first_channels(spec, ("vibration", "tacho")))
+        names = tuple(first_channels(spec, ("vibration", "tacho"), seen))
     if names is None:
         return spec
     try:
@@ -265,10 +272,13 @@ def _with_channels(spec: SourceSpec, how: Reading) -> SourceSpec:
     return replace(spec, channels=channels)
 
 
-def first_channels(spec: SourceSpec, kinds: Container[str] | None = None) -> dict[str, str | None]:
+def first_channels(
+    spec: SourceSpec, kinds: Container[str] | None = None, seen: Survey | None = None
+) -> dict[str, str | None]:
     """Return the channels of the first file of a source that can be read, with their units where they are stated.
 
-    ``kinds``: those of :mod:`streams.files.columns` that are returned, None: all.
+    ``kinds``: those of :mod:`streams.files.columns` that are returned, None: all; ``seen``: its files, where they were
+    looked at.
 
     Raises:
         RecordingError: there is none.
@@ -278,7 +288,7 @@ def first_channels(spec: SourceSpec, kinds: Container[str] | None = None) -> dic
         return dict(zip(block.channels, block.units, strict=True))
     kind, path = _place_of(spec)
     try:
-        found = survey(path, kind, spec.timezone, spec.files)
+        found = survey(path, kind, spec.timezone, spec.files) if seen is None else seen
     except (SourceError, ReaderError) as error:
         raise RecordingError(_in_words_of_calls(str(error)).replace("[[source]] survey: url: ", "")) from None
     rows = [row for row in found.rows if kinds is None or row.kind in kinds]

@@ -14,7 +14,7 @@ from dataclasses import replace
 from models.words.errors import SpallwatchError
 from streams.dates import places
 from streams.dates.dating import Dating, check_kept, folder_of, numbers_of, place_in_names, wanted_by
-from streams.dates.places import NamedTime, Place
+from streams.dates.places import FilePlace, NamedTime
 from streams.dates.stating import COUNTED, Witnesses, by_header, by_name, stamp_doubt
 from streams.types.listing import printable
 from streams.types.samples import Samples
@@ -68,7 +68,7 @@ class Dater:
         """Sentences for people: what is not used, what has no date."""
         self._spec, self._cut, self._several = spec, cut, several
         self._keep, self._names, self._changes = keep, names, changes
-        self._places: Mapping[str, Place] | None = None
+        self._places: Mapping[str, FilePlace] | None = None
         self._conflicts: dict[str, str] = {}
         self._open: set[str] = set()
         self._scanned: set[str] = set()
@@ -97,7 +97,7 @@ class Dater:
         stamp = self._name_stamp(path)
         return None if stamp is None else places.named_time(path, stamp, self.choice.order, self._spec.timezone)
 
-    def _place(self, path: str) -> Place | None:
+    def _place(self, path: str) -> FilePlace | None:
         """Return the place of a file among all, where no others will come and their order is settled."""
         if self._changes is None:
             return None

@@ -55,7 +55,7 @@ class NamedTime:
 
 
 @dataclass(frozen=True)
-class Place:
+class FilePlace:
     """Where a file comes among all.
 
     Attributes:
@@ -131,7 +131,7 @@ def counted(named: NamedTime, place: int) -> int | None:
     return numbers[-place].value if len(numbers) >= place else None
 
 
-def places_of(named: Sequence[NamedTime], counter: int | None, changes: Mapping[str, float]) -> dict[str, Place]:
+def places_of(named: Sequence[NamedTime], counter: int | None, changes: Mapping[str, float]) -> dict[str, FilePlace]:
     """Return the place of each file, and the time of those whose clock was wrong, by path.
 
     Args:
@@ -147,18 +147,18 @@ def places_of(named: Sequence[NamedTime], counter: int | None, changes: Mapping[
     if counter is not None:
         wrong |= _ahead(_through_hour(ordered), wrong)
     if not wrong:
-        return {one.path: Place(rank, hour_is_open=one.path in is_open) for rank, one in enumerate(ordered)}
+        return {one.path: FilePlace(rank, hour_is_open=one.path in is_open) for rank, one in enumerate(ordered)}
     if counter is None:
         right = [one for one in ordered if one.path not in wrong]
         if not _go_together(right, changes):
             last = [one for one in ordered if one.path in wrong]
-            known = {one.path: Place(rank, hour_is_open=one.path in is_open) for rank, one in enumerate(right)}
-            return known | {one.path: Place(rank, is_known=False) for rank, one in enumerate(last, len(right))}
+            known = {one.path: FilePlace(rank, hour_is_open=one.path in is_open) for rank, one in enumerate(right)}
+            return known | {one.path: FilePlace(rank, is_known=False) for rank, one in enumerate(last, len(right))}
         ordered.sort(key=lambda one: changes[one.path])
     return _between(ordered, wrong)
 
 
-def placed(stated: TimeStatement, place: Place) -> TimeStatement:
+def placed(stated: TimeStatement, place: FilePlace) -> TimeStatement:
     """Return what a name states with what the others add."""
     return replace(
         stated,
@@ -169,7 +169,7 @@ def placed(stated: TimeStatement, place: Place) -> TimeStatement:
     )
 
 
-def wrong_words(named: Iterable[NamedTime], places: Mapping[str, Place]) -> str | None:
+def wrong_words(named: Iterable[NamedTime], places: Mapping[str, FilePlace]) -> str | None:
     """Return which files have a wrong clock, None where none has."""
     wrong = [one for one in named if places[one.path].placed_s is not None or not places[one.path].is_known]
     if not wrong:
@@ -294,9 +294,9 @@ def _go_together(right: Sequence[NamedTime], changes: Mapping[str, float]) -> bo
     return max(lags) - min(lags) <= min(0.1 * span, 3600.0)
 
 
-def _between(ordered: Sequence[NamedTime], wrong: set[str]) -> dict[str, Place]:
-    """Place the files with a wrong clock between their neighbours; that clock tells how far they are apart."""
-    found = {one.path: Place(rank) for rank, one in enumerate(ordered)}
+def _between(ordered: Sequence[NamedTime], wrong: set[str]) -> dict[str, FilePlace]:
+    """FilePlace the files with a wrong clock between their neighbours; that clock tells how far they are apart."""
+    found = {one.path: FilePlace(rank) for rank, one in enumerate(ordered)}
     right = [one.time for one in ordered if one.path not in wrong]
     steps = [after - before for before, after in itertools.pairwise(right) if after > before]
     interval = statistics.median_low(steps) if steps else 0.0

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import pytest
 
-from streams.dates.places import NamedTime, Place, counter_in, places_of, without_date
+from streams.dates.places import FilePlace, NamedTime, counter_in, places_of, without_date
 from streams.types.stamps import repeated_by, stamp_in_name, utc_text
 
 
@@ -23,7 +23,7 @@ def named(paths: Sequence[str], zone: str = "UTC") -> list[NamedTime]:
 
 def placed(
     paths: Sequence[str], changes: Mapping[str, float] | None = None, zone: str = "UTC"
-) -> tuple[list[str], dict[str, Place]]:
+) -> tuple[list[str], dict[str, FilePlace]]:
     """Return the paths in order, and their places."""
     both = named(paths, zone)
     places = places_of(both, counter_in(both), changes or {})
@@ -39,7 +39,7 @@ COUNTED = [
 ]
 
 
-def times(paths: Sequence[str], places: Mapping[str, Place]) -> list[str]:
+def times(paths: Sequence[str], places: Mapping[str, FilePlace]) -> list[str]:
     return [utc_text(one.time + (places[one.path].placed_s or 0.0)) for one in named(paths)]
 
 
