@@ -165,7 +165,7 @@ def blocks(
     """
     how = in_own_words(how)
     spec = source_of(path, block_s, how)
-    seen = _folder_survey(spec)
+    seen = folder_survey(spec)
     spec = _with_channels(spec if seen is None else replace(spec, files=seen.files), how, seen)
     given, rejection = False, None
     try:
@@ -221,14 +221,11 @@ def source_of(path: str | PathLike[str], block_s: float | Literal["file"], how: 
     )
 
 
-def with_groups(spec: SourceSpec) -> SourceSpec:
-    """Return a source whose files are read together where their names are those of channels; of a folder alone."""
-    seen = _folder_survey(spec)
-    return spec if seen is None else replace(spec, files=seen.files)
+def folder_survey(spec: SourceSpec) -> Survey | None:
+    """Return what the files of a folder state, also how they are read together; of a file or data set None.
 
-
-def _folder_survey(spec: SourceSpec) -> Survey | None:
-    """Return what the files of a folder state, None for others and where nothing can be read: opening refuses it."""
+    None also where nothing can be read: opening refuses it.
+    """
     kind, path = _place_of(spec)
     if spec.files or kind in DATA_SETS or not Path(path).is_dir():
         return None

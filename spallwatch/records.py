@@ -5,6 +5,7 @@ from __future__ import annotations
 import tempfile
 import warnings
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from os import PathLike, fspath
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, Unpack
@@ -163,11 +164,13 @@ def _configured(
 ) -> Config:
     """Return the configuration of a machine with one source, whose channels are those of the recording."""
     from spallwatch._arguments import configuration, plain_names
-    from spallwatch.recordings import first_channels, in_own_words, source_of, with_groups
+    from spallwatch.recordings import first_channels, folder_survey, in_own_words, source_of
 
     how = in_own_words(how)
-    spec = with_groups(source_of(path, block_s, how))
-    there = first_channels(spec, None if "channels" in how else ("vibration",))
+    spec = source_of(path, block_s, how)
+    seen = folder_survey(spec)
+    spec = spec if seen is None else replace(spec, files=seen.files)
+    there = first_channels(spec, None if "channels" in how else ("vibration",), seen)
     titles = list(how.get("channels", there))
     units = [how.get("unit", there.get(title)) for title in titles]
     if missing := [title for title, unit in zip(titles, units, strict=True) if unit is None]:

@@ -9,6 +9,7 @@ replay, by replay with its own machine.toml, and by ``sw.read``.
 from __future__ import annotations
 
 import argparse
+import contextlib
 import json
 import shutil
 import tempfile
@@ -21,7 +22,7 @@ from typing import Any
 from benchmarks.common import print_table, write_json
 from benchmarks.loggers.judge import ASKED, MISSED, REFUSED, RIGHT, WORDS, WRONG, Verdict, judge, words_for_read
 from benchmarks.loggers.plan import GRAVITY, LoggerTruth, TrueChannel, TrueFile
-from benchmarks.loggers.ways import Came, by_init, by_read, called, inside, replayed
+from benchmarks.loggers.ways import Came, by_init, by_read, called, replayed
 
 FOLDER = Path(__file__).resolve().parents[2].parent / "shared" / "cases" / "files"
 RMS = 1.21702508
@@ -170,7 +171,7 @@ def judged(name: str, folder: Path) -> dict[str, Any]:
     verdicts = {"init": judge(case.truth, main)}
     if (folder / "machine.toml").is_file():
         own = Came()
-        with inside(folder):
+        with contextlib.chdir(folder):
             replayed(own, Path("machine.toml"), Path("by_machine"))
         verdicts["machine"] = judge(case.truth, own)
     verdicts["read"] = judge(_first(case.truth), _read(case, folder, main, answers))
@@ -216,7 +217,7 @@ def checked(folder: Path) -> list[dict[str, Any]]:
     """Check the two configurations whose numbers are of another unit: a problem and exit code 2 are expected."""
     rows: list[dict[str, Any]] = []
     for name, expected in (("rpm", "speed_hz = 1488"), ("band", "band_hz = [2, 10]")):
-        with inside(folder):
+        with contextlib.chdir(folder):
             code, output, said = called("check", "--config", f"{name}.toml", "--json")
         problems = json.loads(output).get("problems", []) if output.startswith("{") else said.strip().splitlines()[-1:]
         word = RIGHT if code == 2 and problems else WRONG

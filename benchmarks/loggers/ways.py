@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import contextlib
 import json
-import os
 import re
 import tomllib
 import warnings
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -82,17 +81,6 @@ class Came:
     speed_hz: float | None = None
 
 
-@contextlib.contextmanager
-def inside(folder: Path) -> Iterator[None]:
-    """Work in a folder."""
-    before = Path.cwd()
-    os.chdir(folder)
-    try:
-        yield
-    finally:
-        os.chdir(before)
-
-
 def called(*arguments: str) -> tuple[int, str, str]:
     """Run a command in this process; return its exit code, standard output and standard error."""
     came = CliRunner().invoke(spallwatch, list(arguments))
@@ -108,7 +96,7 @@ def by_init(folder: Path, answers: Mapping[str, str], speed: bool = True) -> Cam
     came = Came()
     given: dict[str, str] = {"--bearing": "6205-2RS"} | ({"--speed-hz": "24.8"} if speed else {})
     code, output, said, asked = WRONG_INPUT, "", "", []
-    with inside(folder):
+    with contextlib.chdir(folder):
         for _ in range(4):
             options = [word for pair in given.items() for word in pair]
             code, output, said = called("init", "data", *options, "--yes", "--force", "--json", "--out", "by_init.toml")
@@ -173,7 +161,7 @@ def _records(out: Path) -> list[BlockRead]:
 def by_hand(folder: Path, configuration: str) -> Came:
     """Replay ``folder/data`` with a configuration that states what the files do not."""
     came = Came()
-    with inside(folder):
+    with contextlib.chdir(folder):
         path = Path("by_hand.toml")
         path.write_text(configuration, encoding="utf-8")
         replayed(came, path, Path("by_hand"))

@@ -18,7 +18,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -65,17 +65,6 @@ class Outcome:
     truth: Sequence[Truth]
 
 
-@contextlib.contextmanager
-def inside(folder: Path) -> Iterator[None]:
-    """Work in a folder."""
-    before = Path.cwd()
-    os.chdir(folder)
-    try:
-        yield
-    finally:
-        os.chdir(before)
-
-
 def called(*arguments: str, typed: str = "") -> str:
     """Return what a command prints, with what is typed into it.
 
@@ -98,7 +87,7 @@ def follow(kind: str, folder: Path, count: int = FILES, seconds: float = SECONDS
         os.utime(folder / machine / file.name, (closed, closed))
     typed = "\n".join([*ANSWERS[kind], "", "", ""])
     config = f"{machine}.toml"
-    with inside(folder):
+    with contextlib.chdir(folder):
         told = {
             "init": called("init", machine, "--out", config, typed=typed),
             "check": called("check", "--config", config),
@@ -148,7 +137,7 @@ def watched(folder: Path) -> tuple[str, str]:
     code = "from monitor.cli import main; main()"
     root = str(Path(__file__).resolve().parents[2])
     environment = {**os.environ, "PYTHONPATH": root}
-    with inside(folder):
+    with contextlib.chdir(folder):
         daemon = subprocess.Popen(
             [sys.executable, "-c", code, "run", "--config", "fan.toml"],
             env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True,

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from streams.files.judge import Start, judge_rate, judge_start
-from streams.files.keys import SPEED_UNITS
+from streams.files.keys import SPEED_UNITS, UNIT_IN_NAME
 from streams.files.statements import StatedNumber, multiple_of
 from streams.files.time_column import UNITS_OF_TIME, TimeColumn, column_statements, time_column
 from streams.types.samples import DIGITAL, ReaderError, Samples
@@ -33,7 +33,6 @@ _SAME_STEP = 1e-3
 _MAX_HELD, _MAX_SMOOTH, _FAR, _MAX_STATES = 0.05, 1e-3, 3.0, 8
 """A process value changes between few samples, or little from one to the next, and is this many SD from 0, or has few
 levels."""
-_BEHIND = re.compile(r"^(.*?)\s*[\[(]([^\])]*)[\])]\s*$")
 _WORDS = re.compile(r"[a-zäöüµμ]+|\d+")
 _SECONDS = {
     "s": 1.0, "sec": 1.0, "secs": 1.0, "second": 1.0, "seconds": 1.0, "sekunden": 1.0, "secondi": 1.0,
@@ -126,7 +125,7 @@ def kind_of(title: str, unit: str, values: NDArray[np.floating]) -> ColumnKind:
 
 def _split(title: str) -> tuple[str, str]:
     """Return a title without the unit behind it, and that unit, "" for none."""
-    match = _BEHIND.match(title)
+    match = UNIT_IN_NAME.match(title)
     return (title.strip(), "") if match is None else (match[1].strip(), match[2].strip())
 
 
@@ -322,10 +321,7 @@ def with_times(samples: Samples, where: str) -> Samples:
     rate, start = judge_rate(rates, where), judge_start(starts, where)
     return replace(
         samples,
-        rate=rate.value,
-        rate_readings=rate.readings,
-        rate_resolution=rate.resolution,
-        rate_written=rate.written,
+        **rate.fields,
         start=start.value,
         stamp=start.opened or (samples.stamp if start.value is None else None),
     )

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -76,6 +77,11 @@ class JudgedStart:
     opened: str | None = None
     written: str | None = None
 
+    @property
+    def fields(self) -> dict[str, Any]:
+        """What it is among the fields of samples."""
+        return {"start": self.value, "stamp": self.opened, "written": self.written}
+
 
 @dataclass(frozen=True)
 class JudgedRate:
@@ -85,6 +91,16 @@ class JudgedRate:
     readings: tuple[float, ...] = ()
     resolution: float = 0.0
     written: str = ""
+
+    @property
+    def fields(self) -> dict[str, Any]:
+        """What it is among the fields of samples; see :func:`opened_rate`."""
+        return {
+            "rate": self.value,
+            "rate_readings": self.readings,
+            "rate_resolution": self.resolution,
+            "rate_written": self.written,
+        }
 
     @property
     def meant(self) -> str:
@@ -97,7 +113,7 @@ class JudgedRate:
         return any(abs(rate - one) <= RATE_TOLERANCE * one + self.resolution for one in self.readings)
 
 
-def judge_rate(statements: Sequence[StatedNumber], where: str, *, remedy: str = REMEDY) -> JudgedRate:
+def judge_rate(statements: Sequence[StatedNumber], where: str) -> JudgedRate:
     """Return the rate on which all statements agree.
 
     They agree where a reading of each lies within 1e-4 of one of the finest, and within what their digits resolve.
@@ -118,7 +134,7 @@ def judge_rate(statements: Sequence[StatedNumber], where: str, *, remedy: str = 
         listed = ", ".join(
             f"{one.place} {' or '.join(f'{r:g}' for r in sorted(one.readings))} Hz" for one in statements
         )
-        raise ReaderError("wrong_rate", f"{where}: the file states several sampling rates: {listed}{remedy}")
+        raise ReaderError("wrong_rate", f"{where}: the file states several sampling rates: {listed}{REMEDY}")
     if len(kept) > 1:
         return JudgedRate(None, tuple(kept), finest.resolution, f"{finest.place} {finest.written!r}")
     rate, uncertainty = kept[0], finest.resolution / kept[0]
@@ -317,13 +333,8 @@ def judged(
         without_codes(stack_rows([row.values for row in rows])),
         names=names,
         channels=short if len(set(short)) == len(short) else names,
-        rate=rate.value,
-        rate_readings=rate.readings,
-        rate_resolution=rate.resolution,
-        rate_written=rate.written,
-        start=start.value,
-        stamp=start.opened,
-        written=start.written,
+        **rate.fields,
+        **start.fields,
         units=tuple(units),
         stored=tuple(str(row.facts.get(STORED, VALUES)) for row in rows),
         sensitivities=tuple(one.sensitivity for one in beside),

@@ -64,18 +64,12 @@ def apply_note(
     where, count = f"{name}: {path}", len(samples.units)
     own = [] if samples.rate is None else [StatedNumber("the file", f"{samples.rate:g}", (samples.rate,))]
     rate = judge_rate([*own, *rate_statements(facts, where)], where)
-    start = judge_start(starts_of(facts, zone), where)
     units = [judge_unit(unit_statements(facts), where, [("the file", unit)] if unit else []) for unit in samples.units]
     beside = circumstances_of(facts, where)
     return replace(
         samples,
-        rate=rate.value,
-        rate_readings=rate.readings,
-        rate_resolution=rate.resolution,
-        rate_written=rate.written,
-        start=start.value if samples.start is None else samples.start,
-        stamp=start.opened if samples.start is None else samples.stamp,
-        written=start.written if samples.start is None else samples.written,
+        **rate.fields,
+        **judge_start(starts_of(facts, zone), where).fields,
         units=tuple(units),
         sensitivities=(beside.sensitivity,) * count,
         count_scales=tuple(None if stored == FRACTIONS else beside.count for stored in samples.stored),

@@ -120,7 +120,7 @@ def is_of_vibration(unit: str | None) -> bool:
 
 
 def quantity_words(unit: str | None) -> str:
-    """Return what becomes of a unit of velocity, behind a comma; "" for any other unit."""
+    """Return why a unit of velocity is refused, and what to do, behind a comma; "" for any other unit."""
     if (unit or "").lower() not in VELOCITIES:
         return ""
     return ", a velocity; an acceleration is needed: export that of the sensor, or differentiate it before"

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from streams.files.judge import Start
+from streams.files.keys import UNIT_IN_NAME
 from streams.files.statements import StatedNumber, nice_rate, plain_key
 from streams.types import large
 from streams.types.large import contiguous, elementwise, forget_pages, is_any
@@ -37,7 +38,7 @@ _INDICES = frozenset(("index", "idx", "i", "nr", "no", "n", "lfdnr", "sample", "
 _MOST_UNCERTAIN, _MIN_FITTED = 5e-5, 256
 """Relative uncertainty from which times state no rate; times from which their slope is fitted."""
 _LEAST_RATE = 50.0
-"""Hz below which nobody samples vibration of bearings: times without a unit that give less are in another one."""
+"""Hz, least rate of vibration of bearings: times without a unit that give less are in another one."""
 
 
 @dataclass(frozen=True)
@@ -54,7 +55,7 @@ def time_column(title: str, unit: str | None = None) -> TimeColumn | None:
     ``unit`` is that of the column where it stands apart; it may also stand in the title, as ``Time (us)`` or
     ``epoch_ms``.
     """
-    match = re.fullmatch(r"(.*?)\s*[\[(]([^\])]*)[\])]\s*", title)
+    match = UNIT_IN_NAME.match(title)
     words = plain_key(match[1] if match is not None else title)
     if words not in _NAMES:
         return None
@@ -93,7 +94,7 @@ def column_statements(
     """Return what a column of times states of rate and start.
 
     Times since 1970 are told by their size; other times without a unit are in s, or in ms or us where s would give a
-    rate that nobody uses: that is open then.
+    rate below 50 Hz: that is open then.
 
     Raises:
         ReaderError: ``nan``, ``wrong_rate`` where the times do not increase evenly.
