@@ -1,6 +1,6 @@
 """Judge what init, replay and Python make of sixty invented loggers.
 
-    python -m benchmarks.loggers [--set design|held-out] [--seeds N ...] [--json FILE] [--keep FOLDER] [--quick]
+    python -m benchmarks.loggers [--set NAME] [--seeds N ...] [--json FILE] [--keep FOLDER] [--quick]
 
 Each fact of each logger is right, asked (a question was printed), missed (stated, not read, and nothing false said),
 refused, or silently wrong. The design set may be looked at; the held-out set is judged once.
@@ -21,7 +21,8 @@ from benchmarks.common import print_table, write_json
 from benchmarks.loggers.judge import ASKED, REFUSED, RIGHT, WRONG
 from benchmarks.loggers.trial import judged
 
-SETS = {"design": range(60), "held-out": range(1000, 1060)}
+SETS = {"design": range(60), "held-out": range(1000, 1060), "second held-out": range(5000, 5060)}
+"""The first held-out set has been looked at since it was judged; the second is judged once."""
 
 
 def totals(rows: list[dict[str, Any]]) -> dict[str, float | int]:
